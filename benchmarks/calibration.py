@@ -25,8 +25,8 @@ from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import BUILTIN
-from modelsel.results.result import Result
 from modelsel.robot.kinematics import Joint, Robot, forward
+from modelsel.study.result import Result
 from modelsel.study.runner import run_study
 from modelsel.uncertainty import conditional_priors as conditional
 from modelsel.uncertainty.log_posterior import TAIL, LogPosterior
@@ -235,7 +235,7 @@ def snookers(rng: np.random.Generator, d: int = 11) -> list[str]:
 
 
 def speed(result: Result, again: Result) -> list[str]:
-    fitted, training = result.chosen.fit, result.data.training()
+    fitted, training = result.models.chosen.fit, result.split.training()
     rng = np.random.default_rng(1)
     known = linear_posterior(fitted)
     start = time.process_time()

@@ -35,7 +35,7 @@ def main() -> None:
         q, where = one.later(rng)
         ours.append(missed(result, q, where))
         best.append(
-            float(np.sqrt(np.square(one.oracle(q, result.data.used) - where).sum(1).mean()))
+            float(np.sqrt(np.square(one.oracle(q, result.split.used) - where).sum(1).mean()))
         )
         far, large = off(result, one)
         away.append(far)
@@ -43,7 +43,7 @@ def main() -> None:
         said += len(contradictions(result))
         print(
             f"{k + 1:4d} {one.name:8s} {len(one.q):4d} configurations: {ours[-1]:.3f} mm, oracle {best[-1]:.3f} mm; largest "
-            f"parameter {size[-1]:.1f} usual sizes; {len(result.findings)} findings",
+            f"parameter {size[-1]:.1f} usual sizes; {len(result.diagnosis.findings)} findings",
             flush=True,
         )
     ratio, coordinates = np.array(ours) / np.array(best), np.concatenate(away)

@@ -1,5 +1,5 @@
-"""The one place that says which modelsel this is."""
+"""The version of modelsel; pyproject.toml reads it from here."""
 
 from __future__ import annotations
 
-VERSION = "0.1.0"
+VERSION = "0.2.0"

@@ -1,5 +1,5 @@
-"""What every test shares: one seeded stream per test, its seed in the test's id, and hypothesis
-without chance."""
+"""What every test shares: one seeded stream per test, its seed in the test's id, hypothesis
+without chance, and the stage that a test belongs to."""
 
 from __future__ import annotations
 
@@ -13,9 +13,68 @@ from hypothesis import settings
 
 from modelsel.cli.main import run_command_line
 
+# A test's stage is that of its folder, else `unit`; what needs a whole study or a browser is
+# `integration`; a mark on a test or a file takes the place of both.
+STAGES = ("unit", "integration", "docs", "long")
+COSTLY_FIXTURES = {"drawn", "browser"}
+TESTS = Path(__file__).parent
+
 pytest.register_assert_rewrite("laws", "builders")
 settings.register_profile("modelsel", deadline=None, derandomize=True, database=None)
 settings.load_profile("modelsel")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("modelsel")
+    group.addoption(
+        "--long-sample",
+        type=float,
+        default=1.0,
+        metavar="SHARE",
+        help="run this share of the long stage, drawn by --long-seed",
+    )
+    group.addoption("--long-seed", type=int, default=0, metavar="N")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Give every test its stage, and keep a drawn share of the long ones."""
+    for item in items:
+        if not any(item.get_closest_marker(stage) for stage in STAGES):
+            item.add_marker(default_stage(item))
+    share, seed = config.getoption("long_sample"), config.getoption("long_seed")
+    if share >= 1:
+        return
+    dropped = [
+        item for item in items if stage_of(item) == "long" and uniform(seed, item.nodeid) >= share
+    ]
+    config.hook.pytest_deselected(items=dropped)
+    kept = set(items) - set(dropped)
+    items[:] = [item for item in items if item in kept]
+
+
+def pytest_report_header(config: pytest.Config) -> str | None:
+    share, seed = config.getoption("long_sample"), config.getoption("long_seed")
+    return f"long stage: --long-sample={share} --long-seed={seed}" if share < 1 else None
+
+
+def default_stage(item: pytest.Item) -> str:
+    """The stage that a test's folder is named after, else `unit` unless a fixture is costly."""
+    folder = item.path.relative_to(TESTS).parts[0]
+    if folder in STAGES:
+        return folder
+    costly = COSTLY_FIXTURES.intersection(getattr(item, "fixturenames", ()))
+    return "integration" if costly else "unit"
+
+
+def stage_of(item: pytest.Item) -> str:
+    """The stage of a test: the innermost mark counts."""
+    return next(mark.name for mark in item.iter_markers() if mark.name in STAGES)
+
+
+def uniform(seed: int, name: str) -> float:
+    """A number in [0, 1) that follows from the seed and a test's name."""
+    return crc32(f"{seed} {name}".encode()) / 2**32
 
 
 @pytest.fixture(params=[1986], ids=lambda seed: f"seed{seed}")
@@ -29,7 +88,7 @@ def rng(request: pytest.FixtureRequest) -> np.random.Generator:
 def drawn(tmp_path_factory) -> Path:
     """The PUMA study with its report, as `modelsel study` leaves it. To be read only."""
     folder = tmp_path_factory.mktemp("puma760")
-    study = Path(__file__).parents[1] / "studies" / "puma760" / "study.toml"
+    study = TESTS.parent / "studies" / "puma760" / "study.toml"
     result = CliRunner().invoke(run_command_line, ["study", str(study), "--out", str(folder)])
     assert result.exit_code == 0, result.output
     return folder

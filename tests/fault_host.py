@@ -24,7 +24,7 @@ from fuzz_base import base_files
 
 from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
-from modelsel.results.storage import load_result
+from modelsel.study.result import load_result
 
 ON_DISK = ("os.rename", "os.remove", "os.mkdir", "os.rmdir")
 WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from modelsel.config.study_file import parse_study
-from modelsel.results.storage import save
 from modelsel.robot.files import read_robot
 from modelsel.robot.kinematics import forward
 from modelsel.robot.urdf_writer import write_urdf
@@ -165,7 +164,7 @@ def stored_files() -> dict[str, bytes]:
         (folder / "study.toml").write_text(study)
         frame = _told(simulate_study(parse_study(study, "study.toml"), folder))
         (folder / "measurements.csv").write_bytes(_csv(frame))
-        save(run_study(folder, sampling=False), folder)
+        run_study(folder, sampling=False).save(folder)
         robot = read_robot(folder / "robot.toml")
         out = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
     few: Any = pd.read_csv(io.BytesIO(out["measurements.csv"]))[:24]

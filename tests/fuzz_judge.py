@@ -63,8 +63,8 @@ def program(debug: bool) -> None:
 def load(folder: Path) -> None:
     """Every table of a stored result, as JSON."""
     from modelsel.cli._options import print_json
-    from modelsel.results.storage import calibration_of, load_result
     from modelsel.results.tables import TABLES
+    from modelsel.study.result import load_result
 
     found = load_result(folder)
     tables = {what: found.to_frame(what).to_dict("split") for what in (*TABLES, "residuals")}
@@ -72,7 +72,7 @@ def load(folder: Path) -> None:
         {
             "tables": tables,
             "page": len(found._repr_html_()),
-            "terms": calibration_of(found).to_frame().to_dict("split"),
+            "terms": found.calibration.to_frame().to_dict("split"),
         }
     )
 

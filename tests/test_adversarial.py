@@ -18,9 +18,9 @@ from hidden_effects import one
 
 from modelsel.config.study_file import parse_study
 from modelsel.measurements.measurements import build_measurements
-from modelsel.results.result import Result
 from modelsel.robot.kinematics import Robot
 from modelsel.study.pipeline import analyse
+from modelsel.study.result import Result
 
 ROBOT: Robot = replace(small_arm(), gravity=(0.0, 0.0, -1.0))
 TOOL, NOISE = (250.0, -60.0, 90.0), 0.04
@@ -73,7 +73,7 @@ def entries(result: Result) -> dict[str, float]:
     """Probability of every explanation in any credible set, by its name."""
     return {
         e.candidate.mechanism.name: e.probability
-        for f in result.findings
+        for f in result.diagnosis.findings
         for e in f.effect.named.entries
     }
 
@@ -95,7 +95,7 @@ def test_causes_that_differ_where_no_configuration_went(angle, truth, rng) -> No
     assert max(said.values()) < 0.9
     rivals = next(
         f
-        for f in result.findings
+        for f in result.diagnosis.findings
         if truth in {e.candidate.mechanism.name for e in f.effect.named.entries}
     )
     unsure = rivals.effect.named.verdict == "cannot be told apart"
@@ -127,11 +127,11 @@ def test_an_effect_that_only_held_out_rows_feel(rng) -> None:
     role = np.where(later, "held-out", "estimation").astype(object)
     slip = one("slip", "joint 2 slips", acting(2, "rz", lambda s: later * 0.5e-3), 1.0)
     calm, slipped = (study(body, state, effects, role, rng) for effects in ([], [slip]))
-    assert not slipped.findings
+    assert not slipped.diagnosis.findings
     codes = [{w.code: w.sentence for w in r.warnings} for r in (calm, slipped)]
     assert "held-out-surprise" not in codes[0]
     assert "0.0" in codes[1]["held-out-surprise"]
-    assert slipped.chosen.held_out.rms_mm > 2 * slipped.chosen.estimation.rms_mm
+    assert slipped.models.chosen.held_out.rms_mm > 2 * slipped.models.chosen.estimation.rms_mm
 
 
 def test_an_effect_that_the_geometry_absorbs(rng) -> None:
@@ -146,12 +146,12 @@ def test_an_effect_that_the_geometry_absorbs(rng) -> None:
     )
     play = one("play", "one-sided", acting(3, "rz", lambda s: np.ones(s.m) * 4e-4), 1.0)
     result = study(body, state, [hot, play], role, rng)
-    assert not result.findings
-    sentence, limit = result.nothing_else
+    assert not result.diagnosis.findings
+    sentence, limit = result.diagnosis.nothing_else
     assert "Nothing was found" in sentence
     assert limit == pytest.approx(NOISE, rel=1.0)
-    assert result.unidentifiable
-    assert result.chosen.held_out.rms_mm == pytest.approx(NOISE * np.sqrt(3), rel=0.3)
+    assert result.models.unidentifiable
+    assert result.models.chosen.held_out.rms_mm == pytest.approx(NOISE * np.sqrt(3), rel=0.3)
 
 
 def test_the_limit_is_kept(rng) -> None:
@@ -161,7 +161,7 @@ def test_the_limit_is_kept(rng) -> None:
     inside = role == "estimation"
     part = State(body, state.q[inside])
     effect = one("cell", "a wave", acting(3, "tx", lambda s: np.sin(s.q[:, 1] + s.q[:, 2])), 1.0)
-    _, limit = study(body, state, [], role, rng).nothing_else
+    _, limit = study(body, state, [], role, rng).diagnosis.nothing_else
     assert limit is not None
     left = off(geometry(body.screws(part.q)), effect.displacement(part)).reshape(-1, 3)
     planted = effect.scaled(limit / float(np.sqrt(np.square(left).sum(1).mean())))

@@ -13,7 +13,7 @@ from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.reduction import reduce
 from modelsel.mechanisms.causes import cos, q, sin
-from modelsel.results.record import candidates_dict
+from modelsel.results.record import describe_candidates
 from modelsel.selection.branch_and_bound import SearchOptions, find_best_subset
 from modelsel.selection.comparison import compare_subsets
 from modelsel.selection.criteria import bic
@@ -136,7 +136,7 @@ def test_table_of_more_mechanisms_than_can_be_walked(rng) -> None:
     )
     data = study_of(at, held_out=40)
     found = compare_subsets(data, fit(data.training(), base), offered, ("base",))
-    said = candidates_dict(found)
+    said = describe_candidates(found)
     assert said["search"] == said["search"] | {
         "mechanisms": 18,
         "proven": True,

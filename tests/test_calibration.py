@@ -33,7 +33,6 @@ from modelsel.mechanisms.causes import Bump, Member, Named, Number, cos, q, sign
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.serialization import cause_from_record, cause_record
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.results.storage import calibration_of, save
 from modelsel.robot.files import load
 from modelsel.selection.evaluation import Split
 from modelsel.study.runner import run_study
@@ -47,27 +46,27 @@ def result():
 
 
 def test_study_comes_back_exactly(result, tmp_path) -> None:
-    save(result, tmp_path)
+    result.save(tmp_path)
     stored = load_calibration(tmp_path)
-    at = result.data.problem
-    wanted = at.data.position - result.chosen.residual
+    at = result.split.problem
+    wanted = at.data.position - result.models.chosen.residual
     assert np.abs(predict(stored, stored.problem(at.data, another_day=False)) - wanted).max() < 1e-9
     assert (
         calibration_text(load_calibration(tmp_path / "result.json"))
         == calibration_text(stored)
         == (tmp_path / CALIBRATION_FILE).read_text()
     )
-    se = result.chosen.fit.standard_errors
+    se = result.models.chosen.fit.standard_errors
     assert (
-        np.abs(stored.factor @ stored.factor.T - result.chosen.fit.covariance)
+        np.abs(stored.factor @ stored.factor.T - result.models.chosen.fit.covariance)
         <= 1e-8 * np.outer(se, se)
     ).all()
     np.testing.assert_allclose(stored.standard_errors, se, rtol=1e-8)
     assert stored.ranges["q3"] == (
-        at.data.q[result.data.used, 2].min(),
-        at.data.q[result.data.used, 2].max(),
+        at.data.q[result.split.used, 2].min(),
+        at.data.q[result.split.used, 2].max(),
     )
-    assert stored.provenance["data_sha256"] == result.provenance["data_sha256"]
+    assert stored.provenance["data_sha256"] == result.run.provenance["data_sha256"]
 
 
 def wide(rng: np.random.Generator) -> tuple[Calibration, Problem]:
@@ -195,11 +194,11 @@ def test_refusals(rng) -> None:
 
 def test_same_bytes(result) -> None:
     again = run_study(read_study(PUMA / "study.toml"), PUMA, sampling=False)
-    assert calibration_text(calibration_of(result)) == calibration_text(calibration_of(again))
+    assert calibration_text(result.calibration) == calibration_text(again.calibration)
 
 
 def test_frame_and_notebook(result) -> None:
-    stored = calibration_of(result)
+    stored = result.calibration
     frame = stored.to_frame()
     assert len(frame) == len(stored.terms)
     row = frame[frame["symbol"] == "w54"].iloc[0]
@@ -210,8 +209,8 @@ def test_frame_and_notebook(result) -> None:
 
 
 def test_methods_are_the_functions(result, tmp_path) -> None:
-    stored = calibration_of(result)
-    data = result.data.problem.data
+    stored = result.calibration
+    data = result.split.problem.data
     positions = stored.predict(data)
     np.testing.assert_array_equal(positions, predict(stored, stored.problem(data)))
     assert stored.export("urdf") == export(stored, "urdf")
@@ -224,8 +223,8 @@ def test_methods_are_the_functions(result, tmp_path) -> None:
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_readings_are_corrected_as_a_table_of_them(result) -> None:
-    stored, wide_bound = calibration_of(result), (0.1, 50.0)
-    q = result.data.problem.data.q[10:15]
+    stored, wide_bound = result.calibration, (0.1, 50.0)
+    q = result.split.problem.data.q[10:15]
     table = stored.correct(q, bound=wide_bound)
     same = correct(stored, tabulate_readings(stored, q), bound=wide_bound)
     pd.testing.assert_frame_equal(table, same)
@@ -239,7 +238,7 @@ def test_readings_are_corrected_as_a_table_of_them(result) -> None:
 
 def test_the_schema_describes_the_file(result) -> None:
     schema = CalibrationRecord.model_json_schema(by_alias=True)
-    written = json.loads(calibration_text(calibration_of(result)))
+    written = json.loads(calibration_text(result.calibration))
     assert set(schema["required"]) <= written.keys() <= schema["properties"].keys()
     record = CalibrationRecord.model_validate(written)
     assert record.to_dict() == written
@@ -281,7 +280,7 @@ def test_the_schema_describes_the_file(result) -> None:
     ],
 )
 def test_damage_is_said_with_its_place(keys, value, says, result) -> None:
-    record = json.loads(calibration_text(calibration_of(result)))
+    record = json.loads(calibration_text(result.calibration))
     inner = record
     for key in keys[:-1]:
         inner = inner[key]

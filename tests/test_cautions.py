@@ -23,7 +23,7 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Applied, Named, q, sin
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.results.cautions import restricted, worse_than_nominal
+from modelsel.results.cautions import harmful_base_notes, restriction_notes
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Gain
@@ -51,7 +51,7 @@ def test_a_study_of_few_candidates_says_that_no_other_was_considered(asked: list
     study = study.model_copy(
         update={"model": study.model.model_copy(update={"candidates": asked, "ladder": []})}
     )
-    result = run_study(study, STUDY, sampling=False).record
+    result = run_study(study, STUDY, sampling=False).record.to_dict()
     names = " and ".join(asked)
     assert result["verdict"][1].endswith(
         f"Only {names} could be named: no other cause was considered."
@@ -67,7 +67,7 @@ def test_a_study_of_few_candidates_says_that_no_other_was_considered(asked: list
 
 @pytest.mark.parametrize("asked", ["all", []])
 def test_a_study_of_all_candidates_says_nothing(asked: list[str] | str) -> None:
-    assert restricted(asked) == ()
+    assert restriction_notes(asked) == ()
 
 
 # -- sizes
@@ -196,7 +196,7 @@ def test_nothing_that_is_named_is_larger_than_a_small_screw(rng: np.random.Gener
     ],
 )
 def test_geometry_that_is_worse_than_nominal_is_said(gain: Gain, words: str) -> None:
-    (note,) = worse_than_nominal(("geometric",), gain)
+    (note,) = harmful_base_notes(("geometric",), gain)
     assert note.code == "base-worse-than-nominal"
     assert words in note.sentence
 
@@ -205,7 +205,7 @@ def test_geometry_that_is_worse_than_nominal_is_said(gain: Gain, words: str) -> 
     "gain", [Gain(0.3, 0.2, (0.05, 0.15)), Gain(None, None, None), Gain(0.3, 0.3, None)]
 )
 def test_geometry_that_is_not_worse_is_not(gain: Gain) -> None:
-    assert worse_than_nominal(("geometric",), gain) == ()
+    assert harmful_base_notes(("geometric",), gain) == ()
 
 
 def test_a_study_whose_geometry_is_worse_says_so(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -225,6 +225,6 @@ def test_a_study_whose_geometry_is_worse_says_so(tmp_path: Path, rng: np.random.
     )
     warnings = {
         w["code"]: w["sentence"]
-        for w in run_study(tmp_path / "study.toml", sampling=False).record["warnings"]
+        for w in run_study(tmp_path / "study.toml", sampling=False).record.to_dict()["warnings"]
     }
     assert "the fitted base model (geometric) errs by " in warnings["base-worse-than-nominal"]

@@ -24,9 +24,8 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.geometry import geometric
 from modelsel.notices import ALARMS, HOPELESS_FIT, Note, list_alarms
-from modelsel.report.pages.front import opening
-from modelsel.report.terminal import sentences
-from modelsel.results.result import Result
+from modelsel.report.terminal import write_sentences
+from modelsel.results.study_sentences import opening_sentences
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward, pose
 from modelsel.robot.rigid import from_rpy
@@ -35,6 +34,7 @@ from modelsel.setup.mistakes import describe_setup_mistake
 from modelsel.setup.registration import register
 from modelsel.setup.target_labels import describe_swapped_labels
 from modelsel.study.checks import add_alarms_to_errors, check_chosen_model, check_setup
+from modelsel.study.result import Result
 from modelsel.study.runner import rehearse_study, run_study
 
 NOISE = 0.05
@@ -109,11 +109,15 @@ def said(result: Result, code: str) -> str:
         return ""
     assert len(found) == 1
     if code in ALARMS and code != HOPELESS_FIT:
-        first = [line for line in sentences(result) if found[0] in line]
+        first = [
+            line for line in write_sentences(result.record, result.details) if found[0] in line
+        ]
         assert len(first) == 1
-        assert sentences(result).index(first[0]) < len(list_alarms(result.warnings))
-        assert first[0] in opening(result.record)[: len(list_alarms(result.warnings))]
-    assert found[0] in [w["sentence"] for w in result.record["warnings"]]
+        assert write_sentences(result.record, result.details).index(first[0]) < len(
+            list_alarms(result.warnings)
+        )
+        assert first[0] in opening_sentences(result.record)[: len(list_alarms(result.warnings))]
+    assert found[0] in [w["sentence"] for w in result.record.to_dict()["warnings"]]
     return found[0]
 
 
@@ -171,9 +175,9 @@ def test_stated_uncertainties_are_held_against_what_is_left(stated, words, rng, 
         in sentence
     )
     assert "holds 99.9 % of chance" in sentence
-    assert result.floor.source == "estimated"  # not believed, in figures or criteria
-    assert result.floor.coordinate_mm == pytest.approx(NOISE, rel=0.25)
-    assert not result.data.known_sigma
+    assert result.run.floor.source == "estimated"  # not believed, in figures or criteria
+    assert result.run.floor.coordinate_mm == pytest.approx(NOISE, rel=0.25)
+    assert not result.split.known_sigma
 
 
 @pytest.mark.parametrize("times", [2.4, 0.1])
@@ -199,8 +203,8 @@ def test_a_little_outside_is_a_note_and_no_alarm(times, words, rng, tmp_path) ->
     """Said with the figures of the result's own test: one figure for one question."""
     result = studied(tmp_path, frame(rng, 900), more=f"[noise]\nfloor_mm = {times * NOISE}\n")
     assert codes(result) == {"lack-of-fit"}
-    assert result.floor.source == "stated"
-    found = result.record["nothing_else"]["lack_of_fit"]
+    assert result.run.floor.source == "stated"
+    found = result.record.to_dict()["nothing_else"]["lack_of_fit"]
     assert found["f"] == pytest.approx(times**-2, rel=0.25)
     assert words in said(result, "lack-of-fit")
     assert f"F = {found['f']:.3g}" in said(result, "lack-of-fit")
@@ -246,7 +250,7 @@ def test_markers_of_one_rigid_body_show_no_noise(rng, tmp_path) -> None:
     assert "whether the tracking software computes the markers from one rigid body" in said(
         result, "floor-unlike"
     )
-    assert result.floor.source == "estimated"
+    assert result.run.floor.source == "estimated"
 
 
 @pytest.mark.parametrize(
@@ -335,8 +339,8 @@ def test_mistaken_quaternions_are_said(name, rng, tmp_path) -> None:
     assert words in (describe_orientation_mistake(register(at, use, False), use, True) or "")
     result = studied(tmp_path, change(turned(rng, registered=False)), registered=False)
     assert words in said(result, "orientation-mistake")
-    assert "of orientation are left" in result.record["verdict"][0]
-    assert " The orientation error " in result.record["verdict"][1]
+    assert "of orientation are left" in result.record.verdict[0]
+    assert " The orientation error " in result.record.verdict[1]
 
 
 def test_check_says_it_too(rng, tmp_path) -> None:
@@ -351,7 +355,7 @@ def test_orientations_as_they_are(rng, tmp_path) -> None:
     result = studied(tmp_path, turned(rng))
     assert codes(result) == set()
     before, after = (
-        result.record["verdict"][0]
+        result.record.verdict[0]
         .partition(" The orientation error ")[2]
         .partition(" from ")[2]
         .split(" to ")
@@ -417,7 +421,7 @@ def test_a_fit_without_hope_says_so_first(rng, tmp_path) -> None:
         tmp_path,
         data.assign(**{c: data[c] + rng.normal(0, 30, 60) for c in ("x_mm", "y_mm", "z_mm")}),
     )
-    first = result.record["verdict"][0]
+    first = result.record.verdict[0]
     assert first.startswith(
         "This fit explains the data poorly, and nothing that follows can be relied on: "
     )
@@ -426,25 +430,29 @@ def test_a_fit_without_hope_says_so_first(rng, tmp_path) -> None:
         "Likeliest reasons: the wrong robot file; positions that belong to other readings; a tracker or target moved"
         in first
     )
-    assert sum(first in line for line in sentences(result)) == 1
-    assert not any("Nothing" in line for line in result.record["verdict"])
-    assert not any("drowns in the noise" in u["sentence"] for u in result.record["unidentifiable"])
+    assert sum(first in line for line in write_sentences(result.record, result.details)) == 1
+    assert not any("Nothing" in line for line in result.record.verdict)
+    assert not any(
+        "drowns in the noise" in u["sentence"] for u in result.record.to_dict()["unidentifiable"]
+    )
 
 
 def test_a_detection_limit_far_below_what_is_left_is_no_comfort(rng, tmp_path) -> None:
     """0.024 mm beside 0.2 mm left, where noise leaves less: said; where the noise is what is left,
     not."""
     result = studied(tmp_path, frame(rng))
-    left = result.chosen.estimation.rms_mm
+    left = result.models.chosen.estimation.rms_mm
     known, estimated = Floor(left / 10, "repeats", 100), Floor(left / np.sqrt(3), "estimated", 100)
-    (note,) = check_chosen_model(result.data, result.chosen, known, left / 8, (), False)
+    (note,) = check_chosen_model(result.split, result.models.chosen, known, left / 8, (), False)
     assert note.code == "limit-below-left"
     assert (
         f"The detection limit of {left / 8:.2g} mm rms is that of one single cause: {left:.2g} mm rms are"
         in note.sentence
     )
-    assert check_chosen_model(result.data, result.chosen, estimated, left / 8, (), False) == ()
-    assert check_chosen_model(result.data, result.chosen, known, left / 2, (), False) == ()
+    assert (
+        check_chosen_model(result.split, result.models.chosen, estimated, left / 8, (), False) == ()
+    )
+    assert check_chosen_model(result.split, result.models.chosen, known, left / 2, (), False) == ()
 
 
 @pytest.mark.parametrize("by", [1, -2])
@@ -509,8 +517,8 @@ def test_swapped_labels_of_a_study(rng, tmp_path) -> None:
         data.assign(target=np.where(late, data.target.map({"A": "B", "B": "A"}), data.target)),
     )
     assert "(lines 74 to 121)" in said(result, "labels-swapped")
-    assert result.faults == ()
-    assert "what the warnings say about the targets" in result.record["verdict"][0]
+    assert result.diagnosis.faults == ()
+    assert "what the warnings say about the targets" in result.record.verdict[0]
 
 
 @seeds(1, 3)
@@ -524,8 +532,13 @@ def test_few_swapped_labels_are_said_once(rng, tmp_path) -> None:
         data.assign(target=np.where(few, data.target.map({"A": "B", "B": "A"}), data.target)),
     )
     alarm = said(result, "labels-swapped")
-    assert len(result.faults) == (alarm == "")
-    assert "In 4 of 120 rows" in alarm or result.faults[0].rows.tolist() == [14, 15, 60, 61]
+    assert len(result.diagnosis.faults) == (alarm == "")
+    assert "In 4 of 120 rows" in alarm or result.diagnosis.faults[0].rows.tolist() == [
+        14,
+        15,
+        60,
+        61,
+    ]
 
 
 def test_rows_in_the_wrong_order_are_said_once(rng, tmp_path) -> None:
@@ -535,7 +548,7 @@ def test_rows_in_the_wrong_order_are_said_once(rng, tmp_path) -> None:
     for c in ("x_mm", "y_mm", "z_mm"):
         data.loc[[20, 21, 22], c] = data.loc[[22, 20, 21], c].to_numpy()
     result = studied(tmp_path, data)
-    (fault,) = result.faults
+    (fault,) = result.diagnosis.faults
     assert fault.name == "row-order"
     assert fault.rows.tolist() == [20, 21, 22]
     assert said(result, "rows-mistaken") == ""
@@ -590,8 +603,8 @@ def test_targets_of_held_out_rows_alone(rng, tmp_path) -> None:
     assert said(result, "target-unseen").startswith(
         '20 held-out rows are left out: no estimation row measures target "B"'
     )
-    assert result.gain.held_out_rms_after_mm == pytest.approx(NOISE * np.sqrt(3), rel=0.5)
-    assert result.record["outliers"] == []
+    assert result.models.gain.held_out_rms_after_mm == pytest.approx(NOISE * np.sqrt(3), rel=0.5)
+    assert result.record.outliers == []
     alone = studied(
         tmp_path,
         data[(data.target == "A") == (data.role == "estimation")],
@@ -605,10 +618,9 @@ def test_targets_of_held_out_rows_alone(rng, tmp_path) -> None:
 
 
 def calibrated(folder: Path, data: pd.DataFrame, more: str = "") -> Path:
-    from modelsel.results.storage import save
 
     folder.mkdir()
-    save(studied(folder, data, more=more), folder)
+    studied(folder, data, more=more).save(folder)
     return folder
 
 

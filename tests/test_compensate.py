@@ -34,7 +34,6 @@ from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism
-from modelsel.results.storage import calibration_of
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_quaternion
@@ -201,7 +200,7 @@ def test_arm_in_an_engine_lands_within_the_noise(tmp_path) -> None:
     pd.DataFrame(columns | {"temperature_C": temperature}).to_csv(
         tmp_path / "measurements.csv", index=False
     )
-    c = calibration_of(run_study(parse_study(STUDY, "study.toml"), tmp_path, sampling=False))
+    c = run_study(parse_study(STUDY, "study.toml"), tmp_path, sampling=False).calibration
 
     plan_q = real.draw(rng, 60)
     last = np.vstack([plan_q[:1] - 1e-1, plan_q[:-1]])

@@ -4,10 +4,10 @@ rivals."""
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
-from test_report import PUMA
 
 from modelsel import read_study
 from modelsel.fitting.design import compute_design
@@ -15,19 +15,18 @@ from modelsel.mechanisms.causes import q
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.report import drawing
-from modelsel.report.pages.findings import separation
-from modelsel.results.details import thinned
+from modelsel.report.pages.findings import advise_separation
+from modelsel.results.details import select_rows
+from modelsel.results.finding_schema import EntryRecord, ScrewRecord
 from modelsel.study.model_ladder import build_model
 from modelsel.study.runner import run_study
 
+PUMA = Path(__file__).parents[1] / "studies" / "puma760"
 
-def entry(name: str | None, *screws: tuple[int, str, str]) -> dict:
-    return {
-        "mechanism": name,
-        "probability": 0.4,
-        "alike": True,
-        "screws": [{"frame": f, "axis": a, "cause": c} for f, a, c in screws],
-    }
+
+def entry(name: str | None, *screws: tuple[int, str, str]) -> EntryRecord:
+    listed = [ScrewRecord(frame=f, axis=a, cause=c) for f, a, c in screws]
+    return EntryRecord(mechanism=name, probability=0.4, alike=True, screws=listed)
 
 
 @pytest.mark.parametrize(
@@ -41,7 +40,7 @@ def entry(name: str | None, *screws: tuple[int, str, str]) -> dict:
     ],
 )
 def test_what_would_separate_rivals(rival, word) -> None:
-    (sentence,) = separation({"credible_set": [entry("wrist-coupling:5", (5, "rz", "q4")), rival]})
+    (sentence,) = advise_separation([entry("wrist-coupling:5", (5, "rz", "q4")), rival])
     assert word in sentence
     assert "wrist-coupling:5" in sentence
 
@@ -69,23 +68,26 @@ def test_panels_show_the_effect_and_take_it_out(drawn) -> None:
 def test_slopes_of_the_map_are_those_of_a_fit(drawn) -> None:
     """A cell's slope is the first step of least squares with the base and that cell."""
     study = read_study(PUMA / "study.toml")
-    result, details = run_study(study, PUMA), drawing.read(drawn).details
-    base = build_model(study, result.data.problem, BUILTIN, ("geometric",))
-    fitted = next(r for r in result.ladder if r.names == ("geometric",)).fit
+    result, details = run_study(study, PUMA), drawing.read_source(drawn).details
+    base = build_model(study, result.split.problem, BUILTIN, ("geometric",))
+    fitted = next(r for r in result.models.ladder if r.names == ("geometric",)).fit
     cell = Mechanism("cell", (Term("m", (Screw(5, "rz", q(4)),)),))
-    problem = result.data.training()
+    problem = result.split.training()
     A, r = compute_design(problem, (*base.terms, *cell.terms), fitted.at())
     keep = [*fitted.found.kept, len(base.terms)]
     theta = np.linalg.lstsq(A.reshape(-1, A.shape[2])[:, keep], r.ravel(), rcond=None)[0]
-    i, j = result.error_map.where.index((5, "rz")), result.error_map.causes.index("q4")
-    assert details["map"]["slopes"][i][j][0] == pytest.approx(theta[-1], rel=2e-2)  # nominal column
+    i, j = (
+        result.diagnosis.error_map.where.index((5, "rz")),
+        result.diagnosis.error_map.causes.index("q4"),
+    )
+    assert details.map.slopes[i][j][0] == pytest.approx(theta[-1], rel=2e-2)  # nominal column
 
 
 def test_thinning_keeps_outliers_and_both_sides(rng) -> None:
     estimation, outlying = rng.random(5000) < 0.9, rng.random(5000) < 0.005
-    rows = thinned(estimation, outlying, 400)
+    rows = select_rows(estimation, outlying, 400)
     assert len(rows) <= 400
     assert set(np.flatnonzero(outlying)) <= set(rows)
     assert (np.diff(rows) > 0).all()
     assert min((estimation & ~outlying)[rows].sum(), (~estimation & ~outlying)[rows].sum()) > 100
-    assert thinned(estimation[:300], outlying[:300], 400).tolist() == list(range(300))
+    assert select_rows(estimation[:300], outlying[:300], 400).tolist() == list(range(300))

@@ -23,8 +23,9 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.results.finding_records import Finding, fault_dict, opposed
-from modelsel.results.goodness_of_fit import LackOfFit, lack_of_fit, lacking
+from modelsel.results.finding_notes import opposed_finding_notes
+from modelsel.results.finding_records import Finding, describe_fault
+from modelsel.results.goodness_of_fit import LackOfFit, lack_of_fit_notes, measure_lack_of_fit
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Gain, Split, evaluate
 from modelsel.uncertainty.parameters import bootstrap_parameters
@@ -71,25 +72,27 @@ def test_lack_of_fit_is_uniform_where_there_is_none(rng) -> None:
     for _ in range(60):
         data = weighed(campaign(rng, 30))
         stated.append(
-            lack_of_fit(evaluate(data, BASE, ("geometric",)), Floor(SIGMA, "stated"), data).p
+            measure_lack_of_fit(
+                evaluate(data, BASE, ("geometric",)), Floor(SIGMA, "stated"), data
+            ).p
         )
         data = weighed(campaign(rng, 20, times=3))
         repeated.append(
-            lack_of_fit(
+            measure_lack_of_fit(
                 evaluate(data, BASE, ("geometric",)), from_repeats(data.problem.data), data
             ).p
         )
     for p in (stated, repeated):
         assert kstest(p, "uniform").pvalue > 1e-4
     data = weighed(campaign(rng, 100))
-    found = lack_of_fit(
+    found = measure_lack_of_fit(
         evaluate(data, BASE, ("geometric",)),
         Floor(SIGMA / 1.3, "stated"),
         study_of(replace(data.problem, whitening=Whitening(1.3 / SIGMA))),
     )
     assert found.f == pytest.approx(1.69, rel=0.25)
     assert found.low_mm < SIGMA * np.sqrt(1 - 1 / 1.69) < found.high_mm
-    (note,) = lacking(found)
+    (note,) = lack_of_fit_notes(found)
     assert note.code == "lack-of-fit"
     assert f"F = {found.f:.3g}" in note.sentence
     for found in (
@@ -97,8 +100,8 @@ def test_lack_of_fit_is_uniform_where_there_is_none(rng) -> None:
         LackOfFit(4.0, 0.2, 0.1, 0.2, 0.0, 0.3),
         None,
     ):
-        assert lacking(found) == ()
-    (note,) = lacking(LackOfFit(0.5, 1 - 1e-5, 0.1, 0.0, 0.0, 0.0))
+        assert lack_of_fit_notes(found) == ()
+    (note,) = lack_of_fit_notes(LackOfFit(0.5, 1 - 1e-5, 0.1, 0.0, 0.0, 0.0))
     assert note.code == "lack-of-fit"
     assert "of the floor of 0.1 mm per coordinate it leaves 0.0707 mm" in note.sentence
     for found, stated in (
@@ -106,7 +109,7 @@ def test_lack_of_fit_is_uniform_where_there_is_none(rng) -> None:
         (LackOfFit(0.5, 0.99, 0.1, 0.0, 0.0, 0.0), True),
         (LackOfFit(0.9, 1 - 1e-9, 0.1, 0.0, 0.0, 0.0), True),
     ):
-        assert lacking(found, stated) == ()
+        assert lack_of_fit_notes(found, stated) == ()
 
 
 def test_lack_of_fit_against_repeats_is_the_textbooks(rng) -> None:
@@ -114,7 +117,7 @@ def test_lack_of_fit_against_repeats_is_the_textbooks(rng) -> None:
     is lack of fit."""
     at = campaign(rng, 25, times=3, shared=0.08)
     data = weighed(at)
-    found = lack_of_fit(evaluate(data, BASE, ("geometric",)), from_repeats(at.data), data)
+    found = measure_lack_of_fit(evaluate(data, BASE, ("geometric",)), from_repeats(at.data), data)
     fitted = fit(data.training(), BASE)
     X, r = compute_design(data.problem.unweighted(), BASE.terms, fitted.at())
     X = X[:, :, list(fitted.found.kept)].reshape(r.size, -1)
@@ -132,10 +135,10 @@ def test_lack_of_fit_against_repeats_is_the_textbooks(rng) -> None:
 def test_no_test_against_what_is_estimated(rng) -> None:
     data = weighed(campaign(rng, 20))
     chosen = evaluate(data, BASE, ("geometric",))
-    assert lack_of_fit(chosen, None, data) is None
-    assert lack_of_fit(chosen, Floor(SIGMA, "estimated", 10.0), data) is None
+    assert measure_lack_of_fit(chosen, None, data) is None
+    assert measure_lack_of_fit(chosen, Floor(SIGMA, "estimated", 10.0), data) is None
     assert (
-        lack_of_fit(chosen, Floor(SIGMA, "repeats", 40.0), data) is None
+        measure_lack_of_fit(chosen, Floor(SIGMA, "repeats", 40.0), data) is None
     )  # none of these rows repeats another
 
 
@@ -149,13 +152,15 @@ def test_no_test_against_what_is_estimated(rng) -> None:
 )
 def test_a_finding_that_held_out_rows_speak_against(interval, said, monkeypatch) -> None:
     effect = SimpleNamespace(candidate=SimpleNamespace(label="play"))
-    monkeypatch.setattr("modelsel.results.finding_records.sentence", lambda _: "Joint 2 has play.")
+    monkeypatch.setattr(
+        "modelsel.results.finding_records.describe_effect", lambda _: "Joint 2 has play."
+    )
     finding = Finding(effect, Gain(0.1, 0.12, interval))
     assert finding.sentence.startswith("Joint 2 has play.")
     assert (
         "speak against it: their error grows by 0.01 mm to 0.03 mm rms" in finding.sentence
     ) == said
-    assert [n.code for n in opposed([finding])] == ["held-out-against"] * said
+    assert [n.code for n in opposed_finding_notes([finding])] == ["held-out-against"] * said
 
 
 def test_free_functions_have_no_f(rng) -> None:
@@ -221,7 +226,7 @@ def test_a_faults_probability_is_a_posterior(rng) -> None:
         factor *= (1 + there / anywhere) / 2
     assert fault.probability == pytest.approx(factor / (1 + factor), rel=1e-9)
     assert 1 - fault.probability < 0.1 / (DRAWS + 1)
-    assert fault_dict(fault)["credible_set"][0]["probability"] == fault.probability
+    assert describe_fault(fault)["credible_set"][0]["probability"] == fault.probability
 
 
 def test_gross_errors_are_no_exchange(rng) -> None:

@@ -35,7 +35,7 @@ def studied(one: Campaign, seed: int, **model: object) -> Result:
 
 def missed(result: Result, q: np.ndarray, where: np.ndarray) -> float:
     """Root mean square error [mm] at readings q with the tool made longer."""
-    at, fitted = result.data.problem, result.chosen.fit
+    at, fitted = result.split.problem, result.models.chosen.fit
     data = replace(at.data.take(np.zeros(len(q), np.intp)), q=q, position=where)
     longer = replace(at, data=data, tools=at.tools + UP * LONGER)
     return float(np.sqrt(np.square(residuals(longer, fitted.terms, fitted.theta)).sum(1).mean()))
@@ -44,7 +44,7 @@ def missed(result: Result, q: np.ndarray, where: np.ndarray) -> float:
 def off(result: Result, one: Campaign) -> tuple[np.ndarray, np.ndarray]:
     """(errors in standard errors, estimates in usual sizes) of every geometric parameter that the
     set-up does not leave open."""
-    fitted, sizes = result.chosen.fit, usual_sizes(result.chosen.fit.model)
+    fitted, sizes = result.models.chosen.fit, usual_sizes(result.models.chosen.fit.model)
     place = [
         (k, t.screws[0].frame - 1, ["tx", "ty", "tz", "rx", "ry", "rz"].index(t.screws[0].axis))
         for k, t in enumerate(fitted.terms)
@@ -57,11 +57,12 @@ def off(result: Result, one: Campaign) -> tuple[np.ndarray, np.ndarray]:
 def contradictions(result: Result) -> list[str]:
     """Sentences that say that a parameter is kept at zero which is not, or the reverse."""
     record = {
-        t.symbol: v for t, v in zip(result.chosen.fit.terms, result.chosen.fit.theta, strict=True)
+        t.symbol: v
+        for t, v in zip(result.models.chosen.fit.terms, result.models.chosen.fit.theta, strict=True)
     }
     zero = [
         (u, re.search(r"([^;:]*) (?:is|are) kept at zero", u.sentence))
-        for u in result.unidentifiable
+        for u in result.models.unidentifiable
     ]
     return [
         f"{symbol} = {record[symbol]}: {u.sentence}"
@@ -83,7 +84,7 @@ def test_drawn_studies(names, effect, rng) -> None:
         q, where = one.later(rng)
         ours.append(missed(result, q, where))
         best.append(
-            float(np.sqrt(np.square(one.oracle(q, result.data.used) - where).sum(1).mean()))
+            float(np.sqrt(np.square(one.oracle(q, result.split.used) - where).sum(1).mean()))
         )
         far, large = off(result, one)
         away.append(far)

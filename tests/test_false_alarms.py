@@ -28,7 +28,7 @@ from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q
 from modelsel.mechanisms.registry import every, mechanism
-from modelsel.results.finding_records import uneven
+from modelsel.results.finding_notes import uneven_noise_notes
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.selection.evaluation import Split
 from modelsel.uncertainty.parameters import Parameter, bootstrap_parameters, describe_parameters
@@ -190,7 +190,7 @@ def test_what_is_held_back_is_said(rng) -> None:
     for k in range(6):
         extension = said(campaign(lasts, rng)[0], k)[1]
         if not extension.effects and extension.held_back is not None:
-            (note,) = uneven(extension)
+            (note,) = uneven_noise_notes(extension)
             assert note.code == "uneven-noise"
             assert extension.held_back <= LEVEL < extension.left_p
             assert f"{extension.left_p:.2g}" in note.sentence

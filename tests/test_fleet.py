@@ -11,13 +11,13 @@ import time
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 from builders import drawn
 from click.testing import CliRunner
-from pypdf import PdfReader
 
 from modelsel._files import claim_folder
 from modelsel.cli.main import run_command_line
@@ -29,11 +29,12 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import mechanism
-from modelsel.results.storage import WRITES, load_result
+from modelsel.results.storage import WRITES
 from modelsel.robot.files import load
 from modelsel.selection.streaming import Parts, fit_parts, list_parts
 from modelsel.study import fleet_runner as fleets
 from modelsel.study.fleet_runner import FleetOptions, cluster, run_fleet, save_summary
+from modelsel.study.result import load_result
 from modelsel.study.runner import run_study
 
 TOOL = (40.0, -25.0, 100.0)
@@ -89,6 +90,13 @@ robot = "puma760"
 tool_mm = [40, -25, 100]
 """)
     return tmp_path
+
+
+def opened(file: Path) -> Any:
+    """A PDF, read."""
+    from pypdf import PdfReader
+
+    return PdfReader(file)
 
 
 def test_fleet_on_two_workers(folder) -> None:
@@ -151,7 +159,7 @@ def test_fleet_on_two_workers(folder) -> None:
     assert pd.read_parquet(written[1])["exit"].tolist() == [row["exit"] for row in rows]
     before = [path.read_bytes() for path in written]
     assert [path.read_bytes() for path in save_summary(again, out, fleet.name)] == before
-    pdf = PdfReader(written[2])
+    pdf = opened(written[2])
     metadata, words = (
         pdf.xmp_metadata,
         " ".join("".join(page.extract_text() for page in pdf.pages).split()),

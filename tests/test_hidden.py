@@ -57,8 +57,15 @@ HIDDEN = (
     "kink of one joint",
     "shape of one joint",
 )
+IN_UNIT_STAGE = "odd coupling"  # one hidden effect is sought whenever anything is tested
 SHAPE = 3.0  # a shape that no list has costs many coefficients
 SHAPES = ("kink of one joint", "shape of one joint")
+
+
+def staged(kind: str) -> Any:
+    """The kind as a parameter, with the stage in which it is tried."""
+    stage = "unit" if kind == IN_UNIT_STAGE else "long"
+    return pytest.param(kind, marks=getattr(pytest.mark, stage))
 
 
 def stream(name: str) -> np.random.Generator:
@@ -265,7 +272,7 @@ def too_many(hits: int, of: int, rate: float = search.LEVEL) -> bool:
     return hits > 0 and float(bdtrc(hits - 1, of, rate)) < CHANCE
 
 
-@pytest.mark.parametrize("kind", [*REGISTERED, *HIDDEN])
+@pytest.mark.parametrize("kind", [*map(staged, [*REGISTERED, *HIDDEN])])
 def test_a_hidden_effect_is_found_and_rightly_named(
     ground: Ground, outcomes: dict[str, Outcome], kind: str
 ) -> None:

@@ -37,10 +37,10 @@ from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import find_entry_problem
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.report import drawing
-from modelsel.report.html import page as page_of
-from modelsel.results.storage import load_result
+from modelsel.report.html import write_page as page_of
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.urdf import read_urdf_text
+from modelsel.study.result import load_result
 
 SIGNS = "=+-@\t\r\uff1d\uff0b\uff0d\uff20"
 INSIDE = re.compile(
@@ -172,7 +172,7 @@ def test_every_output_of_a_study(name, tmp_path, monkeypatch) -> None:
         name
         in json.loads(told("study", str(folder), "--dry-run", "--json", "--out", str(out)))["study"]
     )
-    (out / "report.html").write_bytes(page_of(drawing.read(out)))
+    (out / "report.html").write_bytes(page_of(drawing.read_source(out)))
     told(
         "check",
         str(folder / "measurements.csv"),
@@ -199,7 +199,7 @@ def test_every_output_of_a_study(name, tmp_path, monkeypatch) -> None:
     page, harmless = Page((out / "report.html").read_text("utf-8")), Page(plain()["report.html"])
     assert page.elements == harmless.elements
     assert name in page.text
-    assert load_result(out).record["study"] == name
+    assert load_result(out).record.study == name
     _exports(name, out)
 
 

@@ -38,10 +38,9 @@ from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.geometry import build_setup
 from modelsel.mechanisms.registry import build_mechanisms, mechanism
 from modelsel.mechanisms.terms import FixtureTerm, Screw, Term
-from modelsel.report.terminal import sentences
-from modelsel.results.details import details, dumps
-from modelsel.results.goodness_of_fit import lack_of_fit, lacking
-from modelsel.results.storage import calibration_of
+from modelsel.report.terminal import write_sentences
+from modelsel.results.goodness_of_fit import lack_of_fit_notes, measure_lack_of_fit
+from modelsel.results.storage import details_text
 from modelsel.robot.files import load
 from modelsel.selection.cross_validation import fold as fold_scene
 from modelsel.selection.cross_validation import fold_by_unit
@@ -146,11 +145,11 @@ def test_an_effect_is_found_and_held_out_errors_are_noise(what, tmp_path) -> Non
     expected = NOISE * np.sqrt(1 + extension.fit.rank / extension.fit.rows)
     assert np.sqrt(np.square(left).sum() / count) == pytest.approx(expected, rel=0.25)
     assert extension.fit.sigma == pytest.approx(1, rel=0.2)  # s_mm is the noise that was put in
-    lack = lack_of_fit(SimpleNamespace(fit=extension.fit), Floor(NOISE, "stated"), data)
+    lack = measure_lack_of_fit(SimpleNamespace(fit=extension.fit), Floor(NOISE, "stated"), data)
     assert lack.f == pytest.approx(
         extension.fit.sigma**2
     )  # over the coordinates that rows of a kind have
-    assert lacking(lack) == ()
+    assert lack_of_fit_notes(lack) == ()
 
 
 def every_kind(rng: np.random.Generator) -> tuple[Problem, tuple[Term, ...], np.ndarray]:
@@ -429,10 +428,10 @@ def test_a_study_says_where_features_are_and_its_calibration_is_the_arm(tmp_path
         "study.toml",
     )
     result = run_study(study, tmp_path, sampling=False)
-    told = result.to_dict()
+    told = result.record.to_dict()
     assert [(f["name"], f["fitted"]) for f in told["features"]][:2] == [
-        ("w1", ("x of w1", "y of w1", "z of w1")),
-        ("w2", ()),
+        ("w1", ["x of w1", "y of w1", "z of w1"]),
+        ("w2", []),
     ]
     np.testing.assert_allclose(told["features"][0]["position_mm"], ANCHORS["w1"], atol=0.3)
     assert (told["configurations"]["estimation"], told["configurations"]["held_out"]) == (110, 30)
@@ -440,10 +439,11 @@ def test_a_study_says_where_features_are_and_its_calibration_is_the_arm(tmp_path
         NOISE * (30 * np.sqrt(8 / np.pi) + 110 * np.sqrt(2 / np.pi)) / 140
     )
     assert any(
-        line.startswith("Feature plate0 (plane): a point of it is at") for line in sentences(result)
+        line.startswith("Feature plate0 (plane): a point of it is at")
+        for line in write_sentences(result.record, result.details)
     )
-    assert "NaN" not in dumps(details(result))
-    stored = parse_calibration(calibration_text(calibration_of(result)))
+    assert "NaN" not in details_text(result.details)
+    stored = parse_calibration(calibration_text(result.calibration))
     assert not any(t.fixture for t in stored.terms)
     q = c.arm.draw(c.rng, 50)
     fresh = build_measurements(q, c.exact(q) + c.noise(50, 3))

@@ -45,13 +45,13 @@ def test_naming_sees_a_share_and_says_so(rng, tmp_path, monkeypatch) -> None:
     of_sample = partial(diagnose_split, options=DiagnosisOptions(max_rows=90))
     monkeypatch.setattr(pipeline, "diagnose_split", of_sample)
     result = run_study(parse_study(STUDY, "study.toml"), tmp_path, sampling=False)
-    assert "wrist-coupling" in " ".join(result.chosen.names)
-    assert result.extension.fit.rows == 3 * 90
-    assert result.chosen.fit.rows == 3 * int(result.data.used.sum()) >= 3 * 198
+    assert "wrist-coupling" in " ".join(result.models.chosen.names)
+    assert result.diagnosis.search.fit.rows == 3 * 90
+    assert result.models.chosen.fit.rows == 3 * int(result.split.used.sum()) >= 3 * 198
     said = [w.sentence for w in result.warnings if w.code == "scan-of-some"]
     assert len(said) == 1
     assert "90 of the" in said[0]
-    assert set(np.flatnonzero(result.data.outlying)) == {11, 250}
+    assert set(np.flatnonzero(result.split.outlying)) == {11, 250}
 
 
 def test_bundled_bootstrap_has_the_same_interval(rng) -> None:

@@ -22,7 +22,7 @@ from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import build_mechanisms, every, mechanism
-from modelsel.results.finding_records import beside
+from modelsel.results.finding_notes import partial_map_notes
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 
@@ -239,7 +239,7 @@ def test_the_error_map_of_many_joints_is_bounded(rng) -> None:
     at = of_snake(16, 12, rng)
     base = Model((mechanism("geometric", at.robot),))
     assert exceeds_cell_limit(at)
-    (note,) = beside(at)
+    (note,) = partial_map_notes(at)
     assert "16 joints" in note.sentence
     cells = [c for c in build_candidates(at, base, every(at.robot)) if not c.registered]
     assert len(cells) < 15_000
@@ -248,7 +248,7 @@ def test_the_error_map_of_many_joints_is_bounded(rng) -> None:
     assert "5 rz sin(q5+q9) & cos(q5+q9)" not in names
     few = of_snake(6, 12, rng)
     assert not exceeds_cell_limit(few)
-    assert beside(few) == ()
+    assert partial_map_notes(few) == ()
     whole = {
         c.mechanism.name
         for c in build_candidates(

@@ -24,9 +24,9 @@ from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Named, q, sin
 from modelsel.mechanisms.terms import Screw, Term
-from modelsel.results.result import Result
 from modelsel.robot.files import robot_from_table
 from modelsel.robot.kinematics import Robot, forward
+from modelsel.study.result import Result
 from modelsel.study.runner import run_study
 
 DH = (
@@ -257,10 +257,15 @@ def telling(tmp_path_factory: pytest.TempPathFactory) -> Telling:
 
 def positions(result: Result) -> np.ndarray:
     """(84, 3) predictions of the chosen model, by the measurement's own number."""
-    data = result.data.problem.data
+    data = result.split.problem.data
     out = np.full((ROWS, 3), np.nan)
-    out[data.covariates["id"].astype(int)] = data.position - result.chosen.residual[:, :3]
+    out[data.covariates["id"].astype(int)] = data.position - result.models.chosen.residual[:, :3]
     return out
+
+
+def named(result: Result) -> list[tuple[str, str]]:
+    """Name and verdict of every finding."""
+    return [(f.first.name, f.verdict) for f in result.findings]
 
 
 def same(
@@ -271,8 +276,8 @@ def same(
 ) -> None:
     """The same findings by name and verdict, the same chosen model, the same predictions (moved as
     the tracker was)."""
-    assert told.named == before.named
-    assert told.chosen.names == before.chosen.names
+    assert named(told) == named(before)
+    assert told.models.chosen.names == before.models.chosen.names
     wanted = positions(before) @ (np.eye(3) if rotation is None else rotation).T + shift
     np.testing.assert_allclose(positions(told), wanted, rtol=0, atol=1e-9 * REACH)
 
@@ -280,12 +285,12 @@ def same(
 def test_the_campaign_says_something(telling: Telling) -> None:
     """Else nothing below could fail."""
     for result in (telling.plain, telling.by_seed, telling.registered, telling.turning):
-        assert {name for name, _ in result.named} == {
+        assert {name for name, _ in named(result)} == {
             "encoder-eccentricity:2",
             "overshoot:3",
             "thermal-zero:1",
         }
-        assert result.chosen.held_out.rms_mm == pytest.approx(SIGMA * np.sqrt(3), rel=0.3)
+        assert result.models.chosen.held_out.rms_mm == pytest.approx(SIGMA * np.sqrt(3), rel=0.3)
 
 
 @few
@@ -375,10 +380,12 @@ def test_another_seed(telling: Telling) -> None:
     names, models, fits stay."""
     told = telling(seed=8)
     same(told, telling.plain)
-    assert [f.effect.named.entries[0].probability for f in told.findings] == pytest.approx(
-        [f.effect.named.entries[0].probability for f in telling.plain.findings], rel=1e-9
+    assert [
+        f.effect.named.entries[0].probability for f in told.diagnosis.findings
+    ] == pytest.approx(
+        [f.effect.named.entries[0].probability for f in telling.plain.diagnosis.findings], rel=1e-9
     )
-    assert not np.array_equal(told.data.folds, telling.plain.data.folds)
+    assert not np.array_equal(told.split.folds, telling.plain.split.folds)
 
 
 # -- copies
@@ -423,5 +430,5 @@ def test_repeats_are_no_copies(telling: Telling) -> None:
 
     for change in (repeated, coarse):
         told = telling(change)
-        assert len(told.data.problem.data) == ROWS + 13
+        assert len(told.split.problem.data) == ROWS + 13
         assert not {note.code for note in told.warnings} & {"copied-rows", "duplicate-rows"}

@@ -24,8 +24,8 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.geometry import geometric
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.notices import SETUP_MISTAKE
-from modelsel.report.pages.front import opening
-from modelsel.report.terminal import sentences
+from modelsel.report.terminal import write_sentences
+from modelsel.results.study_sentences import opening_sentences
 from modelsel.robot.files import load
 from modelsel.robot.rigid import from_rpy
 from modelsel.setup.mistakes import describe_setup_mistake
@@ -241,12 +241,14 @@ def test_it_is_told_first_and_nothing_is_changed(rng, tmp_path) -> None:
         assert words in ran.output
     result = run_study(tmp_path, sampling=False)
     assert next(w.code for w in result.warnings) == SETUP_MISTAKE
-    np.testing.assert_array_equal(result.data.problem.data.q, q)
-    lines = sentences(result)
+    np.testing.assert_array_equal(result.split.problem.data.q, q)
+    lines = write_sentences(result.record, result.details)
     assert lines[0].startswith("Check the set-up: The positions fit ")
     assert words in lines[0]
     assert sum(words in line for line in lines) == 1
-    assert opening(result.record)[0] == lines[0]  # the report's first page, and its page to explore
+    assert (
+        opening_sentences(result.record)[0] == lines[0]
+    )  # the report's first page, and its page to explore
 
 
 def test_a_refusal_says_the_mistake(rng) -> None:

@@ -1,5 +1,5 @@
-"""The notebooks of docs/tutorials/notebooks run as they stand and show what they compute. `python
-tests/test_notebooks.py` writes their outputs anew."""
+"""The notebooks of docs/tutorials/notebooks run as they stand and show what they compute.
+`python tests/rewrite.py notebooks` writes their outputs anew."""
 
 from __future__ import annotations
 
@@ -12,12 +12,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import nbformat
 import pytest
 
 FOLDER = Path(__file__).parents[1] / "docs" / "tutorials" / "notebooks"
 NOTEBOOKS = sorted(FOLDER.glob("*.ipynb"))
-AGAIN = "python tests/test_notebooks.py writes the outputs anew"
+AGAIN = "python tests/rewrite.py notebooks writes the outputs anew"
 SECONDS = 120  # a cell, on a machine that does much else
 ALL_BYTES = 300_000
 KERNEL = {
@@ -30,6 +29,7 @@ KERNEL = {
 def rewrite(out: Path) -> None:
     """Every notebook into a folder, with its outputs as they are now: run where it stands, in one
     kernel that imports the libraries once and has no names of the notebook before."""
+    import nbformat
     from jupyter_client.manager import KernelManager
     from nbclient import NotebookClient
 
@@ -85,6 +85,8 @@ def now(tmp_path_factory) -> Path:
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_shows_what_it_computes(path, now) -> None:
+    import nbformat
+
     kept, new = (nbformat.read(p, as_version=4) for p in (path, now / path.name))
     nbformat.validate(kept)
     for before, after in zip(code(kept), code(new), strict=True):
@@ -92,6 +94,8 @@ def test_a_notebook_shows_what_it_computes(path, now) -> None:
 
 
 def test_gallery_is_whole_and_small() -> None:
+    import nbformat
+
     assert len(NOTEBOOKS) == 4
     assert sum(path.stat().st_size for path in NOTEBOOKS) < ALL_BYTES
     for path in NOTEBOOKS:

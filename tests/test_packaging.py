@@ -15,6 +15,8 @@ from pathlib import Path
 
 import pytest
 
+from modelsel._version import VERSION
+
 ROOT = Path(__file__).parents[1]
 HOSTS = re.compile(
     rb"pypi\.(?:org|python)|pythonhosted|anaconda\.(?:org|com)|--(?:extra-)?index-url|registry\.npmjs|crates\.io"
@@ -87,3 +89,16 @@ def test_no_registry_is_named() -> None:
     ]
     assert not wrong
     assert not [str(file) for file in tracked() if LOCK.search(file.name)]
+
+
+def test_the_version_stands_once() -> None:
+    """The package's version is the citation's and the changelog's newest."""
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    cited = re.search(r"^version: (\S+)$", citation, re.MULTILINE)
+    day = re.search(r'^date-released: "(\S+)"$', citation, re.MULTILINE)
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    newest = re.search(r"^## \[(\d[^\]]*)\] - (\S+)$", changelog, re.MULTILINE)
+    assert newest is not None
+    assert newest.groups() == (VERSION, day[1] if day else None)
+    assert cited is not None
+    assert cited[1] == VERSION

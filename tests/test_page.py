@@ -1,7 +1,7 @@
 """The page to explore, in a browser: opens without a word or a request, is worked by mouse and by
 keys, reads light and dark.
 
-`python tests/test_page.py` writes the README's pictures of the report anew, from reports/puma760.
+`python tests/rewrite.py page` writes the README's pictures of the report anew, from reports/puma760.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from pathlib import Path
 
 import pytest
 from browser import chromium, opened, requests, resize
+from test_report import source_of, written
 
 from modelsel.report import drawing
-from modelsel.report.html import page as html
+from modelsel.report.html import write_page as html
 
 ROOT = Path(__file__).parents[1]
 
@@ -96,16 +97,14 @@ def test_click_on_a_cell_shows_its_panel(page) -> None:
 def test_points_of_a_cell_are_the_python_s(page, drawn) -> None:
     """The page's own residual about frame 5 rz against q4 is what details.json holds for the
     finding."""
-    source = drawing.read(drawn)
+    source = drawing.read_source(drawn)
     i, j = (result_map(drawn)[k].index(v) for k, v in (("places", "5 rz"), ("causes", "q4")))
     got = page.execute_script(
         f"const d = JSON.parse(document.getElementById('data').textContent); return numbers(d, {i}, {j})"
     )
-    (panel,) = next(f for f in source.details["findings"] if f["label"] == "wrist-coupling:5")[
-        "panels"
-    ]
-    assert got["x"] == pytest.approx(panel["x"], abs=1e-2)
-    assert got["after"] == pytest.approx(panel["after"], abs=3e-6)
+    (panel,) = next(f for f in source.details.findings if f.label == "wrist-coupling:5").panels
+    assert got["x"] == pytest.approx(panel.x, abs=1e-2)
+    assert got["after"] == pytest.approx(panel.after, abs=3e-6)
 
 
 @pytest.mark.parametrize("place", ["frame 1 rz", "frame 2 rz", "frame 7 tx"])
@@ -204,13 +203,11 @@ def test_narrow_screens_need_no_sideways_scroll(page) -> None:
 
 
 def test_words_of_the_data_stay_words(browser, drawn, tmp_path) -> None:
-    source = drawing.read(drawn)
+    result, details = written(drawn)
     evil = '</script><script>document.title = "owned"</script><img src=x onerror="document.title=\'owned\'">'
-    source.result["study"] = source.result["verdict"][0] = source.result["findings"][0][
-        "sentence"
-    ] = evil
-    source.details["findings"][0]["label"] = evil
-    (tmp_path / "report.html").write_bytes(html(source))
+    result["study"] = result["verdict"][0] = result["findings"][0]["sentence"] = evil
+    details["findings"][0]["label"] = evil
+    (tmp_path / "report.html").write_bytes(html(source_of(result, details)))
     browser.get_log("browser")
     opened(browser, tmp_path / "report.html")
     css(browser, "#findings button")[0].click()
@@ -223,13 +220,13 @@ def test_words_of_the_data_stay_words(browser, drawn, tmp_path) -> None:
 
 def test_little_to_show(browser, drawn, tmp_path) -> None:
     """No finding, no cell, nothing held out."""
-    source = drawing.read(drawn)
-    source.result["findings"], source.details["findings"] = [], []
-    source.result["error_map"] = {"places": [], "causes": [], "f": [], "p_family_wise": []}
-    source.details["map"] = {"places": [], "columns": [], "slopes": [], "named": []}
-    for rung in source.result["ladder"]:
-        rung["held_out"] = dict.fromkeys(rung["held_out"])
-    (tmp_path / "report.html").write_bytes(html(source))
+    result, details = written(drawn)
+    result["findings"], details["findings"] = [], []
+    result["error_map"] = {"places": [], "causes": [], "f": [], "p_family_wise": []}
+    details["map"] = {"places": [], "columns": [], "slopes": [], "named": []}
+    for rung in result["ladder"]:
+        rung["held_out"] = dict.fromkeys(rung["held_out"]) | {"rows": 0, "left_out": 0}
+    (tmp_path / "report.html").write_bytes(html(source_of(result, details)))
     browser.get_log("browser")
     opened(browser, tmp_path / "report.html")
     assert "nothing was scanned" in browser.find_element("id", "map").text

@@ -10,10 +10,8 @@ from modelsel.config.study_file import Study
 from modelsel.exceptions import DataError
 from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reader import read_measurements
-from modelsel.report import drawing
-from modelsel.report import terminal as tables
-from modelsel.report.document import book
-from modelsel.results.storage import save
+from modelsel.report import drawing, terminal
+from modelsel.report.document import collect_blocks
 from modelsel.robot.files import load
 from modelsel.study.runner import run_study
 from modelsel.study.simulation import simulate_points
@@ -71,18 +69,19 @@ def test_rows_are_called_as_their_user_counts(kind, rng, tmp_path) -> None:
         model={"candidates": ["wrist-coupling"]},
     )
     result = run_study(study, tmp_path, sampling=False)
-    assert result.record["outliers"] == bad.tolist()
-    assert f"({words})" in " ".join(f.sentence for f in result.faults)
+    assert result.record.outliers == bad.tolist()
+    assert f"({words})" in " ".join(f.sentence for f in result.diagnosis.faults)
     assert any(
-        f"Outliers left out: 4 rows ({words})." in sentence for sentence in tables.sentences(result)
+        f"Outliers left out: 4 rows ({words})." in sentence
+        for sentence in terminal.write_sentences(result.record, result.details)
     )
-    save(result, tmp_path / "out")
-    pages = book(
-        drawing.read(tmp_path / "out"),
+    result.save(tmp_path / "out")
+    pages = collect_blocks(
+        drawing.read_source(tmp_path / "out"),
         {"outliers": drawing.PAGES["outliers"], "findings": drawing.PAGES["findings"]},
     )
     shown = [block["text"] for block in pages if block["kind"] == "text"]
-    assert any(f"Left out: 4 rows ({words}" in text for text in shown)
+    assert any(f"Outliers left out: 4 rows ({words})." in text for text in shown)
     assert any(f"4 rows of the measurements ({words})" in text for text in shown)
 
 

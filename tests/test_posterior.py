@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import statsmodels.api as sm
 from builders import drawn, one, planted, small_arm
 from scipy.stats import chi2
 
@@ -92,6 +91,8 @@ def test_ensemble_is_the_exact_chain(rng: np.random.Generator, kind: str) -> Non
 
 
 def test_intervals_are_those_of_least_squares(rng: np.random.Generator) -> None:
+    import statsmodels.api as sm
+
     at = drawn(ARM, rng, 15)
     problem = planted(at, MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
     fitted = fit(problem, MODEL, held="nothing")

@@ -1,6 +1,5 @@
-"""README and CONTRIBUTING say what is true: their Python runs and prints what they show, their
-names are the registry's, the report is the study's. `python tests/test_readme.py` writes the
-README's shown output, excerpt and names of mechanisms anew."""
+"""README and CONTRIBUTING say what is true: their Python runs and prints what they show, the report
+is the study's. `python tests/rewrite.py readme` writes the README's shown output anew."""
 
 from __future__ import annotations
 
@@ -8,7 +7,6 @@ import ast
 import contextlib
 import html
 import io
-import json
 import re
 import textwrap
 from pathlib import Path
@@ -18,24 +16,24 @@ import pandas as pd
 import pytest
 from builders import drawn
 from click.testing import CliRunner
-from test_floors import FLOORS, PACKAGE
+from house_rules import FLOORS, PACKAGE
 
 import modelsel
+from modelsel import load_calibration
 from modelsel.cli.main import COMMANDS, run_command_line
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import compute_design, residuals
 from modelsel.measurements.reader import read_measurements
-from modelsel.mechanisms.registry import BUILTIN, Registry, build_mechanisms, with_plugins
-from modelsel.report.terminal import show
+from modelsel.mechanisms.registry import BUILTIN, build_mechanisms, with_plugins
+from modelsel.report.terminal import show_study
 from modelsel.robot.files import load
 
 ROOT = Path(__file__).parents[1]
 README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
-AGAIN = "python tests/test_readme.py writes it anew"
+AGAIN = "python tests/rewrite.py readme writes it anew"
+SHOWN_FINDINGS = 2
 EXCERPT = ("Nominal model", "Found", "Not told apart", "Nothing else", "On held-out")
-NAMES = re.compile(r"<!-- mechanisms -->\n(.*?)\n\n", re.DOTALL)
-RATES = re.compile(r"<!-- naming -->\n(.*?)\n\n(?!\|)", re.DOTALL)
 SHOWN = re.compile(r"```python\n(.*?)```\n\n```text\n(.*?)```", re.DOTALL)
 
 
@@ -61,12 +59,17 @@ def printed(blocks: list[str], names: dict[str, object]) -> list[str]:
 
 
 def excerpt(result: modelsel.Result) -> str:
-    """The sentences of a study's output."""
+    """The sentences of a study's output; of the findings the first SHOWN_FINDINGS."""
     from rich.console import Console
 
     stream = io.StringIO()
-    show(result, Console(file=stream, width=10_000))
+    show_study(result.record, result.details, Console(file=stream, width=10_000))
     lines = [line for line in stream.getvalue().splitlines() if line.startswith(EXCERPT)]
+    named = [line for line in lines if line.startswith(("Found", "Not told apart"))]
+    for line in named[SHOWN_FINDINGS:]:
+        lines.remove(line)
+    if named[SHOWN_FINDINGS:]:
+        lines.insert(lines.index(named[SHOWN_FINDINGS - 1]) + 1, "…")
     return (
         "\n".join(
             textwrap.fill(line, 130, subsequent_indent="    ", break_on_hyphens=False)
@@ -74,33 +77,6 @@ def excerpt(result: modelsel.Result) -> str:
         )
         + "\n"
     )
-
-
-def mechanism_names(registry: Registry = BUILTIN) -> str:
-    """Every registered name, as the README lists them."""
-    return textwrap.fill(
-        ", ".join(f"`{stem}`" for stem in registry) + ".", 150, break_on_hyphens=False
-    )
-
-
-def naming_table() -> str:
-    """The benchmark of naming as it was kept, method by method."""
-    kept = json.loads(
-        (ROOT / "benchmarks" / "results" / "naming.json").read_text(encoding="utf-8")
-    )["summary"]["table"]
-    rows = [
-        (
-            "| method, on the same candidates | false alarm, nothing planted | found | rightly named | surplus findings a case "
-            "| held-out error over the oracle's |"
-        ),
-        "|---|---|---|---|---|---|",
-    ]
-    for method, row in kept.items():
-        rates = " | ".join(f"{row[key]['rate']:.2f}" for key in ("false alarm", "found", "right"))
-        rows.append(
-            f"| {method} | {rates} | {row['extra']['mean']:.2f} | {row['held-out']['mean']:.3f} |"
-        )
-    return "\n".join(rows)
 
 
 def floors() -> str:
@@ -126,7 +102,7 @@ def ran(page) -> tuple[list[str], dict[str, object]]:
 
 def test_python_prints_what_is_shown(page, ran) -> None:
     shown = [output for _, output in SHOWN.findall(page)]
-    assert len(shown) == len(fenced("python", page)) == 2, "a block of Python without its output"
+    assert len(shown) == len(fenced("python", page)) == 1, "a block of Python without its output"
     assert ran[0] == shown, AGAIN
 
 
@@ -156,28 +132,15 @@ def test_a_study_of_your_own_is_one(page) -> None:
     )
 
 
-def test_every_mechanism_is_named(page) -> None:
-    assert NAMES.search(page).group(1) == mechanism_names(), AGAIN
-
-
-def test_naming_s_rates_are_the_benchmark_s(page) -> None:
-    assert RATES.search(page).group(1) == naming_table(), AGAIN
-
-
 def test_report_shown_is_the_study_s(ran) -> None:
-    """reports/puma760: its verdict and its ladder are those of the study as it runs now, and its
-    page says them."""
-    folder, result = ROOT / "reports" / "puma760", ran[1]["result"].to_dict()
-    kept = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-    again = "modelsel study studies/puma760/study.toml writes it anew, python tests/test_page.py its pictures"
-    assert kept["verdict"] == result["verdict"], again
-    for old, new in zip(kept["ladder"], result["ladder"], strict=True):
-        assert old["mechanisms"] == new["mechanisms"], again
-        assert old["held_out"]["mean_mm"] == pytest.approx(new["held_out"]["mean_mm"], rel=1e-6), (
-            again
-        )
+    """reports/puma760: the page has the verdict of the study as it runs now, the calibration its
+    estimates."""
+    folder, result = ROOT / "reports" / "puma760", ran[1]["result"]
+    again = "run modelsel study studies/puma760/study.toml, then python tests/rewrite.py page"
     page = html.unescape((folder / "report.html").read_text(encoding="utf-8"))
-    assert all(sentence in page for sentence in kept["verdict"]), again
+    assert all(sentence in page for sentence in result.record.verdict), again
+    kept = load_calibration(folder / "calibration.json")
+    assert kept.theta == pytest.approx(result.calibration.theta, rel=1e-6, abs=1e-12), again
 
 
 def test_commands_and_links_exist(page) -> None:
@@ -250,8 +213,6 @@ def rewrite() -> None:
         text = text.replace(f"{code}```\n\n```text\n{old}", f"{code}```\n\n```text\n{new}")
     said = section("What it says", text)
     text = text.replace(said, said.replace(fenced("text", said)[0], excerpt(names["result"])))
-    text = NAMES.sub(lambda old: old.group(0).replace(old.group(1), mechanism_names()), text)
-    text = RATES.sub(lambda old: old.group(0).replace(old.group(1), naming_table()), text)
     (shown,) = fenced("text", section("How it is built", text))
     README.write_text(text.replace(shown, floors()), encoding="utf-8")
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from modelsel.config.study_file import read_study
-from modelsel.results.result import Result
+from modelsel.study.result import Result
 from modelsel.study.runner import run_study
 
 STUDIES = Path(__file__).parents[1] / "studies"
@@ -43,16 +43,18 @@ def shown(name: str) -> dict[str, list[float]]:
 @pytest.mark.parametrize("name", DATA)
 def test_study_says_what_its_readme_says(name, monkeypatch) -> None:
     result, said = ran(name, monkeypatch), shown(name)
-    base = next(r for r in result.ladder if r.names == ("geometric",))
+    base = next(r for r in result.models.ladder if r.names == ("geometric",))
     for word, rung in (
-        ("nominal", result.ladder[0]),
+        ("nominal", result.models.ladder[0]),
         ("geometric", base),
-        ("chosen", result.chosen),
+        ("chosen", result.models.chosen),
     ):
         fitted, held_out = said[word][1], said[word][-1]
         assert rung.estimation.mean_mm == pytest.approx(fitted, abs=0.006), word
         assert rung.held_out.mean_mm == pytest.approx(held_out, abs=0.006), word
-    assert result.chosen.held_out.mean_mm < base.held_out.mean_mm
+    assert result.models.chosen.held_out.mean_mm < base.held_out.mean_mm
     if name == "wam-tracker":
-        assert result.findings[0].effect.candidate.registered_name == "approach-backlash:1"
-        assert result.findings[0].effect.named.verdict == "found"
+        assert (
+            result.diagnosis.findings[0].effect.candidate.registered_name == "approach-backlash:1"
+        )
+        assert result.diagnosis.findings[0].effect.named.verdict == "found"

@@ -27,11 +27,10 @@ from modelsel.measurements.reference_temperature import choose_reference
 from modelsel.mechanisms.causes import Combined, parse
 from modelsel.mechanisms.environment import temperature_rise
 from modelsel.mechanisms.registry import BUILTIN, mechanism, set_reference
-from modelsel.results.result import Result
-from modelsel.results.storage import calibration_of
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.robot.urdf import read_urdf_text
+from modelsel.study.result import Result
 from modelsel.study.runner import run_study
 
 PUMA = Path(__file__).parents[1] / "studies" / "puma760"
@@ -51,12 +50,12 @@ estimation = 80
 @pytest.fixture(scope="module")
 def puma() -> tuple[Result, Calibration]:
     result = run_study(read_study(PUMA / "study.toml"), PUMA, sampling=False)
-    return result, parse_calibration(calibration_text(calibration_of(result)))
+    return result, parse_calibration(calibration_text(result.calibration))
 
 
 def held_out(result: Result, predicted: np.ndarray) -> float:
     """mm rms, written again."""
-    data = result.data
+    data = result.split
     rows = ~data.estimation & ~data.outlying
     return float(np.sqrt(np.square((data.problem.data.position - predicted)[rows]).sum(1).mean()))
 
@@ -82,29 +81,29 @@ def test_a_geometry_is_as_good_as_geometry_alone(form, puma) -> None:
     result, c = puma
     made = export(c, form)
     robot, target = read(form, made.text)
-    seen = held_out(result, forward(robot, result.data.problem.data.q, target))
-    geometric = next(r for r in result.ladder if r.names == ("geometric",))
+    seen = held_out(result, forward(robot, result.split.problem.data.q, target))
+    geometric = next(r for r in result.models.ladder if r.names == ("geometric",))
     assert seen == pytest.approx(geometric.held_out.rms_mm, rel=1e-6)
     assert made.errors == (
         "held out",
-        pytest.approx(result.ladder[0].held_out.rms_mm),
+        pytest.approx(result.models.ladder[0].held_out.rms_mm),
         pytest.approx(seen, rel=1e-6),
-        pytest.approx(result.chosen.held_out.rms_mm),
+        pytest.approx(result.models.chosen.held_out.rms_mm),
     )
     assert made.worse is None
     assert (
-        f"{seen:.3g} mm rms, the whole model leaves {result.chosen.held_out.rms_mm:.3g} mm"
+        f"{seen:.3g} mm rms, the whole model leaves {result.models.chosen.held_out.rms_mm:.3g} mm"
         in made.text + made.notes[0]
     )
     beside = replace(c, refits=None)  # as version 0.1.0 left it: fitted beside what is left out
     robot, target = read(form, export(beside, form).text)
-    assert held_out(result, forward(robot, result.data.problem.data.q, target)) > 1.5 * seen
+    assert held_out(result, forward(robot, result.split.problem.data.q, target)) > 1.5 * seen
     assert "run the study again" in " ".join(export(beside, form).notes)
 
 
 def test_what_carries_everything_is_the_whole_model(puma) -> None:
     for form in ("json", "csv", "python"):
-        assert export(puma[1], form).errors[2:] == (puma[0].chosen.held_out.rms_mm,) * 2
+        assert export(puma[1], form).errors[2:] == (puma[0].models.chosen.held_out.rms_mm,) * 2
         assert not export(puma[1], form).left_out
     assert restrict_to_form(puma[1], "whole") is puma[1]
 
@@ -146,33 +145,35 @@ def warm_study(folder: Path, low: float, high: float, nominal_at: float, seed: i
 @pytest.mark.parametrize(("low", "high", "counted"), [(18.0, 36.0, 20), (22.0, 32.0, 27)])
 def test_an_arm_that_is_nominal_at_27_degrees(low, high, counted, tmp_path) -> None:
     result = warm_study(tmp_path, low, high, 27.0)
-    c = calibration_of(result)
-    assert f"counted from {counted} °C" in result.findings[0].sentence
+    c = result.calibration
+    assert f"counted from {counted} °C" in result.diagnosis.findings[0].sentence
     cause = {
         s["cause"]
-        for f in result.record["findings"]
+        for f in result.record.to_dict()["findings"]
         for e in f["credible_set"]
         for s in e["screws"]
     }
     assert any(
         f"(temperature_C-{counted})" in text or text == f"temperature_C-{counted}" for text in cause
     )
-    growth = next(s for s in result.record["significance"] if s["mechanism"].startswith("thermal"))
+    growth = next(
+        s for s in result.record.to_dict()["significance"] if s["mechanism"].startswith("thermal")
+    )
     assert (
         growth["mean_mm"] < 12e-6 * (high - 20) * load("puma760").reach
     )  # not that of an arm that was frozen
     made = export(c, "urdf")
     robot, target = read("urdf", made.text)
-    seen = held_out(result, forward(robot, result.data.problem.data.q, target))
-    assert seen <= result.ladder[0].held_out.rms_mm or made.worse is not None
-    nominal, geometric = result.ladder[:2]
+    seen = held_out(result, forward(robot, result.split.problem.data.q, target))
+    assert seen <= result.models.ladder[0].held_out.rms_mm or made.worse is not None
+    nominal, geometric = result.models.ladder[:2]
     assert geometric.names == ("geometric",)
     best = (
         nominal if nominal.cv_rms_mm < geometric.cv_rms_mm else geometric
     )  # chosen without the held-out rows
     assert seen == pytest.approx(best.held_out.rms_mm, rel=1e-6)
     assert made.errors[2] == pytest.approx(seen, rel=1e-6)
-    warm = result.data.problem.data.covariates["temperature_C"][result.data.used].mean()
+    warm = result.split.problem.data.covariates["temperature_C"][result.split.used].mean()
     assert f"{warm:.1f} °C, the mean of the campaign" in made.text
     assert f"thermal effects are counted from {counted} °C" in export(c, "json").notes
 
@@ -296,12 +297,12 @@ def test_a_registered_geometry_is_as_good_as_it_says(tmp_path) -> None:
         tmp_path,
         sampling=False,
     )
-    c = parse_calibration(calibration_text(calibration_of(result)))
+    c = parse_calibration(calibration_text(result.calibration))
     made = export(c, "urdf")
     assert made.left_out
     arm, target = read("urdf", made.text)
     R, t = c.placement[0][0], c.placement[1][0]
-    seen = held_out(result, forward(arm, result.data.problem.data.q, target) @ R.T + t)
+    seen = held_out(result, forward(arm, result.split.problem.data.q, target) @ R.T + t)
     assert made.errors[2] == pytest.approx(seen, rel=1e-6)
-    assert made.errors[1] == pytest.approx(result.ladder[0].held_out.rms_mm)
+    assert made.errors[1] == pytest.approx(result.models.ladder[0].held_out.rms_mm)
     assert made.errors[3] < made.errors[2] < made.errors[1]

@@ -18,13 +18,16 @@ import pytest
 from click.testing import CliRunner
 
 from modelsel import read_study
+from modelsel._records import parse_record
 from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
 from modelsel.report import drawing
-from modelsel.report.document import book
-from modelsel.report.pdf import ReportError, compiled, content
-from modelsel.report.terminal import TABLE_FOR
-from modelsel.results.storage import WRITES, save
+from modelsel.report.document import Source, collect_blocks
+from modelsel.report.pdf import ReportError, compile_pdf, fill_template
+from modelsel.results.details_schema import DetailsRecord
+from modelsel.results.schema import StudyRecord
+from modelsel.results.storage import WRITES
+from modelsel.results.study_sentences import TABLE_PURPOSE
 from modelsel.study.runner import run_study
 
 ROOT = Path(__file__).parents[1]
@@ -56,6 +59,20 @@ def walked(node: object) -> list[dict]:
     return ([node] if "/S" in node else []) + (walked(node["/K"]) if "/K" in node else [])
 
 
+def written(folder: Path) -> tuple[dict, dict]:
+    """result.json and details.json as plain values, to change."""
+    result, details = (
+        json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))
+        for name in ("result", "details")
+    )
+    return result, details
+
+
+def source_of(result: dict, details: dict) -> Source:
+    """What a report is made of, from plain values."""
+    return Source(parse_record(result, StudyRecord), parse_record(details, DetailsRecord))
+
+
 def plain(text: str) -> str:
     return re.sub(r"[\s\u200b]+", "", text)
 
@@ -76,11 +93,13 @@ def test_tagged_titled_every_figure_with_a_text(drawn) -> None:
     assert reader.metadata.title == "Calibration report: PUMA 760 (simulated stand-in)"
     assert "pdfuaid:part" in root["/Metadata"].get_object().get_data().decode()
     tags = walked(root["/StructTreeRoot"])
-    figures, source = [t for t in tags if t["/S"] == "/Figure"], drawing.read(drawn)
-    blocks = book(source, drawing.PAGES)
+    figures, source = [t for t in tags if t["/S"] == "/Figure"], drawing.read_source(drawn)
+    blocks = collect_blocks(source, drawing.PAGES)
     assert len(figures) >= len(source.pictures) > 10
     assert {b["alt"] for b in blocks if b["kind"] == "figure"} <= {str(t["/Alt"]) for t in figures}
-    assert compiled(content(source, blocks), source.pictures)[1] == []  # no word of the compiler
+    assert (
+        compile_pdf(fill_template(source, blocks), source.pictures)[1] == []
+    )  # no word of the compiler
     assert all(len(str(t["/Alt"])) > 20 for t in figures)
     assert sum(t["/S"] == "/Table" for t in tags) >= 5
 
@@ -115,12 +134,14 @@ def test_first_page_stands_alone(drawn) -> None:
     for sentence in result["verdict"]:
         assert plain(sentence) in plain(first)
     for finding, said in zip(
-        result["findings"], drawing.read(drawn).details["findings"], strict=True
+        result["findings"], drawing.read_source(drawn).details.findings, strict=True
     ):
-        assert plain(said["label"]) in plain(first)
-        assert finding["sentence"].startswith(said["what"])
+        assert plain(said.label) in plain(first)
+        assert finding["sentence"].startswith(said.what)
     captions = [
-        b["caption"] for b in book(drawing.read(drawn), drawing.PAGES, ("first",)) if "caption" in b
+        b["caption"]
+        for b in collect_blocks(drawing.read_source(drawn), drawing.PAGES, ("first",))
+        if "caption" in b
     ]
     assert captions
     assert not [c for c in captions if re.search(r"\d", c)]
@@ -141,12 +162,12 @@ def test_what_the_table_of_subsets_is_for_is_said_with_it(drawn) -> None:
     """It may add names where nothing else was found: in the PDF, and below the table on a
     terminal."""
     (page,) = [p for p in pages(drawn) if "The table of subsets" in p]
-    assert plain(TABLE_FOR) in plain(page)
+    assert plain(TABLE_PURPOSE) in plain(page)
     ran = CliRunner().invoke(
         run_command_line,
         ["study", str(PUMA), "--out", str(drawn.parent / "said"), "--no-report", "--no-sampling"],
     )
-    assert plain(TABLE_FOR) in plain(ran.output)
+    assert plain(TABLE_PURPOSE) in plain(ran.output)
 
 
 def test_a_page_per_finding(drawn) -> None:
@@ -244,23 +265,20 @@ def test_refuses_in_one_sentence(drawn, tmp_path, change, said) -> None:
 
 def test_words_of_the_data_are_not_markup(drawn) -> None:
     """A study's name may hold what typst would read as a command."""
-    source = drawing.read(drawn)
+    result, details = written(drawn)
     name = '#panic("x") *bold* $y$ <label> @ref `raw` \\ "quoted" // gone'
-    source.result["study"] = source.result["findings"][0]["sentence"] = name
-    blocks = book(source, drawing.PAGES, ("first", "findings"))
-    pdf, warnings = compiled(content(source, blocks), source.pictures)
+    result["study"] = result["findings"][0]["sentence"] = name
+    source = source_of(result, details)
+    blocks = collect_blocks(source, drawing.PAGES, ("first", "findings"))
+    pdf, warnings = compile_pdf(fill_template(source, blocks), source.pictures)
     assert not warnings
     assert plain(name) in plain(texts(pdf)[0])
 
 
 def test_long_names_keep_their_place(drawn) -> None:
     """The first page stays one, a finding's page too, and nothing stands outside the margins."""
-    source = drawing.read(drawn)
-    result, details, name = (
-        source.result,
-        source.details,
-        "a-name-that-nobody-shortened-when-it-was-written-down:12",
-    )
+    result, details = written(drawn)
+    name = "a-name-that-nobody-shortened-when-it-was-written-down:12"
     result["study"] = (
         "The third arm of cell 12 in hall B after the exchange of its elbow gear, measured by the night shift"
     )
@@ -273,8 +291,9 @@ def test_long_names_keep_their_place(drawn) -> None:
     for rung in result["ladder"][2:]:
         rung["mechanisms"] = ["geometric", *(len(rung["mechanisms"]) - 1) * [name]]
     result["findings"], details["findings"] = 3 * result["findings"], 3 * details["findings"]
-    blocks = book(source, drawing.PAGES, ("first", "findings"))
-    pdf, warnings = compiled(content(source, blocks), source.pictures)
+    source = source_of(result, details)
+    blocks = collect_blocks(source, drawing.PAGES, ("first", "findings"))
+    pdf, warnings = compile_pdf(fill_template(source, blocks), source.pictures)
     assert not warnings
     assert len(texts(pdf)) == 1 + len(result["findings"])
     within_margins(io.BytesIO(pdf))
@@ -284,7 +303,7 @@ def test_failure_leaves_the_result(monkeypatch, tmp_path) -> None:
     def broken(*_: object) -> None:
         raise ReportError("the compiler is ill")
 
-    monkeypatch.setattr(drawing, "book", broken)
+    monkeypatch.setattr(drawing, "collect_blocks", broken)
     done = CliRunner().invoke(
         run_command_line,
         ["study", str(PUMA / "study.toml"), "--out", str(tmp_path), "--no-sampling"],
@@ -347,7 +366,7 @@ def test_sound_with_little_to_draw(case, tmp_path) -> None:
     folder = small(tmp_path, **LITTLE[case])
     result = run_study(read_study(folder / "study.toml"), folder, sampling=False)
     out = tmp_path / "out"
-    save(result, out)
+    result.save(out)
     assert drawing.draw(out) == [out / "report.pdf", out / "report.html"]
     text = pages(out)
     for sentence in json.loads((out / "result.json").read_text())["verdict"]:
@@ -363,8 +382,8 @@ def test_sound_with_little_to_draw(case, tmp_path) -> None:
 
 def test_no_finding_no_sampling_no_outlier(drawn) -> None:
     """A result of nothing at all still makes a report."""
-    source = drawing.read(drawn)
-    source.result.update(
+    result, details = written(drawn)
+    result.update(
         findings=[],
         outliers=[],
         unidentifiable=[],
@@ -373,10 +392,13 @@ def test_no_finding_no_sampling_no_outlier(drawn) -> None:
         sampling=None,
         nested_cv=None,
     )
-    source.result["error_map"] = {"places": [], "causes": [], "f": [], "p_family_wise": []}
-    source.result["candidates"]["best"] = []
-    source.details.update(findings=[], map={"places": [], "columns": [], "slopes": [], "named": []})
-    pdf, warnings = compiled(content(source, book(source, drawing.PAGES)), source.pictures)
+    result["error_map"] = {"places": [], "causes": [], "f": [], "p_family_wise": []}
+    result["candidates"]["best"] = []
+    details.update(findings=[], map={"places": [], "columns": [], "slopes": [], "named": []})
+    source = source_of(result, details)
+    pdf, warnings = compile_pdf(
+        fill_template(source, collect_blocks(source, drawing.PAGES)), source.pictures
+    )
     assert pdf.startswith(b"%PDF")
     assert not warnings
 
@@ -391,6 +413,9 @@ def extended(result: dict, rng: np.random.Generator) -> dict:
         "standard_error": 0.3,
         "bootstrap_error": 0.3,
         "posterior_error": None,
+        "mean_mm": 0.1,
+        "max_mm": 0.2,
+        "configurations": 80.0,
         "differ": False,
     }
     return result | {
@@ -429,6 +454,7 @@ def extended(result: dict, rng: np.random.Generator) -> dict:
             "walkers": 48,
             "converged": True,
             "sampled": symbols[:3],
+            "sentence": "The named coefficients are sampled.",
             "quantiles": [
                 {
                     "name": "p0",
@@ -451,17 +477,16 @@ def extended(result: dict, rng: np.random.Generator) -> dict:
     }
 
 
-def test_sections_come_with_their_keys(drawn, rng) -> None:
-    source = drawing.read(drawn)
+def test_sections_come_with_their_content(drawn, rng) -> None:
+    result, details = written(drawn)
     chosen = ("significance", "correlation", "posterior")
-    bare = {
-        k: v
-        for k, v in source.result.items()
-        if k not in ("parameters", "significance", "correlation", "sampling")
-    }
-    assert book(drawing.Source(bare, source.details), drawing.PAGES, chosen) == []
-    full = drawing.Source(extended(source.result, rng), source.details)
-    pdf, warnings = compiled(content(full, book(full, drawing.PAGES, chosen)), full.pictures)
+    empty = {"symbols": [], "matrix": [], "pairs": [], "clusters": []}
+    bare = result | {"parameters": [], "significance": [], "correlation": empty, "sampling": None}
+    assert collect_blocks(source_of(bare, details), drawing.PAGES, chosen) == []
+    full = source_of(extended(result, rng), details)
+    pdf, warnings = compile_pdf(
+        fill_template(full, collect_blocks(full, drawing.PAGES, chosen)), full.pictures
+    )
     assert not warnings
     assert set(full.pictures) == {"forest.svg", "correlation.svg", "posterior.svg"}
     text = plain("".join(texts(pdf)))
@@ -472,8 +497,10 @@ def test_sections_come_with_their_keys(drawn, rng) -> None:
         "Theclosedformsaysthesame.",
     ):
         assert word in text
-    full.result["sampling"].update(converged=False, quantiles=None)
-    blocks = book(full, drawing.PAGES, ("posterior",))
+    result = extended(result, rng)
+    result["sampling"].update(converged=False, quantiles=[])
+    full = source_of(result, details)
+    blocks = collect_blocks(full, drawing.PAGES, ("posterior",))
     assert any("had not converged" in b.get("text", "") for b in blocks)
     assert not any(b["kind"] in ("table", "figure") for b in blocks)
 

@@ -13,15 +13,17 @@ import pytest
 from builders import OFF_AXIS, one, planted, small_arm
 from builders import drawn as scene_of
 
-from modelsel import Study, calibration_of, load_result, report, run_study, save
+from modelsel import Study, load_result, run_study
 from modelsel.calibration.storage import calibration_text
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
 from modelsel.mechanisms.causes import q
-from modelsel.results.result import Result
-from modelsel.results.storage import RESIDUALS, WRITES
+from modelsel.results.contract_tables import write_result_tables
+from modelsel.results.residual_table import RESIDUALS
+from modelsel.results.storage import WRITES
 from modelsel.results.tables import TABLES
 from modelsel.robot.files import load
+from modelsel.study.result import Result
 
 TOML = """name = "arm <b>7</b>"
 seed = 5
@@ -79,8 +81,8 @@ def test_a_study_in_python_is_that_of_the_file(frame, result, tmp_path) -> None:
     assert described == parse_study(TOML, "study.toml")
     assert described == Study(name="arm <b>7</b>", measurements="m.csv", **TABLES_OF_IT)
     from_file = run_study(tmp_path, sampling=False).record
-    assert from_file["provenance"]["study_sha256"] != result.record["provenance"]["study_sha256"]
-    for record in (one := dict(from_file), other := dict(result.record)):
+    assert from_file.provenance.study_sha256 != result.record.provenance.study_sha256
+    for record in (one := from_file.to_dict(), other := result.record.to_dict()):
         record["provenance"] = {
             k: v for k, v in record["provenance"].items() if k != "study_sha256"
         }
@@ -163,7 +165,7 @@ def test_when_every_candidate_is_in_nothing_is_left_to_name(frame) -> None:
         measurements=frame,
         **TABLES_OF_IT | {"model": {"candidates": ["wrist-coupling:5"]}},
     )
-    said = run_study(study, sampling=False).record["nothing_else"]["sentence"]
+    said = run_study(study, sampling=False).record.nothing_else.sentence
     assert "by chance with probability 1." in said
 
 
@@ -172,7 +174,7 @@ def test_when_every_candidate_is_in_nothing_is_left_to_name(frame) -> None:
 
 
 def test_ladder_and_findings_are_those_of_the_file(result) -> None:
-    ladder, record = result.to_frame(), result.record
+    ladder, record = result.to_frame(), result.record.to_dict()
     assert ladder["model"].tolist() == ["nominal", "geometric", "+ wrist-coupling:5"]
     assert ladder["held_out_mean_mm"].tolist() == [
         r["held_out"]["mean_mm"] for r in record["ladder"]
@@ -195,9 +197,9 @@ def test_residuals_make_the_ladder_s_errors(result, frame) -> None:
     """Of the rows measured, joined to the user's own table by their row."""
     joined = frame.join(result.to_frame("residuals"))
     for name, rung in (
-        ("nominal", result.ladder[0]),
-        ("base", result.ladder[1]),
-        ("chosen", result.chosen),
+        ("nominal", result.models.ladder[0]),
+        ("base", result.models.ladder[1]),
+        ("chosen", result.models.chosen),
     ):
         for held, errors in ((False, rung.estimation), (True, rung.held_out)):
             rows = joined[(joined["estimation"] != held) & ~joined["outlier"]]
@@ -214,7 +216,7 @@ def test_page_says_verdict_and_findings_and_escapes(result) -> None:
     page = result._repr_html_()
     assert "<b>7" not in page
     assert "arm &lt;b&gt;7&lt;/b&gt;" in page
-    assert all(sentence in page for sentence in result.record["verdict"])
+    assert all(sentence in page for sentence in result.record.verdict)
     assert "wrist-coupling:5" in page
     assert len(page) < 8000
 
@@ -228,25 +230,25 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 def test_what_is_saved_comes_back(result, tmp_path) -> None:
-    assert sorted(path.name for path in save(result, tmp_path / "a")) == sorted(WRITES)
+    assert sorted(path.name for path in result.save(tmp_path / "a")) == sorted(WRITES)
     back = load_result(tmp_path / "a" / "result.json")
     assert back.record == result.record
     for what in (*TABLES, "residuals"):
         pd.testing.assert_frame_equal(back.to_frame(what), result.to_frame(what), check_exact=True)
     assert back._repr_html_() == result._repr_html_()
-    assert calibration_text(calibration_of(back)) == calibration_text(calibration_of(result))
-    save(back, tmp_path / "b")
+    assert calibration_text(back.calibration) == calibration_text(result.calibration)
+    back.save(tmp_path / "b")
     assert files(tmp_path / "b") == files(tmp_path / "a")
 
 
 def test_report_of_a_loaded_result_is_the_fresh_one_s(result, drawn, tmp_path) -> None:
     """Byte for byte: of a result in memory, and of a whole study as the command leaves it, sampling
     and all."""
-    save(result, tmp_path / "a")
-    report(result, tmp_path / "a", ("first",))
-    report(load_result(tmp_path / "a"), tmp_path / "b", ("first",))
-    save(load_result(drawn), tmp_path / "c")
-    report(load_result(tmp_path / "c"), tmp_path / "c")
+    result.save(tmp_path / "a")
+    result.report(tmp_path / "a", ("first",))
+    load_result(tmp_path / "a").report(tmp_path / "b", ("first",))
+    load_result(drawn).save(tmp_path / "c")
+    load_result(tmp_path / "c").report(tmp_path / "c")
     for name in ("report.pdf", "report.html"):
         assert (tmp_path / "b" / name).read_bytes() == (tmp_path / "a" / name).read_bytes()
     assert files(tmp_path / "c") == files(drawn)
@@ -261,7 +263,7 @@ def test_a_report_leaves_the_session_s_figures_alone(result, tmp_path) -> None:
         mine, backend = plt.figure(), mpl.get_backend()
         with mpl.rc_context():
             mpl.rcParams["backend"] = "svg"
-            report(result, tmp_path, ("first", "map"))
+            result.report(tmp_path, ("first", "map"))
             assert mpl.rcParams["backend"] == "svg"
         mpl.rcParams["backend"] = backend
         assert plt.fignum_exists(mine.number)
@@ -270,22 +272,39 @@ def test_a_report_leaves_the_session_s_figures_alone(result, tmp_path) -> None:
 
 
 def test_a_folder_of_parts_is_refused(result, tmp_path) -> None:
-    save(result, tmp_path / "a")
+    result.save(tmp_path / "a")
     (tmp_path / "a" / RESIDUALS).unlink()  # as studies were written before: all but this table
     back = load_result(tmp_path / "a")
     with pytest.raises(StudyError, match="run the study again"):
         back.to_frame("residuals")
-    assert RESIDUALS not in {path.name for path in save(back, tmp_path / "b")}
-    save(result, tmp_path / "a")
+    assert RESIDUALS not in {path.name for path in back.save(tmp_path / "b")}
+    result.save(tmp_path / "a")
     other = json.loads((tmp_path / "a" / "calibration.json").read_text())
     other["provenance"]["data_sha256"] = "another"
     (tmp_path / "a" / "calibration.json").write_text(json.dumps(other))
     with pytest.raises(StudyError, match=r"calibration\.json belongs to another run"):
         load_result(tmp_path / "a")
-    save(result, tmp_path / "a")
+    result.save(tmp_path / "a")
     (tmp_path / "a" / RESIDUALS).write_bytes(b"PAR1 no")
     with pytest.raises(StudyError, match="cannot be read"):
         load_result(tmp_path / "a")
     shutil.rmtree(tmp_path / "a")
     with pytest.raises(StudyError, match=r"no result\.json"):
         load_result(tmp_path / "a")
+
+
+def test_the_contract_s_tables_are_the_schema_s() -> None:
+    """docs/reference/files.md has the keys of result.json and of a finding as the schema describes them."""
+    page = (Path(__file__).parents[1] / "docs" / "reference" / "files.md").read_text(
+        encoding="utf-8"
+    )
+    assert write_result_tables() in page
+
+
+def test_a_stored_result_says_what_belongs_to_the_run(result, tmp_path) -> None:
+    result.save(tmp_path)
+    back = load_result(tmp_path)
+    assert [f.sentence for f in back.findings] == [f.sentence for f in result.findings]
+    for part in ("problem", "models", "diagnosis", "uncertainty"):
+        with pytest.raises(StudyError, match="belong to the run and are not stored: run the study"):
+            getattr(back, part)

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import statsmodels.api as sm
 from builders import drawn, one, planted, small_arm, study_of
 from scipy.linalg import sqrtm
 from scipy.stats import binom
@@ -69,6 +68,8 @@ def judged(
 
 
 def test_nested_f_is_that_of_statsmodels(split: Split, rng: np.random.Generator) -> None:
+    import statsmodels.api as sm
+
     fitted = fit(split.training(), MODEL, held="nothing")
     X, y, kept = linear(split, fitted)
     whole = sm.OLS(y.ravel(), X.reshape(-1, len(TRUTH))[:, kept]).fit()

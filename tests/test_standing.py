@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from builders import drawn, small_arm
 
-from modelsel import Study, report, save
+from modelsel import Study
 from modelsel.measurements.measurements import build_measurements
-from modelsel.report.pages.front import data as data_page
-from modelsel.report.terminal import sentences
-from modelsel.results.placements import standing_sentences
-from modelsel.results.storage import read
+from modelsel.report.drawing import read_source
+from modelsel.report.pages.front import write_data_page
+from modelsel.report.terminal import write_sentences
+from modelsel.results.placements import describe_placements
+from modelsel.results.schema import BaseRecord
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_rpy
 from modelsel.study.runner import run_study
@@ -47,48 +48,50 @@ def study(rng: np.random.Generator, registered: object, **robot: object) -> Stud
     )
 
 
-def near(found: dict, placed: str) -> None:
+def near(found: BaseRecord, placed: str) -> None:
     turns, place = PLACES[placed]
-    np.testing.assert_allclose(found["position_mm"], place, atol=0.1)
-    np.testing.assert_allclose(found["rpy_deg"], np.degrees(turns), atol=0.02)
+    np.testing.assert_allclose(found.position_mm, place, atol=0.1)
+    np.testing.assert_allclose(found.rpy_deg, np.degrees(turns), atol=0.02)
 
 
 def test_registered_once(rng, tmp_path) -> None:
     """In result.json, on the terminal, in the PDF and on the page; the report is drawn from the
     files alone."""
     result = run_study(study(rng, True), sampling=False)
-    placed = result.record["registration"]
-    (base,), (target,) = placed["base_in_tracker"], placed["target_on_flange"]
+    placed = result.record.registration
+    (base,), (target,) = placed.base_in_tracker, placed.target_on_flange
     near(base, "a")
-    assert base["group"] == "all"
-    assert target["position_mm"] == pytest.approx(TOOL, abs=0.1)
-    words = standing_sentences(placed)
+    assert base.group == "all"
+    assert target.position_mm == pytest.approx(TOOL, abs=0.1)
+    words = describe_placements(placed)
     assert re.fullmatch(
         r"Base of the nominal robot \(frame 0\) in the tracker's frame: [\d.]+, -[\d.]+, [\d.]+ mm, turned by "
         r"roll, pitch, yaw 17\.\d+, -28\.\d+, 114\.\d+° \(fixed x, y, z\)\.",
         words[0],
     )
     assert re.fullmatch(r"Target in the flange frame: [\d.]+, -[\d.]+, [\d.]+ mm\.", words[1])
-    lines = sentences(result)
+    lines = write_sentences(result.record, result.details)
     assert f"Registered: b{words[0][1:]}" in lines
     assert f"Registered: t{words[1][1:]}" in lines
-    save(result, tmp_path)
-    assert words in [block.get("items") for block in data_page(read(tmp_path))]
-    report(result, tmp_path)
+    result.save(tmp_path)
+    assert words in [block.get("items") for block in write_data_page(read_source(tmp_path))]
+    result.report(tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Where the tracker and the target stand</h2>" in page
     assert "turned by roll, pitch, yaw 17." in page
 
 
 def test_registered_per_group(rng) -> None:
-    placed = run_study(study(rng, "per group"), sampling=False).record["registration"]
-    assert [base["group"] for base in placed["base_in_tracker"]] == ["a", "b"]
-    for base in placed["base_in_tracker"]:
-        near(base, base["group"])
-    assert "in the tracker's frame (b): 100." in " ".join(standing_sentences(placed))
+    placed = run_study(study(rng, "per group"), sampling=False).record.registration
+    assert [base.group for base in placed.base_in_tracker] == ["a", "b"]
+    for base in placed.base_in_tracker:
+        near(base, base.group)
+    assert "in the tracker's frame (b): 100." in " ".join(describe_placements(placed))
 
 
 def test_not_registered_nothing_is_said(rng) -> None:
     result = run_study(study(rng, False, tool_mm=TOOL), sampling=False)
-    assert "registration" not in result.record
-    assert not any(line.startswith("Registered") for line in sentences(result))
+    assert "registration" not in result.record.to_dict()
+    assert not any(
+        line.startswith("Registered") for line in write_sentences(result.record, result.details)
+    )

@@ -1,5 +1,5 @@
 """The tutorial and the page on Python print what they show: every command and block is run.
-`python tests/test_tutorial.py` writes the shown output anew."""
+`python tests/rewrite.py tutorial` writes the shown output anew."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TUTORIAL, PYTHON = (
     ROOT / "docs" / "tutorials" / "first-study.md",
     ROOT / "docs" / "reference" / "python.md",
 )
-AGAIN = "python tests/test_tutorial.py writes it anew"
+AGAIN = "python tests/rewrite.py tutorial writes it anew"
 CAMPAIGN = """name = "campaign"
 seed = {seed}
 [robot]

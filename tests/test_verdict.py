@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from modelsel.fitting.noise import Floor
-from modelsel.results.verdict import verdict
+from modelsel.results.verdict import write_verdict
 from modelsel.selection.evaluation import Gain
 
 FLOOR = Floor(0.03, "repeats", 100)
@@ -23,7 +23,7 @@ def rung(rms: float | None) -> SimpleNamespace:
 def said(
     named: list[tuple[str, str]], gain: Gain = GAIN, asked: list[str] | str = "all"
 ) -> tuple[str, str, str]:
-    return verdict(rung(3.0), rung(0.5), gain, FLOOR, named, asked, LEFT)
+    return write_verdict(rung(3.0), rung(0.5), gain, FLOOR, named, asked, LEFT)
 
 
 def test_three_sentences() -> None:

@@ -16,11 +16,12 @@ from modelsel.cli.main import run_command_line
 from modelsel.diagnosis.sentences import describe_amount, format_quantity
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.terms import Screw, Term
-from modelsel.report.figures.finding import height
-from modelsel.report.pages.findings import separation
-from modelsel.report.pages.parameter_uncertainty import _quantiles, significance
-from modelsel.results.storage import Source
-from modelsel.results.tables import adds
+from modelsel.report.figures.finding import panel_height
+from modelsel.report.pages.findings import advise_separation
+from modelsel.report.pages.parameter_uncertainty import _format_quantiles, _write_mechanisms
+from modelsel.results.finding_schema import EntryRecord, ScrewRecord
+from modelsel.results.model_schema import QuantilesRecord, SignificanceRecord
+from modelsel.results.tables import label_models
 from modelsel.robot.files import load
 
 
@@ -65,21 +66,16 @@ def test_a_range_that_moves_nothing_is_not_said() -> None:
     )
 
 
-def entry(mechanism: str | None, *screws: tuple[int, str, str]) -> dict[str, object]:
+def entry(mechanism: str | None, *screws: tuple[int, str, str]) -> EntryRecord:
     """One entry of a credible set."""
-    return {
-        "mechanism": mechanism,
-        "probability": 0.3,
-        "alike": True,
-        "screws": [{"frame": frame, "axis": axis, "cause": cause} for frame, axis, cause in screws],
-    }
+    listed = [ScrewRecord(frame=frame, axis=axis, cause=cause) for frame, axis, cause in screws]
+    return EntryRecord(mechanism=mechanism, probability=0.3, alike=True, screws=listed)
 
 
 def test_what_tells_apart_names_both_and_what_they_differ_in() -> None:
     own = entry("joint-compliance:5", (5, "rz", "torque5"))
-    assert separation(
-        {"credible_set": [own, entry("joint-compliance:5", (5, "rz", "torque5_6"))]}
-    ) == [
+    other = entry("joint-compliance:5", (5, "rz", "torque5_6"))
+    assert advise_separation([own, other]) == [
         (
             "joint-compliance:5, torque5 and joint-compliance:5, torque5_6 have different causes (torque5 against torque5_6): "
             "configurations in which these change independently of each other tell them apart."
@@ -89,16 +85,16 @@ def test_what_tells_apart_names_both_and_what_they_differ_in() -> None:
         entry(None, (2, "tx", "cos(q2)")),
         entry(None, (1, "tz", "sin(q2)"), (1, "tz", "cos(q2)")),
     )
-    assert "(cos(q2) against sin(q2) & cos(q2))" in separation({"credible_set": [cell, wave]})[0]
+    assert "(cos(q2) against sin(q2) & cos(q2))" in advise_separation([cell, wave])[0]
     step = (1, "tx", "sign(progress-0.05)")
     bumped, moved = entry("fault:tracker-bumped", step), entry("tracker-step", step)
-    assert separation({"credible_set": [bumped, moved]}) == [
+    assert advise_separation([bumped, moved]) == [
         (
             "fault:tracker-bumped and tracker-step are two names of one displacement: no measurement tells them apart, either "
             "corrects the error."
         )
     ]
-    elsewhere = separation({"credible_set": [cell, entry(None, (7, "ty", "cos(q2)"))]})
+    elsewhere = advise_separation([cell, entry(None, (7, "ty", "cos(q2)"))])
     assert "the same cause at frame 2 tx and frame 7 ty: a second target" in elsewhere[0]
 
 
@@ -109,15 +105,28 @@ def test_a_parameters_quantiles_have_one_unit() -> None:
         "median": 727e-9,
         "high": 63.5e-6,
         "closed_form_low": -60.5e-6,
+        "closed_form_median": 0.0,
         "closed_form_high": None,
     }
-    assert _quantiles(found) == ["-60.9", "0.7", "63.5", "-60.5", "–", "µrad"]
-    assert _quantiles(dict.fromkeys(found, 0.019) | {"unit": "1"}) == ["0.0190"] * 5 + [""]
+    assert _format_quantiles(QuantilesRecord(name="p", **found)) == [
+        "-60.9",
+        "0.7",
+        "63.5",
+        "-60.5",
+        "–",
+        "µrad",
+    ]
+    same = dict.fromkeys(found, 0.019) | {"unit": "1"}
+    assert _format_quantiles(QuantilesRecord(name="p", **same)) == ["0.0190"] * 5 + [""]
 
 
 def test_a_column_of_nothing_but_dashes_is_not_shown() -> None:
     one = {
         "mechanism": "geometric",
+        "parameters": ["a1"],
+        "f": None,
+        "cv_rms_mm": None,
+        "cv_rms_without_mm": None,
         "mean_mm": 6.0,
         "max_mm": 9.8,
         "p": 0.0,
@@ -133,7 +142,7 @@ def test_a_column_of_nothing_but_dashes_is_not_shown() -> None:
     ):
         table = next(
             b
-            for b in significance(Source({"significance": [one | known]}, {}))
+            for b in _write_mechanisms([SignificanceRecord(**one | known)])
             if b["kind"] == "table"
         )
         assert [c["name"] for c in table["columns"]] == ["mechanism", *names]
@@ -142,7 +151,7 @@ def test_a_column_of_nothing_but_dashes_is_not_shown() -> None:
 
 
 def test_the_set_up_alone_has_a_name_in_every_table() -> None:
-    assert adds([["nominal"], [], ["geometric"], ["geometric", "backlash:3"]]) == [
+    assert label_models([["nominal"], [], ["geometric"], ["geometric", "backlash:3"]]) == [
         "nominal",
         "set-up alone",
         "geometric",
@@ -175,7 +184,7 @@ def test_turns_and_slides_are_bounded_each_in_its_unit() -> None:
 
 def test_a_fitted_effect_is_drawn_whole() -> None:
     points = np.linspace(-1.0, 1.0, 101)
-    assert height(points, 0.5 * points) == pytest.approx(1.15 * 0.98)
-    assert height(points, 2.0 * points) == pytest.approx(2.1)
-    assert height(points, 1e6 * points) == pytest.approx(3 * 1.15 * 0.98)
-    assert height(0 * points, 0 * points) > 0
+    assert panel_height(points, 0.5 * points) == pytest.approx(1.15 * 0.98)
+    assert panel_height(points, 2.0 * points) == pytest.approx(2.1)
+    assert panel_height(points, 1e6 * points) == pytest.approx(3 * 1.15 * 0.98)
+    assert panel_height(0 * points, 0 * points) > 0

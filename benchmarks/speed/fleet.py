@@ -12,7 +12,6 @@ import pandas as pd
 
 from modelsel.config.fleet_file import read_fleet
 from modelsel.config.study_file import read_study
-from modelsel.results.storage import save
 from modelsel.robot.files import load
 from modelsel.robot.kinematics import forward
 from modelsel.study.fleet_runner import FleetOptions, cluster, run_fleet
@@ -72,7 +71,7 @@ def run(count: int = 500) -> dict[str, float]:
         study, some = read_study(folder), min(count, 20)
         start = time.perf_counter()
         for k in range(some):
-            save(alone(study, folder, sampling=False), folder / f"alone{k}")
+            alone(study, folder, sampling=False).save(folder / f"alone{k}")
         each = (time.perf_counter() - start) / some
     return {
         "fleet_two_workers": seconds[1] / seconds[2],

@@ -13,7 +13,7 @@ from modelsel.fitting.design import twist_of
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.terms import Mechanism, Term
-from modelsel.report.style import BLUE, ORANGE, QUIET, scaled, styled, svg
+from modelsel.report.style import BLUE, ORANGE, QUIET, choose_unit, svg, use_style
 from modelsel.robot.kinematics import Robot, forward, pose
 
 TOOL = (40.0, -25.0, 100.0)  # off the last axis, so that every joint moves the target
@@ -168,8 +168,8 @@ def picture(mechanism: Mechanism, robot: Robot) -> tuple[bytes, str]:
     factor = float(f"{factor:.1g}")
     nominal, moved = _joints(robot, few.data.q), _joints(robot, few.data.q, factor * twist)
     shift = displacement(along, mechanism.terms, theta)
-    scale, unit = scaled("mm", float(np.abs(shift).max()))
-    with styled() as plt:
+    scale, unit = choose_unit("mm", float(np.abs(shift).max()))
+    with use_style() as plt:
         fig, (left, right) = plt.subplots(
             1, 2, figsize=(6.5, 2.5), layout="none", width_ratios=(1, 1.15)
         )

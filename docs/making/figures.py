@@ -27,7 +27,7 @@ from modelsel.diagnosis.state import LEVEL
 from modelsel.diagnosis.stepwise import run_stepwise_search
 from modelsel.diagnosis.unexplained import POWER, compute_detection_limit
 from modelsel.mechanisms.registry import mechanism
-from modelsel.report.style import BLUE, GREY, INK, ORANGE, QUIET, styled, svg
+from modelsel.report.style import BLUE, GREY, INK, ORANGE, QUIET, svg, use_style
 
 Figure = Callable[[], tuple[bytes, str]]
 PLANTED, SIZE = "wrist-coupling:5", 1.15e-4
@@ -55,7 +55,7 @@ def projection() -> tuple[bytes, str]:
     absorbed, _ = catalogue.common()
     share = np.array([absorbed[n] ** 2 for n in SHARES])
     order = np.argsort(share)
-    with styled() as plt:
+    with use_style() as plt:
         fig, ax = plt.subplots(figsize=(6.5, 2.7), layout="constrained")
         rows = np.arange(len(SHARES))
         ax.barh(
@@ -106,7 +106,7 @@ def scan() -> tuple[bytes, str]:
     frame = np.array([c.mechanism.terms[0].screws[0].frame for c in before.found])
     registered = np.array([c.registered for c in before.found])
     order = np.argsort(frame, kind="stable")
-    with styled() as plt:
+    with use_style() as plt:
         fig, axes = plt.subplots(1, 2, figsize=(6.5, 2.7), layout="constrained", sharey=True)
         for ax, view, title in zip(
             axes,
@@ -165,7 +165,7 @@ def max_test() -> tuple[bytes, str]:
     before, after, least, prior = _pair()
     bound = float(np.quantile(least, 1 - LEVEL))
     seen = [sum_evidence(compute_factors(v.seen, v.rest), prior)[0] for v in (before, after)]
-    with styled() as plt:
+    with use_style() as plt:
         fig, ax = plt.subplots(figsize=(6.5, 2.1), layout="constrained")
         ax.hist(
             least,
@@ -200,7 +200,7 @@ def credible() -> tuple[bytes, str]:
     for m in counts:
         view = look(measured(m, effect(truth, 1.5e-6), 30))
         rows.append(name_effect(view.seen, view.found, view.rest))
-    with styled() as plt:
+    with use_style() as plt:
         fig, ax = plt.subplots(figsize=(6.5, 1.8), layout="constrained")
         for y, named in enumerate(rows):
             start = 0.0
@@ -294,7 +294,7 @@ def detection() -> tuple[bytes, str]:
     strength = 80 * np.square(limit / NOISE)
     critical = brentq(lambda c: chndtr(c, 1, strength) - (1 - POWER), 1e-3, strength)
     fine = np.linspace(0, 1.8 * limit, 80)
-    with styled() as plt:
+    with use_style() as plt:
         fig, ax = plt.subplots(figsize=(6.5, 2.3), layout="constrained")
         ax.plot(
             1e3 * fine,

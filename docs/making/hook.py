@@ -24,10 +24,10 @@ import figures
 import notebooks
 import rates
 import reference
+from example import run_example
 
-from modelsel.report.document import book
+from modelsel.report.document import Source, collect_blocks
 from modelsel.report.drawing import PAGES
-from modelsel.results.storage import Source, read
 
 if TYPE_CHECKING:
     from mkdocs.config.defaults import MkDocsConfig
@@ -49,16 +49,19 @@ FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>',
 def report() -> dict[str, tuple[bytes, str, str]]:
     """(SVG, caption, text) of the figures of the PUMA study's report, by name; of its findings the
     first alone."""
-    whole = read(REPORT)
-    source = Source(
-        *({**table, "findings": table["findings"][:1]} for table in (whole.result, whole.details))
+    result = run_example()
+    whole = Source(result.record, result.details)
+    first = (
+        records.model_copy(update={"findings": records.findings[:1]})
+        for records in (whole.record, whole.details)
     )
+    source = Source(*first)
     blocks = [
         b
-        for b in book(source, PAGES, ("data", "findings", "residuals", "held-out"))
+        for b in collect_blocks(source, PAGES, ("data", "findings", "residuals", "held-out"))
         if b["kind"] == "figure"
     ]
-    blocks += [b for b in book(whole, PAGES, ("first", "map")) if b["kind"] == "figure"]
+    blocks += [b for b in collect_blocks(whole, PAGES, ("first", "map")) if b["kind"] == "figure"]
     pictures = source.pictures | whole.pictures
     return {
         b["file"].removesuffix(".svg"): (pictures[b["file"]], b["caption"], b["alt"])
@@ -82,16 +85,6 @@ def _figure(name: str) -> str:
     return f"![{caption}](made/{name}.svg){{ .figure }}\n\n*{caption}*{{ .caption }}"
 
 
-def _naming() -> str:
-    """The README's table of rates, which its test holds against the benchmark."""
-    return (
-        (ROOT / "README.md")
-        .read_text(encoding="utf-8")
-        .partition("<!-- naming -->\n")[2]
-        .partition("\n\n")[0]
-    )
-
-
 def _notebooks() -> str:
     """A list of what is there; every notebook is a page of its own, as it was last run."""
     found = [f"- [{title}]({name}.md)" for name, (title, _) in notebooks.pages(NOTEBOOKS).items()]
@@ -105,7 +98,7 @@ PARTS: dict[str, Any] = {
     "names": reference.names,
     "broken": rates.broken,
     "measured": rates.measured,
-    "naming": _naming,
+    "naming": rates.naming,
     "notebooks": _notebooks,
 }
 

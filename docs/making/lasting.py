@@ -6,17 +6,17 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 from arm import short
 from campaigns import BASE, ROBOT, measured
+from example import run_example
 
 from modelsel._typing import Array
 from modelsel.fitting.design import compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import mechanism
-from modelsel.report.style import BLUE, INK, ORANGE, QUIET, styled, svg
+from modelsel.report.style import BLUE, INK, ORANGE, QUIET, svg, use_style
 from modelsel.selection.cross_validation import cross_validate, fold
 from modelsel.selection.splits import assign_folds
 
@@ -66,7 +66,7 @@ def grouped() -> tuple[bytes, str]:
         )
         for kind, parts in folded.items():
             curves[kind].append(cross_validate(parts.select(range(base + count))).rms)
-    with styled() as plt:
+    with use_style() as plt:
         fig, ax = plt.subplots(figsize=(6.5, 2.5), layout="constrained")
         for kind, style, colour, words in (
             ("new", "-", INK, "new configurations: the truth"),
@@ -95,14 +95,10 @@ def _rms(values: Array) -> float:
 @cache
 def posterior() -> tuple[bytes, str]:
     """Three standard errors of every named coefficient, and the chain's interval."""
-    result = json.loads(
-        (Path(__file__).parents[2] / "reports" / "puma760" / "result.json").read_text(
-            encoding="utf-8"
-        )
-    )
+    result = json.loads(run_example().to_json())
     named = [p for p in result["parameters"] if p["mechanism"] != "geometric"]
     chain = {q["name"]: q for q in result["sampling"]["quantiles"]}
-    with styled() as plt:
+    with use_style() as plt:
         fig, ax = plt.subplots(figsize=(6.5, 2.6), layout="constrained")
         for x, p in enumerate(named):
             unit, centre = p["standard_error"], p["estimate"]

@@ -75,3 +75,18 @@ def broken() -> str:
             *(f"{note[0].upper()}{note[1:]}." for note in notes),
         ]
     )
+
+
+def naming() -> str:
+    """The table of the naming benchmark, a row per method."""
+    kept = json.loads((RESULTS / "naming.json").read_text(encoding="utf-8"))["summary"]["table"]
+    head = (
+        "| method, on the same candidates | false alarms without effect | found | correctly named "
+        "| surplus findings per case | held-out error over the oracle's |"
+    )
+    rows = [head, "|---|---|---|---|---|---|"]
+    for method, row in kept.items():
+        rates = " | ".join(f"{row[key]['rate']:.2f}" for key in ("false alarm", "found", "right"))
+        surplus, error = row["extra"]["mean"], row["held-out"]["mean"]
+        rows.append(f"| {method} | {rates} | {surplus:.2f} | {error:.3f} |")
+    return "\n".join(rows)

@@ -11,8 +11,8 @@ from .._choices import PLAN_PURPOSES
 from ._options import make_progress, print_json
 
 if TYPE_CHECKING:
-    from ..results.result import Result
     from ..study.planning import MeasurementPlan
+    from ..study.result import Result
 
 
 @click.command("plan")
@@ -114,7 +114,7 @@ def _count_more(result: Result, planned: MeasurementPlan, size: float | None) ->
     given, or no detection limit is known."""
     from ..calibration.experiment_design import count_more_needed
 
-    limit = result.nothing_else[1]
+    limit = result.record.nothing_else.detection_limit_mm
     if size is None or limit is None:
         return None
     return count_more_needed(limit, planned.configurations, size)

@@ -12,7 +12,7 @@ from ..exceptions import CHECK_FAILED
 from ._options import make_console, make_progress, print_json
 
 if TYPE_CHECKING:
-    from ..results.result import Result
+    from ..study.result import Result
 
 COLLECT = 50_000  # new values between two looks of Python's garbage collector
 
@@ -54,7 +54,7 @@ def study_command(
     from ..exceptions import StudyError
     from ..mechanisms.registry import with_plugins
     from ..report.drawing import draw
-    from ..results.storage import WRITES, save
+    from ..results.storage import WRITES
     from ..study.checkpoint import Checkpoint
     from ..study.inputs import read_nominal_robot
     from ..study.runner import rehearse_study, run_study
@@ -85,7 +85,7 @@ def study_command(
             checkpoint=keeper,
         )
         try:
-            written = save(result, folder)
+            written = result.save(folder)
         except StudyError:  # what was computed is at least told
             _tell(result, as_json)
             raise
@@ -94,7 +94,8 @@ def study_command(
         written += [] if no_report else draw(folder, say=say)
     if not as_json:
         click.echo(f"Written: {', '.join(map(str, written))}")
-    if result.confidence.sampling is not None and not result.confidence.sampling.converged:
+    sampling = result.record.sampling
+    if sampling is not None and not sampling.converged:
         raise SystemExit(CHECK_FAILED)
 
 
@@ -102,9 +103,9 @@ def _tell(result: Result, as_json: bool) -> None:
     if as_json:
         click.echo(result.to_json(), nl=False)
     else:
-        from ..report.terminal import show
+        from ..report.terminal import show_study
 
-        show(result, make_console())
+        show_study(result.record, result.details, make_console())
 
 
 def _would(found: dict[str, Any], folder: Path, writes: tuple[str, ...]) -> str:

@@ -1,68 +1,90 @@
-"""A report as values: blocks in order and the pictures they show; `book` gathers the chosen
-pages."""
+"""A report as values: blocks in order and the pictures they show; `collect_blocks` gathers the chosen pages."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from ..exceptions import StudyError, suggest
-from ..results.storage import Source
+from ..measurements.table import Where, where_from_record
+from ..results.details_schema import DetailsRecord
+from ..results.schema import StudyRecord
 
 Block = dict[str, Any]
 
 
-def heading(text: str, level: int = 1, opens: bool = True) -> Block:
-    """A heading; a first-level one opens a page unless told otherwise."""
+@dataclass(frozen=True, eq=False)
+class Source:
+    """What a report is made of: the records of a study, and the pictures that its pages have drawn, by name."""
+
+    record: StudyRecord
+    details: DetailsRecord
+    pictures: dict[str, bytes] = field(default_factory=dict)
+
+    @property
+    def where(self) -> Where:
+        """What the user calls the rows of the measurements."""
+        places = self.details.places
+        return where_from_record(None if places is None else places.to_dict())
+
+    def add_figure(self, name: str, picture: bytes, caption: str, alt: str) -> Block:
+        """Keep a picture and return its block: a caption that says what to see and a text for those who cannot."""
+        self.pictures[f"{name}.svg"] = picture
+        return {"kind": "figure", "file": f"{name}.svg", "caption": caption, "alt": alt}
+
+
+def make_heading(text: str, level: int = 1, opens: bool = True) -> Block:
+    """Return a heading; a first-level one opens a page unless told otherwise."""
     return {"kind": "heading", "text": text, "level": level, "opens": opens and level == 1}
 
 
-def text(words: str, style: str = "body") -> Block:
-    """A paragraph; style body, quiet or lead."""
+def make_text(words: str, style: str = "body") -> Block:
+    """Return a paragraph; style body, quiet or lead."""
     return {"kind": "text", "text": words, "style": style}
 
 
-def table(
-    columns: list[tuple[str, str]],
-    rows: list[list[str]],
+def make_table(
+    columns: Sequence[tuple[str, str]],
+    rows: Sequence[Sequence[str]],
     caption: str = "",
-    widths: list[float] | None = None,
+    widths: Sequence[float] | None = None,
 ) -> Block:
-    """A table: (name, "left" or "right") of each column, rows of text, relative widths (0: as
-    narrow as the text)."""
+    """Return a table: (name, "left" or "right") of each column, rows of text, relative widths (0: as narrow as the
+    text)."""
     return {
         "kind": "table",
-        "columns": [{"name": n, "align": a} for n, a in columns],
-        "rows": rows,
+        "columns": [{"name": name, "align": align} for name, align in columns],
+        "rows": [list(row) for row in rows],
         "caption": caption,
-        "widths": widths or [0.0] * len(columns),
+        "widths": list(widths or [0.0] * len(columns)),
     }
 
 
-def points(items: list[str]) -> Block:
-    """A list."""
-    return {"kind": "points", "items": items}
+def make_list(items: Sequence[str]) -> Block:
+    """Return a list of sentences."""
+    return {"kind": "points", "items": list(items)}
 
 
 Page = Callable[[Source], list[Block]]
 
 
-def book(
-    source: Source, pages: Mapping[str, Page], chosen: tuple[str, ...] | None = None
+def collect_blocks(
+    source: Source, pages: Mapping[str, Page], chosen: Sequence[str] | None = None
 ) -> list[Block]:
-    """The blocks of the chosen pages (all without), in the report's own order. Raises StudyError
-    for an unknown page."""
+    """Return the blocks of the chosen pages (all without), in the report's own order. Raises StudyError for an unknown
+    page."""
     unknown = [name for name in chosen or () if name not in pages]
     if unknown:
+        names = ", ".join(pages)
         raise StudyError(
             *(
-                f'--pages: no page "{name}". {suggest(name, pages)} Pages: {", ".join(pages)}.'
+                f'--pages: no page "{name}". {suggest(name, pages)} Pages: {names}.'
                 for name in unknown
             )
         )
-    return [
-        block
-        for name, page in pages.items()
-        if chosen is None or name in chosen
-        for block in page(source)
-    ]
+    blocks: list[Block] = []
+    for name, write_page in pages.items():
+        if chosen is None or name in chosen:
+            blocks += write_page(source)
+    return blocks

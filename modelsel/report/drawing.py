@@ -1,72 +1,77 @@
-"""Draws the report of a folder: result.json and details.json in, report.pdf and report.html out."""
+"""Draws the report of a study: its records in, report.pdf and report.html out."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from .._files import write_all
-from ..results.result import Result
-from ..results.storage import Source, StoredResult, _details, read
-from .document import Page, book
-from .html import page
-from .pages.appendix import outliers, provenance, unidentifiable
-from .pages.findings import findings
-from .pages.front import data, error_map, first
-from .pages.models import models
-from .pages.parameter_uncertainty import correlation, held_out, posterior, residuals, significance
-from .pdf import compiled, content
-
-if TYPE_CHECKING:
-    pass
+from ..results.details_schema import DetailsRecord
+from ..results.reading import read_records
+from ..results.schema import StudyRecord
+from .document import Page, Source, collect_blocks
+from .html import write_page
+from .pages.appendix import (
+    write_outliers_page,
+    write_provenance_page,
+    write_unidentifiable_page,
+)
+from .pages.findings import write_findings_pages
+from .pages.front import write_data_page, write_error_map_page, write_first_page
+from .pages.models import write_models_page
+from .pages.parameter_uncertainty import (
+    write_correlation_page,
+    write_held_out_page,
+    write_posterior_page,
+    write_residuals_page,
+    write_significance_page,
+)
+from .pdf import compile_pdf, fill_template
 
 PAGES: dict[str, Page] = {
-    "first": first,
-    "data": data,
-    "models": models,
-    "map": error_map,
-    "findings": findings,
-    "residuals": residuals,
-    "significance": significance,
-    "correlation": correlation,
-    "posterior": posterior,
-    "held-out": held_out,
-    "unidentifiable": unidentifiable,
-    "outliers": outliers,
-    "provenance": provenance,
+    "first": write_first_page,
+    "data": write_data_page,
+    "models": write_models_page,
+    "map": write_error_map_page,
+    "findings": write_findings_pages,
+    "residuals": write_residuals_page,
+    "significance": write_significance_page,
+    "correlation": write_correlation_page,
+    "posterior": write_posterior_page,
+    "held-out": write_held_out_page,
+    "unidentifiable": write_unidentifiable_page,
+    "outliers": write_outliers_page,
+    "provenance": write_provenance_page,
 }
 
+Say = Callable[[str], None]
 
-def draw(
-    folder: Path, pages: tuple[str, ...] | None = None, say: Callable[[str], None] = lambda _: None
+
+def read_source(folder: Path) -> Source:
+    """Read what a report is made of from a study's folder. Raises StudyError."""
+    return Source(*read_records(folder))
+
+
+def draw(folder: Path, pages: Sequence[str] | None = None, say: Say = lambda _: None) -> list[Path]:
+    """Draw the report of a folder again; `pages` chooses (all without). Files written. Raises StudyError or
+    ReportError."""
+    record, details = read_records(folder)
+    return draw_records(record, details, folder, pages, say)
+
+
+def draw_records(
+    record: StudyRecord,
+    details: DetailsRecord,
+    folder: Path,
+    pages: Sequence[str] | None = None,
+    say: Say = lambda _: None,
 ) -> list[Path]:
-    """Draw the report of a folder again; `pages` chooses (all without). Files written. Raises
-    StudyError or ReportError."""
-    return draw_source(read(folder), folder, pages, say)
-
-
-def draw_source(
-    source: Source, folder: Path, pages: tuple[str, ...] | None, say: Callable[[str], None]
-) -> list[Path]:
-    """Draw the report of a result's contents into a folder."""
+    """Draw report.pdf and report.html of a study's records into a folder; `pages` chooses from the PDF's. Files
+    written. Raises StudyError or ReportError."""
+    source = Source(record, details)
     say("drawing the pictures")
-    blocks = book(source, PAGES, pages)
+    blocks = collect_blocks(source, PAGES, pages)
     say("setting the report")
-    pdf, _ = compiled(content(source, blocks), source.pictures)
-    write_all(folder, {"report.pdf": pdf, "report.html": page(source)})
+    pdf, _ = compile_pdf(fill_template(source, blocks), source.pictures)
+    write_all(folder, {"report.pdf": pdf, "report.html": write_page(source)})
     return [folder / "report.pdf", folder / "report.html"]
-
-
-def report(
-    result: Result | StoredResult,
-    folder: Path | str,
-    pages: tuple[str, ...] | None = None,
-    say: Callable[[str], None] = lambda _: None,
-) -> list[Path]:
-    """Draw report.pdf and report.html of a result into a folder; `pages` chooses from the PDF's.
-    Files written. Raises StudyError or ReportError."""
-    return draw_source(
-        Source(dict(result.record), json.loads(_details(result))), Path(folder), pages, say
-    )

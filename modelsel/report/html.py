@@ -9,81 +9,94 @@ from importlib.resources import files
 from string import Template
 from typing import Any
 
-from ..results.placements import standing_sentences
-from ..results.storage import Source
-from .figures import errormap, ladder
-from .pages.appendix import CALLED
-from .pages.front import opening
+from ..results.finding_schema import EntryRecord, FindingRecord
+from ..results.placements import describe_placements
+from ..results.schema import RegistrationRecord, StudyRecord
+from ..results.study_sentences import describe_split, opening_sentences
+from ..results.tables import label_ladder
+from .document import Source
+from .figures.errormap import find_named_cells
+from .figures.ladder import label_way, select_way
+from .pages.appendix import list_provenance
 
 SCRIPTS = ("plot.js", "space.js", "map.js", "page.js")
 
 
-def slim(result: dict[str, Any]) -> dict[str, Any]:
-    """What the page needs of result.json: without the causes' values at every row, and without
-    draws."""
-    findings = [
-        {
-            **f,
-            "credible_set": [
-                {
-                    **e,
-                    "screws": [{k: s[k] for k in ("frame", "axis", "cause")} for s in e["screws"]],
-                }
-                for e in f["credible_set"]
-            ],
-            "estimate": [],
-        }
-        for f in result["findings"]
-    ]
-    keys = ("study", "robot", "noise_floor", "nothing_else", "error_map")
-    rungs = [{k: r[k] for k in ("mechanisms", "estimation", "held_out")} for r in result["ladder"]]
-    return {**{k: result[k] for k in keys}, "ladder": rungs, "findings": findings}
+def write_page(source: Source) -> bytes:
+    """Write the whole page."""
+    record, folder = source.record, files(__package__) / "templates"
+    template = Template((folder / "page.html").read_text(encoding="utf-8"))
+    scripts = [(folder / name).read_text(encoding="utf-8") for name in SCRIPTS]
+    page = template.substitute(
+        title=escape(f"Calibration report: {record.study}"),
+        study=escape(record.study),
+        about=escape(f"Robot {record.robot} · {describe_split(record)}"),
+        verdict="\n".join(_paragraph(one, "verdict") for one in opening_sentences(record)),
+        setup=_write_setup(record.registration),
+        side=record.side.replace("_", "-"),
+        made=escape(", ".join(f"{name} {value}" for name, value in list_provenance(record))),
+        style=(folder / "page.css").read_text(encoding="utf-8"),
+        script="\n".join(scripts),
+        data=embed_json(_page_data(source)),
+    )
+    return page.encode()
 
 
-def embedded(value: Any) -> str:
-    """JSON that cannot end the script element it stands in."""
+def _paragraph(sentence: str, style: str = "") -> str:
+    attribute = f' class="{style}"' if style else ""
+    return f"<p{attribute}>{escape(sentence)}</p>"
+
+
+def _write_setup(registration: RegistrationRecord | None) -> str:
+    """Write where registration found the base and the targets; nothing where the study gives them."""
+    if registration is None:
+        return ""
+    title = '<h2 id="setup-title">Where the tracker and the target stand</h2>'
+    sentences = "\n".join(_paragraph(one) for one in describe_placements(registration))
+    return f'<section aria-labelledby="setup-title">\n{title}\n{sentences}\n</section>\n'
+
+
+def _page_data(source: Source) -> dict[str, Any]:
+    """Return what the page's scripts compute with."""
+    record, way = source.record, select_way(source.record)
+    return {
+        "result": slim_record(record),
+        "details": source.details.to_dict(),
+        "names": label_ladder(record),
+        "ladder": list(zip(way, label_way(record, way), strict=True)),
+        "cells": find_named_cells(record),
+    }
+
+
+def slim_record(record: StudyRecord) -> dict[str, Any]:
+    """Return what the page needs of result.json: without the causes' values at every row, and without draws."""
+    values = record.model_dump(
+        by_alias=True,
+        exclude_unset=True,
+        include={"study", "robot", "noise_floor", "nothing_else", "error_map"},
+    )
+    rungs = [rung.to_dict() for rung in record.ladder]
+    keys = ("mechanisms", "estimation", "held_out")
+    values["ladder"] = [{key: rung[key] for key in keys} for rung in rungs]
+    values["findings"] = [_slim_finding(finding) for finding in record.findings]
+    return values
+
+
+def _slim_finding(finding: FindingRecord) -> dict[str, Any]:
+    values = finding.to_dict()
+    values["credible_set"] = [_slim_entry(entry) for entry in finding.credible_set]
+    values["estimate"] = []
+    return values
+
+
+def _slim_entry(entry: EntryRecord) -> dict[str, Any]:
+    values = entry.to_dict()
+    for screw in values["screws"]:
+        screw.pop("values", None)
+    return values
+
+
+def embed_json(value: Any) -> str:
+    """Return JSON that cannot end the script element it stands in."""
     text = json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
-
-
-def _setup(placed: dict[str, Any] | None) -> str:
-    """Where registration found the base and the targets; nothing where the study gives them."""
-    if placed is None:
-        return ""
-    said = "\n".join(f"<p>{escape(sentence)}</p>" for sentence in standing_sentences(placed))
-    title = '<h2 id="setup-title">Where the tracker and the target stand</h2>'
-    return f'<section aria-labelledby="setup-title">\n{title}\n{said}\n</section>\n'
-
-
-def page(source: Source) -> bytes:
-    """The whole page."""
-    result, details, folder = source.result, source.details, files(__package__) / "templates"
-    counts, way = result["configurations"], ladder.rungs(result)
-    data = {
-        "result": slim(result),
-        "details": details,
-        "names": ladder.names(result, list(range(len(result["ladder"])))),
-        "ladder": list(zip(way, ladder.names(result, way), strict=True)),
-        "cells": errormap.named_cells(result),
-    }
-    made = ", ".join(f"{CALLED.get(k, k)} {v}" for k, v in result["provenance"].items())
-    return (
-        Template((folder / "page.html").read_text(encoding="utf-8"))
-        .substitute(
-            title=escape(f"Calibration report: {result['study']}"),
-            study=escape(result["study"]),
-            about=escape(
-                f"Robot {result['robot']} · {counts['estimation']:,} configurations estimate, {counts['held_out']:,} are held out"
-            ),
-            verdict="\n".join(
-                f'<p class="verdict">{escape(sentence)}</p>' for sentence in opening(result)
-            ),
-            setup=_setup(result.get("registration")),
-            side="held-out" if counts["held_out"] else "estimation",
-            made=escape(made),
-            style=(folder / "page.css").read_text(encoding="utf-8"),
-            script="\n".join((folder / name).read_text(encoding="utf-8") for name in SCRIPTS),
-            data=embedded(data),
-        )
-        .encode()
-    )

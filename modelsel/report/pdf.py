@@ -5,70 +5,76 @@ from __future__ import annotations
 
 import json
 import tempfile
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from ..exceptions import ModelselError
-from ..results.storage import Source
-from .document import Block
-from .style import shortened
+from .document import Block, Source
+from .style import shorten
+
+LONGEST_HEADER = 70  # letters
 
 
 class ReportError(ModelselError):
     """The report could not be made of what there is; result.json stands."""
 
 
-def fonts() -> Path:
-    """The folder with DejaVu Sans, which matplotlib brings along: the same letters on every
-    machine."""
+def fill_template(source: Source, blocks: Sequence[Block]) -> dict[str, Any]:
+    """Return the template's data."""
+    record = source.record
+    return {
+        "title": f"Calibration report: {record.study}",
+        "short": shorten(record.study, LONGEST_HEADER),
+        "robot": record.robot,
+        "made": f"modelsel {record.provenance.modelsel}",
+        "blocks": blocks,
+    }
+
+
+def compile_pdf(
+    content: Mapping[str, Any], pictures: Mapping[str, bytes]
+) -> tuple[bytes, list[str]]:
+    """Return (the PDF, the compiler's warnings) of the template with its data. Raises ReportError with the compiler's
+    own words."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        _write_inputs(folder, content, pictures)
+        return _run_compiler(folder)
+
+
+def _write_inputs(folder: Path, content: Mapping[str, Any], pictures: Mapping[str, bytes]) -> None:
+    data = json.dumps(content, ensure_ascii=False)
+    (folder / "report.json").write_text(data, encoding="utf-8")
+    template = files(__package__) / "templates" / "report.typ"
+    (folder / "template.typ").write_bytes(template.read_bytes())
+    for file, picture in pictures.items():
+        (folder / file).write_bytes(picture)
+
+
+def _run_compiler(folder: Path) -> tuple[bytes, list[str]]:
+    import typst
+
+    fonts = typst.Fonts(
+        include_system_fonts=False, include_embedded_fonts=False, font_paths=[font_folder()]
+    )
+    compiler = typst.Compiler(
+        folder / "template.typ", root=folder, ignore_system_fonts=True, font_paths=fonts
+    )
+    try:
+        pdf, warnings = compiler.compile_with_warnings(
+            format="pdf", pdf_standards="ua-1", timestamp=0
+        )
+    except typst.TypstError as error:
+        words = f"{error.message} {' '.join(error.hints)}".strip()
+        raise ReportError(f"report.pdf could not be made: {words}") from None
+    assert isinstance(pdf, bytes)
+    return pdf, [warning.message for warning in warnings]
+
+
+def font_folder() -> Path:
+    """Return the folder with DejaVu Sans, which matplotlib brings along: the same letters on every machine."""
     import matplotlib as mpl
 
     return Path(mpl.get_data_path()) / "fonts" / "ttf"
-
-
-def compiled(content: dict[str, Any], pictures: dict[str, bytes]) -> tuple[bytes, list[str]]:
-    """(the PDF, the compiler's warnings) of the template with its data. Raises ReportError with the
-    compiler's own words."""
-    import typst
-
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        (folder / "report.json").write_text(
-            json.dumps(content, ensure_ascii=False), encoding="utf-8"
-        )
-        (folder / "template.typ").write_bytes(
-            (files(__package__) / "templates" / "report.typ").read_bytes()
-        )
-        for file, picture in pictures.items():
-            (folder / file).write_bytes(picture)
-        compiler = typst.Compiler(
-            folder / "template.typ",
-            root=folder,
-            ignore_system_fonts=True,
-            font_paths=typst.Fonts(
-                include_system_fonts=False, include_embedded_fonts=False, font_paths=[fonts()]
-            ),
-        )
-        try:
-            out, warnings = compiler.compile_with_warnings(
-                format="pdf", pdf_standards="ua-1", timestamp=0
-            )
-        except typst.TypstError as error:
-            raise ReportError(
-                f"report.pdf could not be made: {error.message} {' '.join(error.hints)}".strip()
-            ) from None
-    assert isinstance(out, bytes)
-    return out, [w.message for w in warnings]
-
-
-def content(source: Source, blocks: list[Block]) -> dict[str, Any]:
-    """The template's data."""
-    result = source.result
-    return {
-        "title": f"Calibration report: {result['study']}",
-        "short": shortened(result["study"], 70),
-        "robot": result["robot"],
-        "made": f"modelsel {result['provenance']['modelsel']}",
-        "blocks": blocks,
-    }

@@ -1,5 +1,5 @@
-"""One look for every picture: colours that colour-blind readers and grey printers tell apart, one
-type, the same bytes twice."""
+"""The style of every picture: colours that colour-blind readers and grey printers tell apart, one
+typeface, the same bytes twice."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-BLUE, ORANGE, GREY, INK, QUIET = (
-    "#0072B2",
-    "#D55E00",
-    "#D9D9D9",
-    "#222222",
-    "#6B6B6B",
-)  # Okabe & Ito 2008
-BEFORE, AFTER, RING = "#8C8C8C", BLUE, ORANGE
-WIDTH = 6.5  # inch: the text width of the page
+# Okabe & Ito 2008
+BLUE = "#0072B2"
+ORANGE = "#D55E00"
+GREY = "#D9D9D9"
+INK = "#222222"
+QUIET = "#6B6B6B"
+BEFORE = "#8C8C8C"
+AFTER = BLUE
+RING = ORANGE
+# inch: the text width of the page
+WIDTH = 6.5
 STYLE: dict[Any, Any] = {
     "svg.hashsalt": "modelsel",
     "svg.fonttype": "none",
@@ -79,34 +81,37 @@ class Sheets:
 
 
 @contextmanager
-def styled() -> Iterator[Sheets]:
-    """Figures under the house's style, whatever the session's own."""
+def use_style() -> Iterator[Sheets]:
+    """Draw figures in the reports' style, whatever the session's own."""
     import matplotlib as mpl
 
-    plain: dict[Any, Any] = {
+    defaults: dict[Any, Any] = {
         key: value for key, value in mpl.rcParamsDefault.items() if key != "backend"
     }
-    with mpl.rc_context({**plain, **STYLE}):
+    with mpl.rc_context({**defaults, **STYLE}):
         yield Sheets()
 
 
 def svg(figure: Figure, title: str) -> bytes:
-    """The figure as SVG, text as text, no date."""
+    """Return the figure as SVG, text as text, no date."""
     stream = io.BytesIO()
     figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Title": title})
     return stream.getvalue()
 
 
-def scaled(unit: str, biggest: float) -> tuple[float, str]:
-    """(factor, shown unit) so that the largest value reads well: rad -> mrad or µrad, mm -> mm or
-    µm."""
+def choose_unit(unit: str, largest: float) -> tuple[float, str]:
+    """Return (factor, shown unit) so that the largest value reads well: rad -> mrad or µrad, mm -> mm or µm."""
     if unit == "rad":
-        return (
-            (1e6, "µrad") if biggest < 1.5e-3 else (1e3, "mrad") if biggest < 1.5 else (1.0, "rad")
-        )
-    return (1e3, "µm") if unit == "mm" and biggest < 0.5 else (1.0, unit)
+        if largest < 1.5e-3:
+            return 1e6, "µrad"
+        return (1e3, "mrad") if largest < 1.5 else (1.0, "rad")
+    if unit == "mm" and largest < 0.5:
+        return 1e3, "µm"
+    return 1.0, unit
 
 
-def shortened(text: str, most: int) -> str:
-    """A name cut to a length, with an ellipsis."""
-    return text if len(text) <= most else text[: most - 1].rstrip(" ·&") + "…"
+def shorten(text: str, longest: int) -> str:
+    """Return a name cut to a length, with an ellipsis."""
+    if len(text) <= longest:
+        return text
+    return text[: longest - 1].rstrip(" ·&") + "…"

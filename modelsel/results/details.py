@@ -1,151 +1,198 @@
 """details.json: what the pictures need beyond result.json, so that a report can be drawn again from
 files alone.
 
-Rows are thinned evenly to at most ROWS (outlying ones stay). Lengths in mm to 0.1 µm, angles in rad
+Rows are thinned evenly to at most MAX_DRAWN_ROWS (outlying ones stay). Lengths in mm to 0.1 µm, angles in rad
 to 10 µrad; residuals and displacements in the tracker's frame."""
 
 from __future__ import annotations
 
-import json
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._records import parse_record
 from .._typing import Array, Index
 from ..fitting.design import directions, field_of, residuals
 from ..fitting.problem import Problem
 from ..mechanisms.serialization import describe_mechanism
-from .map_details import cells_dict
-from .panels import finding_panels
+from ..mechanisms.terms import Mechanism
+from .details_schema import DetailsRecord
+from .map_details import describe_map
+from .panels import describe_panels
+from .reading import SCHEMA
+from .study_run import StudyRun
 
-if TYPE_CHECKING:
-    from .result import Result
+# rows drawn: more say nothing more to the eye and make the page heavy
+MAX_DRAWN_ROWS = 480
+MAX_DRAWN_OUTLIERS = 60
 
-ROWS = 480  # drawn; more say nothing more to the eye and make the page heavy
-OUTLIERS = 60
-
-
-def rounded(values: Array, digits: int) -> list[Any]:
-    """Nested lists, a fixed number of decimals, no negative nought."""
-    out: list[Any] = (np.round(np.asarray(values, float), digits) + 0.0).tolist()
-    return out
-
-
-def thinned(estimation: NDArray[np.bool_], outlying: NDArray[np.bool_], most: int = ROWS) -> Index:
-    """Indices of the rows to draw: outlying ones first, then half for the held-out rows at most,
-    evenly in file order."""
-
-    def some(mask: NDArray[np.bool_], count: int) -> Index:
-        at = np.flatnonzero(mask)
-        return (
-            at if len(at) <= count else at[np.linspace(0, len(at) - 1, max(count, 1)).astype(int)]
-        )
-
-    out = some(outlying, OUTLIERS)
-    held = some(
-        ~estimation & ~outlying,
-        max(most // 2, most - len(out) - int((estimation & ~outlying).sum())),
-    )
-    return np.sort(
-        np.concatenate([out, held, some(estimation & ~outlying, most - len(out) - len(held))])
-    )
+Mask = NDArray[np.bool_]
+Values = dict[str, Any]
 
 
-def arm(problem: Problem) -> list[Any]:
-    """(n+2, 3) origins of the nominal chain, joint 1 to target, in the tracker's frame, at the
-    configuration nearest to all."""
-    q = problem.data.q
-    middle = int(
-        np.argmin(
-            np.square((q - np.median(q, axis=0)) / np.maximum(np.std(q, axis=0), 1e-9)).sum(1)
-        )
-    )
-    one = problem.take(np.array([middle]))
-    at, R, t = (
-        one.pose(slice(None)),
-        one.placement[0][one.data.group[0]],
-        one.placement[1][one.data.group[0]],
-    )
-    return rounded(at.origins[:, :, 0] @ R.T + t, 1)
+@dataclass(frozen=True, eq=False)
+class _Drawing:
+    """The rows that are drawn: their problem, their indices, the displacement field of every place, and for rows that
+    are no points the directions (1, 3, m) along which they measure."""
+
+    problem: Problem
+    rows: Index
+    field: Array
+    directions: Array | None
+
+    def in_space(self, residual: Array) -> Array:
+        """Return residuals (m, 3) as vectors in the tracker's frame."""
+        if self.directions is None:
+            return residual
+        return np.asarray(np.einsum("jim,mj->mi", self.directions, residual))
+
+    @property
+    def displacement(self) -> Array:
+        """The displacement field as vectors in the tracker's frame."""
+        if self.directions is None:
+            return self.field
+        field = self.field.copy()
+        field[:, :, :3] = np.einsum("jim,fajm->faim", self.directions, self.field[:, :, :3])
+        return field
+
+    @property
+    def positions(self) -> Array:
+        """(m, 3) where the targets are drawn: as measured, else where the nominal arm has them."""
+        measured = self.problem.data.position
+        if self.directions is None:
+            return measured
+        return np.where(np.isfinite(measured), measured, -residuals(self.problem.bare)[:, :3])
 
 
-def details(result: Result) -> dict[str, Any]:
-    """The file's content as plain values."""
-    data, base = result.data, tuple(result.study.model.base)
-    rows = thinned(data.estimation, data.outlying)
-    problem = data.problem.take(rows)
-    every = slice(0, len(problem))
-    measured, at = problem.data, problem.pose(every)
-    field = field_of(problem, at, every)
-    placed, seen = measured.position, field
-    if (
-        measured.gauges is not None
-    ):  # drawn where the nominal arm has the target, a single number along its direction
-        G = directions(problem, at, every)
-        placed = np.where(np.isfinite(placed), placed, -residuals(problem.bare)[:, :3])
-        seen = field.copy()
-        seen[:, :, :3] = np.einsum("jim,fajm->faim", G, field[:, :, :3])
+def draw_details(run: StudyRun) -> DetailsRecord:
+    """Return details.json's content of a finished run."""
+    rows = select_rows(run.split.estimation, run.split.outlying)
+    drawing = _prepare(run.problem.take(rows), rows)
+    return parse_record(_values(run, drawing), DetailsRecord)
 
-    def drawn(residual: Array) -> Array:
-        return (
-            residual
-            if measured.gauges is None
-            else np.asarray(np.einsum("jim,mj->mi", G, residual))
-        )
 
-    turned = problem.components == 6
-    base_rung = next(r for r in result.ladder if r.names == base)
+def _prepare(problem: Problem, rows: Index) -> _Drawing:
+    whole = slice(0, len(problem))
+    pose = problem.pose(whole)
+    is_gauged = problem.data.gauges is not None
+    along = directions(problem, pose, whole) if is_gauged else None
+    return _Drawing(problem, rows, field_of(problem, pose, whole), along)
+
+
+def _values(run: StudyRun, drawing: _Drawing) -> Values:
+    """Return the file's keys, in their order."""
+    everything = run.problem.data
     return {
-        "schema": 1,
-        "data_sha256": result.provenance["data_sha256"],
-        "study_sha256": result.provenance["study_sha256"],
-        "rows": {
-            "of": len(data.problem),
-            "row": measured.row.tolist(),
-            "estimation": data.estimation[rows].astype(int).tolist(),
-            "outlying": data.outlying[rows].astype(int).tolist(),
-            "q": rounded(measured.q, 5),
-            "measured_mm": rounded(placed, 2),
-        },
-        "places": data.problem.data.where.record(data.problem.data.row),
-        "joints": [
-            {
-                "unit": "mm" if j.prismatic else "rad",
-                "limits": None if j.limits is None else rounded(np.array(j.limits), 5),
-            }
-            for j in result.robot.joints
-        ],
-        "arm_mm": arm(data.problem),
-        "base": result.ladder.index(base_rung),
-        "rungs": [
-            {
-                "residual_mm": rounded(drawn(r.residual[rows][:, :3]), 4),
-                "rotation_rad": rounded(r.residual[rows][:, 3:], 6) if turned else None,
-            }
-            for r in result.ladder
-        ],
-        "map": cells_dict(result, base_rung, problem, seen),
-        "cards": {m.name: describe_mechanism(m) for m in _mentioned(result)},
-        "findings": finding_panels(result, problem, field, rows),
+        "schema": SCHEMA,
+        "data_sha256": run.provenance["data_sha256"],
+        "study_sha256": run.provenance["study_sha256"],
+        "rows": _describe_rows(run, drawing),
+        "places": everything.where.record(everything.row),
+        "joints": _describe_joints(run),
+        "arm_mm": round_nested(nominal_arm(run.problem), 1),
+        "base": run.models.ladder.index(run.base),
+        "rungs": _describe_residuals(run, drawing),
+        "map": describe_map(run, drawing.problem, drawing.displacement),
+        "cards": {m.name: _describe_card(m) for m in _mentioned_mechanisms(run)},
+        "findings": describe_panels(run, drawing.problem, drawing.field, drawing.rows),
     }
 
 
-def _mentioned(result: Result) -> list[Any]:
-    """Every registered mechanism that a cell or a credible set names, once by name."""
-    found = [
-        *result.error_map.named.values(),
-        *(
-            e.candidate.mechanism
-            for f in result.findings
-            for e in f.effect.named.entries
-            if e.candidate.registered
-        ),
+def _describe_rows(run: StudyRun, drawing: _Drawing) -> Values:
+    data, rows = drawing.problem.data, drawing.rows
+    return {
+        "of": len(run.problem),
+        "row": data.row.tolist(),
+        "estimation": run.split.estimation[rows].astype(int).tolist(),
+        "outlying": run.split.outlying[rows].astype(int).tolist(),
+        "q": round_nested(data.q, 5),
+        "measured_mm": round_nested(drawing.positions, 2),
+    }
+
+
+def _describe_joints(run: StudyRun) -> list[Values]:
+    return [
+        {
+            "unit": "mm" if joint.prismatic else "rad",
+            "limits": None if joint.limits is None else round_nested(np.array(joint.limits), 5),
+        }
+        for joint in run.robot.joints
     ]
-    first = {m.name: m for m in reversed(found)}
+
+
+def _describe_residuals(run: StudyRun, drawing: _Drawing) -> list[Values]:
+    """Return the residuals of every rung at the drawn rows."""
+    has_rotation = drawing.problem.components == 6
+    rungs = []
+    for rung in run.models.ladder:
+        residual = rung.residual[drawing.rows]
+        position = drawing.in_space(residual[:, :3])
+        rotation = round_nested(residual[:, 3:], 6) if has_rotation else None
+        rungs.append({"residual_mm": round_nested(position, 4), "rotation_rad": rotation})
+    return rungs
+
+
+def _mentioned_mechanisms(run: StudyRun) -> list[Mechanism]:
+    """Return every registered mechanism that a cell or a credible set names, once by name."""
+    entries = [
+        entry for finding in run.diagnosis.findings for entry in finding.effect.named.entries
+    ]
+    named = [entry.candidate.mechanism for entry in entries if entry.candidate.registered]
+    mentioned = [*run.diagnosis.error_map.named.values(), *named]
+    first = {mechanism.name: mechanism for mechanism in reversed(mentioned)}
     return [first[name] for name in sorted(first)]
 
 
-def dumps(content: dict[str, Any]) -> str:
-    """The file's text: compact, the same bytes for the same values."""
-    return json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False) + "\n"
+def _describe_card(mechanism: Mechanism) -> Values:
+    """Return a mechanism's card, its pairs as lists."""
+    card: Values = describe_mechanism(mechanism)
+    for term in card["terms"]:
+        if term["size"] is not None:
+            term["size"] = list(term["size"])
+    return card
+
+
+def round_nested(values: Array, digits: int) -> list[Any]:
+    """Return nested lists, a fixed number of decimals, no negative zero."""
+    rounded: list[Any] = (np.round(np.asarray(values, float), digits) + 0.0).tolist()
+    return rounded
+
+
+def select_rows(estimation: Mask, outlying: Mask, most: int = MAX_DRAWN_ROWS) -> Index:
+    """Return the indices of the rows to draw: outlying ones first, then half for the held-out rows at most, evenly in
+    file order."""
+    used, held_out = estimation & ~outlying, ~estimation & ~outlying
+    outliers = _spread(outlying, MAX_DRAWN_OUTLIERS)
+    room = most - len(outliers)
+    held_out_room = max(most // 2, room - int(used.sum()))
+    shown_held_out = _spread(held_out, held_out_room)
+    shown_used = _spread(used, room - len(shown_held_out))
+    shown = np.concatenate([outliers, shown_held_out, shown_used])
+    return np.sort(shown)
+
+
+def _spread(mask: Mask, count: int) -> Index:
+    """Return at most `count` indices of a mask, evenly spread."""
+    indices = np.flatnonzero(mask)
+    if len(indices) <= count:
+        return indices
+    steps = np.linspace(0, len(indices) - 1, max(count, 1)).astype(int)
+    spread: Index = indices[steps]
+    return spread
+
+
+def nominal_arm(problem: Problem) -> Array:
+    """Return (n+2, 3) origins of the nominal chain, joint 1 to target, in the tracker's frame, at the configuration
+    nearest to all."""
+    q = problem.data.q
+    spread = np.maximum(np.std(q, axis=0), 1e-9)
+    scaled = (q - np.median(q, axis=0)) / spread
+    distance = np.square(scaled).sum(1)
+    nearest = int(np.argmin(distance))
+    middle = problem.take(np.array([nearest]))
+    rotation, translation = middle.placement
+    group = middle.data.group[0]
+    origins = middle.pose(slice(None)).origins[:, :, 0]
+    return np.asarray(origins @ rotation[group].T + translation[group])

@@ -1,5 +1,5 @@
-"""What is left of a study's residuals: held-out outliers, the noise they show, what a further
-effect would have had to be."""
+"""How good the chosen model is: its lack of fit against a known noise floor, and where it has the features that rows
+share."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._typing import Array
+from .._typing import Array, Index
 from ..diagnosis.sentences import format_length
 from ..diagnosis.unexplained import MIN_FLOOR_FREEDOM, STATED_FLOOR_FREEDOM
 from ..fitting.design import whitened
@@ -22,7 +22,9 @@ from ..mechanisms.terms import FixtureTerm
 from ..notices import Note
 from ..robot.rigid import rotation_matrix
 from ..selection.evaluation import Evaluation, Split
-from .finding_records import CLEARLY, RARELY
+from .finding_notes import MAX_SURPRISE_P, MIN_SURPRISE
+
+Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -39,159 +41,186 @@ class LackOfFit:
     high_mm: float
 
 
-def lack_of_fit(chosen: Evaluation, floor: Floor | None, split: Split) -> LackOfFit | None:
-    """Whether a model leaves more on the rows that fit than a floor that is known without it; None
-    where it is estimated from the residuals. Of repeats: the classical test of lack of fit against
-    the pure error of these rows; of target pairs, whose floor rests on a median, on MEDIAN of their
-    degrees of freedom."""
+@dataclass(frozen=True)
+class _Variances:
+    """Sums of squares in units of the floor's variance: what a model leaves with its degrees of freedom, the
+    `pure` variance of repeats with its own, and the share of an unexplained variance that the former see."""
+
+    total: float
+    freedom: float
+    pure: float
+    pure_freedom: float
+    share: float = 1.0
+
+
+def measure_lack_of_fit(chosen: Evaluation, floor: Floor | None, split: Split) -> LackOfFit | None:
+    """Test whether a model leaves more on the rows that fit than a floor that is known without it.
+
+    Of repeats: the classical test of lack of fit against the pure error of these rows; of target pairs, whose floor
+    rests on a median, on MEDIAN of their degrees of freedom. None where the floor is estimated from the residuals,
+    or rests on too little."""
     from scipy.special import fdtrc, fdtri
 
     if floor is None or floor.source == "estimated":
         return None
-    training = split.training()
-    seen = training.components_measured[:, :3]
-    left = np.where(seen, whitened(training, chosen.fit.residuals(training))[:, :3], 0.0)
-    total, freedom = (
-        float(np.square(left).sum()),
-        chosen.fit.freedom * int(seen.sum()) / training.coordinates,
-    )
-    pure, each, known = (
-        1.0,
-        1.0,
-        float(np.where(np.isfinite(floor.freedom), MEDIAN * floor.freedom, STATED_FLOOR_FREEDOM)),
-    )
-    if floor.source == "repeats":
-        within, known = pure_error(training)
-        total, freedom, pure = total - within, freedom - known, within / max(known, 1)
-        each = (
-            3 * len(training) / (3 * len(training) - known)
-        )  # rows of a posture, all with what is unexplained
-    if freedom < 1 or known < MIN_FLOOR_FREEDOM or pure <= 0:
+    parts = _variances(chosen, floor, split.training())
+    if parts.freedom < 1 or parts.pure_freedom < MIN_FLOOR_FREEDOM or parts.pure <= 0:
         return None
-    f = max(total / freedom / pure, 0.0)
-    sigma = floor.coordinate_mm * np.sqrt(pure)
-    ratios = np.array([f, f / fdtri(freedom, known, 0.975), f / fdtri(freedom, known, 0.025)])
-    unexplained = sigma * np.sqrt(np.maximum(ratios - 1, 0.0) / each)
-    return LackOfFit(f, float(fdtrc(freedom, known, f)), float(sigma), *unexplained.tolist())
+    f = max(parts.total / parts.freedom / parts.pure, 0.0)
+    sigma = floor.coordinate_mm * np.sqrt(parts.pure)
+    bounds = [fdtri(parts.freedom, parts.pure_freedom, q) for q in (0.975, 0.025)]
+    ratios = np.array([f, f / bounds[0], f / bounds[1]])
+    unexplained = sigma * np.sqrt(np.maximum(ratios - 1, 0.0) / parts.share)
+    p = float(fdtrc(parts.freedom, parts.pure_freedom, f))
+    return LackOfFit(f, p, float(sigma), *unexplained.tolist())
 
 
-def pure_error(problem: Problem) -> tuple[float, float]:
-    """(sum of squares, degrees of freedom) of whitened positions at equal readings of one target,
-    about their means."""
+def _variances(chosen: Evaluation, floor: Floor, training: Problem) -> _Variances:
+    """Split what a model leaves on the training rows into lack of fit and pure error."""
+    counted = training.components_measured[:, :3]
+    white = whitened(training, chosen.fit.residuals(training))[:, :3]
+    total = float(np.square(np.where(counted, white, 0.0)).sum())
+    freedom = chosen.fit.freedom * int(counted.sum()) / training.coordinates
+    if floor.source != "repeats":
+        known = MEDIAN * floor.freedom if np.isfinite(floor.freedom) else STATED_FLOOR_FREEDOM
+        return _Variances(total, freedom, 1.0, float(known))
+    within, known = sum_pure_error(training)
+    coordinates = 3 * len(training)
+    # rows of a posture all have what is unexplained
+    share = coordinates / (coordinates - known)
+    return _Variances(total - within, freedom - known, within / max(known, 1), known, share)
+
+
+def sum_pure_error(problem: Problem) -> tuple[float, float]:
+    """Return (sum of squares, degrees of freedom) of whitened positions at equal readings of one target, about their
+    means."""
     data = problem.data
-    position = whitened(problem, np.pad(data.position, ((0, 0), (0, problem.components - 3))))[
-        :, :3
-    ]
-    key = np.unique(data.block * len(data.targets) + data.target, return_inverse=True)[1].reshape(
-        -1
-    )
-    count = np.bincount(key)
-    low, high = (np.full((len(count), data.q.shape[1]), sign * np.inf) for sign in (1, -1))
-    np.minimum.at(low, key, data.q)
-    np.maximum.at(high, key, data.q)
-    still = (high - low).max(
-        1
-    ) <= SAME_READING  # an arm read anew has moved its target, too: no repeat
-    mean = np.stack([np.bincount(key, position[:, a]) / count for a in range(3)], 1)
-    return float(np.square(position - mean[key])[still[key]].sum()), 3.0 * float(
-        (count - 1)[still].sum()
-    )
+    padded = np.pad(data.position, ((0, 0), (0, problem.components - 3)))
+    position = whitened(problem, padded)[:, :3]
+    label = data.block * len(data.targets) + data.target
+    posture = np.unique(label, return_inverse=True)[1].reshape(-1)
+    count = np.bincount(posture)
+    mean = np.stack([np.bincount(posture, position[:, axis]) / count for axis in range(3)], 1)
+    # an arm read anew has moved its target, too: no repeat
+    ranges = _reading_ranges(data.q, posture, len(count))
+    still = ranges.max(1) <= SAME_READING
+    deviations = position - mean[posture]
+    squares = np.square(deviations[still[posture]])
+    freedom = (count - 1)[still]
+    return float(squares.sum()), 3.0 * float(freedom.sum())
 
 
-def lacking(found: LackOfFit | None, stated: bool = True) -> tuple[Note, ...]:
-    """Where a model leaves clearly more than the noise floor, or clearly less than one that is
-    `stated`."""
-    if found is None:
+def _reading_ranges(q: Array, posture: Index, count: int) -> Array:
+    """Return (count, n) how far the joint readings of each posture spread, rad or mm."""
+    shape = (count, q.shape[1])
+    low = np.full(shape, np.inf)
+    high = np.full(shape, -np.inf)
+    np.minimum.at(low, posture, q)
+    np.maximum.at(high, posture, q)
+    return np.asarray(high - low)
+
+
+def lack_of_fit_notes(lack: LackOfFit | None, stated: bool = True) -> tuple[Note, ...]:
+    """Return the warning about a model that leaves clearly more than the noise floor, or clearly less than one that
+    is `stated`."""
+    if lack is None:
         return ()
-    if stated and 1 - found.p <= RARELY and found.f * CLEARLY**2 <= 1:
-        return (
-            Note(
-                LACKING,
-                "The chosen model leaves less than the noise floor (lack-of-fit test: F = "
-                f"{found.f:.3g}, so little by chance with probability below {RARELY:g}): of the floor of "
-                f"{format_length(found.floor_mm)} per coordinate it leaves {format_length(found.floor_mm * float(np.sqrt(found.f)))}. "
-                "The figure is too large.",
-            ),
-        )
-    if (
-        found.p > RARELY
-        or np.hypot(found.unexplained_mm, found.floor_mm) < CLEARLY * found.floor_mm
-    ):
+    too_little = 1 - lack.p <= MAX_SURPRISE_P and lack.f * MIN_SURPRISE**2 <= 1
+    if stated and too_little:
+        return (Note(LACKING, _overstated_sentence(lack)),)
+    total = np.hypot(lack.unexplained_mm, lack.floor_mm)
+    if lack.p > MAX_SURPRISE_P or total < MIN_SURPRISE * lack.floor_mm:
         return ()
+    return (Note(LACKING, _unexplained_sentence(lack)),)
+
+
+def _overstated_sentence(lack: LackOfFit) -> str:
+    residual = lack.floor_mm * float(np.sqrt(lack.f))
     return (
-        Note(
-            LACKING,
-            "The chosen model leaves more than the noise floor explains (lack-of-fit test: F = "
-            f"{found.f:.3g}, by chance with probability {found.p:.1g}): beyond the floor of {format_length(found.floor_mm)} per "
-            f"coordinate, {format_length(found.unexplained_mm)} (95 %: {format_length(found.low_mm)} to {format_length(found.high_mm)}) is "
-            "unexplained. Either the model lacks something, or the floor leaves out a part of the noise: what rows measured "
-            "together share, or what changes from one approach to the next.",
-        ),
+        "The chosen model leaves less than the noise floor (lack-of-fit test: F = "
+        f"{lack.f:.3g}, so little by chance with probability below {MAX_SURPRISE_P:g}): of the floor of "
+        f"{format_length(lack.floor_mm)} per coordinate it leaves {format_length(residual)}. The figure is too large."
     )
 
 
-def noise_dict(floor: Floor, measured: Measurements) -> dict[str, Any]:
-    """The result's noise floor; with rows that are no points also the mean length [mm] of a row's
-    noise."""
-    out: dict[str, Any] = {"coordinate_mm": floor.coordinate_mm, "source": floor.source}
+def _unexplained_sentence(lack: LackOfFit) -> str:
+    interval = f"{format_length(lack.low_mm)} to {format_length(lack.high_mm)}"
+    return (
+        "The chosen model leaves more than the noise floor explains (lack-of-fit test: F = "
+        f"{lack.f:.3g}, by chance with probability {lack.p:.1g}): beyond the floor of {format_length(lack.floor_mm)} per "
+        f"coordinate, {format_length(lack.unexplained_mm)} (95 %: {interval}) is unexplained. Either the model lacks "
+        "something, or the floor leaves out a part of the noise: what rows measured together share, or what changes "
+        "from one approach to the next."
+    )
+
+
+def describe_noise(floor: Floor, measured: Measurements) -> dict[str, Any]:
+    """Return the result's noise floor; with rows that are no points also the mean length [mm] of a row's noise."""
+    noise: dict[str, Any] = {"coordinate_mm": floor.coordinate_mm, "source": floor.source}
     if measured.gauges is not None:
-        single = float((measured.gauges.coordinates.sum(1) == 1).mean())
-        out["mean_mm"] = floor.coordinate_mm * float(
-            single * np.sqrt(2 / np.pi) + (1 - single) * np.sqrt(8 / np.pi)
-        )
-    return out
+        is_single = measured.gauges.coordinates.sum(1) == 1
+        single = float(is_single.mean())
+        # mean lengths of one and of three standard normal coordinates
+        one, three = np.sqrt(2 / np.pi), np.sqrt(8 / np.pi)
+        mean_length = float(single * one + (1 - single) * three)
+        noise["mean_mm"] = floor.coordinate_mm * mean_length
+    return noise
 
 
 @dataclass(frozen=True)
-class Placed:
+class LocatedFeature:
     """A feature as the chosen model has it, in the tracker's frame: its place (of a plane: a point
     of it), a plane's normal, a length that readings leave out or a ball-bar's own; `fitted`: what
     was not known."""
 
     name: str
     kind: str
-    position_mm: tuple[float, float, float]
-    normal: tuple[float, float, float] | None
+    position_mm: Triple
+    normal: Triple | None
     length_mm: float | None
     fitted: tuple[str, ...]
 
 
-def features(problem: Problem, fitted: Fit) -> tuple[Placed, ...]:
-    """Every feature that has a place, of a problem with rows that are no points."""
+def locate_features(problem: Problem, fitted: Fit) -> tuple[LocatedFeature, ...]:
+    """Locate every feature that has a place, of a problem with rows that are no points."""
     gauges = problem.data.gauges
     if gauges is None:
         return ()
     values = fitted.at().feature_changes(len(gauges.features))
-    out = []
-    for k, f in enumerate(gauges.features):
-        if f.kind == "distance":
-            continue
-        place, normal = problem.fixtures.centre[k] + values[k, :3], None
-        if f.kind == "plane":
-            local = (
-                rotation_matrix(0, values[k, 3])
-                @ rotation_matrix(1, values[k, 4])
-                @ np.array([0.0, 0.0, 1.0])
-            )
-            normal = local @ problem.fixtures.axes[k]
-            place = problem.fixtures.centre[k] + values[k, 2] * normal
-        length = float(problem.fixtures.length[k] + values[k, LENGTH])
-        symbols = tuple(
-            t.symbol for t in fitted.terms if isinstance(t, FixtureTerm) and t.feature == k
-        )
-        out.append(
-            Placed(
-                f.name,
-                f.kind,
-                _three(place),
-                None if normal is None else _three(normal),
-                length or None,
-                symbols,
-            )
-        )
-    return tuple(out)
+    return tuple(
+        _locate_feature(problem, fitted, index, values[index])
+        for index, feature in enumerate(gauges.features)
+        if feature.kind != "distance"
+    )
 
 
-def _three(vector: Array) -> tuple[float, float, float]:
+def _locate_feature(problem: Problem, fitted: Fit, index: int, values: Array) -> LocatedFeature:
+    """Locate one feature; `values`: what the fit adds to its place, its angles and its length."""
+    assert problem.data.gauges is not None
+    feature, fixtures = problem.data.gauges.features[index], problem.fixtures
+    position, normal = fixtures.centre[index] + values[:3], None
+    if feature.kind == "plane":
+        tilt = rotation_matrix(0, values[3]) @ rotation_matrix(1, values[4])
+        direction = tilt @ np.array([0.0, 0.0, 1.0]) @ fixtures.axes[index]
+        position = fixtures.centre[index] + values[2] * direction
+        normal = _triple(direction)
+    length = float(fixtures.length[index] + values[LENGTH])
+    return LocatedFeature(
+        feature.name,
+        feature.kind,
+        _triple(position),
+        normal,
+        length or None,
+        _fitted_symbols(fitted, index),
+    )
+
+
+def _fitted_symbols(fitted: Fit, index: int) -> tuple[str, ...]:
+    """Return the symbols of a feature's terms in a fit."""
+    terms = [term for term in fitted.terms if isinstance(term, FixtureTerm)]
+    return tuple(term.symbol for term in terms if term.feature == index)
+
+
+def _triple(vector: Array) -> Triple:
     x, y, z = vector.tolist()
     return x, y, z

@@ -8,180 +8,297 @@ residual plots in regression analysis")."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Literal
 
 import numpy as np
 
 from .._typing import Array, Index
+from ..diagnosis.data_faults import Fault
 from ..diagnosis.sentences import describe_candidate
 from ..fitting.design import PLACE, compute_columns
 from ..fitting.problem import Problem
 from ..mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named
 from ..mechanisms.terms import Term
-from .map_details import wave
+from .finding_records import Finding, Place
+from .map_details import MIN_DISPLACEMENT, find_wave
+from .study_run import StudyRun
 
-if TYPE_CHECKING:
-    from .finding_records import Finding
-    from .result import Result
+# panels of a finding: the largest effects first
+MAX_PANELS = 3
+# points of a panel
+MAX_POINTS = 240
+# share of the largest lever: rows with less show noise, no twist
+MIN_LEVER = 0.2
+# share of the largest displacement: rows with less show noise, no effect
+MIN_EFFECT = 0.02
+CURVE_POINTS = 160
+# waves per turn from which they are folded onto one
+MIN_FOLDED_WAVES = 3
+# of a displacement or a lever that may be zero
+TINY = 1e-9
 
-PANELS = 3  # of a finding; the largest effects first
-POINTS = 240  # of a panel
-LEVER = 0.2  # of the largest lever: rows with less say nothing of a twist but noise
-CURVE = 160
-FOLDED = 3  # waves per turn from which they are folded onto one
+Kind = Literal["line", "wave", "step", "free"]
+Values = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class _Line:
-    """Only values along one axis: enough of a state for a cause of one name."""
+    """Values along one axis: enough of a state for a cause of one name."""
 
     name: str
     values: Array
 
     def value(self, name: str) -> Array:
+        """Return the values, whatever the name."""
         return self.values
+
+
+@dataclass(frozen=True)
+class _Abscissa:
+    """What causes are drawn against, in which manner, and how many waves they make per turn of it."""
+
+    variable: Cause
+    kind: Kind
+    waves: float = 1.0
+
+    @property
+    def is_angle(self) -> bool:
+        """Whether it is drawn in degrees."""
+        return self.variable.unit == "rad"
+
+    @property
+    def is_folded(self) -> bool:
+        """Whether all waves of a turn are laid over each other."""
+        return self.waves >= MIN_FOLDED_WAVES and self.is_angle
 
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """Terms of one finding that act at one place and can be drawn against one variable."""
+    """Coefficients and causes of one finding that act at the same places and are drawn against one variable."""
 
-    places: tuple[tuple[int, str], ...]
-    terms: tuple[tuple[float, Cause], ...]
-    variable: Cause
-    kind: str  # line, wave, step, free
-    waves: float = 1.0  # per turn of the variable; three and more are drawn folded onto one
+    places: tuple[Place, ...]
+    abscissa: _Abscissa
+    parts: tuple[tuple[float, Cause], ...]
+
+    def evaluate(self, x: Array) -> Array:
+        """Return the fitted twist where the variable is x."""
+        twist = np.zeros(len(x))
+        for coefficient, cause in self.parts:
+            twist = twist + coefficient * self._cause_along(cause, x)
+        return twist
+
+    def _cause_along(self, cause: Cause, x: Array) -> Array:
+        variable = self.abscissa.variable
+        if self.abscissa.kind == "line":
+            return x
+        if self.abscissa.kind == "step" and isinstance(cause, Applied):
+            return np.sign(x)
+        if isinstance(variable, Named):
+            return np.asarray(cause.of(_Line(variable.name, x)))
+        if isinstance(cause, Applied):
+            return np.asarray(FUNCTIONS[cause.function](x))
+        return np.zeros(len(x))
 
 
-def _variable(
-    cause: Cause, others: Sequence[Cause], units: Mapping[str, str]
-) -> tuple[Cause, str, float]:
-    """(what to draw a cause against, in which manner, waves per turn): a wave against its angle, a
-    sign against its argument."""
-    if isinstance(cause, Bump):
-        return Named(cause.name, units.get(cause.name, "1")), "free", 1.0
-    if isinstance(cause, Applied) and cause.function == "sign":
-        return cause.argument, "step", 1.0
-    found = next((w for other in others if (w := wave((cause, other))) is not None), None)
-    return (cause, "line", 1.0) if found is None else (found[0], "wave", found[1])
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """Points and curve of a panel: x, the residual with the effect left in and taken out, the points' weights."""
+
+    x: Array
+    before: Array
+    after: Array
+    weight: Array
+    grid: Array
+    curve: Array
+
+    def describe(self) -> Values:
+        """Return the panel's numbers, five digits each."""
+        return {
+            "x": _short(self.x),
+            "before": _short(self.before),
+            "after": _short(self.after),
+            "weight": _short(self.weight),
+            "curve": [_short(self.grid), _short(self.curve)],
+        }
 
 
-def _groups(
-    terms: Sequence[Term], estimate: Array, units: Mapping[str, str]
-) -> list[_Group] | None:
-    """The finding's terms by place and variable; None where a term drives screws by different
-    causes."""
-    if any(len({s.cause for s in t.screws}) > 1 for t in terms):
-        return None
-    keyed: dict[
-        tuple[tuple[tuple[int, str], ...], Cause, str, float], list[tuple[float, Cause]]
-    ] = {}
-    for term, value in zip(terms, estimate, strict=True):
-        places, cause = tuple((s.frame, s.axis) for s in term.screws), term.screws[0].cause
-        here = [
-            t.screws[0].cause for t in terms if tuple((s.frame, s.axis) for s in t.screws) == places
-        ]
-        keyed.setdefault((places, *_variable(cause, here, units)), []).append((float(value), cause))
-    return [
-        _Group(places, tuple(parts), variable, kind, waves)
-        for (places, variable, kind, waves), parts in keyed.items()
+def describe_panels(run: StudyRun, problem: Problem, field: Array, rows: Index) -> list[Values]:
+    """Return one entry per finding of result.json, faults of single rows first.
+
+    `problem`, `field`: the drawn `rows` and the displacement of every place there."""
+    residual = run.models.chosen.residual[rows]
+    diagnosis = run.diagnosis
+    faults = [_describe_fault(fault) for fault in diagnosis.faults]
+    findings = [
+        _describe_finding(finding, problem, field, residual) for finding in diagnosis.findings
     ]
+    return [*faults, *findings]
 
 
-def _along(group: _Group, x: Array) -> Array:
-    """The group's fitted twist where its variable is x."""
-    out = np.zeros(len(x))
-    for value, cause in group.terms:
-        if group.kind == "line":
-            out = out + value * x
-        elif group.kind == "step" and isinstance(cause, Applied):
-            out = out + value * np.sign(x)
-        elif isinstance(group.variable, Named):
-            out = out + value * np.asarray(cause.of(_Line(group.variable.name, x)))
-        elif isinstance(cause, Applied):
-            out = out + value * np.asarray(FUNCTIONS[cause.function](x))
-    return out
-
-
-def _panel(
-    group: _Group, problem: Problem, field: Array, residual: Array
-) -> tuple[float, dict[str, Any]] | None:
-    """(rms displacement in mm, the panel) of one group; None where it moves nothing here."""
-    d = np.sum([field[f - 1, PLACE[axis]] for f, axis in group.places], axis=0)
-    part = slice(0, 3) if float(np.abs(d[:3]).max()) > 1e-6 or len(d) == 3 else slice(3, 6)
-    d, r = d[part].T, residual[:, part]
-    lever = np.linalg.norm(d, axis=1)
-    good = np.flatnonzero(lever > max(LEVER * lever.max(initial=0), 1e-9))
-    if len(good) < 2:
-        return None
-    good = good[np.unique(np.linspace(0, len(good) - 1, min(len(good), POINTS)).astype(int))]
-    x = np.broadcast_to(np.asarray(problem.cause(group.variable), float), (len(problem),))[good]
-    fitted, against = _along(group, x), str(group.variable)
-    left = (d * r).sum(1)[good] / lever[good] ** 2
-    grid = np.linspace(x.min(), x.max(), CURVE) if np.ptp(x) > 0 else np.array([x[0], x[0] + 1.0])
-    turns, angle = group.places[0][1][0] == "r", group.variable.unit == "rad"
-    folded = group.waves >= FOLDED and angle
-    if folded:
-        against, x, grid = (
-            f"{group.waves:g}*{against}, folded",
-            group.waves * x % (2 * np.pi),
-            np.linspace(0, 2 * np.pi, CURVE),
-        )
-    curve = _along(group, grid / group.waves if folded else grid)
-    size = float(np.sqrt(np.square(fitted * lever[good]).mean()))
-    return size, {
-        "frames": [f for f, _ in group.places],
-        "axis": group.places[0][1],
-        "against": against,
-        "against_unit": "deg" if angle else group.variable.unit,
-        "unit": "rad" if turns else "mm",
-        "kind": group.kind,
-        **_points(
-            np.degrees if angle else np.asarray, x, left + fitted, left, lever[good], grid, curve
-        ),
-    }
-
-
-def _points(
-    shown: Callable[[Array], Array],
-    x: Array,
-    before: Array,
-    after: Array,
-    lever: Array,
-    grid: Array,
-    curve: Array,
-) -> dict[str, Any]:
-    def short(values: Array) -> list[float]:
-        return [float(f"{v:.5g}") for v in values]
-
+def _describe_fault(fault: Fault) -> Values:
+    """Return the entry of a fault of the data: it has nothing to draw against a cause."""
+    label = fault.kind.label
     return {
-        "x": short(shown(x)),
-        "before": short(before),
-        "after": short(after),
-        "weight": short(np.square(lever / lever.max(initial=1e-9))),
-        "curve": [short(shown(grid)), short(curve)],
+        "label": label,
+        "what": fault.sentence.rstrip("."),
+        "panels": [],
+        "more_panels": 0,
+        "rivals": [label],
     }
 
 
-def _whole(
-    terms: Sequence[Term], estimate: Array, problem: Problem, field: Array, residual: Array
-) -> dict[str, Any] | None:
-    """The displacement along the effect's own direction against what the effect says, in mm: for
-    what acts in many places."""
-    moved = np.tensordot(
-        estimate, compute_columns(problem, field, terms, slice(0, len(problem))), 1
-    )[:3].T
-    size = np.linalg.norm(moved, axis=1)
-    good = np.flatnonzero(size > 0.02 * size.max(initial=0))
-    if len(good) < 2:
+def _describe_finding(finding: Finding, problem: Problem, field: Array, residual: Array) -> Values:
+    """Return the entry of a finding: its largest parts, else its whole displacement."""
+    effect = finding.effect
+    terms, estimate = effect.candidate.mechanism.terms, effect.estimate
+    groups = _group_terms(terms, estimate, problem.names())
+    drawn = [_draw_group(group, problem, field, residual) for group in groups]
+    panels = sorted((one for one in drawn if one is not None), key=lambda one: -one[0])
+    shown = [panel for _, panel in panels[:MAX_PANELS]]
+    if not shown:
+        whole = _draw_displacement(terms, estimate, problem, field, residual)
+        shown = [] if whole is None else [whole]
+    return {
+        "label": effect.candidate.label,
+        "what": describe_candidate(effect.candidate, estimate),
+        "panels": shown,
+        "more_panels": max(len(panels) - MAX_PANELS, 0),
+        "rivals": [entry.candidate.label for entry in effect.named.entries],
+    }
+
+
+def _group_terms(terms: Sequence[Term], estimate: Array, units: Mapping[str, str]) -> list[_Group]:
+    """Return the finding's terms by place and variable; none where a term drives screws by different causes."""
+    if any(len({screw.cause for screw in term.screws}) > 1 for term in terms):
+        return []
+    places = [tuple((screw.frame, screw.axis) for screw in term.screws) for term in terms]
+    causes = [term.screws[0].cause for term in terms]
+    parts: dict[tuple[tuple[Place, ...], _Abscissa], list[tuple[float, Cause]]] = {}
+    siblings: dict[tuple[Place, ...], list[Cause]] = {}
+    for place, cause in zip(places, causes, strict=True):
+        siblings.setdefault(place, []).append(cause)
+    for place, cause, coefficient in zip(places, causes, estimate, strict=True):
+        abscissa = _choose_abscissa(cause, siblings[place], units)
+        same = parts.setdefault((place, abscissa), [])
+        same.append((float(coefficient), cause))
+    return [_Group(place, abscissa, tuple(each)) for (place, abscissa), each in parts.items()]
+
+
+def _choose_abscissa(
+    cause: Cause, siblings: Sequence[Cause], units: Mapping[str, str]
+) -> _Abscissa:
+    """Return what to draw a cause against: a wave against its angle, a sign against its argument."""
+    if isinstance(cause, Bump):
+        return _Abscissa(Named(cause.name, units.get(cause.name, "1")), "free")
+    if isinstance(cause, Applied) and cause.function == "sign":
+        return _Abscissa(cause.argument, "step")
+    for sibling in siblings:
+        wave = find_wave((cause, sibling))
+        if wave is not None:
+            angle, count = wave
+            return _Abscissa(angle, "wave", count)
+    return _Abscissa(cause, "line")
+
+
+def _draw_group(
+    group: _Group, problem: Problem, field: Array, residual: Array
+) -> tuple[float, Values] | None:
+    """Return (rms displacement in mm, the panel) of one group; None where it moves nothing here."""
+    moved = np.sum([field[frame - 1, PLACE[axis]] for frame, axis in group.places], axis=0)
+    part = _observed_part(moved)
+    displacement = moved[part].T
+    lever = np.linalg.norm(displacement, axis=1)
+    rows = _select_points(lever > max(MIN_LEVER * lever.max(initial=0), TINY))
+    if rows is None:
         return None
-    good = good[np.unique(np.linspace(0, len(good) - 1, min(len(good), POINTS)).astype(int))]
-    direction = moved[good] / size[good, None]
-    direction *= np.where(direction[:, [int(np.abs(moved).max(0).argmax())]] < 0, -1, 1)
-    x, left = (direction * moved[good]).sum(1), (direction * residual[good, :3]).sum(1)
-    grid = np.array([x.min(), x.max()])
+    abscissa, lever = group.abscissa, lever[rows]
+    along = (displacement * residual[:, part]).sum(1)[rows]
+    variable = np.asarray(problem.cause(abscissa.variable), float)
+    x = np.broadcast_to(variable, (len(problem),))[rows]
+    fitted, left = group.evaluate(x), along / lever**2
+    weight = np.square(lever / lever.max(initial=TINY))
+    points = _place_points(group, x, left + fitted, left, weight)
+    first_axis = group.places[0][1]
+    size = float(np.sqrt(np.square(fitted * lever).mean()))
+    return size, {
+        "frames": [frame for frame, _ in group.places],
+        "axis": first_axis,
+        **_describe_abscissa(abscissa),
+        "unit": "rad" if first_axis[0] == "r" else "mm",
+        "kind": abscissa.kind,
+        **points.describe(),
+    }
+
+
+def _observed_part(moved: Array) -> slice:
+    """Return which coordinates show a group: the position, else the orientation that it only turns."""
+    displacement = float(np.abs(moved[:3]).max())
+    has_orientation = len(moved) > 3
+    if has_orientation and displacement <= MIN_DISPLACEMENT:
+        return slice(3, 6)
+    return slice(0, 3)
+
+
+def _select_points(mask: Array) -> Index | None:
+    """Return at most MAX_POINTS rows of a mask, evenly spread; None of fewer than two."""
+    rows = np.flatnonzero(mask)
+    if len(rows) < 2:
+        return None
+    steps = np.linspace(0, len(rows) - 1, min(len(rows), MAX_POINTS)).astype(int)
+    chosen: Index = rows[np.unique(steps)]
+    return chosen
+
+
+def _place_points(group: _Group, x: Array, before: Array, after: Array, weight: Array) -> _Points:
+    """Return the points and the fitted curve, folded where waves are, in degrees where the variable is an angle."""
+    abscissa = group.abscissa
+    if abscissa.is_folded:
+        x = abscissa.waves * x % (2 * np.pi)
+        grid = np.linspace(0, 2 * np.pi, CURVE_POINTS)
+        curve = group.evaluate(grid / abscissa.waves)
+    else:
+        grid = _grid(x)
+        curve = group.evaluate(grid)
+    if abscissa.is_angle:
+        return _Points(np.degrees(x), before, after, weight, np.degrees(grid), curve)
+    return _Points(x, before, after, weight, grid, curve)
+
+
+def _grid(x: Array) -> Array:
+    """Return the variable's range, or a unit where it has none."""
+    if np.ptp(x) > 0:
+        return np.linspace(x.min(), x.max(), CURVE_POINTS)
+    return np.array([x[0], x[0] + 1.0])
+
+
+def _describe_abscissa(abscissa: _Abscissa) -> Values:
+    against = str(abscissa.variable)
+    if abscissa.is_folded:
+        against = f"{abscissa.waves:g}*{against}, folded"
+    unit = "deg" if abscissa.is_angle else abscissa.variable.unit
+    return {"against": against, "against_unit": unit}
+
+
+def _draw_displacement(
+    terms: Sequence[Term], estimate: Array, problem: Problem, field: Array, residual: Array
+) -> Values | None:
+    """Return the panel of an effect that acts in many places: the displacement along its own direction against what
+    the effect says, in mm; None where it moves nothing here."""
+    columns = compute_columns(problem, field, terms, slice(0, len(problem)))
+    moved = np.tensordot(estimate, columns, 1)[:3].T
+    size = np.linalg.norm(moved, axis=1)
+    rows = _select_points(size > MIN_EFFECT * size.max(initial=0))
+    if rows is None:
+        return None
+    direction = moved[rows] / size[rows, None]
+    main = int(np.abs(moved).max(0).argmax())
+    direction *= np.where(direction[:, [main]] < 0, -1, 1)
+    x = (direction * moved[rows]).sum(1)
+    left = (direction * residual[rows, :3]).sum(1)
+    ends = np.array([x.min(), x.max()])
+    points = _Points(x, x + left, left, np.ones(len(x)), ends, ends)
     return {
         "frames": [],
         "axis": "",
@@ -189,43 +306,10 @@ def _whole(
         "against_unit": "mm",
         "unit": "mm",
         "kind": "line",
-        **_points(np.asarray, x, x + left, left, np.ones(len(x)), grid, grid),
+        **points.describe(),
     }
 
 
-def _finding(finding: Finding, problem: Problem, field: Array, residual: Array) -> dict[str, Any]:
-    terms, estimate = finding.effect.candidate.mechanism.terms, finding.effect.estimate
-    groups = _groups(terms, estimate, problem.names())
-    panels = [p for g in groups or [] if (p := _panel(g, problem, field, residual)) is not None]
-    panels.sort(key=lambda pair: -pair[0])
-    shown = [p for _, p in panels[:PANELS]]
-    if not shown and (one := _whole(terms, estimate, problem, field, residual)) is not None:
-        shown = [one]
-    return {
-        "label": finding.effect.candidate.label,
-        "what": describe_candidate(finding.effect.candidate, finding.effect.estimate),
-        "panels": shown,
-        "more_panels": max(len(panels) - PANELS, 0),
-        "rivals": [e.candidate.label for e in finding.effect.named.entries],
-    }
-
-
-def finding_panels(
-    result: Result, problem: Problem, field: Array, rows: Index
-) -> list[dict[str, Any]]:
-    """One entry per finding of result.json, faults of single rows first (these have nothing to draw
-    against a cause)."""
-    residual = result.chosen.residual[rows]
-    return [
-        *(
-            {
-                "label": f.kind.label,
-                "what": f.sentence.rstrip("."),
-                "panels": [],
-                "more_panels": 0,
-                "rivals": [f.kind.label],
-            }
-            for f in result.faults
-        ),
-        *(_finding(f, problem, field, residual) for f in result.findings),
-    ]
+def _short(values: Array) -> list[float]:
+    """Return values with five digits."""
+    return [float(f"{value:.5g}") for value in values]

@@ -1,16 +1,116 @@
-"""result.json: the contract's keys from the study's values, the same bytes for the same input."""
+"""From a run to its record: the contract's keys, the same bytes for the same input."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+from .._json import to_plain
+from .._records import parse_record
+from ..diagnosis.candidates import Candidate
+from ..measurements.measurements import Measurements
+from ..notices import HOPELESS_FIT, Note
+from ..selection.branch_and_bound import Certified
 from ..selection.comparison import SubsetComparison
-from ..selection.evaluation import Evaluation
+from ..selection.evaluation import Evaluation, measure_orientation
+from .finding_records import describe_fault, describe_finding, list_screws
+from .goodness_of_fit import describe_noise, locate_features, measure_lack_of_fit
+from .placements import locate_placements
+from .reading import SCHEMA
+from .schema import StudyRecord
+from .study_run import Explanation, ModelSearch, StudyRun
+from .verdict import Named, complete_verdict, write_verdict
+
+Values = dict[str, Any]
 
 
-def rung_dict(evaluation: Evaluation) -> dict[str, Any]:
-    """One rung of the ladder or row of the table."""
+def record_run(run: StudyRun) -> StudyRecord:
+    """Return result.json's content of a finished run: floats to 10 significant digits, undefined ones null."""
+    return parse_record(to_plain(_values(run)), StudyRecord)
+
+
+def _values(run: StudyRun) -> Values:
+    """Return the contract's keys, in the order of the file."""
+    models, diagnosis, data = run.models, run.diagnosis, run.problem.data
+    return {
+        "schema": SCHEMA,
+        "study": run.study.name,
+        "robot": run.robot.name,
+        "seed": run.study.seed,
+        "provenance": dict(run.provenance),
+        "verdict": list(_verdict(run)),
+        "configurations": _configurations(run),
+        "noise_floor": describe_noise(run.floor, data),
+        **_placements(run, data),
+        "ladder": [describe_rung(rung) for rung in models.ladder],
+        "candidates": describe_candidates(models.comparison),
+        "findings": _findings(run),
+        "nothing_else": _nothing_else(run),
+        "nested_cv": _nested(models),
+        "chosen": _chosen(run),
+        "path": list(diagnosis.search.path),
+        "error_map": _error_map(diagnosis),
+        "outliers": data.row[run.split.outlying],
+        "unidentifiable": [
+            {"sentence": one.sentence, "parameters": list(one.parameters)}
+            for one in models.unidentifiable
+        ],
+        "warnings": _warnings((*run.warnings, *run.uncertainty.notes)),
+        **run.uncertainty.to_dict(),
+    }
+
+
+def _verdict(run: StudyRun) -> tuple[str, ...]:
+    """Return the sentences of the first page."""
+    models, diagnosis = run.models, run.diagnosis
+    nominal = models.ladder[0]
+    sentences = write_verdict(
+        nominal,
+        models.chosen,
+        models.gain,
+        run.floor,
+        collect_named(diagnosis),
+        run.study.model.candidates,
+        diagnosis.nothing_else[0],
+    )
+    hopeless = [note.sentence for note in run.warnings if note.code == HOPELESS_FIT]
+    orientation = measure_orientation(run.split, nominal, models.chosen)
+    return complete_verdict(sentences, orientation, hopeless[0] if hopeless else None)
+
+
+def collect_named(diagnosis: Explanation) -> list[Named]:
+    """Return (name, verdict) of every finding, faults of the data first, as result.json lists them."""
+    named = [(fault.kind.label, "found") for fault in diagnosis.faults]
+    for finding in diagnosis.findings:
+        effect = finding.effect
+        named.append((effect.candidate.label, effect.named.verdict))
+    return named
+
+
+def _configurations(run: StudyRun) -> Values:
+    data, estimation = run.problem.data, run.split.estimation
+    return {
+        "estimation": data.take(estimation).configurations,
+        "held_out": data.take(~estimation).configurations,
+        "estimation_rows": data.row[estimation],
+    }
+
+
+def _placements(run: StudyRun, data: Measurements) -> Values:
+    """Return where the set-up stands, as far as the study found it out."""
+    values: Values = {}
+    register = run.study.robot.register_
+    if register:
+        values["registration"] = locate_placements(run.problem, register == "per group")
+    if data.gauges is not None:
+        features = locate_features(run.problem, run.models.chosen.fit)
+        values["features"] = [asdict(feature) for feature in features]
+    return values
+
+
+def describe_rung(evaluation: Evaluation) -> Values:
+    """Return one model of the ladder or of the table of subsets."""
     return {
         "mechanisms": list(evaluation.names),
         "parameters": evaluation.parameters,
@@ -28,32 +128,95 @@ def rung_dict(evaluation: Evaluation) -> dict[str, Any]:
     }
 
 
-def candidates_dict(comparison: SubsetComparison | None) -> dict[str, Any]:
-    """The table of subsets."""
+def describe_candidates(comparison: SubsetComparison | None) -> Values:
+    """Return the table of subsets."""
     if comparison is None:
-        return {"compared": 0, "best": [], "choice": None, "considered": [], "set_aside": []}
-    return {
+        return {"compared": 0, "choice": None, "considered": [], "set_aside": [], "best": []}
+    values: Values = {
         "compared": comparison.compared,
         "choice": list(comparison.choice),
         "considered": list(comparison.considered),
         "set_aside": list(comparison.set_aside),
-        **(
-            {}
-            if (found := comparison.certified) is None
-            else {
-                "search": {
-                    "mechanisms": len(comparison.considered),
-                    "criterion": "BIC",
-                    "nodes": found.nodes,
-                    "proven": found.proven,
-                    "may_be_beaten_by": found.gap,
-                    "best": [
-                        m
-                        for m, taken in zip(comparison.considered, found.members, strict=True)
-                        if taken
-                    ],
-                }
-            }
-        ),
-        "best": [{**rung_dict(r), "weight": r.weight, "note": r.note} for r in comparison.best],
     }
+    if comparison.certified is not None:
+        values["search"] = _search(comparison.considered, comparison.certified)
+    values["best"] = [
+        {**describe_rung(subset), "weight": subset.weight, "note": subset.note}
+        for subset in comparison.best
+    ]
+    return values
+
+
+def _search(considered: Sequence[str], certified: Certified) -> Values:
+    """Return what branch and bound says of the best subset."""
+    members = zip(considered, certified.members, strict=True)
+    return {
+        "mechanisms": len(considered),
+        "criterion": "BIC",
+        "nodes": certified.nodes,
+        "proven": certified.proven,
+        "may_be_beaten_by": certified.gap,
+        "best": [name for name, is_member in members if is_member],
+    }
+
+
+def _findings(run: StudyRun) -> list[Values]:
+    """Return every finding, faults of the data first."""
+    training = run.problem.take(run.split.estimation)
+    diagnosis = run.diagnosis
+    faults = [describe_fault(fault) for fault in diagnosis.faults]
+    findings = [describe_finding(finding, training) for finding in diagnosis.findings]
+    return [*faults, *findings]
+
+
+def _nothing_else(run: StudyRun) -> Values:
+    sentence, limit = run.diagnosis.nothing_else
+    predictable = run.diagnosis.predictable
+    lack = measure_lack_of_fit(run.models.chosen, run.floor, run.split)
+    return {
+        "sentence": sentence,
+        "detection_limit_mm": limit,
+        "predictable": None if predictable is None else asdict(predictable),
+        "lack_of_fit": None if lack is None else asdict(lack),
+    }
+
+
+def _nested(models: ModelSearch) -> Values | None:
+    nested = models.nested
+    if nested is None:
+        return None
+    return {
+        "folds": nested.folds,
+        "geometric": asdict(nested.base),
+        "chosen": asdict(nested.chosen),
+        "named_in_folds": nested.named,
+    }
+
+
+def _chosen(run: StudyRun) -> Values:
+    """Return what the chosen model holds: registered mechanisms by name, other cells by their screws."""
+    effects = run.diagnosis.search.effects if run.extends else ()
+    added: list[Candidate] = [effect.candidate for effect in effects]
+    names = [candidate.mechanism.name for candidate in added if candidate.registered]
+    training = run.problem.take(run.split.estimation)
+    cells = [
+        screw
+        for candidate in added
+        if not candidate.registered
+        for screw in list_screws(candidate, training)
+    ]
+    return {"mechanisms": [*run.study.model.base, *names], "cells": cells}
+
+
+def _error_map(diagnosis: Explanation) -> Values:
+    whole = diagnosis.error_map
+    return {
+        "places": list(whole.places),
+        "causes": list(whole.causes),
+        "f": whole.f,
+        "p_family_wise": whole.p,
+    }
+
+
+def _warnings(notes: Sequence[Note]) -> list[Values]:
+    return [{"code": note.code, "sentence": note.sentence} for note in notes]

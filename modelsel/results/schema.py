@@ -1,333 +1,228 @@
-"""What result.json and details.json hold, as shapes: what a folder is read back by. Undefined
-figures are null."""
+"""The records that a study writes: `StudyRecord` is result.json, `DetailsRecord` details.json.
+
+Strict models: what is read back has every key, each of its type, and only finite numbers. Undefined figures are
+null; an optional key may be absent. Keys that a record does not know are left alone."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Literal
 
-from .._json import Each, Maybe
-from ..robot.rigid import AXES
+from pydantic import Field
 
-NUMBER, TEXTS = Maybe(float), Each(str)
-THREE, PAIR = Each(float, 3), Each(float, 2)
-RUN = {"data_sha256": str, "study_sha256": str}
-
-# -- result.json
-# ---------------------------------------------------------------------------------------------------------------
-
-ERRORS = {
-    "mean_mm": NUMBER,
-    "rms_mm": NUMBER,
-    "p95_mm": NUMBER,
-    "max_mm": NUMBER,
-    "rows": int,
-    "left_out": int,
-    "mean_all_mm": NUMBER,
-}
-RUNG = {
-    "mechanisms": TEXTS,
-    "parameters": int,
-    "rank": int,
-    "estimation": ERRORS,
-    "held_out": ERRORS,
-    "cv_rms_mm": NUMBER,
-    **dict.fromkeys(
-        ("cv_mean_mm", "aicc", "bic", "aic", "gcv", "ebic", "log_predictive_density"), NUMBER
-    ),
-}
-SCREW = {"frame": int, "axis": frozenset(AXES), "cause": str, "values?": Each(NUMBER)}
-ENTRY = {"mechanism": Maybe(str), "probability": float, "screws": Each(SCREW), "alike": bool}
-FINDING = {
-    "sentence": str,
-    "verdict": str,
-    "p_value": float,
-    "rows?": Each(int),
-    "credible_set": Each(ENTRY, least=1),
-    "more_entries": int,
-    "estimate": Each({"symbol": str, "value": NUMBER, "standard_error": NUMBER, "unit": str}),
-    "gain": {
-        "held_out_rms_before_mm": NUMBER,
-        "held_out_rms_after_mm": NUMBER,
-        "interval_mm": Maybe(PAIR),
-    },
-}
-SUBSET = {**RUNG, "weight": NUMBER, "note": str}
-SEARCH = {
-    "mechanisms": int,
-    "criterion": str,
-    "nodes": int,
-    "proven": bool,
-    "may_be_beaten_by": NUMBER,
-    "best": TEXTS,
-}
-QUANTILES = {
-    "name": str,
-    "unit": str,
-    **{
-        f"{side}{key}": NUMBER for side in ("", "closed_form_") for key in ("low", "median", "high")
-    },
-}
-SAMPLING = {
-    "effective_samples": NUMBER,
-    "r_hat": NUMBER,
-    "tau": NUMBER,
-    "converged": bool,
-    "steps": int,
-    "walkers": int,
-    "sentence": str,
-    "quantiles": Each(QUANTILES),
-    "trace": {"names": TEXTS, "draws": Each(Each(float))},
-}
-PARAMETER = {
-    "symbol": str,
-    "mechanism": str,
-    "unit": str,
-    "estimate": float,
-    "standard_error": NUMBER,
-    "bootstrap_error": NUMBER,
-    "posterior_error": NUMBER,
-    "low": NUMBER,
-    "high": NUMBER,
-    "mean_mm": NUMBER,
-    "max_mm": NUMBER,
-    "configurations": NUMBER,
-    "differ": bool,
-}
-SIGNIFICANCE = {
-    "mechanism": str,
-    "parameters": TEXTS,
-    "mean_mm": NUMBER,
-    "max_mm": NUMBER,
-    "f": NUMBER,
-    "p": NUMBER,
-    "log10_evidence": NUMBER,
-    "cv_rms_mm": NUMBER,
-    "cv_rms_without_mm": NUMBER,
-    "held_out_rms_mm": NUMBER,
-    "held_out_rms_without_mm": NUMBER,
-    "catalogue": str,
-    "stability": NUMBER,
-}
-RESULT = {
-    "study": str,
-    "robot": str,
-    "seed": int,
-    "provenance": {"modelsel": str, **RUN},
-    "verdict": TEXTS,
-    "configurations": {"estimation": int, "held_out": int, "estimation_rows": Each(int)},
-    "noise_floor": {"coordinate_mm": float, "source": str, "mean_mm?": float},
-    "features?": Each(
-        {
-            "name": str,
-            "kind": str,
-            "position_mm": THREE,
-            "normal": Maybe(THREE),
-            "length_mm": NUMBER,
-            "fitted": TEXTS,
-        }
-    ),
-    "ladder": Each(RUNG, least=1),
-    "candidates": {
-        "compared": int,
-        "best": Each(SUBSET),
-        "choice": Maybe(TEXTS),
-        "considered": TEXTS,
-        "set_aside": TEXTS,
-        "search?": SEARCH,
-    },
-    "findings": Each(FINDING),
-    "nothing_else": {
-        "sentence": str,
-        "detection_limit_mm": NUMBER,
-        "predictable": Maybe({"share": float, "p": float}),
-        "lack_of_fit?": Maybe(
-            dict.fromkeys(("f", "p", "floor_mm", "unexplained_mm", "low_mm", "high_mm"), float)
-        ),
-    },
-    "nested_cv": Maybe(
-        {
-            "folds": int,
-            "geometric": {"mean_mm": NUMBER},
-            "chosen": {"mean_mm": NUMBER},
-            "named_in_folds": {str: int},
-        }
-    ),
-    "chosen": {"mechanisms": TEXTS, "cells": Each(SCREW)},
-    "path": TEXTS,
-    "error_map": {
-        "places": TEXTS,
-        "causes": TEXTS,
-        "f": Each(Each(NUMBER)),
-        "p_family_wise": Each(Each(NUMBER)),
-    },
-    "outliers": Each(int),
-    "unidentifiable": Each({"sentence": str, "parameters": TEXTS}),
-    "warnings": Each({"code": str, "sentence": str}),
-    "sampling": Maybe(SAMPLING),
-    "parameters": Each(PARAMETER),
-    "correlation": {
-        "symbols": TEXTS,
-        "matrix": Each(Each(NUMBER)),
-        "pairs": Each({"a": str, "b": str, "r": float, "sentence": str}),
-        "clusters": Each(TEXTS),
-    },
-    "significance": Each(SIGNIFICANCE),
-}
-
-# -- details.json
-# --------------------------------------------------------------------------------------------------------------
-
-CARD = {
-    "name": str,
-    "sentence": str,
-    "equation": str,
-    "source": str,
-    "terms": Each(
-        {
-            "symbol": str,
-            "unit": str,
-            "screws": TEXTS,
-            "size": Maybe(PAIR),
-            "sign": int,
-            "expected": str,
-        }
-    ),
-}
-PANEL = {
-    "frames": Each(int),
-    "axis": frozenset(["", *AXES]),
-    "against": str,
-    "against_unit": str,
-    "unit": frozenset(["mm", "rad"]),
-    "kind": str,
-    "x": Each(float),
-    "before": Each(float),
-    "after": Each(float),
-    "weight": Each(float),
-    "curve": Each(Each(float), 2),
-}
-DETAILS = {
-    **RUN,
-    "rows": {
-        "of": int,
-        "row": Each(int),
-        "estimation": Each(int),
-        "outlying": Each(int),
-        "q": Each(Each(float, least=1)),
-        "measured_mm": Each(THREE),
-    },
-    "places?": {"word": frozenset(["line", "row"]), "first": int, "at": Maybe({str: int})},
-    "joints": Each({"unit": frozenset(["mm", "rad"]), "limits": Maybe(PAIR)}),
-    "arm_mm": Each(THREE),
-    "base": int,
-    "rungs": Each({"residual_mm": Each(THREE), "rotation_rad": Maybe(Each(THREE))}),
-    "map": {
-        "places": Each(
-            {"frame": int, "axis": frozenset(AXES), "turns_only": bool, "d": Each(THREE)}
-        ),
-        "columns": Each(
-            {
-                "wave": NUMBER,
-                "angle": Maybe(str),
-                "joint": Maybe(int),
-                "values": Maybe(Each(Each(float))),
-                "unit?": str,
-            }
-        ),
-        "slopes": Each(Each(Maybe(Each(float)))),
-        "named": Each((int, int, str)),
-    },
-    "cards": {str: CARD},
-    "findings": Each(
-        {"label": str, "what": str, "panels": Each(PANEL), "more_panels": int, "rivals": TEXTS}
-    ),
-}
+from .._records import Number, StrictRecord, Text, Vector, Whole
+from .finding_schema import FindingRecord, ScrewRecord
+from .model_schema import (
+    CandidatesRecord,
+    CorrelationRecord,
+    NestedRecord,
+    ParameterRecord,
+    RungRecord,
+    SamplingRecord,
+    SignificanceRecord,
+)
+from .record_types import Figure, Texts
 
 
-def disagreement(result: Mapping[str, Any], details: Mapping[str, Any]) -> str | None:
-    """What in the two files of a run, each of its shape, is not of one length or beyond an end;
-    None where all is."""
-    rows, whole, drawn, ladder = (
-        details["rows"],
-        result["error_map"],
-        details["map"],
-        result["ladder"],
+class ProvenanceRecord(StrictRecord):
+    """Versions and hashes; no path, time or host."""
+
+    modelsel: Text
+    numpy: Text | None = None
+    scipy: Text | None = None
+    data_sha256: Text
+    study_sha256: Text
+
+    @property
+    def run(self) -> tuple[str, str]:
+        """What files of one run have in common: the hashes of the data and of the study."""
+        return self.data_sha256, self.study_sha256
+
+
+class ConfigurationsRecord(StrictRecord):
+    """How the configurations are split."""
+
+    estimation: Whole
+    held_out: Whole
+    estimation_rows: list[Whole]
+
+
+class NoiseFloorRecord(StrictRecord):
+    """Standard uncertainty of one coordinate [mm]."""
+
+    coordinate_mm: Number
+    source: Text
+    mean_mm: Figure = None
+
+
+class BaseRecord(StrictRecord):
+    """Where registration found the robot's base, in the tracker's frame."""
+
+    group: Text
+    position_mm: Vector
+    rpy_deg: Vector
+
+
+class TargetRecord(StrictRecord):
+    """Where registration found a target, in the flange frame."""
+
+    target: Text
+    position_mm: Vector
+
+
+class RegistrationRecord(StrictRecord):
+    """Where registration found the base and the targets."""
+
+    base_in_tracker: list[BaseRecord]
+    target_on_flange: list[TargetRecord]
+
+
+class FeatureRecord(StrictRecord):
+    """Where the chosen model has a feature that rows share, in the tracker's frame."""
+
+    name: Text
+    kind: Text
+    position_mm: Vector
+    normal: Vector | None
+    length_mm: Figure
+    fitted: Texts
+
+
+class PredictableRecord(StrictRecord):
+    """Whether a smooth function of the configuration could predict what is left."""
+
+    share: Number
+    p: Number
+
+
+class LackOfFitRecord(StrictRecord):
+    """The chosen model compared with a noise floor that is known without it."""
+
+    f: Number
+    p: Number
+    floor_mm: Number
+    unexplained_mm: Number
+    low_mm: Number
+    high_mm: Number
+
+
+class NothingElseRecord(StrictRecord):
+    """What a further effect would have had to be."""
+
+    sentence: Text
+    detection_limit_mm: Figure
+    predictable: PredictableRecord | None
+    lack_of_fit: LackOfFitRecord | None = None
+
+
+class ChosenRecord(StrictRecord):
+    """What the chosen model holds."""
+
+    mechanisms: Texts
+    cells: list[ScrewRecord]
+
+
+class ErrorMapRecord(StrictRecord):
+    """F and family-wise p of every place and cause alone, beyond the base."""
+
+    places: Texts
+    causes: Texts
+    f: list[list[Figure]]
+    p_family_wise: list[list[Figure]]
+
+
+class UnidentifiableRecord(StrictRecord):
+    """Parameters that the data determine only together."""
+
+    sentence: Text
+    parameters: Texts
+
+
+class WarningRecord(StrictRecord):
+    """Something the user should know."""
+
+    code: Text
+    sentence: Text
+
+
+class StudyRecord(StrictRecord):
+    """result.json."""
+
+    version: Literal[1] = Field(alias="schema", description="1")
+    study: Text = Field(description="the study's name")
+    robot: Text = Field(description="the robot's name")
+    seed: Whole = Field(description="every random choice derives from it")
+    provenance: ProvenanceRecord = Field(
+        description="`modelsel numpy scipy` versions, `data_sha256`, `study_sha256`",
     )
-    m, n, places, causes = (
-        len(rows["row"]),
-        len(details["joints"]),
-        len(whole["places"]),
-        len(whole["causes"]),
+    verdict: Texts = Field(description="the sentences of the first page")
+    configurations: ConfigurationsRecord = Field(
+        description="`estimation`, `held_out`, `estimation_rows` (0-based rows of the file)",
     )
-    block, trace = (
-        result["correlation"],
-        (result["sampling"] or {"trace": {"names": [], "draws": []}})["trace"],
+    noise_floor: NoiseFloorRecord = Field(
+        description="`coordinate_mm`, `source`: stated, instrument, repeats, target pairs, estimated; with rows of "
+        "other kinds than points also `mean_mm`, the mean length of a row's noise",
     )
-    counts = [
-        (
-            "details.json: rows",
-            m,
-            [len(rows[key]) for key in ("estimation", "outlying", "q", "measured_mm")],
-        ),
-        ("details.json: rows.q", n, map(len, rows["q"])),
-        ("details.json: arm_mm", n + 1 if n else 1, [len(details["arm_mm"])]),
-        ("details.json: rungs", len(ladder), [len(details["rungs"])]),
-        ("details.json: rungs.residual_mm", m, (len(r["residual_mm"]) for r in details["rungs"])),
-        (
-            "details.json: rungs.rotation_rad",
-            m,
-            (len(r["rotation_rad"] or r["residual_mm"]) for r in details["rungs"]),
-        ),
-        ("details.json: findings", len(result["findings"]), [len(details["findings"])]),
-        ("details.json: map.places", places, [len(drawn["places"])]),
-        ("details.json: map.places.d", m, (len(p["d"]) for p in drawn["places"])),
-        ("details.json: map.columns", causes, [len(drawn["columns"])]),
-        (
-            "details.json: map.columns.values",
-            m,
-            (len(v) for c in drawn["columns"] for v in c["values"] or []),
-        ),
-        (
-            "result.json: error_map.f",
-            places,
-            [len(whole["f"]), len(whole["p_family_wise"]), len(drawn["slopes"])],
-        ),
-        (
-            "result.json: error_map.f",
-            causes,
-            (
-                len(row)
-                for some in (whole["f"], whole["p_family_wise"], drawn["slopes"])
-                for row in some
-            ),
-        ),
-        (
-            "result.json: correlation.matrix",
-            len(block["symbols"]),
-            [len(block["matrix"]), *map(len, block["matrix"])],
-        ),
-        ("result.json: sampling.trace.draws", len(trace["names"]), map(len, trace["draws"])),
-        *(
-            (
-                f"details.json: findings.{k}.panels",
-                len(p["x"]),
-                [len(p[key]) for key in ("before", "after", "weight")],
-            )
-            for k, f in enumerate(details["findings"], 1)
-            for p in f["panels"]
-        ),
-        *(
-            (f"details.json: findings.{k}.panels.curve", len(p["curve"][0]), [len(p["curve"][1])])
-            for k, f in enumerate(details["findings"], 1)
-            for p in f["panels"]
-        ),
-    ]
-    for place, wanted, found in counts:
-        if (odd := next((count for count in found if count != wanted), None)) is not None:
-            return f"{place} has {odd} where {wanted} belong"
-    if not all(0 <= i < places and 0 <= j < causes for i, j, _ in drawn["named"]):
-        return "details.json: map.named names a cell that the map does not have"
-    if not 0 <= details["base"] < len(ladder):
-        return f"details.json: base is {details['base']}, and the ladder has {len(ladder)} rungs"
-    return None
+    registration: RegistrationRecord | None = Field(
+        None,
+        description='with `register` alone: `base_in_tracker`, by group or once (`group` "all"): the nominal robot\'s '
+        "frame 0 in the tracker's frame, `position_mm`, `rpy_deg` with "
+        r"$R = R_z(\mathrm{yaw})\,R_y(\mathrm{pitch})\,R_x(\mathrm{roll})$; `target_on_flange`: `target`, "
+        "`position_mm` in the flange frame",
+    )
+    features: list[FeatureRecord] | None = Field(
+        None,
+        description="with rows of other kinds than points alone: of each feature that has a place "
+        "`name kind position_mm normal length_mm fitted`, in the tracker's frame",
+    )
+    ladder: Annotated[list[RungRecord], Field(min_length=1)] = Field(
+        description="a list from the nominal to the chosen model: `mechanisms`, `parameters`, `rank`, `estimation` and "
+        "`held_out` (each `mean_mm rms_mm p95_mm max_mm rows left_out mean_all_mm`), `cv_rms_mm cv_mean_mm aicc bic "
+        "aic gcv ebic log_predictive_density`; with a stated noise floor AIC, AICc, BIC and EBIC are those of a known "
+        "σ, in every row; EBIC (table of subsets) counts all groups that were scanned",
+    )
+    candidates: CandidatesRecord = Field(
+        description="the table of subsets: `compared`, `choice` (one standard error), `considered`, `set_aside`, "
+        "`best` (as the ladder, with `weight` and `note`); above sixteen mechanisms also `search` (`mechanisms "
+        "criterion nodes proven may_be_beaten_by best`)",
+    )
+    findings: list[FindingRecord] = Field(description="a list, below")
+    nothing_else: NothingElseRecord = Field(
+        description="`sentence`, `detection_limit_mm` (rms displacement per row beyond the base), `predictable` "
+        "(`share`, `p`: could a smooth function predict the rest); `lack_of_fit` (`f p floor_mm unexplained_mm low_mm "
+        "high_mm`: the chosen model against a noise floor that is known without it; null where there is none)",
+    )
+    nested_cv: NestedRecord | None = Field(
+        description="`folds`, `geometric`, `chosen` (errors), `named_in_folds` (name: folds); null where not asked",
+    )
+    chosen: ChosenRecord = Field(
+        description="`mechanisms`, `cells` (screws without a registered name)"
+    )
+    path: Texts = Field(description="what the search did, step by step")
+    error_map: ErrorMapRecord = Field(
+        description="`places`, `causes`, `f` and `p_family_wise` of each cell beyond the base",
+    )
+    outliers: list[Whole] = Field(description="rows set aside, 0-based")
+    unidentifiable: list[UnidentifiableRecord] = Field(description="`sentence`, `parameters`")
+    warnings: list[WarningRecord] = Field(description="`code`, `sentence`")
+    sampling: SamplingRecord | None = Field(
+        description="`effective_samples r_hat tau converged acceptance steps walkers sampled sentence quantiles "
+        "importance trace`; null where left out",
+    )
+    parameters: list[ParameterRecord] = Field(
+        description="of each: `symbol mechanism unit estimate standard_error bootstrap_error posterior_error low high "
+        "mean_mm max_mm configurations differ`; `low` and `high` bound its "
+        "[95 % interval](../explanation/statistics.md#how-sure-it-is)",
+    )
+    correlation: CorrelationRecord = Field(
+        description="`symbols`, `matrix`, `pairs` (`a b r sentence`), `clusters`",
+    )
+    significance: list[SignificanceRecord] = Field(
+        description="of each mechanism: `mechanism parameters mean_mm max_mm f p log10_evidence cv_rms_mm "
+        "cv_rms_without_mm held_out_rms_mm held_out_rms_without_mm catalogue stability`; `p` is nominal and "
+        "`stability` takes the names as given; null for free functions, which are shrunk",
+    )
+
+    @property
+    def side(self) -> str:
+        """The side of the split whose errors count: the held-out one, where there is any."""
+        return "held_out" if self.configurations.held_out else "estimation"

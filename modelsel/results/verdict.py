@@ -1,5 +1,4 @@
-"""The study in three sentences: what is gained, what was named, what is left; of a fit that is
-hopeless, that first."""
+"""The verdict: what is gained, what was named, what is left; of a fit that is hopeless, that first."""
 
 from __future__ import annotations
 
@@ -9,9 +8,11 @@ from math import degrees
 from ..exceptions import sentence_list
 from ..fitting.noise import Floor
 from ..selection.evaluation import Evaluation, Gain
-from .cautions import of_those_asked
+from .cautions import explain_restriction
 
-SHOWN = 6  # names in a sentence
+Named = tuple[str, str]  # of a finding: its name, its verdict
+SHOWN_NAMES = 6  # in a sentence
+LARGEST_MRAD = 0.1  # rad from which an angle is written in degrees
 NUMBERS = (
     "No",
     "One",
@@ -29,84 +30,122 @@ NUMBERS = (
 )
 
 
-def verdict(
+def write_verdict(
     nominal: Evaluation,
     chosen: Evaluation,
     gain: Gain,
     floor: Floor,
-    named: Sequence[tuple[str, str]],
-    asked: Sequence[str] | str,
-    left: str,
+    named: Sequence[Named],
+    candidates: Sequence[str] | str,
+    nothing_else: str,
 ) -> tuple[str, str, str]:
-    """Three sentences. `named`: (name, verdict) of every finding in order; `asked`: the mechanisms
-    that the study lets extend the base, "all" or a list; `left`: what is said of what remains."""
-    second = _named(named, asked != []) + of_those_asked(asked)
-    return _gained(nominal, chosen, gain, floor), second, left.partition(". ")[0].rstrip(".") + "."
+    """Write the verdict in three sentences.
+
+    `named`: every finding in order; `candidates`: the mechanisms that the study lets extend the base, "all" or a
+    list; `nothing_else`: what is said of what remains, of which the first sentence is taken."""
+    extends = candidates != []
+    findings = _describe_named(named, extends) + explain_restriction(candidates)
+    remainder = nothing_else.partition(". ")[0].rstrip(".") + "."
+    return _describe_gain(nominal, chosen, gain, floor), findings, remainder
 
 
-def in_full(
-    said: tuple[str, str, str], turned: tuple[float, float] | None, hopeless: str | None
+def complete_verdict(
+    sentences: tuple[str, str, str],
+    orientation: tuple[float, float] | None,
+    hopeless: str | None,
 ) -> tuple[str, ...]:
-    """The three sentences of `verdict` with rms of the orientation error [rad] before and after,
-    where it was measured (`turned`). Where the fit is `hopeless`, the sentence that says so comes
-    first, and none says that nothing else was found."""
-    gained, found, left = said
-    gained += _turned(turned)
-    return (gained, found, left) if hopeless is None else (hopeless, gained, found)
+    """Add to the three sentences the rms of the orientation error before and after [rad], where it was measured.
+
+    Where the fit is `hopeless`, the sentence that says so comes first, and none says that nothing else was
+    found."""
+    gained, named, remainder = sentences
+    gained += _describe_orientation(orientation)
+    if hopeless is not None:
+        return hopeless, gained, named
+    return gained, named, remainder
 
 
-def _turned(turned: tuple[float, float] | None) -> str:
-    """The orientation's errors in words."""
-    if turned is None:
+def _describe_orientation(orientation: tuple[float, float] | None) -> str:
+    """Return the orientation's errors in words."""
+    if orientation is None:
         return ""
-    verb = "falls" if turned[1] < turned[0] else "does not fall: it goes"
-    return f" The orientation error {verb} from {_angle(turned[0])} to {_angle(turned[1])} rms."
+    before, after = orientation
+    verb = _change_verb(before, after)
+    return f" The orientation error {verb} from {_angle(before)} to {_angle(after)} rms."
+
+
+def _change_verb(before: float, after: float) -> str:
+    return "falls" if after < before else "does not fall: it goes"
 
 
 def _angle(value: float) -> str:
-    return f"{value * 1e3:.3g} mrad" if value < 0.1 else f"{degrees(value):.3g}°"
+    if value < LARGEST_MRAD:
+        return f"{value * 1e3:.3g} mrad"
+    return f"{degrees(value):.3g}°"
 
 
-def _gained(nominal: Evaluation, chosen: Evaluation, gain: Gain, floor: Floor) -> str:
-    noise = f"noise of {floor.coordinate_mm:.3g} mm per coordinate ({floor.source}) would leave {_left_by(floor):.3g} mm"
+def _describe_gain(nominal: Evaluation, chosen: Evaluation, gain: Gain, floor: Floor) -> str:
+    """Return the position error before and after, against what noise alone would leave."""
+    noise = (
+        f"noise of {floor.coordinate_mm:.3g} mm per coordinate ({floor.source}) would leave "
+        f"{_rms_length(floor):.3g} mm"
+    )
     before, after = gain.held_out_rms_before_mm, gain.held_out_rms_after_mm
     if before is None or after is None:
-        before, after = nominal.estimation.rms_mm or 0.0, chosen.estimation.rms_mm or 0.0
+        before = nominal.estimation.rms_mm or 0.0
+        after = chosen.estimation.rms_mm or 0.0
         return (
-            f"Nothing is held out: on the configurations that made the model its position error goes from {before:.3g} to "
-            f"{after:.3g} mm rms, which flatters it; {noise}."
+            "Nothing is held out: on the configurations that made the model its position error goes from "
+            f"{before:.3g} to {after:.3g} mm rms, which flatters it; {noise}."
         )
-    verb = "falls" if after < before else "does not fall: it goes"
-    sure = (
-        ""
-        if gain.interval_mm is None
-        else f", a gain of {gain.interval_mm[0]:.3g} to {gain.interval_mm[1]:.3g} mm (95 %)"
+    verb = _change_verb(before, after)
+    interval = describe_interval(gain.interval_mm)
+    return (
+        f"On held-out configurations the position error {verb} from {before:.3g} to {after:.3g} mm rms{interval}; "
+        f"{noise}."
     )
-    return f"On held-out configurations the position error {verb} from {before:.3g} to {after:.3g} mm rms{sure}; {noise}."
 
 
-def _left_by(floor: Floor) -> float:
-    """Root mean square length of a row's noise [mm]."""
+def describe_interval(interval: Sequence[float] | None) -> str:
+    """Return the 95 % interval of a gain [mm], to follow the errors in a sentence."""
+    if interval is None:
+        return ""
+    low, high = interval
+    return f", a gain of {low:.3g} to {high:.3g} mm (95 %)"
+
+
+def _rms_length(floor: Floor) -> float:
+    """Return the root mean square length of a row's noise [mm]."""
     return floor.coordinate_mm * float(floor.coordinates**0.5)
 
 
-def _named(named: Sequence[tuple[str, str]], extended: bool) -> str:
+def _describe_named(named: Sequence[Named], extends: bool) -> str:
+    """Return what was named, each name once, and how many names have rivals."""
     if not named:
         return "No error beyond the base model was named."
-    several = list(dict.fromkeys(name for name, _ in named))
-    more = len(named) - sum(name in several[:SHOWN] for name, _ in named)
-    shown = sentence_list([*several[:SHOWN], f"{more} more"] if more > 1 else several)
-    unsure = sum(verdict != "found" for _, verdict in named)
     number = NUMBERS[len(named)] if len(named) < len(NUMBERS) else str(len(named))
-    count = f"{number} error{' was' if len(named) == 1 else 's were'}"
-    doubt = (
-        ""
-        if not unsure
-        else (
-            "; it has rivals that the data cannot tell from it"
-            if len(named) == 1
-            else f"; {unsure} of them {'has' if unsure == 1 else 'have'} rivals that the data cannot tell apart"
-        )
-    )
-    kept = "" if extended else "; the study adds none of them to the model"
-    return f"{count} named beyond the base: {shown}{doubt}{kept}."
+    errors = "error was" if len(named) == 1 else "errors were"
+    doubt = _describe_rivals(named)
+    addition = "" if extends else "; the study adds none of them to the model"
+    return f"{number} {errors} named beyond the base: {_list_names(named)}{doubt}{addition}."
+
+
+def _list_names(named: Sequence[Named]) -> str:
+    every = [name for name, _ in named]
+    names = list(dict.fromkeys(every))
+    shown = names[:SHOWN_NAMES]
+    more = sum(name not in shown for name in every)
+    if more > 1:
+        return sentence_list([*shown, f"{more} more"])
+    return sentence_list(names)
+
+
+def _describe_rivals(named: Sequence[Named]) -> str:
+    """Return how many of the named errors have rivals, as the end of a sentence."""
+    unsure = sum(verdict != "found" for _, verdict in named)
+    if not unsure:
+        return ""
+    if len(named) == 1:
+        return "; it has rivals that the data cannot tell from it"
+    verb = "has" if unsure == 1 else "have"
+    return f"; {unsure} of them {verb} rivals that the data cannot tell apart"

@@ -289,3 +289,14 @@ def load(name: str) -> Robot:
     file = f"{name}.toml"
     text = files("modelsel").joinpath("robot", "catalogue", file).read_text(encoding="utf-8")
     return robot_from_table(parse_toml(text, file), file)
+
+
+def load_robot(source: str | Path) -> Robot:
+    """Load a nominal robot: a built-in one by its name, or a robot file (TOML, URDF) by its path.
+
+    A name with a suffix (.toml, .urdf, .xml) is a path. Raises StudyError for an unknown name, with
+    a suggestion, and for a file that cannot be read, with the place."""
+    path = Path(source)
+    if isinstance(source, Path) or path.suffix.lower() in (".toml", ".urdf", ".xml"):
+        return read_robot(path)
+    return load(source)

@@ -28,8 +28,8 @@ from ..exceptions import CHECK_FAILED, DataError, ModelselError, StudyError
 from ..fitting.design import Model
 from ..mechanisms.registry import mechanism, with_plugins
 from ..report.drawing import draw
-from ..report.pages.fleet_summary import summary
-from ..results.storage import WRITES, save
+from ..report.pages.fleet_summary import write_summary
+from ..results.storage import WRITES
 from ..robot.files import builtin_names, load, read_robot
 from ..robot.kinematics import Robot
 from ..selection.streaming import Parts, fit_parts, list_parts
@@ -192,7 +192,7 @@ def run_task(task: Task, out: str, options: FleetOptions) -> Row:
             result = run_study(
                 task.study, task.folder, registry=registry, sampling=options.sampling
             )
-            save(result, folder)
+            result.save(folder)
             if options.reports:
                 draw(folder)
     except ModelselError as error:
@@ -365,7 +365,7 @@ def save_summary(rows: Sequence[Row], out: Path, name: str | None = None) -> lis
     write_atomically(paths[1], parquet.getvalue())
     if name is not None:
         paths.append(out / "summary.pdf")
-        write_atomically(paths[2], summary(name, rows, out))
+        write_atomically(paths[2], write_summary(name, rows, out))
     return paths
 
 
@@ -374,7 +374,7 @@ def show_fleet(rows: Sequence[Row], console: Console) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from ..report.terminal import mm
+    from ..results.study_sentences import format_mm
 
     table = Table(title="Mean held-out error [mm]")
     table.add_column("study", justify="left")
@@ -388,7 +388,7 @@ def show_fleet(rows: Sequence[Row], console: Console) -> None:
             failed.append(row)
             continue
         configurations = row["estimation"] + row["held_out"]
-        errors = [mm(row[f"{model}_mm"]) for model in SHOWN_ERRORS]
+        errors = [format_mm(row[f"{model}_mm"]) for model in SHOWN_ERRORS]
         named = Text(row["found"] or "–")
         table.add_row(Text(row["name"]), f"{configurations:,}", *errors, named)
     console.print(table)

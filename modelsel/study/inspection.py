@@ -18,7 +18,8 @@ from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
 from ..mechanisms.geometry import build_setup, geometric
 from ..notices import SETUP_MISTAKE, list_alarms
-from ..results.placements import standing, standing_sentences
+from ..results.placements import describe_placements, locate_placements
+from ..results.schema import RegistrationRecord
 from ..robot.kinematics import Joint, Robot
 from ..setup.feature_positions import place_features
 from ..setup.mistakes import MIN_CONFIGURATIONS
@@ -169,7 +170,7 @@ def _describe_registration(robot: Robot, data: Measurements) -> dict[str, Any]:
     return {
         "registered": {
             "median_mm": median,
-            **standing(problem, False),
+            **locate_placements(problem, False),
             "mistake": mistakes[0] if mistakes else None,
             "alarms": list_alarms(notes),
         }
@@ -282,5 +283,6 @@ def _format_registration(registered: dict[str, Any]) -> list[str]:
         f"Registered (tracker's frame and target found): {registered['median_mm']:.3g} mm from the "
         "nominal robot (median)"
     )
-    places = [f"  {sentence}" for sentence in standing_sentences(registered)]
+    placements = RegistrationRecord.model_validate(registered)
+    places = [f"  {sentence}" for sentence in describe_placements(placements)]
     return [line, *places, *registered["alarms"]]

@@ -11,9 +11,15 @@ from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.unexplained import count_rows_seen, is_subsampled
 from ..fitting.noise import Floor
 from ..notices import Note
-from ..results.cautions import restricted
-from ..results.finding_records import Finding, beside, opposed, surprised, uneven
-from ..results.goodness_of_fit import lack_of_fit, lacking
+from ..results.cautions import restriction_notes
+from ..results.finding_notes import (
+    opposed_finding_notes,
+    partial_map_notes,
+    surprise_notes,
+    uneven_noise_notes,
+)
+from ..results.finding_records import Finding
+from ..results.goodness_of_fit import lack_of_fit_notes, measure_lack_of_fit
 from ..selection.comparison import SubsetComparison
 from ..selection.evaluation import Evaluation, Split
 from .model_ladder import searches_cells
@@ -37,12 +43,12 @@ def collect_diagnosis_notes(
                 "gains use all rows.",
             )
         )
-    notes += restricted(study.model.candidates)
+    notes += restriction_notes(study.model.candidates)
     notes += noise_notes
     notes += check_stated_orientation_noise(split, diagnosis.fit)
-    notes += uneven(diagnosis)
+    notes += uneven_noise_notes(diagnosis)
     if searches_cells(study):
-        notes += beside(split.problem)
+        notes += partial_map_notes(split.problem)
     return notes
 
 
@@ -75,9 +81,9 @@ def collect_held_out_notes(
     split: Split, chosen: Evaluation, findings: Sequence[Finding]
 ) -> list[Note]:
     """Return the warnings on findings and on a model that held-out rows speak against."""
-    opposed_notes = opposed(findings)
-    surprise_notes = surprised(split, chosen)
-    return [*opposed_notes, *surprise_notes]
+    opposed = opposed_finding_notes(findings)
+    surprising = surprise_notes(split, chosen)
+    return [*opposed, *surprising]
 
 
 def collect_fit_notes(
@@ -91,7 +97,7 @@ def collect_fit_notes(
     notes: list[Note] = []
     if not floor_doubted:
         stated = known_floor is not None and bool(np.isinf(known_floor.freedom))
-        notes += lacking(lack_of_fit(ladder[-1], known_floor, split), stated)
+        notes += lack_of_fit_notes(measure_lack_of_fit(ladder[-1], known_floor, split), stated)
     unvalidated = [
         " + ".join(evaluation.names)
         for evaluation in ladder

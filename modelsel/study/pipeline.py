@@ -35,9 +35,9 @@ from ..measurements.measurements import Measurements
 from ..mechanisms.registry import BUILTIN, Registry
 from ..mechanisms.terms import Mechanism
 from ..notices import Note
-from ..results.cautions import worse_than_nominal
+from ..results.cautions import harmful_base_notes
 from ..results.finding_records import Finding
-from ..results.result import Result
+from ..results.study_run import Explanation, ModelSearch, StudyRun
 from ..robot.kinematics import Robot
 from ..selection.comparison import MAX_CANDIDATES, SubsetComparison, compare_subsets
 from ..selection.evaluation import Evaluation, Gain, RowResampling, Split, bootstrap_gain, evaluate
@@ -66,6 +66,7 @@ from .notes import (
     collect_held_out_notes,
 )
 from .preparation import prepare, read_instrument, weigh_by_residuals
+from .result import Result
 from .stated_noise import check_stated_noise
 
 
@@ -145,34 +146,41 @@ def _analyse_prepared(
         *notes,
         *collect_diagnosis_notes(study, split, diagnosis, noise_notes),
         *collect_comparison_notes(comparison, chosen),
-        *worse_than_nominal(study.model.base, measure_gain(split, draws, ladder[0], steps[0])),
+        *harmful_base_notes(study.model.base, measure_gain(split, draws, ladder[0], steps[0])),
         *collect_held_out_notes(split, chosen, findings),
         *collect_fit_notes(split, ladder, floor, floor_doubted=bool(noise_notes)),
     ]
     warnings += check_chosen_model(
         split, chosen, noise, detection_limit[1], warnings, study.robot.register_, faults
     )
-    return Result(
-        study=study,
-        robot=split.problem.robot,
-        data=split,
-        floor=noise,
+    models = ModelSearch(
         ladder=tuple(ladder),
         comparison=comparison,
         chosen=chosen,
         gain=measure_gain(split, draws, ladder[0], chosen),
+        nested=within_folds,
+        unidentifiable=list_unidentifiable(chosen.fit),
+    )
+    explanation = Explanation(
         findings=findings,
         faults=faults,
-        extension=diagnosis,
+        search=diagnosis,
         error_map=build_error_map(diagnosis, candidates),
         nothing_else=detection_limit,
         predictable=predict_remainder(split, steps[-1], generator(study.seed, "flips")),
-        nested=within_folds,
-        unidentifiable=list_unidentifiable(chosen.fit),
+    )
+    run = StudyRun(
+        study=study,
+        robot=split.problem.robot,
+        split=split,
+        floor=noise,
+        models=models,
+        diagnosis=explanation,
+        uncertainty=assess_uncertainty(study, split, chosen, say),
         warnings=tuple(warnings),
-        confidence=assess_uncertainty(study, split, chosen, say),
         provenance=record_provenance(study, data_sha256),
     )
+    return Result(run)
 
 
 def weigh_orientations(study: Study, registry: Registry, split: Split, base: Model) -> Split:
@@ -315,20 +323,20 @@ def sample_posterior(
 
     `keeper` keeps an unfinished chain and takes it up again.
     """
-    study, split = result.study, result.data
+    study, split = result.study, result.split
     stated = study.noise.floor_mm is not None and split.known_sigma
     log_posterior = build_log_posterior(
         split,
-        result.chosen.fit,
+        result.models.chosen.fit,
         build_model(study, split.problem, registry, study.model.base),
         registry,
         over=study.sampling.over,
         instrument=None if stated else read_instrument(study.noise),
     )
     uncertainty = sample_confidence(
-        result.confidence, split, log_posterior, study.seed, say, keeper
+        result.uncertainty, split, log_posterior, study.seed, say, keeper
     )
-    return replace(result, confidence=uncertainty)
+    return result.with_uncertainty(uncertainty)
 
 
 def record_provenance(study: Study, data_sha256: str) -> dict[str, str]:

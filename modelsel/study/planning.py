@@ -30,8 +30,6 @@ from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
 from ..measurements.table import Source
 from ..mechanisms.terms import Term
-from ..results.result import Result
-from ..results.storage import calibration_of
 from .configuration_pool import (
     describe_ranges,
     draw_approaches,
@@ -39,6 +37,7 @@ from .configuration_pool import (
     find_joint_ranges,
     repeat_for_targets,
 )
+from .result import Result
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -97,7 +96,7 @@ def find_rivals(result: Result) -> list[Rivals]:
     Rivals are entries of one credible set that do not move the target alike.
     """
     rival_sets = []
-    for effect in result.extension.effects:
+    for effect in result.diagnosis.search.effects:
         rivals = _find_rivals_of_effect(result, effect)
         if rivals is not None:
             rival_sets.append(rivals)
@@ -128,7 +127,7 @@ def _find_rivals_of_effect(result: Result, effect: Effect) -> Rivals | None:
 
 def _list_other_terms(result: Result, effect: Effect) -> tuple[Term, ...]:
     """Return the chosen model's terms without those that only this effect brings."""
-    fitted = result.chosen.fit
+    fitted = result.models.chosen.fit
     own = effect.candidate.mechanism
     own_screws = {term.screws for term in own.terms}
     for mechanism in fitted.model.mechanisms:
@@ -157,8 +156,8 @@ def choose_configurations(
     any), or one of experiment_design.CRITERIA for the chosen model's terms (default "d"). Raises
     DataError or StudyError.
     """
-    fitted = result.chosen.fit
-    known = result.data.training()
+    fitted = result.models.chosen.fit
+    known = result.split.training()
     rival_sets = find_rivals(result)
     rival_terms: list[Term] = []
     for rivals in rival_sets:
@@ -169,7 +168,7 @@ def choose_configurations(
         calibration.problem(possible),
         [*fitted.terms, *rival_terms],
         fitted.at(),
-        result.floor.coordinate_mm,
+        result.run.floor.coordinate_mm,
     )
     rival_sets, twins = _separate_twins(candidates, rival_sets)
     purpose = purpose or ("rivals" if rival_sets else "d")
@@ -204,7 +203,7 @@ def choose_configurations(
         probabilities=tuple(probabilities),
         random_probability=random_probability,
         indices={name: (before[name], after[name]) for name in before},
-        learning=_estimate_learning(result.nothing_else[1], known.data.configurations),
+        learning=_estimate_learning(result.diagnosis.nothing_else[1], known.data.configurations),
     )
 
 
@@ -307,7 +306,7 @@ def plan_next(
     Raises:
         DataError or StudyError.
     """
-    calibration = calibration_of(result)
+    calibration = result.calibration
     robot = calibration.robot
     seed = result.study.seed
     within = ""
@@ -315,7 +314,7 @@ def plan_next(
         possible = read_measurements(pool, robot.prismatic, positions=False)
         possible = draw_approaches(possible, seed)
     else:
-        data = result.data.problem.data
+        data = result.problem.data
         given = joints or {}
         ranges = find_joint_ranges(robot, data, limits, given)
         possible = draw_pool(calibration, seed, data, ranges)

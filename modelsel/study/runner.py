@@ -10,12 +10,12 @@ from ..config.study_file import Study, find_source
 from ..exceptions import DataError
 from ..measurements.table import Source, hash_source
 from ..mechanisms.registry import BUILTIN, Registry
-from ..results.result import Result
 from .checkpoint import Checkpoint
 from .inputs import list_candidates, open_study, read_inputs
 from .model_ladder import build_model, searches_cells
 from .pipeline import analyse, record_provenance, sample_posterior
 from .preparation import prepare
+from .result import Result
 
 
 def run_study(

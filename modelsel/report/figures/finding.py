@@ -3,11 +3,14 @@ be."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..._typing import Array
+from ..._typing import Array, Index
+from ...results.details_schema import PanelRecord
 from ..style import (
     AFTER,
     BEFORE,
@@ -17,178 +20,210 @@ from ..style import (
     ORANGE,
     QUIET,
     WIDTH,
-    scaled,
-    shortened,
-    styled,
+    choose_unit,
+    shorten,
     svg,
+    use_style,
 )
 
-BINS = 12
-BARS = 8
-GOLDEN = 0.6180339887  # spreads points that share a value, evenly and without chance
-FEW = 6  # distinct values of a cause up to which they are drawn apart
+MAX_BINS = 12
+BIN_POINTS = 6  # of a bin, at least
+MAX_BARS = 8  # explanations of a credible set
+LONGEST_NAME = 52  # letters
+LONGEST_AXIS = 30  # letters
+# distinct values of a cause up to which they are drawn apart
+FEW_VALUES = 6
+# spreads points that share a value, evenly and without chance
+GOLDEN_RATIO = 0.6180339887
+# of a panel's height, for residuals that are all zero
+SMALLEST_HEIGHT = 1e-12
 
 
-def binned(x: Array, y: Array, weight: Array) -> tuple[Array, Array]:
-    """Weighted means in bins of equally many points, or at each value where there are few: what the
-    eye should follow."""
-    order, values = np.argsort(x, kind="stable"), np.unique(x)
-    parts = (
-        [np.flatnonzero(x == v) for v in values if (x == v).sum() >= min(FEW, len(x))]
-        if len(values) <= FEW
-        else [p for p in np.array_split(order, min(BINS, max(len(x) // 6, 1))) if len(p)]
-    )
-    mean = [[float(np.average(v[p], weights=weight[p])) for p in parts] for v in (x, y)]
-    return np.array(mean[0]), np.array(mean[1])
+@dataclass(frozen=True, eq=False)
+class _Panel:
+    """A panel's numbers: x, the residual before and after with weights, the fitted curve; shown times `factor`, in
+    `unit`."""
+
+    record: PanelRecord
+    x: Array
+    before: Array
+    after: Array
+    weight: Array
+    curve_x: Array
+    curve: Array
+    unit: str
 
 
-def _steps(x: Array, y: Array, weight: Array) -> tuple[Array, Array]:
-    """Means on either side of nought, drawn where the points lie."""
-    sides = [s for s in (x < 0, x > 0) if s.any()]
-    return (
-        np.array([np.average(x[s]) for s in sides]),
-        np.array([np.average(y[s], weights=weight[s]) for s in sides]),
-    )
-
-
-def height(points: Array, curve: Array) -> float:
-    """Up to where a panel is drawn: nearly all points, and the fitted effect whole unless it is
-    several times as high."""
-    usual = 1.15 * float(np.percentile(np.abs(points), 98))
-    return max(usual, min(1.05 * float(np.abs(curve).max(initial=0.0)), 3 * usual), 1e-12)
-
-
-def axis_name(panel: dict[str, Any]) -> str:
-    """What turns or shifts, in words."""
-    if not panel["frames"]:
+def name_axis(panel: PanelRecord) -> str:
+    """Return what turns or shifts, in words."""
+    if not panel.frames:
         return "displacement along the effect"
-    where = " and ".join(str(f) for f in panel["frames"][:3])
-    return f"{'turn about' if panel['axis'][0] == 'r' else 'shift along'} {panel['axis'][1]} of frame {where}"
+    frames = " and ".join(str(frame) for frame in panel.frames[:3])
+    motion = "turn about" if panel.axis[0] == "r" else "shift along"
+    return f"{motion} {panel.axis[1]} of frame {frames}"
 
 
-def finding(panels: list[dict[str, Any]]) -> bytes:
-    """Up to three panels: grey, what the model without the effect leaves; blue, with it; orange,
-    the fitted effect."""
-    n = len(panels)
-    with styled() as sheets:
+def draw_panels(panels: Sequence[PanelRecord]) -> bytes:
+    """Draw up to three panels: grey, what the model without the effect leaves; blue, with it; orange, the fitted
+    effect."""
+    count = len(panels)
+    height = 2.8 if count > 1 else 3.2
+    with use_style() as sheets:
         fig, axes = sheets.subplots(
-            1, n, figsize=(WIDTH, 2.8 if n > 1 else 3.2), layout="constrained", squeeze=False
+            1, count, figsize=(WIDTH, height), layout="constrained", squeeze=False
         )
-        for ax, panel in zip(axes[0], panels, strict=True):
-            x, before, after, weight = (
-                np.array(panel[k], float) for k in ("x", "before", "after", "weight")
-            )
-            biggest = float(np.percentile(np.abs(np.concatenate([before, after])), 99))
-            factor, unit = scaled(panel["unit"], biggest)
-            ax.axhline(0, color="#BBBBBB", lw=0.7)
-            spread = x + (
-                0.05 * np.ptp(x) * (np.arange(len(x)) * GOLDEN % 1 - 0.5)
-                if len(np.unique(x)) <= FEW
-                else 0.0
-            )
-            ax.scatter(
-                spread,
-                factor * before,
-                s=3 + 8 * weight,
-                marker="s",
-                facecolors="none",
-                edgecolors=BEFORE,
-                linewidths=0.5,
-                alpha=0.7,
-            )
-            ax.scatter(
-                spread,
-                factor * after,
-                s=2 + 6 * weight,
-                marker="o",
-                color=AFTER,
-                linewidths=0,
-                alpha=0.45,
-            )
-            group = _steps if panel["kind"] == "step" else binned
-            if panel["kind"] == "step":
-                for side in (-1, 1):
-                    part = np.sign(panel["curve"][0]) == side
-                    ax.plot(
-                        np.array(panel["curve"][0])[part],
-                        factor * np.array(panel["curve"][1])[part],
-                        color=ORANGE,
-                        lw=1.6,
-                    )
-            else:
-                ax.plot(
-                    panel["curve"][0], factor * np.array(panel["curve"][1]), color=ORANGE, lw=1.6
-                )
-            for y, colour, mark in ((before, INK, "s"), (after, BLUE, "o")):
-                bx, by = group(x, y, weight)
-                ax.plot(bx, factor * by, mark, ms=4.5, mfc="white", mec=colour, mew=1.1, zorder=4)
-            top = factor * height(
-                np.concatenate([before, after]), np.array(panel["curve"][1], float)
-            )
-            ax.set_ylim(-top, top)
-            ax.set_xlabel(
-                f"{shortened(panel['against'], 30)}"
-                + (
-                    f" [{'°' if panel['against_unit'] == 'deg' else panel['against_unit']}]"
-                    if panel["against_unit"] != "1"
-                    else ""
-                )
-            )
-            ax.set_title(
-                f"{axis_name(panel)} [{unit}]",
-                fontsize=7.5 if n < 3 else 6.5,
-                fontweight="normal",
-                color=INK,
-            )
+        for ax, record in zip(axes[0], panels, strict=True):
+            panel = _scale_panel(record)
+            _draw_points(ax, panel)
+            _draw_curve(ax, panel)
+            _draw_means(ax, panel)
+            _label_panel(ax, panel, 7.5 if count < 3 else 6.5)
         fig.legend(handles=_legend(), loc="outside lower center", ncols=3, fontsize=7)
         return svg(fig, "Residual against cause")
 
 
-def _legend() -> list[Any]:
-    from matplotlib.lines import Line2D as line  # noqa: N813
+def _scale_panel(record: PanelRecord) -> _Panel:
+    """Return a panel's numbers in the unit that reads well."""
+    before, after = np.array(record.before), np.array(record.after)
+    largest = float(np.percentile(np.abs(np.concatenate([before, after])), 99))
+    factor, unit = choose_unit(record.unit, largest)
+    curve_x, curve = (np.array(values) for values in record.curve)
+    return _Panel(
+        record,
+        np.array(record.x),
+        factor * before,
+        factor * after,
+        np.array(record.weight),
+        curve_x,
+        factor * curve,
+        unit,
+    )
 
+
+def _draw_points(ax: Any, panel: _Panel) -> None:
+    """Draw the residuals, larger where their lever is; points that share a value beside each other."""
+    x = panel.x
+    if len(np.unique(x)) <= FEW_VALUES:
+        offset = np.arange(len(x)) * GOLDEN_RATIO % 1 - 0.5
+        x = x + 0.05 * np.ptp(x) * offset
+    ax.axhline(0, color="#BBBBBB", lw=0.7)
+    ax.scatter(
+        x,
+        panel.before,
+        s=3 + 8 * panel.weight,
+        marker="s",
+        facecolors="none",
+        edgecolors=BEFORE,
+        linewidths=0.5,
+        alpha=0.7,
+    )
+    ax.scatter(
+        x,
+        panel.after,
+        s=2 + 6 * panel.weight,
+        marker="o",
+        color=AFTER,
+        linewidths=0,
+        alpha=0.45,
+    )
+
+
+def _draw_curve(ax: Any, panel: _Panel) -> None:
+    """Draw the fitted effect; of a step each side alone."""
+    if panel.record.kind != "step":
+        ax.plot(panel.curve_x, panel.curve, color=ORANGE, lw=1.6)
+        return
+    for side in (-1, 1):
+        part = np.sign(panel.curve_x) == side
+        ax.plot(panel.curve_x[part], panel.curve[part], color=ORANGE, lw=1.6)
+
+
+def _draw_means(ax: Any, panel: _Panel) -> None:
+    """Draw what the eye should follow."""
+    average = average_sides if panel.record.kind == "step" else average_bins
+    for residual, colour, mark in ((panel.before, INK, "s"), (panel.after, BLUE, "o")):
+        x, mean = average(panel.x, residual, panel.weight)
+        ax.plot(x, mean, mark, ms=4.5, mfc="white", mec=colour, mew=1.1, zorder=4)
+
+
+def average_bins(x: Array, y: Array, weight: Array) -> tuple[Array, Array]:
+    """Return weighted means in bins of equally many points, or at each value where there are few."""
+    values = np.unique(x)
+    if len(values) <= FEW_VALUES:
+        least = min(BIN_POINTS, len(x))
+        parts = [np.flatnonzero(x == value) for value in values]
+        parts = [part for part in parts if len(part) >= least]
+    else:
+        bins = min(MAX_BINS, max(len(x) // BIN_POINTS, 1))
+        parts = np.array_split(np.argsort(x, kind="stable"), bins)
+        parts = [part for part in parts if len(part)]
+    return _weighted_means(x, parts, weight), _weighted_means(y, parts, weight)
+
+
+def _weighted_means(values: Array, parts: Sequence[Index], weight: Array) -> Array:
+    return np.array([float(np.average(values[part], weights=weight[part])) for part in parts])
+
+
+def average_sides(x: Array, y: Array, weight: Array) -> tuple[Array, Array]:
+    """Return means on either side of zero, drawn where the points lie."""
+    sides = [np.flatnonzero(side) for side in (x < 0, x > 0)]
+    sides = [side for side in sides if len(side)]
+    places = np.array([x[side].mean() for side in sides])
+    return places, _weighted_means(y, sides, weight)
+
+
+def panel_height(points: Array, curve: Array) -> float:
+    """Return up to where a panel is drawn: nearly all points, and the fitted effect whole unless it is several times
+    as high."""
+    nearly_all = np.percentile(np.abs(points), 98)
+    usual = 1.15 * float(nearly_all)
+    largest = np.abs(curve).max(initial=0.0)
+    whole = 1.05 * float(largest)
+    return max(usual, min(whole, 3 * usual), SMALLEST_HEIGHT)
+
+
+def _label_panel(ax: Any, panel: _Panel, size: float) -> None:
+    record = panel.record
+    top = panel_height(np.concatenate([panel.before, panel.after]), panel.curve)
+    ax.set_ylim(-top, top)
+    unit = "°" if record.against_unit == "deg" else record.against_unit
+    bracket = "" if unit == "1" else f" [{unit}]"
+    ax.set_xlabel(f"{shorten(record.against, LONGEST_AXIS)}{bracket}")
+    title = f"{name_axis(record)} [{panel.unit}]"
+    ax.set_title(title, fontsize=size, fontweight="normal", color=INK)
+
+
+def _legend() -> list[Any]:
+    from matplotlib.lines import Line2D
+
+    without = "without this effect (large: means)"
     return [
-        line(
-            [],
-            [],
-            ls="",
-            marker="s",
-            mfc="white",
-            mec=INK,
-            label="without this effect (large: means)",
-        ),
-        line([], [], ls="", marker="o", mfc="white", mec=BLUE, label="with it"),
-        line([], [], color=ORANGE, lw=1.6, label="the fitted effect"),
+        Line2D([], [], ls="", marker="s", mfc="white", mec=INK, label=without),
+        Line2D([], [], ls="", marker="o", mfc="white", mec=BLUE, label="with it"),
+        Line2D([], [], color=ORANGE, lw=1.6, label="the fitted effect"),
     ]
 
 
-def credible(entries: list[tuple[str, float, bool]]) -> bytes:
-    """Probability of every explanation listed, the first on top; hatched where it does not move the
-    target alike."""
-    shown = entries[:BARS]
-    rows = np.arange(len(shown))
-    with styled() as sheets:
-        fig, ax = sheets.subplots(figsize=(WIDTH, 0.21 * len(shown) + 0.5), layout="constrained")
+def draw_credible_set(entries: Sequence[tuple[str, float, bool]]) -> bytes:
+    """Draw the probability of every explanation listed, the first on top; hatched where it does not move the target
+    alike."""
+    names, probabilities, alike = zip(*entries[:MAX_BARS], strict=True)
+    rows = np.arange(len(names))
+    with use_style() as sheets:
+        fig, ax = sheets.subplots(figsize=(WIDTH, 0.21 * len(rows) + 0.5), layout="constrained")
         ax.barh(
             rows,
-            [p for _, p, _ in shown],
+            probabilities,
             height=0.62,
-            color=[BLUE if alike else "white" for *_, alike in shown],
-            edgecolor=[BLUE if alike else QUIET for *_, alike in shown],
+            color=[BLUE if is_alike else "white" for is_alike in alike],
+            edgecolor=[BLUE if is_alike else QUIET for is_alike in alike],
             linewidth=0.8,
-            hatch=["" if a else "////" for *_, a in shown],
+            hatch=["" if is_alike else "////" for is_alike in alike],
         )
-        for y, (_, p, _) in enumerate(shown):
-            ax.annotate(
-                f"{p:.2f}" if p >= 0.005 else "<0.01",
-                (p, y),
-                (4, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize=7.5,
-            )
-        ax.set_yticks(rows, [shortened(name, 52) for name, *_ in shown], color=INK)
-        ax.set_ylim(len(shown) - 0.4, -0.6)
+        for row, probability in enumerate(probabilities):
+            _write_probability(ax, row, probability)
+        ax.set_yticks(rows, [shorten(name, LONGEST_NAME) for name in names], color=INK)
+        ax.set_ylim(len(rows) - 0.4, -0.6)
         ax.set_xlim(0, 1.1)
         ax.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])
         ax.axvline(1, color=GREY, lw=0.6, zorder=0)
@@ -196,3 +231,10 @@ def credible(entries: list[tuple[str, float, bool]]) -> bytes:
         ax.tick_params(axis="y", length=0)
         ax.spines["left"].set_visible(False)
         return svg(fig, "Credible set")
+
+
+def _write_probability(ax: Any, row: float, probability: float) -> None:
+    words = f"{probability:.2f}" if probability >= 0.005 else "<0.01"
+    ax.annotate(
+        words, (probability, row), (4, 0), textcoords="offset points", va="center", fontsize=7.5
+    )

@@ -3,153 +3,235 @@ configurations."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ...results.tables import adds
-from ..style import AFTER, BLUE, GREY, INK, ORANGE, QUIET, WIDTH, shortened, styled, svg
+from ..._typing import Array, Index
+from ...results.details_schema import DetailsRecord
+from ...results.model_schema import RungRecord
+from ...results.schema import NoiseFloorRecord, StudyRecord
+from ...results.tables import label_models
+from ..style import (
+    AFTER,
+    BLUE,
+    GREY,
+    INK,
+    ORANGE,
+    QUIET,
+    WIDTH,
+    shorten,
+    svg,
+    use_style,
+)
 
-MOST, CURVES = 26, 6  # rungs that the ladder can hold, and the picture of their errors
+MAX_RUNGS = 26  # that the ladder's picture can hold
+MAX_CURVES = 6  # that the picture of the errors can hold
+LONGEST_NAME = 44  # letters
+LONGEST_LEGEND = 36  # letters
+# rungs up to which the noise's name stands above them, where no other name and no mark is
+FEW_RUNGS = 4
+# mm: a smaller error is drawn there, a logarithm has no zero
+SMALLEST_ERROR = 1e-4
+LINE_STYLES = ("-", "--", "-.", ":", (0, (5, 1)), "-")
 
 
-def rungs(result: dict[str, Any]) -> list[int]:
-    """Indices of the nominal model and of the rungs whose mechanisms the chosen model begins
-    with."""
-    ladder = result["ladder"]
-    chosen = ladder[-1]["mechanisms"]
+def select_way(record: StudyRecord) -> list[int]:
+    """Return the indices of the nominal model and of the rungs whose mechanisms the chosen model begins with."""
+    chosen = record.ladder[-1].mechanisms
+    last = len(record.ladder) - 1
     return [
-        k
-        for k, r in enumerate(ladder)
-        if k == len(ladder) - 1 or r["mechanisms"] in (["nominal"], chosen[: len(r["mechanisms"])])
+        index
+        for index, rung in enumerate(record.ladder)
+        if index == last or _leads_to(rung.mechanisms, chosen)
     ]
 
 
-def names(result: dict[str, Any], which: list[int]) -> list[str]:
-    """What each rung adds to the one before it, or all of it, in the ladder's own words."""
-    return adds([result["ladder"][k]["mechanisms"] for k in which])
+def _leads_to(names: list[str], chosen: list[str]) -> bool:
+    return names == ["nominal"] or names == chosen[: len(names)]
 
 
-def ladder(result: dict[str, Any]) -> bytes:
-    """Mean length of the residual vectors, estimation and held-out, a row per rung; grey: what
-    noise alone would leave."""
-    which = rungs(result)[-MOST:]
-    steps, rows = [result["ladder"][k] for k in which], np.arange(len(which))
-    used, held = (
-        np.array([np.nan if r[side]["mean_mm"] is None else r[side]["mean_mm"] for r in steps])
-        for side in ("estimation", "held_out")
-    )
-    noise = result[
-        "noise_floor"
-    ]  # mean length of three normal coordinates, unless the file says what its rows have
-    floor = noise["mean_mm"] if "mean_mm" in noise else noise["coordinate_mm"] * np.sqrt(8 / np.pi)
-    both = np.concatenate([used, held, [floor]])
-    low, high = max(np.nanmin(both) / 1.7, 1e-9), np.nanmax(both) * 2.2
-    few = np.log10(high / low) < 2
-    shown = held if np.isfinite(held).any() else used
-    with styled() as sheets:
-        fig, ax = sheets.subplots(
-            figsize=(WIDTH, min(0.22 * len(steps) + 0.75, 4.1)), layout="constrained"
-        )
+def label_way(record: StudyRecord, rungs: Sequence[int]) -> list[str]:
+    """Return what each of some rungs adds to the one before it, or all of it."""
+    return label_models([record.ladder[rung].mechanisms for rung in rungs])
+
+
+# -- the ladder
+# -------------------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Scale:
+    """The ladder's errors [mm] by row: on estimation configurations, and those that count; what noise alone would
+    leave; the ends of the axis."""
+
+    estimation: Array
+    shown: Array
+    is_held_out: bool
+    noise: float
+    low: float
+    high: float
+
+    @property
+    def rows(self) -> Index:
+        """One row per rung."""
+        return np.arange(len(self.shown))
+
+    @property
+    def ticks(self) -> list[float]:
+        """Powers of ten, and 2 and 5 times these where the axis is short."""
+        is_short = np.log10(self.high / self.low) < 2
+        factors = (1, 2, 5) if is_short else (1,)
+        ticks = np.outer(10.0 ** np.arange(-6, 5), factors).ravel()
+        return [float(tick) for tick in ticks if self.low <= tick <= self.high]
+
+
+def draw_ladder(record: StudyRecord) -> bytes:
+    """Draw the mean length of the residual vectors, estimation and held-out, a row per rung; grey: what noise alone
+    would leave."""
+    way = select_way(record)[-MAX_RUNGS:]
+    scale = _scale([record.ladder[rung] for rung in way], record.noise_floor)
+    height = min(0.22 * len(way) + 0.75, 4.1)
+    with use_style() as sheets:
+        fig, ax = sheets.subplots(figsize=(WIDTH, height), layout="constrained")
         ax.set_xscale("log")
-        ax.set_xlim(low, high)
-        ax.axvspan(low, floor, color="#EFEFEF", lw=0)
-        ax.axvline(floor, color="#9A9A9A", lw=0.8)
-        ax.text(
-            np.sqrt(low * floor),
-            len(rows) / 2 - 0.5
-            if len(rows) > 4
-            else -0.55,  # few rows: above them, where no name and no mark is
-            f"noise alone: {floor:.2g} mm",
-            rotation=90 if len(rows) > 4 else 0,
-            ha="center",
+        ax.set_xlim(scale.low, scale.high)
+        _draw_noise(ax, scale)
+        _draw_rungs(ax, scale)
+        _label_ladder(ax, scale, label_way(record, way))
+        return svg(fig, f"Ladder of models: {record.study}")
+
+
+def _scale(rungs: Sequence[RungRecord], floor: NoiseFloorRecord) -> _Scale:
+    estimation = np.array([rung.estimation.mean_mm for rung in rungs], dtype=float)
+    held_out = np.array([rung.held_out.mean_mm for rung in rungs], dtype=float)
+    is_held_out = bool(np.isfinite(held_out).any())
+    noise = _mean_noise(floor)
+    errors = np.concatenate([estimation, held_out, [noise]])
+    low, high = max(np.nanmin(errors) / 1.7, 1e-9), np.nanmax(errors) * 2.2
+    shown = held_out if is_held_out else estimation
+    return _Scale(estimation, shown, is_held_out, noise, float(low), float(high))
+
+
+def _mean_noise(floor: NoiseFloorRecord) -> float:
+    """Return the mean length [mm] of a row's noise: of three normal coordinates, unless the file says what its rows
+    have."""
+    if floor.mean_mm is not None:
+        return floor.mean_mm
+    return floor.coordinate_mm * float(np.sqrt(8 / np.pi))
+
+
+def _draw_noise(ax: Any, scale: _Scale) -> None:
+    """Draw the zone where nothing but noise is left."""
+    rungs = len(scale.rows)
+    is_tall = rungs > FEW_RUNGS
+    ax.axvspan(scale.low, scale.noise, color="#EFEFEF", lw=0)
+    ax.axvline(scale.noise, color="#9A9A9A", lw=0.8)
+    ax.text(
+        np.sqrt(scale.low * scale.noise),
+        rungs / 2 - 0.5 if is_tall else -0.55,
+        f"noise alone: {scale.noise:.2g} mm",
+        rotation=90 if is_tall else 0,
+        ha="center",
+        va="center",
+        fontsize=7,
+        color=QUIET,
+    )
+
+
+def _draw_rungs(ax: Any, scale: _Scale) -> None:
+    """Draw the errors of every rung."""
+    rows = scale.rows
+    ax.hlines(rows, scale.noise, scale.shown, color=GREY, lw=1, zorder=1)
+    label = "estimation configurations"
+    ax.plot(scale.estimation, rows, "s", ms=5.5, mfc="none", mec=ORANGE, mew=1.2, label=label)
+    if scale.is_held_out:
+        ax.plot(scale.shown, rows, "o", ms=4.5, color=AFTER, label="held-out configurations")
+    for row, shown in enumerate(scale.shown):
+        ax.annotate(
+            f"{shown:.2g}" if shown < 0.1 else f"{shown:.2f}",
+            (np.nanmax([scale.estimation[row], shown]), row),
+            (6, 0),
+            textcoords="offset points",
             va="center",
-            fontsize=7,
-            color=QUIET,
+            fontsize=7.5,
+            color=BLUE,
+            fontweight="bold" if row == len(rows) - 1 else "normal",
         )
-        ax.hlines(rows, floor, shown, color=GREY, lw=1, zorder=1)
-        ax.plot(
-            used,
-            rows,
-            "s",
-            ms=5.5,
-            mfc="none",
-            mec=ORANGE,
-            mew=1.2,
-            label="estimation configurations",
-        )
-        if shown is held:
-            ax.plot(held, rows, "o", ms=4.5, color=AFTER, label="held-out configurations")
-        for y, (a, b) in enumerate(zip(used, shown, strict=True)):
-            ax.annotate(
-                f"{b:.2g}" if b < 0.1 else f"{b:.2f}",
-                (np.nanmax([a, b]), y),
-                (6, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize=7.5,
-                color=BLUE,
-                fontweight="bold" if y == len(rows) - 1 else "normal",
-            )
-        ax.set_yticks(rows, [shortened(n, 44) for n in names(result, which)], color=INK)
-        ax.set_ylim(len(steps) - 0.5, -0.6 if len(rows) > 4 else -0.8)
-        ax.set_xticks(
-            [
-                t
-                for t in np.outer(10.0 ** np.arange(-6, 5), (1, 2, 5) if few else (1,)).ravel()
-                if low <= t <= high
-            ]
-        )
-        ax.xaxis.set_major_formatter(lambda v, _: f"{v:g}")
-        ax.xaxis.set_minor_formatter(lambda v, _: "")
-        ax.set_xlabel("mean position error [mm], logarithmic")
-        ax.tick_params(axis="y", length=0)
-        ax.spines["left"].set_visible(False)
-        ax.legend(loc="lower right", fontsize=7)
-        return svg(fig, f"Ladder of models: {result['study']}")
 
 
-def held_out(result: dict[str, Any], details: dict[str, Any]) -> bytes | None:
-    """Share of configurations whose error stays below a length, a curve per rung of the way; None
-    where there is no row."""
-    rows = details["rows"]
-    estimation, outlying = np.array(rows["estimation"], bool), np.array(rows["outlying"], bool)
-    side = ~estimation & ~outlying if (~estimation & ~outlying).any() else ~outlying
-    if not side.any():
+def _label_ladder(ax: Any, scale: _Scale, labels: Sequence[str]) -> None:
+    rungs = len(labels)
+    ax.set_yticks(scale.rows, [shorten(label, LONGEST_NAME) for label in labels], color=INK)
+    ax.set_ylim(rungs - 0.5, -0.6 if rungs > FEW_RUNGS else -0.8)
+    ax.set_xticks(scale.ticks)
+    ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    ax.xaxis.set_minor_formatter(lambda value, _: "")
+    ax.set_xlabel("mean position error [mm], logarithmic")
+    ax.tick_params(axis="y", length=0)
+    ax.spines["left"].set_visible(False)
+    ax.legend(loc="lower right", fontsize=7)
+
+
+# -- the distribution of the errors
+# -----------------------------------------------------------------------------------------------
+
+
+def draw_error_distribution(record: StudyRecord, details: DetailsRecord) -> bytes | None:
+    """Draw the share of configurations whose error stays below a length, a curve per rung of the way; None where there
+    is no row."""
+    rows = _counted_rows(details)
+    if not rows.any():
         return None
-    which = rungs(result)
-    which = (
-        which
-        if len(which) <= CURVES
-        else [which[round(k)] for k in np.linspace(0, len(which) - 1, CURVES)]
-    )
-    labels = names(result, rungs(result))
-    import matplotlib as mpl
-
-    with styled() as sheets:
+    way = select_way(record)
+    labels = dict(zip(way, label_way(record, way), strict=True))
+    drawn = _thin_way(way)
+    with use_style() as sheets:
         fig, ax = sheets.subplots(figsize=(WIDTH, 2.4), layout="constrained")
-        for n, k in enumerate(which):
-            size = np.sort(
-                np.linalg.norm(np.array(details["rungs"][k]["residual_mm"])[side], axis=1)
-            )
-            share = np.arange(1, len(size) + 1) / len(size)
-            last = n == len(which) - 1
-            ax.step(
-                np.maximum(size, 1e-4),
-                share,
-                where="post",
-                lw=1.8 if last else 1.1,
-                ls=("-", "--", "-.", ":", (0, (5, 1)), "-")[n],
-                color=BLUE if last else mpl.colormaps["Greys"](0.45 + 0.08 * n),
-                label=shortened(labels[rungs(result).index(k)], 36),
-            )
+        for number, rung in enumerate(drawn):
+            residual = np.array(details.rungs[rung].residual_mm)[rows]
+            _draw_distribution(ax, residual, labels[rung], number, rung == drawn[-1])
         ax.set_xscale("log")
-        ax.xaxis.set_major_formatter(lambda v, _: f"{v:g}")
-        ax.xaxis.set_minor_formatter(lambda v, _: "")
+        ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        ax.xaxis.set_minor_formatter(lambda value, _: "")
         ax.set_ylim(0, 1.01)
-        ax.yaxis.set_major_formatter(lambda v, _: f"{v:.0%}")
+        ax.yaxis.set_major_formatter(lambda value, _: f"{value:.0%}")
         ax.set_xlabel("position error [mm], logarithmic")
         ax.set_ylabel("configurations below it")
         ax.grid(True)
         ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
         return svg(fig, "Distribution of held-out errors")
+
+
+def _counted_rows(details: DetailsRecord) -> Array:
+    """Return which drawn rows count: held-out ones, where there are any, without outliers."""
+    estimation = np.array(details.rows.estimation, bool)
+    sound = ~np.array(details.rows.outlying, bool)
+    held_out = ~estimation & sound
+    return held_out if held_out.any() else sound
+
+
+def _thin_way(way: list[int]) -> list[int]:
+    """Return at most MAX_CURVES rungs, evenly spread, the first and the last among them."""
+    if len(way) <= MAX_CURVES:
+        return way
+    return [way[round(place)] for place in np.linspace(0, len(way) - 1, MAX_CURVES)]
+
+
+def _draw_distribution(ax: Any, residual: Array, label: str, number: int, is_last: bool) -> None:
+    import matplotlib as mpl
+
+    size = np.sort(np.linalg.norm(residual, axis=1))
+    share = np.arange(1, len(size) + 1) / len(size)
+    grey = mpl.colormaps["Greys"](0.45 + 0.08 * number)
+    ax.step(
+        np.maximum(size, SMALLEST_ERROR),
+        share,
+        where="post",
+        lw=1.8 if is_last else 1.1,
+        ls=LINE_STYLES[number],
+        color=BLUE if is_last else grey,
+        label=shorten(label, LONGEST_LEGEND),
+    )

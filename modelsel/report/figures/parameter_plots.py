@@ -3,137 +3,213 @@ informative few."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from ..style import AFTER, BLUE, GREY, INK, ORANGE, QUIET, WIDTH, scaled, shortened, styled, svg
+from ..._typing import Array
+from ...results.model_schema import CorrelationRecord, ParameterRecord, TraceRecord
+from ..style import (
+    AFTER,
+    BLUE,
+    GREY,
+    INK,
+    ORANGE,
+    QUIET,
+    WIDTH,
+    choose_unit,
+    shorten,
+    svg,
+    use_style,
+)
 
-MOST = 64  # rows of the forest
-SHOWN = 6  # names of the posterior's picture
-MATRIX = 48  # names of the correlation's picture
+MAX_FOREST = 64  # parameters of the forest plot
+MAX_DRAWN = 6  # parameters of the posterior's picture
+MAX_MATRIX = 48  # parameters of the correlation's picture
+LONGEST_SYMBOL = 24  # letters
+LONGEST_TITLE = 14  # letters
+# half the width of a 95 % interval in standard errors
+NORMAL_QUANTILE = 1.96
+# |r| up to which no mark is drawn
+MIN_CORRELATION = 0.1
 
 
-def forest(parameters: list[dict[str, Any]]) -> bytes:
-    """Estimates in units of their own standard error (a 95 % interval is 3.92 of them), strongest
-    first: what lies inside the grey band may be nought."""
-    score = [3.92 * p["estimate"] / (p["high"] - p["low"]) for p in parameters]
-    order = sorted(range(len(parameters)), key=lambda k: -abs(score[k]))[:MOST]
+# -- forest
+# ---------------------------------------------------------------------------------------------------------------------
+
+
+def draw_forest(parameters: Sequence[ParameterRecord]) -> bytes:
+    """Draw estimates in units of their own standard error (a 95 % interval is 3.92 of them), strongest first: what
+    lies inside the grey band may be zero."""
+    scores = np.array([_standard_errors(parameter) for parameter in parameters])
+    order = np.argsort(-np.abs(scores), kind="stable")[:MAX_FOREST]
     half = (len(order) + 1) // 2
-    top = abs(score[order[0]]) * 1.6
-    with styled() as sheets:
+    reach = float(abs(scores[order[0]])) * 1.6
+    columns = [part for part in (order[:half], order[half:]) if len(part)]
+    with use_style() as sheets:
         fig, axes = sheets.subplots(
             1,
-            2 if len(order) > half else 1,
+            len(columns),
             figsize=(WIDTH, 0.135 * half + 0.6),
             layout="constrained",
             squeeze=False,
             sharex=True,
         )
-        for ax, part in zip(axes[0], (order[:half], order[half:]), strict=False):
-            rows = np.arange(len(part))
-            z = np.array([score[k] for k in part])
+        for ax, part in zip(axes[0], columns, strict=True):
+            symbols = [parameters[index].symbol for index in part]
             ax.set_xscale("symlog", linthresh=4)
-            ax.axvspan(-1.96, 1.96, color="#EFEFEF", lw=0)
-            ax.axvline(0, color="#BBBBBB", lw=0.7)
-            ax.hlines(rows, z - 1.96, z + 1.96, color=QUIET, lw=1)
-            sure = np.abs(z) > 1.96
-            ax.plot(z[sure], rows[sure], "o", ms=3.5, color=BLUE)
-            ax.plot(z[~sure], rows[~sure], "o", ms=3.5, mfc="white", mec=BLUE)
-            ax.set_yticks(
-                rows,
-                [shortened(parameters[k]["symbol"], 24) for k in part],
-                fontsize=6.5,
-                color=INK,
-            )
-            ax.set_ylim(half - 0.4, -0.6)
-            ax.set_xlim(-top, top)
-            ticks = [t for t in (1000, 100, 10) if t < top]
-            ax.set_xticks([*(-t for t in ticks), 0, *reversed(ticks)])
-            ax.xaxis.set_major_formatter(lambda v, _: f"{v:g}".replace("-", "−"))
-            ax.xaxis.set_minor_formatter(lambda v, _: "")
-            ax.tick_params(axis="y", length=0)
-            ax.set_xlabel("estimate in standard errors")
+            _draw_intervals(ax, scores[part])
+            _label_forest(ax, symbols, half, reach)
         return svg(fig, "Parameter significance")
 
 
-def correlation(block: dict[str, Any]) -> bytes:
-    """The correlation matrix of the estimates, clusters first; size and shade grow with |r|, hollow
-    where it is negative."""
-    order = [s for cluster in block["clusters"] for s in cluster]
-    order += [s for s in block["symbols"] if s not in order]
-    order = list(dict.fromkeys(order))[:MATRIX]
-    place = {s: k for k, s in enumerate(block["symbols"])}
-    at = [place[s] for s in order]
-    r = np.array(
-        [[np.nan if v is None else v for v in row] for row in block["matrix"]], dtype=float
-    )[np.ix_(at, at)]
-    n, i, j = len(order), *np.tril_indices(len(order), -1)
-    size = np.abs(np.nan_to_num(r[i, j]))
-    keep = size > 0.1
-    i, j, size, negative = i[keep], j[keep], size[keep], r[i, j][keep] < 0
-    with styled() as sheets:
+def _standard_errors(parameter: ParameterRecord) -> float:
+    """Return an estimate in units of its standard error, taken from its interval."""
+    assert parameter.low is not None
+    assert parameter.high is not None
+    return 2 * NORMAL_QUANTILE * parameter.estimate / (parameter.high - parameter.low)
+
+
+def _draw_intervals(ax: Any, scores: Array) -> None:
+    rows = np.arange(len(scores))
+    ax.axvspan(-NORMAL_QUANTILE, NORMAL_QUANTILE, color="#EFEFEF", lw=0)
+    ax.axvline(0, color="#BBBBBB", lw=0.7)
+    ax.hlines(rows, scores - NORMAL_QUANTILE, scores + NORMAL_QUANTILE, color=QUIET, lw=1)
+    is_sure = np.abs(scores) > NORMAL_QUANTILE
+    ax.plot(scores[is_sure], rows[is_sure], "o", ms=3.5, color=BLUE)
+    ax.plot(scores[~is_sure], rows[~is_sure], "o", ms=3.5, mfc="white", mec=BLUE)
+
+
+def _label_forest(ax: Any, symbols: Sequence[str], rows: int, reach: float) -> None:
+    names = [shorten(symbol, LONGEST_SYMBOL) for symbol in symbols]
+    ax.set_yticks(range(len(names)), names, fontsize=6.5, color=INK)
+    ax.set_ylim(rows - 0.4, -0.6)
+    ax.set_xlim(-reach, reach)
+    ticks = [tick for tick in (1000, 100, 10) if tick < reach]
+    ax.set_xticks([*(-tick for tick in ticks), 0, *reversed(ticks)])
+    ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}".replace("-", "−"))
+    ax.xaxis.set_minor_formatter(lambda value, _: "")
+    ax.tick_params(axis="y", length=0)
+    ax.set_xlabel("estimate in standard errors")
+
+
+# -- correlation
+# ----------------------------------------------------------------------------------------------------------------
+
+
+def draw_correlation(correlation: CorrelationRecord) -> bytes:
+    """Draw the correlation matrix of the estimates, clusters first; size and shade grow with |r|, hollow where it is
+    negative."""
+    symbols = _order_symbols(correlation)
+    matrix = _select_matrix(correlation, symbols)
+    row, column = np.tril_indices(len(symbols), -1)
+    r = np.nan_to_num(matrix[row, column])
+    area = (230.0 / max(len(symbols), 6)) ** 2
+    with use_style() as sheets:
         fig, ax = sheets.subplots(figsize=(WIDTH * 0.8, WIDTH * 0.75), layout="constrained")
-        area = (230.0 / max(n, 6)) ** 2
+        positive, negative = r > MIN_CORRELATION, r < -MIN_CORRELATION
         ax.scatter(
-            j[~negative],
-            i[~negative],
-            s=area * size[~negative],
+            column[positive],
+            row[positive],
+            s=area * r[positive],
             c=BLUE,
             linewidths=0,
-            alpha=0.25 + 0.75 * size[~negative],
+            alpha=0.25 + 0.75 * r[positive],
         )
         ax.scatter(
-            j[negative],
-            i[negative],
-            s=area * size[negative],
+            column[negative],
+            row[negative],
+            s=area * -r[negative],
             facecolors="none",
             edgecolors=ORANGE,
-            linewidths=0.5 + size[negative],
+            linewidths=0.5 - r[negative],
         )
-        ax.set_xticks(range(n), order, rotation=90, fontsize=5.5)
-        ax.set_yticks(range(n), order, fontsize=5.5)
-        ax.set_xlim(-0.8, n - 0.2)
-        ax.set_ylim(n - 0.2, -0.8)
-        ax.tick_params(length=0)
-        ax.spines[:].set_color(GREY)
+        _label_matrix(ax, symbols)
         return svg(fig, "Correlation of the estimates")
 
 
-def posterior(trace: dict[str, Any], units: dict[str, str]) -> bytes:
-    """Draws of the informative few, pair by pair, with their distributions on the diagonal; `units`
-    by name."""
-    draws, names = np.array(trace["draws"], dtype=float)[:, :SHOWN], trace["names"][:SHOWN]
-    n = draws.shape[1]
-    titles = []
-    for k, name in enumerate(names):
-        stem, over, per = units.get(name, "1").partition("/")
-        factor, unit = scaled(stem, float(np.abs(draws[:, k]).max(initial=0)))
-        draws[:, k] *= factor
-        titles.append(
-            shortened(name, 14) + ("" if unit + over + per == "1" else f"\n[{unit}{over}{per}]")
-        )
-    with styled() as sheets:
+def _order_symbols(correlation: CorrelationRecord) -> list[str]:
+    """Return the symbols to draw, those of clusters first."""
+    clustered = [symbol for cluster in correlation.clusters for symbol in cluster]
+    symbols = dict.fromkeys([*clustered, *correlation.symbols])
+    return list(symbols)[:MAX_MATRIX]
+
+
+def _select_matrix(correlation: CorrelationRecord, symbols: Sequence[str]) -> Array:
+    """Return the correlations of some symbols, undefined ones as NaN."""
+    place = {symbol: index for index, symbol in enumerate(correlation.symbols)}
+    indices = [place[symbol] for symbol in symbols]
+    matrix = np.array(correlation.matrix, dtype=float)
+    return matrix[np.ix_(indices, indices)]
+
+
+def _label_matrix(ax: Any, symbols: Sequence[str]) -> None:
+    count = len(symbols)
+    ax.set_xticks(range(count), symbols, rotation=90, fontsize=5.5)
+    ax.set_yticks(range(count), symbols, fontsize=5.5)
+    ax.set_xlim(-0.8, count - 0.2)
+    ax.set_ylim(count - 0.2, -0.8)
+    ax.tick_params(length=0)
+    ax.spines[:].set_color(GREY)
+
+
+# -- posterior
+# ------------------------------------------------------------------------------------------------------------------
+
+
+def draw_posterior(trace: TraceRecord, units: Mapping[str, str]) -> bytes:
+    """Draw the informative few parameters pair by pair, with their distributions on the diagonal; `units` by name."""
+    draws = np.array(trace.draws, dtype=float)[:, :MAX_DRAWN]
+    names = trace.names[:MAX_DRAWN]
+    scaled = [
+        _scale_draws(name, units.get(name, "1"), draws[:, index])
+        for index, name in enumerate(names)
+    ]
+    count = len(names)
+    with use_style() as sheets:
         fig, axes = sheets.subplots(
-            n, n, figsize=(WIDTH, WIDTH * 0.86), squeeze=False, layout="constrained"
+            count, count, figsize=(WIDTH, WIDTH * 0.86), squeeze=False, layout="constrained"
         )
-        for a in range(n):
-            for b in range(n):
-                ax = axes[a, b]
-                if b > a:
+        for row in range(count):
+            for column in range(count):
+                ax = axes[row, column]
+                if column > row:
                     ax.remove()
                     continue
-                if a == b:
-                    ax.hist(draws[:, a], bins=20, color=GREY, edgecolor=AFTER, linewidth=0.6)
-                    ax.set_title(titles[a], fontsize=7, loc="center")
-                    ax.set_yticks([])
+                if column == row:
+                    _draw_histogram(ax, *scaled[row])
                 else:
-                    ax.plot(draws[:, b], draws[:, a], ".", ms=1.6, color=AFTER, alpha=0.6, mew=0)
-                ax.tick_params(labelsize=5, length=1.5, pad=1)
-                ax.locator_params(nbins=3)
-                ax.ticklabel_format(axis="both", style="plain", useOffset=False)
-                if a < n - 1:
-                    ax.set_xticklabels([])
-                if b or a == b:
-                    ax.set_yticklabels([])
+                    _draw_pair(ax, scaled[column][1], scaled[row][1])
+                _trim_axes(ax, is_bottom=row == count - 1, is_left=column == 0 and row > 0)
         return svg(fig, "Posterior")
+
+
+def _scale_draws(name: str, unit: str, draws: Array) -> tuple[str, Array]:
+    """Return a parameter's title with its unit, and its draws in that unit."""
+    stem, slash, divisor = unit.partition("/")
+    factor, shown = choose_unit(stem, float(np.abs(draws).max(initial=0)))
+    whole = f"{shown}{slash}{divisor}"
+    title = shorten(name, LONGEST_TITLE)
+    return title if whole == "1" else f"{title}\n[{whole}]", factor * draws
+
+
+def _draw_histogram(ax: Any, title: str, draws: Array) -> None:
+    ax.hist(draws, bins=20, color=GREY, edgecolor=AFTER, linewidth=0.6)
+    ax.set_title(title, fontsize=7, loc="center")
+    ax.set_yticks([])
+
+
+def _draw_pair(ax: Any, x: Array, y: Array) -> None:
+    ax.plot(x, y, ".", ms=1.6, color=AFTER, alpha=0.6, mew=0)
+
+
+def _trim_axes(ax: Any, *, is_bottom: bool, is_left: bool) -> None:
+    """Leave labels at the bottom and the left of the picture alone."""
+    ax.tick_params(labelsize=5, length=1.5, pad=1)
+    ax.locator_params(nbins=3)
+    ax.ticklabel_format(axis="both", style="plain", useOffset=False)
+    if not is_bottom:
+        ax.set_xticklabels([])
+    if not is_left:
+        ax.set_yticklabels([])

@@ -2,90 +2,85 @@
 
 from __future__ import annotations
 
-from ...measurements.table import where_from_record
-from ...results.storage import Source
-from ...results.tables import name_of
-from ..document import Block, heading, points, table, text
+from ...results.schema import StudyRecord
+from ...results.study_sentences import describe_outliers
+from ..document import Block, Source, make_heading, make_list, make_table, make_text
 
-ROWS = 60
-CALLED = {"data_sha256": "measurements, SHA-256", "study_sha256": "study file, SHA-256"}
-
-
-def unidentifiable(source: Source) -> list[Block]:
-    """Combinations that no data of this kind determine."""
-    found = source.result["unidentifiable"]
-    if not found:
-        return [
-            heading("What the data cannot tell"),
-            text("The data determine every parameter of the chosen model."),
-        ]
-    return [
-        heading("What the data cannot tell"),
-        text(
-            "The data determine only combinations of these parameters, or hardly determine them. Where they leave a value open, "
-            "its usual size decides, and its standard error says how far; predictions where the target was measured are the same."
-        ),
-        points([u["sentence"] for u in found]),
-    ]
+MAX_ROWS = 60  # numbers of outlying rows
+HASH_NAMES = {"data_sha256": "measurements, SHA-256", "study_sha256": "study file, SHA-256"}
 
 
-def outliers(source: Source) -> list[Block]:
-    """Rows left out, faults of the data, warnings."""
-    result = source.result
-    rows = result["outliers"]
-    where = where_from_record(source.details.get("places"))
-    shown = where.listed(rows, ROWS) + (
-        " of the file; the header is line 1" if where.is_text else ""
+def write_unidentifiable_page(source: Source) -> list[Block]:
+    """Write the combinations that no data of this kind determine."""
+    groups = source.record.unidentifiable
+    heading = make_heading("What the data cannot tell")
+    if not groups:
+        return [heading, make_text("The data determine every parameter of the chosen model.")]
+    explanation = (
+        "The data determine only combinations of these parameters, or hardly determine them. Where they leave a value open, "
+        "its usual size decides, and its standard error says how far; predictions where the target was measured are the same."
     )
+    return [heading, make_text(explanation), make_list([group.sentence for group in groups])]
+
+
+def write_outliers_page(source: Source) -> list[Block]:
+    """Write the rows left out, faults of the data, warnings."""
+    record = source.record
     blocks = [
-        heading("Outliers and warnings", opens=False),
-        text(
-            f"Left out: {len(rows)} row{'s' * (len(rows) != 1)} ({shown})."
-            if rows
-            else "No row was left out."
-        ),
+        make_heading("Outliers and warnings", opens=False),
+        make_text(_outlier_sentence(source)),
     ]
-    faults = [
-        f["sentence"]
-        for f in result["findings"]
-        if f["credible_set"] and name_of(f["credible_set"][0]).startswith("fault:")
-    ]
+    faults = [finding.sentence for finding in record.findings if finding.first.is_fault]
     if faults:
-        blocks.append(points(faults))
-    if result["warnings"]:
-        blocks += [heading("Warnings", 2), points([w["sentence"] for w in result["warnings"]])]
+        blocks.append(make_list(faults))
+    if record.warnings:
+        warnings = [warning.sentence for warning in record.warnings]
+        blocks += [make_heading("Warnings", 2), make_list(warnings)]
     return blocks
 
 
-def provenance(source: Source) -> list[Block]:
-    """What this report was made from."""
-    result = source.result
+def _outlier_sentence(source: Source) -> str:
+    """Return which rows were left out, and how they are counted."""
+    where = source.where
+    sentence = describe_outliers(source.record, where, MAX_ROWS)
+    if not sentence:
+        return "No row was left out."
+    return f"{sentence} The header of the file is line 1." if where.is_text else sentence
+
+
+def list_provenance(record: StudyRecord) -> list[tuple[str, str]]:
+    """Return (name, value) of the versions and hashes."""
+    values = record.provenance.to_dict()
+    return [(HASH_NAMES.get(key, key), str(value)) for key, value in values.items()]
+
+
+def write_provenance_page(source: Source) -> list[Block]:
+    """Write what this report was made from."""
+    record = source.record
     rows = [
-        ["study", result["study"]],
-        ["robot", result["robot"]],
-        ["seed", str(result["seed"])],
-        *([CALLED.get(k, k), str(v)] for k, v in result["provenance"].items()),
+        ("study", record.study),
+        ("robot", record.robot),
+        ("seed", str(record.seed)),
+        *list_provenance(record),
     ]
-    steps = result["path"]
+    columns = [("what", "left"), ("value", "left")]
     blocks = [
-        heading("Provenance", opens=False),
-        table([("what", "left"), ("value", "left")], rows, "", [0.0, 1.0]),
+        make_heading("Provenance", opens=False),
+        make_table(columns, rows, "", [0.0, 1.0]),
     ]
-    if steps:
-        blocks += [
-            heading("How the model grew", 2),
-            text(
-                "An effect joined (+), was dropped (−) or got a better name (→), in this order: "
-                + ";  ".join(s.replace("->", "→").replace("- ", "− ") for s in steps)
-                + "."
-            ),
-        ]
-    return [
-        *blocks,
-        text(
-            "The same measurements, study file and seed give the same bytes of result.json, of this report and of "
-            "report.html. Every "
-            "number in the text is from result.json.",
-            "quiet",
-        ),
-    ]
+    if record.path:
+        blocks += [make_heading("How the model grew", 2), make_text(_path_sentence(record.path))]
+    reproducibility = (
+        "The same measurements, study file and seed give the same bytes of result.json, of this report and of report.html. "
+        "Every number in the text is from result.json."
+    )
+    return [*blocks, make_text(reproducibility, "quiet")]
+
+
+def _path_sentence(path: list[str]) -> str:
+    """Return the steps of the search."""
+    steps = [step.replace("->", "→").replace("- ", "− ") for step in path]
+    return (
+        "An effect joined (+), was dropped (−) or got a better name (→), in this order: "
+        f"{';  '.join(steps)}."
+    )

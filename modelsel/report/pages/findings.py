@@ -3,19 +3,20 @@ tell them apart."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 from ...diagnosis.sentences import format_quantity
-from ...measurements.table import Where, where_from_record
-from ...results.storage import Source
-from ...results.tables import name_of
-from ..document import Block, heading, points, table, text
-from ..figures import finding as draw
-from ..terminal import mm
-from .front import names_of
+from ...measurements.table import Where
+from ...results.details_schema import FindingDetailsRecord
+from ...results.finding_schema import EntryRecord, EstimateRecord, FindingRecord
+from ...results.study_sentences import count_rows, format_mm, label_entries
+from ..document import Block, Source, make_heading, make_list, make_table, make_text
+from ..figures.finding import MAX_BARS, draw_credible_set, draw_panels, name_axis
 
-ESTIMATES = 4  # numbers listed; a free function has dozens
-ADVICE = 2  # ways to tell rivals apart
+MAX_ESTIMATES = 4  # numbers listed; a free function has dozens
+MAX_ROWS = 12  # numbers of the rows of a fault
+MAX_RIVALS = 5  # entries compared with the first
+MAX_ADVICE = 2  # ways to tell rivals apart
 REMEDIES = (  # names in a cause, how to measure again
     (("progress", "time_s", "temperature_C"), "measured again at another time of the campaign"),
     (("approach", "move"), "approached from both sides, by short and by long moves"),
@@ -23,108 +24,107 @@ REMEDIES = (  # names in a cause, how to measure again
 )
 
 
-def findings(source: Source) -> list[Block]:
-    """All findings, each on a page of its own."""
-    result, details = source.result, source.details
-    if not result["findings"]:
-        return [heading("Findings"), text(result["nothing_else"]["sentence"])]
+def write_findings_pages(source: Source) -> list[Block]:
+    """Write all findings, each on a page of its own."""
+    record, details = source.record, source.details
+    if not record.findings:
+        return [make_heading("Findings"), make_text(record.nothing_else.sentence)]
     blocks: list[Block] = []
-    for k, (found, said) in enumerate(zip(result["findings"], details["findings"], strict=True), 1):
-        blocks += _one(source, k, found, said)
+    for number, finding in enumerate(record.findings, 1):
+        blocks += _write_finding(source, number, finding, details.findings[number - 1])
     return blocks
 
 
-def _one(source: Source, k: int, found: dict[str, Any], said: dict[str, Any]) -> list[Block]:
-    where = where_from_record(source.details.get("places"))
+def _write_finding(
+    source: Source, number: int, finding: FindingRecord, detail: FindingDetailsRecord
+) -> list[Block]:
     blocks = [
-        heading(f"Finding {k}: {said['label']}"),
-        text(found["sentence"]),
-        text(_verdict(found, where), "quiet"),
+        make_heading(f"Finding {number}: {detail.label}"),
+        make_text(finding.sentence),
+        make_text(_describe_verdict(finding, source.where), "quiet"),
     ]
-    if said["panels"]:
-        blocks.append(_residuals(source, k, said))
-    if found["estimate"]:
-        blocks.append(_estimates(found["estimate"]))
-    listed = found["credible_set"]
+    if detail.panels:
+        blocks.append(_write_residuals(source, number, detail))
+    if finding.estimate:
+        blocks.append(_write_estimates(finding.estimate))
+    blocks.append(_write_credible_set(source, number, finding))
+    advice = advise_separation(finding.credible_set)
+    if advice:
+        blocks += [make_heading("What would tell them apart", 2), make_list(advice)]
+    return blocks
+
+
+def _write_credible_set(source: Source, number: int, finding: FindingRecord) -> Block:
+    """Write what the finding could be."""
     entries = [
-        (name, e["probability"], bool(e["alike"]))
-        for name, e in zip(names_of(listed), listed, strict=True)
+        (name, entry.probability, entry.alike)
+        for name, entry in zip(
+            label_entries(finding.credible_set), finding.credible_set, strict=True
+        )
     ]
-    if entries:
-        more = found["more_entries"] + max(len(entries) - draw.BARS, 0)
-        caption = (
-            "What it could be. Filled: moves the target as the first does; hatched: differently."
-        )
-        words = "; ".join(f"{name} {p:.2f}" for name, p, _ in entries[: draw.BARS])
-        rest = f" {more} more are less probable." if more else ""
-        blocks.append(
-            source.figure(
-                f"credible-{k}", draw.credible(entries), caption + rest, f"Credible set: {words}."
-            )
-        )
-    rivals = separation(found)
-    return [*blocks, heading("What would tell them apart", 2), points(rivals)] if rivals else blocks
+    caption = "What it could be. Filled: moves the target as the first does; hatched: differently."
+    more = finding.more_entries + max(len(entries) - MAX_BARS, 0)
+    if more:
+        caption += f" {more} more are less probable."
+    words = "; ".join(f"{name} {probability:.2f}" for name, probability, _ in entries[:MAX_BARS])
+    picture = draw_credible_set(entries)
+    return source.add_figure(f"credible-{number}", picture, caption, f"Credible set: {words}.")
 
 
-def _residuals(source: Source, k: int, said: dict[str, Any]) -> Block:
-    panels = said["panels"]
+def _write_residuals(source: Source, number: int, detail: FindingDetailsRecord) -> Block:
+    """Write the residual against the cause, with the effect left in and taken out."""
+    panels = detail.panels
     caption = (
         "Open squares: what the model without this effect leaves about this axis; blue: what the chosen model leaves; large "
         "marks: means; orange: the fitted effect. Where the squares follow the line and the blue lies flat, the effect is there "
         "and gone."
     )
-    if any("folded" in p["against"] for p in panels):
+    if any("folded" in panel.against for panel in panels):
         caption += " All waves of a turn are laid over each other."
-    if said["more_panels"]:
-        caption += (
-            f" The {len(panels)} largest of {len(panels) + said['more_panels']} parts are drawn."
+    if detail.more_panels:
+        total = len(panels) + detail.more_panels
+        caption += f" The {len(panels)} largest of {total} parts are drawn."
+    axes = "; ".join(f"{name_axis(panel)} against {panel.against}" for panel in panels)
+    words = f"Residual {axes}, without and with {detail.label}."
+    return source.add_figure(f"finding-{number}", draw_panels(panels), caption, words)
+
+
+def _write_estimates(estimate: Sequence[EstimateRecord]) -> Block:
+    """Write symbols above, numbers below: one line of a page that has room for one."""
+    shown = estimate[:MAX_ESTIMATES]
+    more = len(estimate) - len(shown)
+    columns = [("", "left"), *((one.symbol, "left") for one in shown)]
+    numbers = [_format_estimate(one) for one in shown]
+    rows = [["estimate ± standard error", *numbers]]
+    return make_table(columns, rows, f"And {more} more numbers: in result.json." if more else "")
+
+
+def _format_estimate(one: EstimateRecord) -> str:
+    if one.value is None or one.standard_error is None:
+        return "–"
+    return format_quantity(one.value, one.standard_error, one.unit)
+
+
+def _describe_verdict(finding: FindingRecord, where: Where) -> str:
+    """Return p-value, gain and rows in one line."""
+    chance = f"{finding.p_value:.2g} over the whole search"
+    parts = [f"Verdict: {finding.verdict}; chance alone would do as well with probability {chance}"]
+    gain = finding.gain
+    if gain.held_out_rms_before_mm is not None:
+        before, after = (
+            format_mm(gain.held_out_rms_before_mm),
+            format_mm(gain.held_out_rms_after_mm),
         )
-    against = "; ".join(f"{draw.axis_name(p)} against {p['against']}" for p in panels)
-    return source.figure(
-        f"finding-{k}",
-        draw.finding(panels),
-        caption,
-        f"Residual {against}, without and with {said['label']}.",
-    )
+        change = _describe_change(gain.interval_mm)
+        parts.append(f"Held-out error when it joins the ladder: {before} to {after} mm rms{change}")
+    if finding.rows:
+        listed = where.listed(finding.rows, MAX_ROWS)
+        parts.append(f"It concerns {count_rows(finding.rows)} of the measurements ({listed})")
+    return ". ".join(parts) + "."
 
 
-def _estimates(estimate: list[dict[str, Any]]) -> Block:
-    """Symbols above, numbers below: one line of a page that has room for one."""
-    shown, rest = estimate[:ESTIMATES], max(len(estimate) - ESTIMATES, 0)
-    return table(
-        [("", "left"), *((e["symbol"], "left") for e in shown)],
-        [
-            [
-                "estimate ± standard error",
-                *(format_quantity(e["value"], e["standard_error"], e["unit"]) for e in shown),
-            ]
-        ],
-        f"And {rest} more numbers: in result.json." if rest else "",
-    )
-
-
-def _verdict(found: dict[str, Any], where: Where) -> str:
-    """p-value and gain in one line."""
-    gain = found["gain"]
-    chance = f"{found['p_value']:.2g} over the whole search"
-    words = [
-        f"Verdict: {found['verdict']}; chance alone would do as well with probability {chance}"
-    ]
-    if gain["held_out_rms_before_mm"] is not None:
-        before, after = (mm(gain[f"held_out_rms_{side}_mm"]) for side in ("before", "after"))
-        words.append(
-            f"held-out error when it joins the ladder: {before} to {after} mm rms{_change(gain['interval_mm'])}"
-        )
-    if found.get("rows"):
-        rows = found["rows"]
-        words.append(
-            f"it concerns {len(rows)} row{'s' * (len(rows) != 1)} of the measurements ({where.listed(rows, 12)})"
-        )
-    return ". ".join(w[0].upper() + w[1:] for w in words) + "."
-
-
-def _change(interval: list[float] | None) -> str:
-    """The interval of a gain in words: positive is less error."""
+def _describe_change(interval: Sequence[float] | None) -> str:
+    """Return the interval of a gain in words: positive is less error."""
     if interval is None:
         return ""
     low, high = interval
@@ -134,44 +134,62 @@ def _change(interval: list[float] | None) -> str:
     return f" (95 %: {near:.2g} to {far:.2g} mm {'less' if low >= 0 else 'more'})"
 
 
-def separation(found: dict[str, Any]) -> list[str]:
-    """What measurement would tell the first entry from its rivals, in words, by what they differ
-    in."""
-    entries = found["credible_set"]
-    if len(entries) < 2:
-        return []
-    named = list(zip(names_of(entries), entries, strict=True))
-    out = dict.fromkeys(_difference(*named[0], *rival) for rival in named[1:6])
-    return [words for words in out if words][:ADVICE]
+# -- rivals
+# -----------------------------------------------------------------------------------------------------------------------
 
 
-def _difference(a: str, first: dict[str, Any], b: str, rival: dict[str, Any]) -> str:
-    """What would tell entry `first`, called `a`, from the `rival`, called `b`; nothing where no
-    measurement can."""
-    screws = [
-        sorted({(f"frame {s['frame']} {s['axis']}", str(s["cause"])) for s in e["screws"]})
-        for e in (first, rival)
+def advise_separation(entries: Sequence[EntryRecord]) -> list[str]:
+    """Advise which measurement would tell the first entry from its rivals, by what they differ in."""
+    labels = label_entries(entries)
+    advice = [
+        _advise(labels[0], entries[0], label, rival)
+        for label, rival in zip(labels[1:], entries[1 : MAX_RIVALS + 1], strict=False)
     ]
-    causes = [list(dict.fromkeys(str(s["cause"]) for s in e["screws"])) for e in (first, rival)]
-    if name_of(first) == name_of(rival) and all("sin(" in c for c in map("".join, causes)):
+    return [sentence for sentence in dict.fromkeys(advice) if sentence][:MAX_ADVICE]
+
+
+def _advise(label: str, first: EntryRecord, rival_label: str, rival: EntryRecord) -> str:
+    """Return what would tell the first entry from a rival; empty where no measurement can."""
+    if first.name == rival.name and _has_wave(first) and _has_wave(rival):
         return (
-            f"{name_of(first)} with another constant: more readings of that joint, spread evenly over its turn, sharpen the wave "
+            f"{first.name} with another constant: more readings of that joint, spread evenly over its turn, sharpen the wave "
             "length."
         )
-    if not causes[0] or not causes[1]:
+    if not first.screws or not rival.screws:
         return ""
-    if screws[0] == screws[1]:
-        return f"{a} and {b} are two names of one displacement: no measurement tells them apart, either corrects the error."
-    if set(causes[0]) == set(causes[1]):
+    pair = f"{label} and {rival_label}"
+    cells, rival_cells = _cells(first), _cells(rival)
+    if cells == rival_cells:
+        return f"{pair} are two names of one displacement: no measurement tells them apart, either corrects the error."
+    if set(first.causes) == set(rival.causes):
         return (
-            f"{a} and {b} have the same cause at {screws[0][0][0]} and {screws[1][0][0]}: a second target off the last axis, or "
+            f"{pair} have the same cause at {cells[0][0]} and {rival_cells[0][0]}: a second target off the last axis, or "
             "measured orientations, may tell them apart; where no target can, either name corrects the same error."
         )
-    both = " ".join(set(causes[0]) ^ set(causes[1]))
-    remedy = next((words for names, words in REMEDIES if any(name in both for name in names)), None)
+    remedy = _remedy(set(first.causes) ^ set(rival.causes))
     if remedy is not None:
-        return f"{a} and {b} part company when the same configurations are {remedy}."
+        return f"{pair} can be told apart when the same configurations are {remedy}."
+    causes = f"{' & '.join(first.causes)} against {' & '.join(rival.causes)}"
     return (
-        f"{a} and {b} have different causes ({' & '.join(causes[0])} against {' & '.join(causes[1])}): configurations in which "
-        "these change independently of each other tell them apart."
+        f"{pair} have different causes ({causes}): configurations in which these change independently of each other tell "
+        "them apart."
     )
+
+
+def _cells(entry: EntryRecord) -> list[tuple[str, str]]:
+    """Return (place, cause) of an entry's screws, sorted."""
+    return sorted({(screw.place, screw.cause) for screw in entry.screws})
+
+
+def _has_wave(entry: EntryRecord) -> bool:
+    """Return whether an entry is a wave of some angle."""
+    return any("sin(" in cause for cause in entry.causes)
+
+
+def _remedy(causes: set[str]) -> str | None:
+    """Return how to measure again so that causes which differ part."""
+    words = " ".join(causes)
+    for names, remedy in REMEDIES:
+        if any(name in words for name in names):
+            return remedy
+    return None

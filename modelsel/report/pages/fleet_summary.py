@@ -11,184 +11,226 @@ from typing import Any
 import numpy as np
 
 from ..._version import VERSION
-from ..document import Block, heading, table, text
-from ..pdf import compiled
-from ..style import shortened
-from ..terminal import mm
+from ...results.study_sentences import format_mm
+from ..document import Block, make_heading, make_table, make_text
+from ..pdf import compile_pdf
+from ..style import shorten
 
 Row = dict[str, Any]
-ROWS = 45  # lines of the table; a larger fleet has the others in summary.csv
-NAMES = 14  # findings that are counted
-FAILED = 12  # failures that are listed
-SAID = 6  # studies named beside a warning or failure
-LONG = 160  # letters of a warning or reason
+MAX_STUDIES = 45  # lines of the table; a larger fleet has the others in summary.csv
+MAX_NAMES = 14  # findings that are counted
+MAX_FAILURES = 12  # failures that are listed
+MAX_MENTIONED = 6  # studies named beside a warning or failure
+LONGEST_REASON = 160  # letters of a warning or reason
+LONGEST_FINDING = 50  # letters of a finding's name
+LONGEST_STUDY = 30  # letters of a study's name in a list
+LONGEST_HEADER = 70  # letters
+ERROR_COLUMNS = ("nominal_mm", "base_mm", "chosen_mm", "noise_mm")
 
 
-def summary(name: str, rows: Sequence[Row], out: Path) -> bytes:
-    """The PDF of a fleet's rows, in their order; warnings are read from the studies' folders below
-    `out`. Raises ReportError."""
+def write_summary(name: str, rows: Sequence[Row], out: Path) -> bytes:
+    """Write the PDF of a fleet's rows, in their order; warnings are read from the studies' folders below `out`. Raises
+    ReportError."""
     done = [row for row in rows if row["state"] == "done"]
     failed = [row for row in rows if row["state"] != "done"]
-    title = {
-        "kind": "title",
-        "over": "Fleet summary",
-        "title": name,
-        "about": f"{_count(len(rows), 'study', 'studies')} · {len(done)} done, {len(failed)} failed",
-    }
+    studies = _count_studies(len(rows))
     blocks: list[Block] = [
-        title,
-        *(text(sentence, "lead") for sentence in _verdict(rows, done, failed)),
-        *_found(done),
-    ]
-    blocks += [heading("Study by study", opens=False), *_studies(done)]
-    blocks += _failures(failed) + _warnings(done, out)
-    pdf, _ = compiled(
         {
-            "title": f"Fleet summary: {name}",
-            "short": shortened(name, 70),
-            "robot": _count(len(rows), "study", "studies"),
-            "made": f"modelsel {VERSION}",
-            "blocks": blocks,
+            "kind": "title",
+            "over": "Fleet summary",
+            "title": name,
+            "about": f"{studies} · {len(done)} done, {len(failed)} failed",
         },
-        {},
-    )
+        *(make_text(sentence, "lead") for sentence in _lead_sentences(rows, done, failed)),
+        *_write_findings(done),
+        make_heading("Study by study", opens=False),
+        *_write_studies(done),
+        *_write_failures(failed),
+        *_write_warnings(done, out),
+    ]
+    content = {
+        "title": f"Fleet summary: {name}",
+        "short": shorten(name, LONGEST_HEADER),
+        "robot": studies,
+        "made": f"modelsel {VERSION}",
+        "blocks": blocks,
+    }
+    pdf, _ = compile_pdf(content, {})
     return pdf
 
 
-def _count(n: int, one: str, many: str) -> str:
-    return f"{n:,} {one if n == 1 else many}"
+def _count_studies(count: int) -> str:
+    return f"{count:,} {'study' if count == 1 else 'studies'}"
 
 
-def _named(row: Row) -> list[str]:
-    return str(row["found"]).split(" + ") if row["found"] else []
+def _list_studies(rows: Sequence[Row]) -> str:
+    """Return the names of studies, the first few of them."""
+    names = [shorten(row["name"], LONGEST_STUDY) for row in rows]
+    more = len(names) - MAX_MENTIONED
+    listed = ", ".join(names[:MAX_MENTIONED])
+    return f"{listed} and {more} more" if more > 0 else listed
 
 
-def _verdict(rows: Sequence[Row], done: Sequence[Row], failed: Sequence[Row]) -> list[str]:
-    both = [row for row in done if row["nominal_mm"] is not None and row["chosen_mm"] is not None]
-    out = []
-    if both:
-        before, after = (
-            np.array([row[what] for row in both]) for what in ("nominal_mm", "chosen_mm")
-        )
-        worst = both[int(after.argmax())]
-        out.append(
-            f"Mean error on held-out configurations, median over {_count(len(both), 'study', 'studies')}: "
-            f"{mm(float(np.median(before)))} mm nominal, {mm(float(np.median(after)))} mm with the chosen model. "
-            f"The largest that is left: {mm(worst['chosen_mm'])} mm, {worst['name']}."
-        )
-        worse = [
-            row["name"]
-            for row in both
-            if row["base_mm"] is not None and row["chosen_mm"] > row["base_mm"]
-        ]
-        if worse:
-            out.append(f"Worse than with the base alone: {_some(worse)}.")
-    unsure = [row["name"] for row in done if row["exit"]]
+# -- lead
+# -----------------------------------------------------------------------------------------------------------------------
+
+
+def _lead_sentences(rows: Sequence[Row], done: Sequence[Row], failed: Sequence[Row]) -> list[str]:
+    """Return the fleet in a few sentences."""
+    sentences = _error_sentences(done)
+    unsure = [row for row in done if row["exit"]]
     if unsure:
-        out.append(f"Done, but the chain has not converged: {_some(unsure)}.")
+        sentences.append(f"Done, but the chain has not converged: {_list_studies(unsure)}.")
     if failed:
-        out.append(
-            f"{_count(len(failed), 'study', 'studies')} of {len(rows)} failed: {_some([row['name'] for row in failed])}."
-        )
-    return out
+        count = _count_studies(len(failed))
+        sentences.append(f"{count} of {len(rows)} failed: {_list_studies(failed)}.")
+    return sentences
 
 
-def _found(done: Sequence[Row]) -> list[Block]:
-    """How often each name was found."""
-    studies: dict[str, list[str]] = {}
+def _error_sentences(done: Sequence[Row]) -> list[str]:
+    """Return the errors before and after, and where the chosen model is worse than the base; none where nothing is
+    held out."""
+    measured = [
+        row for row in done if row["nominal_mm"] is not None and row["chosen_mm"] is not None
+    ]
+    if not measured:
+        return []
+    before, after = _median(measured, "nominal_mm"), _median(measured, "chosen_mm")
+    worst = max(measured, key=lambda row: row["chosen_mm"])
+    largest = format_mm(worst["chosen_mm"])
+    summary = (
+        f"Mean error on held-out configurations, median over {_count_studies(len(measured))}: {before} mm nominal, "
+        f"{after} mm with the chosen model. The largest that is left: {largest} mm, {worst['name']}."
+    )
+    worse = [row for row in measured if _is_worse(row)]
+    if not worse:
+        return [summary]
+    return [summary, f"Worse than with the base alone: {_list_studies(worse)}."]
+
+
+def _median(rows: Sequence[Row], column: str) -> str:
+    return format_mm(float(np.median([row[column] for row in rows])))
+
+
+def _is_worse(row: Row) -> bool:
+    return row["base_mm"] is not None and row["chosen_mm"] > row["base_mm"]
+
+
+# -- tables
+# ---------------------------------------------------------------------------------------------------------------------
+
+
+def _write_findings(done: Sequence[Row]) -> list[Block]:
+    """Write how often each name was found."""
+    studies: dict[str, list[Row]] = {}
     for row in done:
-        for name in _named(row):
-            studies.setdefault(name, []).append(row["name"])
+        for name in str(row["found"] or "").split(" + "):
+            if name:
+                studies.setdefault(name, []).append(row)
     ranked = sorted(studies.items(), key=lambda item: (-len(item[1]), item[0]))
     if not ranked:
-        return [text("Nothing beyond the base was found in any study.")]
-    lines = [[shortened(name, 50), str(len(where)), _some(where)] for name, where in ranked[:NAMES]]
-    more = f" And {len(ranked) - NAMES} more names." if len(ranked) > NAMES else ""
-    return [
-        table(
-            [("found", "left"), ("studies", "right"), ("which", "left")],
-            lines,
-            f"What the chosen models have beyond the base, and in how many of {len(done)} studies.{more}",
-            [0.5, 0.0, 1.0],
-        )
-    ]
-
-
-def _studies(done: Sequence[Row]) -> list[Block]:
-    if not done:
-        return [text("No study was finished.")]
-    left = sorted(done, key=lambda row: -(row["chosen_mm"] or 0.0)) if len(done) > ROWS else done
-    shown = left[:ROWS]
+        return [make_text("Nothing beyond the base was found in any study.")]
     lines = [
-        [
-            row["name"],
-            row["robot"] or "–",
-            f"{row['estimation'] + row['held_out']:,}",
-            *(mm(row[what]) for what in ("nominal_mm", "base_mm", "chosen_mm", "noise_mm")),
-            row["found"] or ("nothing" if row["chosen_mm"] is not None else "a fit alone"),
-            row["warnings"].replace(" + ", ", ") or "–",
-        ]
-        for row in shown
+        [shorten(name, LONGEST_FINDING), str(len(rows)), _list_studies(rows)]
+        for name, rows in ranked[:MAX_NAMES]
     ]
-    columns = [("study", "left"), ("robot", "left")]
-    columns += [(n, "right") for n in ("measured", "nominal", "base", "chosen", "noise")]
-    columns += [("found beyond the base", "left"), ("warnings", "left")]
+    columns = [("found", "left"), ("studies", "right"), ("which", "left")]
+    caption = (
+        f"What the chosen models have beyond the base, and in how many of {len(done)} studies."
+    )
+    if len(ranked) > MAX_NAMES:
+        caption += f" And {len(ranked) - MAX_NAMES} more names."
+    return [make_table(columns, lines, caption, [0.5, 0.0, 1.0])]
+
+
+STUDY_COLUMNS = (
+    ("study", "left"),
+    ("robot", "left"),
+    ("measured", "right"),
+    ("nominal", "right"),
+    ("base", "right"),
+    ("chosen", "right"),
+    ("noise", "right"),
+    ("found beyond the base", "left"),
+    ("warnings", "left"),
+)
+
+
+def _write_studies(done: Sequence[Row]) -> list[Block]:
+    """Write a line a study; of a large fleet those with the largest error left."""
+    if not done:
+        return [make_text("No study was finished.")]
     caption = (
         "Mean error on held-out configurations [mm] of the nominal, the base and the chosen model; noise: of one coordinate "
         "[mm]. Measured: configurations. Each study's own folder has its report."
     )
-    if len(done) > ROWS:
-        caption += (
-            f" Of {len(done)} the {ROWS} with the largest error left; all are in summary.csv."
-        )
-    return [table(columns, lines, caption, [0.55, 0.45, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.6])]
+    shown = list(done)
+    if len(done) > MAX_STUDIES:
+        shown = sorted(done, key=lambda row: -(row["chosen_mm"] or 0.0))[:MAX_STUDIES]
+        caption += f" Of {len(done)} the {MAX_STUDIES} with the largest error left; all are in summary.csv."
+    widths = [0.55, 0.45, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.6]
+    return [make_table(STUDY_COLUMNS, [_study_line(row) for row in shown], caption, widths)]
 
 
-def _failures(failed: Sequence[Row]) -> list[Block]:
+def _study_line(row: Row) -> list[str]:
+    nothing = "nothing" if row["chosen_mm"] is not None else "a fit alone"
+    return [
+        row["name"],
+        row["robot"] or "–",
+        f"{row['estimation'] + row['held_out']:,}",
+        *(format_mm(row[column]) for column in ERROR_COLUMNS),
+        row["found"] or nothing,
+        row["warnings"].replace(" + ", ", ") or "–",
+    ]
+
+
+def _write_failures(failed: Sequence[Row]) -> list[Block]:
+    """Write which studies failed and why; nothing where none did."""
     if not failed:
         return []
-    lines = [
-        [row["name"], str(row["exit"]), shortened(" ".join(str(row["why"]).split()), LONG)]
-        for row in failed[:FAILED]
-    ]
+    lines = [_failure_line(row) for row in failed[:MAX_FAILURES]]
+    columns = [("study", "left"), ("exit", "right"), ("why", "left")]
     caption = "Exit: 1 internal error, 2 study file, 3 measurements, 4 not estimable."
-    caption += (
-        f" The first {FAILED} of {len(failed)}; all are in summary.csv."
-        if len(failed) > FAILED
-        else ""
-    )
+    if len(failed) > MAX_FAILURES:
+        caption += f" The first {MAX_FAILURES} of {len(failed)}; all are in summary.csv."
     return [
-        heading("What failed", opens=False),
-        table(
-            [("study", "left"), ("exit", "right"), ("why", "left")], lines, caption, [0.3, 0.0, 1.0]
-        ),
+        make_heading("What failed", opens=False),
+        make_table(columns, lines, caption, [0.3, 0.0, 1.0]),
     ]
 
 
-def _warnings(done: Sequence[Row], out: Path) -> list[Block]:
-    """Every kind of warning once, in the words of the first study that has it."""
-    first: dict[str, str] = {}
-    studies: dict[str, list[str]] = {}
+def _failure_line(row: Row) -> list[str]:
+    reason = " ".join(str(row["why"]).split())
+    return [row["name"], str(row["exit"]), shorten(reason, LONGEST_REASON)]
+
+
+def _write_warnings(done: Sequence[Row], out: Path) -> list[Block]:
+    """Write every kind of warning once, in the words of the first study that has it."""
+    sentences: dict[str, str] = {}
+    studies: dict[str, dict[str, Row]] = {}
     for row in done:
-        file = out / row["name"] / "result.json"
-        if not row["warnings"] or not file.is_file():
-            continue
-        for warning in json.loads(file.read_text(encoding="utf-8"))["warnings"]:
-            first.setdefault(warning["code"], warning["sentence"])
-            where = studies.setdefault(warning["code"], [])
-            where += [row["name"]] if row["name"] not in where else []
-    if not first:
+        for warning in _read_warnings(row, out):
+            code = warning["code"]
+            sentences.setdefault(code, warning["sentence"])
+            studies.setdefault(code, {})[row["name"]] = row
+    if not sentences:
         return []
     lines = [
-        [code, shortened(sentence, LONG), _some(studies[code])] for code, sentence in first.items()
+        [code, shorten(sentence, LONGEST_REASON), _list_studies(list(studies[code].values()))]
+        for code, sentence in sentences.items()
     ]
-    caption = "Of each kind one, in the words of the first study named."
     columns = [("warning", "left"), ("what it says", "left"), ("studies", "left")]
-    return [heading("Warnings", opens=False), table(columns, lines, caption, [0.35, 1.0, 0.5])]
+    caption = "One warning of each kind, in the words of the first study named."
+    return [
+        make_heading("Warnings", opens=False),
+        make_table(columns, lines, caption, [0.35, 1.0, 0.5]),
+    ]
 
 
-def _some(names: Sequence[str]) -> str:
-    more = len(names) - SAID
-    return ", ".join(shortened(n, 30) for n in names[:SAID]) + (
-        f" and {more} more" if more > 0 else ""
-    )
+def _read_warnings(row: Row, out: Path) -> list[dict[str, str]]:
+    """Return the warnings of a study's result.json; none where it has none."""
+    file = out / row["name"] / "result.json"
+    if not row["warnings"] or not file.is_file():
+        return []
+    warnings: list[dict[str, str]] = json.loads(file.read_text(encoding="utf-8"))["warnings"]
+    return warnings

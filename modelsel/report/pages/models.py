@@ -2,125 +2,140 @@
 
 from __future__ import annotations
 
-from typing import Any
+from ...results.model_schema import CandidatesRecord, NestedRecord, SubsetRecord
+from ...results.schema import StudyRecord
+from ...results.study_sentences import (
+    TABLE_PURPOSE,
+    common_mechanisms,
+    format_mm,
+    format_weight,
+    list_errors,
+)
+from ...results.tables import label_ladder
+from ..document import Block, Source, make_heading, make_table, make_text
 
-from ...results.storage import Source
-from ..document import Block, heading, table, text
-from ..figures import ladder
-from ..terminal import TABLE_FOR, mm
-
-SIDES = ("estimation", "held_out")
-ASIDE = 12  # names of what the table of subsets does not hold
-ROWS = 6  # of the table of subsets
+MAX_SET_ASIDE = 12  # names of what the table of subsets does not hold
+MAX_SUBSETS = 6  # rows of the table of subsets
+LADDER_COLUMNS = ("parameters", "rank", "mean", "worst", "held-out mean", "worst", "CV rms")
 
 
-def models(source: Source) -> list[Block]:
-    """The ladder, the table of subsets, the repeated procedure."""
-    result = source.result
-    blocks = [heading("Models"), *_ladder(result)]
-    if result["candidates"]["best"]:
-        blocks += _subsets(result["candidates"])
-    if result["nested_cv"] is not None:
-        blocks += _nested(result["nested_cv"])
+def write_models_page(source: Source) -> list[Block]:
+    """Write the ladder, the table of subsets, the repeated procedure."""
+    record = source.record
+    blocks = [make_heading("Models"), *_write_ladder(record)]
+    if record.candidates.best:
+        blocks += _write_subsets(record.candidates)
+    if record.nested_cv is not None:
+        blocks += _write_nested(record.nested_cv)
     return blocks
 
 
-def _errors(rung: dict[str, Any]) -> list[str]:
-    return [mm(rung[side][key]) for side in SIDES for key in ("mean_mm", "max_mm")]
-
-
-def _ladder(result: dict[str, Any]) -> list[Block]:
-    names = ladder.names(result, list(range(len(result["ladder"]))))
+def _write_ladder(record: StudyRecord) -> list[Block]:
     rows = [
-        [name, str(r["parameters"]), str(r["rank"]), *_errors(r), mm(r["cv_rms_mm"])]
-        for name, r in zip(names, result["ladder"], strict=True)
+        [
+            label,
+            str(rung.parameters),
+            str(rung.rank),
+            *list_errors(rung),
+            format_mm(rung.cv_rms_mm),
+        ]
+        for label, rung in zip(label_ladder(record), record.ladder, strict=True)
     ]
-    numbers = [
-        (n, "right")
-        for n in ("parameters", "rank", "mean", "worst", "held-out mean", "worst", "CV rms")
-    ]
+    columns = [("model", "left"), *((name, "right") for name in LADDER_COLUMNS)]
     caption = (
         "Errors in mm: lengths of the residual vectors. Rank: parameters that the data determine. CV: cross-validated on the "
         "estimation configurations. A row that begins with + adds to the row above it."
     )
-    return [
-        heading("The ladder", 2),
-        table([("model", "left"), *numbers], rows, caption, [1.0, *[0.0] * 7]),
-    ]
+    widths = [1.0, *[0.0] * len(LADDER_COLUMNS)]
+    return [make_heading("The ladder", 2), make_table(columns, rows, caption, widths)]
 
 
-def _subsets(candidates: dict[str, Any]) -> list[Block]:
-    best = candidates["best"]
-    special = [r for r in best[ROWS:] if "choice" in r["note"] or "lowest" in r["note"]]
-    shown = [*best[: ROWS - len(special)], *special]
-    common = _common([r["mechanisms"] for r in best])
-    rows = [
-        [
-            " + ".join(r["mechanisms"][len(common) :]) or "nothing more",
-            str(r["rank"]),
-            mm(r["cv_rms_mm"]),
-            mm(r["held_out"]["mean_mm"]),
-            "–"
-            if r["weight"] is None
-            else "<0.001"
-            if r["weight"] < 0.0005
-            else f"{r['weight']:.3f}",
-            r["note"],
-        ]
-        for r in shown
-    ]
-    columns = [(" + ".join(common) + " and" if common else "mechanisms", "left")]
-    columns += [
+def _write_subsets(candidates: CandidatesRecord) -> list[Block]:
+    common = common_mechanisms(candidates.best)
+    rows = [_subset_row(subset, len(common)) for subset in _select_subsets(candidates.best)]
+    columns = [
+        (f"{' + '.join(common)} and" if common else "mechanisms", "left"),
         ("rank", "right"),
         ("CV rms", "right"),
         ("held-out mean", "right"),
         ("weight", "right"),
         ("note", "left"),
     ]
-    said = (
-        f"Of {candidates['compared']:,} subsets of the strongest registered mechanisms, these stand out. They check the ladder "
-        f"from another side: each is fitted by one linear step and measured alike. {TABLE_FOR}"
+    explanation = (
+        f"Of {candidates.compared:,} subsets of the strongest registered mechanisms, these stand out. They check the ladder "
+        f"from another side: each is fitted by one linear step and measured alike. {TABLE_PURPOSE}"
     )
-    if search := candidates.get("search"):
-        said += f" Among all 2^{search['mechanisms']} subsets, branch and bound by BIC " + (
-            "proves the best."
-            if search["proven"]
-            else "did not finish: its best may be beaten by up to "
-            f"{search['may_be_beaten_by']:.3g}."
-        )
-    aside, more = candidates["set_aside"][:ASIDE], len(candidates["set_aside"]) - ASIDE
-    rest = (
-        f" The subsets are made of {len(candidates['considered'])} mechanisms; weaker alone, and left out: {', '.join(aside)}"
-        f"{f' and {more} more' if more > 0 else ''}."
-    )
-    caption = "Errors in mm; weight: the subset's probability among those compared." + (
-        rest if aside else ""
-    )
+    caption = "Errors in mm; weight: the subset's probability among those compared."
     return [
-        heading("The table of subsets", 2),
-        text(said),
-        table(columns, rows, caption, [1.4, 0.0, 0.0, 0.0, 0.0, 0.8]),
+        make_heading("The table of subsets", 2),
+        make_text(explanation + _search_sentence(candidates)),
+        make_table(
+            columns,
+            rows,
+            caption + _set_aside_sentence(candidates),
+            [1.4, 0.0, 0.0, 0.0, 0.0, 0.8],
+        ),
     ]
 
 
-def _nested(nested: dict[str, Any]) -> list[Block]:
-    said = (
-        f"Everything, naming included, was repeated in {nested['folds']} folds of the estimation configurations: mean error "
-        f"{mm(nested['geometric']['mean_mm'])} mm with the base, {mm(nested['chosen']['mean_mm'])} mm with what each fold chose."
-    )
-    rows = [[name, str(count)] for name, count in nested["named_in_folds"].items()]
+def _select_subsets(best: list[SubsetRecord]) -> list[SubsetRecord]:
+    """Return the rows to show: the first, and those further down that a criterion chooses."""
+    chosen = [
+        subset
+        for subset in best[MAX_SUBSETS:]
+        if "choice" in subset.note or "lowest" in subset.note
+    ]
+    return [*best[: MAX_SUBSETS - len(chosen)], *chosen]
+
+
+def _subset_row(subset: SubsetRecord, common: int) -> list[str]:
+    """Return one row of the table, without the mechanisms that all rows begin with."""
     return [
-        heading("The whole procedure repeated", 2),
-        text(said),
-        table([("name", "left"), ("folds in which it comes back", "right")], rows, "", [0.0, 0.0]),
+        " + ".join(subset.mechanisms[common:]) or "nothing more",
+        str(subset.rank),
+        format_mm(subset.cv_rms_mm),
+        format_mm(subset.held_out.mean_mm),
+        format_weight(subset.weight),
+        subset.note,
     ]
 
 
-def _common(lists: list[list[str]]) -> list[str]:
-    """What all lists begin with."""
-    out = []
-    for words in zip(*lists, strict=False):
-        if len(set(words)) > 1:
-            break
-        out.append(words[0])
-    return out
+def _search_sentence(candidates: CandidatesRecord) -> str:
+    """Return whether branch and bound proved the best subset; nothing where all were walked through."""
+    search = candidates.search
+    if search is None:
+        return ""
+    outcome = (
+        "proves the best."
+        if search.proven
+        else f"did not finish: its best may be beaten by up to {search.may_be_beaten_by:.3g}."
+    )
+    return f" Among all 2^{search.mechanisms} subsets, branch and bound by BIC {outcome}"
+
+
+def _set_aside_sentence(candidates: CandidatesRecord) -> str:
+    """Return which mechanisms the subsets do not hold; nothing where they hold all."""
+    shown = candidates.set_aside[:MAX_SET_ASIDE]
+    more = len(candidates.set_aside) - len(shown)
+    if not shown:
+        return ""
+    rest = f" and {more} more" if more else ""
+    return (
+        f" The subsets are made of {len(candidates.considered)} mechanisms; weaker alone, and left out: "
+        f"{', '.join(shown)}{rest}."
+    )
+
+
+def _write_nested(nested: NestedRecord) -> list[Block]:
+    explanation = (
+        f"Everything, naming included, was repeated in {nested.folds} folds of the estimation configurations: mean error "
+        f"{format_mm(nested.geometric.mean_mm)} mm with the base, {format_mm(nested.chosen.mean_mm)} mm with what each "
+        "fold chose."
+    )
+    rows = [[name, str(count)] for name, count in nested.named_in_folds.items()]
+    columns = [("name", "left"), ("folds in which it comes back", "right")]
+    return [
+        make_heading("The whole procedure repeated", 2),
+        make_text(explanation),
+        make_table(columns, rows, "", [0.0, 0.0]),
+    ]

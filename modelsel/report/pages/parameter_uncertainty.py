@@ -1,263 +1,262 @@
-"""What the chosen model leaves and how well its parameters are known; sections without their keys
-in result.json are left out."""
+"""What the chosen model leaves and how well its parameters are known."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 from ...diagnosis.sentences import choose_prefix
-from ...results.storage import Source
-from ..document import Block, heading, points, table, text
-from ..figures import ladder, space
-from ..figures import parameter_plots as parameters
-from ..terminal import mm
+from ...results.model_schema import (
+    ParameterRecord,
+    QuantilesRecord,
+    SamplingRecord,
+    SignificanceRecord,
+)
+from ...results.schema import StudyRecord
+from ...results.study_sentences import (
+    NOMINAL_CAVEAT,
+    describe_predictable,
+    format_mm,
+    format_p,
+    format_share,
+    write_sampling_sentences,
+)
+from ..document import Block, Source, make_heading, make_list, make_table, make_text
+from ..figures import ladder, parameter_plots, space
 
-PAIRS = 8
-QUANTILES = 24
+MAX_PAIRS = 8
+MAX_QUANTILES = 24
+MAX_WEAK = 12  # symbols of parameters that may be zero
+EXPECTED = "as expected"  # what the catalogue says of a mechanism that is not odd
 
 
-def residuals(source: Source) -> list[Block]:
-    """Residual vectors in the workspace: nominal, base, chosen."""
-    details, result = source.details, source.result
-    last = len(result["ladder"]) - 1
-    which = list(dict.fromkeys([0, details["base"], last]))
-    named = {0: "nominal", details["base"]: "base", last: "chosen"}
+# -- residuals
+# --------------------------------------------------------------------------------------------------------------------
+
+
+def write_residuals_page(source: Source) -> list[Block]:
+    """Write the residual vectors in the workspace: nominal, base, chosen."""
+    record, details = source.record, source.details
+    names = {0: "nominal", details.base: "base", len(record.ladder) - 1: "chosen"}
+    rungs = list(names.items())
+    caption = (
+        "Residual vectors, measured minus predicted, each picture at the magnification written above it. Arrows that agree "
+        "with their neighbours are a systematic error; the chosen model should leave none that do. Outliers are left out."
+    )
+    remainder = [record.nothing_else.sentence, describe_predictable(record)]
     return [
-        heading("Residuals in the workspace"),
-        source.figure(
-            "vectors",
-            space.vectors(details, [(k, named[k]) for k in which]),
-            "Residual vectors, measured minus predicted, each picture at the magnification written above it. Arrows "
-            "that agree with their "
-            "neighbours are a systematic error; the chosen model should leave none that do. Outliers are left out.",
-            "Three-dimensional residual vectors of "
-            + ", ".join(
-                f"the {named[k]} model (mean {mm(result['ladder'][k]['estimation']['mean_mm'])} mm on estimation configurations)"
-                for k in which
-            )
-            + ".",
+        make_heading("Residuals in the workspace"),
+        source.add_figure(
+            "vectors", space.draw_vectors(details, rungs), caption, _vector_words(record, rungs)
         ),
-        heading("What else was looked for", 2),
-        text(" ".join([result["nothing_else"]["sentence"], _predictable(result)]).strip()),
+        make_heading("What else was looked for", 2),
+        make_text(" ".join(remainder).strip()),
     ]
 
 
-def _predictable(result: dict[str, Any]) -> str:
-    found = result["nothing_else"].get("predictable")
-    if found is None:
-        return ""
-    if found["p"] <= 0.05 and found["share"] > 0.01:
-        return (
-            f"Some smooth function of the configuration would still predict {found['share']:.0%} of what is left (p = "
-            f"{found['p']:.2g}): the chosen "
-            "model has not said everything."
-        )
-    return f"No smooth function of the configuration predicts what is left (p = {found['p']:.2g})."
+def _vector_words(record: StudyRecord, rungs: Sequence[tuple[int, str]]) -> str:
+    """Return the picture of the residual vectors for those who cannot see it."""
+    models = [
+        f"the {name} model (mean {format_mm(record.ladder[rung].estimation.mean_mm)} mm on estimation configurations)"
+        for rung, name in rungs
+    ]
+    return f"Three-dimensional residual vectors of {', '.join(models)}."
 
 
-def held_out(source: Source) -> list[Block]:
-    """Distribution of the errors per rung."""
-    result = source.result
-    picture = ladder.held_out(result, source.details)
-    side = "held-out" if result["configurations"]["held_out"] else "estimation"
+def write_held_out_page(source: Source) -> list[Block]:
+    """Write the distribution of the errors per rung."""
+    record = source.record
+    picture = ladder.draw_error_distribution(record, source.details)
     if picture is None:
         return []
-    first, last = result["ladder"][0], result["ladder"][-1]
-    key = "held_out" if last["held_out"]["p95_mm"] is not None else "estimation"
+    side = record.side.replace("_", "-")
+    title = "Held-out errors" if side == "held-out" else "Errors (nothing is held out)"
+    caption = (
+        f"Share of {side} configurations whose error stays below a length. The further left and the steeper, the better; a "
+        "curve that crosses another is worse for some configurations."
+    )
+    models = len(ladder.select_way(record))
+    if models > ladder.MAX_CURVES:
+        caption += f" {ladder.MAX_CURVES} of the ladder's {models} models, called as there."
+    first, last = record.ladder[0], record.ladder[-1]
+    measured = "held_out" if last.held_out.p95_mm is not None else "estimation"
+    before, after = (format_mm(rung.side(measured).p95_mm) for rung in (first, last))
+    words = (
+        f"Distribution of {side} errors per model: 95 % stay below {before} mm with the nominal and below {after} mm with the "
+        "chosen model."
+    )
     return [
-        heading(
-            "Held-out errors" if side == "held-out" else "Errors (nothing is held out)", opens=False
-        ),
-        source.figure(
-            "held-out",
-            picture,
-            f"Share of {side} configurations whose error stays below a length. The further left and the steeper, "
-            "the better; a curve that crosses another is worse for some configurations."
-            + (
-                f" {ladder.CURVES} of the ladder's {len(ladder.rungs(result))} models, called as there."
-                if len(ladder.rungs(result)) > ladder.CURVES
-                else ""
-            ),
-            f"Distribution of {side} errors per model: 95 % stay below {mm(first[key]['p95_mm'])} mm with the nominal and below "
-            f"{mm(last[key]['p95_mm'])} mm with the chosen model.",
-        ),
+        make_heading(title, opens=False),
+        source.add_figure("held-out", picture, caption, words),
     ]
 
 
-def significance(source: Source) -> list[Block]:
-    """Forest plot and table by mechanism."""
-    result, blocks = source.result, list[Block]()
-    known = [p for p in result.get("parameters") or [] if p["low"] < p["high"]]
-    if known:
-        picture = parameters.forest(known)
-        weak = [p["symbol"] for p in known if p["low"] < 0 < p["high"]]
-        blocks.append(
-            source.figure(
-                "forest",
-                picture,
-                "Every fitted parameter in units of its own standard error, the surest first, with its 95 % "
-                "interval. Inside the "
-                "grey band, open: it may be nought."
-                + (
-                    f" The {parameters.MOST} strongest of {len(known)} are drawn."
-                    if len(known) > parameters.MOST
-                    else ""
-                ),
-                f"Forest plot of {len(known)} parameters; {len(weak)} may be nought"
-                + (f": {', '.join(weak[:12])}." if weak else "."),
-            )
-        )
-    if result.get("significance"):
-        weighed = result["significance"]
-        numbers = {
-            "mean mm": [mm(s["mean_mm"]) for s in weighed],
-            "worst mm": [mm(s["max_mm"]) for s in weighed],
-            "nominal p": [_p(s["p"]) for s in weighed],
-            "log10 evidence": [_signed(s["log10_evidence"]) for s in weighed],
-            "held-out rms mm": [
-                f"{mm(s['held_out_rms_without_mm'])} → {mm(s['held_out_rms_mm'])}" for s in weighed
-            ],
-            "stable": ["–" if s["stability"] is None else f"{s['stability']:.0%}" for s in weighed],
-        }
-        numbers = {
-            name: column for name, column in numbers.items() if set(column) != {"–"}
-        }  # a long run leaves some out
-        said = "Mean and worst displacement of the target by each mechanism. Held-out: rms without it and with it."
-        if "stable" in numbers:
-            said += " Stable: share of half-samples in which it stays significant."
-        if {"nominal p", "stable"} & set(numbers):
-            said += " Nominal p and stable take the names as given: the search is not repeated for them."
-        odd = [
-            f"{s['mechanism']}: {s['catalogue']}"
-            for s in weighed
-            if s["catalogue"] != "as expected"
-        ]
-        blocks += [
-            heading("By mechanism", 2),
-            table(
-                [("mechanism", "left"), *((name, "right") for name in numbers)],
-                [
-                    list(row)
-                    for row in zip(
-                        [s["mechanism"] for s in weighed], *numbers.values(), strict=True
-                    )
-                ],
-                said,
-                [1.0, *[0.0] * len(numbers)],
-            ),
-        ]
-        if odd:
-            blocks.append(points(odd))
-    return [heading("Significance"), *blocks] if blocks else []
+# -- significance
+# -----------------------------------------------------------------------------------------------------------------
 
 
-def _p(value: float | None) -> str:
-    return (
-        "–"
-        if value is None
-        else "<0.001"
-        if value < 0.001
-        else "≤0.001"
-        if value == 0.001
-        else f"{value:.3f}"
+def write_significance_page(source: Source) -> list[Block]:
+    """Write the forest plot, and the table by mechanism."""
+    record = source.record
+    blocks: list[Block] = []
+    bounded = [parameter for parameter in record.parameters if _is_bounded(parameter)]
+    if bounded:
+        blocks.append(_write_forest(source, bounded))
+    if record.significance:
+        blocks += _write_mechanisms(record.significance)
+    return [make_heading("Significance"), *blocks] if blocks else []
+
+
+def _is_bounded(parameter: ParameterRecord) -> bool:
+    """Return whether a parameter has an interval."""
+    low, high = parameter.low, parameter.high
+    return low is not None and high is not None and low < high
+
+
+def _may_be_zero(parameter: ParameterRecord) -> bool:
+    low, high = parameter.low, parameter.high
+    return low is not None and high is not None and low < 0 < high
+
+
+def _write_forest(source: Source, parameters: Sequence[ParameterRecord]) -> Block:
+    weak = [parameter.symbol for parameter in parameters if _may_be_zero(parameter)]
+    caption = (
+        "Every fitted parameter in units of its own standard error, the surest first, with its 95 % interval. Inside the "
+        "grey band, open: it may be zero."
     )
+    if len(parameters) > parameter_plots.MAX_FOREST:
+        caption += f" The {parameter_plots.MAX_FOREST} strongest of {len(parameters)} are drawn."
+    symbols = f": {', '.join(weak[:MAX_WEAK])}." if weak else "."
+    words = f"Forest plot of {len(parameters)} parameters; {len(weak)} may be zero{symbols}"
+    return source.add_figure("forest", parameter_plots.draw_forest(parameters), caption, words)
+
+
+def _write_mechanisms(mechanisms: Sequence[SignificanceRecord]) -> list[Block]:
+    """Write the table by mechanism, without columns that a long run leaves empty, and what the catalogue finds
+    odd."""
+    figures = _significance_columns(mechanisms)
+    names = [one.mechanism for one in mechanisms]
+    columns = [("mechanism", "left"), *((name, "right") for name in figures)]
+    rows = list(zip(names, *figures.values(), strict=True))
+    caption = "Mean and worst displacement of the target by each mechanism. Held-out: rms without it and with it."
+    if "stable" in figures:
+        caption += " Stable: share of half-samples in which it stays significant."
+    if {"nominal p", "stable"} & set(figures):
+        caption += f" Nominal p and stable {NOMINAL_CAVEAT}"
+    blocks = [
+        make_heading("By mechanism", 2),
+        make_table(columns, rows, caption, [1.0, *[0.0] * len(figures)]),
+    ]
+    odd = [f"{one.mechanism}: {one.catalogue}" for one in mechanisms if one.catalogue != EXPECTED]
+    return [*blocks, make_list(odd)] if odd else blocks
+
+
+def _significance_columns(mechanisms: Sequence[SignificanceRecord]) -> dict[str, list[str]]:
+    """Return the figures of every mechanism by column, without columns of dashes alone."""
+    columns = {
+        "mean mm": [format_mm(one.mean_mm) for one in mechanisms],
+        "worst mm": [format_mm(one.max_mm) for one in mechanisms],
+        "nominal p": [format_p(one.p) for one in mechanisms],
+        "log10 evidence": [_signed(one.log10_evidence) for one in mechanisms],
+        "held-out rms mm": [
+            f"{format_mm(one.held_out_rms_without_mm)} → {format_mm(one.held_out_rms_mm)}"
+            for one in mechanisms
+        ],
+        "stable": [format_share(one.stability) for one in mechanisms],
+    }
+    return {name: column for name, column in columns.items() if set(column) != {"–"}}
 
 
 def _signed(value: float | None) -> str:
     return "–" if value is None else f"{value:+.1f}".replace("-", "−")
 
 
-def correlation(source: Source) -> list[Block]:
-    """Which parameters hang together."""
-    block = source.result.get("correlation")
-    if not block or not block.get("matrix") or len(block["symbols"]) < 2:
+# -- correlation
+# ------------------------------------------------------------------------------------------------------------------
+
+
+def write_correlation_page(source: Source) -> list[Block]:
+    """Write which parameters the data know only together."""
+    correlation = source.record.correlation
+    count, drawn = len(correlation.symbols), parameter_plots.MAX_MATRIX
+    if count < 2:
         return []
-    clusters = [c for c in block["clusters"] if len(c) > 1]
-    count, most = len(block["symbols"]), parameters.MATRIX
-    part = f" {most} of {count} parameters are drawn, the clusters first." if count > most else ""
-    out = [
-        heading("Correlation"),
-        source.figure(
-            "correlation",
-            parameters.correlation(block),
-            "Correlation of the estimates, clusters together. Filled: positive; open ring: "
-            "negative; the larger, the stronger. Parameters of one cluster are known together better than apart."
-            + part,
-            f"Correlation matrix of {count} parameters in {len(clusters)} clusters.",
-        ),
+    clusters = [cluster for cluster in correlation.clusters if len(cluster) > 1]
+    caption = (
+        "Correlation of the estimates, clusters together. Filled: positive; open ring: negative; the larger, the stronger. "
+        "Parameters of one cluster are known together better than apart."
+    )
+    if count > drawn:
+        caption += f" {drawn} of {count} parameters are drawn, the clusters first."
+    words = f"Correlation matrix of {count} parameters in {len(clusters)} clusters."
+    picture = parameter_plots.draw_correlation(correlation)
+    blocks = [
+        make_heading("Correlation"),
+        source.add_figure("correlation", picture, caption, words),
     ]
-    if block["pairs"]:
-        out.append(points([p["sentence"] for p in block["pairs"][:PAIRS]]))
-    return out
-
-
-def posterior(source: Source) -> list[Block]:
-    """Draws of the informative few, and what the sampler says of itself."""
-    found = source.result.get("sampling")
-    if not found:
-        return []
-    blocks = [heading("Posterior")]
-    if not found.get("converged"):
-        blocks.append(
-            text(
-                "The chains had not converged when sampling ended; no quantile of theirs is quoted."
-            )
-        )
-    if found.get("sentence"):
-        blocks.append(text(found["sentence"]))
-    if found.get("converged"):
-        blocks.append(
-            text(
-                f"{found['steps']:,} steps of {found['walkers']} walkers, autocorrelation time {found['tau']:.0f}: "
-                f"{found['effective_samples']:,.0f} effective samples, R-hat {found['r_hat']:.3f}."
-            )
-        )
-    if found.get("importance"):
-        blocks.append(text(found["importance"]["sentence"]))
-    trace = found.get("trace")
-    if found.get("converged") and trace and len(trace["names"]) and len(trace["draws"]):
-        blocks.append(
-            source.figure(
-                "posterior",
-                parameters.posterior(
-                    trace, {q["name"]: q["unit"] for q in found.get("quantiles") or []}
-                ),
-                "Draws from the posterior of the informative few, in the parameters' own "
-                "units. A narrow slanting cloud: two parameters that the data know only together.",
-                f"Pairwise posterior draws of {', '.join(trace['names'][: parameters.SHOWN])}.",
-            )
-        )
-    if found.get("quantiles"):
-        rows = [[q["name"], *_quantiles(q)] for q in found["quantiles"][:QUANTILES]]
-        blocks.append(
-            table(
-                [
-                    ("parameter", "left"),
-                    *(
-                        (n, "right")
-                        for n in (
-                            "2.5 %",
-                            "median",
-                            "97.5 %",
-                            "2.5 %, closed form",
-                            "97.5 %, closed form",
-                        )
-                    ),
-                    ("unit", "left"),
-                ],
-                rows,
-                "Sampled as said above; beside it what least squares says in closed form.",
-                [0.0] * 7,
-            )
-        )
+    if correlation.pairs:
+        blocks.append(make_list([pair.sentence for pair in correlation.pairs[:MAX_PAIRS]]))
     return blocks
 
 
-def _quantiles(found: dict[str, Any]) -> list[str]:
-    """The five quantiles of a parameter in one unit, to the place that three digits of the widest
-    give; then the unit."""
-    values = [found[k] for k in ("low", "median", "high", "closed_form_low", "closed_form_high")]
-    biggest = max((abs(v) for v in values if v is not None), default=0.0)
-    factor, unit = choose_prefix(biggest, found["unit"])
-    places = max(2 - int(f"{biggest / factor:.2e}".partition("e")[2]), 0)
-    return [*("–" if v is None else f"{v / factor:.{places}f}" for v in values), unit]
+# -- posterior
+# --------------------------------------------------------------------------------------------------------------------
+
+
+def write_posterior_page(source: Source) -> list[Block]:
+    """Write the draws of the informative few, and what the sampler says of itself."""
+    sampling = source.record.sampling
+    if sampling is None:
+        return []
+    blocks = [make_heading("Posterior")]
+    blocks += [make_text(sentence) for sentence in write_sampling_sentences(source.record)]
+    if sampling.converged:
+        blocks += _write_draws(source, sampling)
+    return [*blocks, *_write_quantiles(sampling.quantiles)]
+
+
+def _write_draws(source: Source, sampling: SamplingRecord) -> list[Block]:
+    """Write the picture of the draws; nothing where there are none."""
+    trace = sampling.trace
+    if not trace.names or not trace.draws:
+        return []
+    units = {one.name: one.unit for one in sampling.quantiles}
+    caption = (
+        "Draws from the posterior of the informative few, in the parameters' own units. A narrow slanting cloud: two "
+        "parameters that the data know only together."
+    )
+    names = ", ".join(trace.names[: parameter_plots.MAX_DRAWN])
+    picture = parameter_plots.draw_posterior(trace, units)
+    words = f"Pairwise posterior draws of {names}."
+    return [source.add_figure("posterior", picture, caption, words)]
+
+
+QUANTILE_COLUMNS = (
+    ("parameter", "left"),
+    ("2.5 %", "right"),
+    ("median", "right"),
+    ("97.5 %", "right"),
+    ("2.5 %, closed form", "right"),
+    ("97.5 %, closed form", "right"),
+    ("unit", "left"),
+)
+
+
+def _write_quantiles(quantiles: Sequence[QuantilesRecord]) -> list[Block]:
+    """Write the table of quantiles; nothing where there are none."""
+    if not quantiles:
+        return []
+    rows = [[one.name, *_format_quantiles(one)] for one in quantiles[:MAX_QUANTILES]]
+    caption = "Sampled as described above; the closed form is that of least squares."
+    return [make_table(QUANTILE_COLUMNS, rows, caption, [0.0] * len(QUANTILE_COLUMNS))]
+
+
+def _format_quantiles(one: QuantilesRecord) -> list[str]:
+    """Return the five quantiles of a parameter in one unit, to the place that three digits of the widest give; then
+    the unit."""
+    values = [one.low, one.median, one.high, one.closed_form_low, one.closed_form_high]
+    largest = max((abs(value) for value in values if value is not None), default=0.0)
+    factor, unit = choose_prefix(largest, one.unit)
+    exponent = int(f"{largest / factor:.2e}".partition("e")[2])
+    decimals = max(2 - exponent, 0)
+    figures = ["–" if value is None else f"{value / factor:.{decimals}f}" for value in values]
+    return [*figures, unit]

@@ -1,0 +1,21 @@
+"""The tables of docs/reference/files.md about result.json, written from its schema."""
+
+from __future__ import annotations
+
+from .._records import StrictRecord
+from .finding_schema import FindingRecord
+from .schema import StudyRecord
+
+
+def write_key_table(model: type[StrictRecord]) -> str:
+    """Return a Markdown table of a record's keys and what they hold, from the schema's descriptions."""
+    schema = model.model_json_schema(by_alias=True)
+    lines = ["| key | holds |", "|---|---|"]
+    for key, value in schema["properties"].items():
+        lines.append(f"| `{key}` | {value['description']} |")
+    return "\n".join(lines) + "\n"
+
+
+def write_result_tables() -> str:
+    """Return the tables of result.json and of one of its findings, as docs/reference/files.md has them."""
+    return f"{write_key_table(StudyRecord)}\nA finding:\n\n{write_key_table(FindingRecord)}"

@@ -1,0 +1,140 @@
+"""The records of details.json: what the pictures need beyond result.json."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from .._records import Number, Pair, StrictRecord, Text, Vector, Whole
+from .record_types import Axis, Figure, Texts
+
+
+class DrawnRowsRecord(StrictRecord):
+    """The rows that are drawn, `of` all that were measured."""
+
+    of: Whole
+    row: list[Whole]
+    estimation: list[Whole]
+    outlying: list[Whole]
+    q: list[Annotated[list[Number], Field(min_length=1)]]
+    measured_mm: list[Vector]
+
+
+class PlacesRecord(StrictRecord):
+    """What the user calls the rows of the measurements."""
+
+    word: Literal["line", "row"]
+    first: Whole
+    at: dict[Text, Whole] | None
+
+
+class JointRecord(StrictRecord):
+    """A joint's unit and range."""
+
+    unit: Literal["mm", "rad"]
+    limits: Pair | None
+
+
+class RungResidualsRecord(StrictRecord):
+    """Residuals of one model of the ladder at the drawn rows, in the tracker's frame."""
+
+    residual_mm: list[Vector]
+    rotation_rad: list[Vector] | None
+
+
+class MapPlaceRecord(StrictRecord):
+    """A row of the error map: the target's displacement per unit screw at the drawn rows."""
+
+    frame: Whole
+    axis: Axis
+    turns_only: bool
+    d: list[Vector]
+
+
+class MapColumnRecord(StrictRecord):
+    """A column of the error map: a wave by its angle and count, else the values of its causes."""
+
+    wave: Figure
+    angle: Text | None
+    joint: Whole | None
+    values: list[list[Number]] | None
+    unit: Text | None = None
+
+
+class MapRecord(StrictRecord):
+    """The error map's cells, for a page that computes with them."""
+
+    places: list[MapPlaceRecord]
+    columns: list[MapColumnRecord]
+    slopes: list[list[list[Number] | None]]
+    named: list[Annotated[tuple[Whole, Whole, Text], Field(strict=False)]]
+
+
+class CardTermRecord(StrictRecord):
+    """A term of a mechanism in words."""
+
+    symbol: Text
+    unit: Text
+    screws: Texts
+    size: Pair | None
+    sign: Whole
+    expected: Text
+
+
+class CardRecord(StrictRecord):
+    """A mechanism in words."""
+
+    name: Text
+    sentence: Text
+    equation: Text
+    source: Text
+    terms: list[CardTermRecord]
+
+
+class PanelRecord(StrictRecord):
+    """A picture of a finding: residual against cause, `before` without and `after` with the effect."""
+
+    frames: list[Whole]
+    axis: Literal["", "tx", "ty", "tz", "rx", "ry", "rz"]
+    against: Text
+    against_unit: Text
+    unit: Literal["mm", "rad"]
+    kind: Text
+    x: list[Number]
+    before: list[Number]
+    after: list[Number]
+    weight: list[Number]
+    curve: Annotated[list[list[Number]], Field(min_length=2, max_length=2)]
+
+
+class FindingDetailsRecord(StrictRecord):
+    """What is drawn of one finding."""
+
+    label: Text
+    what: Text
+    panels: list[PanelRecord]
+    more_panels: Whole
+    rivals: Texts
+
+
+class DetailsRecord(StrictRecord):
+    """details.json."""
+
+    version: Literal[1] = Field(alias="schema")
+    data_sha256: Text
+    study_sha256: Text
+    rows: DrawnRowsRecord
+    places: PlacesRecord | None = None
+    joints: list[JointRecord]
+    arm_mm: list[Vector]
+    base: Whole
+    rungs: list[RungResidualsRecord]
+    map: MapRecord
+    cards: dict[Text, CardRecord]
+    findings: list[FindingDetailsRecord]
+
+    @property
+    def run(self) -> tuple[str, str]:
+        """What files of one run have in common: the hashes of the data and of the study."""
+        return self.data_sha256, self.study_sha256

@@ -1,0 +1,86 @@
+"""Warnings about findings: noise that is uneven, held-out rows that speak against them, a map that is not whole."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .._typing import Array
+from ..diagnosis.candidates import exceeds_cell_limit
+from ..diagnosis.outcome import Diagnosis
+from ..diagnosis.sentences import format_length
+from ..fitting.problem import Problem
+from ..notices import Note
+from ..selection.evaluation import Evaluation, Split, compare_held_out
+from .finding_records import Finding
+
+# how many times more held-out rows err than promised, to be said
+MIN_SURPRISE = 1.25
+# how rarely so by chance, to be said
+MAX_SURPRISE_P = 1e-3
+
+
+def uneven_noise_notes(diagnosis: Diagnosis) -> tuple[Note, ...]:
+    """Return the warning about what independent normal noise would have named and the residual's own signs do
+    not."""
+    if diagnosis.held_back is None or diagnosis.left is None:
+        return ()
+    first = diagnosis.left.entries[0].candidate.label
+    sentence = (
+        f"{first} is not named: if the noise were normal, independent and alike everywhere, chance would explain it "
+        f"with probability {diagnosis.held_back:.2g}, but the residuals as they are, with the signs of whole postures "
+        f"(or groups) changed, do as well with probability {diagnosis.left_p:.2g}. Rows of one posture may share an "
+        "error, a few rows may be loud, the noise may be larger in one direction, or errors may last from one "
+        "configuration to the next."
+    )
+    return (Note("uneven-noise", sentence),)
+
+
+def opposed_finding_notes(findings: Sequence[Finding]) -> tuple[Note, ...]:
+    """Return a warning for every finding that makes the held-out error larger, by the whole interval of its gain."""
+    return tuple(
+        Note(
+            "held-out-against",
+            f"{finding.effect.candidate.label} was named, but held-out configurations speak against it: "
+            f"{finding.against}. Do not compensate for it before further measurements confirm it.",
+        )
+        for finding in findings
+        if finding.against
+    )
+
+
+def surprise_notes(split: Split, chosen: Evaluation) -> tuple[Note, ...]:
+    """Return the warning about held-out configurations that err clearly more than cross-validation within the
+    estimation rows promises."""
+    if chosen.crossed is None:
+        return ()
+    held = ~split.estimation & ~split.outlying
+    block = split.problem.data.block
+    errors = np.linalg.norm(chosen.residual[held][:, :3], axis=1)
+    times, p = compare_held_out(chosen.crossed, block[split.used], errors, block[held])
+    if times < MIN_SURPRISE or p > MAX_SURPRISE_P:
+        return ()
+    sentence = (
+        f"The held-out configurations err by {format_length(root_mean_square(errors))} rms where cross-validation within the "
+        f"estimation configurations promises {format_length(root_mean_square(chosen.crossed))} (by chance with probability "
+        f"{p:.1g}): something acts there that the estimation configurations do not show. Neither the findings nor "
+        "their absence speak of it: let such configurations estimate, too."
+    )
+    return (Note("held-out-surprise", sentence),)
+
+
+def root_mean_square(values: Array) -> float:
+    """Return the root mean square of values."""
+    return float(np.sqrt(np.square(values).mean()))
+
+
+def partial_map_notes(problem: Problem) -> tuple[Note, ...]:
+    """Return the warning about an arm with so many joints that the error map is not whole."""
+    if not exceeds_cell_limit(problem):
+        return ()
+    sentence = (
+        f"With {problem.robot.n} joints the whole error map is too large: causes nobody registered were looked for "
+        "only at the places of the joints they look at, and next to these."
+    )
+    return (Note("map-of-neighbours", sentence),)

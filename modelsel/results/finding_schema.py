@@ -1,0 +1,122 @@
+"""The records of findings: verdicts, credible sets, estimates and gains."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from .._records import Number, Pair, StrictRecord, Text, Whole
+from .record_types import Axis, Figure
+
+FAULT = "fault:"  # begins the name of a data fault
+
+
+class ScrewRecord(StrictRecord):
+    """A place and a cause; with derived causes also the cause at every estimation row."""
+
+    frame: Whole
+    axis: Axis
+    cause: Text
+    values: list[Figure] | None = None
+
+    @property
+    def place(self) -> str:
+        """The frame and the axis."""
+        return f"frame {self.frame} {self.axis}"
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the cause is a free function of a joint."""
+        return self.cause.startswith("free(")
+
+
+class EntryRecord(StrictRecord):
+    """One explanation of a credible set."""
+
+    mechanism: Text | None
+    probability: Number
+    screws: list[ScrewRecord]
+    alike: bool
+
+    @property
+    def is_fault(self) -> bool:
+        """Whether the explanation is a fault of the data."""
+        return self.mechanism is not None and self.mechanism.startswith(FAULT)
+
+    @property
+    def causes(self) -> list[str]:
+        """The causes, each once, in the screws' order."""
+        return list(dict.fromkeys(screw.cause for screw in self.screws))
+
+    @property
+    def name(self) -> str:
+        """The registered name, or the cell: frame 6 ty · q4."""
+        if self.mechanism:
+            return self.mechanism
+        if not self.screws:
+            return "an unnamed effect"
+        first = self.screws[0]
+        return first.cause if first.is_free else f"{first.place} · {' & '.join(self.causes)}"
+
+    @property
+    def cells(self) -> str:
+        """Places and causes: frame 5 rz · q4."""
+        return "; ".join(f"{screw.place} · {screw.cause}" for screw in self.screws)
+
+
+class EstimateRecord(StrictRecord):
+    """One fitted number of a finding."""
+
+    symbol: Text
+    value: Figure
+    standard_error: Figure
+    unit: Text
+
+
+class GainRecord(StrictRecord):
+    """What a finding changes on held-out configurations [mm]; a positive interval is less error."""
+
+    held_out_rms_before_mm: Figure
+    held_out_rms_after_mm: Figure
+    interval_mm: Pair | None
+
+
+class FindingRecord(StrictRecord):
+    """One decision of the search."""
+
+    sentence: Text = Field(description="for people")
+    verdict: Text = Field(
+        description="`found`, `cannot be told apart`, `below detection limit`",
+    )
+    p_value: Number = Field(description="family-wise over the whole scan; found at 0.05 or less")
+    rows: list[Whole] | None = Field(
+        None,
+        description='of a data fault only (`"mechanism": "fault:<name>"`): the rows it concerns',
+    )
+    credible_set: Annotated[list[EntryRecord], Field(min_length=1)] = Field(
+        description="most probable first, to 0.95 or 20 entries: `mechanism` (null for a cell of the map), "
+        "`probability`, `alike` (moves the target as the first does), `screws` (`frame axis cause`, and `values` at "
+        "every estimation row where the cause uses a derived name)",
+    )
+    more_entries: Whole = Field(description="how many are not listed")
+    estimate: list[EstimateRecord] = Field(description="`symbol value standard_error unit`")
+    gain: GainRecord = Field(
+        description="`held_out_rms_before_mm held_out_rms_after_mm interval_mm`",
+    )
+
+    @property
+    def first(self) -> EntryRecord:
+        """The most probable explanation."""
+        return self.credible_set[0]
+
+    @property
+    def is_found(self) -> bool:
+        """Whether the data single out one name."""
+        return self.verdict == "found"
+
+    @property
+    def alike(self) -> float:
+        """How probable those explanations are, together, that move the target as the first does."""
+        together = sum(entry.probability for entry in self.credible_set if entry.alike)
+        return min(together, 1.0)

@@ -1,0 +1,232 @@
+"""The sentences about a study that the terminal, the PDF and the page to explore share, each written once; and the
+figures in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..measurements.table import Where
+from ..notices import HOPELESS_FIT, Note, list_alarms
+from .finding_schema import EntryRecord, FindingRecord
+from .model_schema import RungRecord
+from .schema import FeatureRecord, StudyRecord
+
+# what the table of subsets is for, said with it
+TABLE_PURPOSE = (
+    "The table asks which names predict best together, and may add one that chance brought; naming asks of each whether "
+    "chance would do as well, over all that was scanned: only that finds, and the two may differ."
+)
+# what figures that take the names as given do not say
+NOMINAL_CAVEAT = "take the names as given: the search is not repeated for them; the p of a finding is that of the whole search."
+# p and share from which a smooth function is said to predict what is left
+MAX_PREDICTABLE_P = 0.05
+MIN_PREDICTABLE_SHARE = 0.01
+# the smallest p that drawn signs can tell: below it, p is a bound
+SMALLEST_P = 0.001
+# mm from which three decimals are more than anyone reads
+LARGEST_FINE_MM = 9.9995
+FEATURE_POSITIONS = {
+    "wire": "its anchor stands",
+    "ball-bar": "its sphere stands",
+    "same-point": "it stands",
+    "plane": "a point of it is",
+}
+
+
+# -- figures
+# --------------------------------------------------------------------------------------------------------------------
+
+
+def format_mm(value: float | None) -> str:
+    """Return a length [mm] with three decimals, two from 10 mm on; a dash where undefined."""
+    if value is None:
+        return "–"
+    return f"{value:.3f}" if value < LARGEST_FINE_MM else f"{value:.2f}"
+
+
+def format_p(p: float | None) -> str:
+    """Return a nominal p: a bound where drawn signs can tell no smaller one."""
+    if p is None:
+        return "–"
+    if p <= SMALLEST_P:
+        return f"{'<' if p < SMALLEST_P else '≤'}{SMALLEST_P}"
+    return f"{p:.3f}"
+
+
+def format_share(share: float | None) -> str:
+    """Return a share in percent; a dash where undefined."""
+    return "–" if share is None else f"{share:.0%}"
+
+
+def format_weight(weight: float | None) -> str:
+    """Return the probability of a subset; a dash where undefined."""
+    if weight is None:
+        return "–"
+    return "<0.001" if weight < 0.0005 else f"{weight:.3f}"
+
+
+def count_rows(rows: Sequence[int]) -> str:
+    """Return how many rows, in words: 1 row, 2 rows."""
+    return f"{len(rows)} row{'s' * (len(rows) != 1)}"
+
+
+# -- models
+# ---------------------------------------------------------------------------------------------------------------------
+
+
+def list_errors(rung: RungRecord) -> list[str]:
+    """Return mean and worst error [mm] of both sides of the split."""
+    estimation, held_out = rung.estimation, rung.held_out
+    return [
+        format_mm(estimation.mean_mm),
+        format_mm(estimation.max_mm),
+        format_mm(held_out.mean_mm),
+        format_mm(held_out.max_mm),
+    ]
+
+
+def common_mechanisms(models: Sequence[RungRecord]) -> list[str]:
+    """Return the mechanisms that all models begin with."""
+    common: list[str] = []
+    for names in zip(*(model.mechanisms for model in models), strict=False):
+        if len(set(names)) > 1:
+            break
+        common.append(names[0])
+    return common
+
+
+# -- verdict
+# --------------------------------------------------------------------------------------------------------------------
+
+
+def opening_sentences(record: StudyRecord) -> list[str]:
+    """Return the sentences that lead a report: what in the set-up or the data looks wrong, then the verdict."""
+    return [*alarm_sentences(record), *record.verdict]
+
+
+def alarm_sentences(record: StudyRecord) -> list[str]:
+    """Return what in the set-up or the data looks wrong."""
+    return list_alarms([Note(warning.code, warning.sentence) for warning in record.warnings])
+
+
+def hopeless_sentences(record: StudyRecord) -> list[str]:
+    """Return what the verdict of a hopeless fit begins with; none of any other."""
+    return [warning.sentence for warning in record.warnings if warning.code == HOPELESS_FIT]
+
+
+def gain_sentence(record: StudyRecord) -> str:
+    """Return the verdict's sentence about the position error before and after."""
+    return record.verdict[len(hopeless_sentences(record))]
+
+
+def describe_split(record: StudyRecord) -> str:
+    """Return how the configurations are split, without a full stop."""
+    counts = record.configurations
+    return f"{counts.estimation:,} configurations estimate, {counts.held_out:,} are held out"
+
+
+def describe_noise_floor(record: StudyRecord) -> str:
+    """Return the noise floor with its source, without a full stop."""
+    floor = record.noise_floor
+    return f"{floor.coordinate_mm:.3g} mm per coordinate ({floor.source})"
+
+
+# -- findings
+# -------------------------------------------------------------------------------------------------------------------
+
+
+def label_entries(entries: Sequence[EntryRecord]) -> list[str]:
+    """Return the names of a credible set; where one stands there more than once, with the cause that tells them
+    apart."""
+    names = [entry.name for entry in entries]
+    return [
+        f"{name}, {entry.screws[0].cause}" if names.count(name) > 1 and entry.screws else name
+        for name, entry in zip(names, entries, strict=True)
+    ]
+
+
+def describe_probability(finding: FindingRecord) -> str:
+    """Return how probable the first of the set is, and together with those that move the target as it does."""
+    alone = f"{finding.first.probability:.2f}"
+    together = f"{finding.alike:.2f}"
+    others = sum(entry.alike for entry in finding.credible_set) - 1
+    if alone == together or others < 1:
+        return alone
+    return f"{alone}; {together} with {others} alike"
+
+
+def write_finding_line(finding: FindingRecord) -> str:
+    """Return a finding in one line of a terminal."""
+    if finding.first.is_fault:
+        return finding.sentence
+    verdict = "Found" if finding.is_found else "Not told apart"
+    return f"{verdict}: {finding.sentence}"
+
+
+def describe_predictable(record: StudyRecord) -> str:
+    """Return whether a smooth function of the configuration would predict what is left; empty where it was not
+    asked."""
+    predictable = record.nothing_else.predictable
+    if predictable is None:
+        return ""
+    chance = f"(p = {predictable.p:.2g})"
+    if predictable.p <= MAX_PREDICTABLE_P and predictable.share > MIN_PREDICTABLE_SHARE:
+        return (
+            f"Some smooth function of the configuration would still predict {predictable.share:.0%} of what is left "
+            f"{chance}: the chosen model does not explain everything."
+        )
+    return f"No smooth function of the configuration predicts what is left {chance}."
+
+
+def describe_outliers(record: StudyRecord, where: Where, most: int) -> str:
+    """Return which rows were left out; empty where none was. `where`: what the user calls rows."""
+    rows = record.outliers
+    if not rows:
+        return ""
+    return f"Outliers left out: {count_rows(rows)} ({where.listed(rows, most)})."
+
+
+# -- uncertainty
+# ----------------------------------------------------------------------------------------------------------------
+
+
+def write_sampling_sentences(record: StudyRecord) -> list[str]:
+    """Return what was sampled, how the chain went, and whether the closed form says the same; none where nothing was
+    sampled."""
+    sampling = record.sampling
+    if sampling is None:
+        return []
+    sentences = [sampling.sentence, _describe_chain(record)]
+    if sampling.importance is not None:
+        sentences.append(sampling.importance.sentence)
+    return [sentence for sentence in sentences if sentence]
+
+
+def _describe_chain(record: StudyRecord) -> str:
+    sampling = record.sampling
+    assert sampling is not None
+    chain = f"{sampling.steps:,} steps of {sampling.walkers} walkers"
+    if not sampling.converged:
+        return f"{chain}: the chains had not converged when sampling ended; no quantile of theirs is quoted."
+    return (
+        f"{chain}, autocorrelation time {sampling.tau:.0f}: {sampling.effective_samples:,.0f} effective samples, "
+        f"R-hat {sampling.r_hat:.3f}."
+    )
+
+
+# -- set-up
+# ---------------------------------------------------------------------------------------------------------------------
+
+
+def describe_feature(feature: FeatureRecord) -> str:
+    """Return where the chosen model has a feature that rows share."""
+    position = ", ".join(f"{value:.2f}" for value in feature.position_mm)
+    parts = [f"{FEATURE_POSITIONS[feature.kind]} at {position} mm"]
+    if feature.normal is not None:
+        normal = ", ".join(f"{value:.5f}" for value in feature.normal)
+        parts.append(f"square to {normal}")
+    if feature.length_mm is not None:
+        length = f"{feature.length_mm:.3f} mm"
+        is_bar = feature.kind == "ball-bar"
+        parts.append(f"{length} long" if is_bar else f"its readings leave out {length}")
+    return f"Feature {feature.name} ({feature.kind}): {', '.join(parts)}."

@@ -1,0 +1,205 @@
+"""A finished study: what `run` returns and what `load_result` reads back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..calibration.calibration import Calibration, calibrate
+from ..calibration.refitting import refit_forms
+from ..config.study_file import Study
+from ..exceptions import StudyError, suggest
+from ..fitting.problem import Problem
+from ..report.drawing import draw_records
+from ..results.details import draw_details
+from ..results.details_schema import DetailsRecord
+from ..results.finding_schema import FindingRecord
+from ..results.record import record_run
+from ..results.residual_table import RESIDUALS, ResidualColumns
+from ..results.schema import StudyRecord, WarningRecord
+from ..results.storage import (
+    StudyFiles,
+    read_study_files,
+    record_text,
+    write_study_files,
+)
+from ..results.study_run import Explanation, ModelSearch, StudyRun
+from ..results.tables import TABLES, write_notebook_page
+from ..robot.kinematics import Robot
+from ..selection.evaluation import Split
+from ..uncertainty.summary import Confidence
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Result:
+    """A finished study, fresh from a run or read back from its folder.
+
+    Of both: `record` (result.json as attributes), `findings`, `warnings`, `calibration`, `to_frame` for tables, `save`
+    and `report`; in a notebook it shows itself. Only a fresh run has the `problem`, the fits and the draws behind
+    these: `models`, `diagnosis`, `uncertainty`."""
+
+    fresh: StudyRun | None = None
+    files: StudyFiles | None = None
+
+    # -- what every result has
+
+    @cached_property
+    def record(self) -> StudyRecord:
+        """result.json's content."""
+        return record_run(self.run) if self.files is None else self.files.record
+
+    @cached_property
+    def details(self) -> DetailsRecord:
+        """details.json's content: what the pictures need beyond the record."""
+        return draw_details(self.run) if self.files is None else self.files.details
+
+    @cached_property
+    def calibration(self) -> Calibration:
+        """The chosen model, to predict, to store, to export and to compensate with."""
+        return _calibrate(self.run) if self.files is None else self.files.calibration
+
+    @property
+    def findings(self) -> list[FindingRecord]:
+        """What was named, faults of the data first."""
+        return self.record.findings
+
+    @property
+    def warnings(self) -> list[WarningRecord]:
+        """What the user should know."""
+        return self.record.warnings
+
+    def residuals(self) -> pd.DataFrame:
+        """Return the residuals of the nominal, the base and the chosen model, indexed by the row of the file.
+
+        Measured minus predicted, mm (and rad, where orientations were measured) in the tracker's frame; whether a
+        row estimates, and whether it is an outlier. Raises StudyError where the folder has none."""
+        import pandas as pd
+
+        columns = self._residual_columns()
+        if columns is None:
+            raise StudyError(
+                f"there was no {RESIDUALS} in the folder: run the study again to write one."
+            )
+        values = {name: column for name, column in columns.items() if name != "row"}
+        return pd.DataFrame(values, index=pd.Index(columns["row"], name="row"))
+
+    def _residual_columns(self) -> ResidualColumns | None:
+        return self.run.residual_columns() if self.files is None else self.files.residuals
+
+    def to_frame(self, table: str = "ladder") -> pd.DataFrame:
+        """Return one of the result's tables: "ladder", "candidates", "findings", "credible sets", "estimates",
+        "parameters", "significance", "error map" (places by causes, F) or "residuals". Raises StudyError for
+        another name."""
+        if table == "residuals":
+            return self.residuals()
+        if table not in TABLES:
+            hint = suggest(table, (*TABLES, "residuals"))
+            raise StudyError(f'a result has no table "{table}". {hint}')
+        return TABLES[table](self.record)
+
+    def to_json(self) -> str:
+        """Return result.json's text."""
+        return record_text(self.record)
+
+    def save(self, folder: Path | str) -> list[Path]:
+        """Write result.json, details.json, calibration.json and residuals.parquet into a folder, all whole before the
+        first takes its place; `load_result` reads them back. Files written. Raises StudyError."""
+        columns = self._residual_columns()
+        files = StudyFiles(self.record, self.details, self.calibration, columns)
+        return write_study_files(files, Path(folder))
+
+    def report(
+        self,
+        folder: Path | str,
+        pages: tuple[str, ...] | None = None,
+        say: Callable[[str], None] = lambda _: None,
+    ) -> list[Path]:
+        """Draw report.pdf and report.html into a folder; `pages` chooses from the PDF's. Files written. Raises
+        StudyError or ReportError."""
+        return draw_records(self.record, self.details, Path(folder), pages, say)
+
+    def __repr__(self) -> str:
+        return f"Result of {self.record.study!r}. {' '.join(self.record.verdict)}"
+
+    def _repr_html_(self) -> str:
+        """Show verdict, ladder and findings in a notebook."""
+        return write_notebook_page(self.record)
+
+    # -- what only a fresh run has
+
+    @property
+    def run(self) -> StudyRun:
+        """Everything the run computed. Raises StudyError for a result that was read back."""
+        if self.fresh is None:
+            raise StudyError(
+                "this result was read back from its folder. The problem, the fits and the draws belong to the run "
+                "and are not stored: run the study again to have them."
+            )
+        return self.fresh
+
+    @property
+    def study(self) -> Study:
+        """The study's configuration. Raises StudyError for a result that was read back; so do all below."""
+        return self.run.study
+
+    @property
+    def robot(self) -> Robot:
+        """The nominal robot."""
+        return self.run.robot
+
+    @property
+    def split(self) -> Split:
+        """The problem with its estimation, held-out and outlying rows."""
+        return self.run.split
+
+    @property
+    def problem(self) -> Problem:
+        """The robot with its measurements, registered and weighed."""
+        return self.run.problem
+
+    @property
+    def models(self) -> ModelSearch:
+        """The models that were compared, and the chosen one."""
+        return self.run.models
+
+    @property
+    def diagnosis(self) -> Explanation:
+        """What is wrong with the arm, and what else was looked for."""
+        return self.run.diagnosis
+
+    @property
+    def uncertainty(self) -> Confidence:
+        """How sure the chosen model's parameters are."""
+        return self.run.uncertainty
+
+    def with_uncertainty(self, uncertainty: Confidence) -> Result:
+        """Return the result with another answer to how sure it is, as after sampling."""
+        return Result(replace(self.run, uncertainty=uncertainty))
+
+
+def load_result(folder: Path | str) -> Result:
+    """Read a result from the folder that `Result.save` or `modelsel study` wrote it into (or the result.json there).
+    Raises StudyError."""
+    path = Path(folder)
+    return Result(files=read_study_files(path.parent if path.name == "result.json" else path))
+
+
+def _calibrate(run: StudyRun) -> Calibration:
+    """Return a run's chosen model as a calibration, with what its other forms take."""
+    fitted = run.models.chosen.fit
+    calibration = calibrate(
+        run.study.name,
+        run.split,
+        fitted,
+        run.floor,
+        run.models.chosen.held_out.rms_mm,
+        bool(run.study.robot.register_),
+        run.provenance,
+    )
+    return replace(calibration, refits=refit_forms(run.split, fitted, run.models.ladder))
