@@ -128,11 +128,11 @@ def _list_other_terms(result: Result, effect: Effect) -> tuple[Term, ...]:
     """Return the chosen model's terms without those that only this effect brings."""
     fitted = result.models.chosen.fit
     effect_mechanism = effect.candidate.mechanism
-    own_screws = {term.screws for term in effect_mechanism.terms}
+    effect_keys = {term.key for term in effect_mechanism.terms}
     for other in fitted.model.mechanisms:
         if other != effect_mechanism:
-            own_screws -= {term.screws for term in other.terms}
-    return tuple(term for term in fitted.terms if term.screws not in own_screws)
+            effect_keys -= {term.key for term in other.terms}
+    return tuple(term for term in fitted.terms if term.key not in effect_keys)
 
 
 def choose_configurations(
