@@ -6,10 +6,7 @@ import re
 from collections.abc import Sequence
 
 from .columns import READING_UNITS
-from .covariates import KNOWN_COVARIATES
-from .observation_columns import (
-    KIND_COLUMNS,
-)
+from .observation_columns import KIND_COLUMNS
 
 JOINT_COLUMN = re.compile(r"q([0-9]{1,9})_(?:rad|deg|mm|m)")
 LABEL_COLUMNS = ("target", "configuration", "group")
@@ -34,3 +31,7 @@ def list_contract_names(prismatic: Sequence[bool]) -> set[str]:
         names.add(f"approach{j}")
         names |= {f"q{j}_{unit}" for unit in READING_UNITS[slides]}
     return names
+
+
+# covariates with a meaning that mechanisms know
+KNOWN_COVARIATES = ("payload_kg", "temperature_C", "time_s")

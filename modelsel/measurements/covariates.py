@@ -11,13 +11,11 @@ from .._typing import Array
 from ..exceptions import one_line
 from ..notices import Note
 from .columns import convert_to_numbers, read_numbers
-from .contract_columns import JOINT_COLUMN, list_contract_names
+from .contract_columns import JOINT_COLUMN, KNOWN_COVARIATES, list_contract_names
 from .observation_columns import KIND_COLUMNS
 from .state_names import is_state_name
 from .table import Table
 
-# covariates with a meaning that mechanisms know
-KNOWN_COVARIATES = ("payload_kg", "temperature_C", "time_s")
 # numbers of a covariate that the contract names, and of any other
 MAX_KNOWN_COVARIATE = 1e12
 MAX_COVARIATE = 1e30
