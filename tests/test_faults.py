@@ -230,8 +230,8 @@ def test_two_at_once(study, tmp_path) -> None:
 def test_a_claim_ends_with_its_process(tmp_path) -> None:
     """What a killed run leaves unfinished is removed by the next; its chain is not."""
     code = (
-        "import os, sys, pathlib\nfrom modelsel._files import claimed\n"
-        "with claimed(pathlib.Path(sys.argv[1])): os._exit(9)"
+        "import os, sys, pathlib\nfrom modelsel._files import claim_folder\n"
+        "with claim_folder(pathlib.Path(sys.argv[1])): os._exit(9)"
     )
     assert (
         subprocess.run([sys.executable, "-c", code, str(tmp_path / "out")], check=False).returncode
