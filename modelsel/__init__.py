@@ -1,7 +1,14 @@
-"""modelsel: what a robot's model gets wrong, why, and what is gained by saying so.
+"""modelsel: find which errors a measured robot arm has, what causes them, and what correcting them gains.
 
-The steps of a study, each callable alone; names are loaded when first used, so that importing costs
-nothing."""
+A whole study:  result = run_study("study.toml");  result.findings;  result.report("reports/cell")
+Step by step:   load_robot, read_measurements, Problem, Model, fit, compare, diagnose
+Afterwards:     result.save(folder), load_result(folder), result.calibration.predict(measurements),
+                .correct(targets), .export("urdf"), plan_next(result)
+Mechanisms:     modelsel.mechanisms has the registry and the parts of a mechanism of your own,
+                modelsel.testing.check_mechanism tries it.
+
+Names are loaded when first used: importing modelsel costs nothing.
+"""
 
 from __future__ import annotations
 
@@ -10,40 +17,30 @@ from typing import TYPE_CHECKING, Any
 
 from ._version import VERSION
 
-if (
-    TYPE_CHECKING
-):  # the table below, for type checkers and editors; tests/test_names.py holds the two alike
+# The table below, for type checkers and editors; tests hold the two alike.
+if TYPE_CHECKING:
     from .calibration.calibration import Calibration as Calibration
-    from .calibration.compensation import correct as correct
     from .calibration.loading import load_calibration as load_calibration
-    from .calibration.prediction import predict as predict
     from .config.study_file import Study as Study
     from .config.study_file import read_study as read_study
+    from .diagnosis.outcome import Diagnosis as Diagnosis
+    from .diagnosis.procedure import diagnose as diagnose
     from .exceptions import DataError as DataError
     from .exceptions import ModelselError as ModelselError
     from .exceptions import NotEstimable as NotEstimable
     from .exceptions import StudyError as StudyError
     from .fitting.design import Model as Model
-    from .fitting.design import residuals as residuals
     from .fitting.least_squares import Fit as Fit
+    from .fitting.least_squares import fit as fit
+    from .fitting.problem import Problem as Problem
     from .measurements.measurements import Measurements as Measurements
     from .measurements.reader import read_measurements as read_measurements
-    from .mechanisms.causes import Cause as Cause
-    from .mechanisms.registry import BUILTIN as BUILTIN
-    from .mechanisms.registry import PerJoint as PerJoint
-    from .mechanisms.registry import every as every
     from .mechanisms.registry import mechanism as mechanism
-    from .mechanisms.registry import with_plugins as with_plugins
-    from .mechanisms.terms import Mechanism as Mechanism
-    from .mechanisms.terms import Screw as Screw
-    from .mechanisms.terms import Term as Term
     from .robot.files import builtin_names as builtin_names
-    from .robot.files import load as load
-    from .robot.files import read_robot as read_robot
+    from .robot.files import load_robot as load_robot
     from .robot.kinematics import Robot as Robot
-    from .robot.kinematics import forward as forward
-    from .robot.kinematics import screw_field as screw_field
-    from .selection.evaluation import estimate_gain as estimate_gain
+    from .selection.model_comparison import ModelComparison as ModelComparison
+    from .selection.model_comparison import compare as compare
     from .selection.splits import split_configurations as split_configurations
     from .study.planning import MeasurementPlan as MeasurementPlan
     from .study.planning import plan_next as plan_next
@@ -55,25 +52,22 @@ if (
 
 __version__ = VERSION
 
-# a name that is also a module's (fit, problem, extend …) is imported from there: from
-# modelsel.fitting.fit import fit
 _NAMES = {
     "calibration.calibration": "Calibration",
-    "calibration.compensation": "correct",
     "calibration.loading": "load_calibration",
-    "calibration.prediction": "predict",
     "config.study_file": "Study read_study",
+    "diagnosis.outcome": "Diagnosis",
+    "diagnosis.procedure": "diagnose",
     "exceptions": "DataError ModelselError NotEstimable StudyError",
-    "fitting.design": "Model residuals",
-    "fitting.least_squares": "Fit",
+    "fitting.design": "Model",
+    "fitting.least_squares": "Fit fit",
+    "fitting.problem": "Problem",
     "measurements.measurements": "Measurements",
     "measurements.reader": "read_measurements",
-    "mechanisms.causes": "Cause",
-    "mechanisms.registry": "BUILTIN PerJoint every mechanism with_plugins",
-    "mechanisms.terms": "Mechanism Screw Term",
-    "robot.files": "builtin_names load read_robot",
-    "robot.kinematics": "Robot forward screw_field",
-    "selection.evaluation": "estimate_gain",
+    "mechanisms.registry": "mechanism",
+    "robot.files": "builtin_names load_robot",
+    "robot.kinematics": "Robot",
+    "selection.model_comparison": "ModelComparison compare",
     "selection.splits": "split_configurations",
     "study.planning": "MeasurementPlan plan_next",
     "study.result": "Result load_result",
@@ -81,14 +75,17 @@ _NAMES = {
     "study.simulation": "simulate_study",
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
+_SUBMODULES = ("mechanisms", "testing")
 __all__ = sorted(_HOME)
 
 
 def __getattr__(name: str) -> Any:
     if name in _HOME:
         return getattr(import_module(f"modelsel.{_HOME[name]}"), name)
+    if name in _SUBMODULES:
+        return import_module(f"modelsel.{name}")
     raise AttributeError(f"module modelsel has no attribute {name}")
 
 
 def __dir__() -> list[str]:
-    return [*__all__, "__version__"]
+    return sorted([*__all__, *_SUBMODULES, "__version__"])

@@ -14,12 +14,11 @@ from hidden_arm import arm
 from hidden_engine import Engine
 from test_calibration import wide
 
+from modelsel.calibration.command_notes import describe_extrapolation, describe_order_dependence
 from modelsel.calibration.compensation import (
     MAX_CORRECTION,
     compensate_commands,
     correct,
-    describe_extrapolation,
-    describe_order_dependence,
     predict_nominal,
     refuse_large_changes,
     replace_readings,

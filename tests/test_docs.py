@@ -239,8 +239,8 @@ def test_every_key_stands_there_with_its_default(heading, keys) -> None:
     assert shown == getattr(reference, keys)()
 
 
-def test_every_key_of_a_result_is_explained() -> None:
-    result = json.loads((ROOT / "reports" / "puma760" / "result.json").read_text(encoding="utf-8"))
+def test_every_key_of_a_result_is_explained(drawn) -> None:
+    result = json.loads((drawn / "result.json").read_text(encoding="utf-8"))
     said = " ".join(" ".join([key, *cells]) for key, cells in table("`result.json`").items())
     parts = [
         result,
@@ -262,10 +262,8 @@ def test_every_key_of_a_result_is_explained() -> None:
     } == set()
 
 
-def test_every_key_of_a_calibration_is_explained() -> None:
-    stored = json.loads(
-        (ROOT / "reports" / "puma760" / "calibration.json").read_text(encoding="utf-8")
-    )
+def test_every_key_of_a_calibration_is_explained(drawn) -> None:
+    stored = json.loads((drawn / "calibration.json").read_text(encoding="utf-8"))
     said = " ".join(table("`calibration.json`"))
     assert {key for key in stored if key not in said} == set()
 

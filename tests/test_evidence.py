@@ -67,7 +67,7 @@ def test_evidence_of_a_response_is_that_of_its_strengths(rng: np.random.Generato
     log_prior = np.log([c.prior for c in found])
     known = compute_factors(seen, y)
     share = normalise_strength(seen.strength(np.stack([y, r], 1)), np.array([y @ y, r @ r]))
-    small = seen.judged(y)[1]
+    small = seen.judge(y)[1]
     assert small.any()
     for ratio, row in zip(RATIOS, known, strict=True):
         assert row[small] == pytest.approx(

@@ -178,7 +178,8 @@ def test_no_false_alarm(robot, registered, rng) -> None:
         other, same, registered
     )  # links and zeros may turn one arm into the other: then that is said
     assert (
-        wrong_robot is None or "check the robot file, and whether it is this robot's" in wrong_robot
+        wrong_robot is None
+        or "check the robot file, and whether it describes this robot" in wrong_robot
     )
 
 

@@ -24,6 +24,29 @@ def test_type_checkers_see_the_names_that_are_there() -> None:
         _ = modelsel.runs
 
 
+PUBLIC = """
+Calibration DataError Diagnosis Fit MeasurementPlan Measurements Model ModelComparison ModelselError
+NotEstimable Problem Result Robot Study StudyError __version__ builtin_names compare diagnose fit
+load_calibration load_result load_robot mechanism mechanisms plan_next read_measurements read_study
+rehearse_study run_study simulate_study split_configurations testing
+"""
+
+
+def test_the_public_names_are_these() -> None:
+    """A name more or less is a decision: it is written here, too, and into the changelog."""
+    assert dir(modelsel) == PUBLIC.split()
+
+
+def test_plug_ins_find_the_parts_of_a_mechanism() -> None:
+    from modelsel import mechanisms
+    from modelsel.testing import check_mechanism
+
+    parts = {"Mechanism", "PerJoint", "Screw", "Term", "cos", "q", "sign", "sin", "torque"}
+    assert parts <= set(mechanisms.__all__)
+    assert all(hasattr(mechanisms, name) for name in mechanisms.__all__)
+    assert callable(check_mechanism)
+
+
 @pytest.mark.parametrize("name", modelsel.__all__)
 def test_public_functions_are_typed_and_say_what_they_do(name) -> None:
     thing = getattr(modelsel, name)

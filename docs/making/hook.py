@@ -24,9 +24,10 @@ import figures
 import notebooks
 import rates
 import reference
+from example import run_example
 
 from modelsel.report.document import Source, collect_blocks
-from modelsel.report.drawing import PAGES, read_source
+from modelsel.report.drawing import PAGES
 
 if TYPE_CHECKING:
     from mkdocs.config.defaults import MkDocsConfig
@@ -48,7 +49,8 @@ FORMULA = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>',
 def report() -> dict[str, tuple[bytes, str, str]]:
     """(SVG, caption, text) of the figures of the PUMA study's report, by name; of its findings the
     first alone."""
-    whole = read_source(REPORT)
+    result = run_example()
+    whole = Source(result.record, result.details)
     first = (
         records.model_copy(update={"findings": records.findings[:1]})
         for records in (whole.record, whole.details)

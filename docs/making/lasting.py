@@ -6,11 +6,11 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 from arm import short
 from campaigns import BASE, ROBOT, measured
+from example import run_example
 
 from modelsel._typing import Array
 from modelsel.fitting.design import compute_design
@@ -95,11 +95,7 @@ def _rms(values: Array) -> float:
 @cache
 def posterior() -> tuple[bytes, str]:
     """Three standard errors of every named coefficient, and the chain's interval."""
-    result = json.loads(
-        (Path(__file__).parents[2] / "reports" / "puma760" / "result.json").read_text(
-            encoding="utf-8"
-        )
-    )
+    result = json.loads(run_example().to_json())
     named = [p for p in result["parameters"] if p["mechanism"] != "geometric"]
     chain = {q["name"]: q for q in result["sampling"]["quantiles"]}
     with use_style() as plt:

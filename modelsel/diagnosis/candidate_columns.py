@@ -33,10 +33,11 @@ FEW_COLUMNS = 4
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Candidates of one number of columns k: `which` (n,) among all candidates, their columns'
-    `index` (n, k), their Gram matrices `gram` (n, k, k), the largest coefficients of small screws
-    `most` (n, k); of free functions also the `root` (n, k, k) of their coefficients' prior
-    covariance, up to a factor."""
+    """Candidates of one number of columns k, with what their columns have in common.
+
+    `which` (n,): their indices among all candidates; `index` (n, k): their columns; `gram` (n, k,
+    k): their Gram matrices; `most` (n, k): the largest coefficients of small screws; `root` (n, k,
+    k), of free functions alone: the root of their coefficients' prior covariance, up to a factor."""
 
     which: Index
     index: Index
@@ -47,9 +48,10 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """All candidates' whitened columns, transposed `XT` (C, N), the columns of each candidate
-    `slices`, their Gram blocks, and the signs (k,) that physics allows each candidate's terms, 0
-    for either."""
+    """All candidates' whitened columns, with their Gram blocks.
+
+    `XT` (C, N): the columns, transposed; `slices`: the columns of each candidate; `signs`, (k,) for
+    each candidate: the signs that physics allows its terms, 0 for either."""
 
     XT: Array
     slices: tuple[Index, ...]
@@ -68,14 +70,16 @@ class Columns:
         return np.asarray(block.most[row])
 
     def dot(self, values: Array) -> Array:
-        """Compute (C, ...) products of every column with values (N + k, ...); in the k rows of a
-        model's prior the columns are zero."""
+        """Compute (C, ...) products of every column with values (N + k, ...).
+
+        In the k rows of a model's prior the columns are zero."""
         rows = self.XT.shape[1]
         return np.asarray(self.XT @ values[:rows])
 
     def sum_of(self, weights: Array, g: int, rows: int) -> Array:
-        """Sum up (rows, ...) candidate g's columns times weights (k, ...), zero in the rows of a
-        model's prior."""
+        """Sum up (rows, ...) candidate g's columns times weights (k, ...).
+
+        The sum is zero in the rows of a model's prior."""
         total = np.zeros((rows, *weights.shape[1:]))
         total[: self.XT.shape[1]] = self.XT[self.slices[g]].T @ weights
         return total
@@ -91,25 +95,46 @@ def build_columns(
         for term in mechanism.terms:
             terms.setdefault(term.key, term)
     place = {key: k for k, key in enumerate(terms)}
-    slices = [np.array([place[t.key] for t in m.terms], dtype=np.intp) for m in mechanisms]
-    evaluated = blocks(problem, tuple(terms.values()), at)
-    parts = [flatten_measured(problem, rows, columns) for rows, columns, _ in evaluated]
-    XT = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
-    most = _compute_largest(problem, list(terms.values()))
-    grams = _build_blocks(mechanisms, XT, slices, most)
-    signs = tuple(np.array(m.signs, dtype=float) for m in mechanisms)
-    return Columns(XT, tuple(slices), tuple(grams), signs)
+    slices, signs = [], []
+    for mechanism in mechanisms:
+        places = [place[term.key] for term in mechanism.terms]
+        slices.append(np.array(places, dtype=np.intp))
+        signs.append(np.array(mechanism.signs, dtype=float))
+    distinct = tuple(terms.values())
+    parts = []
+    for rows, columns, _ in blocks(problem, distinct, at):
+        measured = flatten_measured(problem, rows, columns)
+        parts.append(measured)
+    XT = parts[0]
+    if len(parts) > 1:
+        XT = np.concatenate(parts, axis=1)
+    most = _compute_largest(problem, distinct)
+    grams = _build_blocks(
+        mechanisms,
+        XT,
+        slices,
+        most,
+    )
+    return Columns(
+        XT=XT,
+        slices=tuple(slices),
+        grams=tuple(grams),
+        signs=tuple(signs),
+    )
 
 
 def _build_blocks(
     mechanisms: Sequence[Mechanism], XT: Array, slices: Sequence[Index], most: Array
 ) -> Iterator[Block]:
     """Build a block of every number of columns, free functions apart."""
-    keys = [
-        (len(s), spline(m.terms[0]) is not None) for s, m in zip(slices, mechanisms, strict=True)
-    ]
+    keys = []
+    for columns, mechanism in zip(slices, mechanisms, strict=True):
+        first_term = mechanism.terms[0]
+        is_smooth = spline(first_term) is not None
+        keys.append((len(columns), is_smooth))
     for size, is_smooth in sorted(set(keys)):
         members = [g for g, key in enumerate(keys) if key == (size, is_smooth)]
+        which = np.array(members, dtype=np.intp)
         index = np.stack([slices[g] for g in members])
         if size > FEW_COLUMNS:
             gram = np.stack([XT[columns] @ XT[columns].T for columns in index])
@@ -117,15 +142,25 @@ def _build_blocks(
             gram = compute_grams(XT, index)
         root = None
         if is_smooth:
+            roots = []
             norms = np.einsum("nkk->nk", gram)
-            pairs = zip(members, norms, strict=True)
-            root = np.stack([_compute_root(mechanisms[g].terms, norm) for g, norm in pairs])
-        yield Block(np.array(members, dtype=np.intp), index, gram, most[index], root)
+            for g, norm in zip(members, norms, strict=True):
+                terms = mechanisms[g].terms
+                roots.append(_compute_root(terms, norm))
+            root = np.stack(roots)
+        yield Block(
+            which=which,
+            index=index,
+            gram=gram,
+            most=most[index],
+            root=root,
+        )
 
 
 def compute_grams(XT: Array, index: Index) -> Array:
-    """Compute (n, k, k) products of the columns `index` (n, k) of candidates of few columns, as many
-    at a time as stay in cache."""
+    """Compute (n, k, k) Gram matrices of candidates of few columns, `index` (n, k).
+
+    As many are computed at a time as stay in cache."""
     grams = np.empty((*index.shape, index.shape[1]))
     for piece in split_range(len(index), CACHED_NUMBERS // (index.shape[1] * XT.shape[1])):
         X = XT[index[piece]]
@@ -142,24 +177,32 @@ def split_range(count: int, size: int) -> Iterator[slice]:
 def flatten_measured(problem: Problem, rows: slice, values: NDArray[Any]) -> NDArray[Any]:
     """Flatten values (k, c, rows) to their measured coordinates (k, N)."""
     k, components, count = values.shape
-    every = values.reshape(k, components * count)
+    coordinates = components * count
+    every = values.reshape(k, coordinates)
     if problem.measured is None:
         return every
-    is_measured = problem.measured[rows].T.reshape(-1)
+    of_rows = problem.measured[rows]
+    is_measured = of_rows.T.reshape(-1)
     return every[:, is_measured]
 
 
 def _compute_largest(problem: Problem, terms: Sequence[Term]) -> Array:
-    """Compute (C,) the largest coefficients with which every screw of a term is small, root mean
-    square over the rows."""
-    rms: dict[int, float] = {}  # by the cause's identity: a hundred places share one
+    """Compute (C,) the largest coefficients with which every screw of a term is small.
+
+    A screw counts with its root mean square over the rows."""
+    # by the cause's identity: a hundred places share one
+    rms: dict[int, float] = {}
     largest = []
     for term in terms:
+        limits = []
         for screw in term.screws:
-            if id(screw.cause) not in rms:
-                value = np.atleast_1d(problem.cause(screw.cause))
-                rms[id(screw.cause)] = max(sqrt(float(value @ value) / len(value)), TINY)
-        limits = (LARGEST_SCREW[s.axis[0]] / rms[id(s.cause)] for s in term.screws)
+            cause = screw.cause
+            motion = screw.axis[0]
+            if id(cause) not in rms:
+                value = np.atleast_1d(problem.cause(cause))
+                mean_square = float(value @ value) / len(value)
+                rms[id(cause)] = max(sqrt(mean_square), TINY)
+            limits.append(LARGEST_SCREW[motion] / rms[id(cause)])
         largest.append(min(limits))
     return np.array(largest)
 
@@ -169,29 +212,50 @@ def _compute_root(terms: Sequence[Term], norms: Array) -> Array:
 
     The places of one mechanism move the target by equal amounts, whatever their units; `norms`
     (k,): squared norms of the columns."""
-    whole = np.zeros((len(terms), len(terms)))
+    count = len(terms)
+    whole = np.zeros((count, count))
     for index, root in spline_groups(terms):
-        size = np.sqrt(max(float(norms[index].mean()), TINY))
-        whole[np.ix_(index, index)] = root / size
+        mean_square = float(norms[index].mean())
+        size = np.sqrt(max(mean_square, TINY))
+        own = np.ix_(index, index)
+        whole[own] = root / size
     return whole
 
 
 def select_columns(cols: Columns, which: Index) -> Columns:
     """Select the columns of some candidates alone, in the order of `which`."""
-    used, place = np.unique(np.concatenate([cols.slices[g] for g in which]), return_inverse=True)
-    bounds = np.cumsum([0, *(len(cols.slices[g]) for g in which)])
+    selected = [cols.slices[g] for g in which]
+    every_column = np.concatenate(selected)
+    used, place = np.unique(every_column, return_inverse=True)
+    widths = [len(columns) for columns in selected]
+    bounds = np.cumsum([0, *widths])
     slices = tuple(place[start:end] for start, end in pairwise(bounds))
     position = {int(g): k for k, g in enumerate(which)}
     grams = []
     for block in cols.grams:
-        inside = np.flatnonzero(np.isin(block.which, which))
+        is_inside = np.isin(block.which, which)
+        inside = np.flatnonzero(is_inside)
         if not len(inside):
             continue
-        members = np.array([position[int(g)] for g in block.which[inside]], dtype=np.intp)
-        index = np.stack([slices[k] for k in members])
-        root = None if block.root is None else block.root[inside]
-        grams.append(Block(members, index, block.gram[inside], block.most[inside], root))
-    return Columns(cols.XT[used], slices, tuple(grams), tuple(cols.signs[g] for g in which))
+        members = [position[g] for g in block.which[inside].tolist()]
+        root = None
+        if block.root is not None:
+            root = block.root[inside]
+        grams.append(
+            Block(
+                which=np.array(members, dtype=np.intp),
+                index=np.stack([slices[k] for k in members]),
+                gram=block.gram[inside],
+                most=block.most[inside],
+                root=root,
+            )
+        )
+    return Columns(
+        XT=cols.XT[used],
+        slices=slices,
+        grams=tuple(grams),
+        signs=tuple(cols.signs[g] for g in which),
+    )
 
 
 def stack_design(

@@ -52,12 +52,16 @@ class Candidate:
     @property
     def registered_name(self) -> str | None:
         """The registered name; None for an unregistered explanation."""
-        return self.mechanism.name if self.registered else None
+        if not self.registered:
+            return None
+        return self.mechanism.name
 
     @property
     def fault(self) -> FaultKind | None:
         """The kind of data fault that it stands for; None for an error of the arm."""
-        return find_fault_kind(self.mechanism) if self.registered else None
+        if not self.registered:
+            return None
+        return find_fault_kind(self.mechanism)
 
     @property
     def screws(self) -> Screws:
@@ -67,20 +71,30 @@ class Candidate:
     @property
     def label(self) -> str:
         """A short name: the registered one, or place and cause."""
+        mechanism = self.mechanism
         if self.registered:
-            return self.mechanism.name
+            return mechanism.name
         if self.kind is CandidateKind.FREE_FUNCTION:
-            return self.mechanism.name.partition(" ")[0]
-        screw = self.mechanism.terms[0].screws[0]
-        return f"frame {screw.frame} {screw.axis} · {self.causes(' & ')}"
+            return mechanism.name.partition(" ")[0]
+        first_term = mechanism.terms[0]
+        screw = first_term.screws[0]
+        place = f"frame {screw.frame} {screw.axis}"
+        causes = self.causes(" & ")
+        return f"{place} · {causes}"
 
     def causes(self, conjunction: str) -> str:
         """Its causes in words, joined by a conjunction."""
+        mechanism = self.mechanism
         if self.kind is CandidateKind.WAVE_PRODUCT:
-            first, second = sorted(self.mechanism.names())
+            first, second = sorted(mechanism.names())
             return f"waves of {first} times waves of {second}"
-        screws = (screw for term in self.mechanism.terms for screw in term.screws)
-        return conjunction.join(dict.fromkeys(str(screw.cause) for screw in screws))
+        words: list[str] = []
+        for term in mechanism.terms:
+            for screw in term.screws:
+                cause = str(screw.cause)
+                if cause not in words:
+                    words.append(cause)
+        return conjunction.join(words)
 
 
 def collect_screws(mechanism: Mechanism) -> Screws:
@@ -92,7 +106,8 @@ def exceeds_cell_limit(problem: Problem, options: DiagnosisOptions = DEFAULT_OPT
     """Return whether the whole error map would have more than `max_cells` cells."""
     places = list_places(problem)
     causes = build_cell_causes(problem)
-    return len(places) * len(causes) > options.max_cells
+    cells = len(places) * len(causes)
+    return cells > options.max_cells
 
 
 def build_candidates(
@@ -109,7 +124,8 @@ def build_candidates(
     one_sided = _find_one_sided(registered)
     unregistered: list[Unregistered] = []
     if cells:
-        taken = {collect_screws(m) for m in registered} - one_sided.keys()
+        screws = {collect_screws(m) for m in registered}
+        taken = screws - one_sided.keys()
         within = exceeds_cell_limit(problem, options)
         offered = generate_unregistered(problem, adjacent_only=within)
         unregistered = _select_new(offered, base, taken)
@@ -126,37 +142,56 @@ def _select_applicable(
     """Select the mechanisms whose causes the data have and whose terms the base lacks."""
     available = problem.names().keys()
     present = {term.key for term in base.terms}
-    applicable = [
-        m for m in mechanisms if m.names() <= available and not collect_screws(m) <= present
-    ]
+    applicable = []
+    for m in mechanisms:
+        has_causes = m.names() <= available
+        is_present = collect_screws(m) <= present
+        if has_causes and not is_present:
+            applicable.append(m)
     return _drop_equal_constants(problem, applicable)
 
 
 def _drop_equal_constants(problem: Problem, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:
-    """Keep one of a scanned mechanism's constants that do the same on these rows, such as steps
-    between the same two configurations."""
+    """Keep one of a scanned mechanism's constants that do the same on these rows.
+
+    For example, steps between the same two configurations do."""
     distinct: dict[tuple[object, ...], Mechanism] = {}
     for m in mechanisms:
-        screws = [screw for term in m.terms for screw in term.screws]
-        places = ((s.frame, s.axis) for s in screws)
-        values = (np.asarray(problem.cause(s.cause)).tobytes() for s in screws)
-        distinct.setdefault((m.name, *places, *values), m)
+        key: list[object] = [m.name]
+        for term in m.terms:
+            for screw in term.screws:
+                values = np.asarray(problem.cause(screw.cause))
+                key += [
+                    screw.frame,
+                    screw.axis,
+                    values.tobytes(),
+                ]
+        distinct.setdefault(tuple(key), m)
     return list(distinct.values())
 
 
 def _find_one_sided(mechanisms: Sequence[Mechanism]) -> dict[Screws, tuple[Mechanism, ...]]:
-    """Map screws to the mechanisms that have them, where these all allow the same one sign: with
-    the other sign the screws are an unregistered explanation."""
+    """Map screws to the mechanisms that have them, where these all allow the same one sign.
+
+    With the other sign the screws are an unregistered explanation."""
     same: dict[Screws, list[Mechanism]] = {}
     for m in mechanisms:
-        same.setdefault(collect_screws(m), []).append(m)
-    return {key: tuple(group) for key, group in same.items() if _allow_one_sign(group)}
+        screws = collect_screws(m)
+        same.setdefault(screws, []).append(m)
+    one_sided = {}
+    for screws, group in same.items():
+        variants = tuple(group)
+        if _allow_one_sign(variants):
+            one_sided[screws] = variants
+    return one_sided
 
 
 def _allow_one_sign(mechanisms: Sequence[Mechanism]) -> bool:
     signs = {m.signs for m in mechanisms}
-    has_free_sign = any(0 in own for own in signs)
-    return len(signs) == 1 and not has_free_sign
+    if len(signs) != 1:
+        return False
+    (own,) = signs
+    return 0 not in own
 
 
 def _select_new(
@@ -185,8 +220,13 @@ def _weigh_registered(
 ) -> Iterable[Candidate]:
     constants = Counter(m.name for m in mechanisms)
     for m in mechanisms:
-        prior = share / len(constants) / constants[m.name]
-        yield Candidate(m, CandidateKind.MECHANISM, prior, asked=asked)
+        share_of_name = share / len(constants)
+        yield Candidate(
+            mechanism=m,
+            kind=CandidateKind.MECHANISM,
+            prior=share_of_name / constants[m.name],
+            asked=asked,
+        )
 
 
 def _weigh_unregistered(
@@ -196,8 +236,13 @@ def _weigh_unregistered(
 ) -> Iterable[Candidate]:
     total = sum(e.weight for e in explanations)
     for e in explanations:
-        variants = one_sided.get(collect_screws(e.mechanism), ())
-        yield Candidate(e.mechanism, e.kind, share * e.weight / total, variants)
+        screws = collect_screws(e.mechanism)
+        yield Candidate(
+            mechanism=e.mechanism,
+            kind=e.kind,
+            prior=share * e.weight / total,
+            but_for_sign=one_sided.get(screws, ()),
+        )
 
 
 def choose_strongest(
@@ -213,32 +258,45 @@ def choose_strongest(
     constant, or the named one, represents it. A mechanism that is the union of others
     (gravity-twist of joint2-twist and joint3-twist), or a part of a named one, is left out."""
     best = _find_best_constants(found, single_f, named)
-    ranked = [g for _, g in sorted(best, key=lambda pair: -pair[0])]
+    best.sort(key=lambda pair: -pair[0])
+    ranked = [g for _, g in best]
     forced = {g for f, g in best if f == np.inf}
     screws = {g: found[g].screws for g in ranked}
 
     def is_redundant(g: int) -> bool:
+        own = screws[g]
         if g in forced:
             return False
-        smaller = [screws[h] for h in ranked if screws[h] < screws[g]]
-        is_part = any(screws[g] < screws[h] for h in forced)
-        return is_part or screws[g] == frozenset().union(*smaller)
+        if any(own < screws[h] for h in forced):
+            return True
+        union: Screws = frozenset()
+        for h in ranked:
+            if screws[h] < own:
+                union |= screws[h]
+        return own == union
 
-    chosen = [g for g in ranked if not is_redundant(g)][:most]
-    aside = tuple(found[g].mechanism.name for g in ranked if g not in chosen)
-    return tuple(found[g].mechanism for g in sorted(chosen)), aside
+    needed = [g for g in ranked if not is_redundant(g)]
+    chosen = needed[:most]
+    mechanisms = [found[g].mechanism for g in sorted(chosen)]
+    aside = [found[g].mechanism.name for g in ranked if g not in chosen]
+    return tuple(mechanisms), tuple(aside)
 
 
 def _find_best_constants(
     found: Sequence[Candidate], single_f: Array, named: Sequence[Candidate]
 ) -> list[tuple[float, int]]:
-    """Find (F, index) of the best candidate of every registered name; F is infinite for the
-    `named`."""
+    """Find (F, index) of the best candidate of every registered name.
+
+    F is infinite for the `named`."""
     best: dict[str, tuple[float, int]] = {}
     for g, candidate in enumerate(found):
-        is_named = any(candidate is other for other in named)
-        f = np.inf if is_named else float(single_f[g])
+        if not candidate.registered:
+            continue
+        f = float(single_f[g])
+        if any(candidate is other for other in named):
+            f = np.inf
         name = candidate.mechanism.name
-        if candidate.registered and f > best.get(name, (0.0, -1))[0]:
+        largest, _ = best.get(name, (0.0, -1))
+        if f > largest:
             best[name] = (f, g)
     return list(best.values())

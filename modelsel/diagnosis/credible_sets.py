@@ -35,8 +35,10 @@ FOUND, NOT_TOLD_APART = "found", "cannot be told apart"
 
 @dataclass(frozen=True)
 class Entry:
-    """An explanation in a credible set; `alike`: it moves the target as the most probable one does;
-    `estimate` (p,): its terms fitted alone; `place`: its index among all candidates."""
+    """An explanation in a credible set, with its probability.
+
+    `alike`: it moves the target as the most probable one does; `estimate` (p,): its terms fitted
+    alone; `place`: its index among all candidates."""
 
     candidate: Candidate
     probability: float
@@ -47,8 +49,10 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class CredibleSet:
-    """The explanations of one effect: log evidence, the listed entries (`more` are not listed), the
-    verdict, the log probability (G,) of every candidate, the index of the most probable (`top`)."""
+    """The explanations of one effect, with their log evidence and the verdict.
+
+    `entries`: those that are listed (`more` are not); `log_probability` (G,): of every candidate;
+    `top`: the index of the most probable one."""
 
     evidence: float
     entries: tuple[Entry, ...]
@@ -64,8 +68,10 @@ class CredibleSet:
 
 @dataclass(frozen=True, eq=False)
 class _Question:
-    """What a credible set is asked for: the scan, the candidates, the response (N,) that the model's
-    basis has been projected off, the log Bayes factors (ratios, G) and the log priors (G,)."""
+    """What a credible set is asked for.
+
+    The scan, the candidates, the response (N,) that the model's basis has been projected off, the
+    log Bayes factors (ratios, G) and the log priors (G,)."""
 
     scan: Scan
     candidates: Sequence[Candidate]
@@ -80,44 +86,72 @@ class _Question:
             log_prior[without] = -np.inf
         value, joint = sum_evidence(self.factors, log_prior)
         # with no evidence at all every candidate has probability 0
-        log_probability = joint - value if np.isfinite(value) else joint
+        log_probability = joint
+        if np.isfinite(value):
+            log_probability = joint - value
         probability = np.exp(log_probability)
         probability /= max(probability.sum(), np.finfo(float).tiny)
         order = np.argsort(-probability, kind="stable")
-        size = int(np.searchsorted(np.cumsum(probability[order]), CREDIBLE) + 1)
-        listed = order[: min(max(size, 1), LISTED)]
+        cumulative = np.cumsum(probability[order])
+        size = int(np.searchsorted(cumulative, CREDIBLE) + 1)
+        count = min(max(size, 1), LISTED)
+        listed = order[:count]
         entries = self._build_entries(listed, probability)
-        more = max(size - len(listed), 0)
-        verdict = _judge(entries)
-        return CredibleSet(value, entries, more, verdict, log_probability, int(order[0]))
+        return CredibleSet(
+            evidence=value,
+            entries=entries,
+            more=max(size - len(listed), 0),
+            verdict=_judge(entries),
+            log_probability=log_probability,
+            top=int(order[0]),
+        )
 
     def _build_entries(self, listed: Index, probability: Array) -> tuple[Entry, ...]:
-        first = compute_displacement(self.scan, int(listed[0]), self.response)
-        return tuple(self._build_entry(int(g), probability, first) for g in listed)
+        strongest = int(listed[0])
+        first = compute_displacement(self.scan, strongest, self.response)
+        entries = []
+        for g in listed.tolist():
+            entry = self._build_entry(g, probability, first)
+            entries.append(entry)
+        return tuple(entries)
 
     def _build_entry(self, g: int, probability: Array, first: Array) -> Entry:
         displacement = compute_displacement(self.scan, g, self.response)
-        alike = compute_cosine(first, displacement) > ALIKE
-        estimate = fit_candidate_alone(self.scan, g, self.response)
-        return Entry(self.candidates[g], float(probability[g]), bool(alike), estimate, g)
+        cosine = compute_cosine(first, displacement)
+        return Entry(
+            candidate=self.candidates[g],
+            probability=float(probability[g]),
+            alike=cosine > ALIKE,
+            estimate=fit_candidate_alone(self.scan, g, self.response),
+            place=g,
+        )
 
 
 def _judge(entries: Sequence[Entry]) -> str:
-    together = sum(entry.probability for entry in entries if entry.alike)
-    return FOUND if together >= SURE else NOT_TOLD_APART
+    probabilities = [entry.probability for entry in entries if entry.alike]
+    if sum(probabilities) >= SURE:
+        return FOUND
+    return NOT_TOLD_APART
 
 
 def _ask(seen: Scan, candidates: Sequence[Candidate], response: Array) -> _Question:
-    log_prior = np.log([c.prior for c in candidates])
-    return _Question(seen, candidates, response, compute_factors(seen, response), log_prior)
+    return _Question(
+        scan=seen,
+        candidates=candidates,
+        response=response,
+        factors=compute_factors(seen, response),
+        log_prior=np.log([c.prior for c in candidates]),
+    )
 
 
 def name_effect(
     seen: Scan, candidates: Sequence[Candidate], response: Array, without: Index | None = None
 ) -> CredibleSet:
-    """Name what explains a response (N,) that the model's basis has been projected off; `without`:
-    indices of candidates to leave out."""
-    return _ask(seen, candidates, response).answer(without)
+    """Name what explains a response (N,) that the model's basis has been projected off.
+
+    `without`: indices of candidates to leave out."""
+    question = _ask(seen, candidates, response)
+    return question.answer(without)
 
 
 def rename_effect(
@@ -155,23 +189,38 @@ def include_candidate(
     not tell, and the verdict says so."""
     if named.contains(g):
         return named
-    probability = float(np.exp(named.log_probability[g]))
-    estimate = fit_candidate_alone(seen, g, response)
-    entry = Entry(candidates[g], probability, False, estimate, g)
-    kept, dropped = named.entries[: LISTED - 1], named.entries[LISTED - 1 :]
+    entry = Entry(
+        candidate=candidates[g],
+        probability=float(np.exp(named.log_probability[g])),
+        alike=False,
+        estimate=fit_candidate_alone(seen, g, response),
+        place=g,
+    )
+    kept = named.entries[: LISTED - 1]
+    dropped = named.entries[LISTED - 1 :]
     more = max(named.more - 1, 0) + len(dropped)
-    return replace(named, entries=(*kept, entry), verdict=NOT_TOLD_APART, more=more)
+    return replace(
+        named,
+        entries=(*kept, entry),
+        verdict=NOT_TOLD_APART,
+        more=more,
+    )
 
 
 def compute_own_evidence(seen: Scan, named: CredibleSet, g: int, response: Array) -> float:
-    """Compute the log evidence of candidate g together with the listed explanations of the same
-    effect; what else may be left in the response does not count."""
+    """Compute the log evidence of candidate g and the listed explanations of the same effect.
+
+    What else may be left in the response does not count."""
     displacement = compute_displacement(seen, g, response)
     probability = np.exp(named.log_probability[g])
     for entry in named.entries:
-        if entry.place != g and _is_related(seen, entry, displacement, response):
+        if entry.place == g:
+            continue
+        if _is_related(seen, entry, displacement, response):
             probability += entry.probability
-    return named.evidence + float(np.log(max(probability, TINY)))
+    positive = max(probability, TINY)
+    log_probability = float(np.log(positive))
+    return named.evidence + log_probability
 
 
 def _is_related(seen: Scan, entry: Entry, displacement: Array, response: Array) -> bool:

@@ -60,8 +60,10 @@ BY_MECHANISM = {kind.label: kind for kind in (FaultKind.TRACKER_BUMPED, FaultKin
 
 @dataclass(frozen=True, eq=False)
 class Fault:
-    """A fault of single rows: its kind, the rows of the file that it concerns (0-based), a sentence,
-    the p-value under chance, and its posterior `probability` against unrelated gross errors."""
+    """A fault of single rows, with a sentence that describes it.
+
+    `rows`: the rows of the file that it concerns (0-based); `p`: the p-value under chance;
+    `probability`: its posterior probability against unrelated gross errors."""
 
     kind: FaultKind
     rows: Index
@@ -81,8 +83,9 @@ def find_fault_kind(mechanism: Mechanism) -> FaultKind | None:
 
 
 def find_concerned_rows(mechanism: Mechanism, problem: Problem) -> Index:
-    """Find the rows of the file (0-based) that a mechanism's fault concerns: from the bump on, or
-    all of them."""
+    """Find the rows of the file (0-based) that a mechanism's fault concerns.
+
+    A bump concerns the rows that follow it, any other fault all rows."""
     if find_fault_kind(mechanism) is not FaultKind.TRACKER_BUMPED:
         return problem.data.row
     moved = problem.cause(mechanism.terms[0].screws[0].cause)
@@ -91,9 +94,11 @@ def find_concerned_rows(mechanism: Mechanism, problem: Problem) -> Index:
 
 @dataclass(frozen=True, eq=False)
 class _Outlying:
-    """Outlying rows `index` (k,) of a problem: measured positions and residuals (k, 3) [mm], for each
-    the other outlying row `partner` (k,) whose prediction is nearest, whether that `fits` (k,), and
-    the good rows' `scale` [mm]."""
+    """Outlying rows of a problem, and what other outlying row each may belong to.
+
+    `index` (k,): the rows; `measured` and `residual` (k, 3) [mm]; `partner` (k,): the other
+    outlying row whose prediction is nearest; `fits` (k,): whether it is near enough; `scale` [mm]:
+    that of the good rows."""
 
     index: Index
     measured: Array
@@ -132,21 +137,34 @@ def find_misplaced_rows(
 
 def _collect_outlying(problem: Problem, outlying: Mask, fitted: Fit) -> _Outlying | None:
     gauges = problem.data.gauges
-    is_point = np.ones(len(outlying), bool) if gauges is None else gauges.of("point")
+    is_point = np.ones(len(outlying), bool)
+    if gauges is not None:
+        is_point = gauges.of("point")
     index = np.flatnonzero(outlying & is_point)
     if not 2 <= len(index) <= MAX_OUTLIERS:
         return None
     residual = fitted.residuals(problem)[:, :3]
-    scale = estimate_scale(np.linalg.norm(residual[~outlying & is_point], axis=1))
+    regular = residual[~outlying & is_point]
+    size = np.linalg.norm(regular, axis=1)
+    scale = estimate_scale(size)
+    near = MATCH_THRESHOLD * scale
     measured = problem.data.position[index]
     predicted = measured - residual[index]
-    partner, fits = _match(measured, predicted, MATCH_THRESHOLD * scale)
-    return _Outlying(index, measured, residual[index], partner, fits, scale)
+    partner, fits = _match(measured, predicted, near)
+    return _Outlying(
+        index=index,
+        measured=measured,
+        residual=residual[index],
+        partner=partner,
+        fits=fits,
+        scale=scale,
+    )
 
 
 def _match(measured: Array, predicted: Array, near: float) -> tuple[Index, Mask]:
-    """Find for every position (k, 3) the other row with the nearest prediction (k,), and whether
-    that is within `near` [mm]."""
+    """Find for every position (k, 3) the other row with the nearest prediction.
+
+    Returns those rows (k,), and whether (k,) the prediction is within `near` [mm]."""
     distance = np.linalg.norm(measured[:, None] - predicted[None], axis=2)
     np.fill_diagonal(distance, np.inf)
     partner = distance.argmin(1)
@@ -173,15 +191,23 @@ def _generate_faults(problem: Problem, rows: _Outlying, p: float) -> Iterator[Fa
         is_swap = kind is FaultKind.SWAPPED_REFLECTORS
         concerned = rows.fits & (same_configuration == is_swap)
         probability = _compute_probability(log_ratio, concerned)
-        if concerned.sum() >= 2 and probability >= MIN_PROBABILITY:
-            index = data.row[rows.index[concerned]]
-            sentence = f"A fault of the data: {words} ({data.where.listed(index)})."
-            yield Fault(kind, index, sentence, p, probability)
+        if concerned.sum() < 2 or probability < MIN_PROBABILITY:
+            continue
+        index = data.row[rows.index[concerned]]
+        where = data.where.listed(index)
+        yield Fault(
+            kind=kind,
+            rows=index,
+            sentence=f"A fault of the data: {words} ({where}).",
+            p=p,
+            probability=probability,
+        )
 
 
 def _compute_log_ratio(rows: _Outlying, reach: float) -> Array:
-    """Compute (k,) log ratios of a position's density if it belongs to another outlying row to that
-    if it is any gross error.
+    """Compute (k,) log density ratios of positions: exchanged rows over gross errors.
+
+    An exchanged position belongs to another outlying row; a gross error may be anywhere.
 
     If it belongs to another row: a Student t of TAIL_FREEDOM degrees of freedom and the good rows'
     scale about the prediction of that row, one of k - 1 equally likely. If it is any gross error:
@@ -213,5 +239,7 @@ def _compute_probability(log_ratio: Array, concerned: Mask) -> float:
     not concerned."""
     from scipy.special import expit
 
-    log_factors = np.logaddexp(0.0, np.where(concerned, log_ratio, -np.inf)) - np.log(2)
-    return float(expit(log_factors.sum()))
+    log_ratio_concerned = np.where(concerned, log_ratio, -np.inf)
+    log_factors = np.logaddexp(0.0, log_ratio_concerned) - np.log(2)
+    log_odds = log_factors.sum()
+    return float(expit(log_odds))

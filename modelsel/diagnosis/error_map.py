@@ -19,9 +19,11 @@ from .unregistered import Causes, Place
 
 @dataclass(frozen=True, eq=False)
 class ErrorMap:
-    """The F statistic of each cell alone `f` (P, C), NaN where there is no cell, and its family-wise
-    p-value `p` (P, C). `where` and `why`: places and causes as values; `named`: the registered
-    mechanism of a cell (row, column)."""
+    """What every cell of the error map, a place with a cause, would explain alone.
+
+    `f` (P, C): the F statistic of each cell, NaN where there is no cell; `p` (P, C): its family-
+    wise p-value; `where` and `why`: places and causes as values; `named`: the registered mechanism
+    of a cell (row, column)."""
 
     places: tuple[str, ...]
     causes: tuple[str, ...]
@@ -33,48 +35,69 @@ class ErrorMap:
 
 
 def build_error_map(diagnosis: Diagnosis, found: Sequence[Candidate]) -> ErrorMap:
-    """Build the map of every candidate that acts at one place with one cause (or one wave of unknown
-    phase), seen from the base."""
+    """Build the map of every candidate that is one cell, seen from the base.
+
+    A cell acts at one place with one cause, or with one wave of unknown phase."""
     cells: dict[tuple[Place, str], int] = {}
     why: dict[str, Causes] = {}
     for g, candidate in enumerate(found):
         cell = _locate(candidate)
-        if cell is not None:
-            place, causes = cell
-            name = " & ".join(map(str, causes))
-            cells.setdefault((place, name), g)
-            why.setdefault(name, causes)
-    where = sorted({place for place, _ in cells}, key=lambda p: (p[0], AXES.index(p[1])))
+        if cell is None:
+            continue
+        place, causes = cell
+        name = " & ".join(map(str, causes))
+        why.setdefault(name, causes)
+        cells.setdefault((place, name), g)
+    where = list({place for place, _ in cells})
+    where.sort(key=lambda place: (place[0], AXES.index(place[1])))
     names = list(why)
-    f = np.full((len(where), len(names)), np.nan)
-    p = np.ones((len(where), len(names)))
-    named = {}
     row_of = {place: k for k, place in enumerate(where)}
     column_of = {name: k for k, name in enumerate(names)}
+    shape = len(where), len(names)
+    f = np.full(shape, np.nan)
+    p = np.ones(shape)
+    named = {}
     for (place, name), g in cells.items():
-        index = row_of[place], column_of[name]
-        f[index], p[index] = diagnosis.single_f[g], diagnosis.map_p[g]
+        row = row_of[place]
+        column = column_of[name]
+        f[row, column] = diagnosis.single_f[g]
+        p[row, column] = diagnosis.map_p[g]
         if found[g].registered:
-            named[index] = found[g].mechanism
-    places = tuple(f"{frame} {axis}" for frame, axis in where)
-    return ErrorMap(places, tuple(names), f, p, tuple(where), tuple(why.values()), named)
+            named[row, column] = found[g].mechanism
+    return ErrorMap(
+        places=tuple(f"{frame} {axis}" for frame, axis in where),
+        causes=tuple(names),
+        f=f,
+        p=p,
+        where=tuple(where),
+        why=tuple(why.values()),
+        named=named,
+    )
 
 
 def _locate(candidate: Candidate) -> tuple[Place, Causes] | None:
     """Find the cell of a candidate; None where it is no cell of the map."""
-    if not candidate.registered and candidate.kind not in MAP_KINDS:
+    is_in_map = candidate.registered or candidate.kind in MAP_KINDS
+    if not is_in_map:
         return None
-    screws = [screw for term in candidate.mechanism.terms for screw in term.screws]
-    places = {(screw.frame, screw.axis) for screw in screws}
-    causes = tuple(dict.fromkeys(screw.cause for screw in screws))
-    is_free = isinstance(causes[0], Bump)
-    if len(places) != 1 or len(causes) > 2 or is_free:
+    places: set[Place] = set()
+    causes: dict[Cause, None] = {}
+    for term in candidate.mechanism.terms:
+        for screw in term.screws:
+            place = screw.frame, screw.axis
+            places.add(place)
+            causes[screw.cause] = None
+    first_cause = next(iter(causes))
+    if isinstance(first_cause, Bump):
         return None
-    return places.pop(), causes
+    if len(places) != 1 or len(causes) > 2:
+        return None
+    return places.pop(), tuple(causes)
 
 
 def select_strongest_causes(whole: ErrorMap, most: int) -> tuple[int, ...]:
-    """Select the indices of at most `most` causes whose best cells stand out most, in the map's
-    order."""
+    """Select at most `most` causes whose best cells stand out most.
+
+    Returns their indices in the map's order."""
     best = np.nanmax(np.where(np.isnan(whole.f), 0.0, whole.f), axis=0)
     return tuple(sorted(np.argsort(-best, kind="stable")[:most].tolist()))

@@ -47,16 +47,19 @@ LargestShares = Mapping[float, Array]
 
 
 def normalise_strength(strength: Strength, total: Array) -> Strength:
-    """Scale a strength to responses of unit length, from their sums of squares `total` (B,);
-    overwrites `strength.whole`."""
+    """Scale a strength to responses of unit length.
+
+    `total` (B,): the responses' sums of squares. Overwrites `strength.whole`."""
     whole = np.divide(strength.whole, total, out=strength.whole)
     np.minimum(whole, 1 - np.finfo(whole.dtype).eps, out=whole)
     return Strength(whole, strength.root / np.sqrt(total), strength.smooth / total)
 
 
 def _compute_prices(seen: Scan, ratio: float) -> tuple[Array, Array]:
-    """Compute (price (G,) of every candidate's freedom in log evidence, weight (F, K) with which
-    every direction of a free function counts)."""
+    """Compute what every candidate's freedom costs at ρ = `ratio`.
+
+    Returns the price (G,) in log evidence, and the weight (F, K) with which every direction of a
+    free function counts."""
     which, weights = seen.smooth
     price = 0.5 * np.log1p(ratio) * seen.sizes
     price[which] = 0.5 * np.log1p(ratio * weights).sum(1)
@@ -73,8 +76,9 @@ def _compute_smooth_share(share: Strength, weights: Array) -> Array:
 def compute_log_bayes_factors(
     seen: Scan, share: Strength, ratio: float, out: Array | None = None
 ) -> Array:
-    """Compute (G, B) log Bayes factors of every candidate at ρ = `ratio` against no effect, from the
-    `normalise_strength`; `out` (G, B) is overwritten.
+    """Compute (G, B) log Bayes factors of every candidate at ρ = `ratio` against no effect.
+
+    `share` comes from `normalise_strength`; `out` (G, B) is overwritten.
 
     A free function's directions have variances of their own, v times their weight. Terms with a
     sign have half of their prior: see `_compute_log_sign_factors`."""
@@ -110,8 +114,9 @@ def _compute_log_sign_factors(seen: Scan, share: Strength, shrink: float) -> Arr
 
 
 def compute_factors(seen: Scan, response: Array) -> Array:
-    """Compute (ratios, G) log Bayes factors of every candidate alone for a response (N,); -inf for
-    one that would have to be large to explain it."""
+    """Compute (ratios, G) log Bayes factors of every candidate alone for a response (N,).
+
+    They are -inf for a candidate that would have to be large to explain it."""
     strength, is_small = seen.judge(response)
     share = normalise_strength(strength, np.square(response).sum(keepdims=True))
     by_ratio = [compute_log_bayes_factors(seen, share, float(ratio))[:, 0] for ratio in RATIOS]
@@ -119,8 +124,9 @@ def compute_factors(seen: Scan, response: Array) -> Array:
 
 
 def sum_evidence(factors: Array, log_prior: Array) -> tuple[float, Array]:
-    """Sum up the evidence from `compute_factors`: (log Σ prior · BF at the ratio that maximises it,
-    log prior + log BF (G,) there)."""
+    """Sum up the evidence from `compute_factors` over the candidates.
+
+    Returns log Σ prior · BF at the ratio that maximises it, and log prior + log BF (G,) there."""
     joint = factors + log_prior
     top = joint.max(1)
     if not np.isfinite(top).all():
@@ -131,8 +137,7 @@ def sum_evidence(factors: Array, log_prior: Array) -> tuple[float, Array]:
 
 
 class _NullEvidence:
-    """The evidence of many responses (B,) at any ratio, with a bound on how it changes from one
-    ratio to the next.
+    """The evidence of many responses (B,) at any ratio, with a bound on its growth.
 
     No candidate's Bayes factor grows by more than that of the largest share of its size, so neither
     does the sum: where that cannot exceed the best so far, the ratio need not be computed."""
@@ -174,11 +179,18 @@ class _NullEvidence:
 def compute_null_evidence(
     seen: Scan, log_prior: Array, share: Strength, largest: LargestShares
 ) -> Array:
-    """Compute the evidence (B,) of many responses, in their precision; `largest`: the largest shares
-    (B,) among the candidates of each size, from `find_largest_shares`."""
+    """Compute the evidence (B,) of many responses, in their precision.
+
+    `largest`: the largest shares (B,) among the candidates of each size, from
+    `find_largest_shares`."""
     if not largest:
         return np.full(share.whole.shape[1], -np.inf)
-    at_ratio = _NullEvidence(seen, log_prior, share, largest)
+    at_ratio = _NullEvidence(
+        seen,
+        log_prior,
+        share,
+        largest,
+    )
     first_ratio = float(RATIOS[0])
     first = at_ratio.compute(first_ratio)
     best = first.copy()
@@ -186,18 +198,24 @@ def compute_null_evidence(
     for ratio in map(float, RATIOS[1:]):
         growth = (at_ratio.bound(ratio) + start).max(0)
         needed = np.flatnonzero(growth > best - first)
-        if len(needed) > MAX_SELECTED_SHARE * len(best):
-            best = np.maximum(best, at_ratio.compute(ratio))
-        elif len(needed):
-            best[needed] = np.maximum(best[needed], at_ratio.compute(ratio, needed))
+        count = len(needed)
+        if not count:
+            continue
+        if count > MAX_SELECTED_SHARE * len(best):
+            evidence = at_ratio.compute(ratio)
+            best = np.maximum(best, evidence)
+        else:
+            evidence = at_ratio.compute(ratio, needed)
+            best[needed] = np.maximum(best[needed], evidence)
     return best
 
 
 def draw_null(
     seen: Scan, log_prior: Array, draws: int, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Draw the null distribution: sorted evidences (draws,), and sorted smallest p-values (draws,)
-    of single candidates.
+    """Draw the null distribution of the evidence and of the smallest p-value.
+
+    Returns sorted evidences (draws,), and sorted smallest p-values (draws,) of single candidates.
 
     In single precision, which is ample where nothing stands out; every basis is computed once, so
     that a draw costs one matrix product."""
@@ -242,26 +260,36 @@ def find_largest_shares(seen: Scan, share: Strength) -> LargestShares:
 
 
 def compute_smallest_p(largest: LargestShares, freedom: int) -> Array:
-    """Compute (B,) smallest p-values of single candidates, from the largest shares of each size; 1
-    where there are no candidates."""
+    """Compute (B,) smallest p-values of single candidates, from the largest shares of each size.
+
+    They are 1 where there are no candidates."""
     if not largest:
         return np.ones(1)
-    by_size = [_compute_tail(value, size, freedom) for size, value in largest.items()]
-    return np.asarray(np.min(by_size, axis=0))
+    by_size = []
+    for size, share in largest.items():
+        tail = _compute_tail(share, size, freedom)
+        by_size.append(tail)
+    smallest = np.min(by_size, axis=0)
+    return np.asarray(smallest)
 
 
 def _compute_tail(share: Array, size: Array | float, freedom: int) -> Array:
-    """Compute P(Beta(k/2, (ν - k)/2) >= share): how often a candidate of k = `size` directions
-    explains at least this share by chance."""
+    """Compute how often a candidate of k = `size` directions explains a share by chance.
+
+    That is P(Beta(k/2, (ν - k)/2) >= share), ν the `freedom`."""
     from scipy.special import betainc
 
-    left, own = np.maximum(freedom - size, 1e-9), np.maximum(size, 1e-9)
-    return np.asarray(betainc(left / 2, own / 2, 1 - np.minimum(share, 1.0)))
+    own = np.maximum(size, 1e-9)
+    left = np.maximum(freedom - size, 1e-9)
+    unexplained = 1 - np.minimum(share, 1.0)
+    tail = betainc(left / 2, own / 2, unexplained)
+    return np.asarray(tail)
 
 
 def compute_familywise_p(seen: Scan, response: Array, smallest: Array) -> Array:
-    """Compute (G,) family-wise p-values of every candidate alone; `smallest`: the sorted smallest
-    p-values of the null."""
+    """Compute (G,) family-wise p-values of every candidate alone.
+
+    `smallest`: the sorted smallest p-values of the null."""
     strength = seen.strength(response[:, None]).whole[:, 0]
     share = strength / float(response @ response)
     single = np.where(seen.sizes > 0, _compute_tail(share, seen.sizes, seen.freedom), 1.0)
@@ -270,8 +298,9 @@ def compute_familywise_p(seen: Scan, response: Array, smallest: Array) -> Array:
 
 
 def compute_single_f(seen: Scan, response: Array) -> Array:
-    """Compute (G,) the F statistic of every candidate alone beyond the model; 0 for one that adds
-    nothing, finite where one explains all."""
+    """Compute (G,) the F statistic of every candidate alone beyond the model.
+
+    It is 0 for one that adds nothing, and finite where one explains all."""
     strength = seen.strength(response[:, None]).whole[:, 0]
     total, size = float(response @ response), seen.sizes
     rest = np.maximum(total - strength, max(np.finfo(float).eps * total, TINY))
@@ -284,5 +313,8 @@ def compute_p_value(observed: float, sorted_null: Array) -> float:
     """Compute (1 + #{null >= observed}) / (B + 1); 1 where there is no evidence at all."""
     if not np.isfinite(observed):
         return 1.0
-    as_large = len(sorted_null) - np.searchsorted(sorted_null, observed, side="left")
-    return float((1 + as_large) / (len(sorted_null) + 1))
+    draws = len(sorted_null)
+    smaller = np.searchsorted(sorted_null, observed, side="left")
+    as_large = draws - smaller
+    p = (1 + as_large) / (draws + 1)
+    return float(p)

@@ -24,21 +24,27 @@ MAX_EFFECTS_PER_CURVE = 4
 
 
 def find_own_joint(candidate: Candidate) -> int | None:
-    """Find the joint through whose own angle alone a candidate acts, at that joint's own rotation;
+    """Find the joint at whose rotation alone, by whose own angle alone, a candidate acts.
+
     None for any other candidate."""
-    screws = [screw for term in candidate.mechanism.terms for screw in term.screws]
-    frame = screws[0].frame
+    first_term = candidate.mechanism.terms[0]
+    frame = first_term.screws[0].frame
     own_angle = {f"q{frame}"}
-    acts_alone = all(
-        s.frame == frame and s.axis == "rz" and s.cause.names() == own_angle for s in screws
-    )
-    return frame if acts_alone else None
+    for term in candidate.mechanism.terms:
+        for screw in term.screws:
+            is_own_rotation = screw.frame == frame and screw.axis == "rz"
+            is_own_angle = screw.cause.names() == own_angle
+            if not (is_own_rotation and is_own_angle):
+                return None
+    return frame
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """The candidates (indices `which` among all) of one joint's own angle; `free` (k,) marks the
-    free functions among them."""
+    """The candidates of one joint's own angle.
+
+    `which` (k,): their indices among all candidates; `free` (k,) marks the free functions among
+    them."""
 
     which: Index
     columns: Columns
@@ -56,10 +62,15 @@ def collect_curves(found: Sequence[Candidate], cols: Columns, log_prior: Array) 
     curves = {}
     for joint, indices in members.items():
         which = np.array(indices, dtype=np.intp)
-        free = np.array([spline(found[g].mechanism.terms[0]) is not None for g in indices])
-        if free.any():
-            columns = select_columns(cols, which)
-            curves[joint] = Curve(which, columns, log_prior[which], free)
+        is_free = [spline(found[g].mechanism.terms[0]) is not None for g in indices]
+        if not any(is_free):
+            continue
+        curves[joint] = Curve(
+            which=which,
+            columns=select_columns(cols, which),
+            log_prior=log_prior[which],
+            free=np.array(is_free),
+        )
     return curves
 
 
@@ -83,19 +94,26 @@ def chain_effects(
     long as one adds evidence. Q (N, ·) projects the rest of the model off the response (N,);
     `first`: the result of `score_each`, where it is known."""
     members = curve.which.tolist()
-    steps = MAX_EFFECTS_PER_CURVE if given is None else len(given)
-    offered = allowed.copy() if given is None else np.isin(curve.which, given)
-    total, chosen = 0.0, list[int]()
+    steps = MAX_EFFECTS_PER_CURVE
+    offered = allowed.copy()
+    if given is not None:
+        steps = len(given)
+        offered = np.isin(curve.which, given)
+    total = 0.0
+    chosen: list[int] = []
     for step in range(steps):
-        known = first if step == 0 else None
-        score = score_each(curve, Q, response) if known is None else known
-        best = int(np.argmax(np.where(offered, score, -np.inf)))
-        adds_evidence = score[best] > 0 or given is not None
-        if not np.isfinite(score[best]) or not adds_evidence:
+        score = first
+        if score is None or step > 0:
+            score = score_each(curve, Q, response)
+        score_offered = np.where(offered, score, -np.inf)
+        best = int(np.argmax(score_offered))
+        gain = float(score[best])
+        adds_evidence = gain > 0 or given is not None
+        if not np.isfinite(gain) or not adds_evidence:
             break
         Q, response = _absorb(curve, best, Q, response)
         offered[best] = False
-        total += float(score[best])
+        total += gain
         chosen.append(members[best])
     return total, chosen
 
@@ -111,17 +129,43 @@ def _absorb(curve: Curve, member: int, Q: Array, response: Array) -> tuple[Array
 def find_better_curve(
     curve: Curve, Q: Array, response: Array, now: Sequence[int], odds: float
 ) -> list[int] | None:
-    """Find candidates that explain a joint's curve better than `now` by `odds` in log evidence: a
-    free function (and what it leaves), or a few waves; None where there are none.
+    """Find candidates that explain a joint's curve better than `now` by `odds` in log evidence.
+
+    They are a free function (and what it leaves), or a few waves; None where there are none.
 
     `response` (N,) has the effects `now` put back, and Q does not hold them."""
     first = score_each(curve, Q, response)
-    present, _ = chain_effects(curve, Q, response, now, curve.free, first)
-    trials = [chain_effects(curve, Q, response, None, ~curve.free, first)]
-    trials += [
-        chain_effects(curve, Q, response, [g], curve.free, first)
-        for g in curve.which[curve.free].tolist()
-    ]
+    present, _ = chain_effects(
+        curve,
+        Q,
+        response,
+        given=now,
+        allowed=curve.free,
+        first=first,
+    )
+    waves = chain_effects(
+        curve,
+        Q,
+        response,
+        given=None,
+        allowed=~curve.free,
+        first=first,
+    )
+    trials = [waves]
+    free_functions = curve.which[curve.free]
+    for g in free_functions.tolist():
+        function_and_rest = chain_effects(
+            curve,
+            Q,
+            response,
+            given=[g],
+            allowed=curve.free,
+            first=first,
+        )
+        trials.append(function_and_rest)
     value, best = max(trials, key=lambda trial: trial[0])
-    is_better = value > present + odds and set(best) != set(now)
-    return best if best and is_better else None
+    is_better = value > present + odds
+    is_same = set(best) == set(now)
+    if best and is_better and not is_same:
+        return best
+    return None

@@ -37,8 +37,10 @@ Residuals = Callable[[Problem], Array]
 
 @dataclass(frozen=True, eq=False)
 class Slip:
-    """A slip in words, what to do about it, and the readings (m, n) and positions (m, 3) without it;
-    `scale`: the factor of the positions where it concerns a unit."""
+    """A slip in words, what to do about it, and the data without it.
+
+    `q` (m, n) and `position` (m, 3): readings and positions without the slip; `scale`: the factor
+    of the positions where it concerns a unit."""
 
     words: str
     remedy: str
@@ -48,36 +50,63 @@ class Slip:
 
     def correct(self, problem: Problem) -> Problem:
         """Correct every row of a problem."""
-        return replace(problem, data=replace(problem.data, q=self.q, position=self.position))
+        data = replace(
+            problem.data,
+            q=self.q,
+            position=self.position,
+        )
+        return replace(problem, data=data)
 
 
 def _generate_slips(problem: Problem) -> Iterator[Slip]:
     """Generate the slips that any row may have."""
-    q, x = problem.data.q, problem.data.position
+    q = problem.data.q
+    x = problem.data.position
     turns = ~np.array(problem.robot.prismatic)
     for unit in SCALES:
-        words = f"in {unit.unit}, not millimetres"
-        yield Slip(words, unit.remedy, q, x * unit.scale, unit.scale)
-    for axis, other, change in list_axis_changes():
-        if other:
-            words, remedy = f"{axis} and {other} exchanged", f"exchange {axis} and {other}"
-        else:
-            words, remedy = f"the wrong sign of {axis}", f"change the sign of {axis}"
-        yield Slip(f"given with {words}", remedy, q, x @ change.T)
-    for factor, unit_name, other in (
+        yield Slip(
+            words=f"in {unit.unit}, not millimetres",
+            remedy=unit.remedy,
+            q=q,
+            position=x * unit.scale,
+            scale=unit.scale,
+        )
+    for axis, other_axis, change in list_axis_changes():
+        words = f"the wrong sign of {axis}"
+        remedy = f"change the sign of {axis}"
+        if other_axis:
+            words = f"{axis} and {other_axis} exchanged"
+            remedy = f"exchange {axis} and {other_axis}"
+        yield Slip(
+            words=f"given with {words}",
+            remedy=remedy,
+            q=q,
+            position=x @ change.T,
+        )
+    for factor, unit_name, other_unit in (
         (1 / DEGREE, "radians", "degrees"),
         (DEGREE, "degrees", "radians"),
     ):
-        words = f"given with readings in {unit_name}, not {other}"
-        yield Slip(words, "convert the readings", np.where(turns, q * factor, q), x)
+        yield Slip(
+            words=f"given with readings in {unit_name}, not {other_unit}",
+            remedy="convert the readings",
+            q=np.where(turns, q * factor, q),
+            position=x,
+        )
 
 
 def _build_stale(problem: Problem, rows: Mask) -> Slip:
-    """Build the slip of positions that were not measured anew: every row has the readings of the one
-    before."""
-    q = np.roll(problem.data.q, 1, axis=0)
-    words, remedy = "given with the position of the row before", "measure them again"
-    return Slip(words, remedy, q[rows], problem.data.position[rows])
+    """Build the slip of positions that were not measured anew.
+
+    Every row has the readings of the one before."""
+    data = problem.data
+    q = np.roll(data.q, 1, axis=0)
+    return Slip(
+        words="given with the position of the row before",
+        remedy="measure them again",
+        q=q[rows],
+        position=data.position[rows],
+    )
 
 
 def describe_slips(
@@ -87,32 +116,42 @@ def describe_slips(
     usual: float | None = None,
     named: Mask | None = None,
 ) -> tuple[str, ...]:
-    """Describe every slip that explains some of the `rows` (mask): how many, where, and how well
-    they fit without it.
+    """Describe every slip that explains some of the `rows` (mask).
+
+    A sentence says how many rows, where, and how well they fit without the slip.
 
     `left`: computes residuals (m, c) of a problem under the model. A corrected row fits where it is
     as near as the other rows, or as the `usual` length [mm]. Rows that are `named` (mask) are left
     out."""
     data = problem.data
-    is_point = np.ones(len(data), bool) if data.gauges is None else data.gauges.of("point")
-    regular, rows = is_point & ~rows, is_point & rows
+    is_point = np.ones(len(data), bool)
+    if data.gauges is not None:
+        is_point = data.gauges.of("point")
+    regular = is_point & ~rows
+    suspected = is_point & rows
     if named is not None:
-        rows = rows & ~named
-    if not rows.any() or not (regular.any() or usual):
+        suspected = suspected & ~named
+    if not suspected.any() or not (regular.any() or usual):
         return ()
     if usual is None:
-        scale = estimate_scale(compute_lengths(left(problem.take(regular))))
+        of_regular = left(problem.take(regular))
+        scale = estimate_scale(compute_lengths(of_regular))
     else:
         scale = usual / np.sqrt(3)
     near = MATCH_THRESHOLD * max(scale, MIN_SCALE_MM)
-    selected = problem.take(rows)
+    far = MIN_RATIO * near
+    selected = problem.take(suspected)
     before = compute_lengths(left(selected))
-    is_open, sentences = before > MIN_RATIO * near, list[str]()
-    for slip in (*_generate_slips(selected), _build_stale(problem, rows)):
-        after = compute_lengths(left(slip.correct(selected)))
+    is_open = before > far
+    sentences = []
+    stale = _build_stale(problem, suspected)
+    for slip in (*_generate_slips(selected), stale):
+        corrected = slip.correct(selected)
+        after = compute_lengths(left(corrected))
         explained = is_open & (after < near)
         if explained.any():
-            sentences.append(_describe(slip, selected, explained, before, after))
+            sentence = _describe(slip, selected, explained, before, after)
+            sentences.append(sentence)
             is_open = is_open & ~explained
     return tuple(sentences)
 
@@ -121,41 +160,55 @@ def _describe(slip: Slip, problem: Problem, rows: Mask, before: Array, after: Ar
     """Describe a slip of some rows (mask), with the lengths [mm] of all rows before and after."""
     where: Where = problem.data.where
     indices: Index = problem.data.row[rows]
-    median_before, median_after = float(np.median(before[rows])), float(np.median(after[rows]))
-    is_one = len(indices) == 1
-    subject = "1 row is" if is_one else f"{len(indices)} rows are"
+    median_before = float(np.median(before[rows]))
+    median_after = float(np.median(after[rows]))
     improvement = describe_improvement(median_before, median_after)
+    subject = f"{len(indices)} rows are"
+    they_fit = "they fit"
+    them = "them"
+    if len(indices) == 1:
+        subject = "1 row is"
+        they_fit = "it fits"
+        them = "it"
+    place = where.spans(indices)
     return (
-        f"{subject} {slip.words} ({where.spans(indices)}): corrected, "
-        f"{'it fits' if is_one else 'they fit'} {improvement} ({median_after:.2g} mm instead of "
-        f"{median_before:.3g} mm, median); {slip.remedy} there, or leave "
-        f"{'it' if is_one else 'them'} out."
+        f"{subject} {slip.words} ({place}): corrected, {they_fit} {improvement} "
+        f"({median_after:.2g} mm instead of {median_before:.3g} mm, median); "
+        f"{slip.remedy} there, or leave {them} out."
     )
 
 
 def describe_slip_before_fit(
     problem: Problem, registered: bool, per_group: bool = False
 ) -> str | None:
-    """Describe the slip of some rows that explains what a problem's points leave at its placement
-    and tools; None where they leave little, or no slip of less than half of the rows explains it.
+    """Describe the slip of some rows that explains what a problem's points leave before a fit.
+
+    The points are judged at the problem's placement and tools. None where they leave little, or no
+    slip of less than half of the rows explains it.
 
     Where placement and tools were found from the rows (`registered`), they are found again with
     every guess."""
     gauges = problem.data.gauges
-    points = np.ones(len(problem), bool) if gauges is None else gauges.of("point")
-    if not points.any():
+    is_point = np.ones(len(problem), bool)
+    if gauges is not None:
+        is_point = gauges.of("point")
+    if not is_point.any():
         return None
-    selected = problem.take(points).plain_points()
+    selected = problem.take(is_point).plain_points()
     before = compute_lengths(residuals(selected))
-    if before.mean() < BAD_SHARE * problem.reach_mm:
+    mean_before = before.mean()
+    if mean_before < BAD_SHARE * problem.reach_mm:
         return None
-    guesses = [
-        (*_find_slipped_rows(selected, slip, registered, per_group), slip)
-        for slip in _generate_slips(selected)
-    ]
-    after, marked, slip = min(guesses, key=lambda guess: float(guess[0].mean()))
-    concerns_some = 0 < marked.mean() < MAX_SLIPPED_SHARE
-    if not concerns_some or after.mean() > before.mean() / MIN_IMPROVEMENT:
+    guesses = []
+    for slip in _generate_slips(selected):
+        after, marked = _find_slipped_rows(selected, slip, registered, per_group)
+        mean_after = after.mean()
+        guesses.append((mean_after, after, marked, slip))
+    mean_after, after, marked, slip = min(guesses, key=lambda guess: float(guess[0]))
+    largest_left = mean_before / MIN_IMPROVEMENT
+    if not 0 < marked.mean() < MAX_SLIPPED_SHARE:
+        return None
+    if mean_after > largest_left:
         return None
     return _describe(slip, selected, marked, before, after)
 
@@ -163,26 +216,35 @@ def describe_slip_before_fit(
 def _find_slipped_rows(
     problem: Problem, slip: Slip, registered: bool, per_group: bool
 ) -> tuple[Array, Mask]:
-    """Find the rows that have a slip, until no row changes sides any more: (lengths (m,) that every
-    row leaves, mask of the slipped rows)."""
+    """Find the rows that have a slip, until no row changes sides any more.
+
+    Returns the lengths (m,) that every row leaves, and the mask of the slipped rows."""
     marked = _guess_from_lengths(problem, slip)
     current = _correct_rows(problem, slip, marked, registered, per_group)
     given = problem.data
     for _ in range(MAX_ROUNDS):
-        as_given = replace(current, data=replace(current.data, q=given.q, position=given.position))
+        data_as_given = replace(
+            current.data,
+            q=given.q,
+            position=given.position,
+        )
+        as_given = replace(current, data=data_as_given)
         plain = compute_lengths(residuals(as_given))
-        corrected = compute_lengths(residuals(slip.correct(current)))
+        all_corrected = slip.correct(current)
+        corrected = compute_lengths(residuals(all_corrected))
         again = corrected < plain / 2
         if (again == marked).all():
             break
         marked = again
         current = _correct_rows(problem, slip, marked, registered, per_group)
-    return compute_lengths(residuals(current)), marked
+    length = compute_lengths(residuals(current))
+    return length, marked
 
 
 def _guess_from_lengths(problem: Problem, slip: Slip) -> Mask:
-    """Guess which rows have another unit: those whose distance from the tracker is usual with the
-    slip's scale only."""
+    """Guess which rows have another unit.
+
+    They are those whose distance from the tracker is usual with the slip's scale only."""
     length = np.linalg.norm(problem.data.position, axis=1)
     if slip.scale == 1.0:
         return np.zeros(len(length), bool)
@@ -195,15 +257,21 @@ def _guess_from_lengths(problem: Problem, slip: Slip) -> Mask:
 def _correct_rows(
     problem: Problem, slip: Slip, marked: Mask, registered: bool, per_group: bool
 ) -> Problem:
-    """Correct the slip in the marked rows, and find tracker and targets again where they were found
-    before."""
-    data, rows = problem.data, marked[:, None]
-    q = np.where(rows, slip.q, data.q)
-    position = np.where(rows, slip.position, data.position)
-    corrected = replace(problem, data=replace(data, q=q, position=position))
+    """Correct the slip in the marked rows.
+
+    Tracker and targets are found again where they were found before."""
+    given = problem.data
+    rows = marked[:, None]
+    data = replace(
+        given,
+        q=np.where(rows, slip.q, given.q),
+        position=np.where(rows, slip.position, given.position),
+    )
+    corrected = replace(problem, data=data)
     if not registered or not marked.any():
         return corrected
+    every_row = np.ones(len(corrected), bool)
     try:
-        return register(corrected, np.ones(len(corrected), bool), per_group)
+        return register(corrected, every_row, per_group)
     except (DataError, NotEstimable):
         return corrected

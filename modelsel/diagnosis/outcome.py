@@ -39,15 +39,26 @@ class Diagnosis:
     @property
     def findings(self) -> tuple[str, ...]:
         """One sentence per effect: what, how much, how probable, and its p-value."""
-        return tuple(
-            f"{describe_effect(effect).rstrip('.')}; p = {effect.p:.2g}." for effect in self.effects
-        )
+        findings = []
+        for effect in self.effects:
+            sentence = describe_effect(effect)
+            stem = sentence.rstrip(".")
+            findings.append(f"{stem}; p = {effect.p:.2g}.")
+        return tuple(findings)
 
     def __repr__(self) -> str:
-        base = ", ".join(mechanism.name for mechanism in self.base.mechanisms)
+        names = [mechanism.name for mechanism in self.base.mechanisms]
+        base = ", ".join(names) or "the nominal model"
         count = len(self.effects)
-        title = f"Diagnosis of {base or 'the nominal model'}: {count or 'no'} effect{'s' * (count != 1)}"
-        lines = [title, *(f"  {k}. {text}" for k, text in enumerate(self.findings, 1))]
+        effects = f"{count} effects"
+        if count == 0:
+            effects = "no effects"
+        elif count == 1:
+            effects = "1 effect"
+        lines = [f"Diagnosis of {base}: {effects}"]
+        for k, sentence in enumerate(self.findings, 1):
+            numbered = f"  {k}. {sentence}"
+            lines.append(numbered)
         if self.left is not None:
             lines.append(f"  The strongest of what is left has p = {self.left_p:.2g}.")
         return "\n".join(lines)

@@ -47,8 +47,11 @@ def _rescale_lengths(size: Array, measured: Mask | None) -> Array:
     """Scale the lengths (m,) of rows with one coordinate so that their median is that of three."""
     if measured is None:
         return size
-    has_one = measured[:, :3].sum(1) == 1
-    return np.asarray(size * np.where(has_one, MEDIAN_3 / MEDIAN_1, 1.0))
+    coordinates = measured[:, :3].sum(1)
+    has_one = coordinates == 1
+    three_over_one = MEDIAN_3 / MEDIAN_1
+    factor = np.where(has_one, three_over_one, 1.0)
+    return np.asarray(size * factor)
 
 
 def find_gross_outliers(problem: Problem, base: Model) -> Mask:
@@ -58,26 +61,41 @@ def find_gross_outliers(problem: Problem, base: Model) -> Mask:
     too few to trim."""
     fitted = fit(problem, base)
     X, residual = compute_design(problem, base.terms, fitted.at())
-    X = X[:, :, list(fitted.representatives)]
-    rows, coordinates = len(X), problem.coordinates / len(X)
-    needed = int(np.ceil(2 * X.shape[2] / coordinates)) + 1
+    representatives = list(fitted.representatives)
+    X = X[:, :, representatives]
+    rows, _, columns = X.shape
+    coordinates = problem.coordinates / rows
+    fewest = np.ceil(2 * columns / coordinates)
+    needed = int(fewest) + 1
     keep = max(int(TRIM_SHARE * rows), needed)
     if keep >= rows:
         return np.zeros(rows, bool)
-    inside, size = _concentrate(X, residual, problem.measured, keep)
-    seen = None if problem.measured is None else problem.measured[inside]
+    measured = problem.measured
+    inside, size = _concentrate(
+        X,
+        residual,
+        measured,
+        keep,
+    )
+    seen = None
+    if measured is not None:
+        seen = measured[inside]
     trimmed = estimate_scale(size[inside], seen)
-    scale = trimmed / _trimmed_median_ratio(TRIM_SHARE, round(min(coordinates, 3)))
-    return _reweight(X, residual, problem.measured, size > GROSS_THRESHOLD * scale)
+    dimension = round(min(coordinates, 3))
+    scale = trimmed / _trimmed_median_ratio(TRIM_SHARE, dimension)
+    flagged = size > GROSS_THRESHOLD * scale
+    return _reweight(X, residual, measured, flagged)
 
 
 def _concentrate(X: Array, residual: Array, measured: Mask | None, keep: int) -> tuple[Mask, Array]:
-    """Fit the `keep` rows with the smallest residuals until they stay the same; returns their mask
-    (m,) and the standardised lengths (m,) of all rows."""
+    """Fit the `keep` rows with the smallest residuals until they stay the same.
+
+    Returns their mask (m,) and the standardised lengths (m,) of all rows."""
     inside = np.ones(len(X), bool)
     size = compute_lengths(residual)
     for _ in range(CONCENTRATION_STEPS):
-        order = np.argsort(_rescale_lengths(size, measured), kind="stable")
+        rescaled = _rescale_lengths(size, measured)
+        order = np.argsort(rescaled, kind="stable")
         chosen = np.zeros(len(X), bool)
         chosen[order[:keep]] = True
         if (chosen == inside).all():
@@ -91,27 +109,35 @@ def _reweight(X: Array, residual: Array, measured: Mask | None, flagged: Mask) -
     """Refit the rows that are not flagged, and flag again, until the flags stay the same."""
     for _ in range(REWEIGHTING_STEPS):
         size = _refit(X, residual, ~flagged, measured)
-        again = size > GROSS_THRESHOLD * estimate_scale(size, measured)
-        if (again == flagged).all() or again.mean() > MAX_OUTLIER_SHARE:
+        scale = estimate_scale(size, measured)
+        again = size > GROSS_THRESHOLD * scale
+        is_settled = (again == flagged).all()
+        if is_settled or again.mean() > MAX_OUTLIER_SHARE:
             break
         flagged = again
-    return flagged if flagged.mean() <= MAX_OUTLIER_SHARE else np.zeros(len(flagged), bool)
+    if flagged.mean() > MAX_OUTLIER_SHARE:
+        return np.zeros(len(flagged), bool)
+    return flagged
 
 
 def _trimmed_median_ratio(share: float, coordinates: int) -> float:
-    """Compute the median length among the smallest `share` of normal vectors over the median of
-    all."""
+    """Compute the median length of trimmed normal vectors over the median of all.
+
+    Trimming keeps the smallest `share` of them."""
     from scipy.special import gammaincinv
 
-    trimmed = np.sqrt(2 * gammaincinv(coordinates / 2, share / 2))
-    if coordinates == 3:
-        return float(trimmed / MEDIAN_3)
-    return float(trimmed / np.sqrt(2 * gammaincinv(coordinates / 2, 0.5)))
+    shape = coordinates / 2
+    trimmed = np.sqrt(2 * gammaincinv(shape, share / 2))
+    median = MEDIAN_3
+    if coordinates != 3:
+        median = np.sqrt(2 * gammaincinv(shape, 0.5))
+    return float(trimmed / median)
 
 
 def _refit(X: Array, residual: Array, inside: Mask, measured: Mask | None) -> Array:
-    """Compute (m,) lengths of the residuals of a fit to the rows `inside`, each over the factor that
-    its leverage puts on it; X (m, c, p), `measured` (m, c)."""
+    """Compute (m,) standardised lengths of the residuals of a fit to the rows `inside`.
+
+    Each is divided by the factor that its leverage puts on it; X (m, c, p), `measured` (m, c)."""
     _, c, p = X.shape
     reduction = reduce(X[inside].reshape(int(inside.sum()) * c, p), residual[inside].ravel())
     kept = list(identify(reduction).kept)
@@ -127,7 +153,11 @@ def _refit(X: Array, residual: Array, inside: Mask, measured: Mask | None) -> Ar
 def find_far_rows(
     residual: Array, reference: Array, threshold: float, measured: Mask | None = None
 ) -> Mask:
-    """Find rows of `residual` (m, c) longer than `threshold` robust standard deviations of the
-    `reference` rows, whose coordinates are `measured` (None: all)."""
-    scale = estimate_scale(compute_lengths(reference), measured)
-    return np.asarray(compute_lengths(residual) > threshold * scale)
+    """Find rows of `residual` (m, c) longer than `threshold` robust standard deviations.
+
+    The deviations are those of the `reference` rows, whose coordinates are `measured` (None: all)."""
+    length = compute_lengths(residual)
+    reference_length = compute_lengths(reference)
+    scale = estimate_scale(reference_length, measured)
+    is_far = length > threshold * scale
+    return np.asarray(is_far)

@@ -68,13 +68,26 @@ def diagnose(
 
     Raises StudyError for an unknown name, NotEstimable where the data do not determine the base."""
     rows = len(problem)
-    used = np.ones(rows, bool) if estimation is None else np.asarray(estimation, bool)
-    folds = np.zeros(rows, np.intp)
-    split = Split(problem, used, np.zeros(rows, bool), folds, known_sigma=False)
-    model = Model(tuple(mechanism(name, problem.robot, registry) for name in base))
-    is_open = candidates == ALL
-    offered = _resolve_candidates(problem, candidates, registry)
-    return diagnose_split(split, model, offered, seed, is_open, options=options)[1]
+    used = np.ones(rows, bool)
+    if estimation is not None:
+        used = np.asarray(estimation, bool)
+    split = Split(
+        problem,
+        used,
+        np.zeros(rows, bool),
+        np.zeros(rows, np.intp),
+        known_sigma=False,
+    )
+    mechanisms = [mechanism(name, problem.robot, registry) for name in base]
+    _, diagnosis, _ = diagnose_split(
+        split,
+        base=Model(tuple(mechanisms)),
+        everything=_resolve_candidates(problem, candidates, registry),
+        seed=seed,
+        cells=candidates == ALL,
+        options=options,
+    )
+    return diagnosis
 
 
 def _resolve_candidates(
@@ -83,8 +96,13 @@ def _resolve_candidates(
     robot = problem.robot
     if candidates == ALL:
         return (*build_faults(robot), *every(robot, registry))
-    names = [candidates] if isinstance(candidates, str) else candidates
-    return tuple(part for name in names for part in build_mechanisms(name, robot, registry))
+    names: Sequence[str] = candidates
+    if isinstance(candidates, str):
+        names = [candidates]
+    mechanisms: list[Mechanism] = []
+    for name in names:
+        mechanisms += build_mechanisms(name, robot, registry)
+    return tuple(mechanisms)
 
 
 def diagnose_split(
@@ -102,13 +120,22 @@ def diagnose_split(
     too. Of more than `options.max_rows` estimation rows, configurations drawn by the seed are
     scanned; outliers are judged in all rows. Returns the split with its outliers marked, the
     diagnosis, and the candidates."""
-    inquiry = _Inquiry(base, everything, seed, cells, say, options)
+    inquiry = _Inquiry(
+        base,
+        everything,
+        seed,
+        cells,
+        say,
+        options,
+    )
     if split.estimation.sum() <= options.max_rows:
         return _alternate(split, inquiry)
-    sample = replace(split, estimation=_draw_configurations(split, seed, options.max_rows))
+    drawn = _draw_configurations(split, seed, options.max_rows)
+    sample = replace(split, estimation=drawn)
     sample, diagnosis, found = _alternate(sample, inquiry)
     outlying = _find_outliers_everywhere(split, sample, diagnosis)
-    return replace(split, outlying=outlying), diagnosis, found
+    marked = replace(split, outlying=outlying)
+    return marked, diagnosis, found
 
 
 class _Inquiry(NamedTuple):
@@ -125,26 +152,40 @@ class _Inquiry(NamedTuple):
         """Search for effects in a training problem, with the study's random stream of naming."""
         rng = generator(self.seed, "naming")
         base_fit = fit(problem, self.base)
-        return run_stepwise_search(problem, self.base, base_fit, found, rng, self.say)
+        return run_stepwise_search(
+            problem,
+            self.base,
+            base_fit,
+            found,
+            rng,
+            self.say,
+        )
 
 
 def _alternate(split: Split, inquiry: _Inquiry) -> tuple[Split, Diagnosis, tuple[Candidate, ...]]:
-    """Alternate outliers and names: where the extended model shows other outliers than the base
-    did, effects are named once more without those."""
+    """Alternate outliers and names, until the outliers stay the same.
+
+    Where the extended model shows other outliers than the base did, effects are named once more
+    without those."""
     training = split.problem.take(split.estimation)
     outlying = find_gross_outliers(training, inquiry.base)
     for _ in range(MAX_ROUNDS):
         split = replace(split, outlying=_expand_mask(split.estimation, outlying))
         kept = split.training()
         found = build_candidates(
-            kept, inquiry.base, inquiry.everything, inquiry.cells, inquiry.options
+            kept,
+            inquiry.base,
+            inquiry.everything,
+            inquiry.cells,
+            inquiry.options,
         )
         inquiry.say(f"naming: {len(found)} candidates")
         diagnosis = inquiry.search(kept, found)
         again = _find_outliers(training, diagnosis, outlying)
         if outlying.any():
             again = _reconsider_outliers(training, inquiry, found, outlying, again)
-        if (again == outlying).all() or again.mean() > MAX_OUTLIER_SHARE:
+        is_settled = (again == outlying).all()
+        if is_settled or again.mean() > MAX_OUTLIER_SHARE:
             break
         outlying = again
     return split, diagnosis, found
@@ -157,32 +198,57 @@ def _reconsider_outliers(
     outlying: Mask,
     again: Mask,
 ) -> Mask:
-    """Reconsider outliers with all rows in the search: an effect of a few rows resembles outliers
-    until it may be named. Returns the outliers of that search if they are at most half as many,
-    else `again`."""
+    """Reconsider outliers with all rows in the search.
+
+    An effect of a few rows resembles outliers until it may be named. Returns the outliers of that
+    search if they are at most half as many, else `again`."""
     with_all = inquiry.search(training, found)
-    fewer = _find_outliers(training, with_all, np.zeros(len(training), bool))
-    return fewer if fewer.sum() <= outlying.sum() / 2 else again
+    none = np.zeros(len(training), bool)
+    fewer = _find_outliers(training, with_all, none)
+    half = outlying.sum() / 2
+    if fewer.sum() <= half:
+        return fewer
+    return again
 
 
 def _find_outliers(problem: Problem, diagnosis: Diagnosis, outlying: Mask) -> Mask:
-    """Find rows far off the extended model, in robust standard deviations of the rows that are not
-    `outlying`, to which it was fitted."""
+    """Find rows far off the extended model.
+
+    They are judged in robust standard deviations of the rows that are not `outlying`, to which it
+    was fitted."""
     size = whitened(problem, diagnosis.fit.residuals(problem))
-    measured = None if problem.measured is None else problem.measured[~outlying]
-    return find_far_rows(size, size[~outlying], _choose_threshold(diagnosis), measured)
+    measured = problem.measured
+    if measured is not None:
+        measured = measured[~outlying]
+    return find_far_rows(
+        size,
+        size[~outlying],
+        _choose_threshold(diagnosis),
+        measured,
+    )
 
 
 def _find_outliers_everywhere(split: Split, sample: Split, diagnosis: Diagnosis) -> Mask:
-    """Find outliers among all estimation rows, in robust standard deviations of the sampled rows;
-    those of the sample alone where they would be too many."""
-    problem, used = split.problem, sample.used
+    """Find outliers among all estimation rows, judged by the sampled rows.
+
+    Where they would be too many, those of the sample alone are returned."""
+    problem = split.problem
+    used = sample.used
     size = whitened(problem, diagnosis.fit.residuals(problem))
-    measured = None if problem.measured is None else problem.measured[used]
-    far = find_far_rows(size, size[used], _choose_threshold(diagnosis), measured)
-    outlying = split.estimation & far
-    is_plausible = outlying[split.estimation].mean() <= MAX_OUTLIER_SHARE
-    return outlying if is_plausible else sample.outlying
+    measured = problem.measured
+    if measured is not None:
+        measured = measured[used]
+    is_far = find_far_rows(
+        size,
+        size[used],
+        _choose_threshold(diagnosis),
+        measured,
+    )
+    outlying = split.estimation & is_far
+    share = outlying[split.estimation].mean()
+    if share <= MAX_OUTLIER_SHARE:
+        return outlying
+    return sample.outlying
 
 
 def _choose_threshold(diagnosis: Diagnosis) -> float:
@@ -201,14 +267,17 @@ def _draw_configurations(split: Split, seed: int, max_rows: int) -> Mask:
 def _expand_mask(rows: Mask, marked: Mask) -> Mask:
     """Expand a mask of the selected rows to all rows (m,)."""
     mask = np.zeros(len(rows), bool)
-    mask[np.flatnonzero(rows)[marked]] = True
+    selected = np.flatnonzero(rows)
+    mask[selected[marked]] = True
     return mask
 
 
 @dataclass(frozen=True)
 class Nested:
-    """The whole procedure repeated without each fold: errors of base and chosen model on rows that
-    it has not seen, and how often each name was found."""
+    """The whole procedure repeated without each fold.
+
+    `base` and `chosen`: errors of both models on rows that the procedure has not seen; `named`: in
+    how many folds each name was found."""
 
     folds: int
     base: Errors
@@ -235,39 +304,59 @@ def _run_fold(
     fold: Index,
 ) -> _Fold:
     outside = fold == k
-    inside = replace(
-        split, estimation=split.estimation & ~outside, outlying=np.zeros(len(fold), bool)
+    rest = replace(
+        split,
+        estimation=split.estimation & ~outside,
+        outlying=np.zeros(len(fold), bool),
     )
-    inside, diagnosis, _ = diagnose_split(inside, base, everything, seed, cells)
+    inside, diagnosis, _ = diagnose_split(rest, base, everything, seed, cells)
     problem = split.problem.take(outside)
     base_fit = fit(inside.training(), base)
     names = [effect.candidate.label for effect in diagnosis.effects]
-    return _Fold(outside, base_fit.residuals(problem), diagnosis.fit.residuals(problem), names)
+    return _Fold(
+        rows=outside,
+        base=base_fit.residuals(problem),
+        chosen=diagnosis.fit.residuals(problem),
+        names=names,
+    )
 
 
 def run_nested_folds(
     split: Split, base: Model, everything: tuple[Mechanism, ...], seed: int, cells: bool, folds: int
 ) -> Nested:
-    """Repeat outliers, naming and fit without each fold of the estimation configurations, in
-    parallel; the result does not depend on the number of workers."""
-    fold = np.full(len(split.estimation), -1, dtype=np.intp)
-    estimation = split.problem.data.take(split.estimation)
-    fold[split.estimation] = assign_folds(estimation, folds, generator(seed, "nested"))
+    """Repeat outliers, naming and fit without each fold of the estimation configurations.
+
+    The folds run in parallel; the result does not depend on the number of workers."""
+    rows = split.estimation
+    estimation = split.problem.data.take(rows)
+    fold = np.full(len(rows), -1, dtype=np.intp)
+    fold[rows] = assign_folds(estimation, folds, generator(seed, "nested"))
     count = int(fold.max()) + 1
     run = partial(
-        _run_fold, split=split, base=base, everything=everything, seed=seed, cells=cells, fold=fold
+        _run_fold,
+        split=split,
+        base=base,
+        everything=everything,
+        seed=seed,
+        cells=cells,
+        fold=fold,
     )
-    with ProcessPoolExecutor(max_workers=min(count, os.cpu_count() or 1)) as pool:
+    workers = min(count, os.cpu_count() or 1)
+    with ProcessPoolExecutor(max_workers=workers) as pool:
         done = list(pool.map(run, range(count)))
-    before, after = (np.full((len(fold), split.problem.components), np.nan) for _ in range(2))
+    shape = len(fold), split.problem.components
+    before = np.full(shape, np.nan)
+    after = np.full(shape, np.nan)
     for one in done:
-        before[one.rows], after[one.rows] = one.base, one.chosen
-    rows, outlying = split.estimation, split.outlying[split.estimation]
-    base_errors, chosen_errors = (
-        summarise_errors(before[rows], outlying),
-        summarise_errors(after[rows], outlying),
+        before[one.rows] = one.base
+        after[one.rows] = one.chosen
+    outlying = split.outlying[rows]
+    return Nested(
+        folds=count,
+        base=summarise_errors(before[rows], outlying),
+        chosen=summarise_errors(after[rows], outlying),
+        named=_count_names(done),
     )
-    return Nested(count, base_errors, chosen_errors, _count_names(done))
 
 
 def _count_names(folds: Sequence[_Fold]) -> dict[str, int]:
@@ -275,5 +364,8 @@ def _count_names(folds: Sequence[_Fold]) -> dict[str, int]:
     counts: dict[str, int] = {}
     for one in folds:
         for name in dict.fromkeys(one.names):
-            counts[name] = counts.get(name, 0) + 1
-    return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
+            before = counts.get(name, 0)
+            counts[name] = before + 1
+    names = sorted(counts)
+    names.sort(key=lambda name: -counts[name])
+    return {name: counts[name] for name in names}

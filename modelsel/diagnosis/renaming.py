@@ -18,16 +18,20 @@ MIN_CHANGE = 0.1
 
 
 class _Standing(NamedTuple):
-    """Where an effect stands given the others: the log evidence for it, and the candidate that
-    should stand in its place: itself, a better name, or None if chance explains it."""
+    """Where an effect stands given the others.
+
+    `evidence`: the log evidence for it; `better`: the candidate that should stand in its place:
+    itself, a better name, or None if chance explains it."""
 
     evidence: float
     better: int | None
 
 
 class _Change(NamedTuple):
-    """A change of names to try: the effect it concerns (None for several effects of one joint), the
-    candidates after it, and what it is in words."""
+    """A change of names to try.
+
+    `effect`: the effect it concerns (None for several effects of one joint); `trial`: the
+    candidates after it; `words`: what it is in words."""
 
     effect: int | None
     trial: list[int]
@@ -37,8 +41,9 @@ class _Change(NamedTuple):
 def settle_names(
     search: Search, chosen: list[int], view: View, before: View | None, path: list[str]
 ) -> tuple[list[int], View]:
-    """Identify effects again, given the others, until their names stay; drop those that chance
-    explains.
+    """Identify effects again, given the others, until their names stay.
+
+    Effects that chance explains are dropped.
 
     Concerns the effects that changed since the view `before` (all, where that is None). One change
     at a time is made, the weakest effect first, and a change concerns only the effects that it
@@ -46,8 +51,9 @@ def settle_names(
     visited = {frozenset(chosen)}
     standing: dict[int, _Standing] = {}
     if before is not None:
-        unmoved = [g for g in chosen if not _has_moved(before, view, search.found[g])]
-        standing = {g: _Standing(np.inf, g) for g in unmoved}
+        for g in chosen:
+            if not _has_moved(before, view, search.found[g]):
+                standing[g] = _Standing(np.inf, g)
     for _ in range(MAX_CHANGES):
         for g in chosen:
             if g not in standing:
@@ -59,7 +65,8 @@ def settle_names(
         after = search.try_fit(change.trial, view.fitted)
         if after is None:
             if change.effect is not None:
-                standing[change.effect] = standing[change.effect]._replace(better=change.effect)
+                refused = standing[change.effect]
+                standing[change.effect] = refused._replace(better=change.effect)
             continue
         path.append(change.words)
         standing = {
@@ -67,13 +74,13 @@ def settle_names(
             for g in change.trial
             if g in standing and not _has_moved(view, after, search.found[g])
         }
-        chosen, view = change.trial, after
+        chosen = change.trial
+        view = after
     return chosen, view
 
 
 def _has_moved(before: View, after: View, candidate: Candidate) -> bool:
-    """Return whether what an effect does to the target changed by more than MIN_CHANGE between two
-    fits."""
+    """Return whether an effect at the target changed by more than MIN_CHANGE between two fits."""
     terms_before = (term.key for term in before.model.terms)
     theta_before = dict(zip(terms_before, before.fitted.theta, strict=True))
     own = np.flatnonzero(after.mask_terms(candidate))
@@ -85,12 +92,17 @@ def _has_moved(before: View, after: View, candidate: Candidate) -> bool:
 
 
 def _assess(search: Search, g: int, view: View) -> _Standing:
-    """Assess an effect given the others: does chance explain it, or another name better?"""
+    """Assess an effect given the others: whether chance explains it, or another name better."""
     named, evidence = search.rename(g, view)
-    if compute_p_value(evidence, search.null) > LEVEL:
+    p = compute_p_value(evidence, search.null)
+    if p > LEVEL:
         return _Standing(evidence, None)
-    log_odds = named.log_probability[named.top] - named.log_probability[g]
-    return _Standing(evidence, named.top if log_odds > MIN_LOG_ODDS else g)
+    best = named.top
+    log_probability = named.log_probability
+    log_odds = log_probability[best] - log_probability[g]
+    if log_odds > MIN_LOG_ODDS:
+        return _Standing(evidence, best)
+    return _Standing(evidence, g)
 
 
 def _find_change(
@@ -100,14 +112,22 @@ def _find_change(
     standing: dict[int, _Standing],
     visited: set[frozenset[int]],
 ) -> _Change | None:
-    """Find the first change that gives a new set of candidates: of single effects, the weakest
-    first, then of the effects of one joint together."""
+    """Find the first change that gives a new set of candidates.
+
+    Single effects change first, the weakest before the others, then the effects of one joint
+    together."""
     changing = [g for g in chosen if standing[g].better != g]
-    for g in sorted(changing, key=lambda effect: (standing[effect].evidence, effect)):
-        trial = _replace(search, chosen, g, standing[g].better)
-        if frozenset(trial) not in visited:
-            words = _describe_change(search, chosen, trial, g, standing[g].better)
-            return _Change(g, trial, words)
+    changing.sort(key=lambda effect: (standing[effect].evidence, effect))
+    for g in changing:
+        better = standing[g].better
+        trial = _replace(search, chosen, g, better)
+        if frozenset(trial) in visited:
+            continue
+        return _Change(
+            effect=g,
+            trial=trial,
+            words=_describe_change(search, chosen, trial, g, better),
+        )
     for trial, words in search.generate_better_curves(chosen, view):
         if frozenset(trial) not in visited:
             return _Change(None, trial, words)

@@ -50,17 +50,22 @@ def partition_rows(
     are enough groups, they are groups; postures within one group each need no partition of their
     own then."""
     posture = np.unique(data.block, return_inverse=True)[1].reshape(-1)
-    if compute_group_p(data, residual, rng) > GROUP_LEVEL:
+    p = compute_group_p(data, residual, rng)
+    if p > GROUP_LEVEL:
         return (posture,)
     group = np.unique(data.group, return_inverse=True)[1].reshape(-1)
-    pairs = np.unique(np.stack([posture, group]), axis=1)
-    spans_groups = len(pairs[0]) > posture.max() + 1
-    return (group, posture) if spans_groups else (group,)
+    memberships = np.stack([posture, group])
+    pairs = np.unique(memberships, axis=1)
+    postures = posture.max() + 1
+    if len(pairs[0]) > postures:
+        return (group, posture)
+    return (group,)
 
 
 def compute_group_p(data: Measurements, residual: Array, rng: np.random.Generator) -> float:
-    """Compute how often configurations dealt to the groups at random have residual sums as large as
-    theirs; 1 with few groups."""
+    """Compute how often chance makes the residual sums of the groups as large as they are.
+
+    Configurations are dealt to the groups at random; the p-value is 1 with few groups."""
     _, first, configuration = np.unique(data.configuration, return_index=True, return_inverse=True)
     count = len(first)
     sums = np.stack([np.bincount(configuration, residual[:, a], count) for a in range(3)], 1)
@@ -79,8 +84,9 @@ def compute_group_p(data: Measurements, residual: Array, rng: np.random.Generato
 
 
 def adjust_residual(Q: Array, residual: Array, unit: Index) -> Array:
-    """Compute (N,) the residual with what the fit took from every unit given back,
-    (I - H_uu)^(-1/2) e_u (Bell & McCaffrey 2002); unchanged where `unit` (N,) is -1.
+    """Compute (N,) the residual with what the fit took from every unit given back.
+
+    That is (I - H_uu)^(-1/2) e_u (Bell & McCaffrey 2002); unchanged where `unit` (N,) is -1.
 
     Units of one size are computed together."""
     adjusted = residual.copy()
@@ -101,8 +107,9 @@ def adjust_residual(Q: Array, residual: Array, unit: Index) -> Array:
 def draw_flips(
     seen: Scan, log_prior: Array, e: Array, unit: Index, draws: int, rng: np.random.Generator
 ) -> Iterator[tuple[Array, Array]]:
-    """Draw sign flips of an adjusted residual e (N,), CHUNK after CHUNK: their evidences (CHUNK,),
-    and the smallest p-values (CHUNK,) of single candidates.
+    """Draw sign flips of an adjusted residual e (N,), CHUNK after CHUNK.
+
+    Yields their evidences (CHUNK,), and the smallest p-values (CHUNK,) of single candidates.
 
     `unit` (N,): which rows go together, -1 where a row keeps its sign (a prior's). Where no
     candidate is left, there is no evidence."""
@@ -110,16 +117,28 @@ def draw_flips(
     row_unit = np.where(unit < 0, count, unit)
     for _ in range(draws // CHUNK):
         if not seen.by_size:
-            yield np.full(CHUNK, -np.inf), np.ones(CHUNK)
+            no_evidence = np.full(CHUNK, -np.inf)
+            yield no_evidence, np.ones(CHUNK)
             continue
         sign = np.ones((count + 1, CHUNK))
-        sign[:count] = 2.0 * rng.integers(0, 2, (count, CHUNK)) - 1.0
+        drawn_shape = count, CHUNK
+        heads = rng.integers(0, 2, drawn_shape)
+        sign[:count] = 2.0 * heads - 1.0
         flipped = sign[row_unit] * e[:, None]
-        flipped -= seen.Q @ (seen.Q.T @ flipped)
-        share = normalise_strength(seen.strength(flipped), np.square(flipped).sum(0))
+        explained = seen.Q @ (seen.Q.T @ flipped)
+        flipped -= explained
+        total = np.square(flipped).sum(0)
+        strength = seen.strength(flipped)
+        share = normalise_strength(strength, total)
         largest = find_largest_shares(seen, share)
-        evidence = compute_null_evidence(seen, log_prior, share, largest)
-        yield evidence, compute_smallest_p(largest, seen.freedom)
+        evidence = compute_null_evidence(
+            seen,
+            log_prior,
+            share,
+            largest,
+        )
+        smallest_p = compute_smallest_p(largest, seen.freedom)
+        yield evidence, smallest_p
 
 
 def compute_flip_p(
@@ -128,11 +147,14 @@ def compute_flip_p(
     """Compute (1 + #{flips whose evidence is at least `observed`}) / (draws + 1).
 
     Stops early where the answer is clear, or will be above the `level`."""
-    above = done = 0
+    above = 0
+    done = 0
+    most_above = level * (draws + 1) - 1
     for evidence, _ in chunks:
         above += int((evidence >= observed).sum())
         done += CHUNK
-        is_above_level = above > level * (draws + 1) - 1
-        if is_above_level or observed > evidence.max() + CLEAR_MARGIN:
+        is_above_level = above > most_above
+        is_clear = observed > evidence.max() + CLEAR_MARGIN
+        if is_above_level or is_clear:
             break
     return (1 + above) / (done + 1)

@@ -33,8 +33,9 @@ DEPENDENT = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class Bucket:
-    """A block of candidates beyond the model: its Gram matrices there `left` (n, k, k), and
-    W (n, k, k) with Z_gᵀr = W X_gᵀr, Z_g orthonormal.
+    """A block of candidates beyond the model.
+
+    `left` (n, k, k): their Gram matrices there; W (n, k, k) with Z_gᵀr = W X_gᵀr, Z_g orthonormal.
 
     `weights` (n, k): prior variances of a free function's directions, the largest 1; None where all
     directions are alike."""
@@ -74,8 +75,9 @@ class Scan:
 
     @cached_property
     def smooth(self) -> tuple[Index, Array]:
-        """The free functions (F,) and the weights (F, K) of their directions, zero beyond a
-        function's own."""
+        """The free functions (F,) and the weights (F, K) of their directions.
+
+        A weight is zero beyond a function's own directions."""
         weighted = [(b.block.which, b.weights) for b in self.buckets if b.weights is not None]
         count = sum(len(which) for which, _ in weighted)
         width = max((weights.shape[1] for _, weights in weighted), default=0)
@@ -99,8 +101,9 @@ class Scan:
 
     @cached_property
     def by_size(self) -> dict[float, Index | slice]:
-        """The candidates of every size of at least one direction; a slice where they are
-        consecutive, so that nothing is copied."""
+        """The candidates of every size of at least one direction.
+
+        A slice where they are consecutive, so that nothing is copied."""
         sizes = (size for size in np.unique(self.sizes) if size > 0)
         return {float(size): _shorten(np.flatnonzero(self.sizes == size)) for size in sizes}
 
@@ -114,18 +117,24 @@ class Scan:
 
         A joint that turns about its own target would have to turn by radians to explain a tenth of
         a millimetre, and is not its cause."""
-        products = self.columns.dot(response[:, None])
+        single = response[:, None]
+        products = self.columns.dot(single)
         is_small = np.ones(len(self.sizes), bool)
         coordinates = []
         for bucket in self.buckets:
-            z = np.matmul(bucket.W, products[bucket.block.index])
+            block = bucket.block
+            own_products = products[block.index]
+            z = np.matmul(bucket.W, own_products)
             coordinates.append(z)
-            is_small[bucket.block.which] = _has_small_terms(bucket, z)
-        return self.gather(coordinates), is_small
+            which = block.which
+            is_small[which] = _has_small_terms(bucket, z)
+        strength = self.gather(coordinates)
+        return strength, is_small
 
     def gather(self, products: Sequence[Array]) -> Strength:
-        """Gather the strength from every bucket's Z_gᵀr (n, k, B), in their precision; overwrites
-        them."""
+        """Gather the strength from every bucket's Z_gᵀr (n, k, B), in their precision.
+
+        Overwrites them."""
         dtype = products[0].dtype if products else np.dtype(float)
         draws = products[0].shape[2] if products else 0
         whole: Array = np.zeros((len(self.sizes), draws), dtype)
@@ -149,8 +158,9 @@ def _shorten(index: Index) -> Index | slice:
 
 
 def _has_small_terms(bucket: Bucket, z: Array) -> Mask:
-    """Return whether (n,) the terms Wᵀz of every candidate stay below those of small screws;
-    faint directions of a free function do not count."""
+    """Return whether (n,) the terms Wᵀz of every candidate stay below those of small screws.
+
+    Faint directions of a free function do not count."""
     if bucket.weights is not None:
         z = np.where(bucket.weights[:, :, None] > SOLID_WEIGHT, z, 0.0)
     terms = np.matmul(bucket.W.swapaxes(1, 2), z)[:, :, 0]
@@ -165,8 +175,9 @@ def build_scan(cols: Columns, Q: Array) -> Scan:
 
 
 def build_scan_without(seen: Scan, D: Array) -> Scan:
-    """Build the scan from a smaller model, whose basis lacks the directions D (N, d) in the span of
-    `seen.Q`: they are given back."""
+    """Build the scan from a smaller model, by giving directions back.
+
+    Its basis lacks the directions D (N, d) in the span of `seen.Q`."""
     A = seen.columns.dot(D)
     lefts = []
     for bucket in seen.buckets:
@@ -177,20 +188,30 @@ def build_scan_without(seen: Scan, D: Array) -> Scan:
 
 
 def _build(cols: Columns, Q: Array, lefts: Sequence[Array], freedom: int) -> Scan:
-    buckets, sizes = [], np.zeros(cols.groups)
+    buckets = []
+    sizes = np.zeros(cols.groups)
     for block, left in zip(cols.grams, lefts, strict=True):
         W, size = _whiten(block, left)
         sizes[block.which] = size
         weights = None
         if block.root is not None:
             W, weights = _separate_by_prior(W, left, block.root)
-        buckets.append(Bucket(block, left, W, weights))
-    return Scan(cols, Q, tuple(buckets), sizes, freedom)
+        bucket = Bucket(block, left, W, weights)
+        buckets.append(bucket)
+    return Scan(
+        columns=cols,
+        Q=Q,
+        buckets=tuple(buckets),
+        sizes=sizes,
+        freedom=freedom,
+    )
 
 
 def _whiten(block: Block, left: Array) -> tuple[Array, Array]:
-    """Compute W (n, k, k) with orthonormal Z = X Wᵀ from the Gram matrices `left` beyond the model,
-    and the number (n,) of directions that are left; the rows of the others are zero."""
+    """Compute W (n, k, k) with orthonormal Z = X Wᵀ beyond the model.
+
+    `left`: the Gram matrices there. Returns also the number (n,) of directions that are left; the
+    rows of the others are zero."""
     norm = np.sqrt(np.maximum(np.einsum("nkk->nk", block.gram), TINY))
     value, vector = np.linalg.eigh(left / norm[:, :, None] / norm[:, None, :])
     least = ABSORBED if block.gram.shape[1] <= FEW_COLUMNS else 10 * ABSORBED
@@ -201,8 +222,9 @@ def _whiten(block: Block, left: Array) -> tuple[Array, Array]:
 
 
 def _separate_by_prior(W: Array, left: Array, root: Array) -> tuple[Array, Array]:
-    """Rotate Z to the directions that a smooth function's prior and these data keep apart: (W,
-    prior variances (n, k) of the directions, the largest 1)."""
+    """Rotate Z to the directions that a smooth function's prior and these data keep apart.
+
+    Returns W, and the prior variances (n, k) of the directions, the largest 1."""
     half = np.matmul(W, np.matmul(left, root))  # (Zᵀ X) L
     value, vector = np.linalg.eigh(np.matmul(half, half.swapaxes(1, 2)))
     top = np.maximum(value.max(1, keepdims=True), TINY)
@@ -211,8 +233,9 @@ def _separate_by_prior(W: Array, left: Array, root: Array) -> tuple[Array, Array
 
 
 def compute_basis(matrix: Array) -> Array:
-    """Compute an orthonormal basis (N, r) of the columns of a matrix (N, p), its rank from pivoted
-    QR on unit columns."""
+    """Compute an orthonormal basis (N, r) of the columns of a matrix (N, p).
+
+    Its rank is from pivoted QR on unit columns."""
     from scipy.linalg import qr
 
     size = np.linalg.norm(matrix, axis=0)

@@ -10,7 +10,7 @@ from .._typing import Array
 from ..mechanisms.causes import Applied, Bump
 from ..mechanisms.terms import LETTERS, Mechanism, Term
 from .candidates import Candidate
-from .credible_sets import FOUND
+from .credible_sets import FOUND, Entry
 from .effects import Effect
 
 PREFIXES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"))
@@ -31,8 +31,9 @@ NAMED_RIVALS = 3
 
 
 def choose_prefix(size: float, unit: str) -> tuple[float, str]:
-    """Choose (factor, prefixed unit): a value of this size [unit], divided by the factor, reads well
-    in the prefixed unit."""
+    """Choose (factor, prefixed unit) in which a value of this size [unit] reads well.
+
+    The value is to be divided by the factor."""
     if unit.startswith("1/"):
         return 1e-6, f"ppm{unit[1:]}"
     if unit.startswith("rad"):
@@ -40,7 +41,9 @@ def choose_prefix(size: float, unit: str) -> tuple[float, str]:
         return factor, prefix + unit
     if unit.startswith("mm") and 0 < size < 1e-3:
         return 1e-3, "µm" + unit[2:]
-    return 1.0, "" if unit == "1" else unit
+    if unit == "1":
+        return 1.0, ""
+    return 1.0, unit
 
 
 def _choose_angle_prefix(size: float) -> tuple[float, str]:
@@ -57,13 +60,18 @@ def format_quantity(value: float, error: float | None, unit: str) -> str:
 
     The error has two digits and the value ends at the same place (GUM 7.2.6); without an error the
     value has three digits."""
-    factor, shown_unit = choose_prefix(max(abs(value), error or 0.0), unit)
+    largest = max(abs(value), error or 0.0)
+    factor, shown_unit = choose_prefix(largest, unit)
+    size = value / factor
     if error and np.isfinite(error):
-        exponent = int(f"{error / factor:.1e}".partition("e")[2])
+        shown_error = error / factor
+        exponent = int(f"{shown_error:.1e}".partition("e")[2])
         places = max(1 - exponent, 0)
-        shown = f"{value / factor:.{places}f} ± {error / factor:.{places}f}"
+        shown = f"{size:.{places}f} ± {shown_error:.{places}f}"
+    elif value:
+        shown = f"{size:#.3g}".rstrip(".")
     else:
-        shown = f"{value / factor:#.3g}".rstrip(".") if value else "0"
+        shown = "0"
     return f"{shown} {shown_unit}".rstrip()
 
 
@@ -76,56 +84,86 @@ def is_wave(terms: Sequence[Term]) -> bool:
     """Return whether the terms are a sine and a cosine at one place: a wave of unknown phase."""
     if len(terms) != 2:
         return False
-    screws = [term.screws[0] for term in terms]
-    functions = {s.cause.function for s in screws if isinstance(s.cause, Applied)}
-    return functions == {"sin", "cos"} and screws[0].axis == screws[1].axis
+    functions = set()
+    axes = set()
+    for term in terms:
+        screw = term.screws[0]
+        axes.add(screw.axis)
+        if isinstance(screw.cause, Applied):
+            functions.add(screw.cause.function)
+    return functions == {"sin", "cos"} and len(axes) == 1
 
 
 def describe_amount(terms: Sequence[Term], estimate: Array, error: Array) -> str:
-    """Describe the size of an effect: the amplitude of a wave, the range of a free function, else
-    every term (k,) with its standard error."""
+    """Describe the size of an effect.
+
+    That is the amplitude of a wave, the range of a free function, else every term (k,) with its
+    standard error."""
+    first_term = terms[0]
     if is_wave(terms):
-        return _describe_amplitude(terms[0].unit, estimate, error)
-    if isinstance(terms[0].screws[0].cause, Bump):
+        return _describe_amplitude(first_term.unit, estimate, error)
+    first_screw = first_term.screws[0]
+    if isinstance(first_screw.cause, Bump):
         return _describe_free_function(terms, estimate)
-    return ", ".join(
-        f"{term.symbol} = {format_quantity(float(value), float(sigma), term.unit)}"
-        for term, value, sigma in zip(terms, estimate, error, strict=True)
-    )
+    amounts = []
+    for term, value, sigma in zip(terms, estimate, error, strict=True):
+        amount = format_quantity(
+            float(value),
+            float(sigma),
+            term.unit,
+        )
+        amounts.append(f"{term.symbol} = {amount}")
+    return ", ".join(amounts)
 
 
 def _describe_amplitude(unit: str, estimate: Array, error: Array) -> str:
     amplitude = float(np.hypot(*estimate))
     if amplitude:
-        sigma = float(np.sqrt(np.square(estimate * error).sum())) / amplitude
+        products = np.square(estimate * error)
+        root_sum = float(np.sqrt(products.sum()))
+        sigma = root_sum / amplitude
     else:
         sigma = float(error.max())
-    return f"amplitude {format_quantity(amplitude, sigma, unit)}"
+    shown = format_quantity(amplitude, sigma, unit)
+    return f"amplitude {shown}"
 
 
 def _describe_free_function(terms: Sequence[Term], estimate: Array) -> str:
     """Describe the range of a free function, of shifts and of rotations, and its strongest waves."""
     values: dict[str, list[float]] = {}
     for term, value in zip(terms, estimate, strict=True):
-        values.setdefault(term.unit, []).append(float(value))
-    ranges = {unit: float(np.ptp(v)) for unit, v in values.items()}
-    moved = {unit: size * (LEVER_MM if unit == "rad" else 1.0) for unit, size in ranges.items()}
-    shown = [unit for unit in ranges if moved[unit] >= MIN_SHARE * max(moved.values())]
-    sizes = " and ".join(format_quantity(ranges[unit], None, unit) for unit in shown)
-    text = f"peak to peak {sizes}"
-    is_angle = len(values) == 1 and terms[0].unit == "rad"
-    waves = find_waves(terms, estimate) if is_angle else []
-    if waves:
-        named = (
-            f"{count} waves per turn of {format_quantity(a, None, 'rad')}" for count, a in waves
-        )
+        of_unit = values.setdefault(term.unit, [])
+        of_unit.append(float(value))
+    ranges = {}
+    moved = {}
+    for unit, coefficients in values.items():
+        size = float(np.ptp(coefficients))
+        ranges[unit] = size
+        moved[unit] = size
+        if unit == "rad":
+            moved[unit] = size * LEVER_MM
+    least_shown = MIN_SHARE * max(moved.values())
+    sizes = []
+    for unit, size in ranges.items():
+        shown = format_quantity(size, None, unit)
+        if moved[unit] >= least_shown:
+            sizes.append(shown)
+    text = f"peak to peak {' and '.join(sizes)}"
+    if set(values) != {"rad"}:
+        return text
+    named = []
+    for count, amplitude in find_waves(terms, estimate):
+        shown = format_quantity(amplitude, None, "rad")
+        named.append(f"{count} waves per turn of {shown}")
+    if named:
         text += f", mostly {' and '.join(named)}"
     return text
 
 
 def find_waves(terms: Sequence[Term], estimate: Array) -> list[tuple[int, float]]:
-    """Find (waves per turn, amplitude) of the two strongest waves of a free function beyond a
-    straight line, one after the other.
+    """Find (waves per turn, amplitude) of the two strongest waves of a free function.
+
+    They are found beyond a straight line, one after the other.
 
     A wave must repeat at least twice within the range, and explain a tenth of the rest."""
     causes = (term.screws[0].cause for term in terms)
@@ -165,22 +203,30 @@ def has_contrary_signs(mechanism: Mechanism, estimate: Array) -> bool:
 
 
 def describe_candidate(candidate: Candidate, estimate: Array) -> str:
-    """Describe what a candidate says of the arm, without its size; the sentence follows the signs of
-    its fitted terms `estimate` (k,)."""
+    """Describe what a candidate says of the arm, without its size.
+
+    The sentence follows the signs of its fitted terms `estimate` (k,)."""
     mechanism = candidate.mechanism
     if mechanism.contrary and has_contrary_signs(mechanism, estimate):
         return mechanism.contrary.rstrip(".")
     if mechanism.sentence:
         return mechanism.sentence.rstrip(".")
-    screw = mechanism.terms[0].screws[0]
-    motion, axis = MOTIONS[screw.axis[0]], screw.axis[1]
-    place = f"Frame {screw.frame} {motion} its {axis} axis ({LETTERS[screw.axis]}{screw.frame})"
-    return f"{place} with {candidate.causes(' and ')}; no registered mechanism describes this"
+    first_term = mechanism.terms[0]
+    screw = first_term.screws[0]
+    motion = MOTIONS[screw.axis[0]]
+    axis = screw.axis[1]
+    symbol = f"{LETTERS[screw.axis]}{screw.frame}"
+    causes = candidate.causes(" and ")
+    return (
+        f"Frame {screw.frame} {motion} its {axis} axis ({symbol}) with {causes}; "
+        "no registered mechanism describes this"
+    )
 
 
 def list_cautions(effect: Effect) -> list[str]:
-    """List what the catalogue does not expect of an effect: signs, sizes, and another effect that
-    cancels it."""
+    """List what the catalogue does not expect of an effect.
+
+    Such are signs, sizes, and another effect that cancels it."""
     cautions = list(_generate_sign_cautions(effect))
     mechanism = effect.candidate.mechanism
     for term, value, error in zip(
@@ -202,19 +248,28 @@ def list_cautions(effect: Effect) -> list[str]:
 
 
 def _generate_sign_cautions(effect: Effect) -> Iterator[str]:
-    """Generate a caution for every registered mechanism with the same screws that physics allows
-    with the opposite sign only."""
-    alike = [(e.candidate, e.estimate) for e in effect.named.entries if e.alike]
-    names: dict[str, None] = {}
-    for candidate, estimate in [(effect.candidate, effect.estimate), *alike]:
-        contrary = [m for m in candidate.but_for_sign if has_contrary_signs(m, estimate)]
-        names |= dict.fromkeys(m.name for m in contrary)
-    for name in names:
-        yield f"{name} would do the same with the opposite sign only, so this is not {name}"
+    """Generate a caution for every registered mechanism that only the opposite sign would allow.
+
+    Such a mechanism has the same screws, and physics gives it one sign."""
+    entries = effect.named.entries
+    alike = [entry for entry in entries if entry.alike]
+    explanations: list[Effect | Entry] = [effect, *alike]
+    named: set[str] = set()
+    for explanation in explanations:
+        estimate = explanation.estimate
+        for mechanism in explanation.candidate.but_for_sign:
+            name = mechanism.name
+            is_contrary = has_contrary_signs(mechanism, estimate)
+            if not is_contrary or name in named:
+                continue
+            named.add(name)
+            yield f"{name} would do the same with the opposite sign only, so this is not {name}"
 
 
 def _generate_size_cautions(term: Term, value: float, error: float) -> Iterator[str]:
-    largest = USUAL_SIZE.get(term.unit, np.inf) if term.size is None else term.size[1]
+    largest = USUAL_SIZE.get(term.unit, np.inf)
+    if term.size is not None:
+        largest = term.size[1]
     limit = format_quantity(largest, None, term.unit)
     if error > largest:
         yield (
@@ -227,39 +282,62 @@ def _generate_size_cautions(term: Term, value: float, error: float) -> Iterator[
 
 def describe_effect(effect: Effect) -> str:
     """Describe one finding in one sentence."""
-    what = describe_candidate(effect.candidate, effect.estimate)
-    terms = effect.candidate.mechanism.terms
-    amount = describe_amount(terms, effect.estimate, effect.standard_error)
-    is_found = effect.named.verdict == FOUND
-    standing = _describe_probability(effect) if is_found else _describe_rivals(effect)
-    return "; ".join([f"{what}: {amount}{standing}", *list_cautions(effect)]) + "."
+    candidate = effect.candidate
+    what = describe_candidate(candidate, effect.estimate)
+    amount = describe_amount(
+        candidate.mechanism.terms,
+        effect.estimate,
+        effect.standard_error,
+    )
+    if effect.named.verdict == FOUND:
+        standing = _describe_probability(effect)
+    else:
+        standing = _describe_rivals(effect)
+    parts = [f"{what}: {amount}{standing}", *list_cautions(effect)]
+    return "; ".join(parts) + "."
 
 
 def _list_rivals(effect: Effect) -> list[str]:
     """List the labels of other mechanisms in the credible set, the most probable first."""
     candidate = effect.candidate
-    others = (e.candidate for e in effect.named.entries)
-    labels = (c.label for c in others if c.mechanism != candidate.mechanism)
-    return [label for label in dict.fromkeys(labels) if label != candidate.label]
+    labels: list[str] = []
+    for entry in effect.named.entries:
+        rival = entry.candidate
+        label = rival.label
+        is_other = rival.mechanism != candidate.mechanism
+        if is_other and label != candidate.label:
+            labels.append(label)
+    return list(dict.fromkeys(labels))
 
 
 def _describe_probability(effect: Effect) -> str:
-    label, entries = effect.candidate.label, effect.named.entries
-    probability = sum(e.probability for e in entries if e.candidate.label == label)
-    scope = " among those considered" if effect.candidate.asked else ""
+    candidate = effect.candidate
+    label = candidate.label
+    entries = effect.named.entries
+    of_label = [e.probability for e in entries if e.candidate.label == label]
+    probability = f"probability {sum(of_label):.2f}"
+    if candidate.asked:
+        probability += " among those considered"
+    text = f" ({label}, {probability}"
     alike = [e for e in entries if e.alike]
     labels_alike = {e.candidate.label for e in alike}
-    twins = [rival for rival in _list_rivals(effect) if rival in labels_alike]
-    text = f" ({label}, probability {probability:.2f}{scope}"
+    rivals = _list_rivals(effect)
+    twins = [rival for rival in rivals if rival in labels_alike]
     if twins:
         together = sum(e.probability for e in alike)
-        named = ", ".join(twins[:NAMED_RIVALS])
-        text += f"; {named} would move the target in the same way, together {together:.2f}"
+        listed = twins[:NAMED_RIVALS]
+        named = ", ".join(listed)
+        same_move = f"{named} would move the target in the same way"
+        text += f"; {same_move}, together {together:.2f}"
     return text + ")"
 
 
 def _describe_rivals(effect: Effect) -> str:
-    listed = effect.named.entries[: NAMED_RIVALS + 1]
-    odds = ", ".join(f"{e.candidate.label} {e.probability:.2f}" for e in listed)
-    rivals = ", ".join(_list_rivals(effect)[:NAMED_RIVALS]) or "others"
-    return f"; the data cannot tell this apart from {rivals} ({odds})"
+    odds = []
+    for entry in effect.named.entries[: NAMED_RIVALS + 1]:
+        label = entry.candidate.label
+        odds.append(f"{label} {entry.probability:.2f}")
+    listed = ", ".join(odds)
+    others = _list_rivals(effect)[:NAMED_RIVALS]
+    rivals = ", ".join(others) or "others"
+    return f"; the data cannot tell this apart from {rivals} ({listed})"

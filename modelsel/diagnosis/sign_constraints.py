@@ -38,7 +38,8 @@ def build_sides(which: Index, W: Array, signs: Sequence[Array], signed: Index) -
 
 
 def compute_least_of_sign(z: Array, side: Sides) -> Array:
-    """Compute (s, B) the term of each signed candidate that is least of its sign, from the bucket's
-    Zᵀr z (n, k, B), in its precision."""
+    """Compute (s, B) the term of each signed candidate that is least of its sign.
+
+    `z` (n, k, B): the bucket's Zᵀr; the result has its precision."""
     terms = np.matmul(side.projection.astype(z.dtype), z[side.place])
     return np.asarray((terms + side.unsigned.astype(z.dtype)).min(1))

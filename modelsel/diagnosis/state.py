@@ -101,11 +101,22 @@ def build_view(problem: Problem, columns: Columns, model: Model, fitted: Fit) ->
     A, raw = stack_design(problem, model.terms, fitted.at())
     if fitted.precision is not None:
         root = prior_root(fitted.terms, fitted.precision)
-        A, raw = np.vstack([A, root]), np.concatenate([raw, -root @ fitted.theta])
+        A = np.vstack([A, root])
+        raw = np.concatenate([raw, -root @ fitted.theta])
     kept = fitted.representatives
     Q, R = np.linalg.qr(A[:, list(kept)])
     residual = raw - Q @ (Q.T @ raw)
-    return View(model, fitted, kept, A, Q, R, raw, residual, build_scan(columns, Q))
+    return View(
+        model=model,
+        fitted=fitted,
+        kept=kept,
+        A=A,
+        Q=Q,
+        R=R,
+        raw=raw,
+        residual=residual,
+        scan=build_scan(columns, Q),
+    )
 
 
 class Renamed(NamedTuple):
@@ -116,8 +127,10 @@ class Renamed(NamedTuple):
 
 
 class Search:
-    """What the steps of the search share: the training problem, all candidates with their columns,
-    the view of the base (`first`), and the null distribution of the first scan.
+    """What the steps of the search share: the data, the candidates and the null distribution.
+
+    All candidates have their columns here; `first` is the view of the base, and the null
+    distribution is that of the first scan.
 
     Names that were asked for are remembered for each view, as long as the view lives: a view and
     the candidates never change, so that an answer stays valid."""
@@ -130,17 +143,34 @@ class Search:
         rng: np.random.Generator,
         base_fit: Fit,
     ):
-        self.problem, self.base, self.found, self.rng = problem, base, found, rng
+        self.problem = problem
+        self.base = base
+        self.found = found
+        self.rng = rng
         self.columns: Columns = build_columns(problem, found, base_fit.at())
         self.log_prior = np.log([c.prior for c in found])
-        self.curves = collect_curves(found, self.columns, self.log_prior)
-        self.first = build_view(problem, self.columns, base, base_fit)
+        self.curves = collect_curves(
+            found,
+            self.columns,
+            self.log_prior,
+        )
+        self.first = build_view(
+            problem,
+            self.columns,
+            base,
+            base_fit,
+        )
         # candidates that the base has already: what a refit leaks of them is no cause
         self.dead = np.flatnonzero(self.first.scan.sizes == 0)
         is_large = self.columns.XT.size >= LARGE_STUDY
         self.flip_draws = FLIP_DRAWS[is_large]
         null_draws = NULL_DRAWS[is_large]
-        self.null, self.smallest_p = draw_null(self.first.scan, self.log_prior, null_draws, rng)
+        self.null, self.smallest_p = draw_null(
+            self.first.scan,
+            self.log_prior,
+            null_draws,
+            rng,
+        )
         self.bound = float(np.quantile(self.null, 1 - LEVEL))
         self._renamed: WeakKeyDictionary[View, dict[int, Renamed]] = WeakKeyDictionary()
 
@@ -148,9 +178,15 @@ class Search:
         self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM
     ) -> View:
         """Fit the base with the chosen candidates. Raises NotEstimable."""
-        model = extend_model(self.base, [self.found[g] for g in chosen])
+        candidates = [self.found[g] for g in chosen]
+        model = extend_model(self.base, candidates)
         fitted = fit_shrunk(self.problem, model, start, step_mm)
-        return build_view(self.problem, self.columns, model, fitted)
+        return build_view(
+            self.problem,
+            self.columns,
+            model,
+            fitted,
+        )
 
     def try_fit(
         self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM
@@ -162,13 +198,18 @@ class Search:
             return None
 
     def is_unbounded(self, g: int, view: View) -> bool:
-        """Return whether the fit leaves an effect's size open: a term, or its standard error, is
-        beyond what a small screw can be."""
+        """Return whether the fit leaves an effect's size open.
+
+        Then a term, or its standard error, is beyond what a small screw can be."""
         terms = self.locate_terms(g, view)
-        size = np.abs(view.fitted.theta[terms])
-        error = view.fitted.standard_errors[terms]
+        fitted = view.fitted
+        estimate = fitted.theta[terms]
+        size = np.abs(estimate)
+        error = fitted.standard_errors[terms]
         most = self.columns.largest_terms(g)
-        return bool((size > most).any() or (error > most).any())
+        if (size > most).any():
+            return True
+        return bool((error > most).any())
 
     def locate_terms(self, g: int, view: View) -> list[int]:
         """Locate an effect's terms among those of the model."""
@@ -183,97 +224,162 @@ class Search:
         return np.asarray(moved - Q @ (Q.T @ moved))
 
     def name_strongest(self, view: View, known: Sequence[int]) -> CredibleSet:
-        """Name what explains most of the residual; `known` candidates have had their turn (what the
-        fit drops of them is no cause)."""
-        return name_effect(view.scan, self.found, view.residual, self._exclude(known))
+        """Name what explains most of the residual.
+
+        `known` candidates have had their turn (what the fit drops of them is no cause)."""
+        return name_effect(
+            view.scan,
+            self.found,
+            view.residual,
+            without=self._exclude(known),
+        )
 
     def _exclude(self, known: Sequence[int]) -> Index:
         return np.union1d(self.dead, np.array(known, dtype=np.intp))
 
     def compute_sign_p(self, view: View, known: Sequence[int], observed: float) -> float:
-        """Compute how often the residual's own rows have as much evidence beyond the model when the
-        signs of whole postures (and of whole groups, where their rows go together) are drawn at
-        random; the largest of these p-values."""
+        """Compute how often the residual's own rows have as much evidence when signs are drawn.
+
+        Signs are drawn for whole postures, and for whole groups where their rows go together; the
+        largest of these p-values is returned."""
         log_prior = self.log_prior.copy()
-        log_prior[self._exclude(known)] = -np.inf
+        excluded = self._exclude(known)
+        log_prior[excluded] = -np.inf
         p = []
         for unit in self.expand_partitions(view):
             adjusted = adjust_residual(view.scan.Q, view.residual, unit)
-            flips = draw_flips(view.scan, log_prior, adjusted, unit, self.flip_draws, self.rng)
+            flips = draw_flips(
+                view.scan,
+                log_prior,
+                adjusted,
+                unit,
+                self.flip_draws,
+                self.rng,
+            )
             p.append(compute_flip_p(flips, observed, self.flip_draws, LEVEL))
         return max(p)
 
     def expand_partitions(self, view: View) -> list[Index]:
-        """Expand every partition of the rows to coordinates (N,): which change sign together, -1
-        where a row is the prior's."""
+        """Expand every partition of the rows to coordinates (N,).
+
+        Equal numbers change sign together; -1 where a row is the prior's."""
         problem = self.problem
-        residual = view.fitted.residuals(problem)[:, :3]
+        fitted_residual = view.fitted.residuals(problem)
+        residual = fitted_residual[:, :3]
+        units = partition_rows(problem.data, residual, self.rng)
+        tiled_shape = 1, problem.components, 1
         partitions = []
-        for unit in partition_rows(problem.data, residual, self.rng):
-            every = np.tile(unit, (1, problem.components, 1))
-            parts = [
-                flatten_measured(problem, rows, every[:, :, rows])[0] for rows in problem.blocks()
-            ]
+        for unit in units:
+            every = np.tile(unit, tiled_shape)
+            parts = []
+            for rows in problem.blocks():
+                of_rows = every[:, :, rows]
+                flat = flatten_measured(problem, rows, of_rows)
+                parts.append(flat[0])
             measured = np.concatenate(parts)
-            of_prior = np.full(len(view.residual) - len(measured), -1)
-            partitions.append(np.append(measured, of_prior))
+            coordinates = len(view.residual)
+            prior_rows = coordinates - len(measured)
+            of_prior = np.full(prior_rows, -1)
+            partition = np.append(measured, of_prior)
+            partitions.append(partition)
         return partitions
 
     def draw_final_nulls(self, view: View) -> tuple[list[Array], Array]:
-        """Draw the nulls that the final effects are held against: (sorted evidences of each null,
-        (G,) family-wise p-values of every candidate alone on the base).
+        """Draw the nulls that the final effects are held against.
+
+        Returns sorted evidences of each null, and family-wise p-values (G,) of every candidate
+        alone on the base.
 
         The nulls are equal normal noise, and the signs of what `view` leaves; a p-value is the
         largest by any of them. Where the model of `view` has every candidate already, evidences
         beyond the base are taken."""
-        first, rows = self.first, len(self.first.residual)
+        first = self.first
+        rows = len(first.residual)
         nulls = [self.null]
         p = compute_familywise_p(first.scan, first.residual, self.smallest_p)
         for unit in self.expand_partitions(view):
             adjusted = adjust_residual(view.scan.Q, view.residual, unit)
             on_base = draw_flips(
-                first.scan, self.log_prior, adjusted[:rows], unit[:rows], self.flip_draws, self.rng
+                first.scan,
+                self.log_prior,
+                adjusted[:rows],
+                unit[:rows],
+                self.flip_draws,
+                self.rng,
             )
             base = list(on_base)
-            if view is first or not view.scan.sizes.any():
-                flips = base
-            else:
+            flips = base
+            if view is not first and view.scan.sizes.any():
                 on_view = draw_flips(
-                    view.scan, self.log_prior, adjusted, unit, self.flip_draws, self.rng
+                    view.scan,
+                    self.log_prior,
+                    adjusted,
+                    unit,
+                    self.flip_draws,
+                    self.rng,
                 )
                 flips = list(on_view)
-            nulls.append(np.sort(np.concatenate([evidence for evidence, _ in flips])))
-            smallest = np.sort(np.concatenate([least for _, least in base]))
-            p = np.maximum(p, compute_familywise_p(first.scan, first.residual, smallest))
+            evidences = np.concatenate([evidence for evidence, _ in flips])
+            nulls.append(np.sort(evidences))
+            smallest = np.concatenate([least for _, least in base])
+            p_by_signs = compute_familywise_p(
+                first.scan,
+                first.residual,
+                np.sort(smallest),
+            )
+            p = np.maximum(p, p_by_signs)
         return nulls, p
 
     def rename(self, g: int, view: View) -> Renamed:
         """Name effect g again, given all others; remembered while the view lives."""
         answers = self._renamed.setdefault(view, {})
-        if g not in answers:
-            scan, response = view.scan_without(self.found[g])
-            named = rename_effect(scan, self.found, g, response, self.dead)
-            evidence = compute_own_evidence(scan, named, g, response)
-            named = include_candidate(named, scan, self.found, g, response)
-            answers[g] = Renamed(named, evidence)
+        if g in answers:
+            return answers[g]
+        scan, response = view.scan_without(self.found[g])
+        renamed = rename_effect(
+            scan,
+            self.found,
+            g,
+            response,
+            without=self.dead,
+        )
+        evidence = compute_own_evidence(scan, renamed, g, response)
+        named = include_candidate(
+            renamed,
+            scan,
+            self.found,
+            g,
+            response,
+        )
+        answers[g] = Renamed(named, evidence)
         return answers[g]
 
     def generate_better_curves(
         self, chosen: Sequence[int], view: View
     ) -> Iterator[tuple[list[int], str]]:
-        """Generate models in which a joint's own-angle effects are explained better together:
-        (chosen candidates, what changed)."""
+        """Generate models in which a joint's own-angle effects are explained better together.
+
+        Yields the chosen candidates, and what changed in words."""
         for curve in self.curves.values():
             now = [g for g in chosen if g in curve.which]
             if not now:
                 continue
-            D, response = view.release(*(self.found[g] for g in now))
+            effects = [self.found[g] for g in now]
+            D, response = view.release(*effects)
             Q = view.Q - D @ (D.T @ view.Q)
-            best = find_better_curve(curve, Q, response, now, MIN_LOG_ODDS)
-            if best is not None:
-                rest = [g for g in chosen if g not in now]
-                change = f"{self._join_names(now)} -> {self._join_names(best)}"
-                yield [*rest, *best], change
+            best = find_better_curve(
+                curve,
+                Q,
+                response,
+                now,
+                MIN_LOG_ODDS,
+            )
+            if best is None:
+                continue
+            rest = [g for g in chosen if g not in now]
+            before = self._join_names(now)
+            after = self._join_names(best)
+            yield [*rest, *best], f"{before} -> {after}"
 
     def _join_names(self, members: Sequence[int]) -> str:
         return " & ".join(self.found[g].mechanism.name for g in members)
@@ -286,5 +392,7 @@ class Search:
     def _find_subject(self, g: int) -> tuple[str, int]:
         candidate = self.found[g]
         if candidate.kind is CandidateKind.FREE_FUNCTION:
-            return "joint", candidate.mechanism.terms[0].screws[0].frame
+            first_term = candidate.mechanism.terms[0]
+            screw = first_term.screws[0]
+            return "joint", screw.frame
         return "candidate", g

@@ -36,8 +36,9 @@ MAX_CANCELLED = 0.5
 
 
 class _Remainder(NamedTuple):
-    """The strongest explanation of what a model leaves, its p-value, and its p-value under equal
-    normal noise where only that would have named it."""
+    """The strongest explanation of what a model leaves, with its p-value.
+
+    `held_back`: its p-value under equal normal noise where only that would have named it."""
 
     strongest: CredibleSet
     p: float
@@ -46,8 +47,10 @@ class _Remainder(NamedTuple):
 
 @dataclass
 class _Progress:
-    """Where the search stands: the chosen candidates, the view of their model, the steps so far, and
-    the sets of candidates that were tried."""
+    """Where the search stands.
+
+    The chosen candidates, the view of their model, the steps so far, and the sets of candidates
+    that were tried."""
 
     chosen: list[int]
     view: View
@@ -63,11 +66,18 @@ def run_stepwise_search(
     rng: np.random.Generator,
     say: Say = lambda _: None,
 ) -> Diagnosis:
-    """Extend the base on a training problem by what the candidates `found` explain beyond chance,
-    one named effect at a time."""
+    """Extend the base by what the candidates `found` explain beyond chance.
+
+    One effect is named at a time, on a training problem."""
     if not found:
         return _build_empty(base, base_fit)
-    search = Search(problem, base, found, rng, base_fit)
+    search = Search(
+        problem,
+        base,
+        found,
+        rng,
+        base_fit,
+    )
     progress = _Progress([], search.first)
     remainder = _add_effects(search, progress, say)
     return _conclude(search, progress, remainder)
@@ -113,16 +123,20 @@ def _add_effects(search: Search, progress: _Progress, say: Say) -> _Remainder:
 
 def _find_next(search: Search, progress: _Progress) -> tuple[_Remainder, int | None]:
     """Find the candidate to add next; None where chance, under either null, explains the rest."""
-    view, chosen = progress.view, progress.chosen
+    view = progress.view
+    chosen = progress.chosen
     strongest = search.name_strongest(view, chosen)
-    p = compute_p_value(strongest.evidence, search.null)
+    evidence = strongest.evidence
+    p = compute_p_value(evidence, search.null)
+    remainder = _Remainder(strongest, p)
     new = _find_untried(search, strongest, progress)
     if new is None:
-        return _Remainder(strongest, p), None
-    p_by_signs = search.compute_sign_p(view, chosen, strongest.evidence)
+        return remainder, None
+    p_by_signs = search.compute_sign_p(view, chosen, evidence)
     if p_by_signs > LEVEL:
-        return _Remainder(strongest, p_by_signs, held_back=p), None
-    return _Remainder(strongest, p), new
+        held_back = _Remainder(strongest, p_by_signs, held_back=p)
+        return held_back, None
+    return remainder, new
 
 
 def _find_untried(search: Search, strongest: CredibleSet, progress: _Progress) -> int | None:
@@ -140,8 +154,9 @@ def _find_untried(search: Search, strongest: CredibleSet, progress: _Progress) -
 
 
 def _add_effect(search: Search, progress: _Progress, new: int, say: Say) -> None:
-    """Add a candidate, refit, and identify again the effects that it moved; what the fit cannot
-    determine is not added."""
+    """Add a candidate, refit, and identify again the effects that it moved.
+
+    What the fit cannot determine is not added."""
     label = search.found[new].label
     say(f"found {label}")
     trial = search.add(progress.chosen, new)
@@ -150,31 +165,50 @@ def _add_effect(search: Search, progress: _Progress, new: int, say: Say) -> None
         progress.tried.add(frozenset(trial))
         return
     steps: list[str] = []
-    settled, settled_view = settle_names(search, trial, view, progress.view, steps)
+    settled, settled_view = settle_names(
+        search,
+        trial,
+        view,
+        progress.view,
+        steps,
+    )
     goes_in_circle = frozenset(settled) in progress.tried
     if goes_in_circle:
-        settled, settled_view, steps = trial, view, []
+        settled = trial
+        settled_view = view
+        steps = []
     progress.tried |= {frozenset(trial), frozenset(settled)}
-    progress.chosen, progress.view = settled, settled_view
+    progress.chosen = settled
+    progress.view = settled_view
     progress.path += [f"+ {label}", *steps]
 
 
 def _is_determined(search: Search, g: int, view: View) -> bool:
-    """Return whether a fit determines an effect: its size is bounded, and one of its terms is not
-    covered by others."""
-    own = np.flatnonzero(view.mask_terms(search.found[g]))
-    has_own_term = bool(set(own) & set(view.fitted.found.kept))
-    return has_own_term and not search.is_unbounded(g, view)
+    """Return whether a fit determines an effect.
+
+    Then its size is bounded, and one of its terms is not covered by others."""
+    candidate = search.found[g]
+    is_own = view.mask_terms(candidate)
+    own = np.flatnonzero(is_own)
+    kept = view.fitted.found.kept
+    if set(own).isdisjoint(kept):
+        return False
+    return not search.is_unbounded(g, view)
 
 
 def _identify_all(search: Search, progress: _Progress) -> bool:
     """Identify every effect again; returns whether the set of effects changed."""
     before = set(progress.chosen)
     progress.chosen, progress.view = settle_names(
-        search, progress.chosen, progress.view, None, progress.path
+        search,
+        progress.chosen,
+        progress.view,
+        None,
+        progress.path,
     )
-    progress.tried.add(frozenset(progress.chosen))
-    return set(progress.chosen) != before
+    after = set(progress.chosen)
+    progress.tried.add(frozenset(after))
+    return after != before
 
 
 # Drop: effects whose size stays open, and those that chance explains given the others.
@@ -183,16 +217,20 @@ def _identify_all(search: Search, progress: _Progress) -> bool:
 def prune_effects(
     search: Search, chosen: list[int], view: View, path: list[str]
 ) -> tuple[list[int], View]:
-    """Drop the effects whose size the others leave open, and those that chance alone would explain,
-    the weakest first."""
+    """Drop the effects that the others make dispensable, the weakest first.
+
+    Such are those whose size the others leave open, and those that chance alone would explain."""
     while chosen:
         g = _find_dispensable(search, chosen, view)
+        if g is None:
+            break
         rest = [k for k in chosen if k != g]
-        after = None if g is None else search.try_fit(rest, view.fitted)
-        if g is None or after is None:
+        after = search.try_fit(rest, view.fitted)
+        if after is None:
             break
         path.append(f"- {search.found[g].label}")
-        chosen, view = rest, after
+        chosen = rest
+        view = after
     return chosen, view
 
 
@@ -202,31 +240,43 @@ def _find_dispensable(search: Search, chosen: Sequence[int], view: View) -> int 
             return g
     evidence = {g: search.rename(g, view).evidence for g in chosen}
     weakest = min(chosen, key=lambda g: evidence[g])
-    return weakest if compute_p_value(evidence[weakest], search.null) > LEVEL else None
+    p = compute_p_value(evidence[weakest], search.null)
+    if p > LEVEL:
+        return weakest
+    return None
 
 
 def _confirm_effects(
     search: Search, chosen: list[int], view: View, path: list[str]
 ) -> tuple[dict[int, float], Array, View]:
-    """Confirm every effect given the others, under every null: (p of every effect that stays, the
-    map's family-wise p (G,), the model's view).
+    """Confirm every effect given the others, under every null.
+
+    Returns p of every effect that stays, the map's family-wise p (G,), and the model's view.
 
     An effect that passed when it came may fail once the others stand, and is dropped, the weakest
     first; one that stands alone was tested when it came."""
     while True:
         if chosen:
-            view = search.try_fit(chosen, view.fitted, STEP_MM) or view
+            refitted = search.try_fit(chosen, view.fitted, STEP_MM)
+            view = refitted or view
         nulls, map_p = search.draw_final_nulls(view)
-        p = {g: _compute_largest_p(search.rename(g, view).evidence, nulls) for g in chosen}
-        weakest = max(chosen, key=lambda g: p[g], default=-1)
-        if len(chosen) < 2 or p[weakest] <= LEVEL:
+        p = {}
+        for g in chosen:
+            evidence = search.rename(g, view).evidence
+            p[g] = _compute_largest_p(evidence, nulls)
+        if len(chosen) < 2:
+            return p, map_p, view
+        weakest = max(chosen, key=lambda g: p[g])
+        if p[weakest] <= LEVEL:
             return p, map_p, view
         rest = [g for g in chosen if g != weakest]
         after = search.try_fit(rest, view.fitted)
         if after is None:
             return p, map_p, view
-        path.append(f"- {search.found[weakest].label}")
-        chosen, view = rest, after
+        label = search.found[weakest].label
+        path.append(f"- {label}")
+        chosen = rest
+        view = after
 
 
 def _compute_largest_p(evidence: float, nulls: Sequence[Array]) -> float:
@@ -266,9 +316,11 @@ def _conclude(search: Search, progress: _Progress, remainder: _Remainder) -> Dia
 def _assess_remainder(search: Search, view: View, chosen: Sequence[int]) -> _Remainder:
     """Assess the strongest explanation of what a model leaves, under both nulls."""
     strongest = search.name_strongest(view, chosen)
-    p = compute_p_value(strongest.evidence, search.null)
+    evidence = strongest.evidence
+    p = compute_p_value(evidence, search.null)
     if p <= LEVEL:
-        p = max(p, search.compute_sign_p(view, chosen, strongest.evidence))
+        p_by_signs = search.compute_sign_p(view, chosen, evidence)
+        p = max(p, p_by_signs)
     return _Remainder(strongest, p)
 
 
@@ -278,11 +330,15 @@ def _build_effects(
     cancelled = _find_cancelling(search, list(p), view)
     effects = []
     for g, p_value in p.items():
-        candidate = search.found[g]
         terms = search.locate_terms(g, view)
-        estimate, standard_error = fitted.theta[terms], fitted.standard_errors[terms]
-        named = search.rename(g, view).named
-        effect = Effect(candidate, named, p_value, estimate, standard_error, cancelled.get(g))
+        effect = Effect(
+            candidate=search.found[g],
+            named=search.rename(g, view).named,
+            p=p_value,
+            estimate=fitted.theta[terms],
+            standard_error=fitted.standard_errors[terms],
+            cancels=cancelled.get(g),
+        )
         effects.append(effect)
     return tuple(effects)
 
@@ -290,19 +346,30 @@ def _build_effects(
 def _find_cancelling(
     search: Search, chosen: Sequence[int], view: View
 ) -> dict[int, tuple[str, float]]:
-    """Find the effects of which another one takes back more than half at the target: (its label,
-    the share of the smaller one that is left of both)."""
-    displacement = {g: search.compute_displacement(g, view) for g in chosen}
-    size = {g: float(np.linalg.norm(d)) for g, d in displacement.items()}
+    """Find the effects of which another one takes back more than half at the target.
+
+    Maps each to the other's label, and the share of the smaller one that is left of both.
+
+    Returns its label, and the share of the smaller one that is left of both."""
+    displacement = {}
+    size = {}
+    for g in chosen:
+        moved = search.compute_displacement(g, view)
+        displacement[g] = moved
+        size[g] = float(np.linalg.norm(moved))
     cancelled = {}
     for g in chosen:
         shares = []
         for h in chosen:
             smaller = min(size[g], size[h])
-            if h != g and smaller > 0:
-                both = float(np.linalg.norm(displacement[g] + displacement[h]))
-                shares.append((both / smaller, h))
+            if h == g or smaller == 0:
+                continue
+            both = displacement[g] + displacement[h]
+            left = float(np.linalg.norm(both))
+            share = left / smaller
+            shares.append((share, h))
         share, other = min(shares, default=(np.inf, -1))
         if share < MAX_CANCELLED:
-            cancelled[g] = (search.found[other].label, share)
+            label = search.found[other].label
+            cancelled[g] = (label, share)
     return cancelled

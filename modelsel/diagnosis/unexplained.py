@@ -42,9 +42,10 @@ STATED_FLOOR_FREEDOM = 1e9
 
 @dataclass(frozen=True)
 class Predictable:
-    """How predictable a residual is: the share of its sum of squares that
-    leave-one-configuration-out prediction explains, and how often sign flips of whole configurations
-    (of whole groups, where errors last within them) do as well."""
+    """How predictable a residual is, leaving one configuration out.
+
+    `share`: the share of its sum of squares that prediction explains; `p`: how often sign flips of
+    whole configurations (of whole groups, where errors last within them) do as well."""
 
     share: float
     p: float
@@ -53,8 +54,9 @@ class Predictable:
 def estimate_predictability(
     data: Measurements, residual: Array, prismatic: tuple[bool, ...], rng: np.random.Generator
 ) -> Predictable | None:
-    """Estimate how predictable residuals (m, 3) [mm] are by a Gaussian process with a
-    squared-exponential kernel on the joint angles (Rasmussen & Williams 2006, eq. 5.12).
+    """Estimate how predictable residuals (m, 3) [mm] are from the joint angles.
+
+    By a Gaussian process with a squared-exponential kernel (Rasmussen & Williams 2006, eq. 5.12).
 
     None with fewer than MIN_CONFIGURATIONS configurations."""
     blocks, first, index = np.unique(data.block, return_index=True, return_inverse=True)
@@ -79,12 +81,15 @@ def estimate_predictability(
 def _thin(count: int) -> Index:
     if count <= MAX_CONFIGURATIONS:
         return np.arange(count)
-    return np.unique(np.linspace(0, count - 1, MAX_CONFIGURATIONS).astype(int))
+    places = np.linspace(0, count - 1, MAX_CONFIGURATIONS)
+    whole_places = places.astype(int)
+    return np.unique(whole_places)
 
 
 def _compute_distances(q: Array, prismatic: tuple[bool, ...]) -> Array:
-    """Compute (k, k) squared distances between configurations (k, n): of sines and cosines of
-    angles, of slides over their range."""
+    """Compute (k, k) squared distances between configurations (k, n).
+
+    Angles count by their sines and cosines, slides over their range."""
     parts = []
     for j, slides in enumerate(prismatic):
         if slides:
@@ -96,8 +101,9 @@ def _compute_distances(q: Array, prismatic: tuple[bool, ...]) -> Array:
 
 
 def _compute_explained(square: Array, responses: Array) -> Array:
-    """Compute (B,) the largest share of responses (k, B, 3) that leave-one-out prediction explains,
-    over all length scales and noise ratios; `square` (k, k): squared distances."""
+    """Compute (B,) the largest share of responses (k, B, 3) that leave-one-out explains.
+
+    The largest over all length scales and noise ratios; `square` (k, k): squared distances."""
     count = len(responses)
     flat = responses.reshape(count, -1)
     total = np.square(flat).reshape(count, -1, 3).sum((0, 2))
@@ -117,8 +123,10 @@ def _compute_explained(square: Array, responses: Array) -> Array:
 def compute_detection_limit(
     diagnosis: Diagnosis, priors: Sequence[float], configurations: int, sigma: float
 ) -> float | None:
-    """Compute the root-mean-square displacement per row [whitened units of sigma], beyond the model,
-    of an effect of one column that the scan would find with probability POWER.
+    """Compute the displacement of an effect that the scan would find with probability POWER.
+
+    It is the root mean square per row [whitened units of sigma], beyond the model, of an effect of
+    one column.
 
     It is the noncentrality at which the effect's evidence exceeds the bound, with the median prior
     of the candidates. None where the data are too few for any effect to exceed it."""
@@ -155,7 +163,9 @@ def is_subsampled(diagnosis: Diagnosis, split: Split) -> bool:
 def count_rows_seen(diagnosis: Diagnosis, split: Split) -> int:
     """Count the rows that naming used."""
     training = split.training()
-    return diagnosis.fit.rows * len(training) // training.coordinates
+    rows = len(training)
+    coordinates = diagnosis.fit.rows
+    return coordinates * rows // training.coordinates
 
 
 def describe_unexplained(
@@ -196,25 +206,41 @@ def _describe_stop(diagnosis: Diagnosis) -> str:
 
 
 def estimate_floor(evaluation: Evaluation, split: Split) -> Floor:
-    """Estimate the standard deviation of one coordinate [mm] from the residuals of a fitted
-    model."""
-    fitted, measured = evaluation.fit, split.problem.measured
-    square = np.square(evaluation.residual[split.used][:, :3])
+    """Estimate the standard deviation of one coordinate [mm] from a fitted model's residuals."""
+    fitted = evaluation.fit
+    used = split.used
+    measured = split.problem.measured
+    residual = evaluation.residual[used]
+    square = np.square(residual[:, :3])
     mean = square.mean()
     if measured is not None:
-        mean = square.sum() / measured[split.used][:, :3].sum()
+        counted = measured[used][:, :3]
+        mean = square.sum() / counted.sum()
     variance = mean * fitted.rows / fitted.freedom
-    return Floor(float(np.sqrt(variance)), "estimated", fitted.freedom)
+    return Floor(
+        coordinate_mm=float(np.sqrt(variance)),
+        source="estimated",
+        freedom=fitted.freedom,
+    )
 
 
 def predict_remainder(
     split: Split, last: Evaluation, rng: np.random.Generator
 ) -> Predictable | None:
-    """Estimate how predictable the residual of the last model still is; where not every row is a
-    point, of the rows of the kind and feature that has most."""
-    rows, gauges = split.used, split.problem.data.gauges
+    """Estimate how predictable the residual of the last model still is.
+
+    Where not every row is a point, only the rows of the kind and feature that has most are used."""
+    data = split.problem.data
+    rows = split.used
+    gauges = data.gauges
     if gauges is not None:
-        code = gauges.kind * (len(gauges.features) + 1) + gauges.feature + 1
-        rows = rows & (code == np.bincount(code[rows]).argmax())
-    data, prismatic = split.problem.data.take(rows), split.problem.robot.prismatic
-    return estimate_predictability(data, last.residual[rows][:, :3], prismatic, rng)
+        features = len(gauges.features) + 1
+        code = gauges.kind * features + gauges.feature + 1
+        counts = np.bincount(code[rows])
+        rows = rows & (code == counts.argmax())
+    return estimate_predictability(
+        data.take(rows),
+        last.residual[rows][:, :3],
+        split.problem.robot.prismatic,
+        rng,
+    )

@@ -56,8 +56,9 @@ class Unregistered(NamedTuple):
 
 
 def generate_unregistered(problem: Problem, adjacent_only: bool) -> Iterator[Unregistered]:
-    """Generate every unregistered explanation; with `adjacent_only`, the error map is restricted to
-    causes of joints at or next to the place."""
+    """Generate every unregistered explanation.
+
+    With `adjacent_only`, the error map is restricted to causes of joints at or next to the place."""
     yield from _generate_cells(problem, adjacent_only)
     yield from build_waves(problem.robot)
     yield from build_pitch_waves(problem)
@@ -69,17 +70,25 @@ def generate_unregistered(problem: Problem, adjacent_only: bool) -> Iterator[Unr
 
 
 def list_places(problem: Problem) -> tuple[Place, ...]:
-    """List (frame, axis) of every place where a screw can show: the target frame's rotations only
-    where orientations are measured."""
-    n = problem.robot.n
-    target_axes = AXES if problem.components == 6 else AXES[:3]
-    of_arm = [(frame, axis) for frame in range(1, n + 1) for axis in AXES]
-    return (*of_arm, *((n + 1, axis) for axis in target_axes))
+    """List (frame, axis) of every place where a screw can show.
+
+    The target frame's rotations show only where orientations are measured."""
+    robot = problem.robot
+    target = robot.n + 1
+    places: list[Place] = []
+    for frame in range(1, target):
+        places += [(frame, axis) for axis in AXES]
+    target_axes = AXES
+    if problem.components != 6:
+        target_axes = AXES[:3]
+    places += [(target, axis) for axis in target_axes]
+    return tuple(places)
 
 
 def build_cell_causes(problem: Problem) -> tuple[Causes, ...]:
-    """List the causes of the error map's columns, each a tuple of functions with coefficients of
-    their own."""
+    """List the causes of the error map's columns.
+
+    Each is a tuple of functions with coefficients of their own."""
     return (
         *_causes_of_readings(problem),
         *_causes_of_joint_pairs(problem.robot),
@@ -99,36 +108,52 @@ def _sliding_joints(robot: Robot) -> list[int]:
 
 
 def _causes_of_readings(problem: Problem) -> Iterator[Causes]:
-    """Single readings: proportional, one and two waves a turn; a slide's bow and thermal scale."""
+    """Generate causes of single readings.
+
+    Proportional, one and two waves a turn; a slide's bow and thermal scale."""
     robot = problem.robot
+    covariates = problem.data.covariates
     for j in range(1, robot.n + 1):
-        yield (q(j, robot.unit(j)),)
+        unit = robot.unit(j)
+        yield (q(j, unit),)
     for j in _turning_joints(robot):
-        yield sin(q(j)), cos(q(j))
-        yield sin(2.0 * q(j)), cos(2.0 * q(j))
+        angle = q(j)
+        yield sin(angle), cos(angle)
+        twice = 2.0 * angle
+        yield sin(twice), cos(twice)
     for j in _sliding_joints(robot):
         travel = q(j, "mm")
-        yield travel, travel * travel
-        if TEMPERATURE in problem.data.covariates:
-            yield temperature_rise(problem.data.reference_celsius) * travel, travel
+        square = travel * travel
+        yield travel, square
+        if TEMPERATURE in covariates:
+            rise = temperature_rise(problem.data.reference_celsius)
+            yield rise * travel, travel
 
 
 def _causes_of_joint_pairs(robot: Robot) -> Iterator[Causes]:
-    """Waves of the sum and of the difference of two angles; together, any product of a wave of one
-    joint and a wave of the other."""
-    for j, k in combinations(_turning_joints(robot), 2):
-        of_sum = sin(q(j) + q(k)), cos(q(j) + q(k))
-        of_difference = sin(q(j) - q(k)), cos(q(j) - q(k))
+    """Generate waves of the sum and of the difference of two angles.
+
+    Together they are any product of a wave of one joint and a wave of the other."""
+    turning = _turning_joints(robot)
+    for j, k in combinations(turning, 2):
+        first = q(j)
+        second = q(k)
+        total = first + second
+        difference = first - second
+        of_sum = sin(total), cos(total)
+        of_difference = sin(difference), cos(difference)
         yield of_sum
         yield of_difference
         yield of_sum + of_difference
 
 
 def _causes_of_gravity(robot: Robot) -> Iterator[Causes]:
-    """Gravity torques of the joints and their signs; moments of the arm's two long links."""
+    """Generate gravity torques of the joints and their signs, and moments of the two long links."""
     loaded = find_gravity_joints(robot)
-    yield from ((torque(j),) for j in loaded)
-    yield from ((sign(torque(j)),) for j in loaded)
+    for j in loaded:
+        yield (torque(j),)
+    for j in loaded:
+        yield (sign(torque(j)),)
     pair = find_arm_pair(robot)
     if pair is not None:
         yield (forearm_lever(pair),)
@@ -137,47 +162,71 @@ def _causes_of_gravity(robot: Robot) -> Iterator[Causes]:
 
 
 def build_warming_causes(problem: Problem) -> Causes:
-    """List drift and exponential warm-up, by the clock where the data have one, else by the place
-    in the order of motion."""
+    """List drift and exponential warm-up.
+
+    They follow the clock where the data have one, else the place in the order of motion."""
     covariates = problem.data.covariates
     if "time_s" not in covariates:
-        clock: Cause = Named("progress")
-        return (clock, *(Applied("exp", clock / -share) for share in WARM_UP_SHARES))
-    start, duration = float(covariates["time_s"].min()), float(np.ptp(covariates["time_s"]))
+        progress = Named("progress")
+        warm_ups = [Applied("exp", progress / -share) for share in WARM_UP_SHARES]
+        return (progress, *warm_ups)
+    time = covariates["time_s"]
+    start = float(time.min())
+    duration = float(np.ptp(time))
     if not duration:
         return ()
-    since_start = Named("time_s", "s") - start if start else Named("time_s", "s")
-    constants = (float(f"{share * duration:.6g}") for share in WARM_UP_SHARES)
-    return tuple(Applied("exp", since_start / -constant) for constant in constants)
+    clock: Cause = Named("time_s", "s")
+    if start:
+        clock = clock - start
+    causes = []
+    for share in WARM_UP_SHARES:
+        constant = float(f"{share * duration:.6g}")
+        causes.append(Applied("exp", clock / -constant))
+    return tuple(causes)
 
 
 def _causes_of_covariates(problem: Problem) -> Iterator[Causes]:
-    """Every further column of the data; temperature from its reference; payload with moments."""
-    pair, units = find_arm_pair(problem.robot), problem.names()
+    """Generate causes of every further column of the data.
+
+    Temperature counts from its reference; payload also with moments."""
+    pair = find_arm_pair(problem.robot)
+    units = problem.names()
+    reference = problem.data.reference_celsius
     for name in problem.data.covariates:
         if name == TEMPERATURE:
-            yield (temperature_rise(problem.data.reference_celsius),)
+            yield (temperature_rise(reference),)
         else:
             yield (Named(name, units[name]),)
         if name == "payload_kg" and pair is not None:
-            yield (Named(name, "kg") * forearm_lever(pair),)
-            yield (Named(name, "kg") * upper_arm_lever(pair),)
+            payload = Named(name, "kg")
+            yield (payload * forearm_lever(pair),)
+            yield (payload * upper_arm_lever(pair),)
 
 
 def _generate_cells(problem: Problem, adjacent_only: bool) -> Iterator[Unregistered]:
     columns = build_cell_causes(problem)
     joints = [_find_joints(causes) for causes in columns]
     for place in list_places(problem):
+        frame, _ = place
         for causes, causing in zip(columns, joints, strict=True):
-            if not adjacent_only or _is_adjacent(place[0], causing):
-                yield Unregistered(_build_cell(place, causes), _classify(causes), 1.0)
+            if adjacent_only and not _is_adjacent(frame, causing):
+                continue
+            yield Unregistered(
+                mechanism=_build_cell(place, causes),
+                kind=_classify(causes),
+                weight=1.0,
+            )
 
 
 def _find_joints(causes: Causes) -> set[int]:
     """Find the joints whose readings, torques or approaches some causes depend on."""
-    names = (name for cause in causes for name in cause.names())
-    matches = (re.match(r"[a-z]+(\d+)", name) for name in names)
-    return {int(match.group(1)) for match in matches if match}
+    joints: set[int] = set()
+    for cause in causes:
+        for name in cause.names():
+            match = re.match(r"[a-z]+(\d+)", name)
+            if match:
+                joints.add(int(match.group(1)))
+    return joints
 
 
 def _is_adjacent(frame: int, joints: Iterable[int]) -> bool:
@@ -194,54 +243,81 @@ def _build_cell(place: Place, causes: Causes) -> Mechanism:
 def _classify(causes: Causes) -> CandidateKind:
     if len(causes) == 4:
         return CandidateKind.WAVE_PRODUCT
-    is_wave = all(isinstance(c, Applied) and c.function in ("sin", "cos") for c in causes)
-    return CandidateKind.WAVE if len(causes) == 2 and is_wave else CandidateKind.CELL
+    if len(causes) != 2:
+        return CandidateKind.CELL
+    for cause in causes:
+        if not isinstance(cause, Applied):
+            return CandidateKind.CELL
+        if cause.function not in ("sin", "cos"):
+            return CandidateKind.CELL
+    return CandidateKind.WAVE
 
 
 # Waves and free functions of single joints.
 
 
 def build_waves(robot: Robot) -> Iterator[Unregistered]:
-    """Generate waves of every turning joint's own angle, 3 to 60 a turn, at its own rotation: whole
-    numbers (for joints whose ripple is not registered) and quarters between."""
+    """Generate waves of every turning joint's own angle at its own rotation.
+
+    They are 3 to 60 a turn: whole numbers (for joints whose ripple is not registered) and quarters
+    between."""
     for j in _turning_joints(robot):
         for counts, weight in ((WAVES, 1.0), (BETWEEN, RARE_WEIGHT)):
             for count in counts:
-                sentence = f"Joint {j} turns unevenly: {count:g} waves a turn"
-                terms = wave_terms(j, count, "rz", "m")
-                mechanism = Mechanism(f"{j} rz {count:g} waves", terms, sentence)
+                mechanism = Mechanism(
+                    name=f"{j} rz {count:g} waves",
+                    terms=wave_terms(j, count, "rz", "m"),
+                    sentence=f"Joint {j} turns unevenly: {count:g} waves a turn",
+                )
                 yield Unregistered(mechanism, CandidateKind.JOINT_WAVE, weight)
 
 
 def build_pitch_waves(problem: Problem) -> Iterator[Unregistered]:
-    """Generate waves of every slide's own reading, half to 60 over the measured travel: a screw's
-    pitch, a rack's teeth, a scale's joints.
+    """Generate waves of every slide's own reading, half to 60 over the measured travel.
+
+    They stand for a screw's pitch, a rack's teeth, a scale's joints.
 
     The travel is no multiple of their length, so that eighths of a wave are offered, with an eighth
     of the weight each."""
     for j in _sliding_joints(problem.robot):
-        travel = float(np.ptp(problem.data.q[:, j - 1]))
-        for count in PITCHES if travel > 0 else ():
-            mechanism = _build_pitch_wave(j, count, travel)
-            yield Unregistered(mechanism, CandidateKind.SLIDE_WAVE, 1 / 8)
+        readings = problem.data.q[:, j - 1]
+        travel = float(np.ptp(readings))
+        if travel <= 0:
+            continue
+        for count in PITCHES:
+            yield Unregistered(
+                mechanism=_build_pitch_wave(j, count, travel),
+                kind=CandidateKind.SLIDE_WAVE,
+                weight=1 / 8,
+            )
 
 
 def _build_pitch_wave(joint: int, count: float, travel: float) -> Mechanism:
-    angle = float(f"{2 * np.pi * count / travel:.6g}") * q(joint, "mm")
+    factor = float(f"{2 * np.pi * count / travel:.6g}")
+    angle = factor * q(joint, "mm")
+    sine = Screw(joint, "tz", sin(angle))
+    cosine = Screw(joint, "tz", cos(angle))
     terms = (
-        Term("ms", (Screw(joint, "tz", sin(angle)),)),
-        Term("mc", (Screw(joint, "tz", cos(angle)),)),
+        Term("ms", (sine,)),
+        Term("mc", (cosine,)),
     )
-    sentence = f"Joint {joint} slides unevenly, a wave every {travel / count:.3g} mm"
-    return Mechanism(f"{joint} tz {count:g} waves", terms, sentence)
+    length = travel / count
+    return Mechanism(
+        name=f"{joint} tz {count:g} waves",
+        terms=terms,
+        sentence=f"Joint {joint} slides unevenly, a wave every {length:.3g} mm",
+    )
 
 
 def build_free_functions(problem: Problem) -> Iterator[Mechanism]:
-    """Generate cubic splines of every turning joint's own angle at its own rotation, with knots 40
-    to 2 degrees apart, where the data are dense enough to carry them."""
-    first = np.unique(problem.data.block, return_index=True)[1]
+    """Generate cubic splines of every turning joint's own angle at its own rotation.
+
+    Knots are 40 to 2 degrees apart, where the data are dense enough to carry them."""
+    data = problem.data
+    _, first = np.unique(data.block, return_index=True)
     for j in _turning_joints(problem.robot):
-        readings = np.sort(problem.data.q[first, j - 1])
+        own_readings = data.q[first, j - 1]
+        readings = np.sort(own_readings)
         if np.ptp(readings) < MIN_RANGE:
             continue
         for width in KNOTS:

@@ -15,6 +15,7 @@ from .._names import is_plain_word
 from .._typing import Array
 from ..exceptions import StudyError, one_line, suggest
 from ..notices import Note
+from ..robot.kinematics import Robot
 from ..robot.rigid import from_quaternion
 from .columns import (
     READING_UNITS,
@@ -80,31 +81,37 @@ class _Columns:
 
 def read_measurements(
     source: Source,
-    prismatic: Sequence[bool],
+    robot: Robot | Sequence[bool],
     columns: Mapping[str, str] | None = None,
     group: int | None = None,
     *,
     positions: bool = True,
     once: bool = True,
 ) -> Measurements:
-    """Read measurements in contract form of a robot whose joints slide where `prismatic` says so
-    (`robot.prismatic`), from a CSV or Parquet file or a pandas DataFrame with the same columns.
+    """Read measurements of a robot from a CSV or Parquet file or a pandas DataFrame.
 
-    `columns` maps contract names to names in the file; `group`: one row group of a Parquet file
-    alone; where `positions` need not be there, absent ones are nan; where rows count `once`, a
-    measurement that stands there twice is one. Raises DataError with file, line and column, or row
-    (from 0) and column of the DataFrame; StudyError for a name that the contract does not have."""
+    source: a path, or a DataFrame with the columns of a measurements file.
+    robot: the robot, or which of its joints are prismatic.
+    columns: contract name -> name in the file, where they differ.
+    group: one row group of a Parquet file; None reads all.
+    positions: whether positions must be there; absent ones are NaN.
+    once: whether a measurement that stands in the file twice counts once.
+
+    Raises DataError with file, line and column, or row (from 0) and column of the DataFrame;
+    StudyError for a name that the contract does not have."""
+    prismatic = robot.prismatic if isinstance(robot, Robot) else tuple(robot)
     table = _load_contract_table(source, group, columns or {}, prismatic)
     content = _read_columns(table, prismatic, positions)
     keep, notes = np.ones(len(table), bool), list[Note]()
     if once:
         keep, notes = _find_distinct_rows(table, content)
     data = _select_rows(content, keep, prismatic)
+    units = _find_reading_units(table, prismatic)
     return replace(
         data,
         notes=(*content.notes, *notes, *data.notes),
         where=table.where,
-        units=_find_reading_units(table, prismatic),
+        units=units,
     )
 
 
@@ -358,7 +365,9 @@ def _check_configurations(
     first_rows: dict[str, int] = {}
     first = np.array([first_rows.setdefault(name, row) for row, name in enumerate(names)])
     tolerance = np.where(prismatic, STANDSTILL_MM, STANDSTILL_RAD)
-    moved = np.flatnonzero((np.abs(q - q[first]) > tolerance).any(1))
+    difference = np.abs(q - q[first])
+    is_moved = (difference > tolerance).any(1)
+    moved = np.flatnonzero(is_moved)
     if len(moved):
         row = int(moved[0])
         earlier = where.named(int(first[row]))
