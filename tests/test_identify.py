@@ -19,7 +19,7 @@ from modelsel.fitting.problem import Problem
 from modelsel.fitting.reduction import reduce, reduce_problem
 from modelsel.fitting.undetermined import describe_unidentifiable
 from modelsel.mechanisms.registry import mechanism
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 
 LEAST_MM = 4e-4  # rms at the usual size: less is seen by no instrument
 GEOMETRIC = ("geometric",)
@@ -28,7 +28,7 @@ H1234 = ("geometric", "joint2-twist", "joint3-twist", "backlash:3")  # its 43
 
 
 def model(names: tuple[str, ...]) -> Model:
-    return Model(tuple(mechanism(name, load("puma760")) for name in names))
+    return Model(tuple(mechanism(name, load_robot("puma760")) for name in names))
 
 
 def identified(at: Problem, which: Model) -> Identified:

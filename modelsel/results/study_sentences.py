@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..measurements.table import Where
+from ..measurements.row_places import Where
 from ..notices import HOPELESS_FIT, Note, list_alarms
 from .finding_schema import EntryRecord, FindingRecord
 from .model_schema import RungRecord

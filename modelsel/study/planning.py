@@ -128,19 +128,12 @@ def _find_rivals_of_effect(result: Result, effect: Effect) -> Rivals | None:
 def _list_other_terms(result: Result, effect: Effect) -> tuple[Term, ...]:
     """Return the chosen model's terms without those that only this effect brings."""
     fitted = result.models.chosen.fit
-    own = effect.candidate.mechanism
-    own_keys = {term.key for term in own.terms}
-    for mechanism in fitted.model.mechanisms:
-        if mechanism == own:
-            continue
-        other_keys = {term.key for term in mechanism.terms}
-        own_keys -= other_keys
-    others = []
-    for term in fitted.terms:
-        is_shared = term.key not in own_keys
-        if is_shared:
-            others.append(term)
-    return tuple(others)
+    effect_mechanism = effect.candidate.mechanism
+    effect_keys = {term.key for term in effect_mechanism.terms}
+    for other in fitted.model.mechanisms:
+        if other != effect_mechanism:
+            effect_keys -= {term.key for term in other.terms}
+    return tuple(term for term in fitted.terms if term.key not in effect_keys)
 
 
 def choose_configurations(
