@@ -118,7 +118,7 @@ def test_known_aliases_of_the_paper(rng) -> None:
     assert any({"c2", "c3"} <= set(u.parameters) for u in said)
     assert any({"c6", "c7"} == set(u.parameters) for u in said)
     (alone,) = [u.sentence for u in said if u.parameters == ("γ6",)]
-    assert alone == "γ6 moves no measured coordinate: the data say nothing of it."
+    assert alone == "γ6 moves no measured coordinate: the data contain no information about it."
 
 
 def test_relation_rebuilds_every_column(rng) -> None:

@@ -175,7 +175,7 @@ def describe_predictable(record: StudyRecord) -> str:
             f"Some smooth function of the configuration would still predict {predictable.share:.0%} of what is left "
             f"{chance}: the chosen model does not explain everything."
         )
-    return f"No smooth function of the configuration predicts what is left {chance}."
+    return f"No smooth function of the configuration predicts the remaining error {chance}."
 
 
 def describe_outliers(record: StudyRecord, where: Where, most: int) -> str:
