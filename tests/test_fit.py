@@ -232,7 +232,7 @@ def test_reduction_is_the_gram_matrix(rng) -> None:
 @pytest.mark.parametrize("noise", [{"floor_mm": 0.05}, {"range_mm": 0.02, "angle_urad": 5.0}])
 def test_distances_are_from_where_the_tracker_stands(noise) -> None:
     """With or without the instrument's figures."""
-    from modelsel import Study, load, read_measurements
+    from modelsel import Study, read_measurements
     from modelsel.study.preparation import prepare
 
     file = Path(__file__).parents[1] / "studies" / "puma760" / "measurements.csv"
