@@ -13,7 +13,7 @@ from hidden_oracle import power
 
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 
 ROBOTS = ("puma760", "ur10", "irb120")
 COUNTS = (40, 80, 200)
@@ -52,7 +52,9 @@ class Case:
 def bound(arm: Arm, robot: str, state: State, x: Array) -> Problem:
     """A problem of modelsel's from plain arrays."""
     return Problem(
-        load(robot), build_measurements(state.q, x, covariates=state.covariates), arm.tool[None]
+        load_robot(robot),
+        build_measurements(state.q, x, covariates=state.covariates),
+        arm.tool[None],
     )
 
 
@@ -107,7 +109,7 @@ def draw(seed: Sequence[int], count: int | None = None) -> Case:
     """Case of a seed; `count` effects, or 0 to 3 evenly."""
     rng = np.random.default_rng(seed)
     robot, m = str(rng.choice(ROBOTS)), int(rng.choice(COUNTS))
-    body = arm(load(robot), rng, TOOLS[int(rng.integers(2))])
+    body = arm(load_robot(robot), rng, TOOLS[int(rng.integers(2))])
     reach, warming = (np.pi if rng.random() < 0.7 else np.radians(100)), bool(rng.random() < 0.5)
     state, fresh = (
         campaign(body, rng, m, reach, warming),

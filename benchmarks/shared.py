@@ -32,7 +32,7 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import every
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.selection.evaluation import Split
 from modelsel.selection.splits import assign_folds
@@ -51,7 +51,7 @@ Array = np.ndarray
 
 
 def arms(name: str) -> Robot:
-    return ARM if name == "small" else load(name)
+    return ARM if name == "small" else load_robot(name)
 
 
 def campaign(

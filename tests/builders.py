@@ -15,7 +15,7 @@ from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import Joint, Robot, forward
 from modelsel.selection.evaluation import Split
 
@@ -31,7 +31,7 @@ def seeds(*values: int) -> pytest.MarkDecorator:
 
 
 def bind(robot: Robot | str, data: Measurements, tool: Sequence[float] = OFF_AXIS) -> Problem:
-    robot = load(robot) if isinstance(robot, str) else robot
+    robot = load_robot(robot) if isinstance(robot, str) else robot
     return Problem(robot, data, np.tile(np.array(tool, float), (len(data.targets), 1)))
 
 
@@ -44,7 +44,7 @@ def drawn(
 ) -> Problem:
     """m configurations within the limits, measured where the nominal model has them, with every
     named covariate."""
-    robot = load(robot) if isinstance(robot, str) else robot
+    robot = load_robot(robot) if isinstance(robot, str) else robot
     q = robot.draw(rng, m)
     covariates = {
         "payload_kg": rng.uniform(0, 5, m),

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import Robot
 
 Array = np.ndarray
@@ -148,7 +148,7 @@ def campaign(
     """A study's data: a built-in robot, 40 to 200 configurations within its limits, the reflector
     on or off the last axis, the tracker anywhere. `effect` [rad]: see `yields`."""
     name = str(rng.choice(names))
-    robot = load(name)
+    robot = load_robot(name)
     m, sigma = int(rng.integers(40, 201)), float(rng.uniform(*noise))
     limits = np.clip(
         [(-2.8, 2.8) if j.limits is None else j.limits for j in robot.joints], -2.8, 2.8

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from hidden_arm import Arm, Effect, State, arm, measured
 
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 
 NOISE = 0.05
 TOOL = (30.0, -20.0, 100.0)
@@ -48,7 +48,7 @@ class Campaign:
     rows: list[dict[str, object]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.arm = arm(load("puma760"), self.rng, TOOL)
+        self.arm = arm(load_robot("puma760"), self.rng, TOOL)
 
     def exact(self, q: np.ndarray) -> np.ndarray:
         return measured(self.arm, State(self.arm, q), self.effects)

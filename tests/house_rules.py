@@ -52,9 +52,11 @@ INTEGRATION = (
 )
 ALLOWED = {
     ("study_file", "pydantic"),
+    ("study_tables", "pydantic"),
     ("fleet_file", "pydantic"),
     ("_records", "pydantic"),
     ("schema", "pydantic"),
+    ("calibration_schema", "pydantic"),
     ("finding_schema", "pydantic"),
     ("details_schema", "pydantic"),
     ("serialization", "pydantic"),

@@ -14,7 +14,7 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.geometry import build_setup, geometric
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.setup.registration import register
 
 NOISE = 0.06
@@ -23,7 +23,7 @@ UNIT = np.array([1.0, 1.0, 1.0, 1e-3, 1e-3, 1e-3])
 
 @pytest.mark.parametrize("name", ["ur5e", "puma760", "irb120", "iiwa14"])
 def test_the_minimum_is_found_from_afar(name, rng) -> None:
-    robot, m = load(name), int(rng.integers(60, 160))
+    robot, m = load_robot(name), int(rng.integers(60, 160))
     n = robot.n
     limits = np.clip(
         [(-2.6, 2.6) if j.limits is None else j.limits for j in robot.joints], -2.6, 2.6

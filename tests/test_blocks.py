@@ -18,7 +18,7 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.state_variables import StateVariables
 from modelsel.mechanisms.registry import mechanism
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.selection import cross_validation as folds
 from modelsel.selection.comparison import compare_subsets
 from modelsel.selection.cross_validation import fold, fold_by_unit
@@ -28,7 +28,7 @@ from modelsel.uncertainty.posterior import linear_posterior, weight_draws
 from modelsel.uncertainty.significance import assess_significance
 from modelsel.uncertainty.summary import assess_confidence
 
-ARM = load("puma760")
+ARM = load_robot("puma760")
 BASE = Model((mechanism("geometric", ARM),))
 OFFERED = tuple(
     mechanism(name, ARM)

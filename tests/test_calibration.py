@@ -14,13 +14,13 @@ import pytest
 from builders import drawn, planted
 
 from modelsel.calibration.calibration import Calibration, calibrate
+from modelsel.calibration.calibration_file import CALIBRATION_FILE, calibration_text
+from modelsel.calibration.calibration_schema import CalibrationRecord
 from modelsel.calibration.compensation import correct, tabulate_readings
 from modelsel.calibration.export import export
 from modelsel.calibration.loading import load_calibration, parse_calibration
 from modelsel.calibration.prediction import predict, propagate_uncertainty, to_tracker_frame
 from modelsel.calibration.refitting import refit_forms
-from modelsel.calibration.schema import CalibrationRecord
-from modelsel.calibration.storage import CALIBRATION_FILE, calibration_text
 from modelsel.config.study_file import read_study
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.design import Model, residuals
@@ -33,7 +33,7 @@ from modelsel.mechanisms.causes import Bump, Member, Named, Number, cos, q, sign
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.serialization import cause_from_record, cause_record
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.selection.evaluation import Split
 from modelsel.study.runner import run_study
 
@@ -72,7 +72,7 @@ def test_study_comes_back_exactly(result, tmp_path) -> None:
 def wide(rng: np.random.Generator) -> tuple[Calibration, Problem]:
     """Two targets, two placements, free functions, derived causes, covariates, drift: a bit of
     everything, fitted."""
-    robot = load("puma760")
+    robot = load_robot("puma760")
     terms = tuple(Term(f"f{k}", (Screw(3, "rz", Bump("q3", 0.4 * k, 0.4)),)) for k in range(-3, 3))
     offsets = tuple(
         Term(f"o{a}{t}", (Screw(7, a, Member("target", t)),))
@@ -147,7 +147,7 @@ def test_uncertainty_is_the_spread_of_refits(rng) -> None:
 
 
 def test_every_registered_cause_is_structure() -> None:
-    robot = load("puma760")
+    robot = load_robot("puma760")
     causes = {s.cause for m in every(robot) for t in m.terms for s in t.screws}
     causes |= {Member("group", 3), Number(2.5, "mm") * sin(q(1))}
     assert all(cause_from_record(json.loads(json.dumps(cause_record(c)))) == c for c in causes)

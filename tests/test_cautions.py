@@ -24,13 +24,13 @@ from modelsel.mechanisms.causes import Applied, Named, q, sin
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.results.cautions import harmful_base_notes, restriction_notes
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Gain
 from modelsel.study.runner import run_study
 
 STUDY = Path(__file__).parent.parent / "studies" / "puma760"
-ARM = load("ur10")
+ARM = load_robot("ur10")
 BASE = Model((mechanism("geometric", ARM),))
 TOOL = np.array([60.0, -40.0, 120.0])
 OPEN = "the data do not determine the size of k: its standard error is larger than such an error usually is "
@@ -211,7 +211,7 @@ def test_geometry_that_is_not_worse_is_not(gain: Gain) -> None:
 def test_a_study_whose_geometry_is_worse_says_so(tmp_path: Path, rng: np.random.Generator) -> None:
     """A perfect arm, fitted in one corner of its room and held out in another: the fit carries
     noise there."""
-    robot = load("puma760")
+    robot = load_robot("puma760")
     near = robot.draw(rng, 1) + rng.uniform(-0.05, 0.05, (30, 6))
     readings = np.concatenate([near, robot.draw(rng, 60)])
     data = build_measurements(

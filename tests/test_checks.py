@@ -26,7 +26,7 @@ from modelsel.mechanisms.geometry import geometric
 from modelsel.notices import ALARMS, HOPELESS_FIT, Note, list_alarms
 from modelsel.report.terminal import write_sentences
 from modelsel.results.study_sentences import opening_sentences
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward, pose
 from modelsel.robot.rigid import from_rpy
 from modelsel.setup.measured_orientations import describe_orientation_mistake
@@ -55,7 +55,7 @@ def frame(
 ) -> pd.DataFrame:
     """A campaign as a file has it: geometric errors of 0.3 mm and 0.5 mrad, noise of 0.05 mm per
     coordinate; along a slow `path` or anywhere."""
-    arm = load(robot)
+    arm = load_robot(robot)
     q = arm.draw(rng, m)
     if path:
         q = 0.8 * np.sin(
@@ -233,7 +233,7 @@ def test_markers_of_one_rigid_body_show_no_noise(rng, tmp_path) -> None:
     """Their distance is kept to the last digit, and no floor is taken from it; rounded to a
     micrometre, it is refuted."""
     data = frame(rng, targets=("A", "B"))
-    at = read_measurements(data, load("ur5").prismatic)
+    at = read_measurements(data, load_robot("ur5").prismatic)
     assert from_target_pairs(at).coordinate_mm == pytest.approx(NOISE, rel=0.4)
     other = at.target == 1
     direction = at.position[other] - at.position[~other]
@@ -270,7 +270,7 @@ def test_markers_of_one_rigid_body_show_no_noise(rng, tmp_path) -> None:
 def test_other_units_are_no_covariates(name, right, remedy, rng, tmp_path) -> None:
     frame(rng, 5).assign(**{name: 1.0}).to_csv(tmp_path / "d.csv", index=False)
     with pytest.raises(DataError, match=rf"d\.csv, line 1, column {name}: .*\"{right}\".*{remedy}"):
-        read_measurements(tmp_path / "d.csv", load("ur5").prismatic)
+        read_measurements(tmp_path / "d.csv", load_robot("ur5").prismatic)
 
 
 @pytest.mark.parametrize(
@@ -282,14 +282,16 @@ def test_a_mapping_to_another_unit_is_refused(wanted, given, rng) -> None:
     with pytest.raises(
         DataError, match=rf'the study maps {wanted} to it, but its name says "\w+", not "(rad|mm)"'
     ):
-        read_measurements(data, load("ur5").prismatic, {wanted: given})
-    read_measurements(data.rename(columns={given: "J1"}), load("ur5").prismatic, {wanted: "J1"})
+        read_measurements(data, load_robot("ur5").prismatic, {wanted: given})
+    read_measurements(
+        data.rename(columns={given: "J1"}), load_robot("ur5").prismatic, {wanted: "J1"}
+    )
 
 
 def test_columns_of_other_names_stay_covariates(rng) -> None:
     more = dict.fromkeys(("current_A", "hose_mm", "qx2_deg", "load_g", "X_MM"), 1.0)
     assert set(
-        read_measurements(frame(rng, 5).assign(**more), load("ur5").prismatic).covariates
+        read_measurements(frame(rng, 5).assign(**more), load_robot("ur5").prismatic).covariates
     ) == set(more)
 
 
@@ -303,7 +305,7 @@ def turned(rng: np.random.Generator, m: int = 60, registered: bool = True) -> pd
     0.5 mrad."""
     data = frame(rng, m, errors=0.0, registered=registered)
     q = data[[f"q{j}_rad" for j in range(1, 7)]].to_numpy()
-    flange = pose(load("ur5"), q, np.zeros(3)).axes[-1, :3].transpose(2, 1, 0)
+    flange = pose(load_robot("ur5"), q, np.zeros(3)).axes[-1, :3].transpose(2, 1, 0)
     placed, fixed = (
         Rotation.from_matrix(R if registered else np.eye(3)),
         Rotation.from_euler("xyz", [0.4, 1.0, -2.0]),
@@ -334,7 +336,7 @@ ORIENTATIONS = {
 def test_mistaken_quaternions_are_said(name, rng, tmp_path) -> None:
     change, words = ORIENTATIONS[name]
     data = turned(rng)
-    at = bind("ur5", read_measurements(change(data), load("ur5").prismatic), (0.0, 0.0, 0.0))
+    at = bind("ur5", read_measurements(change(data), load_robot("ur5").prismatic), (0.0, 0.0, 0.0))
     use = np.ones(len(at), bool)
     assert words in (describe_orientation_mistake(register(at, use, False), use, True) or "")
     result = studied(tmp_path, change(turned(rng, registered=False)), registered=False)
@@ -398,7 +400,7 @@ def test_one_cause_is_one_alarm(degrees, code, rng, tmp_path) -> None:
 def test_another_robots_links_are_no_mistake_in_this_ones(rng, tmp_path) -> None:
     """A robot file with one long link: the built-in robot that fits is said, and the link is not.
     Without that robot it is."""
-    own = load("ur5")
+    own = load_robot("ur5")
     joints = list(own.joints)
     before = joints[2].before.copy()
     before[:3, 3] *= 1.2
@@ -494,7 +496,7 @@ def test_swapped_labels_are_said(share, registered, rng) -> None:
     data = frame(rng, 60, targets=("A", "B"), registered=registered)
     late = np.arange(120) >= round(120 * (1 - share) / 2) * 2
     mixed = data.assign(target=np.where(late, data.target.map({"A": "B", "B": "A"}), data.target))
-    at = bind("ur5", read_measurements(mixed, load("ur5").prismatic), TOOLS["A"])
+    at = bind("ur5", read_measurements(mixed, load_robot("ur5").prismatic), TOOLS["A"])
     at = replace(at, tools=np.array([TOOLS[name] for name in at.data.targets]))
     use = np.ones(len(at), bool)
     sentence = (

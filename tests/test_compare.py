@@ -18,7 +18,7 @@ from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.causes import ONE, Named, cos, q, sin
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.selection.comparison import MAX_CANDIDATES, SubsetComparison, compare_subsets
 from modelsel.selection.criteria import aic, bic
 from modelsel.selection.cross_validation import fold
@@ -26,7 +26,7 @@ from modelsel.selection.evaluation import Split, evaluate
 from modelsel.selection.splits import assign_folds
 from modelsel.selection.subsets import sweep_subsets
 
-ARM = load("puma760")
+ARM = load_robot("puma760")
 BASE = Model((mechanism("geometric", ARM),))
 TRUE = ("joint2-twist", "joint3-twist")
 SIGMA, ESTIMATION, HELD_OUT = 0.1, 40, 200

@@ -14,6 +14,7 @@ from hidden_arm import arm
 from hidden_engine import Engine
 from test_calibration import wide
 
+from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.command_notes import describe_extrapolation, describe_order_dependence
 from modelsel.calibration.compensation import (
     MAX_CORRECTION,
@@ -24,7 +25,6 @@ from modelsel.calibration.compensation import (
     replace_readings,
 )
 from modelsel.calibration.prediction import predict
-from modelsel.calibration.storage import calibration_text
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import DataError
@@ -33,7 +33,7 @@ from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import Orientation, build_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_quaternion
 from modelsel.study.runner import run_study
@@ -178,7 +178,7 @@ def test_arm_in_an_engine_lands_within_the_noise(tmp_path) -> None:
     """Masses and springs in a rigid-body engine, play that the last motion decides, ripple of a
     gear, a warm link's zero."""
     rng = np.random.default_rng(20)
-    robot = load("puma760")
+    robot = load_robot("puma760")
     real = arm(robot, rng)
     places = rng.uniform(-60, 60, (6, 3))
     places[1, 0] += 300
@@ -284,7 +284,7 @@ def test_a_slide_is_compensated(rng) -> None:
     from modelsel.fitting.noise import Floor
     from modelsel.selection.evaluation import Split
 
-    puma = load("puma760")
+    puma = load_robot("puma760")
     joints = [
         replace(j, prismatic=k == 2, limits=(0.0, 300.0) if k == 2 else j.limits)
         for k, j in enumerate(puma.joints)

@@ -161,9 +161,9 @@ def test_a_picture_is_the_same_bytes_twice() -> None:
     import arm
     import catalogue
 
-    from modelsel.robot.files import load
+    from modelsel.robot.files import load_robot
 
-    robot = load(catalogue.ROBOT)
+    robot = load_robot(catalogue.ROBOT)
     one, two = (arm.picture(catalogue.shown("backlash", robot), robot) for _ in range(2))
     assert one == two
 
@@ -175,9 +175,9 @@ def test_what_is_drawn_is_what_the_chain_does() -> None:
     import numpy as np
 
     from modelsel.fitting.design import compute_design
-    from modelsel.robot.files import load
+    from modelsel.robot.files import load_robot
 
-    robot = load(catalogue.ROBOT)
+    robot = load_robot(catalogue.ROBOT)
     for stem in BUILTIN:
         mechanism = catalogue.shown(stem, robot)
         at, _ = arm.sweep(robot, arm.driver(mechanism))

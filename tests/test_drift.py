@@ -12,8 +12,8 @@ from builders import drawn, measured, planted
 from click.testing import CliRunner
 
 from modelsel.calibration.calibration import Calibration, calibrate
+from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.campaigns import compare_campaigns, correct_holm, describe_comparison
-from modelsel.calibration.storage import calibration_text
 from modelsel.calibration.validation import describe_verdict as told
 from modelsel.calibration.validation import judge
 from modelsel.cli.main import run_command_line
@@ -26,12 +26,12 @@ from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import Measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Screw, Term
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.robot.rigid import from_rpy
 from modelsel.selection.evaluation import Split
 
 NOISE = 0.05
-ROBOT = load("puma760")
+ROBOT = load_robot("puma760")
 NAMES = ("geometric", "joint-compliance:2", "approach-backlash:1")
 
 
@@ -360,7 +360,7 @@ def test_another_robot_is_refused(rng) -> None:
     model, theta = truth()
     c = calibrated(rng, model, theta)
     with pytest.raises(StudyError, match="not the same nominal robot"):
-        compare_campaigns(c, replace(c, robot=load("ur5")))
+        compare_campaigns(c, replace(c, robot=load_robot("ur5")))
 
 
 def test_holm() -> None:

@@ -17,6 +17,7 @@ from test_calibration import wide
 from test_robots import screw_x, screw_z
 
 from modelsel.calibration.calibration import calibrate
+from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.constant_part import (
     compute_points,
     restrict_to_form,
@@ -25,7 +26,6 @@ from modelsel.calibration.constant_part import (
 )
 from modelsel.calibration.export import FORMS, export
 from modelsel.calibration.prediction import predict
-from modelsel.calibration.storage import calibration_text
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
@@ -35,7 +35,7 @@ from modelsel.fitting.noise import Floor
 from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.dh import compute_dh_rows
-from modelsel.robot.files import builtin_names, load, read_robot, robot_from_table
+from modelsel.robot.files import builtin_names, load_robot, read_robot, robot_from_table
 from modelsel.robot.gravity import compute_joint_torques
 from modelsel.robot.kinematics import Joint, Robot, forward, pose
 from modelsel.robot.rigid import from_rpy, to_rpy, transform
@@ -134,7 +134,7 @@ def test_dh_of_every_robot(name, modified, rng) -> None:
     """Drawn and out of true, sliding and turning, with torques of its masses."""
     from modelsel.robot.dh import format_dh_file
 
-    drawing = load(name)
+    drawing = load_robot(name)
     for size in (0.0, 1e-3):
         off = [
             transform(from_rpy(*rng.normal(0, size, 3)), rng.normal(0, 300 * size, 3))
@@ -220,7 +220,7 @@ def test_python_knows_every_derived_cause(rng) -> None:
     """Moments, torques with masses and without, the direction of gravity, coordinates and range: on
     three arms."""
     for name in ("puma760", "ur5", "irb120"):
-        robot = load(name)
+        robot = load_robot(name)
         names = (
             "base-tilt",
             "lateral-compliance:2",
@@ -431,7 +431,7 @@ def test_gravity_below_a_joint_that_turns_the_base(kind, axis, known) -> None:
 
 
 def test_an_exported_wall_mount_hangs_as_it_did(rng) -> None:
-    robot = replace(load("ur5"), gravity=(0.6, 0.0, 0.8))
+    robot = replace(load_robot("ur5"), gravity=(0.6, 0.0, 0.8))
     text = write_urdf(robot, {"t": transform(None, (0, 0, 50.0))}, {})
     back = read_urdf_text(text, "file", "base", "flange")
     np.testing.assert_allclose(back.gravity, robot.gravity, atol=1e-12)
@@ -472,7 +472,7 @@ def test_two_flanges_are_refused_where_they_differ(other, taken) -> None:
 
 
 def test_written_urdf_keeps_masses() -> None:
-    robot = load("ur5")
+    robot = load_robot("ur5")
     back = read_urdf_text(write_urdf(robot, {}, {}), "file")
     np.testing.assert_allclose([j.mass for j in back.joints], [j.mass for j in robot.joints])
     np.testing.assert_allclose(

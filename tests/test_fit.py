@@ -21,7 +21,7 @@ from modelsel.fitting.reduction import Reduction, merged, reduce, reduce_problem
 from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.causes import Named
 from modelsel.mechanisms.registry import mechanism
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 
 # -- problems
 # -----------------------------------------------------------------------------------------------------------
@@ -30,7 +30,7 @@ WHOLE = ("geometric", "joint2-twist", "joint3-twist", "wrist-coupling")
 
 
 def whole(robot: str = "puma760") -> Model:
-    return Model(tuple(mechanism(name, load(robot)) for name in WHOLE))
+    return Model(tuple(mechanism(name, load_robot(robot)) for name in WHOLE))
 
 
 def some(which: Model, rng: np.random.Generator, mm: float = 1.0, rad: float = 3e-3) -> np.ndarray:
@@ -82,7 +82,7 @@ def test_estimate_and_covariance_are_statsmodels(rng) -> None:
 def test_weights(rng) -> None:
     """Every row its own covariance: generalised least squares, by the normal equations of the whole
     covariance."""
-    which = Model((mechanism("gravity-twist", load("puma760")),))
+    which = Model((mechanism("gravity-twist", load_robot("puma760")),))
     at = planted(drawn("puma760", rng, 30), which.terms, np.array([1e-3, -2e-3, 5e-4]), rng, 0.3)
     A = rng.normal(size=(30, 3, 3)) + 3 * np.eye(3)
     spread = A @ A.transpose(0, 2, 1)
@@ -244,7 +244,7 @@ def test_distances_are_from_where_the_tracker_stands(noise) -> None:
         noise={**noise, "tracker_mm": [4000, 0, 500]},
     )
     measured = read_measurements(file, (False,) * 6)
-    data = prepare(study, load("puma760"), measured)[0]
+    data = prepare(study, load_robot("puma760"), measured)[0]
     distance = np.linalg.norm(measured.position - [4000, 0, 500], axis=1)
     np.testing.assert_allclose(
         data.problem.value("range_mm"), distance, atol=15

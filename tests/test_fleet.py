@@ -30,7 +30,7 @@ from modelsel.fitting.problem import Problem
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.results.storage import WRITES
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.selection.streaming import Parts, fit_parts, list_parts
 from modelsel.study import fleet_runner as fleets
 from modelsel.study.fleet_runner import FleetOptions, cluster, run_fleet, save_summary
@@ -260,7 +260,7 @@ def test_pieces_know_nothing_of_the_one_before(folder) -> None:
     """What hangs on the order of motion across pieces is refused; stated directions of approach are
     as in one file."""
     files = sorted(folder.glob("day*.parquet"))
-    arm = load("puma760")
+    arm = load_robot("puma760")
     for name, said in (
         ("tracker-drift", "progress"),
         ("settle:2", "move2"),

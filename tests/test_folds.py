@@ -16,7 +16,7 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.selection.cross_validation import (
     FoldedData,
     cross_validate,
@@ -144,7 +144,9 @@ def test_dependent_columns_are_left_at_nought(rng) -> None:
 def test_scene_against_refits(folds, rng) -> None:
     """Linear about the fit, a refit without every fold: the coefficients, and every row's held-out
     residual."""
-    which = Model(tuple(mechanism(name, load("puma760")) for name in ("geometric", "joint3-twist")))
+    which = Model(
+        tuple(mechanism(name, load_robot("puma760")) for name in ("geometric", "joint3-twist"))
+    )
     at = drawn("puma760", rng, 40)
     at = planted(at, which.terms, rng.normal(size=len(which.terms)) * 1e-3, rng, 0.1)
     plain = fit(at, which, held="nothing")
@@ -179,7 +181,7 @@ def test_folds_stream(size, rng, monkeypatch) -> None:
 
     from modelsel.selection import cross_validation as folds
 
-    which = Model((mechanism("geometric", load("ur5")),))
+    which = Model((mechanism("geometric", load_robot("ur5")),))
     at = planted(drawn("ur5", rng, 60), which.terms, np.zeros(len(which.terms)), rng, 0.1)
     at = replace(at, whitening=Whitening(matrices=rng.uniform(0.5, 2, (60, 1, 1)) * np.eye(3)))
     fold_of = assign_folds(at.data, 4, rng)
@@ -199,7 +201,7 @@ def repeated(rng: np.random.Generator):
     """30 readings visited once or several times, apart in time, two targets a visit, in three
     groups."""
     q = (
-        load("ur5")
+        load_robot("ur5")
         .draw(rng, 30)[rng.permutation(np.r_[np.arange(30), rng.integers(0, 30, 20)])]
         .repeat(2, axis=0)
     )

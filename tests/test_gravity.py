@@ -12,7 +12,7 @@ from builders import bind, drawn
 from modelsel.fitting.design import compute_design
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism
-from modelsel.robot.files import builtin_names, load, robot_from_table
+from modelsel.robot.files import builtin_names, load_robot, robot_from_table
 from modelsel.robot.gravity import (
     G,
     compute_base_moment,
@@ -27,7 +27,7 @@ from modelsel.robot.rigid import rotation_matrix, transform
 def test_puma560_published_gravity_load() -> None:
     """robotics-toolbox-python, tests/test_DHRobot.py: gravload(qn); the actuators' torque, the
     weight's with the other sign."""
-    robot, q = load("puma560"), np.radians([[0, 45, 180, 0, 45, 0]])
+    robot, q = load_robot("puma560"), np.radians([[0, 45, 180, 0, 45, 0]])
     found = compute_joint_torques(robot, pose(robot, q, np.zeros(3)), q)[:, 0]
     np.testing.assert_allclose(-found, [0, 31.6399, 6.0351, 0, 0.0283, 0], atol=5e-5)
 
@@ -72,13 +72,13 @@ def exact_frame(robot: Robot, q: np.ndarray, last: int) -> np.ndarray:
 
 
 def test_which_joints_lie_under_gravity() -> None:
-    assert find_gravity_joints(load("puma760")) == (
+    assert find_gravity_joints(load_robot("puma760")) == (
         2,
         3,
         4,
         5,
     )  # joint 1 is vertical, joint 6 has the target on its axis
-    assert find_arm_pair(load("iiwa14")) is None  # no two successive joints stay parallel
+    assert find_arm_pair(load_robot("iiwa14")) is None  # no two successive joints stay parallel
 
 
 def test_arm_pair_of_the_paper() -> None:
@@ -86,7 +86,7 @@ def test_arm_pair_of_the_paper() -> None:
     terms = {
         t.symbol: t.screws
         for name in ("joint2-twist", "joint3-twist", "backlash:3")
-        for t in mechanism(name, load("puma760")).terms
+        for t in mechanism(name, load_robot("puma760")).terms
     }
     assert [str(s[0]) for s in terms.values()] == [
         "frame 2 rz · cos(q2+q3)",

@@ -35,7 +35,7 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import every, mechanism
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 
 CHOSEN = os.environ.get(
     "MODELSEL_HIDDEN_SEED", "12"
@@ -89,7 +89,7 @@ class Ground:
     def problem(self, x: np.ndarray, state: State | None = None) -> Problem:
         state = state or self.state
         return Problem(
-            load(self.arm.name),
+            load_robot(self.arm.name),
             build_measurements(state.q, x, covariates=state.covariates),
             self.arm.tool[None],
         )
@@ -146,7 +146,7 @@ def seed() -> None:
 @pytest.fixture(scope="module")
 def ground() -> Iterator[Ground]:
     rng = stream("ground")
-    robot = load("puma760")
+    robot = load_robot("puma760")
     body = arm(robot, rng, (40.0, -25.0, 100.0))
 
     def campaign(m: int) -> State:

@@ -38,7 +38,7 @@ from modelsel.mechanisms.registry import find_entry_problem
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.report import drawing
 from modelsel.report.html import write_page as page_of
-from modelsel.robot.files import load, robot_from_table
+from modelsel.robot.files import load_robot, robot_from_table
 from modelsel.robot.urdf import read_urdf_text
 from modelsel.study.result import load_result
 
@@ -356,7 +356,7 @@ def test_refused_everywhere_else(name, tmp_path) -> None:
     if len(name) > 200:
         return  # names of mechanisms may be longer: they are made of their causes
     made = Mechanism(name, (Term("t", (Screw(1, "rz", sin(q(1))),)),))
-    assert find_entry_problem(name, lambda robot: made, load("ur5")) is not None
+    assert find_entry_problem(name, lambda robot: made, load_robot("ur5")) is not None
 
 
 def test_a_changed_calibration_runs_nothing(tmp_path, monkeypatch) -> None:

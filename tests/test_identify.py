@@ -19,7 +19,7 @@ from modelsel.fitting.problem import Problem
 from modelsel.fitting.reduction import reduce, reduce_problem
 from modelsel.fitting.undetermined import describe_unidentifiable
 from modelsel.mechanisms.registry import mechanism
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 
 LEAST_MM = 4e-4  # rms at the usual size: less is seen by no instrument
 GEOMETRIC = ("geometric",)
@@ -28,7 +28,7 @@ H1234 = ("geometric", "joint2-twist", "joint3-twist", "backlash:3")  # its 43
 
 
 def model(names: tuple[str, ...]) -> Model:
-    return Model(tuple(mechanism(name, load("puma760")) for name in names))
+    return Model(tuple(mechanism(name, load_robot("puma760")) for name in names))
 
 
 def identified(at: Problem, which: Model) -> Identified:
@@ -118,7 +118,7 @@ def test_known_aliases_of_the_paper(rng) -> None:
     assert any({"c2", "c3"} <= set(u.parameters) for u in said)
     assert any({"c6", "c7"} == set(u.parameters) for u in said)
     (alone,) = [u.sentence for u in said if u.parameters == ("γ6",)]
-    assert alone == "γ6 moves no measured coordinate: the data say nothing of it."
+    assert alone == "γ6 moves no measured coordinate: the data contain no information about it."
 
 
 def test_relation_rebuilds_every_column(rng) -> None:

@@ -14,10 +14,10 @@ from builders import study_with
 from gauged import ANCHORS, NOISE, TOOL, Campaign, hold
 from hidden_effects import at, one
 
+from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.experiment_design import build_pool
 from modelsel.calibration.loading import parse_calibration
 from modelsel.calibration.prediction import predict
-from modelsel.calibration.storage import calibration_text
 from modelsel.calibration.validation import judge
 from modelsel.config.study_file import Study, parse_study
 from modelsel.diagnosis.outliers import estimate_scale, find_gross_outliers
@@ -41,7 +41,7 @@ from modelsel.mechanisms.terms import FixtureTerm, Screw, Term
 from modelsel.report.terminal import write_sentences
 from modelsel.results.goodness_of_fit import lack_of_fit_notes, measure_lack_of_fit
 from modelsel.results.storage import details_text
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.selection.cross_validation import fold as fold_scene
 from modelsel.selection.cross_validation import fold_by_unit
 from modelsel.selection.evaluation import Split
@@ -56,7 +56,7 @@ from modelsel.uncertainty.log_posterior import LogPosterior
 from modelsel.uncertainty.nuisance import assign_components
 
 ARM = [False] * 6
-PUMA = load("puma760")
+PUMA = load_robot("puma760")
 COUPLING = one("wrist-coupling", "", at(5, "rz", lambda s: s.q[:, 3]), 1.2e-3)
 OFFERED = tuple(
     p

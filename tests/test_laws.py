@@ -16,10 +16,10 @@ from modelsel.mechanisms.causes import Cause, Named, Number, cos, q, sin
 from modelsel.mechanisms.geometry import build_setup
 from modelsel.mechanisms.registry import BUILTIN, Scanned, build_mechanisms, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.robot.files import builtin_names, load
+from modelsel.robot.files import builtin_names, load_robot
 from modelsel.robot.kinematics import Robot
 
-ROBOTS = {name: load(name) for name in builtin_names()}
+ROBOTS = {name: load_robot(name) for name in builtin_names()}
 JOINED = (
     laws.law1_columns_are_derivatives,
     laws.law2_rows_are_local,

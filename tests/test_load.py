@@ -23,10 +23,10 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import build_mechanisms, every, mechanism
 from modelsel.results.finding_notes import partial_map_notes
-from modelsel.robot.files import load, robot_from_table
+from modelsel.robot.files import load_robot, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 
-PUMA, TOOL, SIGMA = load("puma760"), np.array([40.0, -25.0, 100.0]), 0.05
+PUMA, TOOL, SIGMA = load_robot("puma760"), np.array([40.0, -25.0, 100.0]), 0.05
 STUDY = """
 name = "load"
 [robot]
@@ -149,7 +149,7 @@ def test_causes_that_never_change(rng, tmp_path) -> None:
 def test_targets_on_every_axis(name, rng) -> None:
     """A target on the last axis, at the flange, on any axis of the flange: fitted, its unseen turns
     left out."""
-    robot = small_scara() if name == "scara" else load(name)
+    robot = small_scara() if name == "scara" else load_robot(name)
     for tool in ((0.0, 0.0, 0.0), (0.0, 0.0, 80.0), (80.0, 0.0, 0.0), (0.0, 80.0, 0.0)):
         angles = robot.draw(rng, 60)
         at = bind(

@@ -16,7 +16,7 @@ from modelsel.fitting.noise import from_repeats
 from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.measurements.reader import read_labels, read_measurements
 from modelsel.measurements.visits import order_units
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.study.preparation import prepare
 
 Q = "q1_rad,q2_rad"
@@ -451,7 +451,7 @@ def test_far_from_nominal(scale, robot, words, rng) -> None:
     data = drawn("ur5", rng, 60).data
     moved = build_measurements(data.q, data.position * scale)
     with pytest.raises(DataError, match=words) as caught:
-        prepare(study_with(), load(robot), moved)
+        prepare(study_with(), load_robot(robot), moved)
     assert "quarter of the arm's reach" in str(caught.value)
 
 

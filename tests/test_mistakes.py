@@ -26,7 +26,7 @@ from modelsel.mechanisms.registry import BUILTIN
 from modelsel.notices import SETUP_MISTAKE
 from modelsel.report.terminal import write_sentences
 from modelsel.results.study_sentences import opening_sentences
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.robot.rigid import from_rpy
 from modelsel.setup.mistakes import describe_setup_mistake
 from modelsel.setup.registration import register
@@ -254,4 +254,4 @@ def test_a_refusal_says_the_mistake(rng) -> None:
     at = arm(rng, "ur5", 40, registered=False)
     wrong = build_measurements(*sense(1)(at.data.q, at.data.position))
     with pytest.raises(DataError, match=r"quarter of the arm's reach.*joint 1 turns the other way"):
-        prepare(study_with(), load("ur5"), wrong)
+        prepare(study_with(), load_robot("ur5"), wrong)

@@ -10,11 +10,11 @@ from builders import drawn, planted
 
 from modelsel.fitting.design import Model
 from modelsel.mechanisms.registry import mechanism
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.selection.evaluation import evaluate
 from modelsel.selection.model_comparison import ComparedModel, _split, compare
 
-ARM = load("puma760")
+ARM = load_robot("puma760")
 GEOMETRY = mechanism("geometric", ARM)
 TWIST = mechanism("joint3-twist", ARM)
 OTHER = mechanism("joint2-twist", ARM)

@@ -12,7 +12,7 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.report import drawing, terminal
 from modelsel.report.document import collect_blocks
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.study.runner import run_study
 from modelsel.study.simulation import simulate_points
 
@@ -20,7 +20,7 @@ from modelsel.study.simulation import simulate_points
 def spoilt(tmp_path, kind: str, rng: np.random.Generator) -> tuple[object, np.ndarray, str]:
     """(source, rows whose positions are exchanged in pairs, how its user calls them) of an arm of
     three joints."""
-    robot = load("ur5")
+    robot = load_robot("ur5")
     frame = simulate_points(
         robot,
         np.array([30.0, 0, 90]),

@@ -18,7 +18,7 @@ from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.measurements.reader import read_measurements
-from modelsel.robot.files import load, read_robot
+from modelsel.robot.files import load_robot, read_robot
 from modelsel.robot.kinematics import Joint, Robot
 from modelsel.setup.registration import register
 from modelsel.study.preparation import prepare
@@ -47,7 +47,7 @@ def scara() -> Robot:
 
 
 def arm(name: str) -> Robot:
-    return scara() if name == "scara" else load(name)
+    return scara() if name == "scara" else load_robot(name)
 
 
 def site(
@@ -141,7 +141,7 @@ def along_a_line(rng: np.random.Generator, robot: Robot, turned: bool, bow: floa
 def test_rows_along_a_line_are_refused_in_words(turned, error, rng) -> None:
     """How the tracker is turned about the line, nobody can tell: noise of 0.05 mm and the arm's own
     errors look like it."""
-    robot = load("ur5")
+    robot = load_robot("ur5")
     data, _ = site(rng, robot, along_a_line(rng, robot, turned, 0.0), error=error)
     with pytest.raises(
         NotEstimable,
@@ -156,7 +156,7 @@ def test_rows_along_a_line_are_refused_in_words(turned, error, rng) -> None:
 def test_rows_along_a_bow_are_fitted_and_doubted(turned, error, rng) -> None:
     """1 mm over 120: as the exact fit does from the truth, the target near where the study has it,
     no set-up mistake named."""
-    robot = load("ur5")
+    robot = load_robot("ur5")
     q = along_a_line(rng, robot, turned, 1.0)
     data, truth = site(rng, robot, q, error=error)
     found = register(
@@ -187,7 +187,7 @@ def test_what_is_told_well_is_not_doubted(rng) -> None:
 @seeds(1, 2, 3)
 @pytest.mark.parametrize("each", [4, 5, 12])
 def test_a_target_of_its_own_in_every_group(each, rng) -> None:
-    robot = load("ur5")
+    robot = load_robot("ur5")
     group = np.repeat(np.arange(3), each)
     data, truth = site(rng, robot, robot.draw(rng, 3 * each), TOOLS, group, group)
     found = register(bound(robot, data), everything(data), per_group=True)
@@ -202,7 +202,7 @@ def test_a_target_of_its_own_in_every_group(each, rng) -> None:
 def test_a_quarter_of_outliers(per_group, kind, rng) -> None:
     """Of two targets, in one group or in two: the good rows fit as the exact fit of them alone
     does."""
-    robot = load("iiwa14")
+    robot = load_robot("iiwa14")
     q, target = robot.draw(rng, 60).repeat(2, axis=0), np.arange(120) % 2
     group = np.arange(120) // 60 if per_group else np.zeros(120, np.intp)
     data, truth = site(rng, robot, q, TOOLS[:2], target, group)
@@ -243,7 +243,7 @@ def test_tiago_is_registered_to_the_least_that_its_table_leaves() -> None:
 
 
 def test_all_points_at_one_place_are_refused(rng) -> None:
-    robot = load("ur5")
+    robot = load_robot("ur5")
     data = build_measurements(
         robot.draw(rng, 30), np.array([3000.0, 100, 20]) + rng.normal(0, SIGMA, (30, 3))
     )

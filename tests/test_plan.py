@@ -34,10 +34,10 @@ from modelsel.fitting.design import compute_design
 from modelsel.fitting.linearisation import Linearisation
 from modelsel.mechanisms.registry import build_mechanisms, mechanism
 from modelsel.mechanisms.terms import Term
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 
-ROBOT = load("puma760")
+ROBOT = load_robot("puma760")
 GEOMETRY = mechanism("geometric", ROBOT)
 SIGMA = 0.05
 NAMES = (
@@ -320,7 +320,7 @@ def test_command(tmp_path, rng) -> None:
 def test_ranges_and_units_are_the_users(rng) -> None:
     """Drawn within what was measured, wider or narrower where that is asked, and written in the
     units that were read."""
-    robot = load("irb120")
+    robot = load_robot("irb120")
     at = drawn(robot, rng, 60, (30.0, 0.0, 100.0))
     q = np.degrees(at.data.q) * 0.4
     x = forward(robot, np.radians(q), np.array([30.0, 0.0, 100.0])) + rng.normal(0, 0.05, (60, 3))

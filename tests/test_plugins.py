@@ -18,16 +18,16 @@ from modelsel import read_study, simulate_study
 from modelsel.calibration.loading import load_calibration
 from modelsel.cli.main import run_command_line
 from modelsel.cli.plugins import Trial, load_plugin, render_plugin, try_mechanisms
-from modelsel.config.study_file import ModelTable
+from modelsel.config.study_tables import ModelTable
 from modelsel.exceptions import StudyError
 from modelsel.mechanisms.causes import Named, Number, q
 from modelsel.mechanisms.registry import BUILTIN, find_entry_problem, mechanism, with_plugins
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.study.runner import run_study
 from modelsel.testing import LawBroken, check_mechanism, find_broken_laws
 
-PUMA = load("puma760")
+PUMA = load_robot("puma760")
 STUDY = """name = "outside"
 seed = 1
 [robot]
@@ -315,4 +315,4 @@ def test_same_robots_same_words(tmp_path) -> None:
         == try_mechanisms(entries, [PUMA])
         == [Trial("m", "puma760", [])]
     )
-    assert np.all([trial.robot for trial in try_mechanisms(entries, [PUMA, load("ur5")])])
+    assert np.all([trial.robot for trial in try_mechanisms(entries, [PUMA, load_robot("ur5")])])

@@ -27,7 +27,7 @@ from modelsel.fitting.design import compute_design, residuals
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import BUILTIN, build_mechanisms, with_plugins
 from modelsel.report.terminal import show_study
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 
 ROOT = Path(__file__).parents[1]
 README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
@@ -124,7 +124,9 @@ def test_a_study_of_your_own_is_one(page) -> None:
     """The study file and the table shown are read as they stand."""
     (toml,), (table,) = (fenced(kind, section("Your own data", page)) for kind in ("toml", "csv"))
     study = parse_study(toml, "README.md")
-    found = read_measurements(pd.read_csv(io.StringIO(table)), load(study.robot.name).prismatic)
+    found = read_measurements(
+        pd.read_csv(io.StringIO(table)), load_robot(study.robot.name).prismatic
+    )
     assert (study.robot.register_, study.measurements.file, found.q.shape) == (
         True,
         "measurements.csv",
@@ -185,7 +187,7 @@ def test_example_is_a_mechanism(plugin, rng) -> None:
     registry, broken = with_plugins()
     assert not broken
     (name,) = set(registry) - set(BUILTIN)
-    (mechanism,) = build_mechanisms(name, load("puma760"), registry)
+    (mechanism,) = build_mechanisms(name, load_robot("puma760"), registry)
     at = drawn("puma760", rng, 40)
     columns, h = compute_design(at, mechanism.terms)[0], 1e-5
     for j, term in enumerate(mechanism.terms):
@@ -194,7 +196,7 @@ def test_example_is_a_mechanism(plugin, rng) -> None:
         assert np.abs(columns[:, :, j] - difference).max() <= 1e-6 * np.abs(difference).max()
         assert np.abs(difference).max() > 1
     with pytest.raises(StudyError):
-        build_mechanisms(name, load("puma760"))
+        build_mechanisms(name, load_robot("puma760"))
 
 
 def test_example_prints_as_shown(plugin) -> None:

@@ -13,7 +13,7 @@ from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Screw, Term
-from modelsel.robot.files import builtin_names, load
+from modelsel.robot.files import builtin_names, load_robot
 from modelsel.robot.gravity import compute_joint_torques
 from modelsel.robot.kinematics import Robot, pose
 from modelsel.selection.cross_validation import cross_validate, fold, held_out_residuals
@@ -74,7 +74,7 @@ def test_poses_and_screw_fields_are_pinocchios(name, rng) -> None:
 def test_gravity_is_pinocchios(rng) -> None:
     """Torques of the file's masses about every joint, to 1e-9 N m; the sign is that of the load,
     not of the drive."""
-    robot = load("puma560")
+    robot = load_robot("puma560")
     pin, model = pinocchio(robot)
     data, q = model.createData(), robot.draw(rng, 8)
     found = compute_joint_torques(robot, pose(robot, q, np.zeros(3)), q)

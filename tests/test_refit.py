@@ -15,10 +15,10 @@ from click.testing import CliRunner
 from test_calibration import wide
 
 from modelsel.calibration.calibration import Calibration
+from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.constant_part import constant_entries, restrict_to_form
 from modelsel.calibration.export import FORMS, export
 from modelsel.calibration.loading import parse_calibration
-from modelsel.calibration.storage import calibration_text
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study, read_study
 from modelsel.exceptions import StudyError
@@ -27,7 +27,7 @@ from modelsel.measurements.reference_temperature import choose_reference
 from modelsel.mechanisms.causes import Combined, parse
 from modelsel.mechanisms.environment import temperature_rise
 from modelsel.mechanisms.registry import BUILTIN, mechanism, set_reference
-from modelsel.robot.files import load, robot_from_table
+from modelsel.robot.files import load_robot, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.robot.urdf import read_urdf_text
 from modelsel.study.result import Result
@@ -125,7 +125,7 @@ def warm_arm(robot: Robot, factor: float) -> Robot:
 
 def warm_study(folder: Path, low: float, high: float, nominal_at: float, seed: int = 27) -> Result:
     """A study of an arm that is exactly nominal at one temperature and grows by 12 ppm/°C."""
-    rng, robot = np.random.default_rng(seed), load("puma760")
+    rng, robot = np.random.default_rng(seed), load_robot("puma760")
     q, warm = robot.draw(rng, 150), rng.uniform(low, high, 150)
     x = np.concatenate(
         [
@@ -160,7 +160,7 @@ def test_an_arm_that_is_nominal_at_27_degrees(low, high, counted, tmp_path) -> N
         s for s in result.record.to_dict()["significance"] if s["mechanism"].startswith("thermal")
     )
     assert (
-        growth["mean_mm"] < 12e-6 * (high - 20) * load("puma760").reach
+        growth["mean_mm"] < 12e-6 * (high - 20) * load_robot("puma760").reach
     )  # not that of an arm that was frozen
     made = export(c, "urdf")
     robot, target = read("urdf", made.text)
@@ -199,7 +199,7 @@ def test_reference_temperature() -> None:
             ("thermal-growth:3", "1/°C"),
             ("thermal-expansion", "1/°C"),
         ):
-            own = mechanism(name, load("puma760"), set_reference(BUILTIN, t))
+            own = mechanism(name, load_robot("puma760"), set_reference(BUILTIN, t))
             assert all(
                 s.cause
                 in (
@@ -279,7 +279,7 @@ def test_damaged_refits_are_refused(change, says, puma) -> None:
 def test_a_registered_geometry_is_as_good_as_it_says(tmp_path) -> None:
     """The tracker stands anywhere: the file's arm, put where the calibration has it, errs by what
     is said."""
-    rng, robot = np.random.default_rng(5), load("puma760")
+    rng, robot = np.random.default_rng(5), load_robot("puma760")
     q = robot.draw(rng, 160)
     bent = (
         q

@@ -15,7 +15,7 @@ from modelsel.exceptions import DataError
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import Orientation, build_measurements
-from modelsel.robot.files import load, read_robot
+from modelsel.robot.files import load_robot, read_robot
 from modelsel.robot.kinematics import Robot, pose
 from modelsel.setup.registration import register
 
@@ -35,7 +35,7 @@ def site(
 ) -> tuple[Problem, list[np.ndarray], list[np.ndarray], np.ndarray]:
     """(unregistered problem, R and t of every group, target rotations): m configurations, every
     target at each."""
-    robot = load(name) if isinstance(name, str) else name
+    robot = load_robot(name) if isinstance(name, str) else name
     q = robot.draw(rng, m).repeat(targets, axis=0)
     target, group = np.tile(np.arange(targets), m), np.sort(np.arange(m) % groups).repeat(targets)
     R, t = Rotation.random(groups, rng=rng).as_matrix(), rng.uniform(-8000, 8000, (groups, 3))
@@ -70,10 +70,10 @@ def test_placement_and_tool_are_found(name, rng) -> None:
     found = register(at, everything(at), per_group=False)
     assert np.sqrt(np.square(lengths(found)).mean() / 3) < 1.1 * SIGMA
     assert np.abs(found.tools[0] - TOOLS[0]).max() < 1.0  # SIGMA over levers and sqrt(60)
-    fresh = load(name).draw(rng, 100)
-    want = pose(load(name), fresh, TOOLS[0]).target.T @ R[0].T + t[0]
+    fresh = load_robot(name).draw(rng, 100)
+    want = pose(load_robot(name), fresh, TOOLS[0]).target.T @ R[0].T + t[0]
     other = (
-        pose(load(name), fresh, found.tools[0]).target.T @ found.placement[0][0].T
+        pose(load_robot(name), fresh, found.tools[0]).target.T @ found.placement[0][0].T
         + found.placement[1][0]
     )
     assert (

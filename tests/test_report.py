@@ -331,12 +331,12 @@ def small(
     if orientation:
         from scipy.spatial.transform import Rotation
 
-        from modelsel.robot.files import load
+        from modelsel.robot.files import load_robot
         from modelsel.robot.kinematics import pose
         from modelsel.robot.rigid import rotation_matrix
 
         q = data[[f"q{j}_rad" for j in range(1, 7)]].to_numpy()
-        R = pose(load("puma760"), q, np.array([0.0, 0, 100])).rotation.transpose(2, 0, 1)
+        R = pose(load_robot("puma760"), q, np.array([0.0, 0, 100])).rotation.transpose(2, 0, 1)
         data[["qx", "qy", "qz", "qw"]] = Rotation.from_matrix(
             R @ rotation_matrix(2, 1e-3)
         ).as_quat()

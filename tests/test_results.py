@@ -14,7 +14,7 @@ from builders import OFF_AXIS, one, planted, small_arm
 from builders import drawn as scene_of
 
 from modelsel import Study, load_result, run_study
-from modelsel.calibration.storage import calibration_text
+from modelsel.calibration.calibration_file import calibration_text
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
 from modelsel.mechanisms.causes import q
@@ -22,7 +22,7 @@ from modelsel.results.contract_tables import write_result_tables
 from modelsel.results.residual_table import RESIDUALS
 from modelsel.results.storage import WRITES
 from modelsel.results.tables import TABLES
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.study.result import Result
 
 TOML = """name = "arm <b>7</b>"
@@ -128,14 +128,14 @@ def test_a_study_keeps_the_data_it_was_given(frame) -> None:
     ("tables", "says"),
     [
         ({"robot": "puma760"}, 'robot: expected a table: name = "puma760"'),
-        ({"robot": load("ur5")}, "nominal = the Robot"),
+        ({"robot": load_robot("ur5")}, "nominal = the Robot"),
         ({"split": 80}, "split: expected a table, found"),
         ({"robot": {"nominal": "puma760", "tool_mm": OFF_AXIS}}, "robot.nominal"),
         ({"measurements": 3}, "measurements: expected a file or a pandas DataFrame, found int"),
         ({"measurements": {"file": "m.csv", "frame": pd.DataFrame()}}, "give file or frame"),
         ({"seeds": 1}, 'Did you mean "seed"'),
         (
-            {"robot": {"nominal": load("ur5"), "name": "ur5", "tool_mm": OFF_AXIS}},
+            {"robot": {"nominal": load_robot("ur5"), "name": "ur5", "tool_mm": OFF_AXIS}},
             "give either name",
         ),
         ({"split": {"estimation": "all"}}, "split.estimation"),

@@ -13,7 +13,7 @@ from builders import drawn
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import compute_design, residuals
 from modelsel.mechanisms.geometry import geometric
-from modelsel.robot.files import builtin_names, load, read_robot, robot_from_table
+from modelsel.robot.files import builtin_names, load_robot, read_robot, robot_from_table
 from modelsel.robot.kinematics import Robot, forward, pose, screw_field
 from modelsel.robot.rigid import rotation_matrix
 
@@ -24,7 +24,7 @@ POSES = tomllib.loads((Path(__file__).parent / "poses.toml").read_text(encoding=
     "known", POSES, ids=lambda p: f"{p['robot']}-{p['q_deg']}".replace(" ", "")
 )
 def test_published_pose(known) -> None:
-    at = pose(load(known["robot"]), np.radians([known["q_deg"]]).astype(float), np.zeros(3))
+    at = pose(load_robot(known["robot"]), np.radians([known["q_deg"]]).astype(float), np.zeros(3))
     np.testing.assert_allclose(at.target[:, 0], known["flange_mm"], rtol=0, atol=0.01)
     if "rotation" in known:
         np.testing.assert_allclose(at.rotation[:, :, 0], known["rotation"], rtol=0, atol=1e-6)
@@ -34,7 +34,7 @@ def test_every_robot_has_a_pose_and_a_source() -> None:
     assert set(builtin_names()) == {p["robot"] for p in POSES}
     assert all(p["source"] for p in POSES)
     assert all(
-        load(name).source not in ("", "not stated") and load(name).name == name
+        load_robot(name).source not in ("", "not stated") and load_robot(name).name == name
         for name in builtin_names()
     )
 
@@ -413,7 +413,7 @@ def test_unreadable_robot_files(file, text, message, tmp_path) -> None:
 
 def test_unknown_robot_is_suggested() -> None:
     with pytest.raises(StudyError, match=r'unknown robot "puma76"\. Did you mean "puma760"'):
-        load("puma76")
+        load_robot("puma76")
     with pytest.raises(StudyError, match=r"missing\.toml"):
         read_robot(Path("missing.toml"))
 

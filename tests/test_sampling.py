@@ -40,11 +40,7 @@ from modelsel.uncertainty.posterior import Importance
 from modelsel.uncertainty.sampler import Sampling, State, sample_posterior
 from modelsel.uncertainty.sampling_options import SamplingOptions
 from modelsel.uncertainty.summary import assess_confidence as certainty
-from modelsel.uncertainty.summary import (
-    build_log_posterior,
-    describe_sampling,
-    sample_confidence,
-)
+from modelsel.uncertainty.summary import build_log_posterior, describe_sampling, sample_confidence
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))

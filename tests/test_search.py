@@ -23,7 +23,7 @@ from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.causes import ONE
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.selection import criteria
 from modelsel.selection.cross_validation import FoldedData, fold, pad_blocks
 from modelsel.selection.orthogonal_subsets import refine_subsets
@@ -152,8 +152,8 @@ def test_subsets_of_mechanisms(rng) -> None:
     """The paper's arm: every subset of four mechanisms on the geometric base, from the problem's own
     folds."""
     names = ("joint2-twist", "joint3-twist", "backlash:3", "wrist-coupling:6")
-    some = [mechanism(n, load("puma760")) for n in names]
-    geometric = mechanism("geometric", load("puma760"))
+    some = [mechanism(n, load_robot("puma760")) for n in names]
+    geometric = mechanism("geometric", load_robot("puma760"))
     terms = Model((geometric, *some)).terms
     at = planted(drawn("puma760", rng, 50), terms, rng.normal(size=len(terms)) * 1e-4, rng, 0.1)
     fold_of = assign_folds(at.data, 5, rng)
@@ -181,11 +181,11 @@ def test_single_f_is_the_nested_f_test(rng) -> None:
     the base spans."""
     import statsmodels.api as sm
 
-    base = Model((mechanism("geometric", load("puma760")),))
+    base = Model((mechanism("geometric", load_robot("puma760")),))
     twice = Mechanism("twice", (Term("z", (Screw(3, "rz", 2.0 * ONE),)),))
     some = (
         *(
-            mechanism(n, load("puma760"))
+            mechanism(n, load_robot("puma760"))
             for n in ("joint2-twist", "backlash:3", "wrist-coupling:6")
         ),
         twice,

@@ -28,11 +28,7 @@ from modelsel.uncertainty.parameters import (
     note_differences,
 )
 from modelsel.uncertainty.posterior import linear_posterior
-from modelsel.uncertainty.significance import (
-    Significance,
-    assess_significance,
-    compare_nested,
-)
+from modelsel.uncertainty.significance import Significance, assess_significance, compare_nested
 from modelsel.uncertainty.stability import measure_stability
 from modelsel.uncertainty.summary import assess_confidence, build_log_posterior, sample_confidence
 

@@ -26,11 +26,11 @@ from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import build_faults, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.robot.files import builtin_names, load
+from modelsel.robot.files import builtin_names, load_robot
 from modelsel.robot.gravity import compute_joint_torques
 from modelsel.robot.kinematics import Robot, forward, pose
 
-ARM = load("ur10")
+ARM = load_robot("ur10")
 BASE = Model((mechanism("geometric", ARM),))
 TOOL, SIGMA = np.array([60.0, -40.0, 120.0]), 0.03
 Array = np.ndarray
@@ -228,7 +228,7 @@ def test_a_one_sided_mechanism_has_a_cell_without_a_name_beside_it(
 @pytest.mark.parametrize("name", builtin_names())
 def test_play_yields_to_gravity_as_a_spring_does(name: str) -> None:
     """The cause of every joint's play by gravity, times its sign, goes with the torque."""
-    arm = load(name)
+    arm = load_robot(name)
     q = arm.draw(np.random.default_rng(3), 200)
     at, torque = (
         bind(arm, build_measurements(q, forward(arm, q, TOOL)), TOOL),

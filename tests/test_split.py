@@ -9,11 +9,11 @@ from builders import seeds, study_with
 
 from modelsel.exceptions import StudyError
 from modelsel.measurements.measurements import Measurements, build_measurements
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.selection.splits import _features, split_configurations
 from modelsel.study.row_selection import choose_estimation_rows
 
-ARM = load("puma760")
+ARM = load_robot("puma760")
 TURNS = tuple(j.prismatic for j in ARM.joints)
 
 

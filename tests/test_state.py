@@ -12,14 +12,14 @@ from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import Orientation, build_measurements
 from modelsel.measurements.state_names import is_state_name, parse_state_name, state_units
 from modelsel.mechanisms.causes import Named, q, torque
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from tests.builders import drawn
 
 NAMES = ("q2", "approach3", "move1", "range_mm", "x_mm", "torque2", "moment_y", "moment2_x_3")
 
 
 def test_every_name_of_the_table_is_read_back_as_it_was_written() -> None:
-    robot = load("puma760")
+    robot = load_robot("puma760")
     for name, unit in state_units(robot).items():
         variable = parse_state_name(name)
         assert variable is not None
@@ -44,7 +44,7 @@ def test_a_changed_problem_carries_no_stale_value(rng, change: str) -> None:
         "tools": at.tools + np.array([0.0, 50.0, 0.0]),
         "data": build_measurements(at.data.q + 0.1, at.data.position),
         "tracker": (1000.0, 0.0, 0.0),
-        "robot": load("ur5"),
+        "robot": load_robot("ur5"),
     }
     causes = [*map(Named, NAMES), q(2), torque(2)]
     before = [at.cause(cause) for cause in causes]
@@ -65,7 +65,7 @@ def test_what_does_not_depend_on_a_change_is_not_evaluated_again(rng) -> None:
 
 
 def test_a_problem_needs_the_robot_the_measurements_and_the_tools(rng) -> None:
-    robot = load("puma760")
+    robot = load_robot("puma760")
     q_rad = robot.draw(rng, 12)
     data = build_measurements(
         q_rad,

@@ -15,7 +15,7 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.registry import mechanism
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.selection.cross_validation import cross_validate, fold
 from modelsel.selection.streaming import Parts, Stream, fit_parts, hash_folds, list_parts
 from modelsel.selection.subsets import sweep_subsets
@@ -25,7 +25,10 @@ TOOL = (40.0, -25.0, 100.0)
 
 def model(*names: str) -> Model:
     return Model(
-        tuple(mechanism(name, load("puma760")) for name in names or ("geometric", "joint2-twist"))
+        tuple(
+            mechanism(name, load_robot("puma760"))
+            for name in names or ("geometric", "joint2-twist")
+        )
     )
 
 

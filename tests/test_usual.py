@@ -20,10 +20,10 @@ from modelsel.mechanisms.serialization import (
     mechanism_from_record,
     mechanism_record,
 )
-from modelsel.robot.files import load, robot_from_table
+from modelsel.robot.files import load_robot, robot_from_table
 from modelsel.robot.plain_values import robot_from_record, robot_record
 
-PUMA = load("puma760")
+PUMA = load_robot("puma760")
 TABLE = {"joint": [{"dh": {"theta_deg": 0, "d_mm": 100, "a_mm": 300, "alpha_deg": 90}}] * 3}
 
 
@@ -55,7 +55,7 @@ def test_a_target_wanders_off_the_axis_without_a_jump(rng) -> None:
 def test_what_is_well_determined_is_least_squares(rng) -> None:
     """Parameters that do not depend on each other, each determined far better than to a quarter of
     its usual size."""
-    whole = geometric(load("ur5"))
+    whole = geometric(load_robot("ur5"))
     at = drawn("ur5", rng, 200)
     kept = fit(at, Model((whole,)), held="nothing").found.kept
     model = Model((replace(whole, terms=tuple(whole.terms[k] for k in kept)),))

@@ -22,7 +22,7 @@ from modelsel.report.pages.parameter_uncertainty import _format_quantiles, _writ
 from modelsel.results.finding_schema import EntryRecord, ScrewRecord
 from modelsel.results.model_schema import QuantilesRecord, SignificanceRecord
 from modelsel.results.tables import label_models
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 
 
 @pytest.mark.parametrize(
@@ -159,7 +159,7 @@ def test_the_set_up_alone_has_a_name_in_every_table() -> None:
 
 
 def test_a_robot_without_masses_says_so() -> None:
-    assert load("puma760").joints[0].mass is None
+    assert load_robot("puma760").joints[0].mass is None
     shown = CliRunner().invoke(run_command_line, ["robots", "puma760"]).output
     assert "mass not known; transform before it [mm]:" in shown
     assert "None" not in shown

@@ -12,7 +12,7 @@ import pandas as pd
 
 from modelsel.config.fleet_file import read_fleet
 from modelsel.config.study_file import read_study
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.study.fleet_runner import FleetOptions, cluster, run_fleet
 from modelsel.study.runner import run_study as alone
@@ -36,7 +36,7 @@ candidates = ["backlash:3", "wrist-coupling"]
 
 def run(count: int = 500) -> dict[str, float]:
     os.sched_setaffinity(0, range(os.cpu_count() or 1))
-    arm, rng = load("puma760"), np.random.default_rng(4)
+    arm, rng = load_robot("puma760"), np.random.default_rng(4)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         q = arm.draw(rng, 60)

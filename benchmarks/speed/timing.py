@@ -12,7 +12,7 @@ from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 
 TOOL = np.array([0.0, 0.0, 100.0])
@@ -38,7 +38,7 @@ def interleaved(work: Mapping[str, Callable[[], object]], rounds: int = 5) -> di
 def arm_scene(m: int, noise: float = 0.1, seed: int = 1) -> tuple[Problem, Model]:
     """The PUMA 760 at m random configurations with noise [mm], and its 39 geometric and 4 flexure
     terms (the test problem of every figure; 29 of the 43 are independent)."""
-    arm, rng = load("puma760"), np.random.default_rng(seed)
+    arm, rng = load_robot("puma760"), np.random.default_rng(seed)
     q = arm.draw(rng, m)
     data = build_measurements(q, forward(arm, q, TOOL) + rng.normal(0, noise, (m, 3)))
     return Problem(arm, data, TOOL[None]), Model(tuple(mechanism(name, arm) for name in FLEXURE))

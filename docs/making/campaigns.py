@@ -18,10 +18,10 @@ from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Term
-from modelsel.robot.files import load
+from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 
-ROBOT, TOOL = load("puma760"), (40.0, -25.0, 100.0)
+ROBOT, TOOL = load_robot("puma760"), (40.0, -25.0, 100.0)
 BASE = Model((mechanism("geometric", ROBOT),))
 NOISE = 0.05  # mm per coordinate
 

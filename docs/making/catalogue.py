@@ -20,7 +20,7 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import BUILTIN, Registry, Scanned, build_mechanisms
 from modelsel.mechanisms.serialization import describe_mechanism
 from modelsel.mechanisms.terms import Mechanism
-from modelsel.robot.files import builtin_names, load
+from modelsel.robot.files import builtin_names, load_robot
 from modelsel.robot.kinematics import Robot, forward
 
 ROBOT = "puma760"
@@ -96,7 +96,7 @@ def beyond(
 @cache
 def common() -> tuple[dict[str, float], dict[str, Array]]:
     """`beyond` for the catalogue's robot and the built-in registry."""
-    robot = load(ROBOT)
+    robot = load_robot(ROBOT)
     return beyond(drawn(robot), robot)
 
 
@@ -114,7 +114,7 @@ def alike(name: str, left: dict[str, Array]) -> list[tuple[str, float]]:
 
 @cache
 def _robots() -> tuple[Robot, ...]:
-    return tuple(load(name) for name in builtin_names())
+    return tuple(load_robot(name) for name in builtin_names())
 
 
 def _applies(stem: str, registry: Registry) -> str:
@@ -158,7 +158,7 @@ def entry(
     registry: Registry = BUILTIN,
 ) -> str:
     """One mechanism in Markdown."""
-    m = shown(stem, load(ROBOT), registry)
+    m = shown(stem, load_robot(ROBOT), registry)
     card, (absorbed, left) = describe_mechanism(m), seen
     needs = [name for name in COVARIATES if name in m.names()]
     likest = ", ".join(f"`{other}` ({_percent(share)})" for other, share in alike(m.name, left))
@@ -198,7 +198,7 @@ def entry(
 def page(registry: Registry = BUILTIN, folder: str = "mechanisms") -> tuple[str, dict[str, bytes]]:
     """(the whole catalogue in Markdown, its pictures by file name). Raises KeyError where a
     mechanism lacks its text."""
-    written, robot = texts(registry), load(ROBOT)
+    written, robot = texts(registry), load_robot(ROBOT)
     seen = common() if registry is BUILTIN else beyond(drawn(robot), robot, registry)
     pictures, out = {}, []
     for stem in registry:

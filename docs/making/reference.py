@@ -13,7 +13,8 @@ from pydantic import BaseModel
 import modelsel
 from modelsel.cli.main import COMMANDS, run_command_line
 from modelsel.config.fleet_file import FleetFile
-from modelsel.config.study_file import HeldFrame, Study
+from modelsel.config.study_file import Study
+from modelsel.config.study_tables import HeldFrame
 from modelsel.robot.kinematics import Robot
 
 

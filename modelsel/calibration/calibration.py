@@ -149,7 +149,7 @@ class Calibration:
     def save(self, folder: Path | str) -> Path:
         """Write calibration.json into a folder and return its path; `load_calibration` reads it.
         Raises StudyError where it cannot be written."""
-        from .storage import save_calibration
+        from .calibration_file import save_calibration
 
         return save_calibration(self, folder)
 

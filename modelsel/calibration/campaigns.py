@@ -17,14 +17,8 @@ from .._typing import Array, Index
 from ..exceptions import StudyError
 from ..robot.kinematics import Joint
 from .calibration import Calibration
-from .common_space import (
-    CommonSpace,
-    build_common_space,
-)
-from .fewest_terms import (
-    Step,
-    select_fewest_terms,
-)
+from .common_space import CommonSpace, build_common_space
+from .fewest_terms import Step, select_fewest_terms
 from .mechanism_changes import (
     DEFINITE_CHANGES,
     POWER_QUANTILE,

@@ -24,11 +24,7 @@ from ..measurements.reader import read_measurements
 from ..measurements.table import Source
 from ..robot.kinematics import forward
 from ..robot.rigid import rotation_vector
-from .command_notes import (
-    describe_extrapolation,
-    describe_order_dependence,
-    find_past_limits,
-)
+from .command_notes import describe_extrapolation, describe_order_dependence, find_past_limits
 from .prediction import compute_pose, propagate_uncertainty, to_tracker_frame
 
 if TYPE_CHECKING:

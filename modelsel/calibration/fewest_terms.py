@@ -9,9 +9,7 @@ import numpy as np
 
 from .._linalg import project_out
 from .._typing import Array
-from .mechanism_changes import (
-    SIGNIFICANCE,
-)
+from .mechanism_changes import SIGNIFICANCE
 
 MIN_CHI2 = 9.0  # that a term must explain to be named
 MAX_CHI2_LOSS = 2.0  # by how much less another term may explain and still do as well

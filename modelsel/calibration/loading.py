@@ -16,9 +16,9 @@ from ..fitting.noise import Floor
 from ..mechanisms.serialization import find_members, mechanism_from_record
 from ..robot.plain_values import bounded_array, check_rotation, robot_from_record
 from .calibration import Calibration
+from .calibration_file import CALIBRATION_FILE
+from .calibration_schema import SCHEMA_VERSION, CalibrationRecord, NoiseFloorRecord
 from .refitting import Refits, refits_of
-from .schema import SCHEMA_VERSION, CalibrationRecord, NoiseFloorRecord
-from .storage import CALIBRATION_FILE
 
 RELATIVE_TOLERANCE = 1e-6  # two numbers of a file that say the same
 REMEDY = "Run the study again."

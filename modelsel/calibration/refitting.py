@@ -21,7 +21,7 @@ from ..measurements.reference_temperature import TEMPERATURE
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Term
 from ..selection.evaluation import Evaluation, Split, evaluate, summarise_errors
-from .schema import RefitRecord, RefitsRecord
+from .calibration_schema import RefitRecord, RefitsRecord
 
 PLACEMENT_NAMES = frozenset(
     ("target", "group", "feature")

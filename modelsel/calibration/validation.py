@@ -32,10 +32,7 @@ from .drift_statistic import (
     standardise_residual,
 )
 from .prediction import predict, propagate_uncertainty
-from .reregistration import (
-    Registration,
-    register_again,
-)
+from .reregistration import Registration, register_again
 
 MAX_P = 0.01  # below it a calibration is called drifted
 MIN_FACTOR = 1.1  # of the errors to those expected, for a calibration called drifted

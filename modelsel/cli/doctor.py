@@ -76,9 +76,9 @@ def _numbers(text: str) -> tuple[int, ...]:
 
 def _plugins() -> list[dict[str, Any]]:
     from ..mechanisms.registry import BUILTIN, with_plugins
-    from ..robot.files import load
+    from ..robot.files import load_robot
 
-    table, broken = with_plugins(robot=load("puma760"))
+    table, broken = with_plugins(robot=load_robot("puma760"))
     return [
         *(_check(f"plug-in {name}", False, why) for name, why in broken.items()),
         _check(
@@ -104,10 +104,10 @@ def _calibration() -> dict[str, Any]:
     import numpy as np
 
     from ..mechanisms.registry import mechanism
-    from ..robot.files import load
+    from ..robot.files import load_robot
     from ..testing import LawBroken, check_mechanism
 
-    robot = load("puma760")
+    robot = load_robot("puma760")
     try:
         for name in ("geometric", "backlash:3"):
             check_mechanism(mechanism(name, robot), robot, np.random.default_rng(0))

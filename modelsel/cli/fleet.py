@@ -48,13 +48,7 @@ def fleet_command(
     """Run many studies as one job, and fit measurement sets that come in many files."""
     from .._files import check_writable, claim_folder
     from ..config.fleet_file import read_fleet
-    from ..study.fleet_runner import (
-        FleetOptions,
-        cluster,
-        run_fleet,
-        save_summary,
-        show_fleet,
-    )
+    from ..study.fleet_runner import FleetOptions, cluster, run_fleet, save_summary, show_fleet
 
     read = read_fleet(fleet)
     folder = out if out is not None else Path("reports") / fleet.resolve().parent.name

@@ -58,11 +58,11 @@ def _begin(name: str) -> None:
 
 
 def _try(where: str, robot: str | None, as_json: bool) -> None:
-    from ..robot.files import builtin_names, load
+    from ..robot.files import builtin_names, load_robot
     from .plugins import load_plugin, try_mechanisms
 
     names = [robot] if robot else builtin_names()
-    trials = try_mechanisms(load_plugin(where), [load(name) for name in names])
+    trials = try_mechanisms(load_plugin(where), [load_robot(name) for name in names])
     if as_json:
         tried = [
             {"mechanism": trial.mechanism, "robot": trial.robot or None, "broken": trial.broken}
@@ -86,9 +86,9 @@ def _describe_trial(trial: Trial) -> str:
 
 def _show(name: str | None, robot: str, as_json: bool) -> None:
     from ..mechanisms.registry import build_mechanisms, every, with_plugins
-    from ..robot.files import load
+    from ..robot.files import load_robot
 
-    arm = load(robot)
+    arm = load_robot(robot)
     registry, broken = with_plugins(robot=arm)
     mechanisms = build_mechanisms(name, arm, registry) if name else every(arm, registry)
     cards = _list_cards(mechanisms)

@@ -12,10 +12,10 @@ from ._options import print_json
 @click.option("--json", "as_json", is_flag=True)
 def robots_command(name: str | None, as_json: bool) -> None:
     """The built-in nominal robots, each with its source."""
-    from ..robot.files import builtin_names, load
+    from ..robot.files import builtin_names, load_robot
     from ..robot.plain_values import robot_card
 
-    cards = [robot_card(load(n)) for n in ([name] if name else builtin_names())]
+    cards = [robot_card(load_robot(n)) for n in ([name] if name else builtin_names())]
     if as_json:
         print_json({"robots": cards})
         return

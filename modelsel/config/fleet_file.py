@@ -17,7 +17,8 @@ from .._names import find_name_problem
 from .._text import parse_toml, read_text
 from ..exceptions import StudyError, suggest
 from .messages import describe_error, format_place, to_toml_values
-from .study_file import FileName, Name, Study, Vector, find_data, read_study
+from .study_file import Study, find_data, read_study
+from .study_tables import FileName, Name, Vector
 
 # One part of a path on any system, not hidden, and not a name that Windows keeps for a device or
 # the summary has.

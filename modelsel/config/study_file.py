@@ -4,302 +4,34 @@ place."""
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 from pydantic import (
-    AfterValidator,
     BaseModel,
-    ConfigDict,
     Field,
     ValidationError,
-    model_serializer,
-    model_validator,
 )
-from pydantic import SerializerFunctionWrapHandler as Plain
 
-from .._names import as_name
 from .._text import parse_toml, read_text
-from .._typing import LARGEST
 from ..exceptions import StudyError, suggest
-from ..measurements.table import Source, hash_source
-from ..robot.kinematics import Robot
-from ..robot.plain_values import check_robot_name, robot_record
-from ..robot.rigid import Axis
+from ..measurements.table import Source
 from .messages import describe_error, format_place, to_toml_values
-
-Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
-Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
-Positive = Annotated[float, Field(ge=1e-9, le=LARGEST, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
-Count = Annotated[int, Field(ge=1, le=10_000_000)]  # of configurations: what a computer holds
-Name = Annotated[str, AfterValidator(as_name)]
-FileName = Annotated[str, Field(min_length=1, max_length=4000, pattern=r"^[^\x00-\x1f\x7f]+$")]
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True
-    )
-
-
-class RobotTable(_Table):
-    """[robot]: which nominal robot, where its target is, whether the tracker's frame is to be
-    found. From Python `nominal` may be the Robot itself."""
-
-    nominal: Robot | None = Field(
-        default=None, description="The nominal robot itself; from Python only."
-    )
-    name: str | None = Field(default=None, description="Name of a built-in robot.")
-    file: FileName | None = Field(
-        default=None, description="Robot file: TOML or URDF, beside the study."
-    )
-    base: str | None = Field(default=None, description="Link of a URDF where the chain begins.")
-    tip: str | None = Field(default=None, description="Link of a URDF where the chain ends.")
-    tool_mm: Vector | None = Field(
-        default=None,
-        description="Nominal target in the flange frame [mm]; the first guess with register.",
-    )
-    tools_mm: dict[Name, Vector] | None = Field(
-        default=None, description="Nominal target per target's name, in the flange frame [mm]."
-    )
-    register_: bool | Literal["per group"] = Field(
-        default=False,
-        alias="register",
-        description="Find tracker frame and target offsets from the estimation configurations; "
-        '"per group": one tracker placement per group.',
-    )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _table(cls, given: Any) -> Any:
-        if isinstance(given, (str, Robot)):
-            which = "nominal = the Robot"
-            if isinstance(given, str):
-                which = f'name = "{given}"'
-            raise ValueError(f"expected a table: {which} and tool_mm = [x, y, z]")
-        return given
-
-    @model_validator(mode="after")
-    def _one_source(self) -> RobotTable:
-        if self.nominal is not None:
-            check_robot_name(self.nominal)
-        if [self.nominal, self.name, self.file].count(None) != 2:
-            raise ValueError('give either name = "…" (built in) or file = "robot.toml"')
-        if self.file is None and (self.base or self.tip):
-            raise ValueError(
-                'base and tip name links of a URDF: file = "robot.urdf" goes with them'
-            )
-        if self.tool_mm is not None and self.tools_mm is not None:
-            raise ValueError("give tool_mm, or [robot.tools_mm] with a line per target, not both")
-        if not self.register_ and self.tool_mm is None and self.tools_mm is None:
-            raise ValueError(
-                "tool_mm is missing: the nominal target in the flange frame (or register = true to find it)"
-            )
-        return self
-
-    @property
-    def per_group(self) -> bool:
-        """Whether every group has its own tracker placement."""
-        return self.register_ == "per group"
-
-    @model_serializer(mode="wrap")
-    def _without_none(self, plain: Plain) -> dict[str, Any]:
-        """Write a robot given as an object by its numbers, which the study's hash takes in."""
-        robot = self.nominal
-        rest = {
-            key: value
-            for key, value in plain(self.model_copy(update={"nominal": None})).items()
-            if key != "nominal"
-        }
-        return rest if robot is None else rest | {"nominal": robot_record(robot)}
-
-
-@dataclass(frozen=True)
-class HeldFrame:
-    """A DataFrame as it was when the study was described; two are equal where their cells are."""
-
-    sha256: str
-    frame: Any = field(compare=False, repr=False)
-
-
-class FeatureTable(_Table):
-    """[measurements.features.NAME]: what is known of an anchor, a sphere, a point or a plane;
-    `estimate`: a first guess only."""
-
-    position_mm: Vector | None = Field(
-        default=None,
-        description="Where it is, in the tracker's frame [mm]; of a plane any of its points.",
-    )
-    normal: Vector | None = Field(
-        default=None, description="Normal of a plane, in the tracker's frame."
-    )
-    length_mm: Positive | None = Field(default=None, description="Length of a ball-bar [mm].")
-    estimate: bool = Field(
-        default=False, description="Whether the numbers given are a first guess only."
-    )
-    zero: Literal["known", "unknown"] = Field(
-        default="known",
-        description='"unknown": the wire\'s reading leaves out a length that is fitted.',
-    )
-
-
-class MeasurementsTable(_Table):
-    """[measurements]: the file, names that differ from the contract's, what is known of features
-    that rows share. From Python `frame` may be a DataFrame in the file's place; a path or a
-    DataFrame alone stands for the table."""
-
-    file: FileName = Field(description="CSV or Parquet file, beside the study or in MODELSEL_DATA.")
-    frame: HeldFrame | None = Field(  # its hash is that of the data
-        default=None, exclude=True, description="A DataFrame in the file's place; from Python only."
-    )
-    columns: dict[str, str] = Field(default={}, description="Contract name = name in the file.")
-    features: dict[Name, FeatureTable] = Field(
-        default={}, description="What is known of the features that rows share, by name."
-    )
-
-    @model_serializer(mode="wrap")
-    def _since(self, plain: Plain) -> dict[str, Any]:
-        """Write, and hash, a study without features as it was before there were any."""
-        written: dict[str, Any] = plain(self)
-        if not written.get("features"):
-            written.pop("features", None)
-        return written
-
-    @model_validator(mode="before")
-    @classmethod
-    def _alone(cls, given: Any) -> Any:
-        if isinstance(given, str):
-            return {"file": given}
-        table = given if isinstance(given, Mapping) else {"frame": given}
-        if "frame" not in table:
-            return table
-        import pandas as pd
-
-        if "file" in table:
-            raise ValueError("give file or frame, not both")
-        if not isinstance(table["frame"], pd.DataFrame):
-            raise ValueError(
-                f"expected a file or a pandas DataFrame, found {type(table['frame']).__name__}"
-            )
-        frame = table["frame"].copy()
-        return {**table, "file": "DataFrame", "frame": HeldFrame(hash_source(frame), frame)}
-
-
-class SplitTable(_Table):
-    """[split]: how many configurations estimate, or the column that says which."""
-
-    estimation: Annotated[int, Field(ge=1)] | None = Field(
-        default=None, description="Configurations used to fit and select; the others are held out."
-    )
-    column: str | None = Field(
-        default=None, description="Column that says which rows are held out."
-    )
-    held_out: str = Field(default="held-out", description="Value of that column in held-out rows.")
-    nested_folds: int = Field(
-        default=0,
-        ge=0,
-        le=1000,
-        description="Folds over which the whole procedure is repeated; 0: none.",
-    )
-
-    @model_validator(mode="after")
-    def _one_way(self) -> SplitTable:
-        if self.estimation is not None and self.column is not None:
-            raise ValueError('give estimation = N or column = "…", not both')
-        if self.nested_folds == 1:
-            raise ValueError("nested_folds = 1 is no fold; 0 (none) or 2 and more")
-        return self
-
-
-class ModelTable(_Table):
-    """[model]: what is always in, what may extend it, which ladder to report."""
-
-    base: list[str] = Field(
-        default=["geometric"], description="Mechanisms that are always in the model."
-    )
-    candidates: Literal["all"] | list[str] = Field(
-        default="all", description="Mechanisms that may extend it; [] = fit the base alone."
-    )
-    ladder: list[list[str]] = Field(
-        default=[], description="Models to report, besides the chosen one."
-    )
-
-
-class ComparisonTable(_Table):
-    """[comparison]: folds of the cross-validation, what they keep whole, how many mechanisms the
-    table of subsets is made of."""
-
-    folds: int = Field(default=10, ge=2, description="Folds of the cross-validation.")
-    by: Literal["configuration", "group"] = Field(
-        default="configuration", description="What a fold keeps whole."
-    )
-    mechanisms: Annotated[int, Field(ge=1, le=64)] | None = Field(
-        default=None, description="Number of mechanisms that the table of subsets is made of."
-    )
-
-    @model_serializer(mode="wrap")
-    def _since(self, plain: Plain) -> dict[str, Any]:
-        """Write a study without what earlier ones did not have: their hash stays."""
-        written: dict[str, Any] = plain(self)
-        if written.get("mechanisms") is None:
-            written.pop("mechanisms", None)
-        return written
-
-
-class NoiseTable(_Table):
-    """[noise]: a known floor, or the instrument."""
-
-    floor_mm: Positive | None = Field(
-        default=None, description="Known standard uncertainty of one coordinate [mm]."
-    )
-    range_mm: NonNegative = Field(
-        default=0.0, description="Uncertainty of the tracker's range [mm]."
-    )
-    range_ppm: NonNegative = Field(
-        default=0.0, description="The same, in proportion to the range [ppm]."
-    )
-    angle_urad: NonNegative = Field(default=0.0, description="Uncertainty of its angles [µrad].")
-    tracker_mm: Vector = Field(
-        default=[0.0, 0.0, 0.0], description="Where the tracker stands [mm]."
-    )
-
-    @property
-    def instrument(self) -> bool:
-        """Whether an instrument is described."""
-        numbers = (self.range_mm, self.range_ppm, self.angle_urad)
-        return any(numbers)
-
-
-class SamplingTable(_Table):
-    """[sampling]: what emcee samples."""
-
-    over: Literal["default", "all"] = Field(
-        default="default",
-        description='Parameters that are sampled; "all": every parameter of the model.',
-    )
-
-
-class EffectTable(_Table):
-    """[[simulate.effect]]: one planted screw."""
-
-    frame: int = Field(ge=1, description="Frame: 1..n for the joints, n+1 for the target.")
-    axis: Axis = Field(description="Axis of that frame.")
-    cause: str = Field(description="What scales the effect: a formula of causes.")
-    size: Finite = Field(description="Size, in mm or rad per unit of the cause.")
-
-
-class SimulateTable(_Table):
-    """[simulate]: what `modelsel simulate` makes; without a measurements file the configurations
-    are drawn."""
-
-    configurations: Count = Field(
-        default=200, description="Number of configurations that are drawn."
-    )
-    noise_mm: NonNegative = Field(default=0.06, description="Noise of one coordinate [mm].")
-    effect: list[EffectTable] = Field(default=[], description="Effects to plant.")
+from .study_tables import (
+    ComparisonTable,
+    EffectTable,
+    FeatureTable,
+    MeasurementsTable,
+    ModelTable,
+    Name,
+    NoiseTable,
+    RobotTable,
+    SamplingTable,
+    SimulateTable,
+    SplitTable,
+    _Table,
+)
 
 
 class Study(_Table):

@@ -12,7 +12,7 @@ from .._typing import Array, Index, Mask
 from ..exceptions import DataError, NotEstimable
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
-from ..measurements.table import Where
+from ..measurements.row_places import Where
 from ..setup.other_robots import describe_improvement
 from ..setup.registration import register
 from ..setup.simple_mistakes import DEGREE, SCALES, list_axis_changes

@@ -188,7 +188,7 @@ def describe_unexplained(
             "have been found with 90 %."
         )
     left = (
-        " The strongest of what is left would come by chance with probability "
+        " The strongest remaining candidate would occur by chance with probability "
         f"{diagnosis.left_p:.2g}."
     )
     return found_nothing + reach + left, limit

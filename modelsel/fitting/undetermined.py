@@ -85,7 +85,7 @@ def _without_effect(names: Sequence[str]) -> list[Unidentifiable]:
         return []
     verb, them = ("moves", "it") if len(names) == 1 else ("move", "them")
     sentence = (
-        f"{sentence_list(names)} {verb} no measured coordinate: the data say nothing of {them}."
+        f"{sentence_list(names)} {verb} no measured coordinate: the data contain no information about {them}."
     )
     return [Unidentifiable(sentence, tuple(names))]
 

@@ -19,7 +19,7 @@ from .features import COORDINATES, KINDS, Feature, KindColumns, add_kind_columns
 from .reference_temperature import REFERENCE, choose_reference
 from .resting_joints import describe_resting_joints
 from .row_order import compute_progress
-from .table import Where
+from .row_places import Where
 from .visits import derive_motion, number_blocks, number_keys, number_visits
 
 if TYPE_CHECKING:
@@ -395,7 +395,6 @@ def _split_off_origins(data: Measurements, gauges: Gauges) -> Measurements:
     kept = np.flatnonzero(is_kept)
     start = replace(joined, notes=())
     start = start.take(origin[kept])
-    kept_gauges = gauges.take(kept)
-    kept_gauges = replace(kept_gauges, origin=start)
+    kept_gauges = replace(gauges.take(kept), origin=start)
     measured = joined.take(kept)
     return replace(measured, gauges=kept_gauges)

@@ -3,7 +3,6 @@ refusal says place and remedy."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,21 +10,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._names import is_plain_word
 from .._typing import Array
-from ..exceptions import StudyError, one_line, suggest
+from ..exceptions import StudyError, suggest
 from ..notices import Note
 from ..robot.kinematics import Robot
 from ..robot.rigid import from_quaternion
-from .columns import (
-    READING_UNITS,
-    Mask,
-    convert_to_numbers,
-    read_column_set,
-    read_names,
-    read_numbers,
-    read_quantity,
+from .columns import READING_UNITS, Mask, read_column_set, read_names, read_numbers, read_quantity
+from .contract_columns import (
+    JOINT_COLUMN,
+    LABEL_COLUMNS,
+    QUATERNION_COLUMNS,
+    ROTATION_UNCERTAINTY_COLUMNS,
+    UNCERTAINTY_COLUMNS,
+    list_contract_names,
 )
+from .covariates import read_covariates
 from .duplicates import find_copies, find_duplicates
 from .features import KindColumns
 from .measurements import Measurements, Orientation, build_measurements
@@ -36,21 +35,11 @@ from .observation_columns import (
     read_quaternions,
     read_uncertainties,
 )
-from .state_names import is_state_name
-from .table import Source, Table, Where, load_table, rename_columns
+from .row_places import Where
+from .table import Source, Table, load_table, rename_columns
 from .unit_names import refuse_mapped_units, refuse_other_units
 from .visits import number_keys
 
-JOINT_COLUMN = re.compile(r"q([0-9]{1,9})_(?:rad|deg|mm|m)")
-LABEL_COLUMNS = ("target", "configuration", "group")
-UNCERTAINTY_COLUMNS = ("sx_mm", "sy_mm", "sz_mm")
-QUATERNION_COLUMNS = ("qw", "qx", "qy", "qz")
-ROTATION_UNCERTAINTY_COLUMNS = ("srx_rad", "sry_rad", "srz_rad")
-# covariates with a meaning that mechanisms know
-KNOWN_COVARIATES = ("payload_kg", "temperature_C", "time_s")
-# numbers of a covariate that the contract names, and of any other
-MAX_KNOWN_COVARIATE = 1e12
-MAX_COVARIATE = 1e30
 # copies of a single number to one repeat that differs, from which they are taken for copies
 COPIES_PER_REPEAT = 10.0
 # rad, mm: by how much an arm that stands still may be read anew: encoders' noise, servos' hold
@@ -58,7 +47,6 @@ STANDSTILL_RAD = 1e-3
 STANDSTILL_MM = 0.1
 # rad: a reading beyond two turns is none in radians
 MAX_READING_RAD = 4 * np.pi
-FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "free"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +112,7 @@ def _load_contract_table(
     refuse_mapped_units(mapping, prismatic, table.where)
     table = rename_columns(table, mapping)
     has_kinds = "kind" in table and "feature" in table
-    known = _list_contract_names(prismatic)
+    known = list_contract_names(prismatic)
     if not has_kinds:
         known -= set(KIND_COLUMNS)
     refuse_other_units(table, known, prismatic, has_kinds)
@@ -144,7 +132,7 @@ def _read_columns(table: Table, prismatic: Sequence[bool], positions: bool) -> _
     approach = _read_approach(table, len(prismatic))
     labels = {name: read_names(table, name) for name in LABEL_COLUMNS if name in table}
     order = read_numbers(table, "order") if "order" in table else None
-    covariates, notes = _read_covariates(table, prismatic, kinds is not None)
+    covariates, notes = read_covariates(table, prismatic, kinds is not None)
     if "configuration" in labels:
         _check_configurations(labels["configuration"], q, prismatic, table.where)
     return _Columns(
@@ -273,75 +261,9 @@ def _read_approach(table: Table, joints: int) -> Array | None:
     return approach
 
 
-def _read_covariates(
-    table: Table, prismatic: Sequence[bool], has_kinds: bool
-) -> tuple[dict[str, Array], list[Note]]:
-    """Read every other numeric column, and say which columns are ignored."""
-    taken = _list_contract_names(prismatic) - {*KNOWN_COVARIATES}
-    if not has_kinds:
-        taken -= set(KIND_COLUMNS)
-    covariates, textual, unusable = dict[str, Array](), list[str](), list[str]()
-    for name in table.columns:
-        if name in taken or JOINT_COLUMN.fullmatch(name):
-            continue
-        if name in KNOWN_COVARIATES:
-            values = read_numbers(table, name, -MAX_KNOWN_COVARIATE, MAX_KNOWN_COVARIATE)
-        else:
-            values = convert_to_numbers(table.columns[name])
-        if not np.isfinite(values).any():
-            textual.append(name)
-        elif (np.abs(values) <= MAX_COVARIATE).all() and _can_be_cause(name):
-            covariates[name] = values
-        else:
-            unusable.append(name)
-    return covariates, _describe_ignored(textual, unusable)
-
-
-def _can_be_cause(name: str) -> bool:
-    """Whether a formula can hold a column's name."""
-    taken = name in FUNCTIONS or is_state_name(name)
-    return is_plain_word(name) and not taken
-
-
-def _describe_ignored(textual: Sequence[str], unusable: Sequence[str]) -> list[Note]:
-    """Say which columns are ignored; characters of their names that cannot be seen are escaped."""
-    notes = []
-    if textual:
-        names = ", ".join(map(one_line, textual))
-        notes.append(Note("columns-ignored", f"Columns that hold no numbers are ignored: {names}."))
-    if unusable:
-        names = ", ".join(map(one_line, unusable))
-        notes.append(
-            Note(
-                "covariates-ignored",
-                "Columns that cannot serve as causes are ignored (empty cells, numbers above "
-                f"1e30, or a name that is not a plain word): {names}.",
-            )
-        )
-    return notes
-
-
-def _list_contract_names(prismatic: Sequence[bool]) -> set[str]:
-    """List the column names of the contract, for a robot whose joints are `prismatic` or not."""
-    names = {
-        *LABEL_COLUMNS,
-        "order",
-        *UNCERTAINTY_COLUMNS,
-        *QUATERNION_COLUMNS,
-        *ROTATION_UNCERTAINTY_COLUMNS,
-        *KNOWN_COVARIATES,
-        *KIND_COLUMNS,
-    }
-    names |= {f"{axis}_{unit}" for axis in "xyz" for unit in ("mm", "m")}
-    for j, slides in enumerate(prismatic, 1):
-        names.add(f"approach{j}")
-        names |= {f"q{j}_{unit}" for unit in READING_UNITS[slides]}
-    return names
-
-
 def _check_mapping(mapping: Mapping[str, str], prismatic: Sequence[bool]) -> None:
     """Refuse a mapping of a name that the contract does not have, and two of one column."""
-    known = _list_contract_names(prismatic)
+    known = list_contract_names(prismatic)
     problems = [
         f'measurements.columns: unknown column "{name}". {suggest(name, known)}'
         for name in mapping

@@ -8,7 +8,8 @@ from collections.abc import Mapping, Sequence
 
 from ..exceptions import DataError
 from .columns import READING_UNITS
-from .table import Table, Where
+from .row_places import Where
+from .table import Table
 
 # one of a unit in those that the contract reads
 LENGTHS = {

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..exceptions import StudyError, suggest
-from ..measurements.table import Where, where_from_record
+from ..measurements.row_places import Where, where_from_record
 from ..results.details_schema import DetailsRecord
 from ..results.schema import StudyRecord
 

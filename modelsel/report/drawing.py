@@ -11,11 +11,7 @@ from ..results.reading import read_records
 from ..results.schema import StudyRecord
 from .document import Page, Source, collect_blocks
 from .html import write_page
-from .pages.appendix import (
-    write_outliers_page,
-    write_provenance_page,
-    write_unidentifiable_page,
-)
+from .pages.appendix import write_outliers_page, write_provenance_page, write_unidentifiable_page
 from .pages.findings import write_findings_pages
 from .pages.front import write_data_page, write_error_map_page, write_first_page
 from .pages.models import write_models_page

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import sentence_list
-from ..measurements.table import where_from_record
+from ..measurements.row_places import where_from_record
 from ..notices import ALARMS
 from ..results.details_schema import DetailsRecord
 from ..results.model_schema import SignificanceRecord

@@ -10,8 +10,8 @@ from pathlib import Path
 from .._files import write_all
 from .._json import to_json
 from ..calibration.calibration import Calibration
+from ..calibration.calibration_file import CALIBRATION_FILE, calibration_text
 from ..calibration.loading import load_calibration
-from ..calibration.storage import CALIBRATION_FILE, calibration_text
 from ..exceptions import StudyError
 from .details_schema import DetailsRecord
 from .reading import read_records

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..measurements.table import Where
+from ..measurements.row_places import Where
 from ..notices import HOPELESS_FIT, Note, list_alarms
 from .finding_schema import EntryRecord, FindingRecord
 from .model_schema import RungRecord
@@ -175,7 +175,7 @@ def describe_predictable(record: StudyRecord) -> str:
             f"Some smooth function of the configuration would still predict {predictable.share:.0%} of what is left "
             f"{chance}: the chosen model does not explain everything."
         )
-    return f"No smooth function of the configuration predicts what is left {chance}."
+    return f"No smooth function of the configuration predicts the remaining error {chance}."
 
 
 def describe_outliers(record: StudyRecord, where: Where, most: int) -> str:

@@ -343,20 +343,6 @@ def builtin_names() -> list[str]:
     return sorted(names)
 
 
-def load(name: str) -> Robot:
-    """Load a built-in robot by name. Raises StudyError with a suggestion."""
-    names = builtin_names()
-    if name not in names:
-        suggestion = suggest(name, names)
-        raise StudyError(f'unknown robot "{name}". {suggestion}')
-    file = f"{name}.toml"
-    catalogue = files("modelsel").joinpath("robot", "catalogue")
-    entry = catalogue.joinpath(file)
-    text = entry.read_text(encoding="utf-8")
-    table = parse_toml(text, file)
-    return robot_from_table(table, file)
-
-
 def load_robot(source: str | Path) -> Robot:
     """Load a nominal robot: a built-in one by its name, or a robot file (TOML, URDF) by its path.
 
@@ -365,4 +351,8 @@ def load_robot(source: str | Path) -> Robot:
     path = Path(source)
     if isinstance(source, Path) or path.suffix.lower() in (".toml", ".urdf", ".xml"):
         return read_robot(path)
-    return load(source)
+    if source not in builtin_names():
+        raise StudyError(f'unknown robot "{source}". {suggest(source, builtin_names())}')
+    file = f"{source}.toml"
+    text = files("modelsel").joinpath("robot", "catalogue", file).read_text(encoding="utf-8")
+    return robot_from_table(parse_toml(text, file), file)

@@ -20,13 +20,7 @@ from ..fitting.problem import Problem
 from ..notices import Note
 from .adjustment import GROSS, refine_robustly, refine_without_gross_rows
 from .independent_parts import Part, build_sight, name_group, number_groups, split_independent
-from .placement import (
-    MEDIAN_3,
-    Placed,
-    Sight,
-    compute_misfits,
-    compute_trimmed_median,
-)
+from .placement import MEDIAN_3, Placed, Sight, compute_misfits, compute_trimmed_median
 from .placement_uncertainty import compute_uncertainty
 from .starting_values import THIN, generate_starts, turn_about_lines
 

@@ -31,7 +31,7 @@ from ..notices import (
     Note,
     list_alarms,
 )
-from ..robot.files import builtin_names, load
+from ..robot.files import builtin_names, load_robot
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Evaluation, Split, measure_orientation
 from ..setup.measured_orientations import describe_orientation_mistake
@@ -107,7 +107,7 @@ def add_alarms_to_errors(notes: Sequence[Note]) -> Iterator[None]:
 def load_builtin_robots() -> dict[str, Robot]:
     """Return the built-in robots by name."""
     names = builtin_names()
-    return {name: load(name) for name in names}
+    return {name: load_robot(name) for name in names}
 
 
 def drop_known_faults(faults: Sequence[Fault], notes: Sequence[Note]) -> tuple[Fault, ...]:

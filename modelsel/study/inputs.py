@@ -21,7 +21,7 @@ from ..mechanisms.registry import (
     set_reference,
 )
 from ..mechanisms.terms import Mechanism, unstorable
-from ..robot.files import load, read_robot
+from ..robot.files import load_robot, read_robot
 from ..robot.kinematics import Robot
 
 
@@ -49,7 +49,7 @@ def read_nominal_robot(study: Study, folder: Path) -> Robot:
     if table.nominal is not None:
         return table.nominal
     if table.name is not None:
-        return load(table.name)
+        return load_robot(table.name)
     return read_robot(folder / str(table.file), table.base, table.tip)
 
 
@@ -74,7 +74,7 @@ def _as_vector(values: list[float] | None) -> tuple[float, float, float] | None:
     return x, y, z
 
 
-def check_names(study: Study, robot: Robot, registry: Registry) -> None:
+def check_mechanism_names(study: Study, robot: Robot, registry: Registry) -> None:
     """Check that every mechanism a study names exists, applies to the robot and can be stored.
 
     With `candidates = "all"` every mechanism of the registry must be storable. Raises StudyError
@@ -140,7 +140,7 @@ def read_inputs(
     labels (m,) are None where no column says which rows estimate. Raises StudyError or DataError.
     """
     robot = read_nominal_robot(study, folder)
-    check_names(study, robot, registry)
+    check_mechanism_names(study, robot, registry)
     source = find_source(study, folder)
     columns = study.measurements.columns
     measured = read_measurements(source, robot.prismatic, columns)

@@ -59,15 +59,15 @@ from .model_ladder import (
     remeasure,
     searches_cells,
 )
-from .notes import (
+from .preparation import prepare, read_instrument, weigh_by_residuals
+from .result import Result
+from .stated_noise import check_stated_noise
+from .study_notes import (
     collect_comparison_notes,
     collect_diagnosis_notes,
     collect_fit_notes,
     collect_held_out_notes,
 )
-from .preparation import prepare, read_instrument, weigh_by_residuals
-from .result import Result
-from .stated_noise import check_stated_noise
 
 
 def _be_silent(_: str) -> None:

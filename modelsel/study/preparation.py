@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from .._random import generator
 from .._typing import Array, Index
-from ..config.study_file import NoiseTable, RobotTable, Study
+from ..config.study_file import Study
+from ..config.study_tables import NoiseTable, RobotTable
 from ..exceptions import DataError, NotEstimable, StudyError, suggest
 from ..fitting.design import residuals
 from ..fitting.noise import Floor, Instrument, weigh

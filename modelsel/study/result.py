@@ -20,12 +20,7 @@ from ..results.finding_schema import FindingRecord
 from ..results.record import record_run
 from ..results.residual_table import RESIDUALS, ResidualColumns
 from ..results.schema import StudyRecord, WarningRecord
-from ..results.storage import (
-    StudyFiles,
-    read_study_files,
-    record_text,
-    write_study_files,
-)
+from ..results.storage import StudyFiles, read_study_files, record_text, write_study_files
 from ..results.study_run import Explanation, ModelSearch, StudyRun
 from ..results.tables import TABLES, write_notebook_page
 from ..robot.kinematics import Robot

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from .._random import generator
 from .._typing import Array, Index
-from ..config.study_file import SplitTable, Study
+from ..config.study_file import Study
+from ..config.study_tables import SplitTable
 from ..exceptions import StudyError, sentence_list
 from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements

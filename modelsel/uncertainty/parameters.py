@@ -75,7 +75,7 @@ def describe_parameters(split: Split, fitted: Fit, boot: Bootstrap) -> tuple[Par
     error = fitted.standard_errors
     quantile = stdtrit(np.maximum(boot.units - 1, 1), UPPER)
     half_width = quantile * np.maximum(boot.errors, error)
-    mean, largest = compute_displacement(split, fitted)
+    mean, largest = measure_displacement(split, fitted)
     labels = label_terms(fitted.model)
     owners = list_owners(fitted.model)
     parameters = []
@@ -137,7 +137,7 @@ def _differ(errors: Sequence[float], configurations: float) -> bool:
     return largest > limit
 
 
-def compute_displacement(split: Split, fitted: Fit) -> tuple[Array, Array]:
+def measure_displacement(split: Split, fitted: Fit) -> tuple[Array, Array]:
     """Compute the (mean, largest) displacement (p,) [mm] of the target that each parameter causes.
 
     Over all measured configurations without outliers, held out or not: the workspace as it was

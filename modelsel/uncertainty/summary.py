@@ -26,11 +26,11 @@ from .parameters import (
     Parameter,
     add_posterior,
     bootstrap_parameters,
-    compute_displacement,
     correlate_parameters,
     describe_parameters,
     label_terms,
     mask_free_functions,
+    measure_displacement,
     note_differences,
 )
 from .posterior import choose_draw_count, linear_posterior, summarise_importance, weight_draws
@@ -230,7 +230,7 @@ def _choose_coefficients(
     wanted = named
     if over == "all" or not named:
         wanted = plain
-    mean, _ = compute_displacement(split, fitted)
+    mean, _ = measure_displacement(split, fitted)
     ordered = sorted(wanted, key=lambda k: -mean[k])
     limit = MAX_SAMPLED[over]
     strongest = sorted(ordered[:limit])

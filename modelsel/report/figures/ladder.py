@@ -14,18 +14,7 @@ from ...results.details_schema import DetailsRecord
 from ...results.model_schema import RungRecord
 from ...results.schema import NoiseFloorRecord, StudyRecord
 from ...results.tables import label_models
-from ..style import (
-    AFTER,
-    BLUE,
-    GREY,
-    INK,
-    ORANGE,
-    QUIET,
-    WIDTH,
-    shorten,
-    svg,
-    use_style,
-)
+from ..style import AFTER, BLUE, GREY, INK, ORANGE, QUIET, WIDTH, shorten, svg, use_style
 
 MAX_RUNGS = 26  # that the ladder's picture can hold
 MAX_CURVES = 6  # that the picture of the errors can hold

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ...diagnosis.sentences import format_quantity
-from ...measurements.table import Where
+from ...measurements.row_places import Where
 from ...results.details_schema import FindingDetailsRecord
 from ...results.finding_schema import EntryRecord, EstimateRecord, FindingRecord
 from ...results.study_sentences import count_rows, format_mm, label_entries

@@ -11,8 +11,8 @@ import numpy as np
 from .._files import write_atomically
 from ..mechanisms.serialization import mechanism_record
 from ..robot.plain_values import robot_record
+from .calibration_schema import SCHEMA_VERSION
 from .refitting import refits_record
-from .schema import SCHEMA_VERSION
 
 if TYPE_CHECKING:
     from .calibration import Calibration

@@ -1,0 +1,70 @@
+"""Covariates of a measurements file: columns that causes may use, and those that are ignored."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .._names import is_plain_word
+from .._typing import Array
+from ..exceptions import one_line
+from ..notices import Note
+from .columns import convert_to_numbers, read_numbers
+from .contract_columns import JOINT_COLUMN, KNOWN_COVARIATES, list_contract_names
+from .observation_columns import KIND_COLUMNS
+from .state_names import is_state_name
+from .table import Table
+
+# numbers of a covariate that the contract names, and of any other
+MAX_KNOWN_COVARIATE = 1e12
+MAX_COVARIATE = 1e30
+FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "free"}
+
+
+def read_covariates(
+    table: Table, prismatic: Sequence[bool], has_kinds: bool
+) -> tuple[dict[str, Array], list[Note]]:
+    """Read every other numeric column, and say which columns are ignored."""
+    taken = list_contract_names(prismatic) - {*KNOWN_COVARIATES}
+    if not has_kinds:
+        taken -= set(KIND_COLUMNS)
+    covariates, textual, unusable = dict[str, Array](), list[str](), list[str]()
+    for name in table.columns:
+        if name in taken or JOINT_COLUMN.fullmatch(name):
+            continue
+        if name in KNOWN_COVARIATES:
+            values = read_numbers(table, name, -MAX_KNOWN_COVARIATE, MAX_KNOWN_COVARIATE)
+        else:
+            values = convert_to_numbers(table.columns[name])
+        if not np.isfinite(values).any():
+            textual.append(name)
+        elif (np.abs(values) <= MAX_COVARIATE).all() and _can_be_cause(name):
+            covariates[name] = values
+        else:
+            unusable.append(name)
+    return covariates, _describe_ignored(textual, unusable)
+
+
+def _can_be_cause(name: str) -> bool:
+    """Whether a formula can hold a column's name."""
+    taken = name in FUNCTIONS or is_state_name(name)
+    return is_plain_word(name) and not taken
+
+
+def _describe_ignored(textual: Sequence[str], unusable: Sequence[str]) -> list[Note]:
+    """Say which columns are ignored; characters of their names that cannot be seen are escaped."""
+    notes = []
+    if textual:
+        names = ", ".join(map(one_line, textual))
+        notes.append(Note("columns-ignored", f"Columns that hold no numbers are ignored: {names}."))
+    if unusable:
+        names = ", ".join(map(one_line, unusable))
+        notes.append(
+            Note(
+                "covariates-ignored",
+                "Columns that cannot serve as causes are ignored (empty cells, numbers above "
+                f"1e30, or a name that is not a plain word): {names}.",
+            )
+        )
+    return notes

@@ -1,0 +1,125 @@
+"""Where the rows of a table are: the line, row or record that a message names."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..exceptions import DataError
+
+
+@dataclass(frozen=True, eq=False)
+class Where:
+    """Where a table comes from and what its user calls its rows: a text file has `lines`, the
+    header line 1; a DataFrame and a Parquet file have rows, counted from 0. `first`: the number of
+    the table's first row, where it is a piece of a file; `at` (m,): the line of every row, where
+    cells with line breaks in them put rows further down."""
+
+    file: str = ""
+    lines: bool = True
+    first: int = 0
+    at: Mapping[int, int] | NDArray[np.intp] | None = None
+
+    @property
+    def is_file(self) -> bool:
+        """Whether it is a file."""
+        return bool(self.file)
+
+    @property
+    def is_text(self) -> bool:
+        """Whether it is a file of lines."""
+        is_lines = self.lines
+        return self.is_file and is_lines
+
+    def number(self, row: int) -> int:
+        """Number the 0-based `row` as the user does."""
+        if self.at is not None:
+            return int(self.at[row])
+        first = self.first
+        if self.is_text:
+            first = 2
+        return row + first
+
+    def refuse(
+        self, what: str, *, row: int | None = None, column: str | None = None, remedy: str = ""
+    ) -> DataError:
+        """Return the error to raise, with its place: 0-based `row`, without it the header's."""
+        number = None if row is None else self.number(row)
+        if self.is_text:
+            line = 1 if number is None else number
+            return DataError(what, file=self.file, line=line, column=column, remedy=remedy)
+        place = self.file or "DataFrame"
+        return DataError(
+            what,
+            file=place,
+            row=number,
+            column=column,
+            remedy=remedy,
+        )
+
+    def named(self, row: int) -> str:
+        """Name a row: line 3, or row 1."""
+        word = "row"
+        if self.is_text:
+            word = "line"
+        return f"{word} {self.number(row)}"
+
+    def listed(self, rows: Sequence[int] | NDArray[np.intp], most: int = 10) -> str:
+        """List the first so many rows: lines 3, 4, 9 … or rows 1, 2, 7 …, counted from 0."""
+        return self._say_rows(
+            ", ".join(str(self.number(int(row))) for row in rows[:most]),
+            len(rows),
+            len(rows) > most,
+        )
+
+    def spans(self, rows: NDArray[np.intp], most: int = 8) -> str:
+        """List many rows, neighbours together: lines 12 to 40, 52, 60."""
+        numbers = np.unique([self.number(int(row)) for row in rows])
+        runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
+        words = [str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs[:most]]
+        return self._say_rows(", ".join(words), len(numbers), len(runs) > most)
+
+    def _say_rows(self, shown: str, count: int, is_cut: bool) -> str:
+        word = "line" if self.is_text else "row"
+        if count != 1:
+            word += "s"
+        ellipsis = " …" if is_cut else ""
+        base = "" if self.is_text else ", counted from 0"
+        return f"{word} {shown}{ellipsis}{base}"
+
+    def record(self, rows: NDArray[np.intp]) -> dict[str, Any]:
+        """Return plain values that say of the `rows` how they are numbered; `where_from_record`
+        reads them."""
+        at = None if self.at is None else {str(row): self.number(row) for row in rows.tolist()}
+        first = 2 if self.is_text else self.first
+        return {"word": "line" if self.is_text else "row", "first": first, "at": at}
+
+    def mapping(self, wanted: str, given: str) -> str:
+        """Say how to map a column that has another name."""
+        if self.is_file:
+            return (
+                f'in the study file: [measurements] columns = {{ {wanted} = "{given}" }} (for a command '
+                f"without a study file: --column {wanted}={given})"
+            )
+        return (
+            f'by columns={{"{wanted}": "{given}"}} (for a Study: measurements={{"frame": …, '
+            '"columns": …})'
+        )
+
+
+def where_from_record(record: Mapping[str, Any] | None) -> Where:
+    """Restore how rows are numbered from a record of it; without one, as lines of a text file."""
+    if record is None:
+        return Where("the file")
+    at = record["at"]
+    if at is not None:
+        at = {int(row): number for row, number in at.items()}
+    first = 0
+    is_text = record["word"] == "line"
+    if not is_text:
+        first = record["first"]
+    return Where("the file", is_text, first, at)
