@@ -84,9 +84,7 @@ def _without_effect(names: Sequence[str]) -> list[Unidentifiable]:
     if not names:
         return []
     verb, them = ("moves", "it") if len(names) == 1 else ("move", "them")
-    sentence = (
-        f"{sentence_list(names)} {verb} no measured coordinate: the data contain no information about {them}."
-    )
+    sentence = f"{sentence_list(names)} {verb} no measured coordinate: the data contain no information about {them}."
     return [Unidentifiable(sentence, tuple(names))]
 
 
