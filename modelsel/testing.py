@@ -95,13 +95,13 @@ def check_mechanism(mechanism: Mechanism, robot: Robot, rng: np.random.Generator
     For the tests of a plug-in:
 
         import numpy as np
-        from modelsel import load
+        from modelsel import load_robot
         from modelsel.testing import check_mechanism
 
         from hose_twist import build
 
         def test_hose_twist():
-            robot = load("puma760")
+            robot = load_robot("puma760")
             check_mechanism(build(robot), robot, np.random.default_rng(0))
     """
     found = find_broken_laws(
