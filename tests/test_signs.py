@@ -177,7 +177,7 @@ def test_what_gravity_forbids_is_not_named_after_it(
     assert bool(stems & expected) == (sign > 0), [describe_effect(e) for e in effects]
     if sign < 0:
         assert any(
-            "would do the same with the other sign only, so that this is not" in describe_effect(e)
+            "would do the same with the opposite sign only, so this is not" in describe_effect(e)
             for e in effects
         )
 
