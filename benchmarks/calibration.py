@@ -247,7 +247,7 @@ def speed(result: Result, again: Result) -> list[str]:
     exact = draws.effective / (time.process_time() - start)
     out = []
     for each, over in ((result, "default"), (again, "all")):
-        s = each.confidence.sampling
+        s = each.uncertainty.sampling
         start = time.process_time()
         target = LogPosterior(
             fitted,

@@ -130,16 +130,16 @@ class Study:
     single_p: float
     outliers: int
     faults: int
-    describe_parameters: int
+    parameters: int
     covered: int
     covered_reported: int
 
 
 def take_equal_noise_for_granted() -> None:
     """The program as it would be without the signs of whole postures and groups."""
-    modelsel.diagnosis.state.Search.in_units = lambda self, view: []
-    modelsel.diagnosis.state.Search.by_signs = lambda *_: 0.0
-    modelsel.diagnosis.unexplained.together = lambda *_: 1.0
+    modelsel.diagnosis.state.Search.expand_partitions = lambda self, view: []
+    modelsel.diagnosis.state.Search.compute_sign_p = lambda *_: 0.0
+    modelsel.diagnosis.unexplained.compute_group_p = lambda *_: 1.0
     modelsel.uncertainty.bootstrap.Bootstrap.p_value = lambda *_: 0.0
     own = modelsel.uncertainty.parameters.run_bootstrap
 

@@ -120,7 +120,7 @@ class Study:
     names: tuple[str, ...]
     left_p: float
     map_p: float
-    describe_parameters: int
+    parameters: int
     covered: int
     seconds: float
 

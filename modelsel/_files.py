@@ -27,7 +27,8 @@ NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 
 def write_atomically(path: Path, content: bytes) -> None:
     """Write a file whole or not at all. Raises StudyError with the reason."""
-    _write({path: content}, path.parent)
+    files = {path: content}
+    _write(files, path.parent)
 
 
 def write_all(folder: Path, files: Mapping[str, bytes]) -> None:
@@ -70,7 +71,8 @@ def _write(files: Mapping[Path, bytes], beside: Path) -> None:
 def _folder(path: Path) -> None:
     """Make a folder where it is not there. Raises OSError; for the hidden one also where it is a
     link: what it leads to is not this program's to write or to clear."""
-    if path.name == HIDDEN and path.is_symlink():
+    is_hidden = path.name == HIDDEN
+    if is_hidden and path.is_symlink():
         raise OSError(f"{HIDDEN} is a link to another folder; remove the link")
     path.mkdir(parents=True, exist_ok=True)
 
@@ -79,11 +81,16 @@ def csv_bytes(frame: pd.DataFrame, digits: str) -> bytes:
     """Write a table as CSV, its numbers as `digits` says ("%.10g"); text that a spreadsheet would run as
     a formula is guarded."""
     safe = frame.copy()
-    for k in (k for k in range(safe.shape[1]) if safe.dtypes.iloc[k].kind not in "fiub"):
-        safe.isetitem(
-            k, [guard_cell(cell) if isinstance(cell, str) else cell for cell in safe.iloc[:, k]]
-        )
-    text: str = safe.to_csv(index=False, float_format=digits, lineterminator="\n")
+    for k, dtype in enumerate(frame.dtypes):
+        if dtype.kind not in "fiub":
+            column = safe.iloc[:, k]
+            guarded = [guard_cell(cell) if isinstance(cell, str) else cell for cell in column]
+            safe.isetitem(k, guarded)
+    text: str = safe.to_csv(
+        index=False,
+        float_format=digits,
+        lineterminator="\n",
+    )
     return text.encode()
 
 
@@ -98,10 +105,11 @@ def write_frame(frame: pd.DataFrame, path: Path, digits: str) -> None:
 def check_writable(folder: Path) -> None:
     """Refuse a folder that cannot be written before the work is done. Raises StudyError; leaves
     nothing behind."""
-    nearest = folder
-    while not nearest.exists() and nearest != nearest.parent:
-        nearest = nearest.parent
-    if not nearest.is_dir() or not os.access(nearest, os.W_OK):
+    for nearest in (folder, *folder.parents):
+        if nearest.exists():
+            break
+    is_writable = nearest.is_dir() and os.access(nearest, os.W_OK)
+    if not is_writable:
         raise StudyError(f"{folder}: cannot be written. Give another folder with --out.")
 
 
@@ -144,7 +152,8 @@ def _clear(hidden: Path) -> None:
     """Remove what a killed run left unfinished: files of this program's own naming, nothing
     else."""
     for left in hidden.glob(f"{UNFINISHED}*"):
-        if stat.S_ISREG(left.lstat().st_mode):
+        mode = left.lstat().st_mode
+        if stat.S_ISREG(mode):
             left.unlink(missing_ok=True)
 
 

@@ -22,7 +22,9 @@ def cache_hash(cls: Class) -> Class:
         return found
 
     def travelling(self: Any) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != HASH_ATTRIBUTE}
+        state = dict(self.__dict__)
+        state.pop(HASH_ATTRIBUTE, None)
+        return state
 
     cls.__hash__ = remembered  # type: ignore[assignment,method-assign]
     cls.__getstate__ = travelling  # type: ignore[assignment,method-assign]

@@ -89,7 +89,7 @@ def _list(value: Any, shape: Each, place: str) -> str | None:
 
 
 def _first(pairs: Iterable[tuple[Any, Any]], place: str) -> str | None:
-    """The first item, of (value, shape), that is not of its shape."""
+    """Describe the first item, of (value, shape), that is not of its shape."""
     return next(
         (
             found
@@ -103,32 +103,38 @@ def _first(pairs: Iterable[tuple[Any, Any]], place: str) -> str | None:
 def _table(value: Any, shape: Mapping[Any, Any], place: str) -> str | None:
     if not isinstance(value, dict):
         return _not(place, "a table", value)
-    shapes = dict.fromkeys(value, shape[str]) if str in shape else shape
-    if (
-        odd := next((key for key in value if find_hidden_character(key) is not None), None)
-    ) is not None:
-        return f"{place or 'the file'}: the key {json.dumps(odd)[:80]} holds a character that nobody sees"
+    any_key = str in shape
+    shapes = dict.fromkeys(value, shape[str]) if any_key else shape
+    hidden = [key for key in value if find_hidden_character(key) is not None]
+    if hidden:
+        where = place or "the file"
+        shown = json.dumps(hidden[0])[:80]
+        return f"{where}: the key {shown} holds a character that nobody sees"
     for key, inner in shapes.items():
-        name = key if str in shape else key.removesuffix("?")
+        name = key if any_key else key.removesuffix("?")
+        inside = _at(place, name)
         if name in value:
-            found = find_misfit(value[name], inner, _at(place, name))
+            found = find_misfit(value[name], inner, inside)
             if found is not None:
                 return found
         elif name == key:
-            return f"{_at(place, name)} is missing"
+            return f"{inside} is missing"
     return None
 
 
 def _at(place: str, key: object) -> str:
-    return f"{place}.{key}" if place else str(key)
+    if not place:
+        return str(key)
+    return f"{place}.{key}"
 
 
 def _not(place: str, expected: str, value: Any) -> str:
-    found = (
-        json.dumps(value, ensure_ascii=True)
-        if not isinstance(value, (list, dict))
-        else (f"a list of {len(value)}" if isinstance(value, list) else "a table")
-    )
+    if isinstance(value, list):
+        found = f"a list of {len(value)}"
+    elif isinstance(value, dict):
+        found = "a table"
+    else:
+        found = json.dumps(value, ensure_ascii=True)
     return f"{place or 'the file'}: expected {expected}, found {found[:80]}"
 
 
@@ -185,20 +191,32 @@ def to_plain(value: Any) -> Any:
     lists."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
-    if isinstance(value, float):  # most of them, and so first
-        return float(f"{value:.10g}") if math.isfinite(value) else None
+    # most values are floats, and so these come first
+    if isinstance(value, float):
+        rounded = float(f"{value:.10g}")
+        return rounded if math.isfinite(value) else None
     if isinstance(value, Mapping):
         return {str(k): to_plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
         return [to_plain(v) for v in value]
-    if isinstance(value, (bool, str)) or value is None:
+    is_plain = isinstance(value, (bool, str)) or value is None
+    if is_plain:
         return value
-    return int(value) if isinstance(value, (int, np.integer)) else to_plain(float(value))
+    is_whole = isinstance(value, (int, np.integer))
+    if is_whole:
+        return int(value)
+    return to_plain(float(value))
 
 
 def to_json(result: Mapping[str, Any]) -> str:
     """Write the text of a JSON file."""
-    return json.dumps(to_plain(result), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+    text = json.dumps(
+        to_plain(result),
+        ensure_ascii=False,
+        indent=1,
+        allow_nan=False,
+    )
+    return text + "\n"
 
 
 TRIPLE, PAIR = Each(float, 3), Each(float, 2)

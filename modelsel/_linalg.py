@@ -19,18 +19,27 @@ TINY = 1e-300
 
 def unit_columns(matrix: Array) -> Array:
     """Scale every column of a matrix (m, p) to unit length; zero columns stay zero."""
-    return np.asarray(matrix / np.maximum(np.linalg.norm(matrix, axis=0), TINY))
+    norms = np.linalg.norm(matrix, axis=0)
+    length = np.maximum(norms, TINY)
+    unit: Array = matrix / length
+    return unit
 
 
 def orthonormal_basis(matrix: Array) -> Array:
-    """Orthonormal basis (m, r) of the span of a matrix's columns (m, p), r its rank."""
-    U, singular, _ = np.linalg.svd(unit_columns(matrix), full_matrices=False)
-    return np.asarray(U[:, singular > RANK_TOLERANCE])
+    """Compute an orthonormal basis (m, r) of the span of a matrix's columns (m, p), r its rank."""
+    unit = unit_columns(matrix)
+    decomposition = np.linalg.svd(unit, full_matrices=False)
+    U, singular, _ = decomposition
+    counts = singular > RANK_TOLERANCE
+    basis: Array = U[:, counts]
+    return basis
 
 
 def project_out(matrix: Array, basis: Array) -> Array:
     """Remove from every column of a matrix (m, p) its part in an orthonormal basis (m, r)."""
-    return np.asarray(matrix - basis @ (basis.T @ matrix))
+    share = basis.T @ matrix
+    inside: Array = basis @ share
+    return matrix - inside
 
 
 def connected_components(count: int, pairs: NDArray[np.intp]) -> Index:
@@ -39,5 +48,10 @@ def connected_components(count: int, pairs: NDArray[np.intp]) -> Index:
     from scipy.sparse.csgraph import connected_components as components
 
     ends = np.asarray(pairs, dtype=np.intp).reshape(-1, 2)
-    graph = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(count, count))
-    return np.asarray(components(graph, directed=False)[1], dtype=np.intp)
+    first, second = ends.T
+    weights = np.ones(len(ends))
+    edges = weights, (first, second)
+    shape = count, count
+    graph = coo_array(edges, shape=shape)
+    _, label = components(graph, directed=False)
+    return np.asarray(label, dtype=np.intp)

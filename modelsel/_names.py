@@ -38,18 +38,24 @@ def find_hidden_character(text: str) -> str | None:
 
 def _none(c: str) -> bool:
     """Whether Unicode says that this is no character, and never will be one."""
-    return ord(c) & 0xFFFE == 0xFFFE or 0xFDD0 <= ord(c) <= 0xFDEF
+    code = ord(c)
+    ends_plane = code & 0xFFFE == 0xFFFE
+    in_hole = 0xFDD0 <= code <= 0xFDEF
+    return ends_plane or in_hole
 
 
 def find_name_problem(name: str, longest: int = MAX_NAME_LENGTH) -> str | None:
     """Say why a text cannot be a name (or, with `longest` = TEXT, a sentence of a file), in words; None
     where it can."""
-    if (c := find_hidden_character(name)) is not None:
-        called = unicodedata.name(c, "a control character").lower()
-        return f"it holds U+{ord(c):04X} ({called}), which nobody sees. Write it without"
-    if len(name) > longest:
-        return f"it has {len(name):,} characters, and {longest:,} are the most. Write a shorter one"
-    if all(unicodedata.category(c)[0] in "ZMC" for c in name):
+    hidden = find_hidden_character(name)
+    if hidden is not None:
+        called = unicodedata.name(hidden, "a control character").lower()
+        return f"it holds U+{ord(hidden):04X} ({called}), which nobody sees. Write it without"
+    length = len(name)
+    if length > longest:
+        return f"it has {length:,} characters, and {longest:,} are the most. Write a shorter one"
+    is_blank = all(unicodedata.category(c)[0] in "ZMC" for c in name)
+    if is_blank:
         return "it has no letter, digit or sign. Write one that people can see"
     return None
 
@@ -73,7 +79,9 @@ def is_plain_word(name: str) -> bool:
 
 def quote_name(name: str) -> str:
     """Quote a name, short enough for a message."""
-    return f'"{name if len(name) <= 40 else name[:39] + "…"}"'
+    if len(name) > 40:
+        name = name[:39] + "…"
+    return f'"{name}"'
 
 
 # -- cells of a CSV
@@ -82,14 +90,19 @@ def quote_name(name: str) -> str:
 
 def guard_cell(cell: str) -> str:
     """Write a text cell for a CSV: an apostrophe goes before what a spreadsheet would run
-    as a formula (OWASP, CSV injection). A plain number stays as it is. `unguarded` gives the cell
+    as a formula (OWASP, CSV injection). A plain number stays as it is. `unguard_cell` gives the cell
     back."""
     bare = cell.lstrip("'")
-    return (
-        f"'{cell}" if FORMULA.match(bare) and (bare != cell or not NUMBER.fullmatch(cell)) else cell
-    )
+    if not FORMULA.match(bare):
+        return cell
+    if bare == cell and NUMBER.fullmatch(cell):
+        return cell
+    return f"'{cell}"
 
 
 def unguard_cell(cell: str) -> str:
-    """Return a text cell as it was before `guarded`."""
-    return cell[1:] if cell[:1] == "'" and FORMULA.match(cell.lstrip("'")) else cell
+    """Return a text cell as it was before `guard_cell`."""
+    if not cell.startswith("'"):
+        return cell
+    bare = cell.lstrip("'")
+    return cell[1:] if FORMULA.match(bare) else cell

@@ -60,7 +60,8 @@ class OneOf:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        return core_schema.literal_schema(list(self.words))
+        words = list(self.words)
+        return core_schema.literal_schema(words)
 
 
 class StrictRecord(BaseModel):
@@ -112,13 +113,18 @@ def describe_problem(error: Any) -> str:
         return f"{where}: nested too deeply"
     if kind == "value_error":
         return f"{where}: {error['ctx']['error']}"
-    return f"{where}: expected {_expectation(error)}, found {_shown(value)}"
+    expected = _expectation(error)
+    return f"{where}: expected {expected}, found {_shown(value)}"
 
 
 def _place(parts: tuple[int | str, ...]) -> str:
     """Return a path such as findings.1.p_value."""
-    steps = [str(part + 1) if isinstance(part, int) else part for part in parts]
-    return ".".join(step for step in steps if not step.startswith(BRANCH))
+    steps = []
+    for part in parts:
+        step = str(part + 1) if isinstance(part, int) else part
+        if not step.startswith(BRANCH):
+            steps.append(step)
+    return ".".join(steps)
 
 
 def _expectation(error: Any) -> str:
@@ -126,22 +132,33 @@ def _expectation(error: Any) -> str:
     if kind in EXPECTED:
         return EXPECTED[kind]
     if kind in ("too_short", "too_long"):
+        side = "at least" if kind == "too_short" else "at most"
         bound = context.get("min_length", context.get("max_length"))
-        return f"a list of {'at least' if kind == 'too_short' else 'at most'} {bound}"
+        return f"a list of {side} {bound}"
     if kind == "literal_error":
         return f"one of {context['expected']}"
-    if kind not in ("greater_than", "greater_than_equal", "less_than", "less_than_equal"):
-        return str(error["msg"])
-    return _describe_bound(kind, context)
+    is_bound = kind in (
+        "greater_than",
+        "greater_than_equal",
+        "less_than",
+        "less_than_equal",
+    )
+    return _describe_bound(kind, context) if is_bound else str(error["msg"])
 
 
 def _describe_bound(kind: str, context: dict[str, Any]) -> str:
     """Describe a number's bound; the bound of all numbers is that they are finite."""
     bound = next(iter(context.values()))
     if abs(bound) == MAX_NUMBER:
-        return "a whole number" if isinstance(bound, int) else "a finite number"
-    words = {"greater_than": "above", "less_than": "below", "less_than_equal": "at most"}
-    return f"a number {words.get(kind, 'at least')} {bound:g}"
+        is_whole = isinstance(bound, int)
+        return "a whole number" if is_whole else "a finite number"
+    words = {
+        "greater_than": "above",
+        "less_than": "below",
+        "less_than_equal": "at most",
+    }
+    side = words.get(kind, "at least")
+    return f"a number {side} {bound:g}"
 
 
 def _shown(value: Any) -> str:

@@ -31,9 +31,8 @@ from .robot.kinematics import Robot, forward
 CONFIGURATIONS = 60  # configurations
 NOISE_MM = 0.02  # mm, of L4's noise
 MAX_COLUMN_ERROR = 1e-6  # L1's bound
-MAX_DISPLACEMENT_MM = (
-    500.0  # mm: a usual size that moves the target further is a slip of the catalogue
-)
+# mm: a usual size that moves the target further is a slip of the catalogue
+MAX_DISPLACEMENT_MM = 500.0
 TOOL_MM = (40.0, -25.0, 100.0)
 
 
@@ -50,34 +49,44 @@ def require(holds: object, what: str) -> None:
 def simulate_campaign(
     robot: Robot, rng: np.random.Generator, m: int, needs: frozenset[str] = frozenset()
 ) -> Problem:
-    """Simulate m configurations within the limits, measured where the nominal robot has a target off
-    its last axis, with every known covariate and those that are needed."""
-    q, tool = robot.draw(rng, m), np.array(TOOL_MM)
+    """Simulate m configurations within the limits, measured where the nominal robot has a target
+    off its last axis, with every known covariate and those that are needed."""
+    q = robot.draw(rng, m)
+    tool = np.array(TOOL_MM)
     covariates: dict[str, Array] = {
         "payload_kg": rng.uniform(0, 5, m),
         "temperature_C": rng.uniform(15, 35, m),
         "time_s": np.arange(0.0, 30.0 * m, 30.0),
     }
-    bare = Problem(
-        robot, build_measurements(q, forward(robot, q, tool), covariates=covariates), tool[None]
-    )
-    more: dict[str, Array] = {
-        name: rng.normal(size=m) for name in sorted(needs - bare.names().keys())
-    }
-    return replace(bare, data=replace(bare.data, covariates=covariates | more)) if more else bare
+    position = forward(robot, q, tool)
+    data = build_measurements(q, position, covariates=covariates)
+    bare = Problem(robot, data, tool[None])
+    known = bare.names()
+    missing = sorted(needs - known.keys())
+    if not missing:
+        return bare
+    completed = dict(covariates)
+    for name in missing:
+        completed[name] = rng.normal(size=m)
+    data = replace(bare.data, covariates=completed)
+    return replace(bare, data=data)
 
 
 def find_broken_laws(mechanism: Mechanism, robot: Robot, rng: np.random.Generator) -> list[str]:
     """List the laws that a mechanism breaks, in words; empty where it obeys them all."""
-    at, out = simulate_campaign(robot, rng, CONFIGURATIONS, mechanism.names()), []
-    for one in LAWS:
+    at = simulate_campaign(robot, rng, CONFIGURATIONS, mechanism.names())
+    broken = []
+    for law in LAWS:
         try:
-            one(mechanism, at, rng)
+            law(mechanism, at, rng)
         except LawBroken as error:
-            out.append(str(error))
-        except Exception as error:  # noqa: BLE001  a stranger's cause may fail in any way; what it says is the finding
-            out.append(f"{one.__name__.partition('_')[0].upper()}: {type(error).__name__}: {error}")
-    return out
+            broken.append(str(error))
+        # a stranger's cause may fail in any way; what it says is the finding
+        except Exception as error:  # noqa: BLE001
+            name, _, _ = law.__name__.partition("_")
+            kind = type(error).__name__
+            broken.append(f"{name.upper()}: {kind}: {error}")
+    return broken
 
 
 def check_mechanism(mechanism: Mechanism, robot: Robot, rng: np.random.Generator) -> None:
@@ -95,15 +104,24 @@ def check_mechanism(mechanism: Mechanism, robot: Robot, rng: np.random.Generator
             robot = load("puma760")
             check_mechanism(build(robot), robot, np.random.default_rng(0))
     """
-    found = find_broken_laws(mechanism, robot, rng)
-    require(not found, "; ".join(found))
+    found = find_broken_laws(
+        mechanism,
+        robot,
+        rng,
+    )
+    sentences = "; ".join(found)
+    require(not found, sentences)
 
 
 def draw_size(term: Term, rng: np.random.Generator, share: float = 1.0) -> float:
     """Draw a size from the term's usual range (from zero where it has none), with either sign where
     physics gives none."""
     low, high = term.size or (0.0, 1e-3)
-    return share * rng.uniform(low, high) * (term.sign or rng.choice([-1, 1]))
+    size = share * rng.uniform(low, high)
+    sign = term.sign
+    if not sign:
+        sign = rng.choice([-1, 1])
+    return size * sign
 
 
 def law1_columns_are_derivatives(
@@ -111,20 +129,22 @@ def law1_columns_are_derivatives(
 ) -> None:
     """L1: a column is the central difference of the exact chain, at the nominal model and away from
     it."""
-    some, terms = at.take(np.arange(min(len(at), 15))), mechanism.terms
-    h = np.array([step_size(t, some) for t in terms])
-    for theta in (np.zeros(len(terms)), np.array([draw_size(t, rng, 0.05) for t in terms])):
+    terms = mechanism.terms
+    some = at.take(np.arange(min(len(at), 15)))
+    h = np.array([step_size(term, some) for term in terms])
+    nominal = np.zeros(len(terms))
+    away = np.array([draw_size(term, rng, 0.05) for term in terms])
+    steps = np.concatenate([np.diag(-h), np.diag(h)])
+    for theta in (nominal, away):
         columns = compute_design(some, terms, Linearisation(terms, theta))[0]
-        both = exact_residuals(some, terms, theta + np.concatenate([np.diag(-h), np.diag(h)]))
-        low, high = both.reshape(
-            2, len(terms), *columns.shape[:2]
-        )  # residual = measured - predicted
+        both = exact_residuals(some, terms, theta + steps)
+        # residual = measured - predicted
+        low, high = both.reshape(2, len(terms), *columns.shape[:2])
         slope = (low - high) / (2 * h[:, None, None])
         for column, difference, term in zip(columns.transpose(2, 0, 1), slope, terms, strict=True):
             error = np.abs(column - difference).max()
-            size = max(
-                np.abs(difference).max(), np.abs(column).max(), 1e-3 * column_floor(term, some)
-            )
+            floor = 1e-3 * column_floor(term, some)
+            size = max(np.abs(difference).max(), np.abs(column).max(), floor)
             require(
                 error <= MAX_COLUMN_ERROR * size,
                 f"L1: {mechanism.name} {term.symbol}, {term.screws[0]}: column off by "
@@ -150,41 +170,59 @@ def exact_residuals(at: Problem, terms: Sequence[Term], thetas: Array) -> Array:
 
 
 def list_reach(term: Term, at: Problem) -> list[tuple[str, float]]:
-    """(axis, largest size of the cause) of every screw."""
-    return [
-        (s.axis, float(np.abs(np.broadcast_to(s.cause.of(at), len(at))).max())) for s in term.screws
-    ]
+    """List the axis and the largest size of the cause of every screw."""
+    reach = []
+    for screw in term.screws:
+        cause = screw.cause.of(at)
+        values = np.broadcast_to(cause, len(at))
+        sizes = np.abs(values)
+        largest = float(sizes.max())
+        reach.append((screw.axis, largest))
+    return reach
 
 
 def step_size(term: Term, at: Problem) -> float:
     """Step that turns nothing by more than 1e-4 rad and shifts nothing by more than 0.1 mm:
     truncation 2e-9, rounding 1e-10."""
-    return min(
-        (1e-4 if axis[0] == "r" else 1e-1) / max(size, 1e-12) for axis, size in list_reach(term, at)
-    )
+    steps = []
+    for axis, size in list_reach(term, at):
+        limit = 1e-4 if axis[0] == "r" else 1e-1
+        step = limit / max(size, 1e-12)
+        steps.append(step)
+    return min(steps)
 
 
 def column_floor(term: Term, at: Problem) -> float:
     """mm per unit at a lever of 100 mm: what a column that should vanish is measured against."""
-    return max((100.0 if axis[0] == "r" else 1.0) * size for axis, size in list_reach(term, at))
+    moves = []
+    for axis, size in list_reach(term, at):
+        lever = 100.0 if axis[0] == "r" else 1.0
+        move = lever * size
+        moves.append(move)
+    return max(moves)
 
 
 def law2_rows_are_local(mechanism: Mechanism, at: Problem, rng: np.random.Generator) -> None:
     """L2: rows permuted or dropped give the same columns, whether or not the causes were evaluated
     before."""
-    whole = compute_design(at, mechanism.terms)[0]
-    for index in (
-        rng.permutation(len(at)),
-        np.sort(rng.choice(len(at), len(at) // 3, replace=False)),
-        np.arange(1),
-    ):
-        for some in (at.take(index), Problem(at.robot, at.data.take(index), at.tools)):
-            require(
-                np.allclose(
-                    compute_design(some, mechanism.terms)[0], whole[index], rtol=1e-12, atol=1e-9
-                ),
-                f"L2: {mechanism.name} looks beyond its row",
+    terms = mechanism.terms
+    whole = compute_design(at, terms)[0]
+    count = len(at)
+    permuted = rng.permutation(count)
+    third = rng.choice(count, count // 3, replace=False)
+    first = np.arange(1)
+    for index in (permuted, np.sort(third), first):
+        evaluated = at.take(index)
+        anew = Problem(at.robot, at.data.take(index), at.tools)
+        for some in (evaluated, anew):
+            columns = compute_design(some, terms)[0]
+            same = np.allclose(
+                columns,
+                whole[index],
+                rtol=1e-12,
+                atol=1e-9,
             )
+            require(same, f"L2: {mechanism.name} looks beyond its row")
 
 
 def law3_linear_in_the_cause(mechanism: Mechanism, at: Problem, rng: np.random.Generator) -> None:
@@ -192,12 +230,22 @@ def law3_linear_in_the_cause(mechanism: Mechanism, at: Problem, rng: np.random.G
     del rng
     columns = compute_design(at, mechanism.terms)[0]
     for factor in (0.0, 2.0):
-        terms = tuple(
-            Term(t.symbol, tuple(Screw(s.frame, s.axis, factor * s.cause) for s in t.screws))
-            for t in mechanism.terms
+        terms = []
+        for term in mechanism.terms:
+            screws = []
+            for screw in term.screws:
+                cause = factor * screw.cause
+                screws.append(Screw(screw.frame, screw.axis, cause))
+            terms.append(Term(term.symbol, tuple(screws)))
+        scaled = compute_design(at, terms)[0]
+        linear = np.allclose(
+            scaled,
+            factor * columns,
+            rtol=1e-13,
+            atol=0,
         )
         require(
-            np.allclose(compute_design(at, terms)[0], factor * columns, rtol=1e-13, atol=0),
+            linear,
             f"L3: {mechanism.name} with its causes x {factor} is not x {factor}",
         )
 
@@ -212,84 +260,86 @@ def law4_plant_and_recover(mechanism: Mechanism, at: Problem, rng: np.random.Gen
     model = Model((mechanism,))
     columns = compute_design(at, terms)[0]
     moves = np.linalg.norm(columns, axis=1).max(0)
-    for term, far in zip(terms, moves * [(t.size or (0.0, 0.0))[1] for t in terms], strict=True):
+    for term, move in zip(terms, moves, strict=True):
+        size = term.size or (0.0, 0.0)
+        far = move * size[1]
         require(
             far < MAX_DISPLACEMENT_MM,
             f"L4: {mechanism.name} {term.symbol}: its usual size, {term.size or ()} {term.unit}, moves the target "
             f"{far:.0f} mm",
         )
-    dependent = identify(
-        reduce(columns.reshape(-1, len(terms)), at.data.position.ravel())
-    ).rank < len(terms)
-    theta = np.array([draw_size(t, rng, 0.02 if dependent else 0.3) for t in terms])
+    rows = columns.reshape(-1, len(terms))
+    identified = identify(reduce(rows, at.data.position.ravel()))
+    share = 0.02 if identified.rank < len(terms) else 0.3
+    theta = np.array([draw_size(term, rng, share) for term in terms])
+    planted = at.data.position - residuals(at, terms, theta)[:, :3]
     off = []
     for _ in range(2):  # 4 sigma by chance: once in 16,000, so draw once more
-        position = (
-            at.data.position
-            - residuals(at, terms, theta)[:, :3]
-            + rng.normal(0, NOISE_MM, (len(at), 3))
-        )
-        found = fit(
-            replace(
-                at, whitening=Whitening(1 / NOISE_MM), data=replace(at.data, position=position)
-            ),
-            model,
-        )
+        position = planted + rng.normal(0, NOISE_MM, (len(at), 3))
+        data = replace(at.data, position=position)
+        found = fit(replace(at, whitening=Whitening(1 / NOISE_MM), data=data), model)
         require(found.found.kept, f"L4: {mechanism.name} moves nothing")
-        error = found.found.relation.T @ (found.theta - theta)
-        spread = np.sqrt(
-            np.square(found.found.relation.T @ found.factor).sum(1)
-        )  # sigma is known: whitened by it
+        relation = found.found.relation.T
+        error = relation @ (found.theta - theta)
+        # sigma is known: whitened by it
+        spread = np.sqrt(np.square(relation @ found.factor).sum(1))
         off.append(np.abs(error / spread).max())
         if off[-1] < 4:
             return
-    raise LawBroken(
-        f"L4: {mechanism.name}: {' and '.join(f'{x:.1f}' for x in off)} standard errors off, twice running"
-    )
+    figures = " and ".join(f"{ratio:.1f}" for ratio in off)
+    raise LawBroken(f"L4: {mechanism.name}: {figures} standard errors off, twice running")
 
 
 def law5_symbols_and_units(mechanism: Mechanism, at: Problem, rng: np.random.Generator) -> None:
     """L5: symbols are unique, screws stand on frames there are, units derive from place and
     cause."""
     del rng
-    symbols = [t.symbol for t in mechanism.terms]
-    require(len(set(symbols)) == len(symbols), f"L5: {mechanism.name} repeats a symbol: {symbols}")
+    name = mechanism.name
+    symbols = [term.symbol for term in mechanism.terms]
+    require(len(set(symbols)) == len(symbols), f"L5: {name} repeats a symbol: {symbols}")
     require(
-        mechanism.name and mechanism.equation and mechanism.source,
-        f"L5: {mechanism.name or 'it'} lacks a name, an equation or a source",
+        name and mechanism.equation and mechanism.source,
+        f"L5: {name or 'it'} lacks a name, an equation or a source",
     )
     require(
         mechanism.sentence.endswith("."),
-        f"L5: {mechanism.name} is not said in a sentence that ends with a full stop",
+        f"L5: {name} is not said in a sentence that ends with a full stop",
     )
+    known = at.names()
     for term in mechanism.terms:
-        require(term.screws, f"L5: {term.symbol} drives no screw")
+        symbol = term.symbol
+        unit = term.unit
+        require(term.screws, f"L5: {symbol} drives no screw")
+        frames = [screw.frame for screw in term.screws]
         require(
-            all(1 <= s.frame <= at.robot.n + 1 for s in term.screws),
-            f"L5: {term.symbol} stands on a frame that is not there",
+            min(frames) >= 1 and max(frames) <= at.robot.n + 1,
+            f"L5: {symbol} stands on a frame that is not there",
         )
-        require(
-            term.unit.replace("/", " ").split()[0] in ("mm", "rad", "1"),
-            f"L5: {term.symbol} has the unit {term.unit}",
-        )
-        for s in term.screws:
-            if s.cause.unit == "1" and len(term.screws) == 1:
+        base, *_ = unit.replace("/", " ").split()
+        require(base in ("mm", "rad", "1"), f"L5: {symbol} has the unit {unit}")
+        for screw in term.screws:
+            cause = screw.cause
+            if cause.unit == "1" and len(term.screws) == 1:
+                derived = "mm" if screw.axis[0] == "t" else "rad"
                 require(
-                    term.unit == ("mm" if s.axis[0] == "t" else "rad"),
-                    f"L5: {term.symbol} has the unit {term.unit}",
+                    unit == derived,
+                    f"L5: {symbol} has the unit {unit}",
                 )
-            known = at.names()
-            wrong = [
-                f"the unit of {name} {unit}, and it is {known.get(name, 'unknown')}"
-                for name, unit in list_named(s.cause)
-                if unit != known.get(name)
-            ]
-            require(not wrong, f"L5: {s} calls {', '.join(wrong)}")
+            wrong = []
+            for named, stated in list_named(cause):
+                actual = known.get(named, "unknown")
+                if stated != actual:
+                    wrong.append(f"the unit of {named} {stated}, and it is {actual}")
+            listed = ", ".join(wrong)
+            require(not wrong, f"L5: {screw} calls {listed}")
         require(
             term.size is None or 0 <= term.size[0] < term.size[1],
-            f"L5: {term.symbol}: its size is not from low to high: {term.size}",
+            f"L5: {symbol}: its size is not from low to high: {term.size}",
         )
-        require(term.sign in (-1, 0, 1), f"L5: {term.symbol}: its sign is {term.sign}; -1, 0 or 1")
+        require(
+            term.sign in (-1, 0, 1),
+            f"L5: {symbol}: its sign is {term.sign}; -1, 0 or 1",
+        )
 
 
 def list_named(cause: object) -> list[tuple[str, str]]:

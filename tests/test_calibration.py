@@ -106,8 +106,6 @@ def wide(rng: np.random.Generator) -> tuple[Calibration, Problem]:
         tools=np.array([[30.0, 0, 90], [0, 40.0, 120]]),
         placement=(np.tile(np.eye(3), (2, 1, 1)), np.array([[1.0, 2, 3], [4.0, 5, 6]])),
         whitening=Whitening(50.0),
-        _values={},
-        _causes={},
     )
     theta = np.array(
         [

@@ -14,12 +14,11 @@ from hidden_arm import arm
 from hidden_engine import Engine
 from test_calibration import wide
 
+from modelsel.calibration.command_notes import describe_extrapolation, describe_order_dependence
 from modelsel.calibration.compensation import (
     MAX_CORRECTION,
     compensate_commands,
     correct,
-    describe_extrapolation,
-    describe_order_dependence,
     predict_nominal,
     refuse_large_changes,
     replace_readings,
@@ -31,7 +30,7 @@ from modelsel.config.study_file import parse_study
 from modelsel.exceptions import DataError
 from modelsel.fitting.design import Model
 from modelsel.fitting.whitening import Whitening
-from modelsel.measurements.measurements import build_measurements
+from modelsel.measurements.measurements import Orientation, build_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load
@@ -103,7 +102,9 @@ def test_least_change(made) -> None:
 
 def test_orientation_is_kept_where_wanted(made, rng) -> None:
     c, at = made
-    data = plan(at, slice(1, 40), rotation=from_quaternion(rng.normal(size=(39, 4))))
+    data = plan(
+        at, slice(1, 40), orientation=Orientation(from_quaternion(rng.normal(size=(39, 4))))
+    )
     free = compensate_commands(c, replace(data, rotation=None))
     wanted = c.problem(data).pose(slice(0, 39)).rotation.transpose(2, 0, 1)
     kept = compensate_commands(c, replace(data, rotation=wanted))

@@ -331,8 +331,8 @@ def test_signs_under_equal_noise_are_the_exact_null(rng) -> None:
     from modelsel.diagnosis.candidate_columns import build_columns
     from modelsel.diagnosis.candidates import build_candidates
     from modelsel.diagnosis.evidence import (
-        _compute_shares,
         compute_null_evidence,
+        find_largest_shares,
         normalise_strength,
     )
 
@@ -341,18 +341,18 @@ def test_signs_under_equal_noise_are_the_exact_null(rng) -> None:
     found = build_candidates(at, BASE, every(ARM))
     log_prior = np.log([c.prior for c in found])
     first = build_view(at, build_columns(at, found, base_fit.at()), BASE, base_fit)
-    exact, _ = draw_null(first.seen, log_prior, 300, rng)
+    exact, _ = draw_null(first.scan, log_prior, 300, rng)
     flips = []
     for _ in range(10):
-        noise = rng.standard_normal(len(first.r))
+        noise = rng.standard_normal(len(first.residual))
         e = adjust_residual(
             first.Q, noise - first.Q @ (first.Q.T @ noise), np.tile(np.arange(M), 3)
         )
         u = np.tile(2.0 * rng.integers(0, 2, (M, 30)) - 1, (3, 1)) * e[:, None]
         u -= first.Q @ (first.Q.T @ u)
-        share = normalise_strength(first.seen.strength(u), np.square(u).sum(0))
-        top = {k: share.whole[which].max(0) for k, which in _compute_shares(first.seen).items()}
-        flips.append(compute_null_evidence(first.seen, log_prior, share, top))
+        share = normalise_strength(first.scan.strength(u), np.square(u).sum(0))
+        largest = find_largest_shares(first.scan, share)
+        flips.append(compute_null_evidence(first.scan, log_prior, share, largest))
     assert ks_2samp(exact, np.concatenate(flips)).pvalue > CHANCE
     assert (
         run_stepwise_search(at, BASE, base_fit, found, np.random.default_rng(1)).held_back is None

@@ -249,7 +249,7 @@ def test_a_study_alone_in_a_fleets_folder(folder) -> None:
     left alone."""
     task, out = read_fleet(folder / "fleet.toml").tasks[0], folder / "out" / "arm0"
     with claim_folder(out):
-        row = fleets._one(task, str(out), False, False)
+        row = fleets.run_task(task, str(out), QUICK)
         assert (row["state"], row["exit"]) == ("failed", 2)
         assert "another run of modelsel works in this folder" in row["why"]
         assert not (out / "result.json").exists()

@@ -394,7 +394,7 @@ def test_fleet_folders_stay_below(name, tmp_path) -> None:
         "utf-8",
     )
     if name in ("../../..", "/etc/x", "CON") or set(name) & set('\\/:*?"<>|'):
-        with pytest.raises(StudyError, match="no name for a folder"):
+        with pytest.raises(StudyError, match="is not a name for a folder"):
             read_fleet(tmp_path / "fleet.toml")
         return
     (task,) = read_fleet(tmp_path / "fleet.toml").tasks
@@ -424,7 +424,7 @@ def test_fleet_names_that_are_no_folder(name, tmp_path) -> None:
     (tmp_path / "fleet.toml").write_text(
         f'name = "x"\n[[study]]\nfile = "arm/study.toml"\nname = {quoted(name)}\n'
     )
-    with pytest.raises(StudyError, match="no name for a folder"):
+    with pytest.raises(StudyError, match="is not a name for a folder"):
         read_fleet(tmp_path / "fleet.toml")
     (tmp_path / "fleet.toml").write_text(
         'name = "x"\n'

@@ -31,7 +31,7 @@ from modelsel.fitting.noise import Floor
 from modelsel.fitting.observation import Fixtures
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.undetermined import describe_unidentifiable
-from modelsel.measurements.features import KINDS, KindColumns
+from modelsel.measurements.features import FREE_NUMBERS, KINDS, KindColumns
 from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.measurements.observation_columns import KnownFeature, apply_known_features
 from modelsel.measurements.reader import read_measurements
@@ -48,8 +48,7 @@ from modelsel.selection.evaluation import Split
 from modelsel.selection.splits import assign_folds
 from modelsel.selection.streaming import Parts, list_parts
 from modelsel.study.inputs import read_known_features
-from modelsel.study.inspection import inspect_measurements
-from modelsel.study.planning import format_plan as checked
+from modelsel.study.inspection import format_inspection, inspect_measurements
 from modelsel.study.preparation import prepare
 from modelsel.study.runner import run_study
 from modelsel.study.simulation import simulate_readings
@@ -156,7 +155,7 @@ def every_kind(rng: np.random.Generator) -> tuple[Problem, tuple[Term, ...], np.
     """A row of every kind, eight times over, features and tracker anywhere, and a model with its
     point."""
     kind = list(KINDS) * 8
-    shared = [k if k in KindColumns else "" for k in kind]
+    shared = [k if k in FREE_NUMBERS else "" for k in kind]
     length = np.where(np.isin(kind, ("wire", "distance")), 1000.0, np.nan)
     data = build_measurements(
         PUMA.draw(rng, len(kind)),
@@ -511,7 +510,10 @@ def test_check_counts_rows_by_kind(tmp_path) -> None:
     c.touches(20, 4)
     found = inspect_measurements(PUMA, read_measurements(c.file(tmp_path), ARM))
     assert found["kinds"] == {"wire": 60, "same-point": 20}
-    assert "Rows by kind: 60 wire (w1, w2, w3), 20 same-point (p0, p1, p2, p3)" in checked(found)
+    assert (
+        "Rows by kind: 60 wire (w1, w2, w3), 20 same-point (p0, p1, p2, p3)"
+        in format_inspection(found)
+    )
 
 
 def test_poses_stand_beside_wires(tmp_path) -> None:
@@ -761,7 +763,7 @@ def test_parts_of_a_set_are_points(tmp_path) -> None:
     c.wires(30)
     pd.DataFrame(c.rows).to_parquet(tmp_path / "rows.parquet", index=False)
     some = list_parts([tmp_path / "rows.parquet"])
-    with pytest.raises(DataError, match="cannot be fitted in parts"):
+    with pytest.raises(DataError, match="only measured points can be fitted in parts"):
         Parts(PUMA, TOOL, some).problem(some[0])
 
 

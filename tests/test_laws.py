@@ -184,13 +184,13 @@ def test_laws_can_fail(law, wrong, rng) -> None:
 
 def test_law1_can_fail(rng, monkeypatch) -> None:
     """A field with the lever the wrong way round is no derivative."""
-    right = design.screws_into
+    right = design.fill_screw_field
 
     def wrong(field, *others):
         right(field, *others)
         field[:, 3:] *= -1
 
-    monkeypatch.setattr(design, "screws_into", wrong)
+    monkeypatch.setattr(design, "fill_screw_field", wrong)
     with pytest.raises(AssertionError, match="L1"):
         laws.law1_columns_are_derivatives(
             mechanism("backlash:3", ROBOTS["puma760"]), drawn("puma760", rng, 20), rng
@@ -204,9 +204,9 @@ def test_setup_columns_with_orientation(rng) -> None:
     at = drawn(robot, rng, 20)
     turned = at.pose(slice(None)).rotation.transpose(2, 0, 1)
     from modelsel.fitting.problem import Problem
-    from modelsel.measurements.measurements import build_measurements
+    from modelsel.measurements.measurements import Orientation, build_measurements
 
-    data = build_measurements(at.data.q, at.data.position, rotation=turned)
+    data = build_measurements(at.data.q, at.data.position, orientation=Orientation(turned))
     six = Problem(robot, data, at.tools)
     assert six.components == 6
     whole = build_setup(robot, 1, 1, True, True)

@@ -309,7 +309,7 @@ def test_order_of_rows(telling: Telling, split: str, seed: int) -> None:
         told = telling(shuffled, split=f"estimation = {ESTIMATION}")
         same(told, telling.by_seed)
         chosen = [
-            set(r.data.problem.data.covariates["id"][r.data.estimation])
+            set(r.problem.data.covariates["id"][r.split.estimation])
             for r in (told, telling.by_seed)
         ]
         assert chosen[0] == chosen[1]

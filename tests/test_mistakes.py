@@ -178,7 +178,8 @@ def test_no_false_alarm(robot, registered, rng) -> None:
         other, same, registered
     )  # links and zeros may turn one arm into the other: then that is said
     assert (
-        wrong_robot is None or "check the robot file, and whether it is this robot's" in wrong_robot
+        wrong_robot is None
+        or "check the robot file, and whether it describes this robot" in wrong_robot
     )
 
 
@@ -202,19 +203,16 @@ def test_the_studies_raise_no_alarm_and_their_mistakes_are_found(name, monkeypat
     if name != "puma760" and os.environ.get("MODELSEL_NO_DATA") == "1":
         pytest.skip("MODELSEL_NO_DATA=1")
     monkeypatch.setenv("MODELSEL_DATA", str(data))
-    question, measured, labels, _ = read_inputs(
-        read_study(STUDIES / name / "study.toml"), STUDIES / name, BUILTIN
-    )
-    notes = prepare(question.robot, measured, question.plan, labels)[2]
+    study = read_study(STUDIES / name / "study.toml")
+    robot, _, measured, labels = read_inputs(study, STUDIES / name, BUILTIN)
+    notes = prepare(study, robot, measured, labels)[2]
     assert SETUP_MISTAKE not in [n.code for n in notes]
     wrong = replace(measured, q=sense(3)(measured.q, measured.position)[0])
     if name == "positioner":
         return
     try:
         found = "".join(
-            n.sentence
-            for n in prepare(question.robot, wrong, question.plan, labels)[2]
-            if n.code == SETUP_MISTAKE
+            n.sentence for n in prepare(study, robot, wrong, labels)[2] if n.code == SETUP_MISTAKE
         )
     except DataError as refused:
         found = str(refused)

@@ -377,14 +377,14 @@ def test_every_target_is_seen_at_every_configuration(rng) -> None:
     assert possible.configurations == 7
     tools = np.array([[40.0, 0, 100], [0, 60.0, 100]])
     known, more = (replace(at, data=data, tools=tools) for data in (at.data, possible))
-    p = build_pool(known, more, GEOMETRY.terms, ((), np.zeros(0)), SIGMA)
+    p = build_pool(known, more, GEOMETRY.terms, Linearisation((), np.zeros(0)), SIGMA)
     assert p.possible.shape == (7, 6, len(GEOMETRY.terms))
     assert p.configurations == 20
     c = load_calibration_like(known)
     np.testing.assert_allclose(tabulate_configurations(c, possible, [4, 2])["q3_rad"], q[[4, 2], 2])
     torn = replace(more, data=possible.take(np.arange(13)))
     with pytest.raises(DataError, match="different numbers of rows"):
-        build_pool(known, torn, GEOMETRY.terms, ((), np.zeros(0)), SIGMA)
+        build_pool(known, torn, GEOMETRY.terms, Linearisation((), np.zeros(0)), SIGMA)
 
 
 def load_calibration_like(at):

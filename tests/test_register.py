@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from modelsel.exceptions import DataError
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import build_measurements
+from modelsel.measurements.measurements import Orientation, build_measurements
 from modelsel.robot.files import load, read_robot
 from modelsel.robot.kinematics import Robot, pose
 from modelsel.setup.registration import register
@@ -47,7 +47,8 @@ def site(
     more = {}
     if orientation:
         wobble = Rotation.from_rotvec(rng.normal(0, 1e-4, (len(q), 3))).as_matrix()
-        more = {"rotation": wobble @ R[group] @ at.rotation.transpose(2, 0, 1) @ turned[target]}
+        rotation = wobble @ R[group] @ at.rotation.transpose(2, 0, 1) @ turned[target]
+        more = {"orientation": Orientation(rotation)}
     data = build_measurements(
         q, position, target=[f"r{k}" for k in target], group=[f"day{g}" for g in group], **more
     )

@@ -44,8 +44,8 @@ def referee(
     """(rss, rank, held-out sums of squares) of one subset: a pseudo-inverse of the unit columns,
     fold by fold."""
     A = (
-        X[:, build_columns] / np.maximum(np.linalg.norm(X[:, build_columns], axis=0), 1e-300)
-        if build_columns
+        X[:, columns] / np.maximum(np.linalg.norm(X[:, columns], axis=0), 1e-300)
+        if columns
         else np.zeros((len(y), 0))
     )
 
@@ -54,7 +54,7 @@ def referee(
         return float(np.square(y[test] - A[test] @ beta).sum())
 
     everything = np.ones(len(y), bool)
-    rank = np.linalg.matrix_rank(A, tol=1e-10) if build_columns else 0
+    rank = np.linalg.matrix_rank(A, tol=1e-10) if columns else 0
     return (
         left(everything, everything),
         int(rank),
@@ -77,14 +77,14 @@ def compare_all(
     for members, rss, rank, held, pivot in zip(
         found.members, found.rss, found.rank, found.held_out, found.pivot, strict=True
     ):
-        build_columns = list(
+        columns = list(
             dict.fromkeys([*base, *(c for g in np.flatnonzero(members) for c in groups[g])])
         )
-        want = referee(X, y, fold_of, build_columns)
-        assert rank == want[1], f"{message}: {build_columns}"
+        want = referee(X, y, fold_of, columns)
+        assert rank == want[1], f"{message}: {columns}"
         certified = max(1e-10, 50 * np.finfo(float).eps / pivot)  # the pivot certifies the figures
         np.testing.assert_allclose(
-            [rss, *held], [want[0], *want[2]], rtol=certified, err_msg=f"{message}: {build_columns}"
+            [rss, *held], [want[0], *want[2]], rtol=certified, err_msg=f"{message}: {columns}"
         )
 
 
@@ -336,16 +336,14 @@ def test_nearly_dependent_columns_are_told_apart(rng) -> None:
     found = sweep_subsets(folded, [0, 1], [[2, 3], [4, 5], [6]])
     assert found.rank.tolist() == [2 + members @ [2, 2, 1] for members in found.members.astype(int)]
     for members, held_out in zip(found.members, found.held_out, strict=True):
-        build_columns = [
+        columns = [
             0,
             1,
             *(c for g in np.flatnonzero(members) for c in ([2, 3], [4, 5], [6])[g]),
         ]
         for k in range(5):
-            beta = np.linalg.lstsq(X[fold_of != k][:, build_columns], y[fold_of != k], rcond=1e-12)[
-                0
-            ]
-            left = y[fold_of == k] - X[fold_of == k][:, build_columns] @ beta
+            beta = np.linalg.lstsq(X[fold_of != k][:, columns], y[fold_of != k], rcond=1e-12)[0]
+            left = y[fold_of == k] - X[fold_of == k][:, columns] @ beta
             assert held_out[k] == pytest.approx(float(left @ left), rel=1e-7)
 
 
@@ -378,13 +376,11 @@ def test_given_subsets_by_triangles(rng) -> None:
     refined = refine_subsets(folded(X, y, fold_of), [0, 1], groups, members)
     figures = zip(refined.rank, refined.rss, refined.held_out, strict=True)
     for some, found in zip(members, figures, strict=True):
-        build_columns = list(
-            dict.fromkeys([0, 1, *(c for g in np.flatnonzero(some) for c in groups[g])])
-        )
-        want = referee(X, y, fold_of, build_columns)
-        assert found[0] == want[1], build_columns
+        columns = list(dict.fromkeys([0, 1, *(c for g in np.flatnonzero(some) for c in groups[g])]))
+        want = referee(X, y, fold_of, columns)
+        assert found[0] == want[1], columns
         np.testing.assert_allclose(
-            [found[1], *found[2]], [want[0], *want[2]], rtol=1e-6, err_msg=str(build_columns)
+            [found[1], *found[2]], [want[0], *want[2]], rtol=1e-6, err_msg=str(columns)
         )
 
 

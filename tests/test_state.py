@@ -9,7 +9,7 @@ import pytest
 
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
-from modelsel.measurements.measurements import build_measurements
+from modelsel.measurements.measurements import Orientation, build_measurements
 from modelsel.measurements.state_names import is_state_name, parse_state_name, state_units
 from modelsel.mechanisms.causes import Named, q, torque
 from modelsel.robot.files import load
@@ -72,7 +72,7 @@ def test_a_problem_needs_the_robot_the_measurements_and_the_tools(rng) -> None:
         np.zeros((12, 3)),
         target=["a", "b", "c"] * 4,
         group=["x"] * 6 + ["y"] * 6,
-        rotation=np.tile(np.eye(3), (12, 1, 1)),
+        orientation=Orientation(np.tile(np.eye(3), (12, 1, 1))),
     )
     problem = Problem(robot, data, tools=[[0, 0, 100]])  # type: ignore[arg-type]
     assert problem.tools.shape == (3, 3)

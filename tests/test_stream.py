@@ -12,6 +12,7 @@ from modelsel.exceptions import DataError
 from modelsel.fitting.design import Model
 from modelsel.fitting.identifiability import solve
 from modelsel.fitting.least_squares import fit
+from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load
@@ -51,7 +52,7 @@ def test_pieces_in_any_order_are_the_whole(rng) -> None:
     assert a[2] == pytest.approx(b[2], rel=1e-11)
     one = cross_validate(found.folded(), kept)
     other = cross_validate(
-        fold(at, which.terms, hash_folds(at.data, 5), (which.terms, theta)), kept
+        fold(at, which.terms, hash_folds(at.data, 5), Linearisation(which.terms, theta)), kept
     )
     np.testing.assert_allclose(one.held_out, other.held_out, rtol=1e-9)
 

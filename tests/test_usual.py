@@ -15,7 +15,11 @@ from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.prior import usual_sizes
 from modelsel.mechanisms.geometry import OPEN, build_setup, geometric
-from modelsel.mechanisms.serialization import mechanism_from_record, mechanism_record
+from modelsel.mechanisms.serialization import (
+    MechanismRecord,
+    mechanism_from_record,
+    mechanism_record,
+)
 from modelsel.robot.files import load, robot_from_table
 from modelsel.robot.plain_values import robot_from_record, robot_record
 
@@ -76,7 +80,9 @@ def test_the_robot_file_may_say_more(rng) -> None:
         OPEN["t"],
     )  # found by registration
     assert robot_from_record(robot_record(robot)).usual == robot.usual
-    assert mechanism_from_record(mechanism_record(geometric(robot))) == geometric(robot)
+    assert mechanism_from_record(
+        MechanismRecord.model_validate(mechanism_record(geometric(robot)))
+    ) == geometric(robot)
 
 
 @pytest.mark.parametrize(

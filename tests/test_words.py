@@ -57,12 +57,11 @@ def test_a_range_that_moves_nothing_is_not_said() -> None:
     ]
     shifts, nothing, turns = [0.0, 0.05, 0.0739], [0.0, 1e-12, 5e-12], [0.0, 1e-5, 4e-5]
     assert (
-        describe_amount(terms, np.array(shifts + nothing), np.ones(6))
-        == "from top to bottom 0.0739 mm"
+        describe_amount(terms, np.array(shifts + nothing), np.ones(6)) == "peak to peak 0.0739 mm"
     )
     assert (
         describe_amount(terms, np.array(shifts + turns), np.ones(6))
-        == "from top to bottom 0.0739 mm and 40.0 µrad"
+        == "peak to peak 0.0739 mm and 40.0 µrad"
     )
 
 

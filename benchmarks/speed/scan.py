@@ -36,7 +36,7 @@ def run() -> dict[str, float]:
                     np.arange(GROUPS), index, compute_grams(XT, index), np.full(index.shape, np.inf)
                 ),
             ),
-            np.zeros(GROUPS),
+            tuple(np.zeros((GROUPS, SIZE))),
         )
         Q = compute_basis(base)
         seen = build_scan(cols, Q)

@@ -96,11 +96,17 @@ class Calibration:
     @property
     def standard_errors(self) -> Array:
         """Standard errors (p,) of theta; zero where a term is fixed."""
-        return np.asarray(np.sqrt(np.square(self.factor).sum(1)))
+        squares = np.square(self.factor)
+        variances = squares.sum(1)
+        errors = np.sqrt(variances)
+        return np.asarray(errors)
 
     def needs(self) -> frozenset[str]:
         """Return the names of the state that the model's causes use."""
-        return frozenset[str]().union(*(m.names() for m in self.model.mechanisms))
+        names = set[str]()
+        for mechanism in self.model.mechanisms:
+            names |= mechanism.names()
+        return frozenset(names)
 
     def predict(self, measurements: Measurements) -> Array:
         """Predict where the calibrated robot has the target at measured or planned configurations.
@@ -124,8 +130,11 @@ class Calibration:
         """
         from .compensation import MAX_CORRECTION, correct, tabulate_readings
 
-        table = tabulate_readings(self, targets) if isinstance(targets, np.ndarray) else targets
-        return correct(self, table, bound=MAX_CORRECTION if bound is None else bound)
+        if isinstance(targets, np.ndarray):
+            targets = tabulate_readings(self, targets)
+        if bound is None:
+            bound = MAX_CORRECTION
+        return correct(self, targets, bound=bound)
 
     def export(self, form: str) -> Exported:
         """Export to "urdf", "dh", "mdh", "json", "csv", "python" or "table".
@@ -185,20 +194,27 @@ class Calibration:
 
     def _groups_differ(self) -> bool:
         """Whether the calibration knows its groups apart: by placement, or by a term of one."""
-        causes = [screw.cause for term in self.terms for screw in term.screws]
-        if any(isinstance(cause, Member) and cause.kind == "group" for cause in causes):
-            return True
-        return bool(np.ptp(self.placement[1], axis=0).max(initial=0.0) > 0)
+        for term in self.terms:
+            for screw in term.screws:
+                cause = screw.cause
+                if isinstance(cause, Member) and cause.kind == "group":
+                    return True
+        translations = self.placement[1]
+        extents = np.ptp(translations, axis=0)
+        largest = extents.max(initial=0.0)
+        return bool(largest > 0)
 
     def _rotations(self) -> Array:
         """Return the targets' orientations (T, 3, 3), the flange's where they have none."""
-        if self.tool_rotations is None:
-            return np.tile(np.eye(3), (len(self.tools), 1, 1))
-        return self.tool_rotations
+        if self.tool_rotations is not None:
+            return self.tool_rotations
+        identity = np.eye(3)
+        count = len(self.tools)
+        return np.tile(identity, (count, 1, 1))
 
     def to_frame(self) -> pd.DataFrame:
-        """Tabulate the terms: mechanism, symbol, screws, estimate, standard error, unit, and whether
-        the data determine it."""
+        """Tabulate the terms: mechanism, symbol, screws, estimate, standard error, unit, and
+        whether the data determine it."""
         import pandas as pd
 
         owner = {t.key: m.name for m in reversed(self.model.mechanisms) for t in m.terms}
@@ -235,11 +251,15 @@ def _match_names(
     place = {name: k for k, name in enumerate(known)}
     unknown = [name for name in names if name not in place]
     if unknown and distinct:
+        first = unknown[0]
+        advice = suggest(first, known)
         raise DataError(
-            f'{kind} "{unknown[0]}" was not calibrated. {suggest(unknown[0], known)}',
+            f'{kind} "{first}" was not calibrated. {advice}',
             remedy="Use a calibrated one, or validate with --register where the set-up is new.",
         )
-    return np.array([place.get(name, 0) for name in names], dtype=np.intp)[index]
+    places = [place.get(name, 0) for name in names]
+    known_places = np.array(places, dtype=np.intp)
+    return known_places[index]
 
 
 def calibrate(
@@ -282,32 +302,54 @@ def calibrate(
 
 def _find_ranges(training: Problem, model: Model) -> dict[str, tuple[float, float]]:
     """Return the least and largest value of every joint reading, covariate and name in a cause."""
-    joints = {f"q{j}" for j in range(1, training.robot.n + 1)}
-    causes = {name for mechanism in model.mechanisms for name in mechanism.names()}
-    names = joints | set(training.data.covariates) | causes - PLACED_NAMES
-    values = {name: training.value(name) for name in sorted(names)}
-    return {name: (float(v.min()), float(v.max())) for name, v in values.items()}
+    names = set[str]()
+    for mechanism in model.mechanisms:
+        names |= mechanism.names()
+    names -= PLACED_NAMES
+    names.update(training.data.covariates)
+    for joint in range(1, training.robot.n + 1):
+        names.add(f"q{joint}")
+    ranges = {}
+    for name in sorted(names):
+        values = training.value(name)
+        least = float(values.min())
+        largest = float(values.max())
+        ranges[name] = (least, largest)
+    return ranges
 
 
 def _round_factor(fitted: Fit) -> Array:
     """Return the factor of the covariance to FACTOR_DIGITS digits."""
-    scale = fitted.sigma if np.isfinite(fitted.sigma) else 1.0
+    scale = 1.0
+    if np.isfinite(fitted.sigma):
+        scale = fitted.sigma
     factor = fitted.factor * scale
-    rounded = [float(f"{v:.{FACTOR_DIGITS}g}") for v in factor.ravel()]
-    return np.array(rounded).reshape(factor.shape)
+    rounded = np.empty_like(factor)
+    for place, entry in np.ndenumerate(factor):
+        digits = f"{entry:.{FACTOR_DIGITS}g}"
+        rounded[place] = float(digits)
+    return rounded
 
 
 def _remove_fixtures(model: Model) -> Model:
     """Return a model without the terms that move features of the set-up."""
-    if not any(term.fixture for term in model.terms):
+    fixtures = [term for term in model.terms if term.fixture]
+    if not fixtures:
         return model
-    return part_of(model, lambda term: not term.fixture)
+
+    def is_of_arm(term: Term) -> bool:
+        return not term.fixture
+
+    return part_of(model, is_of_arm)
 
 
 def _triangularise(factor: Array, kept: tuple[int, ...]) -> Array:
     """Return a factor (p, len(kept)) of the same covariance whose kept rows are zero before their
     own column, as the file has it."""
+    estimable = list(kept)
+    rows = factor[estimable]
+    upper = np.linalg.qr(rows[::-1].T)[1]
+    lower = upper.T
     triangular = np.zeros((len(factor), len(kept)))
-    reversed_rows = factor[list(kept)][::-1]
-    triangular[list(kept)] = np.linalg.qr(reversed_rows.T)[1].T[::-1, ::-1]
+    triangular[estimable] = lower[::-1, ::-1]
     return triangular

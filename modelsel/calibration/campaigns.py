@@ -8,23 +8,23 @@ for their number (Holm 1979). What moved is then said in the fewest terms that e
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 
 import numpy as np
 
-from .._linalg import TINY, project_out
+from .._linalg import TINY
 from .._typing import Array, Index
 from ..exceptions import StudyError
-from ..fitting.design import compute_design
-from ..fitting.identifiability import identify
-from ..fitting.reduction import reduce
-from ..mechanisms.geometry import build_setup
-from ..mechanisms.terms import Term
 from ..robot.kinematics import Joint
 from .calibration import Calibration
-from .constant_part import sample_workspace
+from .common_space import (
+    CommonSpace,
+    build_common_space,
+)
+from .fewest_terms import (
+    Step,
+    select_fewest_terms,
+)
 from .mechanism_changes import (
     DEFINITE_CHANGES,
     POWER_QUANTILE,
@@ -38,10 +38,6 @@ from .mechanism_changes import (
 )
 
 MAX_DIFFERENCE_MM = 1e-6  # between the transforms of two nominal robots that are one
-CONFIGURATIONS = 300  # drawn from what both campaigns have seen
-MIN_CHI2 = 9.0  # that a term must explain to be named
-MAX_CHI2_LOSS = 2.0  # by how much less another term may explain and still do as well
-MIN_FREE_NORM = 1e-6  # of a unit column beyond the chosen ones, to be another direction
 MAX_LISTED = 6
 
 
@@ -90,38 +86,56 @@ class Comparison:
     @property
     def moved(self) -> tuple[Change, ...]:
         """The changes beyond chance."""
-        return tuple(c for c in self.changes if c.p <= SIGNIFICANCE)
+        moved = []
+        for change in self.changes:
+            beyond_chance = change.p <= SIGNIFICANCE
+            if beyond_chance:
+                moved.append(change)
+        return tuple(moved)
 
 
 def correct_holm(p: Array) -> Array:
     """Correct p-values (k,) for their number, step down (Holm 1979)."""
+    count = len(p)
     order = np.argsort(p, kind="stable")
-    stepped = np.maximum.accumulate(p[order] * np.arange(len(p), 0, -1))
-    out = np.empty(len(p))
-    out[order] = np.minimum(stepped, 1.0)
+    ordered = p[order]
+    remaining = np.arange(count, 0, -1)
+    products = ordered * remaining
+    stepped = np.maximum.accumulate(products)
+    capped = np.minimum(stepped, 1.0)
+    out = np.empty(count)
+    out[order] = capped
     return out
 
 
 def require_same_robot(a: Calibration, b: Calibration) -> None:
     """Raise StudyError where two nominal robots differ."""
-    ja, jb = a.robot.joints, b.robot.joints
-    same = len(ja) == len(jb) and all(map(_is_same_joint, ja, jb))
+    first = a.robot
+    second = b.robot
+    same = len(first.joints) == len(second.joints)
+    pairs = zip(first.joints, second.joints, strict=False)
+    for joint, other in pairs:
+        if not _is_same_joint(joint, other):
+            same = False
     if not same:
         raise StudyError(
-            f"{a.robot.name} and {b.robot.name} are not the same nominal robot: nothing can be compared."
+            f"{first.name} and {second.name} are not the same nominal robot: nothing can be compared."
         )
 
 
 def _is_same_joint(x: Joint, y: Joint) -> bool:
-    near = np.abs(x.before - y.before).max() <= MAX_DIFFERENCE_MM
-    return bool(near) and x.prismatic == y.prismatic
+    if x.prismatic != y.prismatic:
+        return False
+    differences = np.abs(x.before - y.before)
+    largest = differences.max()
+    return bool(largest <= MAX_DIFFERENCE_MM)
 
 
 def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
     """Compare campaign b with campaign a, on configurations that both have seen. Raises
     StudyError."""
     require_same_robot(a, b)
-    space = _build_common_space(a, b)
+    space = build_common_space(a, b)
     tested = _select_tested(space)
     changes, p = _test_parameters(space, tested)
     significant = bool(len(p)) and p.min() <= SIGNIFICANCE
@@ -139,259 +153,136 @@ def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _CommonSpace:
-    """Both campaigns in one set of representatives.
-
-    `X` (m, 3, p) columns of all terms at common configurations; `theta` (2, p) and `factors` of the
-    campaigns' covariances; `kept` places of the representatives, `relation` (p, r) from all terms
-    to them; `placing` the terms that a new placement takes up.
-    """
-
-    campaigns: tuple[Calibration, Calibration]
-    terms: tuple[Term, ...]
-    placing: tuple[Term, ...]
-    theta: Array
-    factors: list[Array]
-    X: Array
-    kept: Index
-    relation: Array
-
-    @cached_property
-    def shared(self) -> set[tuple[Hashable, ...]]:
-        """Keys of the terms that both campaigns fitted."""
-        first, second = ({term.key for term in c.terms} for c in self.campaigns)
-        return first & second
-
-    @cached_property
-    def owner(self) -> dict[tuple[Hashable, ...], str]:
-        """The mechanism of every term, by its screws; the first campaign's where both have it."""
-        a, b = self.campaigns
-        mechanisms = [m for c in (b, a) for m in reversed(c.model.mechanisms)]
-        return {term.key: m.name for m in mechanisms for term in m.terms}
-
-    @cached_property
-    def displacement(self) -> Array:
-        """Rms displacement (p,) of the target per unit of every term [mm]."""
-        return np.asarray(np.sqrt(np.square(self.X).sum(1).mean(0)))
-
-    @cached_property
-    def estimates(self) -> Array:
-        """Representatives (2, r) in both campaigns."""
-        return np.asarray(self.theta @ self.relation)
-
-    @cached_property
-    def difference(self) -> Array:
-        """Second campaign minus first (r,)."""
-        before, after = self.estimates
-        return np.asarray(after - before)
-
-    @cached_property
-    def difference_factor(self) -> Array:
-        """Factor (r, k) of the difference's covariance."""
-        return np.concatenate([self.relation.T @ factor for factor in self.factors], 1)
-
-    @cached_property
-    def standard_errors(self) -> Array:
-        """Standard errors (r,) of the difference."""
-        return np.asarray(np.sqrt(np.square(self.difference_factor).sum(1)))
-
-    def is_comparable(self, term: Term) -> bool:
-        """Whether both campaigns fitted a term, and no new placement takes it up."""
-        return term not in self.placing and term.key in self.shared
-
-
-def _build_common_space(a: Calibration, b: Calibration) -> _CommonSpace:
-    model = a.model + b.model.mechanisms
-    problem = sample_workspace(
-        replace(a, ranges=_intersect_ranges(a, b), model=model), m=CONFIGURATIONS
-    )
-    registered = a.registered or b.registered
-    placing = build_setup(a.robot, 1, 1, True, False).terms if registered else ()
-    terms = tuple(dict.fromkeys([*placing, *a.terms, *b.terms]))
-    X = compute_design(problem, terms)[0]
-    rows = X.transpose(0, 1, 2).reshape(-1, len(terms))
-    identified = identify(reduce(rows, np.zeros(len(rows))))
-    placed = [_place_estimates(c, terms) for c in (a, b)]
-    return _CommonSpace(
-        (a, b),
-        terms,
-        placing,
-        np.array([theta for theta, _ in placed]),
-        [factor for _, factor in placed],
-        X,
-        np.array(identified.exact, dtype=np.intp),
-        identified.relation,
-    )
-
-
-def _intersect_ranges(a: Calibration, b: Calibration) -> dict[str, tuple[float, float]]:
-    """Return what both campaigns have seen of a value; of a value that one alone has, what it has
-    seen."""
-    ranges = {**b.ranges, **a.ranges}
-    for name in a.ranges.keys() & b.ranges.keys():
-        low = max(a.ranges[name][0], b.ranges[name][0])
-        high = min(a.ranges[name][1], b.ranges[name][1])
-        ranges[name] = (low, max(high, low))
-    return ranges
-
-
-def _place_estimates(c: Calibration, terms: Sequence[Term]) -> tuple[Array, Array]:
-    """Return a campaign's theta (p,) and covariance factor (p, r) among the terms of both; zero for
-    the other's terms."""
-    place = {term.key: k for k, term in reversed(list(enumerate(terms)))}
-    places = np.array([place[term.key] for term in c.terms], dtype=np.intp)
-    theta = np.zeros(len(terms))
-    theta[places] = c.theta
-    factor = np.zeros((len(terms), c.factor.shape[1]))
-    factor[places] = c.factor
-    return theta, factor
-
-
-def _select_tested(space: _CommonSpace) -> Index:
+def _select_tested(space: CommonSpace) -> Index:
     """Select the representatives that both campaigns fitted and the data determine."""
-    comparable = np.array([space.is_comparable(space.terms[k]) for k in space.kept], dtype=bool)
-    return np.flatnonzero(comparable & (space.standard_errors > 0))
+    comparable = []
+    for place in space.kept:
+        term = space.terms[place]
+        is_comparable = space.is_comparable(term)
+        comparable.append(is_comparable)
+    determined = space.standard_errors > 0
+    comparable_places = np.array(comparable, dtype=bool)
+    return np.flatnonzero(comparable_places & determined)
 
 
-def _test_parameters(space: _CommonSpace, tested: Index) -> tuple[tuple[Change, ...], Array]:
+def _test_parameters(space: CommonSpace, tested: Index) -> tuple[tuple[Change, ...], Array]:
     """Test every representative: (changes, the most surprising first; p-values corrected for their
     number, in the order of `tested`)."""
-    z = space.difference[tested] / space.standard_errors[tested]
-    p = correct_holm(np.array([two_sided_p(value) for value in z.tolist()]))
-    changes = [_build_change(space, i, value) for i, value in zip(tested, p.tolist(), strict=True)]
-    changes.sort(
-        key=lambda change: (change.p, -abs(change.after - change.before) / change.standard_error)
-    )
+    differences = space.difference[tested]
+    errors = space.standard_errors[tested]
+    z = differences / errors
+    p_values = [two_sided_p(value) for value in z.tolist()]
+    p = correct_holm(np.array(p_values))
+    changes = []
+    for i, corrected in zip(tested, p.tolist(), strict=True):
+        change = _build_change(
+            space,
+            i,
+            corrected,
+        )
+        changes.append(change)
+
+    def surprise(change: Change) -> tuple[float, float]:
+        difference = change.after - change.before
+        size = abs(difference)
+        return change.p, -size / change.standard_error
+
+    changes.sort(key=surprise)
     return tuple(changes), p
 
 
-def _build_change(space: _CommonSpace, i: int, p: float) -> Change:
-    term = space.terms[space.kept[i]]
+def _build_change(space: CommonSpace, i: int, p: float) -> Change:
+    place = space.kept[i]
+    term = space.terms[place]
     before, after = space.estimates[:, i].tolist()
+    error = space.standard_errors[i]
+    difference = abs(space.difference[i])
+    moves_mm = difference * space.displacement[place]
     return Change(
         mechanism=space.owner[term.key],
         symbol=term.symbol,
         unit=term.unit,
         before=before,
         after=after,
-        standard_error=float(space.standard_errors[i]),
+        standard_error=float(error),
         p=p,
-        moves_mm=float(abs(space.difference[i]) * space.displacement[space.kept[i]]),
+        moves_mm=float(moves_mm),
     )
 
 
-def _explain(space: _CommonSpace, tested: Index) -> tuple[Explanation, ...]:
+def _explain(space: CommonSpace, tested: Index) -> tuple[Explanation, ...]:
     """Explain the difference by the fewest terms that both campaigns fitted."""
     comparable = [space.is_comparable(term) for term in space.terms]
     open_terms = np.flatnonzero(comparable)
-    steps = _select_fewest_terms(
+    block = np.ix_(open_terms, tested)
+    steps = select_fewest_terms(
         space.difference[tested],
         space.difference_factor[tested],
-        space.relation[np.ix_(open_terms, tested)],
+        space.relation[block],
     )
-    return tuple(_build_explanation(space, open_terms.tolist(), step) for step in steps)
+    places = open_terms.tolist()
+    explanations = []
+    for step in steps:
+        explanation = _build_explanation(space, places, step)
+        explanations.append(explanation)
+    return tuple(explanations)
 
 
-def _build_explanation(space: _CommonSpace, open_terms: list[int], step: _Step) -> Explanation:
+def _build_explanation(space: CommonSpace, open_terms: list[int], step: Step) -> Explanation:
     place = open_terms[step.term]
     term = space.terms[place]
-    others = [space.terms[open_terms[k]] for k in step.alike]
+    alike = []
+    for k in step.alike:
+        other = space.terms[open_terms[k]]
+        owner = space.owner[other.key]
+        alike.append(f"{other.symbol} of {owner}")
+    change = abs(step.change)
+    moves_mm = change * space.displacement[place]
     return Explanation(
         mechanism=space.owner[term.key],
         symbol=term.symbol,
         unit=term.unit,
         by=step.change,
         standard_error=step.standard_error,
-        moves_mm=float(abs(step.change) * space.displacement[place]),
-        alike=tuple(f"{other.symbol} of {space.owner[other.key]}" for other in others),
+        moves_mm=float(moves_mm),
+        alike=tuple(alike),
     )
 
 
-def _error_ratio(space: _CommonSpace, tested: Index) -> float:
+def _error_ratio(space: CommonSpace, tested: Index) -> float:
     """Return the second campaign's standard errors over the first's, in the median."""
     if not len(tested):
         return 1.0
     relation = space.relation.T[tested]
-    first, second = (np.linalg.norm(relation @ factor, axis=1) for factor in space.factors)
-    return float(np.median(second / np.maximum(first, TINY)))
+    errors = []
+    for factor in space.factors:
+        own = np.linalg.norm(relation @ factor, axis=1)
+        errors.append(own)
+    first, second = errors
+    least = np.maximum(first, TINY)
+    ratio = np.median(second / least)
+    return float(ratio)
 
 
-def _find_detectable_range(space: _CommonSpace, tested: Index) -> tuple[float, float] | None:
+def _find_detectable_range(space: CommonSpace, tested: Index) -> tuple[float, float] | None:
     """Return the rms displacements [mm] from which a change of the best and of the worst determined
     parameter would have been seen; None where none is tested."""
-    if not len(tested):
+    count = len(tested)
+    if not count:
         return None
-    errors = two_sided_quantile(SIGNIFICANCE / len(tested)) + POWER_QUANTILE
-    displacement = space.displacement[space.kept[tested]]
-    least = errors * space.standard_errors[tested] * displacement
-    return float(least.min()), float(least.max())
+    quantile = two_sided_quantile(SIGNIFICANCE / count)
+    quantile += POWER_QUANTILE
+    places = space.kept[tested]
+    displacement = space.displacement[places]
+    errors = space.standard_errors[tested]
+    least = quantile * errors * displacement
+    best = float(least.min())
+    worst = float(least.max())
+    return best, worst
 
 
 # -- the fewest terms that explain a difference
 # ------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class _Step:
-    """A chosen term, its change with standard error, and the terms that would do as well."""
-
-    term: int
-    change: float
-    standard_error: float
-    alike: list[int]
-
-
-def _select_fewest_terms(difference: Array, factor: Array, directions: Array) -> list[_Step]:
-    """Select terms one after the other until what they leave of a difference is chance.
-
-    `difference` (k,) has the covariance factor factorᵀ; `directions` (terms, k) is what a unit of
-    each term changes. Generalised least squares by orthogonal matching pursuit.
-    """
-    from scipy.linalg import qr, solve_triangular
-    from scipy.special import chdtrc
-
-    count = len(difference)
-    L = qr(factor.T, mode="r")[0][:count].T  # factor factorᵀ = L Lᵀ
-    response = solve_triangular(L, difference, lower=True)
-    columns = solve_triangular(L, directions.T, lower=True)
-    lengths = np.linalg.norm(columns, axis=0)
-    columns = columns / np.where(lengths > 0, lengths, 1.0)
-    basis, residual = np.zeros((count, 0)), response
-    chosen, alike = list[int](), list[list[int]]()
-    while len(chosen) < count:
-        if chdtrc(count - len(chosen), float(residual @ residual)) >= SIGNIFICANCE:
-            break
-        free = project_out(columns, basis)
-        norms = np.linalg.norm(free, axis=0)
-        gains = _explained_chi2(free, norms, residual)
-        best = int(np.argmax(gains))
-        if gains[best] < MIN_CHI2:
-            break
-        rivals = np.flatnonzero(gains > gains[best] - MAX_CHI2_LOSS).tolist()
-        alike.append([rival for rival in rivals if rival != best])
-        chosen.append(best)
-        basis = np.column_stack([basis, free[:, best] / norms[best]])
-        residual = response - basis @ (basis.T @ response)
-    changes, errors = _solve_chosen(basis, columns[:, chosen], response)
-    return [
-        _Step(term, float(change / lengths[term]), float(error / lengths[term]), others)
-        for term, change, error, others in zip(chosen, changes, errors, alike, strict=True)
-    ]
-
-
-def _explained_chi2(free: Array, norms: Array, residual: Array) -> Array:
-    """Return the χ² that each direction explains; -1 for one that the chosen ones span."""
-    explained = (free.T @ residual) ** 2 / np.maximum(norms, MIN_FREE_NORM) ** 2
-    return np.where(norms > MIN_FREE_NORM, explained, -1.0)
-
-
-def _solve_chosen(basis: Array, columns: Array, response: Array) -> tuple[Array, Array]:
-    """Return the changes of the chosen terms and their standard errors."""
-    R = basis.T @ columns
-    changes = np.linalg.solve(R, basis.T @ response)
-    errors = np.linalg.norm(np.linalg.inv(R), axis=1)
-    return np.asarray(changes), np.asarray(errors)
 
 
 def describe_comparison(comparison: Comparison) -> list[str]:
@@ -409,12 +300,16 @@ def describe_comparison(comparison: Comparison) -> list[str]:
 
 
 def _describe_explanation(explanation: Explanation) -> str:
-    alike = ", ".join(explanation.alike[:MAX_LISTED])
-    also = f" (or equally well: {alike})" if alike else ""
-    return (
-        f"{explanation.symbol} of {explanation.mechanism}{also} changed by {explanation.by:.3g} ± "
-        f"{explanation.standard_error:.2g} {explanation.unit}: {explanation.moves_mm:.3g} mm rms at the target."
-    )
+    also = ""
+    if explanation.alike:
+        alike = ", ".join(explanation.alike[:MAX_LISTED])
+        also = f" (or equally well: {alike})"
+    name = f"{explanation.symbol} of {explanation.mechanism}"
+    by = f"{explanation.by:.3g}"
+    error = f"{explanation.standard_error:.2g}"
+    moves = f"{explanation.moves_mm:.3g}"
+    unit = explanation.unit
+    return f"{name}{also} changed by {by} ± {error} {unit}: {moves} mm rms at the target."
 
 
 def _summarise(comparison: Comparison) -> str:

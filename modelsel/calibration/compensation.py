@@ -17,13 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..exceptions import DataError, sentence_list
+from ..exceptions import DataError
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
 from ..measurements.table import Source
 from ..robot.kinematics import forward
 from ..robot.rigid import rotation_vector
+from .command_notes import (
+    describe_extrapolation,
+    describe_order_dependence,
+    find_past_limits,
+)
 from .prediction import compute_pose, propagate_uncertainty, to_tracker_frame
 
 if TYPE_CHECKING:
@@ -38,8 +43,6 @@ SETTLED_MM = 1e-7  # a row that is nearer is left alone
 # what a radian of a wanted orientation weighs against a mm, and a slide's mm against a radian
 LEVER_MM = 100.0
 MAX_CORRECTION = (10e-3, 20.0)  # rad, mm: a correction beyond is more likely a mistake
-RANGE_TOLERANCE = 0.01  # of a range: a value further beyond it is noted
-LIMIT_TOLERANCE = 1e-9  # rad, mm: a command at the limit, as it comes back from degrees
 UNITS_PER_READING = {"rad": 1.0, "deg": 180 / np.pi, "mm": 1.0, "m": 1e-3}  # from rad or mm
 
 
@@ -68,7 +71,10 @@ class Commands:
         """(m,) rows that land on the wanted position to 1 µm of the model, and have the wanted
         orientation to 10 µrad."""
         near = self.left_mm <= REACHED_MM
-        return near if self.left_rad is None else near & (self.left_rad <= REACHED_MM / LEVER_MM)
+        if self.left_rad is None:
+            return near
+        turned = self.left_rad <= REACHED_MM / LEVER_MM
+        return near & turned
 
     @property
     def where_left(self) -> str:
@@ -78,7 +84,7 @@ class Commands:
         )
 
     def figures(self) -> dict[str, Array]:
-        """What is expected of every row, by the names of a table's columns."""
+        """Return what is expected of every row, by the names of a table's columns."""
         out = {
             "error_before_mm": self.before_mm,
             "error_left_mm": self.left_mm,
@@ -96,12 +102,19 @@ class Commands:
 def replace_readings(at: Problem, q: Array) -> Problem:
     """Return the problem at other joint readings, all else as it was: the direction and size of the
     moves are those of the plan."""
-    return replace(at, data=replace(at.data, q=q))
+    data = at.data
+    moved = replace(data, q=q)
+    return replace(at, data=moved)
 
 
 def predict_nominal(at: Problem) -> Array:
     """Predict where the nominal robot has the target (m, 3), in the tracker's frame."""
-    return to_tracker_frame(at, forward(at.robot, at.data.q, at.tool))
+    points = forward(
+        at.robot,
+        at.data.q,
+        at.tool,
+    )
+    return to_tracker_frame(at, points)
 
 
 def _pose_error(c: Calibration, at: Problem, wanted: Array) -> tuple[Array, Array]:
@@ -137,7 +150,9 @@ class _Inversion:
 
     def unsettled(self) -> NDArray[np.bool_]:
         """Return the rows (m,) that are not there yet and may still come nearer."""
-        return (self.size > SETTLED_MM) & (self.damping < MAX_DAMPING)
+        far = self.size > SETTLED_MM
+        open_rows = self.damping < MAX_DAMPING
+        return far & open_rows
 
     def propose(self, rows: NDArray[np.bool_], scale: Array) -> Array:
         """Return the commands after a damped step of least joint change in some rows; `scale` (n,)
@@ -171,47 +186,68 @@ def compensate_commands(c: Calibration, data: Measurements) -> Commands:
     has the target), `data.rotation` wanted orientations where there are any. Raises DataError.
     """
     start = c.problem(data)
-    wanted = np.where(np.isnan(data.position), predict_nominal(start), data.position)
+    unstated = np.isnan(data.position)
+    wanted = np.where(
+        unstated,
+        predict_nominal(start),
+        data.position,
+    )
     before, J = _pose_error(c, start, wanted)
     size = np.linalg.norm(before, axis=1)
-    inversion = _Inversion(data.q.copy(), before, J, size, np.full(len(data), START_DAMPING))
+    damping = np.full(len(data), START_DAMPING)
+    inversion = _Inversion(
+        data.q.copy(),
+        before,
+        J,
+        size,
+        damping,
+    )
     scale = np.where(c.robot.prismatic, LEVER_MM, 1.0)
     for _ in range(MAX_ITERATIONS):
         rows = inversion.unsettled()
         if not rows.any():
             break
         trial = inversion.propose(rows, scale)
-        inversion.accept(rows, trial, *_pose_error(c, replace_readings(start, trial), wanted))
-    return _summarise_commands(c, start, wanted, before, inversion)
+        at = replace_readings(start, trial)
+        error, J = _pose_error(c, at, wanted)
+        inversion.accept(rows, trial, error, J)
+    return _summarise_commands(
+        c,
+        start,
+        wanted,
+        before,
+        inversion,
+    )
 
 
 def _summarise_commands(
     c: Calibration, start: Problem, wanted: Array, before: Array, inversion: _Inversion
 ) -> Commands:
-    q, left = inversion.q, inversion.error
+    q = inversion.q
+    left = inversion.error
     factors = propagate_uncertainty(c, replace_readings(start, q))
-    model_mm = np.sqrt(np.square(factors).sum((1, 2)))
+    model_variance = np.square(factors).sum((1, 2))
+    model_mm = np.sqrt(model_variance)
+    before_mm = np.linalg.norm(before[:, :3], axis=1)
     left_mm = np.linalg.norm(left[:, :3], axis=1)
     noise = 3 * c.floor.coordinate_mm**2
-    turned = start.data.rotation is not None
+    expected_mm = np.sqrt(left_mm**2 + model_mm**2 + noise)
+    before_rad = left_rad = None
+    if start.data.rotation is not None:
+        before_rad = np.linalg.norm(before[:, 3:], axis=1) / LEVER_MM
+        left_rad = np.linalg.norm(left[:, 3:], axis=1) / LEVER_MM
     return Commands(
         q=q,
         change=q - start.data.q,
         wanted=wanted,
-        before_mm=np.linalg.norm(before[:, :3], axis=1),
+        before_mm=before_mm,
         left_mm=left_mm,
         model_mm=model_mm,
-        expected_mm=np.sqrt(left_mm**2 + model_mm**2 + noise),
-        before_rad=np.linalg.norm(before[:, 3:], axis=1) / LEVER_MM if turned else None,
-        left_rad=np.linalg.norm(left[:, 3:], axis=1) / LEVER_MM if turned else None,
+        expected_mm=expected_mm,
+        before_rad=before_rad,
+        left_rad=left_rad,
         beyond=find_past_limits(c, q),
     )
-
-
-def find_past_limits(c: Calibration, q: Array) -> NDArray[np.bool_]:
-    """Find the readings (m, n) beyond their joint's limits; none where these are not known."""
-    low, high = np.array([j.limits or (-np.inf, np.inf) for j in c.robot.joints]).T
-    return np.asarray((q < low - LIMIT_TOLERANCE) | (q > high + LIMIT_TOLERANCE))
 
 
 def correct(
@@ -226,15 +262,30 @@ def correct(
     """
     from warnings import warn
 
-    data = read_measurements(targets, c.robot.prismatic, positions=False, once=False)
-    file = Path(targets).name if isinstance(targets, (str, PathLike)) else ""
+    data = read_measurements(
+        targets,
+        c.robot.prismatic,
+        positions=False,
+        once=False,
+    )
+    file = ""
+    if isinstance(targets, (str, PathLike)):
+        file = Path(targets).name
     commands, notes = correct_measurements(c, data, bound, file)
     missed = int((~commands.reached).sum())
     if missed:
-        notes.append(f"{missed} of {len(data)} rows are not reached: see {commands.where_left}.")
+        where = commands.where_left
+        notes.append(f"{missed} of {len(data)} rows are not reached: see {where}.")
     for note in notes:
         warn(note, stacklevel=2)
-    return build_commands_table(c, data, commands.q, commands.wanted, commands.figures())
+    figures = commands.figures()
+    return build_commands_table(
+        c,
+        data,
+        commands.q,
+        commands.wanted,
+        figures,
+    )
 
 
 def correct_measurements(
@@ -257,13 +308,17 @@ def tabulate_readings(c: Calibration, q: Array) -> pd.DataFrame:
     number of joints."""
     import pandas as pd
 
-    if q.ndim != 2 or q.shape[1] != c.robot.n:
+    joints = c.robot.n
+    if q.ndim != 2 or q.shape[1] != joints:
         shape = " x ".join(map(str, q.shape))
         raise DataError(
-            f"joint readings: expected an array of m x {c.robot.n}, found {shape}.",
+            f"joint readings: expected an array of m x {joints}, found {shape}.",
             remedy="Give one row a configuration, one column a joint.",
         )
-    names = [f"q{j}_{c.robot.unit(j)}" for j in range(1, c.robot.n + 1)]
+    names = []
+    for joint in range(1, joints + 1):
+        unit = c.robot.unit(joint)
+        names.append(f"q{joint}_{unit}")
     return pd.DataFrame(q, columns=names)
 
 
@@ -293,18 +348,26 @@ def refuse_large_changes(
 ) -> None:
     """Raise DataError with the first row that would be changed by more than the bound (rad, mm);
     `file`: empty for a DataFrame."""
-    bounds = np.where(c.robot.prismatic, bound[1], bound[0])
+    bound_rad, bound_mm = bound
+    bounds = np.where(c.robot.prismatic, bound_mm, bound_rad)
     joint_shares = np.abs(commands.change) / bounds
-    shares = np.column_stack([joint_shares, commands.before_mm / bound[1]])
-    rows = np.flatnonzero((shares > 1).any(1))
-    if not len(rows):
+    target_share = commands.before_mm / bound_mm
+    shares = np.column_stack([joint_shares, target_share])
+    beyond = (shares > 1).any(1)
+    rows = np.flatnonzero(beyond).tolist()
+    if not rows:
         return
-    first = int(rows[0])
-    change = _describe_largest_change(c, commands, first, int(np.argmax(shares[first])))
-    count = f" ({len(rows)} such rows)" if len(rows) > 1 else ""
-    done, option = ("written", "--bound") if file else ("changed", "the bound")
+    first = rows[0]
+    largest = int(np.argmax(shares[first]))
+    change = _describe_largest_change(c, commands, first, largest)
+    count = ""
+    if len(rows) > 1:
+        count = f" ({len(rows)} such rows)"
+    done, option = "changed", "the bound"
+    if file:
+        done, option = "written", "--bound"
     raise data.where.refuse(
-        f"{change}, beyond the bound of {bound[0] * 1e3:g} mrad and {bound[1]:g} mm{count}.",
+        f"{change}, beyond the bound of {bound_rad * 1e3:g} mrad and {bound_mm:g} mm{count}.",
         row=int(data.row[first]),
         remedy=f"Nothing was {done}. Check that the wanted position belongs to the command, or raise {option}.",
     )
@@ -314,81 +377,15 @@ def _describe_largest_change(c: Calibration, commands: Commands, row: int, joint
     """Describe a row's change of a joint (from 0), or of the target where `joint` is their
     number."""
     if joint == c.robot.n:
-        return f"the target would be moved by {commands.before_mm[row]:.3g} mm"
+        distance = commands.before_mm[row]
+        return f"the target would be moved by {distance:.3g} mm"
     change = commands.change[row, joint]
-    size = f"{change:.3g} mm" if c.robot.joints[joint].prismatic else f"{change * 1e3:.3g} mrad"
-    return f"joint {joint + 1} would be changed by {size}"
-
-
-def describe_extrapolation(c: Calibration, data: Measurements) -> list[str]:
-    """Describe what lies beyond what the calibration has seen: joint readings, the covariates that
-    its model uses, joint limits, unknown directions of approach."""
-    return [
-        *_describe_beyond_ranges(c, data),
-        *_describe_past_limits(c, data),
-        *_describe_unknown_approach(c, data),
-    ]
-
-
-def _describe_beyond_ranges(c: Calibration, data: Measurements) -> list[str]:
-    needs = c.needs()
-    values = {f"q{j}": readings for j, readings in enumerate(data.q.T, 1)}
-    values |= {name: column for name, column in data.covariates.items() if name in needs}
-    sentences = []
-    for name in [name for name in values if name in c.ranges]:
-        low, high = c.ranges[name]
-        slack = RANGE_TOLERANCE * (high - low)
-        beyond = (values[name] < low - slack) | (values[name] > high + slack)
-        if beyond.any():
-            factor, unit = _reading_unit(c, name)
-            known = f"{low * factor:.4g} to {high * factor:.4g}{unit}"
-            sentences.append(
-                f"{name}: {int(beyond.sum())} of {len(data)} rows lie beyond the {known} that the calibration has seen; "
-                "there the model extrapolates."
-            )
-    return sentences
-
-
-def _describe_past_limits(c: Calibration, data: Measurements) -> list[str]:
-    counts = find_past_limits(c, data.q).sum(0).tolist()
-    return [
-        f"joint {j}: {count} of {len(data)} rows lie beyond its limits."
-        for j, count in enumerate(counts, 1)
-        if count
-    ]
-
-
-def _describe_unknown_approach(c: Calibration, data: Measurements) -> list[str]:
-    joints = _joints_of(c, "approach")
-    return [
-        f"joint {j}: the direction of approach is unknown (0) in some rows; the middle of the backlash is taken there."
-        for j in joints
-        if (data.approach[:, j - 1] == 0).any()
-    ]
-
-
-def _joints_of(c: Calibration, stem: str) -> list[int]:
-    """List the joints whose value of a stem ("approach", "move") the model uses."""
-    numbers = [name.removeprefix(stem) for name in c.needs() if name.startswith(stem)]
-    return sorted(int(number) for number in numbers if number.isdigit())
-
-
-def describe_order_dependence(c: Calibration, data: Measurements) -> list[str]:
-    """Describe which motions that the model uses follow from the order of the targets alone."""
-    from_order = any(note.code == "approach-from-order" for note in data.notes)
-    approach = _joints_of(c, "approach") if from_order else []
-    sentences = []
-    for joints, what, remedy in (
-        (approach, "directions of approach", " or give approach columns"),
-        (_joints_of(c, "move"), "sizes of the moves", ""),
-    ):
-        if joints:
-            named = sentence_list([str(j) for j in joints])
-            sentences.append(
-                f"joint{'s' * (len(joints) > 1)} {named}: the {what} are taken from the order of the targets in the "
-                f"file. Run them in this order{remedy}."
-            )
-    return sentences
+    size = f"{change * 1e3:.3g} mrad"
+    is_slide = c.robot.joints[joint].prismatic
+    if is_slide:
+        size = f"{change:.3g} mm"
+    number = joint + 1
+    return f"joint {number} would be changed by {size}"
 
 
 def describe_limit_violations(commands: Commands) -> list[str]:
@@ -399,11 +396,3 @@ def describe_limit_violations(commands: Commands) -> list[str]:
         for j, count in enumerate(counts, 1)
         if count
     ]
-
-
-def _reading_unit(c: Calibration, name: str) -> tuple[float, str]:
-    """Return the factor and unit in which people read a value: degrees and mm for joints."""
-    joints = {f"q{j}": joint for j, joint in enumerate(c.robot.joints, 1)}
-    if name not in joints:
-        return 1.0, ""
-    return (1.0, " mm") if joints[name].prismatic else (180 / np.pi, " deg")

@@ -50,8 +50,12 @@ class ConstantChain:
 
 
 def resolve_form(c: Calibration, form: str) -> str:
-    """ "whole" where a form ("geometry", "table", "whole") carries all terms, else the form."""
-    return "whole" if all(map(select_carried(c.model, form), c.terms)) else form
+    """Return "whole" where a form ("geometry", "table", "whole") carries all terms, else the
+    form."""
+    carries = select_carried(c.model, form)
+    if all(map(carries, c.terms)):
+        return "whole"
+    return form
 
 
 def restrict_to_form(c: Calibration, form: str) -> Calibration:
@@ -59,12 +63,19 @@ def restrict_to_form(c: Calibration, form: str) -> Calibration:
     without the rest, or, where there is no refit, as estimated with it."""
     if resolve_form(c, form) == "whole":
         return c
-    refit = None if c.refits is None else c.refits.alone.get(form)
-    if refit is not None:
+    refits = c.refits
+    if refits is not None and form in refits.alone:
+        refit = refits.alone[form]
         return _select_terms(c, refit.terms, refit.theta)
     carries = select_carried(c.model, form)
-    places = [k for k, term in enumerate(c.terms) if carries(term)]
-    return _select_terms(c, places, c.theta[places])
+    carried = list(map(carries, c.terms))
+    places = np.flatnonzero(carried).tolist()
+    estimates = c.theta[places]
+    return _select_terms(
+        c,
+        places,
+        estimates,
+    )
 
 
 def list_left_out(c: Calibration, form: str) -> list[Part]:
@@ -77,57 +88,89 @@ def list_left_out(c: Calibration, form: str) -> list[Part]:
 
 def _select_terms(c: Calibration, places: Sequence[int], theta: Array) -> Calibration:
     """Return the calibration of the terms at some places, at other estimates."""
-    screws = {c.terms[place].key for place in places}
+    carried = {c.terms[place].key for place in places}
+    rows = list(places)
+    kept = tuple(k for k, place in enumerate(places) if place in c.kept)
+    model = part_of(c.model, lambda term: term.key in carried)
     return replace(
         c,
-        model=part_of(c.model, lambda term: term.key in screws),
+        model=model,
         theta=theta,
-        factor=c.factor[list(places)],
-        kept=tuple(k for k, place in enumerate(places) if place in c.kept),
+        factor=c.factor[rows],
+        kept=kept,
     )
 
 
 def fix_members(cause: Cause, target: int, group: int) -> Cause:
     """Return the cause for one target and group: a Number where nothing else is in it."""
     if isinstance(cause, Member):
-        chosen = target if cause.kind == "target" else group
-        return Number(float(cause.index == chosen))
+        chosen = group
+        if cause.kind == "target":
+            chosen = target
+        is_chosen = cause.index == chosen
+        return Number(float(is_chosen))
     if not isinstance(cause, Combined):
         return cause
-    left, right = fix_members(cause.left, target, group), fix_members(cause.right, target, group)
+    left = fix_members(cause.left, target, group)
+    right = fix_members(cause.right, target, group)
     if isinstance(left, Number) and isinstance(right, Number):
         operate = OPERATORS[cause.operator]
-        return Number(operate(left.number, right.number))
+        number = operate(
+            left.number,
+            right.number,
+        )
+        return Number(number)
     return Combined(cause.operator, left, right)
 
 
 def split_parts(c: Calibration, target: int = 0, group: int = 0) -> tuple[list[Part], list[Part]]:
     """Split every term that is not zero into its constant screws and those that vary with the
     state, for one target and group."""
-    constant, varying = list[Part](), list[Part]()
-    estimates = zip(c.terms, c.theta.tolist(), c.standard_errors.tolist(), strict=True)
-    owner = {term.key: m.name for m in reversed(c.model.mechanisms) for term in m.terms}
-    for term, value, error in estimates:
+    constant = list[Part]()
+    varying = list[Part]()
+    owner = {}
+    for mechanism in reversed(c.model.mechanisms):
+        for term in mechanism.terms:
+            owner[term.key] = mechanism.name
+    estimates = c.theta.tolist()
+    errors = c.standard_errors.tolist()
+    for term, value, error in zip(c.terms, estimates, errors, strict=True):
         if not value:
             continue
-        screws = [Screw(s.frame, s.axis, fix_members(s.cause, target, group)) for s in term.screws]
-        fixed = tuple(s for s in screws if isinstance(s.cause, Number))
-        moving = tuple(s for s in screws if not isinstance(s.cause, Number))
-        mechanism = owner[term.key]
-        if fixed:
-            constant.append(Part(mechanism, replace(term, screws=fixed), value, error))
-        if moving:
-            varying.append(Part(mechanism, replace(term, screws=moving), value, error))
+        fixed = list[Screw]()
+        moving = list[Screw]()
+        for screw in term.screws:
+            cause = fix_members(screw.cause, target, group)
+            bound = Screw(screw.frame, screw.axis, cause)
+            if isinstance(cause, Number):
+                fixed.append(bound)
+            else:
+                moving.append(bound)
+        name = owner[term.key]
+        for screws, parts in (
+            (fixed, constant),
+            (moving, varying),
+        ):
+            if screws:
+                some = replace(term, screws=tuple(screws))
+                parts.append(Part(name, some, value, error))
     return constant, varying
 
 
 def constant_entries(c: Calibration, target: int = 0, group: int = 0) -> Array:
     """Sum the constant entries (n+1, 6) of every H for one target and group."""
-    entries = np.zeros((c.robot.n + 1, 6))
-    for part in split_parts(c, target, group)[0]:
+    frames = c.robot.n + 1
+    entries = np.zeros((frames, 6))
+    constant, _ = split_parts(c, target, group)
+    for part in constant:
+        value = part.value
         for screw in part.term.screws:
-            assert isinstance(screw.cause, Number)
-            entries[screw.frame - 1, PLACE[screw.axis]] += part.value * screw.cause.number
+            cause = screw.cause
+            assert isinstance(cause, Number)
+            frame = screw.frame - 1
+            place = PLACE[screw.axis]
+            number = cause.number
+            entries[frame, place] += value * number
     return entries
 
 
@@ -144,16 +187,25 @@ def frame_transform(entries: Array) -> Array:
 def build_constant_chain(c: Calibration, group: int = 0) -> ConstantChain:
     """Build the chain with its constant errors in it."""
     entries = constant_entries(c, 0, group)
-    joints = tuple(
-        replace(joint, before=joint.before @ frame_transform(entries[k]))
-        for k, joint in enumerate(c.robot.joints)
-    )
+    joints = []
+    for k, joint in enumerate(c.robot.joints):
+        correction = frame_transform(entries[k])
+        before = joint.before @ correction
+        joints.append(replace(joint, before=before))
     targets = {}
     for k, name in enumerate(c.targets):
-        offset = frame_transform(constant_entries(c, k, group)[-1])
-        targets[name] = transform(None, c.tools[k]) @ offset
+        target_entries = constant_entries(c, k, group)
+        offset = frame_transform(target_entries[-1])
+        nominal = transform(None, c.tools[k])
+        targets[name] = nominal @ offset
     source = f"calibrated by modelsel, study {c.study}"
-    robot = Robot(c.robot.name, source, joints, c.robot.last, c.robot.gravity)
+    robot = Robot(
+        c.robot.name,
+        source,
+        tuple(joints),
+        c.robot.last,
+        c.robot.gravity,
+    )
     return ConstantChain(robot, targets)
 
 
@@ -164,28 +216,50 @@ def sample_workspace(
     direction of approach."""
     rng = np.random.default_rng(0)
     joints = range(1, c.robot.n + 1)
-    values = {name: rng.uniform(low, high, m) for name, (low, high) in c.ranges.items()}
-    q = np.stack([values[f"q{j}"] for j in joints], 1)
+    values = {}
+    covariates = {}
+    for name, (low, high) in c.ranges.items():
+        values[name] = rng.uniform(low, high, m)
+        if not is_state_name(name):
+            covariates[name] = values[name]
+    readings = [values[f"q{joint}"] for joint in joints]
+    q = np.stack(readings, 1)
+    approach = rng.choice([-1.0, 1.0], q.shape)
+    unmeasured = np.zeros((m, 3))
     data: Measurements = build_measurements(
         q,
-        np.zeros((m, 3)),
+        unmeasured,
         target=[c.targets[target]] * m,
         group=[c.groups[group]] * m,
-        approach=rng.choice([-1.0, 1.0], q.shape),
-        covariates={name: v for name, v in values.items() if not is_state_name(name)},
+        approach=approach,
+        covariates=covariates,
     )
-    move = np.stack([values.get(f"move{j}", np.ones(m)) for j in joints], 1)
-    return c.problem(replace(data, move=move))
+    still = np.ones(m)
+    moves = []
+    for joint in joints:
+        move = values.get(f"move{joint}", still)
+        moves.append(move)
+    data = replace(data, move=np.stack(moves, 1))
+    return c.problem(data)
 
 
 def compute_points(at: Problem, parts: Sequence[Part]) -> Array:
     """Compute the target (m, 3) [mm] in frame 0 with these screws in the chain."""
-    terms = tuple(part.term for part in parts)
-    theta = np.array([part.value for part in parts])
-    return compute_pose(at, terms, theta).target.T
+    terms = []
+    values = []
+    for part in parts:
+        terms.append(part.term)
+        values.append(part.value)
+    theta = np.array(values)
+    pose = compute_pose(at, tuple(terms), theta)
+    return pose.target.T
 
 
 def rms_and_max(difference: Array) -> tuple[float, float]:
     """Return the root mean square and the largest length of rows (m, 3)."""
     lengths = np.linalg.norm(difference, axis=1)
-    return float(np.sqrt(np.square(lengths).mean())), float(lengths.max())
+    squares = np.square(lengths)
+    mean = squares.mean()
+    rms = float(np.sqrt(mean))
+    largest = float(lengths.max())
+    return rms, largest

@@ -51,16 +51,22 @@ class Pool:
     configurations: int  # known ones
 
     def of(self, some: Sequence[Term]) -> list[int]:
-        """Columns of some terms; features of the set-up have none."""
-        place = {t.key: k for k, t in enumerate(self.terms)}
-        return list(dict.fromkeys(place[t.key] for t in some if not t.fixture))
+        """Return the columns of some terms; features of the set-up have none."""
+        place = {term.key: column for column, term in enumerate(self.terms)}
+        columns = dict[int, None]()
+        for term in some:
+            if term.fixture:
+                continue
+            column = place[term.key]
+            columns[column] = None
+        return list(columns)
 
 
 def build_pool(
     known: Problem, possible: Problem, terms: Sequence[Term], at: Linearisation, sigma: float
 ) -> Pool:
-    """Columns of the known rows and of every configuration of the possible ones, linearised at the
-    fitted model; what the known rows say of features they share is projected out. Raises DataError
+    """Linearise the known rows and every configuration of the possible ones at the fitted model;
+    what the known rows say of features they share is projected out. Raises DataError
     where configurations have different numbers of rows."""
     distinct = tuple({t.key: t for t in terms if not t.fixture}.values())
     features = tuple({t.key: t for t in terms if t.fixture}.values())
@@ -119,32 +125,36 @@ class _Pair:
         self.base = [columns.index(k) for k in base]
 
     def add_all(self) -> None:
-        """With the whole pool measured."""
+        """Add the whole pool to what is measured."""
         self.G = self.G + np.einsum("pri,prj->ij", self.A, self.A)
         self.b = self.b + np.einsum("pri,pr->i", self.A, self.y)
         self.total += float(np.square(self.y).sum())
 
     def add(self, k: int) -> None:
-        """With a configuration of the pool measured."""
+        """Add a configuration of the pool to what is measured."""
         self.G = self.G + self.A[k].T @ self.A[k]
         self.b = self.b + self.A[k].T @ self.y[k]
         self.total += float(self.y[k] @ self.y[k])
 
     def left(self, columns: Sequence[int] | slice) -> float:
-        """χ² of the true displacement that some columns cannot follow."""
+        """Return the χ² of the true displacement that some columns cannot follow."""
         inner = self.G[columns][:, columns]
         return max(
             self.total - float(self.b[columns] @ np.linalg.solve(inner, self.b[columns])), 0.0
         )
 
     def told(self) -> float:
-        """Probability that the true one is named, now."""
-        return float(
-            _naming_probability(np.array(self.left(self.base)), np.array(self.left(slice(None))))
+        """Return the probability that the true rival is named with what is measured now."""
+        size = self.left(self.base)
+        left = self.left(slice(None))
+        probability = _naming_probability(
+            np.array(size),
+            np.array(left),
         )
+        return float(probability)
 
     def with_each(self) -> tuple[Array, Array]:
-        """(P,) the same with each configuration of the pool added, and Δ there."""
+        """Return that probability (P,) and Δ (P,) with each configuration of the pool added."""
         out = []
         for columns in (self.base, list(range(len(self.b)))):
             inner = np.linalg.inv(self.G[np.ix_(columns, columns)])
@@ -170,32 +180,40 @@ def _naming_probability(size: Array, left: Array) -> Array:
 
 
 def merge_indistinct(p: Pool, rivals: Rivals) -> tuple[Rivals | None, tuple[str, ...]]:
-    """(the rivals without those that the whole pool would not tell from a more probable one, whose
-    probability goes to that one; None where one is left; their names)."""
-    kept, twins, weight = list[int](), list[str](), rivals.probability.copy()
-    for j in range(len(rivals.names)):
+    """Merge rivals that the whole pool would not tell from a more probable one.
+
+    Returns the rivals left, with the probabilities summed (None where one is left), and which were
+    merged."""
+    kept = list[int]()
+    twins = list[str]()
+    weight = rivals.probability.copy()
+    names = rivals.names
+    for j, name in enumerate(names):
         for i in kept:
             pair = _Pair(p, rivals, j, i)
             pair.add_all()
-            if pair.left(slice(None)) < MIN_POOL_CHI2:
+            chi2 = pair.left(slice(None))
+            if chi2 < MIN_POOL_CHI2:
                 weight[i] += weight[j]
-                twins.append(f"{rivals.names[j]} and {rivals.names[i]}")
+                twins.append(f"{name} and {names[i]}")
                 break
         else:
             kept.append(j)
+    merged = tuple(twins)
     if len(kept) < 2:
-        return None, tuple(twins)
-    return Rivals(
-        tuple(rivals.names[k] for k in kept),
+        return None, merged
+    distinct = Rivals(
+        tuple(names[k] for k in kept),
         tuple(rivals.terms[k] for k in kept),
         tuple(rivals.estimates[k] for k in kept),
         weight[kept],
         rivals.others,
-    ), tuple(twins)
+    )
+    return distinct, merged
 
 
 def _build_pairs(p: Pool, sets: Sequence[Rivals]) -> list[tuple[float, list[_Pair]]]:
-    """(weight, pairs against every other) of every rival as the true one."""
+    """Pair every rival, as the true one with its probability, with every other of its effect."""
     return [
         (float(r.probability[i]), [_Pair(p, r, i, j) for j in range(len(r.names)) if j != i])
         for r in sets
@@ -204,39 +222,55 @@ def _build_pairs(p: Pool, sets: Sequence[Rivals]) -> list[tuple[float, list[_Pai
 
 
 def _mean_naming_probability(pairs: list[tuple[float, list[_Pair]]], sets: int) -> float:
-    return sum(w * min(pair.told() for pair in against) for w, against in pairs) / sets
+    total = 0.0
+    for weight, against in pairs:
+        nearest = min(pair.told() for pair in against)
+        total += weight * nearest
+    return total / sets
 
 
 def choose_for_rivals(p: Pool, sets: Sequence[Rivals], count: int) -> tuple[list[int], list[float]]:
-    """(configurations of the pool in the order to measure them, probability that the true rival is
-    told from its nearest before the first and after each). Greedy: each raises that probability
+    """Choose the configurations that tell rivals apart, in the order to measure them.
+
+    Returns them with the probability that the true rival is told from its nearest, before the first
+    and after each. Greedy: each raises that probability
     most; exchanging them afterwards gained nothing."""
     pairs = _build_pairs(p, sets)
-    every = [pair for _, against in pairs for pair in against]
     chosen: list[int] = []
+    before = compute_naming_probability(p, sets, chosen)
+    probabilities = [before]
     for _ in range(min(count, len(p.possible))):
-        chosen.append(_choose_next(pairs, chosen))
-        for pair in every:
-            pair.add(chosen[-1])
-    return chosen, [compute_naming_probability(p, sets, chosen[:k]) for k in range(len(chosen) + 1)]
+        configuration = _choose_next(pairs, chosen)
+        chosen.append(configuration)
+        for _, against in pairs:
+            for pair in against:
+                pair.add(configuration)
+        after = compute_naming_probability(p, sets, chosen)
+        probabilities.append(after)
+    return chosen, probabilities
 
 
 def _choose_next(pairs: list[tuple[float, list[_Pair]]], blocked: Sequence[int]) -> int:
-    """The configuration that tells best, beside what is in the pairs already."""
+    """Choose the configuration that tells rivals best, beside what is in the pairs already."""
     value: Array = np.zeros(1)
     for weight, against in pairs:
-        each = [pair.with_each() for pair in against]
-        right, apart = np.min([r for r, _ in each], axis=0), np.min([d for _, d in each], axis=0)
-        value = value + weight * (
-            right + 1e-3 * np.tanh(apart / 1e3)
-        )  # the farther apart, where all are sure
+        probabilities, distances = [], []
+        for pair in against:
+            probability, distance = pair.with_each()
+            probabilities.append(probability)
+            distances.append(distance)
+        right = np.min(probabilities, axis=0)
+        apart = np.min(distances, axis=0)
+        # the farther apart, where all are sure
+        preference = 1e-3 * np.tanh(apart / 1e3)
+        value = value + weight * (right + preference)
     value[list(blocked)] = -np.inf
     return int(np.argmax(value))
 
 
 def compute_naming_probability(p: Pool, sets: Sequence[Rivals], some: Sequence[int]) -> float:
-    """Probability that the true rival is told from its nearest with these configurations
-    measured."""
+    """Compute the probability that the true rival is told from its nearest, with some
+    configurations of the pool measured."""
     pairs = _build_pairs(p, sets)
     for _, against in pairs:
         for pair in against:
@@ -253,23 +287,30 @@ def _indices(information: Array, configurations: int) -> dict[str, Array]:
     """Criteria, larger is better, of informations (…, p, p) of unit-scaled columns: D and A as -log
     det and -log trace of the covariance; O1 … O5 from the singular values (Sun & Hollerbach 2008,
     table I)."""
-    squares = np.maximum(np.linalg.eigvalsh(information), TINY)
+    eigenvalues = np.linalg.eigvalsh(information)
+    squares = np.maximum(eigenvalues, TINY)
     s = np.sqrt(squares)
-    low, high = s[..., 0], s[..., -1]
+    low = s[..., 0]
+    high = s[..., -1]
+    log_determinant = np.log(squares).sum(-1)
+    trace = (1 / squares).sum(-1)
+    geometric_mean = np.exp(np.log(s).mean(-1))
+    inverse_sum = (1 / s).sum(-1)
     return {
-        "d": np.log(squares).sum(-1),
-        "a": -np.log((1 / squares).sum(-1)),
-        "o1": np.exp(np.log(s).mean(-1)) / np.sqrt(configurations),
+        "d": log_determinant,
+        "a": -np.log(trace),
+        "o1": geometric_mean / np.sqrt(configurations),
         "o2": low / high,
         "o3": low,
         "o4": low**2 / high,
-        "o5": 1 / (1 / s).sum(-1),
+        "o5": 1 / inverse_sum,
     }
 
 
 def scale_columns(p: Pool, some: Sequence[Term]) -> tuple[Array, Array]:
-    """(known information (k, k), columns of the pool (P, r, k)): every term in units of what moves
-    the target by 1 mm rms over the pool, so that mm and rad compare; in units of the noise."""
+    """Return the known information (k, k) and the pool's columns (P, r, k): every term in units of
+    what moves the target by 1 mm rms over the pool, so that mm and rad compare; in units of the
+    noise."""
     columns = p.of(some)
     size = np.sqrt(np.square(p.possible[:, :, columns]).sum(1).mean(0))
     X = p.possible[:, :, columns] / np.maximum(size, 1e-12) / p.sigma
@@ -278,35 +319,51 @@ def scale_columns(p: Pool, some: Sequence[Term]) -> tuple[Array, Array]:
 
 
 def compute_indices(p: Pool, some: Sequence[Term], rows: Sequence[int]) -> dict[str, float]:
-    """Every criterion with some configurations of the pool measured beside the known ones."""
+    """Compute every criterion with configurations of the pool measured beside the known ones."""
     information, X = scale_columns(p, some)
-    added = X[list(rows)].reshape(-1, len(information))
-    return {
-        k: float(v)
-        for k, v in _indices(information + added.T @ added, p.configurations + len(rows)).items()
-    }
+    configurations = list(rows)
+    count = len(information)
+    added = X[configurations].reshape(-1, count)
+    total = information + added.T @ added
+    indices = _indices(
+        total,
+        p.configurations + len(rows),
+    )
+    figures = {}
+    for criterion, value in indices.items():
+        figures[criterion] = float(value)
+    return figures
 
 
 def choose_for_parameters(p: Pool, some: Sequence[Term], count: int, criterion: str) -> list[int]:
-    """Configurations of the pool in the order to measure them: greedy, then each exchanged once for
-    a better one, where there is one (Fedorov 1972)."""
+    """Choose the configurations that determine parameters best, in the order to measure them:
+    greedy, then each exchanged once for a better one, where there is one (Fedorov 1972)."""
     information, X = scale_columns(p, some)
     gains = X.transpose(0, 2, 1) @ X
-    first = p.configurations
+    known = p.configurations
 
     def best(inner: Array, blocked: Sequence[int]) -> int:
-        value = _evaluate_additions(inner, X, gains, criterion, first + len(blocked) + 1)
+        configurations = known + len(blocked) + 1
+        value = _evaluate_additions(
+            inner,
+            X,
+            gains,
+            criterion,
+            configurations,
+        )
         value[list(blocked)] = -np.inf
         return int(np.argmax(value))
 
     chosen: list[int] = []
     inner = information
     for _ in range(min(count, len(X))):
-        chosen.append(best(inner, chosen))
-        inner = inner + gains[chosen[-1]]
+        added = best(inner, chosen)
+        chosen.append(added)
+        inner = inner + gains[added]
     for i, old in enumerate(list(chosen)):
         without = inner - gains[old]
-        chosen[i] = best(without, [k for k in chosen if k != old])
+        others = [k for k in chosen if k != old]
+        chosen[i] = best(without, others)
         inner = without + gains[chosen[i]]
     return chosen
 
@@ -314,7 +371,7 @@ def choose_for_parameters(p: Pool, some: Sequence[Term], count: int, criterion: 
 def _evaluate_additions(
     inner: Array, X: Array, gains: Array, criterion: str, configurations: int
 ) -> Array:
-    """(P,) the criterion with each configuration added; D and A by the matrix determinant lemma."""
+    """Evaluate the criterion (P,) with each configuration added; D and A by the determinant lemma."""
     if criterion in ("d", "o1", "a"):
         C = np.linalg.inv(inner)
         XC = X @ C
@@ -333,6 +390,11 @@ def _evaluate_additions(
 
 
 def count_more_needed(limit_mm: float, configurations: int, size_mm: float) -> int:
-    """Further configurations until an effect of a size (rms mm at the target, beyond the model) is
-    found with 90 %: the limit falls with the square root of the number of configurations."""
-    return max(0, int(np.ceil(configurations * (limit_mm / size_mm) ** 2)) - configurations)
+    """Count the configurations still needed until an effect of a size (rms mm at the target, beyond
+    the model) is found with 90 %: the limit falls with the square root of the number of
+    configurations."""
+    ratio = limit_mm / size_mm
+    needed = configurations * ratio**2
+    total = int(np.ceil(needed))
+    more = total - configurations
+    return max(0, more)

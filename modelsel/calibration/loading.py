@@ -102,35 +102,55 @@ def _restore(record: CalibrationRecord) -> Calibration:
 
 def _restore_tool_rotations(record: CalibrationRecord) -> Array | None:
     """Return the targets' orientations (T, 3, 3); None where they have none."""
-    given = [target.rotation for target in record.targets]
-    rotations = [check_rotation(rows) for rows in given if rows is not None]
-    return np.array(rotations) if rotations else None
+    rotations = []
+    for target in record.targets:
+        rows = target.rotation
+        if rows is not None:
+            rotations.append(check_rotation(rows))
+    if not rotations:
+        return None
+    return np.array(rotations)
 
 
 def _restore_placement(record: CalibrationRecord) -> tuple[Array, Array]:
     """Return rotations (G, 3, 3) and translations (G, 3) of frame 0 in the tracker's frame."""
-    rotations = np.array([check_rotation(group.rotation) for group in record.groups])
-    return rotations, bounded_array([group.translation_mm for group in record.groups])
+    rotations = []
+    translations = []
+    for group in record.groups:
+        rotations.append(check_rotation(group.rotation))
+        translations.append(group.translation_mm)
+    return np.array(rotations), bounded_array(translations)
 
 
 def _restore_factor(record: CalibrationRecord) -> Array:
     """Return the factor (p, r) of the covariance from its rows, each from its own column on."""
-    estimable = [k for k, estimate in enumerate(record.estimates) if estimate.estimable]
-    factor = np.zeros((len(record.estimates), len(estimable)))
-    for column, (term, row) in enumerate(
-        zip(estimable, record.covariance_factor.rows, strict=True)
-    ):
+    estimates = record.estimates
+    estimable = [k for k, estimate in enumerate(estimates) if estimate.estimable]
+    shape = (len(estimates), len(estimable))
+    factor = np.zeros(shape)
+    rows = record.covariance_factor.rows
+    placed = zip(estimable, rows, strict=True)
+    for column, (term, row) in enumerate(placed):
         factor[term, column:] = row
     return factor
 
 
 def _restore_floor(record: NoiseFloorRecord) -> Floor:
-    freedom = np.inf if record.freedom is None else record.freedom
-    return Floor(record.coordinate_mm, record.source, freedom)
+    freedom = np.inf
+    if record.freedom is not None:
+        freedom = record.freedom
+    return Floor(
+        record.coordinate_mm,
+        record.source,
+        freedom,
+    )
 
 
 def _restore_refits(record: CalibrationRecord, model: Model) -> Refits | None:
-    return None if record.refits is None else refits_of(record.refits, model)
+    refits = record.refits
+    if refits is None:
+        return None
+    return refits_of(refits, model)
 
 
 # -- parts of the file that say the same, or hang together
@@ -140,29 +160,45 @@ def _restore_refits(record: CalibrationRecord, model: Model) -> Refits | None:
 def _check_estimates(record: CalibrationRecord, model: Model) -> None:
     """Raise ValueError where the estimates are not those of the model's terms."""
     stored = [(estimate.symbol, estimate.unit) for estimate in record.estimates]
-    if stored != [(term.symbol, term.unit) for term in model.terms]:
+    fitted = [(term.symbol, term.unit) for term in model.terms]
+    if stored != fitted:
         raise ValueError("its estimates are not those of its terms")
 
 
 def _check_standard_errors(record: CalibrationRecord, standard_errors: Array) -> None:
     """Raise ValueError where the standard errors are not those of the covariance factor."""
     stored = [estimate.standard_error for estimate in record.estimates]
-    if not np.allclose(stored, standard_errors, rtol=RELATIVE_TOLERANCE, atol=0):
+    agree = np.allclose(
+        stored,
+        standard_errors,
+        rtol=RELATIVE_TOLERANCE,
+        atol=0,
+    )
+    if not agree:
         raise ValueError("its standard errors are not those of its covariance_factor")
 
 
 def _check_screws(record: CalibrationRecord, model: Model) -> None:
     """Raise ValueError where a screw is at a frame, or of a target, group or value, that the file
     does not have."""
-    screws = [screw for term in model.terms for screw in term.screws]
     frames = len(record.robot.joints) + 1
-    if any(screw.frame > frames for screw in screws):
-        raise ValueError("a screw is at a frame that its robot does not have")
-    counts = {"target": len(record.targets), "group": len(record.groups)}
+    counts = {
+        "target": len(record.targets),
+        "group": len(record.groups),
+    }
+    screws = [screw for term in model.terms for screw in term.screws]
+    needs = set[str]()
+    for screw in screws:
+        if screw.frame > frames:
+            raise ValueError("a screw is at a frame that its robot does not have")
+        needs |= screw.cause.names()
     members = [member for screw in screws for member in find_members(screw.cause)]
-    if any(not 0 <= member.index < counts[member.kind] for member in members):
-        raise ValueError("a cause names a target or group that it does not have")
-    needs = frozenset[str]().union(*(screw.cause.names() for screw in screws)) - PLACED_NAMES
+    for member in members:
+        count = counts[member.kind]
+        if not 0 <= member.index < count:
+            raise ValueError("a cause names a target or group that it does not have")
+    needs -= PLACED_NAMES
     missing = sorted(needs - record.ranges.keys())
     if missing:
-        raise ValueError(f"its ranges lack {', '.join(missing)}")
+        names = ", ".join(missing)
+        raise ValueError(f"its ranges lack {names}")

@@ -8,6 +8,7 @@ standard errors, and a mechanism came or went only if the campaign without it wo
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -75,50 +76,87 @@ class Motions:
         """X (3 m, p) without what the geometry and the set-up follow: both campaigns have fitted
         these along."""
         X = self.X.reshape(-1, len(self.terms))
-        mechanisms = [m for c in self.campaigns for m in c.model.mechanisms]
-        shared = [m for m in mechanisms if m.name in GEOMETRY_NAMES]
-        geometry = {t.key for m in shared for t in m.terms}
-        fitted_along = X[:, [k for k, t in enumerate(self.terms) if t.key in geometry]]
-        return project_out(X, orthonormal_basis(fitted_along))
+        geometry = set[Hashable]()
+        for campaign in self.campaigns:
+            for mechanism in campaign.model.mechanisms:
+                if mechanism.name not in GEOMETRY_NAMES:
+                    continue
+                for term in mechanism.terms:
+                    geometry.add(term.key)
+        fitted_along = [term.key in geometry for term in self.terms]
+        columns = X[:, fitted_along]
+        basis = orthonormal_basis(columns)
+        return project_out(X, basis)
 
     def named(self, k: int) -> dict[str, list[int]]:
-        """The mechanisms of campaign k (0 or 1) but the geometry: places of their terms."""
-        place = {t.key: i for i, t in reversed(list(enumerate(self.terms)))}
-        return {
-            m.name: [place[t.key] for t in m.terms]
-            for m in self.campaigns[k].model.mechanisms
-            if m.name not in GEOMETRY_NAMES
-        }
+        """Return the mechanisms of campaign k (0 or 1) but the geometry: places of their terms."""
+        place = dict[Hashable, int]()
+        for column, term in enumerate(self.terms):
+            place.setdefault(term.key, column)
+        named = {}
+        for mechanism in self.campaigns[k].model.mechanisms:
+            name = mechanism.name
+            if name in GEOMETRY_NAMES:
+                continue
+            columns = [place[term.key] for term in mechanism.terms]
+            named[name] = columns
+        return named
 
     def whole(self, k: int, own: list[int]) -> Array:
-        """(3 m,) the motion by the terms `own` in campaign k."""
-        return np.asarray(self.X[:, :, own] @ self.theta[k, own]).ravel()
+        """Return the motion (3 m,) by the terms `own` in campaign k."""
+        columns = self.X[:, :, own]
+        estimates = self.theta[k, own]
+        motion = columns @ estimates
+        return np.asarray(motion).ravel()
 
     def size(self, k: int, own: list[int], along: Array) -> tuple[float, float]:
-        """(rms size, its standard error) [mm] along a direction (3 m,) of what the terms do beyond
-        the geometry."""
-        slope = _unit(along) @ self.beyond[:, own] / np.sqrt(len(self.X))
-        error = np.linalg.norm(slope @ self.factors[k][own])
-        return float(slope @ self.theta[k, own]), float(error)
+        """Return the rms size and its standard error [mm] along a direction (3 m,) of what the
+        terms do beyond the geometry."""
+        columns = self.beyond[:, own]
+        estimates = self.theta[k, own]
+        direction = _unit(along)
+        rows = np.sqrt(len(self.X))
+        slope = direction @ columns / rows
+        factor = self.factors[k][own]
+        error = np.linalg.norm(slope @ factor)
+        size = slope @ estimates
+        return float(size), float(error)
 
     def motion(self, k: int, own: list[int]) -> Array:
-        """(3 m,) what the terms do beyond the geometry."""
-        return np.asarray(self.beyond[:, own] @ self.theta[k, own])
+        """Return the motion (3 m,) by the terms beyond the geometry."""
+        columns = self.beyond[:, own]
+        estimates = self.theta[k, own]
+        motion = columns @ estimates
+        return np.asarray(motion)
 
 
 def compare_mechanisms(motions: Motions, moved: set[str]) -> tuple[MechanismChange, ...]:
     """Compare every mechanism but the geometry: those named in one campaign alone, those in both
     under two names, and those with terms that `moved`."""
-    before, after = motions.named(0), motions.named(1)
-    went = [name for name in before if name not in after]
+    before = motions.named(0)
+    after = motions.named(1)
+    went = []
+    pairs = []
+    for name in before:
+        if name not in after:
+            went.append(name)
+        elif name in moved:
+            pairs.append(_Pair(name, name, name))
     came = [name for name in after if name not in before]
-    pairs = [_Pair(name, name, name) for name in before if name in after and name in moved]
     pairs += _match_renamed(motions, went, came)
-    renamed_before = {pair.first for pair in pairs}
-    renamed_after = {pair.second for pair in pairs}
-    changes = [_compare_pair(motions, pair, pair.first in moved, len(pairs)) for pair in pairs]
-    changes += [_judge_single(motions, 0, name) for name in went if name not in renamed_before]
-    changes += [_judge_single(motions, 1, name) for name in came if name not in renamed_after]
+    changes = []
+    renamed = set[str]()
+    for pair in pairs:
+        is_moved = pair.first in moved
+        change = _compare_pair(motions, pair, is_moved, len(pairs))
+        changes.append(change)
+        renamed |= {pair.first, pair.second}
+    for campaign, names in enumerate((went, came)):
+        for name in names:
+            if name in renamed:
+                continue
+            change = _judge_single(motions, campaign, name)
+            changes.append(change)
     return tuple(changes)
 
 
@@ -134,69 +172,114 @@ class _Pair:
 def _match_renamed(motions: Motions, went: list[str], came: list[str]) -> list[_Pair]:
     """Match mechanisms that went with ones that came and move the target alike: one motion under
     two names."""
-    before, after = motions.named(0), motions.named(1)
-    unmatched, pairs = list(came), list[_Pair]()
+    before = motions.named(0)
+    after = motions.named(1)
+    unmatched = list(came)
+    pairs = list[_Pair]()
     for name in went:
         motion = motions.whole(0, before[name])
-        alike = [n for n in unmatched if _cosine(motion, motions.whole(1, after[n])) > MIN_COSINE]
-        if alike:
-            unmatched.remove(alike[0])
-            label = f"{name} (now {alike[0]}, which moves the arm alike)"
-            pairs.append(_Pair(label, name, alike[0]))
+        for candidate in unmatched:
+            candidate_motion = motions.whole(1, after[candidate])
+            cosine = _cosine(motion, candidate_motion)
+            if cosine > MIN_COSINE:
+                label = f"{name} (now {candidate}, which moves the arm alike)"
+                pairs.append(_Pair(label, name, candidate))
+                unmatched.remove(candidate)
+                break
     return pairs
 
 
 def _compare_pair(motions: Motions, pair: _Pair, moved: bool, count: int) -> MechanismChange:
     """Compare the sizes of one motion along the direction that both campaigns have in common; p is
     corrected for the number of pairs."""
-    first, second = motions.named(0)[pair.first], motions.named(1)[pair.second]
-    along = _unit(motions.motion(0, first)) + _unit(motions.motion(1, second))
+    first = motions.named(0)[pair.first]
+    second = motions.named(1)[pair.second]
+    first_motion = motions.motion(0, first)
+    second_motion = motions.motion(1, second)
+    along = _unit(first_motion) + _unit(second_motion)
     before, before_error = motions.size(0, first, along)
     after, after_error = motions.size(1, second, along)
     error = float(np.hypot(before_error, after_error)) or TINY
-    p = min(count * two_sided_p((after - before) / error), 1.0)
+    z = (after - before) / error
+    p = min(count * two_sided_p(z), 1.0)
+    what = "did not change"
     if p <= SIGNIFICANCE:
         what = "grew" if after > before else "shrank"
-    else:
-        what = "changed" if moved else "did not change"
-    detectable = (two_sided_quantile(SIGNIFICANCE / count) + POWER_QUANTILE) * error
-    return MechanismChange(pair.label, what, before, after, p, detectable)
+    elif moved:
+        what = "changed"
+    quantile = two_sided_quantile(SIGNIFICANCE / count)
+    detectable = (quantile + POWER_QUANTILE) * error
+    return MechanismChange(
+        pair.label,
+        what,
+        before,
+        after,
+        p,
+        detectable,
+    )
 
 
 def _judge_single(motions: Motions, campaign: int, name: str) -> MechanismChange:
     """Judge a mechanism that one campaign alone has named: it went or came only if the other would
     have named it."""
     places = motions.named(campaign)[name]
-    size, error = motions.size(campaign, places, motions.motion(campaign, places))
+    along = motions.motion(campaign, places)
+    size, error = motions.size(campaign, places, along)
     ratio = motions.surer if campaign == 0 else 1 / motions.surer
     detectable = NAMING_THRESHOLD * error * ratio
     certain, possible = SINGLE_WORDS[campaign]
-    what = certain if size > detectable else possible
-    before, after = (size, 0.0) if campaign == 0 else (0.0, size)
-    return MechanismChange(name, what, before, after, None, detectable)
+    what = possible
+    if size > detectable:
+        what = certain
+    before = after = 0.0
+    if campaign == 0:
+        before = size
+    else:
+        after = size
+    return MechanismChange(
+        name,
+        what,
+        before,
+        after,
+        None,
+        detectable,
+    )
 
 
 def _unit(vector: Array) -> Array:
-    return np.asarray(vector / (np.linalg.norm(vector) or 1.0))
+    length = np.linalg.norm(vector)
+    if not length:
+        return vector / 1.0
+    return np.asarray(vector / length)
 
 
 def _cosine(a: Array, b: Array) -> float:
-    size = float(np.linalg.norm(a) * np.linalg.norm(b))
-    return float(a @ b) / size if size else 0.0
+    first = np.linalg.norm(a)
+    second = np.linalg.norm(b)
+    size = float(first * second)
+    if not size:
+        return 0.0
+    product = float(a @ b)
+    return product / size
 
 
 def describe_change(change: MechanismChange) -> str:
     """Describe one mechanism in words that go no further than the evidence."""
     if change.p is None:
         return _describe_single(change)
-    sizes = (
-        f"{change.before_mm:.3g} to {change.after_mm:.3g} mm rms at the target (p = {change.p:.2g})"
+    name = change.name
+    what = change.what
+    before = f"{change.before_mm:.3g}"
+    after = f"{change.after_mm:.3g}"
+    sizes = f"{before} to {after} mm rms at the target (p = {change.p:.2g})"
+    if what in ("grew", "shrank"):
+        return f"{name} {what}: {sizes}."
+    if what == "changed":
+        return f"The terms of {name} changed, its size did not beyond chance: {sizes}."
+    seen = f"{change.seen_mm:.2g}"
+    return (
+        f"{name} did not change beyond chance: {sizes}; a change of {seen} mm would have been seen."
     )
-    if change.what in ("grew", "shrank"):
-        return f"{change.name} {change.what}: {sizes}."
-    if change.what == "changed":
-        return f"The terms of {change.name} changed, its size did not beyond chance: {sizes}."
-    return f"{change.name} did not change beyond chance: {sizes}; a change of {change.seen_mm:.2g} mm would have been seen."
 
 
 def _describe_single(change: MechanismChange) -> str:

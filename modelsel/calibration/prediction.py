@@ -21,20 +21,35 @@ BLOCK_ROWS = 512
 def compute_pose(problem: Problem, terms: tuple[Term, ...], theta: Array) -> Pose:
     """Compute the exact chain of all rows at parameters theta, in frame 0."""
     rows = slice(0, len(problem))
-    return problem.pose(rows, twist_of(problem, terms, theta, rows))
+    twist = twist_of(
+        problem,
+        terms,
+        theta,
+        rows,
+    )
+    return problem.pose(rows, twist)
 
 
 def to_tracker_frame(problem: Problem, points: Array) -> Array:
     """Transform points (m, 3) of frame 0 into the tracker's frame."""
     rotations, translations = problem.placement
-    R, t = rotations[problem.data.group], translations[problem.data.group]
-    return np.asarray(np.einsum("mij,mj->mi", R, points) + t)
+    group = problem.data.group
+    t = translations[group]
+    rotated = np.einsum(
+        "mij,mj->mi",
+        rotations[group],
+        points,
+    )
+    return np.asarray(rotated + t)
 
 
 def predict(calibration: Calibration, problem: Problem) -> Array:
     """Predict target positions (m, 3) [mm] of the calibrated robot in the tracker's frame."""
-    pose = compute_pose(problem, calibration.terms, calibration.theta)
-    return to_tracker_frame(problem, pose.target.T)
+    terms = calibration.terms
+    theta = calibration.theta
+    pose = compute_pose(problem, terms, theta)
+    points = pose.target.T
+    return to_tracker_frame(problem, points)
 
 
 def propagate_uncertainty(calibration: Calibration, problem: Problem) -> Array:
@@ -42,11 +57,21 @@ def propagate_uncertainty(calibration: Calibration, problem: Problem) -> Array:
 
     Returns factors (m, 3, r) [mm]: a row's covariance is factor factorᵀ, measuring noise left out.
     """
-    terms, theta = calibration.terms, calibration.theta
-    factors = np.empty((len(problem), 3, calibration.factor.shape[1]))
+    terms = calibration.terms
+    theta = calibration.theta
+    factor = calibration.factor
+    width = factor.shape[1]
+    factors = np.empty((len(problem), 3, width))
     for rows in problem.blocks(BLOCK_ROWS):
-        pose = problem.pose(rows, twist_of(problem, terms, theta, rows))
+        twist = twist_of(problem, terms, theta, rows)
+        pose = problem.pose(rows, twist)
         field = field_of(problem, pose, rows)
-        columns = compute_columns(problem, field, terms, rows)[:, :3]
-        factors[rows] = np.einsum("pcm,pr->mcr", columns, calibration.factor)
+        columns = compute_columns(
+            problem,
+            field,
+            terms,
+            rows,
+        )
+        positions = columns[:, :3]
+        factors[rows] = np.einsum("pcm,pr->mcr", positions, factor)
     return factors

@@ -7,7 +7,7 @@ by cross-validation, gives way to it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -59,19 +59,30 @@ class Refits:
 
     def nominal(self, form: str) -> bool:
         """Whether the best robot that a form can carry is the nominal one."""
-        some = [self.alone[name].terms for name in ("nominal", form) if name in self.alone]
-        return len(some) == 2 and some[0] == some[1]
+        nominal = self.alone.get("nominal")
+        carried = self.alone.get(form)
+        if nominal is None or carried is None:
+            return False
+        return nominal.terms == carried.terms
 
     def errors(self, form: str) -> tuple[str, float, float, float] | None:
-        """(which rows, rms [mm] of the nominal arm, of what is carried ("whole": everything), of
-        the whole model); None where one of them is not known."""
-        some = {
-            name: (r.estimation_rms_mm, r.held_out_rms_mm) for name, r in self.alone.items()
-        } | {"whole": self.whole}
-        if "nominal" not in some or form not in some:
+        """Return which rows, and the rms [mm] of the nominal arm, of what is carried ("whole":
+        everything), of the whole model; None where one of them is not known."""
+        held_out = {}
+        estimation = {}
+        for name, refit in self.alone.items():
+            held_out[name] = refit.held_out_rms_mm
+            estimation[name] = refit.estimation_rms_mm
+        estimation["whole"], held_out["whole"] = self.whole
+        if "nominal" not in held_out or form not in held_out:
             return None
-        for side, rows in ((1, "held out"), (0, "on the rows that were fitted")):
-            nominal, own, whole = (some[name][side] for name in ("nominal", form, "whole"))
+        for rms, rows in (
+            (held_out, "held out"),
+            (estimation, "on the rows that were fitted"),
+        ):
+            nominal = rms["nominal"]
+            own = rms[form]
+            whole = rms["whole"]
             if nominal is not None and own is not None and whole is not None:
                 return rows, nominal, own, whole
         return None
@@ -79,78 +90,107 @@ class Refits:
 
 def is_constant(term: Term) -> bool:
     """Whether a term is part of the geometry: it does not change with the state."""
-    return all(s.cause.names() <= PLACEMENT_NAMES for s in term.screws)
+    names = set[str]()
+    for screw in term.screws:
+        names |= screw.cause.names()
+    return names <= PLACEMENT_NAMES
 
 
 def is_tabled(term: Term) -> bool:
     """Whether a table can hold a term: each of its screws hangs on two values at most."""
-    return all(len(s.cause.names() - PLACEMENT_NAMES) <= MAX_TABLE_NAMES for s in term.screws)
+    for screw in term.screws:
+        names = screw.cause.names()
+        values = names - PLACEMENT_NAMES
+        if len(values) > MAX_TABLE_NAMES:
+            return False
+    return True
 
 
 def select_carried(model: Model, form: str) -> Callable[[Term], bool]:
-    """Whether "nominal", "geometry", "table" or "whole" carries a term of a model."""
-    setting = {t.key for m in model.mechanisms if m.name == SETUP for t in m.terms}
+    """Select what a form carries: whether "nominal", "geometry", "table" or "whole" has a term."""
+    setting = set[Hashable]()
+    for mechanism in model.mechanisms:
+        if mechanism.name == SETUP:
+            setting.update(term.key for term in mechanism.terms)
     rules: dict[str, Callable[[Term], bool]] = {
-        "nominal": lambda t: t.key in setting,
+        "nominal": lambda term: term.key in setting,
         "geometry": is_constant,
         "table": is_tabled,
-        "whole": lambda t: True,
+        "whole": lambda term: True,
     }
     return rules[form]
 
 
 def part_of(model: Model, keep: Callable[[Term], bool]) -> Model:
-    """A model of some of its terms, in the same order."""
-    own = (replace(m, terms=tuple(t for t in m.terms if keep(t))) for m in model.mechanisms)
-    return Model(tuple(m for m in own if m.terms))
+    """Return a model of some of its terms, in the same order."""
+    mechanisms = []
+    for mechanism in model.mechanisms:
+        terms = tuple(filter(keep, mechanism.terms))
+        if terms:
+            own = replace(mechanism, terms=terms)
+            mechanisms.append(own)
+    return Model(tuple(mechanisms))
 
 
 def refit_forms(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> Refits:
-    """The refits of a model that was fitted to a study's rows; models that stand among the `known`
-    are not fitted again."""
-    place = {t.key: k for k, t in enumerate(t for t in fitted.terms if not t.fixture)}
-    own = {frozenset(t.key for t in r.fit.terms): r for r in known}
+    """Refit a model that was fitted to a study's rows, for every form; models that stand among the
+    `known` are not fitted again."""
+    of_arm = [term for term in fitted.terms if not term.fixture]
+    place = {term.key: k for k, term in enumerate(of_arm)}
+    own = dict[frozenset[Hashable], Evaluation]()
+    for evaluation in known:
+        keys = frozenset(term.key for term in evaluation.fit.terms)
+        own[keys] = evaluation
     best: Evaluation | None = None
     alone = dict[str, Refit]()
     for form in NESTED_FORMS:
-        model = part_of(fitted.model, select_carried(fitted.model, form))
-        if len(model.terms) == len(fitted.terms) and form != "nominal":
+        carries = select_carried(fitted.model, form)
+        model = part_of(fitted.model, carries)
+        is_whole = len(model.terms) == len(fitted.terms)
+        if is_whole and form != "nominal":
             break
+        keys = frozenset(term.key for term in model.terms)
         try:
-            made = own.get(frozenset(t.key for t in model.terms)) or evaluate(
-                split, model, model.names, start=fitted
-            )
+            made = own.get(keys) or evaluate(split, model, model.names, start=fitted)
         except NotEstimable:
             continue
-        best = (
-            made
-            if best is None or _cross_validation_error(made) <= _cross_validation_error(best)
-            else best
-        )
-        some = [k for k, t in enumerate(best.fit.terms) if not t.fixture]
-        places = np.array([place[best.fit.terms[k].key] for k in some], dtype=np.intp)
-        order = np.argsort(places)
+        if best is None or _cross_validation_error(made) <= _cross_validation_error(best):
+            best = made
+        terms = best.fit.terms
+        some = [k for k, term in enumerate(terms) if not term.fixture]
+        carried = [place[terms[k].key] for k in some]
+        order = np.argsort(carried)
+        theta = best.fit.theta[some]
         alone[form] = Refit(
-            tuple(places[order].tolist()),
-            best.fit.theta[some][order],
+            tuple(sorted(carried)),
+            theta[order],
             best.estimation.rms_mm,
             best.held_out.rms_mm,
         )
-    left, side = fitted.residuals(split.problem), split.estimation
+    left = fitted.residuals(split.problem)
+    side = split.estimation
+    outlying = split.outlying
+    estimation = summarise_errors(left[side], outlying[side])
+    held_out = summarise_errors(left[~side], outlying[~side])
     whole = (
-        summarise_errors(left[side], split.outlying[side]).rms_mm,
-        summarise_errors(left[~side], split.outlying[~side]).rms_mm,
+        estimation.rms_mm,
+        held_out.rms_mm,
     )
-    warm = (
-        split.problem.data.covariates.get(TEMPERATURE)
-        if any(TEMPERATURE in m.names() for m in fitted.model.mechanisms)
-        else None
-    )
-    return Refits(alone, whole, None if warm is None else float(warm[split.used].mean()))
+    mean_celsius = None
+    if any(TEMPERATURE in mechanism.names() for mechanism in fitted.model.mechanisms):
+        warm = split.problem.data.covariates.get(TEMPERATURE)
+        if warm is not None:
+            mean_celsius = float(warm[split.used].mean())
+    return Refits(alone, whole, mean_celsius)
 
 
 def _cross_validation_error(made: Evaluation) -> float:
-    return np.inf if made.cv_rms_mm is None or not np.isfinite(made.cv_rms_mm) else made.cv_rms_mm
+    error = made.cv_rms_mm
+    if error is None:
+        return np.inf
+    if not np.isfinite(error):
+        return np.inf
+    return error
 
 
 # -- in the file
@@ -158,7 +198,7 @@ def _cross_validation_error(made: Evaluation) -> float:
 
 
 def refits_record(refits: Refits, symbols: Sequence[str]) -> dict[str, Any]:
-    """As JSON values; `symbols` of the calibration's terms."""
+    """Return refits as JSON values; `symbols` of the calibration's terms."""
     return {
         "says": "terms that a form can carry, fitted without the others; rms lengths of what is left",
         "whole": {"estimation_rms_mm": refits.whole[0], "held_out_rms_mm": refits.whole[1]},
@@ -179,20 +219,37 @@ def refits_record(refits: Refits, symbols: Sequence[str]) -> dict[str, Any]:
 
 def refits_of(record: RefitsRecord, model: Model) -> Refits:
     """Return the refits of a record. Raises ValueError where they are not of the model's terms."""
-    alone = {form: _restore_refit(form, refit, model) for form, refit in record.alone.items()}
-    whole = record.whole.estimation_rms_mm, record.whole.held_out_rms_mm
-    return Refits(alone, whole, record.mean_celsius)
+    alone = {}
+    for form, stored in record.alone.items():
+        alone[form] = _restore_refit(form, stored, model)
+    whole = record.whole
+    errors = (
+        whole.estimation_rms_mm,
+        whole.held_out_rms_mm,
+    )
+    return Refits(alone, errors, record.mean_celsius)
 
 
 def _restore_refit(form: str, record: RefitRecord, model: Model) -> Refit:
-    places = [estimate.term for estimate in record.estimates]
-    known = form in NESTED_FORMS and set(places) <= set(range(len(model.terms)))
-    if not known or places != sorted(set(places)):
+    estimates = record.estimates
+    places = [estimate.term for estimate in estimates]
+    distinct = set(places)
+    count = len(model.terms)
+    known = form in NESTED_FORMS
+    belongs = distinct <= set(range(count))
+    ordered = places == sorted(distinct)
+    if not known or not belongs or not ordered:
         raise ValueError(f"what its refits carry alone ({form}) is not of its terms")
     carries = select_carried(model, form)
     terms = [model.terms[place] for place in places]
-    symbols = [estimate.symbol for estimate in record.estimates]
-    if symbols != [term.symbol for term in terms] or not all(map(carries, terms)):
+    stored = [estimate.symbol for estimate in estimates]
+    symbols = [term.symbol for term in terms]
+    if stored != symbols or not all(map(carries, terms)):
         raise ValueError(f"what its refits carry alone ({form}) are other terms")
-    theta = np.array([estimate.value for estimate in record.estimates])
-    return Refit(tuple(places), theta, record.estimation_rms_mm, record.held_out_rms_mm)
+    values = [estimate.value for estimate in estimates]
+    return Refit(
+        tuple(places),
+        np.array(values),
+        record.estimation_rms_mm,
+        record.held_out_rms_mm,
+    )

@@ -132,13 +132,16 @@ class CalibrationRecord(StrictRecord):
 
     @model_validator(mode="after")
     def _check_names(self) -> CalibrationRecord:
+        targets = [target.name for target in self.targets]
+        groups = [group.name for group in self.groups]
         for place, names in (
-            ("targets", [target.name for target in self.targets]),
-            ("groups", [group.name for group in self.groups]),
+            ("targets", targets),
+            ("groups", groups),
         ):
             if len(set(names)) < len(names):
                 raise ValueError(f"two {place} have one name")
-        if len({target.rotation is None for target in self.targets}) > 1:
+        without = [target.rotation is None for target in self.targets]
+        if any(without) and not all(without):
             raise ValueError("some of its targets have an orientation and some have none")
         return self
 
@@ -147,16 +150,23 @@ class CalibrationRecord(StrictRecord):
         for name, (low, high) in self.ranges.items():
             if low > high:
                 raise ValueError(f"ranges.{name}: expected the lower bound first")
-        joints = {f"q{number}" for number in range(1, len(self.robot.joints) + 1)}
+        joints = set()
+        for number, _ in enumerate(self.robot.joints, 1):
+            joints.add(f"q{number}")
         missing = sorted(joints - self.ranges.keys())
         if missing:
-            raise ValueError(f"its ranges lack {', '.join(missing)}")
+            names = ", ".join(missing)
+            raise ValueError(f"its ranges lack {names}")
         return self
 
     @model_validator(mode="after")
     def _check_factor(self) -> CalibrationRecord:
-        estimable = sum(estimate.estimable for estimate in self.estimates)
-        lengths = [len(row) for row in self.covariance_factor.rows]
-        if lengths != list(range(estimable, 0, -1)):
+        estimable = 0
+        for estimate in self.estimates:
+            estimable += estimate.estimable
+        rows = self.covariance_factor.rows
+        lengths = [len(row) for row in rows]
+        expected = list(range(estimable, 0, -1))
+        if lengths != expected:
             raise ValueError("its covariance_factor has other rows than its estimable terms")
         return self

@@ -30,7 +30,14 @@ def save_calibration(c: Calibration, folder: Path | str) -> Path:
 
 def calibration_text(c: Calibration) -> str:
     """Return the text of calibration.json; numbers in full."""
-    return json.dumps(calibration_record(c), ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+    record = calibration_record(c)
+    text = json.dumps(
+        record,
+        ensure_ascii=False,
+        indent=1,
+        allow_nan=False,
+    )
+    return text + "\n"
 
 
 def calibration_record(c: Calibration) -> dict[str, Any]:

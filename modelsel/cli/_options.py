@@ -12,8 +12,9 @@ import click
 def _parse_pairs(
     context: click.Context, option: click.Parameter, given: tuple[str, ...]
 ) -> dict[str, str]:
-    """NAME=COLUMN pairs as contract name -> name in the file."""
-    if bad := [pair for pair in given if not all(pair.partition("="))]:
+    """Read NAME=COLUMN pairs as contract name -> name in the file."""
+    bad = [pair for pair in given if not all(pair.partition("="))]
+    if bad:
         raise click.BadParameter(
             f'"{bad[0]}" is no NAME=COLUMN: q1_rad=J1 says that the file calls q1_rad J1.'
         )
@@ -21,7 +22,7 @@ def _parse_pairs(
 
 
 def column_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The option --column, of commands that read a data file without a study: `columns`, as
+    """Add the option --column, of commands that read a data file without a study: `columns`, as
     [measurements] columns has them."""
     return click.option(
         "--column",
@@ -34,21 +35,21 @@ def column_option(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def print_json(value: Any) -> None:
-    """A value as JSON on the output, numbers to ten digits."""
+    """Print a value as JSON on the output, numbers to ten digits."""
     from .._json import to_json
 
     click.echo(to_json(value).encode(), nl=False)  # JSON is UTF-8, whatever the terminal's encoding
 
 
 def make_console() -> Any:
-    """Where tables are printed: as wide as the terminal, 160 in a log."""
+    """Make the console that prints tables: as wide as the terminal, 160 in a log."""
     from rich.console import Console
 
     return Console(width=None if sys.stdout.isatty() else 160, markup=False, emoji=False)
 
 
 def make_progress() -> Callable[[str], None]:
-    """Progress as plain lines on the error stream: each says what starts, with the seconds so
+    """Show progress as plain lines on the error stream: each says what starts, with the seconds so
     far."""
     import time
 

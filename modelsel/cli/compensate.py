@@ -55,12 +55,8 @@ def compensate_command(
     (left out: where the nominal robot has the target) in the tracker's frame, wanted orientations,
     and what the model needs. Commands are written in the units in which they were given."""
     from .._files import write_frame
-    from ..calibration.compensation import (
-        build_commands_table,
-        correct_measurements,
-        describe_extrapolation,
-        describe_order_dependence,
-    )
+    from ..calibration.command_notes import describe_extrapolation, describe_order_dependence
+    from ..calibration.compensation import build_commands_table, correct_measurements
     from ..calibration.loading import load_calibration
     from ..measurements.reader import read_measurements
 
@@ -148,18 +144,22 @@ def _describe_unreached(commands: Commands) -> str:
 
 def _describe_changes(commands: Commands, slides: NDArray[np.bool_]) -> str:
     largest = np.abs(commands.change).max(0)
-    bounds = [
-        f"{largest[joints].max() * 1e3:.3g} {unit}"
-        for joints, unit in ((~slides, "mrad"), (slides, "µm"))
-        if joints.any()
-    ]
+    kinds = ((~slides, "mrad"), (slides, "µm"))
+    bounds = []
+    for joints, unit in kinds:
+        changes = largest[joints]
+        if not len(changes):
+            continue
+        bound = changes.max() * 1e3
+        bounds.append(f"{bound:.3g} {unit}")
     return " or ".join(bounds)
 
 
 def _describe_orientations(commands: Commands) -> str:
     if commands.before_rad is None or commands.left_rad is None:
         return ""
-    before, left = 1e3 * commands.before_rad, 1e3 * commands.left_rad
+    before = 1e3 * commands.before_rad
+    left = 1e3 * commands.left_rad
     return (
         f" Orientations are off by {before.mean():.3g} mrad on average without it; with it, {left.mean():.3g} mrad on "
         f"average and {left.max():.3g} mrad at most are left."

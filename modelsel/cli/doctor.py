@@ -20,22 +20,32 @@ def doctor_command(as_json: bool) -> None:
     """Whether this installation works, and with what: libraries, plug-ins, data, and a small
     calibration from scratch."""
     checks = [*_libraries(), *_plugins(), _data(), _calibration()]
+    python, *_ = sys.version.split()
+    own_version = version("modelsel")
     if as_json:
         print_json({"checks": checks})
     else:
-        click.echo(f"Python {sys.version.split()[0]}, modelsel {version('modelsel')}")
-        for c in checks:
-            click.echo(f"{'ok   ' if c['ok'] else 'WRONG'}  {c['what']}: {c['says']}")
-    if not all(c["ok"] for c in checks):
+        click.echo(f"Python {python}, modelsel {own_version}")
+        for check in checks:
+            verdict = "ok   " if check["ok"] else "WRONG"
+            what = check["what"]
+            says = check["says"]
+            click.echo(f"{verdict}  {what}: {says}")
+    is_ok = all(check["ok"] for check in checks)
+    if not is_ok:
         raise SystemExit(CHECK_FAILED)
 
 
 def _check(what: str, ok: bool, says: str) -> dict[str, Any]:
-    return {"what": what, "ok": ok, "says": says}
+    return {
+        "what": what,
+        "ok": ok,
+        "says": says,
+    }
 
 
 def _libraries() -> list[dict[str, Any]]:
-    """Every required library against the lowest version that is asked for."""
+    """Check every required library against the lowest version that is asked for."""
     out = []
     for line in requires("modelsel") or []:
         name, least = re.match(r"([\w-]+)(?:>=([\d.]+))?", line.partition(";")[0]).groups()  # type: ignore[union-attr]
@@ -58,7 +68,10 @@ def _libraries() -> list[dict[str, Any]]:
 
 
 def _numbers(text: str) -> tuple[int, ...]:
-    return tuple(int(part) for part in re.findall(r"\d+", text)[:3])
+    words = re.findall(r"\d+", text)
+    first = words[:3]
+    numbers = map(int, first)
+    return tuple(numbers)
 
 
 def _plugins() -> list[dict[str, Any]]:

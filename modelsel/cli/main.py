@@ -43,7 +43,7 @@ COMMANDS = {  # name: what `modelsel --help` says of it; modelsel/cli/<name>.py 
 
 @contextlib.contextmanager
 def _terminable() -> Iterator[None]:
-    """SIGTERM ends a command as Ctrl-C does; outside the main thread signals stay as they are."""
+    """End a command on SIGTERM as Ctrl-C does; outside the main thread signals stay as they are."""
     try:
         before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     except ValueError:
@@ -56,8 +56,9 @@ def _terminable() -> Iterator[None]:
 
 
 def _readable() -> None:
-    """A terminal or a log that has no ± or α in its encoding shows ? for it, and all the rest."""
-    for stream in (sys.stdout, sys.stderr):
+    """Show ? on a terminal or in a log for a ± or α that its encoding lacks, and all the rest."""
+    streams = (sys.stdout, sys.stderr)
+    for stream in streams:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
 
@@ -80,8 +81,9 @@ class _Lazy(click.Group):
         return found
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        commands = list(COMMANDS.items())
         with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+            formatter.write_dl(commands)
 
     def invoke(self, ctx: click.Context) -> Any:
         from ..exceptions import ModelselError

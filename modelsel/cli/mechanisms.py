@@ -77,9 +77,11 @@ def _try(where: str, robot: str | None, as_json: bool) -> None:
 
 
 def _describe_trial(trial: Trial) -> str:
+    name = trial.mechanism
     if not trial.robot:
-        return f"{trial.mechanism} applies to none of the robots tried"
-    return f"{trial.mechanism} on {trial.robot}: {'; '.join(trial.broken) or 'obeys the laws'}"
+        return f"{name} applies to none of the robots tried"
+    outcome = "; ".join(trial.broken) or "obeys the laws"
+    return f"{name} on {trial.robot}: {outcome}"
 
 
 def _show(name: str | None, robot: str, as_json: bool) -> None:
@@ -110,20 +112,33 @@ def _list_cards(mechanisms: Sequence[Mechanism]) -> list[dict[str, Any]]:
     scanned under it."""
     from ..mechanisms.serialization import describe_mechanism
 
-    counts = Counter(m.name for m in mechanisms)
+    counts = Counter(mechanism.name for mechanism in mechanisms)
     first: dict[str, Mechanism] = {}
     for mechanism in mechanisms:
         first.setdefault(mechanism.name, mechanism)
-    return [{**describe_mechanism(m), "constants": counts[name]} for name, m in first.items()]
+    cards = []
+    for name, mechanism in first.items():
+        card = describe_mechanism(mechanism)
+        cards.append({**card, "constants": counts[name]})
+    return cards
 
 
 def _print_card(card: dict[str, Any], *, in_full: bool) -> None:
     constants = card["constants"]
-    scanned = f" ({constants} constants are scanned; this is one)" if constants > 1 else ""
-    click.echo(f"{card['name']}: {card['sentence']}{scanned}")
+    scanned = ""
+    if constants > 1:
+        scanned = f" ({constants} constants are scanned; this is one)"
+    sentence = card["sentence"]
+    click.echo(f"{card['name']}: {sentence}{scanned}")
     if not in_full:
         return
-    click.echo(f"    equation  {card['equation']}\n    source    {card['source']}")
+    equation = card["equation"]
+    source = card["source"]
+    click.echo(f"    equation  {equation}")
+    click.echo(f"    source    {source}")
     for term in card["terms"]:
         screws = ", ".join(term["screws"])
-        click.echo(f"    {term['symbol']:8} [{term['unit']}]  {screws}{term['expected']}")
+        symbol = f"{term['symbol']:8}"
+        unit = term["unit"]
+        expected = term["expected"]
+        click.echo(f"    {symbol} [{unit}]  {screws}{expected}")

@@ -141,7 +141,7 @@ def _to_dict(planned: MeasurementPlan) -> dict[str, Any]:
 
 
 def _range(text: str) -> tuple[str, tuple[float, float]]:
-    """q2_deg=-90:45 -> ("q2_deg", (-90, 45))."""
+    """Read q2_deg=-90:45 -> ("q2_deg", (-90, 45))."""
     name, _, span = text.partition("=")
     low, _, high = span.partition(":")
     try:

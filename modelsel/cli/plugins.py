@@ -45,8 +45,14 @@ def render_plugin(name: str) -> dict[str, str]:
 
 
 def _render(file: str, name: str, module: str) -> str:
-    template = files(__package__).joinpath(TEMPLATES, file + SUFFIX).read_text(encoding="utf-8")
-    return Template(template).substitute(name=name, module=module)
+    folder = files(__package__)
+    path = folder.joinpath(TEMPLATES, file + SUFFIX)
+    text = path.read_text(encoding="utf-8")
+    template = Template(text)
+    return template.substitute(
+        name=name,
+        module=module,
+    )
 
 
 def load_plugin(where: str) -> Registry:
@@ -70,9 +76,13 @@ def load_plugin(where: str) -> Registry:
 def _call_mechanisms(where: str) -> Any:
     """Import a module by its name or file and call its function, `mechanisms` unless named."""
     if where.endswith(".py"):
-        return _import_file(Path(where)).mechanisms()
-    name, _, function = where.partition(":")
-    return getattr(import_module(name), function or "mechanisms")()
+        module = _import_file(Path(where))
+        return module.mechanisms()
+    name, _, given = where.partition(":")
+    function_name = given or "mechanisms"
+    module = import_module(name)
+    function = getattr(module, function_name)
+    return function()
 
 
 def _import_file(path: Path) -> ModuleType:
@@ -97,18 +107,29 @@ class Trial:
 
 def try_mechanisms(entries: Registry, robots: Sequence[Robot], seed: int = 0) -> list[Trial]:
     """Check the laws for every part of every entry on every robot to which it applies."""
-    trials = []
+    trials = list[Trial]()
     for name, entry in entries.items():
-        on_robots = [trial for robot in robots for trial in _try_entry(name, entry, robot, seed)]
-        trials += on_robots or [Trial(name, "", [])]
+        on_robots = list[Trial]()
+        for robot in robots:
+            on_robots += _try_entry(name, entry, robot, seed)
+        if not on_robots:
+            on_robots = [Trial(name, "", [])]
+        trials += on_robots
     return trials
 
 
 def _try_entry(name: str, entry: Any, robot: Robot, seed: int) -> list[Trial]:
+    tried = robot.name
     defect = find_entry_problem(name, entry, robot)
     if defect is not None:
-        return [Trial(name, robot.name, [defect])]
-    return [
-        Trial(m.name, robot.name, find_broken_laws(m, robot, np.random.default_rng([seed, k])))
-        for k, m in enumerate(build_mechanisms(name, robot, {name: entry}))
-    ]
+        return [Trial(name, tried, [defect])]
+    registry = {name: entry}
+    mechanisms = build_mechanisms(name, robot, registry)
+    trials = []
+    for k, mechanism in enumerate(mechanisms):
+        seeds = [seed, k]
+        rng = np.random.default_rng(seeds)
+        broken = find_broken_laws(mechanism, robot, rng)
+        trial = Trial(mechanism.name, tried, broken)
+        trials.append(trial)
+    return trials

@@ -110,11 +110,21 @@ def _tell(result: Result, as_json: bool) -> None:
 
 def _would(found: dict[str, Any], folder: Path, writes: tuple[str, ...]) -> str:
     counts = found["configurations"]
+    base = ", ".join(found["base"])
+    registered = ""
+    if found["registered"]:
+        registered = ", tracker and target found first"
+    cells = ""
+    if found["cells"]:
+        cells = ", and any cell of the error map"
+    files = ", ".join(writes)
     said = (
         f"{found['study']}: {found['robot']}, {found['rows']} rows; {counts['estimation']} configurations would estimate, "
-        f"{counts['held_out']} would be held out{', tracker and target found first' if found['registered'] else ''}. Base: "
-        f"{', '.join(found['base'])}, {found['base_parameters']} parameters; {found['mechanisms']} mechanisms may extend it"
-        f"{', and any cell of the error map' if found['cells'] else ''}. Would write {', '.join(writes)} "
-        f"into {folder}."
+        f"{counts['held_out']} would be held out{registered}. Base: {base}, {found['base_parameters']} parameters; "
+        f"{found['mechanisms']} mechanisms may extend it{cells}. Would write {files} into {folder}."
     )
-    return "\n".join([said, *(f"Note: {w['sentence']}" for w in found["warnings"])])
+    lines = [said]
+    for warning in found["warnings"]:
+        sentence = warning["sentence"]
+        lines.append(f"Note: {sentence}")
+    return "\n".join(lines)

@@ -24,7 +24,7 @@ def validate_command(
     result: Path, data: Path, register: bool, columns: dict[str, str], as_json: bool
 ) -> None:
     """Whether a stored calibration still holds on new measurements; nothing of it is refitted."""
-    from ..calibration.compensation import describe_extrapolation
+    from ..calibration.command_notes import describe_extrapolation
     from ..calibration.loading import load_calibration
     from ..calibration.validation import describe_verdict, judge
     from ..measurements.reader import read_measurements

@@ -90,27 +90,42 @@ class Fleet:
 def read_fleet(path: Path) -> Fleet:
     """Read a fleet file and the study files it names. Raises StudyError with every problem and its
     place."""
-    table = parse_toml(read_text(path, "the fleet file"), path.name)
+    text = read_text(path, "the fleet file")
+    table = parse_toml(text, path.name)
+    folder = path.parent
+    problems: list[str] = []
     try:
         file = FleetFile.model_validate(to_toml_values(table))
     except ValidationError as error:
-        raise StudyError(
-            *(f"{path.name}: {_describe_problem(e)}" for e in error.errors())
-        ) from None
-    problems: list[str] = []
+        for detail in error.errors():
+            problem = _describe_problem(detail)
+            problems.append(f"{path.name}: {problem}")
+        raise StudyError(*problems) from None
     entries = list[StudyTable]()
     for pattern in file.studies:
-        studies = find_files(path.parent, pattern, problems)
-        entries += [StudyTable(file=str(study.relative_to(path.parent))) for study in studies]
-    read = [_read_task(entry, path.parent, problems) for entry in (*entries, *file.study)]
-    tasks = tuple(task for task in read if task is not None)
-    names = [task.name for task in tasks] + [part.name for part in file.parts]
+        for study_path in find_files(folder, pattern, problems):
+            relative = study_path.relative_to(folder)
+            entry = StudyTable(file=str(relative))
+            entries.append(entry)
+    entries += file.study
+    tasks = list[Task]()
+    for entry in entries:
+        task = _read_task(entry, folder, problems)
+        if task is not None:
+            tasks.append(task)
+    names = [task.name for task in tasks]
+    names += [part.name for part in file.parts]
     problems += _find_name_problems(names)
     if not names and not problems:
         problems.append('no studies: give studies = ["*/study.toml"], [[study]] or [[parts]].')
     if problems:
         raise StudyError(*(f"{path.name}: {problem}" for problem in problems))
-    return Fleet(file.name, tasks, tuple(file.parts), path.parent)
+    return Fleet(
+        file.name,
+        tuple(tasks),
+        tuple(file.parts),
+        folder,
+    )
 
 
 def _find_name_problems(names: list[str]) -> list[str]:
@@ -155,33 +170,48 @@ def _read_task(entry: StudyTable, folder: Path, problems: list[str]) -> Task | N
         return None
     if path.is_dir():
         path = path / "study.toml"
+    study_folder = path.parent
     name = entry.name or path.resolve().parent.name
-    return Task(name, _change_study(study, entry, folder, path.parent), path.parent)
+    study = _change_study(study, entry, folder, study_folder)
+    return Task(name, study, study_folder)
 
 
 def _change_study(study: Study, entry: StudyTable, folder: Path, study_folder: Path) -> Study:
     changes: dict[str, Any] = {}
+    estimation = entry.estimation
+    candidates = entry.candidates
     if entry.measurements is not None:
-        file = os.path.relpath(find_data(entry.measurements, folder), study_folder)
-        changes["measurements"] = study.measurements.model_copy(update={"file": file})
-    if entry.estimation is not None:
-        split = {"estimation": entry.estimation, "column": None}
+        data = find_data(entry.measurements, folder)
+        relative = os.path.relpath(data, study_folder)
+        file = {"file": relative}
+        changes["measurements"] = study.measurements.model_copy(update=file)
+    if estimation is not None:
+        split = {"estimation": estimation, "column": None}
         changes["split"] = study.split.model_copy(update=split)
-    if entry.candidates is not None:
-        changes["model"] = study.model.model_copy(update={"candidates": entry.candidates})
-    if entry.seed is not None:
-        changes["seed"] = entry.seed
+    if candidates is not None:
+        model = {"candidates": candidates}
+        changes["model"] = study.model.model_copy(update=model)
+    seed = entry.seed
+    if seed is not None:
+        changes["seed"] = seed
     return study.model_copy(update=changes)
 
 
 def _describe_problem(error: Any) -> str:
     """Describe a problem of pydantic's by its place in the fleet file."""
+    kind = error["type"]
     location = error["loc"]
     place = format_place(location)
-    if error["type"] == "missing":
+    if kind == "missing":
         return f"{place} is missing."
-    if error["type"] != "extra_forbidden":
-        return f"{place}: {describe_error(error)}."
+    if kind != "extra_forbidden":
+        description = describe_error(error)
+        return f"{place}: {description}."
     tables: dict[str, type[_Table]] = {"study": StudyTable, "parts": PartsTable}
-    table = tables.get(str(location[0]), FleetFile) if len(location) > 1 else FleetFile
-    return f'unknown key "{place}". {suggest(str(location[-1]), table.model_fields)}'
+    first, *inner = location
+    table: type[_Table] = FleetFile
+    if inner:
+        table = tables.get(str(first), FleetFile)
+    key = str(location[-1])
+    hint = suggest(key, table.model_fields)
+    return f'unknown key "{place}". {hint}'

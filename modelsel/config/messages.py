@@ -27,37 +27,54 @@ NUMBER_KEYS = ("_mm", "_ppm", "_urad", "size")
 
 
 def _show(value: Any) -> str:
-    if type(value) is int and abs(value) > MAX_NUMBER:
-        return f"{value.bit_length() // 3.32:.0f} digits"
-    return str(value)[:MAX_SHOWN]
+    is_whole = type(value) is int
+    if is_whole and abs(value) > MAX_NUMBER:
+        # str() refuses a number of thousands of digits
+        digits = value.bit_length() // 3.32
+        return f"{digits:.0f} digits"
+    text = str(value)
+    return text[:MAX_SHOWN]
 
 
 def describe_error(error: Any) -> str:
     """Describe what pydantic says of a value, in words of the file: expected …, found …."""
-    message: str = error["msg"].removeprefix("Value error, ")
-    if error["type"] == "value_error":
+    kind = error["type"]
+    message: str = error["msg"]
+    message = message.removeprefix("Value error, ")
+    if kind == "value_error":
         return message
-    if error["type"] in ("model_type", "dict_type"):
+    if kind in ("model_type", "dict_type"):
         message = "expected a table"
     message = re.sub(r"^Input should be (a valid |)", "expected ", message)
     for theirs, ours in EXPECTED:
         message = message.replace(f"expected {theirs}", f"expected {ours}")
     message = message.replace(" after validation", "")
-    return f"{message}, found {_show(error['input'])!r}"
+    found = _show(error["input"])
+    return f"{message}, found {found!r}"
 
 
 def format_place(location: Sequence[Any]) -> str:
     """Write a place in a file: its keys, and items of arrays counted from 1."""
-    parts = [part + 1 if isinstance(part, int) else str(part) for part in location]
-    return ".".join(str(part).removesuffix("_") for part in parts)
+    words = []
+    for part in location:
+        word = str(part)
+        if isinstance(part, int):
+            word = str(part + 1)
+        key = word.removesuffix("_")
+        words.append(key)
+    return ".".join(words)
 
 
 def _to_float(value: float) -> float:
-    return float(value) if abs(value) < MAX_NUMBER else float("inf")
+    if abs(value) < MAX_NUMBER:
+        return float(value)
+    return float("inf")
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+    if isinstance(value, bool):
+        return False
+    return isinstance(value, (int, float))
 
 
 def to_toml_values(value: Any) -> Any:
@@ -65,19 +82,26 @@ def to_toml_values(value: Any) -> Any:
     (TOML tells 100 from 100.0; a tool's offset need not); from Python tuples and arrays are arrays,
     a path is its text."""
     if isinstance(value, Mapping):
-        return {key: _to_toml_item(str(key), inner) for key, inner in value.items()}
+        table = {}
+        for key, inner in value.items():
+            name = str(key)
+            table[key] = _to_toml_item(name, inner)
+        return table
     if isinstance(value, (np.ndarray, np.generic)):
-        return to_toml_values(value.tolist())
+        plain = value.tolist()
+        return to_toml_values(plain)
     if isinstance(value, os.PathLike):
         return os.fspath(value)
-    if isinstance(value, (list, tuple)):
-        if value and all(_is_number(item) for item in value):
-            return [_to_float(item) for item in value]
-        return [to_toml_values(item) for item in value]
-    return value
+    if not isinstance(value, (list, tuple)):
+        return value
+    is_array_of_numbers = all(_is_number(item) for item in value)
+    if is_array_of_numbers:
+        return [_to_float(item) for item in value]
+    return [to_toml_values(item) for item in value]
 
 
 def _to_toml_item(key: str, value: Any) -> Any:
-    if type(value) is int and key.endswith(NUMBER_KEYS):
+    is_number = key.endswith(NUMBER_KEYS)
+    if type(value) is int and is_number:
         return _to_float(value)
     return to_toml_values(value)

@@ -76,7 +76,9 @@ class RobotTable(_Table):
     @classmethod
     def _table(cls, given: Any) -> Any:
         if isinstance(given, (str, Robot)):
-            which = f'name = "{given}"' if isinstance(given, str) else "nominal = the Robot"
+            which = "nominal = the Robot"
+            if isinstance(given, str):
+                which = f'name = "{given}"'
             raise ValueError(f"expected a table: {which} and tool_mm = [x, y, z]")
         return given
 
@@ -105,7 +107,7 @@ class RobotTable(_Table):
 
     @model_serializer(mode="wrap")
     def _without_none(self, plain: Plain) -> dict[str, Any]:
-        """A study's hash takes in a robot given as an object by its numbers."""
+        """Write a robot given as an object by its numbers, which the study's hash takes in."""
         robot = self.nominal
         rest = {
             key: value
@@ -160,8 +162,11 @@ class MeasurementsTable(_Table):
 
     @model_serializer(mode="wrap")
     def _since(self, plain: Plain) -> dict[str, Any]:
-        """A study without features is written, and hashed, as it was before there were any."""
-        return {k: v for k, v in plain(self).items() if k != "features" or v}
+        """Write, and hash, a study without features as it was before there were any."""
+        written: dict[str, Any] = plain(self)
+        if not written.get("features"):
+            written.pop("features", None)
+        return written
 
     @model_validator(mode="before")
     @classmethod
@@ -237,8 +242,11 @@ class ComparisonTable(_Table):
 
     @model_serializer(mode="wrap")
     def _since(self, plain: Plain) -> dict[str, Any]:
-        """Without what studies before it did not have: their hash stays."""
-        return {k: v for k, v in plain(self).items() if k != "mechanisms" or v is not None}
+        """Write a study without what earlier ones did not have: their hash stays."""
+        written: dict[str, Any] = plain(self)
+        if written.get("mechanisms") is None:
+            written.pop("mechanisms", None)
+        return written
 
 
 class NoiseTable(_Table):
@@ -261,7 +269,8 @@ class NoiseTable(_Table):
     @property
     def instrument(self) -> bool:
         """Whether an instrument is described."""
-        return bool(self.range_mm or self.range_ppm or self.angle_urad)
+        numbers = (self.range_mm, self.range_ppm, self.angle_urad)
+        return any(numbers)
 
 
 class SamplingTable(_Table):
@@ -320,7 +329,7 @@ class Study(_Table):
             raise StudyError(*dict.fromkeys(sentences)) from None
 
     def with_measurements(self, measurements: Any) -> Study:
-        """The same study of other measurements: a path, a DataFrame or a table. Raises
+        """Return the same study of other measurements: a path, a DataFrame or a table. Raises
         StudyError."""
         return Study(
             **{name: getattr(self, name) for name in Study.model_fields}
@@ -358,24 +367,34 @@ def _is_union_tag(part: Any) -> bool:
     """Whether a part of pydantic's location names an alternative of a type, not a key."""
     if not isinstance(part, str):
         return False
-    return part in ("bool", "str", "float", "int") or part.startswith(("literal", "list["))
+    plain_types = ("bool", "str", "float", "int")
+    is_generic = part.startswith(("literal", "list["))
+    return part in plain_types or is_generic
 
 
 def _describe_problem(error: Any) -> str:
     """Describe a problem of pydantic's by its place in the study file."""
+    kind = error["type"]
     location = [part for part in error["loc"] if not _is_union_tag(part)]
     place = format_place(location)
-    if error["type"] == "extra_forbidden":
-        key = str(location[-1])
-        table = f"[{place.rpartition('.')[0]}]" if "." in place else "the study file"
-        return f'{table}: unknown key "{key}". {suggest(key, _list_known_keys(location[:-1]))}'
-    if error["type"] == "missing":
+    if kind == "missing":
         return f"{place} is missing."
-    return f"{place}: {describe_error(error)}."
+    if kind != "extra_forbidden":
+        description = describe_error(error)
+        return f"{place}: {description}."
+    *table_location, key = location
+    known_keys = _list_known_keys(table_location)
+    hint = suggest(str(key), known_keys)
+    table = "the study file"
+    table_place, _, _ = place.rpartition(".")
+    if table_place:
+        table = f"[{table_place}]"
+    return f'{table}: unknown key "{key}". {hint}'
 
 
 def parse_study(text: str, where: str) -> Study:
-    """Read a study from TOML text. Raises StudyError with every problem and its place in `where`."""
+    """Read a study from TOML text. Raises StudyError with every problem and its place in
+    `where`."""
     table = parse_toml(text, where)
     try:
         return Study(**table)
@@ -390,8 +409,10 @@ def parse_study(text: str, where: str) -> Study:
 def read_study(path: Path | str) -> Study:
     """Read a study file; a folder stands for its study.toml. Raises StudyError."""
     path = Path(path)
-    path = path / "study.toml" if path.is_dir() else path
-    return parse_study(read_text(path, "the study file"), path.name)
+    if path.is_dir():
+        path = path / "study.toml"
+    text = read_text(path, "the study file")
+    return parse_study(text, path.name)
 
 
 def find_data(name: str, beside: Path) -> Path:
@@ -402,16 +423,28 @@ def find_data(name: str, beside: Path) -> Path:
     if data_folder:
         folders.append(Path(data_folder))
     folders += _list_shared_folders(beside)
-    existing = (folder / name for folder in folders if (folder / name).is_file())
-    return next(existing, beside / name)
+    for folder in folders:
+        path = folder / name
+        if path.is_file():
+            return path
+    return beside / name
 
 
 def find_source(study: Study, folder: Path) -> Source:
     """Find a study's measurements: the DataFrame it holds, else the file."""
-    held = study.measurements.frame
-    return find_data(study.measurements.file, folder) if held is None else held.frame
+    measurements = study.measurements
+    held = measurements.frame
+    if held is not None:
+        return held.frame
+    return find_data(measurements.file, folder)
 
 
 def _list_shared_folders(beside: Path) -> list[Path]:
-    """List where the public data of a checkout may be, shared/data, which stands beside the project."""
-    return [parent / "shared" / "data" for parent in beside.resolve().parents]
+    """List where the public data of a checkout may be, shared/data, which stands beside the
+    project."""
+    folder = beside.resolve()
+    shared_folders = []
+    for parent in folder.parents:
+        shared = parent / "shared"
+        shared_folders.append(shared / "data")
+    return shared_folders

@@ -51,14 +51,19 @@ class Ensemble:
         object.__setattr__(self, "_places", places)
 
     def _stacked(self, causes: Sequence[Array]) -> Array:
-        """(k, m) causes, or (k, 1) where all are constant."""
-        if all(cause.ndim == 0 for cause in causes):
-            return np.stack([cause.reshape(1) for cause in causes])
-        return np.stack([np.broadcast_to(cause, (len(self.problem),)) for cause in causes])
+        """Stack causes as (k, m), or (k, 1) where all are constant."""
+        are_constant = all(cause.ndim == 0 for cause in causes)
+        if are_constant:
+            numbers = [cause.reshape(1) for cause in causes]
+            return np.stack(numbers)
+        rows = len(self.problem)
+        shape = (rows,)
+        columns = [np.broadcast_to(cause, shape) for cause in causes]
+        return np.stack(columns)
 
     @cached_property
     def _turns(self) -> tuple[tuple[Array, Array], ...]:
-        """(cos, sin) (m,) of every joint reading."""
+        """Cosine and sine (m,) of every joint reading."""
         return tuple((np.cos(q), np.sin(q)) for q in self.problem.data.q.T)
 
     def twist(self, theta: Array) -> dict[Place, Array]:
@@ -70,7 +75,7 @@ class Ensemble:
         }
 
     def residuals(self, theta: Array, more: Twist | None = None) -> Array:
-        """Whitened exact residuals (D, c, m) at parameters theta (D, p); `more`: further entries
+        """Compute the whitened exact residuals (D, c, m) at parameters theta (D, p); `more`: further entries
         (D, m) of some places."""
         problem, D, m = self.problem, len(theta), len(self.problem)
         out = np.empty((D, problem.components, m))
@@ -87,34 +92,54 @@ class Ensemble:
         return out
 
     def _left(self, twist: Twist, D: int) -> Array:
-        """Measured minus predicted (D, c, m) of the rows as points."""
+        """Subtract predicted from measured (D, c, m), of the rows as points."""
         if self._bare is not None:
             return self._bare._left(twist, D)
-        return self._positions(twist, D) if self.problem.components == 3 else self._poses(twist, D)
+        if self.problem.components == 3:
+            return self._positions(twist, D)
+        return self._poses(twist, D)
 
     @cached_property
     def _bare(self) -> Ensemble | None:
         """The same rows as points measured at nought, where not every row is a point."""
-        return None if self.problem.only_points else Ensemble(self.problem.bare, ())
+        if self.problem.only_points:
+            return None
+        bare = self.problem.bare
+        return Ensemble(bare, ())
 
     @cached_property
     def _origin(self) -> Ensemble | None:
-        return None if self.problem.origin is None else Ensemble(self.problem.origin, self.terms)
+        origin = self.problem.origin
+        if origin is None:
+            return None
+        return Ensemble(origin, self.terms)
 
     def _read(self, left: Array, theta: Array) -> Array:
-        """Measured minus predicted (D, c, m) of what the rows read, from the target's position with
+        """Subtract predicted from measured (D, c, m), of what the rows read, from the target's position with
         its sign turned."""
-        problem, origin_x = self.problem, None
+        problem = self.problem
         gauges = problem.observed()
+        x = -left[:, :3]
+        origin_x = None
         if self._origin is not None:
-            origin_x = -self._origin._left(self._origin.twist(theta), len(theta))[:, :3]
-        change = add_feature_changes(len(gauges.features), self.terms, theta)
-        predicted = predict_readings(gauges, problem.fixtures, change, -left[:, :3], origin_x)
+            origin = self._origin
+            twist = origin.twist(theta)
+            origin_left = origin._left(twist, len(theta))
+            origin_x = -origin_left[:, :3]
+        count = len(gauges.features)
+        change = add_feature_changes(count, self.terms, theta)
+        predicted = predict_readings(
+            gauges,
+            problem.fixtures,
+            change,
+            x,
+            origin_x,
+        )
         left[:, :3] = problem.readings - predicted
         return left * problem.components_measured.T
 
     def _positions(self, twist: Twist, D: int) -> Array:
-        """Measured minus predicted (D, 3, m) [mm]."""
+        """Subtract predicted from measured positions, (D, 3, m) [mm]."""
         problem, robot = self.problem, self.problem.robot
         n = robot.n
         p = [problem.tool[:, a] + twist.get((n, a), np.zeros((1, 1))) for a in range(3)]
@@ -144,31 +169,45 @@ class Ensemble:
         return out
 
     def _poses(self, twist: Twist, D: int) -> Array:
-        """Measured minus predicted (D, 6, m) [mm, rad], by the whole pose."""
-        problem, m = self.problem, len(self.problem)
-        whole = np.zeros((problem.robot.n + 1, 6, D, m))
-        for (f, a), values in twist.items():
-            whole[f, a] = values
-        data, rows = problem.data, np.tile(np.arange(m), D)
-        tool_rotation = (
-            None if problem.tool_rotations is None else problem.tool_rotations[data.target[rows]]
-        )
+        """Subtract predicted from measured poses, (D, 6, m) [mm, rad]."""
+        problem = self.problem
+        data = problem.data
+        m = len(problem)
+        frames = problem.robot.n + 1
+        whole = np.zeros((frames, 6, D, m))
+        for place, values in twist.items():
+            whole[place] = values
+        configurations = np.arange(m)
+        rows = np.tile(configurations, D)
+        tool_rotation = problem.tool_rotations
+        if tool_rotation is not None:
+            target_of_rows = data.target[rows]
+            tool_rotation = tool_rotation[target_of_rows]
+        entries = whole.reshape(frames, 6, D * m)
         at = pose(
             problem.robot,
             data.q[rows],
             problem.tool[rows],
-            whole.reshape(problem.robot.n + 1, 6, D * m),
+            entries,
             tool_rotation,
         )
-        R, t = problem.placement[0][data.group], problem.placement[1][data.group]
+        target = at.target.reshape(3, D, m)
+        rotation = at.rotation.reshape(3, 3, D, m)
+        rotations, origins = problem.placement
+        R = rotations[data.group]
+        t = origins[data.group]
         out = np.empty((D, 6, m))
-        out[:, :3] = (data.position - t).T - np.einsum(
-            "mij,jdm->dim", R, at.target.reshape(3, D, m)
-        )
+        predicted = np.einsum("mij,jdm->dim", R, target)
+        from_origin = data.position - t
+        measured = from_origin.T
+        out[:, :3] = measured - predicted
         assert data.rotation is not None
-        seen = np.einsum("mji,mjk->mik", R, data.rotation)  # measured, in frame 0's axes
-        turned = np.einsum("mij,kjdm->dmik", seen, at.rotation.reshape(3, 3, D, m))
-        out[:, 3:] = np.einsum("mij,djm->dim", R, _vector(turned).transpose(0, 2, 1))
+        # the measured orientation, in frame 0's axes
+        seen = np.einsum("mji,mjk->mik", R, data.rotation)
+        turned = np.einsum("mij,kjdm->dmik", seen, rotation)
+        vectors = _vector(turned)
+        turn = vectors.transpose(0, 2, 1)
+        out[:, 3:] = np.einsum("mij,djm->dim", R, turn)
         return out
 
 
@@ -187,12 +226,12 @@ def _vector(R: Array) -> Array:
 
 
 def _turn(c: Array, s: Array, x: Array, y: Array) -> tuple[Array, Array]:
-    """(x, y) turned by the angle of cosine c and sine s."""
+    """Turn (x, y) by the angle of cosine c and sine s."""
     return c * x - s * y, s * x + c * y
 
 
 def _carry(transform: Array, p: Sequence[Array]) -> list[Array]:
-    """A fixed transform (4, 4) applied to the coordinates of points; zeros cost nothing."""
+    """Apply a fixed transform (4, 4) to the coordinates of points; zeros cost nothing."""
     out = []
     for row in transform[:3]:
         parts = [p[b] if row[b] == 1 else row[b] * p[b] for b in range(3) if row[b]]

@@ -64,7 +64,7 @@ def _rows(cause: Array | float, rows: slice) -> Array | float:
 
 
 def _start(problem: Problem, rows: slice) -> Frame:
-    """Frame 0 as the tracker sees it, at these rows."""
+    """Return frame 0 as the tracker sees it, at these rows."""
     R, t = problem.placement
     if len(R) == 1:
         return R[0].T[:, :, None], t[0][:, None]
@@ -73,7 +73,10 @@ def _start(problem: Problem, rows: slice) -> Frame:
 
 
 def _tool(problem: Problem, rows: slice) -> Array:
-    return problem.tools[0] if len(problem.tools) == 1 else problem.tool[rows]
+    if len(problem.tools) == 1:
+        only: Array = problem.tools[0]
+        return only
+    return problem.tool[rows]
 
 
 def _subtract_predicted(problem: Problem, frame: Frame, rows: slice, out: Array) -> None:
@@ -102,7 +105,9 @@ def assemble(
     """Assemble [columns | residual] (p+1, c, rows) of a block of rows, not whitened, linearised at
     a fitted point or (None) at the nominal model. With `space` the array is overwritten by the
     next call."""
-    rows = rows or slice(0, len(problem))
+    if rows is None:
+        count = len(problem)
+        rows = slice(0, count)
     space = space or Workspace()
     if problem.only_points:
         return _assemble_points(problem, terms, at, rows, space)
@@ -112,7 +117,7 @@ def assemble(
 def _assemble_points(
     problem: Problem, terms: Sequence[Term], at: Linearisation | None, rows: slice, space: Workspace
 ) -> Array:
-    """`assemble` where every row is a point.
+    """Assemble [columns | residual] where every row is a point.
 
     The screw field stands where the columns of its own entries (see `_entry_run`) belong, so that
     nothing is copied:
@@ -181,11 +186,15 @@ def _assemble_readings(
 
 
 def _entry_run(terms: Sequence[Term]) -> tuple[int, int]:
-    """(start, stop) of the first run of terms that are the screw field's own entries, in its order
+    """Find (start, stop) of the first run of terms that are the screw field's own entries, in its order
     from frame 1."""
-    start = next((k for k, term in enumerate(terms) if _is_entry(term, 0)), 0)
+    starts = [k for k, term in enumerate(terms) if _is_entry(term, 0)]
+    start = starts[0] if starts else 0
     stop = start
-    while stop < len(terms) and _is_entry(terms[stop], stop - start):
+    while stop < len(terms):
+        number = stop - start
+        if not _is_entry(terms[stop], number):
+            break
         stop += 1
     return start, stop
 
@@ -195,14 +204,17 @@ def _is_entry(term: Term, number: int) -> bool:
     if len(term.screws) != 1:
         return False
     screw = term.screws[0]
-    place = number // 6 + 1, AXES[number % 6]
-    return (screw.frame, screw.axis) == place and screw.cause == ONE
+    frame = number // 6 + 1
+    if screw.frame != frame:
+        return False
+    has_axis = screw.axis == AXES[number % 6]
+    return has_axis and screw.cause == ONE
 
 
 def _write_products(
     problem: Problem, field: Array, terms: Sequence[Term], rows: slice, out: Array, space: Workspace
 ) -> None:
-    """Columns of terms, screw field times cause, into out (len(terms), c, rows); rows that are
+    """Write columns of terms, screw field times cause, into out (len(terms), c, rows); rows that are
     points see no feature."""
     scaled = space.array("scaled", *out.shape[1:])
     for column, term in zip(out, terms, strict=True):
@@ -243,19 +255,34 @@ def directions(problem: Problem, pose: Pose, rows: slice) -> Array:
     tracker's frame."""
     group = problem.data.group[rows]
     if problem.only_points:
-        return np.tile(np.eye(3)[:, :, None], (1, 1, len(group)))
+        identity = np.eye(3)[:, :, None]
+        return np.tile(identity, (1, 1, len(group)))
     gauges = problem.observed(rows)
     R, t = problem.placement
-    x = np.einsum("mij,jm->im", R[group], pose.target) + t[group].T
+    turned = np.einsum("mij,jm->im", R[group], pose.target)
+    x = turned + t[group].T
     unchanged = np.zeros((len(gauges.features), len(FIXTURE_AXES)))
-    G, _ = reading_gradients(gauges, problem.fixtures, unchanged, x, None)
+    G, _ = reading_gradients(
+        gauges,
+        problem.fixtures,
+        unchanged,
+        x,
+        None,
+    )
     return G
 
 
 def compute_columns(problem: Problem, field: Array, terms: Sequence[Term], rows: slice) -> Array:
     """Compute the columns (p, c, rows) of terms from a screw field."""
     out = np.empty((len(terms), *field.shape[2:]))
-    _write_products(problem, field, terms, rows, out, Workspace())
+    _write_products(
+        problem,
+        field,
+        terms,
+        rows,
+        out,
+        Workspace(),
+    )
     return out
 
 
@@ -268,11 +295,13 @@ def residuals(problem: Problem, terms: Sequence[Term] = (), theta: Array | None 
     them, of the nominal model."""
     if problem.only_points:
         return _point_residuals(problem, terms, theta)
-    return _reading_residuals(problem, terms, np.zeros(len(terms)) if theta is None else theta)
+    if theta is None:
+        theta = np.zeros(len(terms))
+    return _reading_residuals(problem, terms, theta)
 
 
 def _point_residuals(problem: Problem, terms: Sequence[Term], theta: Array | None) -> Array:
-    """`residuals` where every row is a point."""
+    """Compute the residuals where every row is a point."""
     out, space = np.empty((len(problem), problem.components)), Workspace()
     frames = problem.robot.n + 1
     for rows, part in problem.parts():
@@ -287,16 +316,26 @@ def _point_residuals(problem: Problem, terms: Sequence[Term], theta: Array | Non
 
 
 def _reading_residuals(problem: Problem, terms: Sequence[Term], theta: Array) -> Array:
-    """`residuals` where not every row is a point."""
+    """Compute the residuals where not every row is a point."""
     gauges = problem.observed()
-    change = Linearisation(terms, theta).feature_changes(len(gauges.features))
+    count = len(gauges.features)
+    change = Linearisation(terms, theta).feature_changes(count)
     out = residuals(problem.bare, terms, theta)
-    x, origin_x = -out[:, :3].T, None
+    x = -out[:, :3].T
+    origin_x = None
     if problem.origin is not None:
-        origin_x = -residuals(problem.origin, terms, theta)[:, :3].T
-    predicted = predict_readings(gauges, problem.fixtures, change, x, origin_x)
+        origin_residual = residuals(problem.origin, terms, theta)
+        origin_x = -origin_residual[:, :3].T
+    predicted = predict_readings(
+        gauges,
+        problem.fixtures,
+        change,
+        x,
+        origin_x,
+    )
     out[:, :3] = (problem.readings - predicted).T
-    return np.asarray(np.where(problem.components_measured, out, 0.0))
+    measured = np.where(problem.components_measured, out, 0.0)
+    return np.asarray(measured)
 
 
 def whiten(problem: Problem, values: Array) -> Array:
@@ -307,7 +346,9 @@ def whiten(problem: Problem, values: Array) -> Array:
 
 def whitened(problem: Problem, residual: Array) -> Array:
     """Return residuals (m, c) in units of their standard uncertainty, (m, c)."""
-    return np.asarray(whiten(problem, residual.T.copy()).T)
+    values = residual.T.copy()
+    in_units = whiten(problem, values)
+    return np.asarray(in_units.T)
 
 
 def blocks(
@@ -325,9 +366,12 @@ def compute_design(
 ) -> tuple[Array, Array]:
     """Compute the whole design (m, c, p) and residual (m, c), whitened; for data that fit in
     memory."""
-    columns, residual = [], []
+    columns = []
+    residual = []
     for _, block_columns, block_residual in blocks(problem, terms, at):
         columns.append(block_columns)
         residual.append(block_residual)
-    X = np.concatenate(columns, axis=2).transpose(2, 1, 0)
-    return X, np.concatenate(residual, axis=1).T
+    X = np.concatenate(columns, axis=2)
+    y = np.concatenate(residual, axis=1)
+    rows_first = X.transpose(2, 1, 0)
+    return rows_first, y.T

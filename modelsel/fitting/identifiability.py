@@ -47,7 +47,7 @@ class Identified:
 
     @cached_property
     def relation(self) -> Array:
-        """(p, len(exact)): every column is these coefficients times the exact representatives."""
+        """Coefficients (p, len(exact)) of every column in the exact representatives."""
         kept = list(self.exact)
         if not kept:
             return np.zeros((len(self.scale), 0))
@@ -60,24 +60,38 @@ class Identified:
         if not self.kept:
             return 1.0
         kept = list(self.kept)
-        unit = self.triangle[:, kept] / self.scale[kept]
+        scale = self.scale[kept]
+        columns = self.triangle[:, kept]
+        unit = columns / scale
         singular = np.linalg.svd(unit, compute_uv=False)
-        return float(singular[0] / singular[-1])
+        largest = singular[0]
+        return float(largest / singular[-1])
 
     @property
     def zero(self) -> tuple[int, ...]:
         """Columns that move nothing."""
-        limit = MIN_COLUMN * self.scale.max(initial=0)
-        return tuple(np.flatnonzero(self.scale <= limit).tolist())
+        scale = self.scale
+        largest = scale.max(initial=0)
+        limit = MIN_COLUMN * largest
+        is_zero = scale <= limit
+        columns = np.flatnonzero(is_zero)
+        return tuple(columns.tolist())
 
 
 def identify(reduction: Reduction) -> Identified:
     """Determine the rank by sequential orthogonalisation of the unit columns, in their order: an
     earlier column represents a later one that depends on it, so the choice does not hang on the
     data. A column below 1e-13 of the largest is zero."""
-    R = reduction.R[: reduction.p, : reduction.p]
-    kept, scale = independent(R)
-    return Identified(tuple(kept), scale, R, tuple(kept))
+    p = reduction.p
+    triangle = reduction.R[:p, :p]
+    columns, scale = independent(triangle)
+    representatives = tuple(columns)
+    return Identified(
+        kept=representatives,
+        scale=scale,
+        triangle=triangle,
+        exact=representatives,
+    )
 
 
 def without(identified: Identified, lost: set[int]) -> Identified:
@@ -94,13 +108,22 @@ def solve(reduction: Reduction, kept: Sequence[int]) -> tuple[Array, Array, floa
 
     inner = reduction.select(kept)
     k = len(kept)
+    R = inner.R
+    rss = float(R[k, k] ** 2)
     if not k:
-        return np.zeros(0), np.zeros((0, 0)), float(inner.R[0, 0] ** 2)
-    scale = np.linalg.norm(inner.R[:k, :k], axis=0)
-    T = inner.R[:k, :k] / scale
-    estimate = solve_triangular(T, inner.R[:k, k]) / scale
-    factor = solve_triangular(T, np.eye(k)) / scale[:, None]
-    return estimate, factor, float(inner.R[k, k] ** 2)
+        nothing = np.zeros(0)
+        return nothing, np.zeros((0, 0)), rss
+    columns = R[:k, :k]
+    response = R[:k, k]
+    scale = np.linalg.norm(columns, axis=0)
+    T = columns / scale
+    identity = np.eye(k)
+    unit_estimate = solve_triangular(T, response)
+    unit_factor = solve_triangular(T, identity)
+    estimate = unit_estimate / scale
+    row_scale = scale[:, None]
+    factor = unit_factor / row_scale
+    return estimate, factor, rss
 
 
 # -- what stays as drawn: how long is the arm, and which way does it look?
@@ -115,13 +138,19 @@ def measures_a_length(problem: Problem | Source) -> bool:
     length, features at known places. An arm with a slide has one of its own."""
     if isinstance(problem, Source) or problem.only_points:
         return True
-    if any(joint.prismatic for joint in problem.robot.joints):
+    has_slide = any(joint.prismatic for joint in problem.robot.joints)
+    if has_slide:
         return True
     gauges = problem.observed()
-    if gauges.of("distance").any() or any(map(_has_known_length, gauges.features)):
+    has_distance = bool(gauges.of("distance").any())
+    has_known_length = any(map(_has_known_length, gauges.features))
+    if has_distance or has_known_length:
         return True
-    spread = max(map(_spread, _length_readings(problem, gauges)), default=0.0)
-    return spread > MIN_READING_SPREAD_MM or _known_features_tell_size(gauges.features)
+    readings = _length_readings(problem, gauges)
+    spread = max(map(_spread, readings), default=0.0)
+    if spread > MIN_READING_SPREAD_MM:
+        return True
+    return _known_features_tell_size(gauges.features)
 
 
 def _has_known_length(feature: Feature) -> bool:
@@ -129,16 +158,23 @@ def _has_known_length(feature: Feature) -> bool:
 
 
 def _length_readings(problem: Problem, gauges: Gauges) -> Iterator[Array]:
-    """Readings of each wire, and of each coordinate measured alone [mm]."""
+    """Yield the readings of each wire, and of each coordinate measured alone [mm]."""
+    lengths = gauges.length
+    data = problem.data
+    positions = data.position
     for number, feature in enumerate(gauges.features):
         if feature.kind == "wire":
-            yield gauges.length[gauges.feature == number]
+            rows = gauges.feature == number
+            yield lengths[rows]
     for a, axis in enumerate("xyz"):
-        yield problem.data.position[gauges.of("point", axis), a]
+        rows = gauges.of("point", axis)
+        yield positions[rows, a]
 
 
 def _spread(readings: Array) -> float:
-    return float(np.ptp(readings)) if len(readings) else 0.0
+    if not len(readings):
+        return 0.0
+    return float(np.ptp(readings))
 
 
 def _known_features_tell_size(features: Sequence[Feature]) -> bool:
@@ -167,15 +203,21 @@ def as_drawn(
     way the base looks, and the largest length of the arm where the data measure none and every
     length is open."""
     if measures_no_direction(problem):
-        turns = tuple(k for k in identified.kept if _turns_base(terms[k]))
-        kept = tuple(k for k in identified.kept if k not in turns)
-        identified = replace(identified, kept=kept, still=turns)
-    if isinstance(problem, Source) or measures_a_length(problem):
+        fitted = identified.kept
+        turns = tuple(k for k in fitted if _turns_base(terms[k]))
+        others = tuple(k for k in fitted if k not in turns)
+        identified = replace(identified, kept=others, still=turns)
+    if isinstance(problem, Source):
         return identified
-    held = _length_to_hold(identified, terms, _drawn_lengths(problem))
+    has_length = measures_a_length(problem)
+    if has_length:
+        return identified
+    lengths = _drawn_lengths(problem)
+    held = _length_to_hold(identified, terms, lengths)
     if held is None:
         return identified
-    return replace(identified, kept=tuple(k for k in identified.kept if k != held), held=held)
+    kept = tuple(k for k in identified.kept if k != held)
+    return replace(identified, kept=kept, held=held)
 
 
 def _turns_base(term: Term) -> bool:
@@ -187,15 +229,20 @@ def _drawn_lengths(problem: Problem) -> dict[tuple[int, str], float]:
     """(frame, "x", "y" or "z") -> the drawing's lengths [mm] that are not zero, to the target."""
     robot = problem.robot
     lengths = {}
-    for frame, fixed in enumerate(robot.fixed[:-1], 1):
-        for axis, value in fixed.offset:
-            lengths[frame, "xyz"[axis]] = value
-    last = problem.tools[0].copy()
-    for axis, value in robot.fixed[-1].offset:
-        last[axis] = value + problem.tools[0, axis]
-    for axis, value in enumerate(last):
+    fixed_transforms = robot.fixed
+    *links, flange = fixed_transforms
+    for frame, fixed in enumerate(links, 1):
+        for number, value in fixed.offset:
+            axis = "xyz"[number]
+            lengths[frame, axis] = value
+    tool = problem.tools[0]
+    last = tool.copy()
+    for number, value in flange.offset:
+        last[number] = value + tool[number]
+    target_frame = robot.n + 1
+    for axis, value in zip("xyz", last, strict=True):
         if value:
-            lengths[robot.n + 1, "xyz"[axis]] = float(value)
+            lengths[target_frame, axis] = float(value)
     return lengths
 
 
@@ -207,22 +254,35 @@ def _length_to_hold(
     term_of = {}
     for k, term in enumerate(terms):
         if _is_constant_shift(term):
-            term_of[term.screws[0].frame, term.screws[0].axis[1:]] = k
-    if not lengths.keys() <= term_of.keys():
+            screw = term.screws[0]
+            axis = screw.axis[1:]
+            term_of[screw.frame, axis] = k
+    all_open = lengths.keys() <= term_of.keys()
+    if not all_open:
         return None
-    direction = np.zeros(len(terms))
+    count = len(terms)
+    direction = np.zeros(count)
     for place, value in lengths.items():
-        direction[term_of[place]] = value
-    share = np.abs(direction @ identified.relation)
-    shifts = term_of.values()
-    is_open = [i for i, k in enumerate(identified.exact) if k in shifts and k in identified.kept]
-    if not is_open or not share[is_open].any():
+        number = term_of[place]
+        direction[number] = value
+    part = direction @ identified.relation
+    share = np.abs(part)
+    shifts = set(term_of.values())
+    fitted = shifts & set(identified.kept)
+    exact = identified.exact
+    is_open = [i for i, k in enumerate(exact) if k in fitted]
+    if not is_open:
         return None
-    return identified.exact[max(is_open, key=lambda i: float(share[i]))]
+    open_share = share[is_open]
+    if not open_share.any():
+        return None
+    most = int(np.argmax(open_share))
+    return exact[is_open[most]]
 
 
 def _is_constant_shift(term: Term) -> bool:
     if len(term.screws) != 1:
         return False
     screw = term.screws[0]
-    return screw.axis[0] == "t" and isinstance(screw.cause, Number)
+    is_shift = screw.axis[0] == "t"
+    return is_shift and isinstance(screw.cause, Number)

@@ -64,7 +64,8 @@ class Fit:
     def rank(self) -> int:
         """Parameters that the data determine: those fitted, less the combinations of which the
         prior says more."""
-        return self.found.rank - self.weak.held
+        fitted = self.found.rank
+        return fitted - self.weak.held
 
     @property
     def freedom(self) -> float:
@@ -80,37 +81,51 @@ class Fit:
     def by_prior(self) -> int:
         """Fitted terms that a prior has a say in, whose rows stand with the data's: they cost the
         noise no degree of freedom."""
-        if self.precision is None:
+        precision = self.precision
+        if precision is None:
             return self.weak.count
-        shrunk = self.precision[list(self.found.kept)] > 0
-        return int(shrunk.sum()) + self.weak.count
+        kept = list(self.found.kept)
+        is_shrunk = precision[kept] > 0
+        count = int(is_shrunk.sum())
+        return count + self.weak.count
 
     @property
     def sigma(self) -> float:
         """Residual standard deviation of one whitened coordinate."""
-        return float(np.sqrt(self.rss / self.freedom)) if self.freedom > 0 else float("nan")
+        if self.freedom <= 0:
+            return float("nan")
+        variance = self.rss / self.freedom
+        return float(np.sqrt(variance))
 
     @property
     def standard_errors(self) -> Array:
-        """(p,) from the residual variance; zero where a term is not estimable."""
-        return np.asarray(np.sqrt((self.factor**2).sum(1)) * self.sigma)
+        """Standard errors (p,) from the residual variance; zero where a term is not estimable."""
+        factor = self.factor
+        variance = (factor**2).sum(1)
+        errors: Array = np.sqrt(variance) * self.sigma
+        return errors
 
     @property
     def covariance(self) -> Array:
-        """(p, p) from the residual variance."""
-        return np.asarray(self.factor @ self.factor.T * self.sigma**2)
+        """Covariance (p, p) of the parameters, from the residual variance."""
+        variance = self.sigma**2
+        unscaled = self.factor @ self.factor.T
+        covariance: Array = unscaled * variance
+        return covariance
 
     @cached_property
     def root(self) -> Array:
-        """(k, p) root of the prior's precision matrix: root · theta ~ N(0, 1) times the noise, of
+        """Root (k, p) of the prior's precision matrix: root · theta ~ N(0, 1) times the noise, of
         shrunk terms and of what the data hardly determine; no rows for plain least squares."""
         return prior_root(self.terms, self.precision, self.weak)
 
     @cached_property
     def prior(self) -> Array | None:
-        """(k, p+1) rows [columns | response] of the prior at theta; None for plain least
+        """Rows (k, p+1) [columns | response] of the prior at theta; None for plain least
         squares."""
-        return _rows(self.root, self.theta) if len(self.root) else None
+        if not len(self.root):
+            return None
+        return _rows(self.root, self.theta)
 
     @property
     def representatives(self) -> tuple[int, ...]:
@@ -135,7 +150,8 @@ class Fit:
         if sizes is None:
             return ()
         errors = self.standard_errors
-        return tuple(k for k in self.found.kept if errors[k] > 0.5 * sizes[k])
+        leans = errors > 0.5 * sizes
+        return tuple(k for k in self.found.kept if leans[k])
 
     def at(self) -> Linearisation:
         """Return the point to linearise other models at."""
@@ -155,8 +171,13 @@ def prior_root(
 ) -> Array:
     """Compute the root (k, p) of the prior's precision, of shrunk terms and of what the data hardly
     determine."""
-    shrunk = np.zeros((0, len(terms))) if precision is None else penalty(terms, precision)
-    return shrunk if weak is None or weak.rows is None else np.vstack([shrunk, weak.rows])
+    shrunk = np.zeros((0, len(terms)))
+    if precision is not None:
+        shrunk = penalty(terms, precision)
+    weak_rows = None if weak is None else weak.rows
+    if weak_rows is None:
+        return shrunk
+    return np.vstack([shrunk, weak_rows])
 
 
 def with_prior(reduction: Reduction, root: Array, theta: Array) -> Reduction:
@@ -164,11 +185,12 @@ def with_prior(reduction: Reduction, root: Array, theta: Array) -> Reduction:
     that of the data."""
     if not len(root):
         return reduction
-    return Reduction(reduction.add(_rows(root, theta)).R, reduction.rows)
+    stacked = reduction.add(_rows(root, theta))
+    return Reduction(stacked.R, reduction.rows)
 
 
 def _damped(reduction: Reduction, damping: float) -> Reduction:
-    """With Marquardt's damping: a row per column, in proportion to its norm, that holds the step
+    """Add Marquardt's damping: a row per column, in proportion to its norm, that holds the step
     back."""
     if not damping:
         return reduction
@@ -255,8 +277,9 @@ class _Solver:
 
     @cached_property
     def nominal(self) -> Reduction:
-        """At the nominal chain."""
-        return reduce_problem(self.problem, self.model.terms)
+        """The reduction at the nominal chain."""
+        terms = self.model.terms
+        return reduce_problem(self.problem, terms)
 
     @cached_property
     def exact(self) -> Identified:
@@ -279,14 +302,14 @@ class _Solver:
         return float(np.sqrt(rss / max(self.nominal.rows - free, 1.0)))
 
     def state(self, theta: Array, found: Identified, weak: WeakPrior) -> _State:
-        """At a start, the fixed terms at zero."""
+        """Begin the iteration at parameters theta, the fixed terms at zero."""
         theta = np.where(np.isin(np.arange(len(theta)), found.kept), theta, 0.0)
         return _State(theta, found, weak, *self.reduced(theta, found, weak))
 
     def reduced(
         self, theta: Array, found: Identified, weak: WeakPrior
     ) -> tuple[Reduction, Reduction]:
-        """(the reduction at theta, the same with the prior's rows)."""
+        """Reduce at theta: (the reduction, the same with the prior's rows)."""
         terms = self.model.terms
         if theta.any():
             only = list(found.kept) if len(self.problem) > PROBE[1] else None
@@ -299,14 +322,18 @@ class _Solver:
         """Judge what is fitted and solve again, until the judgement stays."""
         for _ in range(ROUNDS):
             found, weak = self.judge(state)
-            unchanged = found.kept == state.found.kept and weak.like(state.weak)
-            if unchanged and state.step_mm < step_mm:
+            fitted = state.found.kept
+            same_terms = found.kept == fitted
+            same_prior = weak.like(state.weak)
+            is_settled = state.step_mm < step_mm
+            if same_terms and same_prior and is_settled:
                 break
-            state = self.solve(self.state(state.theta, found, weak), iterations, step_mm)
+            start = self.state(state.theta, found, weak)
+            state = self.solve(start, iterations, step_mm)
         return state
 
     def solve(self, state: _State, iterations: int, step_mm: float) -> _State:
-        """Gauss-Newton over the kept terms, damped where it overshoots."""
+        """Iterate Gauss-Newton over the kept terms, damped where it overshoots."""
         kept, count = list(state.found.kept), 0
         state = replace(state, step_mm=np.inf, damping=0.0)
         while count < iterations and state.step_mm >= step_mm and state.damping < STUCK:
@@ -327,7 +354,7 @@ class _Solver:
         return replace(state, iterations=state.iterations + count)
 
     def judge(self, state: _State) -> tuple[Identified, WeakPrior]:
-        """What is fitted and what the prior holds, at the solution and by the noise that it leaves.
+        """Judge what is fitted and what the prior holds, at the solution and by the noise it leaves.
         Every constant parameter that moves a measured coordinate is fitted; of the other terms,
         those that no earlier one represents."""
         theta, terms, reduction = state.theta, self.model.terms, state.reduction
@@ -348,10 +375,11 @@ class _Solver:
         """Raise NotEstimable where the data have no more coordinates than the model has parameters,
         or where the iteration should have `settled` and has not."""
         names = " + ".join(self.model.names) or "the model"
+        rows = self.nominal.rows
         rank = state.found.rank - state.weak.held
-        if self.nominal.rows <= rank and self.precision is None:
+        if rows <= rank and self.precision is None:
             raise NotEstimable(
-                f"{self.nominal.rows} measured coordinates cannot determine the {rank} estimable parameters of "
+                f"{rows} measured coordinates cannot determine the {rank} estimable parameters of "
                 f"{names}: measure more configurations.",
                 parameters=[t.symbol for t in self.model.terms],
             )
@@ -364,6 +392,9 @@ class _Solver:
 
 def factor_of(full: Reduction, kept: Sequence[int]) -> Array:
     """Compute the covariance factor (p, rank) of the kept terms, zeros for the others."""
-    factor = np.zeros((full.p, len(kept)))
-    factor[list(kept)] = solve(full, kept)[1]
+    shape = full.p, len(kept)
+    factor = np.zeros(shape)
+    columns = list(kept)
+    _, solved, _ = solve(full, columns)
+    factor[columns] = solved
     return factor

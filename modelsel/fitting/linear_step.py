@@ -87,9 +87,15 @@ def _kept(place: Sequence[int], base: Fit, here: Reduction) -> tuple[int, ...]:
 
 
 def _prior(weak: WeakPrior, theta: Array) -> Array:
-    root = np.zeros((0, len(theta))) if weak.rows is None else weak.rows
-    return np.column_stack([root, -root @ theta])
+    root = weak.rows
+    if root is None:
+        count = len(theta)
+        root = np.zeros((0, count))
+    response = -root @ theta
+    return np.column_stack([root, response])
 
 
 def _with_rows(reduction: Reduction, rows: Array) -> Reduction:
-    return Reduction(reduction.add(rows).R, reduction.rows)
+    count = reduction.rows
+    stacked = reduction.add(rows)
+    return Reduction(stacked.R, count)

@@ -63,70 +63,120 @@ def covariance(data: Measurements, instrument: Instrument) -> Array:
         )
     u = line / distance[:, None]
     along = np.einsum("mi,mj->mij", u, u)
-    radial = (instrument.range_mm + instrument.range_ppm * 1e-6 * distance) ** 2
-    lateral = (instrument.angle_urad * 1e-6 * distance) ** 2
-    if not (radial > 0).all() or not (lateral > 0).all():
+    identity = np.eye(3)
+    across = identity - along
+    relative = instrument.range_ppm * 1e-6
+    range_sigma = instrument.range_mm + relative * distance
+    angle_sigma = instrument.angle_urad * 1e-6
+    lateral_sigma = angle_sigma * distance
+    radial = range_sigma**2
+    lateral = lateral_sigma**2
+    is_definite = (radial > 0).all() and (lateral > 0).all()
+    if not is_definite:
         raise StudyError("noise: range_mm or range_ppm, and angle_urad, must both be above zero")
-    across = np.eye(3) - along
-    return np.asarray(radial[:, None, None] * along + lateral[:, None, None] * across)
+    by_range = radial[:, None, None] * along
+    by_angle = lateral[:, None, None] * across
+    matrices: Array = by_range + by_angle
+    return matrices
 
 
 def from_repeats(data: Measurements) -> Floor | None:
     """Estimate the floor from the pooled standard deviation of positions at equal joint readings,
     per target; None with too few. An arm whose readings differ has moved its target, too: that is
     no repeat."""
-    key = data.block * len(data.targets) + data.target
-    _, member, count = np.unique(key, return_inverse=True, return_counts=True)
-    count[_reading_spread(data.q, member, len(count)) > SAME_READING] = 1
-    freedom = 3 * int((count - 1).sum())
+    targets = len(data.targets)
+    blocks = data.block * targets
+    key = blocks + data.target
+    _, member, count = np.unique(
+        key,
+        return_inverse=True,
+        return_counts=True,
+    )
+    kinds = len(count)
+    spread = _reading_spread(data.q, member, kinds)
+    has_moved = spread > SAME_READING
+    count[has_moved] = 1
+    beyond_first = count - 1
+    freedom = 3 * int(beyond_first.sum())
     if freedom < MIN_FREEDOM:
         return None
-    total = [np.bincount(member, data.position[:, axis]) for axis in range(3)]
-    mean = np.stack([column / count for column in total], axis=1)
-    repeated = count[member] > 1
-    unbiased = np.sqrt(count / np.maximum(count - 1, 1))[member[repeated]]
-    deviation = (data.position - mean[member])[repeated] * unbiased[:, None]
-    return Floor(NORMAL * float(np.median(np.abs(deviation))), "repeats", freedom)
+    position = data.position
+    total = [np.bincount(member, position[:, axis]) for axis in range(3)]
+    means = [column / count for column in total]
+    mean = np.stack(means, axis=1)
+    is_repeated = count[member] > 1
+    divisor = np.maximum(beyond_first, 1)
+    factor = np.sqrt(count / divisor)
+    numbers = member[is_repeated]
+    unbiased = factor[numbers]
+    row_factor = unbiased[:, None]
+    expected = mean[member]
+    from_mean = position - expected
+    deviation = from_mean[is_repeated] * row_factor
+    size = np.abs(deviation)
+    median = float(np.median(size))
+    scatter = NORMAL * median
+    return Floor(scatter, "repeats", freedom)
 
 
 def _reading_spread(q: Array, member: Index, count: int) -> Array:
-    """(count,) largest spread of a joint's reading among the rows that `member` (m,) numbers
+    """Compute the largest spread (count,) of a joint's reading among the rows that `member` (m,) numbers
     alike."""
-    low = np.full((count, q.shape[1]), np.inf)
-    high = np.full((count, q.shape[1]), -np.inf)
+    _, joints = q.shape
+    shape = count, joints
+    low = np.full(shape, np.inf)
+    high = np.full(shape, -np.inf)
     np.minimum.at(low, member, q)
     np.maximum.at(high, member, q)
-    return np.asarray((high - low).max(1))
+    spread = high - low
+    largest: Array = spread.max(1)
+    return largest
 
 
 def from_target_pairs(data: Measurements) -> Floor | None:
     """Estimate the floor from the scatter of the distance between two reflectors on one flange:
     its variance is 2 σ². None with too few, or where the distance is always the same to
     MIN_RELATIVE_SCATTER: a rigid body fitted to the markers keeps it, and shows no noise."""
-    deviations, freedom, largest = [], 0, 0.0
-    for first, second in combinations(range(len(data.targets)), 2):
+    deviations = []
+    freedom = 0
+    largest = 0.0
+    targets = range(len(data.targets))
+    for first, second in combinations(targets, 2):
         at_first, at_second = _paired_positions(data, first, second)
         if len(at_first) > 2:
-            distance = np.linalg.norm(at_first - at_second, axis=1)
-            deviations.append(np.abs(distance - np.median(distance)) / np.sqrt(2))
+            line = at_first - at_second
+            distance = np.linalg.norm(line, axis=1)
+            middle = np.median(distance)
+            deviation = np.abs(distance - middle)
+            # the variance of a distance is that of two coordinates
+            deviations.append(deviation / np.sqrt(2))
             freedom += len(distance) - 1
-            size = float(np.median(np.linalg.norm(at_first, axis=1)))
+            sizes = np.linalg.norm(at_first, axis=1)
+            size = float(np.median(sizes))
             largest = max(largest, size)
     if freedom < MIN_FREEDOM:
         return None
-    scatter = NORMAL * float(np.median(np.concatenate(deviations)))
+    pooled = np.concatenate(deviations)
+    scatter = NORMAL * float(np.median(pooled))
     if scatter <= MIN_RELATIVE_SCATTER * largest:
         return None
     return Floor(scatter, "target pairs", freedom)
 
 
 def _paired_positions(data: Measurements, first: int, second: int) -> tuple[Array, Array]:
-    """Positions (k, 3) of two targets in the configurations that have both."""
-    rows, others = (np.flatnonzero(data.target == target) for target in (first, second))
+    """Return the positions (k, 3) of two targets in the configurations that have both."""
+    at_first = data.target == first
+    at_second = data.target == second
+    rows = np.flatnonzero(at_first)
+    others = np.flatnonzero(at_second)
+    configuration = data.configuration
     _, i, j = np.intersect1d(
-        data.configuration[rows], data.configuration[others], return_indices=True
+        configuration[rows],
+        configuration[others],
+        return_indices=True,
     )
-    return data.position[rows[i]], data.position[others[j]]
+    position = data.position
+    return position[rows[i]], position[others[j]]
 
 
 def weigh(
@@ -155,7 +205,8 @@ def _known_floor(
     """(the floor, whitening matrices (m, 3, 3) of the positions where rows differ). Repeats of one
     kind of row say nothing of the others."""
     if data.sigma is not None:
-        floor = Floor(float(np.sqrt(np.square(data.sigma).mean())), "stated")
+        variance = np.square(data.sigma).mean()
+        floor = Floor(float(np.sqrt(variance)), "stated")
         return floor, _diagonal(1 / data.sigma)
     if stated_mm is not None:
         return Floor(stated_mm, "stated"), None
@@ -163,7 +214,8 @@ def _known_floor(
         return _instrument_floor(data, instrument)
     if data.gauges is not None:
         return None, None
-    return from_repeats(data) or from_target_pairs(data), None
+    measured = from_repeats(data) or from_target_pairs(data)
+    return measured, None
 
 
 def _instrument_floor(data: Measurements, instrument: Instrument) -> tuple[Floor, Array]:
@@ -184,14 +236,24 @@ def _with_orientations(
     """Whitening matrices (m, 6, 6) of positions and orientations; `blocks` (m, 3, 3) of the
     positions, else one `weight`."""
     sigma = data.sigma_rotation
+    count = len(data)
     if sigma is None:
-        sigma = np.full((len(data), 3), rotation_rad or RAD_PER_MM / weight)
-    matrices = np.zeros((len(data), 6, 6))
-    matrices[:, :3, :3] = weight * np.eye(3) if blocks is None else blocks
-    matrices[:, 3:, 3:] = _diagonal(1 / sigma)
+        usual = rotation_rad or RAD_PER_MM / weight
+        sigma = np.full((count, 3), usual)
+    positions = blocks
+    if positions is None:
+        positions = weight * np.eye(3)
+    orientations = _diagonal(1 / sigma)
+    shape = count, 6, 6
+    matrices = np.zeros(shape)
+    matrices[:, :3, :3] = positions
+    matrices[:, 3:, 3:] = orientations
     return matrices
 
 
 def _diagonal(values: Array) -> Array:
-    """(m, k, k) diagonal matrices of values (m, k)."""
-    return np.asarray(np.einsum("mi,ij->mij", values, np.eye(values.shape[1])))
+    """Build diagonal matrices (m, k, k) of values (m, k)."""
+    size = values.shape[1]
+    identity = np.eye(size)
+    matrices: Array = np.einsum("mi,ij->mij", values, identity)
+    return matrices

@@ -41,12 +41,12 @@ class Lack:
 
     @property
     def outside(self) -> bool:
-        """Whether chance does not explain it."""
+        """Whether chance does not explain the difference."""
         return not self.low <= self.factor <= self.high
 
     @property
     def far(self) -> bool:
-        """Whether it is so far off that it is said before everything else."""
+        """Whether the floor is so far off that it is said before everything else."""
         return self.outside and not 1 / CLEARLY_TOO_LARGE < self.factor < CLEARLY_TOO_SMALL
 
     @property
@@ -61,12 +61,17 @@ def lack(floor: Floor, factor: float, freedom: float) -> Lack:
     freedom."""
     from scipy.special import chdtri, fdtri
 
+    tail = LEVEL / 2
+    tails = [tail, 1 - tail]
     if np.isfinite(floor.freedom):
-        floor_freedom = max(MEDIAN * floor.freedom, 1.0)
-        low, high = fdtri(freedom, floor_freedom, [LEVEL / 2, 1 - LEVEL / 2])
+        counted = MEDIAN * floor.freedom
+        floor_freedom = max(counted, 1.0)
+        low, high = fdtri(freedom, floor_freedom, tails)
     else:
-        low, high = chdtri(freedom, [1 - LEVEL / 2, LEVEL / 2]) / freedom
-    return Lack(factor, float(np.sqrt(low)), float(np.sqrt(high)))
+        low, high = chdtri(freedom, tails[::-1]) / freedom
+    least = float(np.sqrt(low))
+    most = float(np.sqrt(high))
+    return Lack(factor, least, most)
 
 
 def name_likeliest_mistake(ratio: float, where: str, scale: str = "mm") -> str:

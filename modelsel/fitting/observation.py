@@ -61,23 +61,28 @@ class FeatureOfRows:
         """Return the features of rows by their indices (m,); change (..., F, 7). Rows without one
         have any: nothing reads it."""
         if not len(fixtures.length):
-            fixtures, change = Fixtures.unknown(1), np.zeros((*change.shape[:-2], 1, 7))
+            fixtures = Fixtures.unknown(1)
+            change = np.zeros((*change.shape[:-2], 1, 7))
+        number = np.maximum(feature, 0)
         return FeatureOfRows(
             fixtures.centre[feature],
             fixtures.axes[feature],
             fixtures.length[feature],
-            change[..., np.maximum(feature, 0), :],
+            change[..., number, :],
         )
 
     @property
     def anchor(self) -> Array:
-        """(..., 3, m) places, as changed."""
+        """Places (..., 3, m) of the anchors, as changed."""
         return np.moveaxis(self.centre + self.change[..., PLACE], -1, -2)
 
     def take(self, rows: NDArray[np.bool_]) -> FeatureOfRows:
         """Return the features of some rows."""
         return FeatureOfRows(
-            self.centre[rows], self.axes[rows], self.length[rows], self.change[..., rows, :]
+            self.centre[rows],
+            self.axes[rows],
+            self.length[rows],
+            self.change[..., rows, :],
         )
 
 
@@ -106,8 +111,10 @@ class PointObservation(Observation):
 
     def gradients(self, x: Array) -> tuple[Array, Array]:
         G, E = _zeros(x)
+        coordinates = self.coordinates
         for k in range(3):
-            G[k, k] = self.coordinates[:, k]
+            is_measured = coordinates[:, k]
+            G[k, k] = is_measured
         return G, E
 
 
@@ -123,7 +130,9 @@ class DistanceObservation(Observation):
 
     def gradients(self, x: Array) -> tuple[Array, Array]:
         G, E = _zeros(x)
-        G[0] = _direction(x - self.origin)
+        line = x - self.origin
+        direction = _direction(line)
+        G[0] = direction
         return G, E
 
 
@@ -139,8 +148,11 @@ class AnchorObservation(Observation):
 
     def gradients(self, x: Array) -> tuple[Array, Array]:
         G, E = _zeros(x)
-        G[0] = _direction(x - self.feature.anchor)
-        E[PLACE, 0] = -G[0]
+        anchor = self.feature.anchor
+        line = x - anchor
+        direction = _direction(line)
+        G[0] = direction
+        E[PLACE, 0] = -direction
         E[LENGTH, 0] = -1.0
         return G, E
 
@@ -187,7 +199,7 @@ class PlaneObservation(Observation):
         return tilt[..., 0], tilt[..., 1]
 
     def _normal(self) -> Array:
-        """(..., 3, m) Rx(rx) Ry(ry) on the plane's normal."""
+        """Tilt the plane's normal (..., 3, m) by Rx(rx) Ry(ry)."""
         a, b = self._tilts()
         local = np.stack([np.sin(b), -np.sin(a) * np.cos(b), np.cos(a) * np.cos(b)], axis=-1)
         turned = np.einsum("...mi,mij->...mj", local, self.feature.axes)
@@ -202,21 +214,26 @@ class PlaneObservation(Observation):
 
 
 def _zeros(x: Array) -> tuple[Array, Array]:
-    """(G, E) of nothing measured."""
+    """Return the gradients (G, E) of rows where nothing is measured."""
     m = x.shape[-1]
     return np.zeros((3, 3, m)), np.zeros((len(FIXTURE_AXES), 3, m))
 
 
 def _single(number: Array) -> Array:
-    """(..., 3, m) with a number (..., m) in the first component."""
-    out = np.zeros((*number.shape[:-1], 3, number.shape[-1]))
+    """Put a number (..., m) into the first component of readings (..., 3, m)."""
+    shape = number.shape
+    *draws, rows = shape
+    out = np.zeros((*draws, 3, rows))
     out[..., 0, :] = number
     return out
 
 
 def _direction(line: Array) -> Array:
-    """Unit vectors (3, m) along lines."""
-    return np.asarray(line / np.maximum(np.linalg.norm(line, axis=0), SMALLEST_MM))
+    """Return the unit vectors (3, m) along lines."""
+    norms = np.linalg.norm(line, axis=0)
+    length = np.maximum(norms, SMALLEST_MM)
+    direction: Array = line / length
+    return direction
 
 
 # -- rows of several kinds
@@ -231,29 +248,42 @@ def split_by_kind(
     features = FeatureOfRows.of(fixtures, change, gauges.feature)
     points = gauges.of("point", "x", "y", "z")
     if points.any():
-        yield points, PointObservation(gauges.coordinates[points])
+        coordinates = gauges.coordinates[points]
+        yield points, PointObservation(coordinates)
     distances = gauges.of("distance")
     if distances.any():
         start = features.anchor if origin is None else origin
-        yield distances, DistanceObservation(start[..., distances])
+        start_of_rows = start[..., distances]
+        yield distances, DistanceObservation(start_of_rows)
     anchored = gauges.of("wire", "ball-bar")
     if anchored.any():
-        yield anchored, AnchorObservation(features.take(anchored))
+        anchors = features.take(anchored)
+        yield anchored, AnchorObservation(anchors)
     touched = gauges.of("same-point")
     if touched.any():
-        yield touched, SamePointObservation(features.take(touched))
-    planes = gauges.of("plane")
-    if planes.any():
-        yield planes, PlaneObservation(features.take(planes))
+        touched_points = features.take(touched)
+        yield touched, SamePointObservation(touched_points)
+    on_plane = gauges.of("plane")
+    if on_plane.any():
+        planes = features.take(on_plane)
+        yield on_plane, PlaneObservation(planes)
 
 
 def measured_readings(gauges: Gauges, position: Array) -> Array:
     """Return what was read (3, m), in the components that `Gauges.coordinates` marks, zero
     elsewhere; a ball-bar without a length reads zero beyond its own."""
     points = gauges.of("point", "x", "y", "z")
-    out = np.where(gauges.coordinates & points[:, None], position, 0.0).T
-    lengths = gauges.of("wire", "ball-bar", "distance")
-    out[0, lengths] = np.nan_to_num(gauges.length[lengths])
+    of_point = points[:, None]
+    coordinates = gauges.coordinates
+    is_measured = coordinates & of_point
+    measured = np.where(is_measured, position, 0.0)
+    out = measured.T
+    is_length = gauges.of("wire", "ball-bar", "distance")
+    lengths = gauges.length
+    read = lengths[is_length]
+    # a ball-bar without a reading reads zero
+    numbers = np.nan_to_num(read)
+    out[0, is_length] = numbers
     return np.asarray(out)
 
 
@@ -262,9 +292,13 @@ def predict_readings(
 ) -> Array:
     """Return the readings (..., 3, m) of rows of several kinds with the target at x (..., 3, m);
     arguments as in `split_by_kind`."""
-    out = np.zeros(x.shape)
-    for rows, observation in split_by_kind(gauges, fixtures, change, origin):
-        out[..., rows] = observation.predict(x[..., rows])
+    shape = x.shape
+    out = np.zeros(shape)
+    kinds = split_by_kind(gauges, fixtures, change, origin)
+    for rows, observation in kinds:
+        target = x[..., rows]
+        reading = observation.predict(target)
+        out[..., rows] = reading
     return out
 
 

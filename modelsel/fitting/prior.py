@@ -47,11 +47,24 @@ class WeakPrior:
 
     def like(self, other: WeakPrior) -> bool:
         """Return whether another changes nothing."""
-        if self.rows is None or other.rows is None:
-            return self.rows is other.rows
-        a, b = self.rows.T @ self.rows, other.rows.T @ other.rows
-        unit = np.sqrt(np.maximum(np.diagonal(b), np.finfo(float).tiny))
-        return bool(np.abs((a - b) / unit / unit[:, None]).max() <= ALIKE)
+        own, others = self.rows, other.rows
+        if own is None or others is None:
+            return own is others
+        gram = own.T @ own
+        other_gram = others.T @ others
+        diagonal = np.diagonal(other_gram)
+        precision = np.finfo(float)
+        tiny = precision.tiny
+        positive = np.maximum(diagonal, tiny)
+        unit = np.sqrt(positive)
+        difference = gram - other_gram
+        by_columns = difference / unit
+        row_unit = unit[:, None]
+        relative = by_columns / row_unit
+        change = np.abs(relative)
+        largest = change.max()
+        is_alike = largest <= ALIKE
+        return bool(is_alike)
 
     def placed(self, index: Sequence[int]) -> WeakPrior:
         """Return the prior of other terms: number k of these is number index[k] of those, -1 for
@@ -60,8 +73,12 @@ class WeakPrior:
             return self
         source = np.array(index)
         is_new = source < 0
-        rows = np.where(is_new, 0.0, self.rows[:, source])
-        sizes = None if self.sizes is None else np.where(is_new, np.inf, self.sizes[source])
+        columns = self.rows[:, source]
+        rows = np.where(is_new, 0.0, columns)
+        sizes = self.sizes
+        if sizes is not None:
+            sizes = sizes[source]
+            sizes = np.where(is_new, np.inf, sizes)
         return replace(self, rows=rows, sizes=sizes)
 
 
@@ -93,19 +110,23 @@ def _lasts(term: Term) -> bool:
 
 
 def _of_the_arm(model: Model) -> list[Index]:
-    """Indices of the arm's constant lengths and of its angles, without what the set-up leaves
+    """Return indices of the arm's constant lengths and of its angles, without what the set-up leaves
     open."""
-    return [
-        np.array([k for k, t in enumerate(model.terms) if _is_usual(t, kind, size)], dtype=np.intp)
-        for kind, size in OPEN.items()
-    ]
+    indices = []
+    for kind, size in OPEN.items():
+        is_usual = [_is_usual(term, kind, size) for term in model.terms]
+        of_kind = np.flatnonzero(is_usual)
+        indices.append(of_kind)
+    return indices
 
 
 def _is_usual(term: Term, kind: str, open_size: float) -> bool:
     """Whether a term is a constant of a `kind` of the arm, of a smaller size than what is open."""
-    if term.usual is None or term.usual >= open_size:
+    if term.usual is None:
         return False
-    return term.screws[0].axis[0] == kind
+    is_open = term.usual >= open_size
+    screw = term.screws[0]
+    return not is_open and screw.axis[0] == kind
 
 
 def fitted_terms(found: Identified, model: Model) -> Identified:
@@ -114,9 +135,16 @@ def fitted_terms(found: Identified, model: Model) -> Identified:
     (see `size`)."""
     if found.held is not None or found.still:
         return found
-    moves = found.scale > STILL * found.scale.max(initial=0.0)
-    constants = np.flatnonzero(moves & constant_mask(model))
-    return replace(found, kept=tuple(sorted({*found.kept, *constants.tolist()})))
+    scale = found.scale
+    largest = scale.max(initial=0.0)
+    limit = STILL * largest
+    moves = scale > limit
+    is_constant = constant_mask(model)
+    constants = np.flatnonzero(moves & is_constant)
+    represented = set(constants.tolist())
+    fitted = represented | set(found.kept)
+    in_order = sorted(fitted)
+    return replace(found, kept=tuple(in_order))
 
 
 def faint(R: Array, kept: Sequence[int], sizes: Array, least: float) -> set[int]:
@@ -125,11 +153,21 @@ def faint(R: Array, kept: Sequence[int], sizes: Array, least: float) -> set[int]
     judged = [k for k in kept if np.isfinite(sizes[k])]
     lost: set[int] = set()
     while judged:
-        _, singular, Vt = np.linalg.svd(R[:, judged] * sizes[judged], full_matrices=False)
-        if singular[-1] > least:
+        columns = R[:, judged]
+        effect = columns * sizes[judged]
+        _, singular, Vt = np.linalg.svd(effect, full_matrices=False)
+        smallest = singular[-1]
+        if smallest > least:
             break
-        share = np.abs(Vt[-1])
-        lost.add(judged.pop(int(np.flatnonzero(share > 0.5 * share.max())[-1])))
+        combination = Vt[-1]
+        share = np.abs(combination)
+        largest = share.max()
+        half = 0.5 * largest
+        dominates = share > half
+        dominant = np.flatnonzero(dominates)
+        last = int(dominant[-1])
+        term = judged.pop(last)
+        lost.add(term)
     return lost
 
 
@@ -184,7 +222,7 @@ def _scales(
     theta: Array,
     sigma: float,
 ) -> Array:
-    """(p,) factor of every usual size, alike for the arm's lengths and for its angles (`usual`):
+    """Compute a factor (p,) of every usual size, alike for the arm's lengths and for its angles (`usual`):
     the roots of their posterior mean squares by the marginal likelihood of what the data say of
     these parameters; those that are mistaken say nothing."""
     sane = [k for k in kept if abs(theta[k]) < SURPRISING**2 * sizes[k]]
@@ -204,7 +242,7 @@ def _scales(
 
 
 def _factor_posterior(effect: Array, response: Array, lengths: int) -> Array:
-    """(F, F) posterior weights of the FACTORS of the lengths' and the angles' sizes, up to a
+    """Compute posterior weights (F, F) of the FACTORS of the lengths' and the angles' sizes, up to a
     constant; `effect` (k, k) of usual sizes, the first `lengths` columns of lengths, and the
     response (k,), both in units of the noise."""
     of_lengths, of_angles = effect[:, :lengths], effect[:, lengths:]

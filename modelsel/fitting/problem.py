@@ -70,15 +70,22 @@ class Problem:
 
     @cached_property
     def tool(self) -> Array:
-        """(m, 3) nominal target of every row."""
-        return self.tools[self.data.target]
+        """Nominal target (m, 3) of every row, in the flange frame [mm]."""
+        targets = self.data.target
+        return self.tools[targets]
 
     def take(self, index: Rows) -> Problem:
         """Return the problem of some rows; values already evaluated come along, so causes stay
         local in rows."""
         data = self.data.take(index)
         state = self.state.take(index, data)
-        return replace(self, data=data, whitening=self.whitening.take(index), _state=state)
+        whitening = self.whitening.take(index)
+        return replace(
+            self,
+            data=data,
+            whitening=whitening,
+            _state=state,
+        )
 
     def unweighted(self) -> Problem:
         """Return the problem with unit weights: residuals in mm and rad."""
@@ -86,16 +93,26 @@ class Problem:
 
     def pose(self, rows: slice, twist: Array | None = None) -> Pose:
         """Compute the kinematics of a block of rows in frame 0; twist (n+1, 6, rows)."""
-        R = None if self.tool_rotations is None else self.tool_rotations[self.data.target[rows]]
-        return pose(self.robot, self.data.q[rows], self.tool[rows], twist, R)
+        tool_rotation = self.tool_rotations
+        if tool_rotation is not None:
+            tool_rotation = tool_rotation[self.data.target[rows]]
+        return pose(
+            self.robot,
+            self.data.q[rows],
+            self.tool[rows],
+            twist,
+            tool_rotation,
+        )
 
     # -- what is measured
     # ----------------------------------------------------------------------------------------------
 
     @property
     def components(self) -> int:
-        """3 for positions, 6 with orientations."""
-        return 3 if self.data.rotation is None else 6
+        """Numbers of a row: 3 for positions, 6 with orientations."""
+        if self.data.rotation is None:
+            return 3
+        return 6
 
     @property
     def only_points(self) -> bool:
@@ -113,20 +130,28 @@ class Problem:
     @property
     def measured(self) -> NDArray[np.bool_] | None:
         """`components_measured` where not every row is a point, else None."""
-        return None if self.only_points else self.components_measured
+        if self.only_points:
+            return None
+        return self.components_measured
 
     @cached_property
     def components_measured(self) -> NDArray[np.bool_]:
-        """(m, c) which components of a row are measured."""
+        """Which components of every row are measured, (m, c)."""
         if self.only_points:
-            return np.ones((len(self), self.components), dtype=bool)
+            shape = len(self), self.components
+            return np.ones(shape, dtype=bool)
         gauges = self.observed()
-        oriented = np.repeat(gauges.of("point")[:, None], self.components - 3, axis=1)
-        return np.concatenate([gauges.coordinates, oriented], axis=1)
+        coordinates = gauges.coordinates
+        points = gauges.of("point")
+        is_oriented = points[:, None]
+        turns = self.components - 3
+        oriented = np.repeat(is_oriented, turns, axis=1)
+        measured = [coordinates, oriented]
+        return np.concatenate(measured, axis=1)
 
     @property
     def coordinates(self) -> int:
-        """Measured numbers, of all rows."""
+        """Count of the measured numbers of all rows."""
         return (
             len(self) * self.components if self.only_points else int(self.components_measured.sum())
         )
@@ -142,17 +167,24 @@ class Problem:
         components that are not measured."""
         if self.only_points:
             return values
-        return values[..., self.components_measured[rows].T.reshape(-1)]
+        measured = self.components_measured[rows].T
+        return values[..., measured.reshape(-1)]
 
     @cached_property
     def readings(self) -> Array:
-        """(3, m) what rows that are no points read."""
-        return measured_readings(self.observed(), self.data.position)
+        """Readings (3, m) of rows that are no points."""
+        gauges = self.observed()
+        return measured_readings(gauges, self.data.position)
 
     def plain_points(self) -> Problem:
         """Return the same rows as points alone, unweighted: without orientations and what rows
         that are no points measure."""
-        data = replace(self.data, rotation=None, sigma_rotation=None, gauges=None)
+        data = replace(
+            self.data,
+            rotation=None,
+            sigma_rotation=None,
+            gauges=None,
+        )
         return replace(self, data=data, tool_rotations=None, whitening=UNIT)
 
     @cached_property
@@ -165,7 +197,9 @@ class Problem:
     @cached_property
     def origin(self) -> Problem | None:
         """`bare` at the configurations where the rows' distances begin; None without distances."""
-        origin = None if self.only_points else self.observed().origin
+        if self.only_points:
+            return None
+        origin = self.observed().origin
         if origin is None:
             return None
         data = replace(origin, position=np.zeros((len(self), 3)))
@@ -197,7 +231,13 @@ class Problem:
     @property
     def _bound(self) -> Bound:
         """What the state variables depend on."""
-        return self.robot, self.data, self.tools, self.placement, self.tracker
+        return (
+            self.robot,
+            self.data,
+            self.tools,
+            self.placement,
+            self.tracker,
+        )
 
     def names(self) -> dict[str, str]:
         """Return every name that a cause may use on these data, with its unit."""
@@ -215,8 +255,10 @@ class Problem:
 
 
 def _identities(count: int) -> Array:
-    """(count, 3, 3) identity matrices."""
-    return np.tile(np.eye(3), (count, 1, 1))
+    """Return identity matrices (count, 3, 3)."""
+    identity = np.eye(3)
+    repeats = count, 1, 1
+    return np.tile(identity, repeats)
 
 
 def _tool_each(tools: Array, targets: int) -> Array:

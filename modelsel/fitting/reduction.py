@@ -46,7 +46,9 @@ class Reduction:
     @staticmethod
     def empty(p: int) -> Reduction:
         """Return the reduction of no rows, for p columns and the response."""
-        return Reduction(np.zeros((p + 1, p + 1)), 0)
+        size = p + 1
+        triangle = np.zeros((size, size))
+        return Reduction(triangle, 0)
 
     @property
     def p(self) -> int:
@@ -54,21 +56,31 @@ class Reduction:
         return len(self.R) - 1
 
     def add(self, matrix: Array) -> Reduction:
-        """Stack on the rows of a matrix (k, p+1), the response last."""
+        """Stack the rows of a matrix (k, p+1) on the triangle, the response last."""
         if not len(matrix):
             return self
         triangle = np.array(self.R, order="F")
-        _stack(triangle, np.array(matrix, order="F"))
-        return Reduction(triangle, self.rows + len(matrix))
+        below = np.array(matrix, order="F")
+        _stack(triangle, below)
+        rows = self.rows + len(matrix)
+        return Reduction(triangle, rows)
 
     def merge(self, other: Reduction) -> Reduction:
         """Return the reduction of both sets of rows."""
-        return Reduction(self.add(other.R).R, self.rows + other.rows)
+        triangle = other.R
+        stacked = self.add(triangle)
+        rows = self.rows + other.rows
+        return Reduction(stacked.R, rows)
 
     def select(self, columns: Sequence[int]) -> Reduction:
         """Return the reduction of some columns, in the given order; the response stays last."""
-        picked = self.R[:, [*columns, self.p]]
-        out = Reduction.empty(len(columns)).add(picked)
+        p = self.p
+        triangle = self.R
+        kept = [*columns, p]
+        picked = triangle[:, kept]
+        count = len(columns)
+        nothing = Reduction.empty(count)
+        out = nothing.add(picked)
         return Reduction(out.R, self.rows)
 
 
@@ -104,7 +116,11 @@ def independent(R: Array) -> tuple[list[int], Array]:
 
 def reduce(matrix: Array, response: Array) -> Reduction:
     """Reduce a plain matrix (N, p) and response (N,)."""
-    return Reduction.empty(matrix.shape[1]).add(np.column_stack([matrix, response]))
+    columns = [matrix, response]
+    rows = np.column_stack(columns)
+    _, p = matrix.shape
+    nothing = Reduction.empty(p)
+    return nothing.add(rows)
 
 
 def _stack(triangle: Array, matrix: Array) -> None:
@@ -123,7 +139,7 @@ class Source(ABC):
 
     @abstractmethod
     def __len__(self) -> int:
-        """Rows."""
+        """Return the number of rows."""
 
     @abstractmethod
     def reduced(
@@ -150,10 +166,13 @@ def reduce_problem(
     """
     if isinstance(problem, Source):
         return problem.reduced(terms, at, only)
-    weight = problem.whitening.weight
-    plain = replace(problem, whitening=problem.whitening.without_weight())
+    whitening = problem.whitening
+    weight = whitening.weight
+    unweighted = whitening.without_weight()
+    plain = replace(problem, whitening=unweighted)
     triangle = _triangle(plain, terms, at, only)
-    return Reduction(triangle * weight, problem.coordinates)
+    scaled = triangle * weight
+    return Reduction(scaled, problem.coordinates)
 
 
 def _triangle(
@@ -162,18 +181,20 @@ def _triangle(
     at: Linearisation | None,
     only: Sequence[int] | None,
 ) -> Array:
-    """`reduce_problem` by whichever way is the least work."""
+    """Reduce a problem by whichever way is the least work."""
     p = len(terms)
     if only is not None:
         picked = [*only, p]
         rows = _stream(problem, terms, at, picked)
-        return Reduction.empty(p).add(scatter_columns(rows, picked, p + 1)).R
+        scattered = scatter_columns(rows, picked, p + 1)
+        return Reduction.empty(p).add(scattered).R
     if len(problem) > PROBE[1] and p:
         try:
             return _without_dependent(problem, terms, at)
         except _Disagrees:
             pass
-    return _stream(problem, terms, at, range(p + 1))
+    every = range(p + 1)
+    return _stream(problem, terms, at, every)
 
 
 class _Disagrees(ArithmeticError):
@@ -182,7 +203,8 @@ class _Disagrees(ArithmeticError):
 
 def scatter_columns(rows: Array, columns: Sequence[int], width: int) -> Array:
     """Put rows (k, len(columns)) at their columns of `width`, zeros elsewhere."""
-    out = np.zeros((len(rows), width))
+    shape = len(rows), width
+    out = np.zeros(shape)
     out[:, columns] = rows
     return out
 

@@ -65,7 +65,8 @@ class _Marginal:
     @cached_property
     def kept(self) -> list[int]:
         """Indices of the fitted terms."""
-        return list(self.fitted.found.kept)
+        kept = self.fitted.found.kept
+        return list(kept)
 
     @cached_property
     def position(self) -> dict[int, int]:
@@ -80,19 +81,30 @@ class _Marginal:
 
     @cached_property
     def columns(self) -> Array:
-        """(p+1, k) triangle of the kept columns."""
-        return self.fitted.reduction.R[:-1, self.kept]
+        """Triangle (p+1, k) of the kept columns."""
+        kept = self.kept
+        reduction = self.fitted.reduction
+        triangle = reduction.R[:-1]
+        return triangle[:, kept]
 
     @cached_property
     def response(self) -> Array:
         """What the kept columns have to explain, of all that theta explains already."""
-        theta = self.fitted.theta[self.kept]
-        return np.asarray(self.fitted.reduction.R[:-1, -1] + self.columns @ theta)
+        reduction = self.fitted.reduction
+        theta = self.fitted.theta
+        kept_theta = theta[self.kept]
+        columns = self.columns
+        explained = columns @ kept_theta
+        triangle = reduction.R[:-1]
+        left = triangle[:, -1]
+        response: Array = left + explained
+        return response
 
     @cached_property
     def gram(self) -> Array:
-        """(k, k) cross products of the columns."""
-        return self.columns.T @ self.columns
+        """Cross products (k, k) of the columns."""
+        columns = self.columns
+        return columns.T @ columns
 
     @cached_property
     def held(self) -> Array:
@@ -101,11 +113,12 @@ class _Marginal:
         if rows is None:
             return self.gram
         weak = rows[:, self.kept]
-        return self.gram + weak.T @ weak
+        weak_gram = weak.T @ weak
+        return self.gram + weak_gram
 
     @cached_property
     def inverse_correlation(self) -> Array:
-        """(k, k) inverse of the prior's correlation, by blocks."""
+        """Inverse (k, k) of the prior's correlation, by blocks."""
         out: Array = np.eye(len(self.kept))
         for index, root in spline_groups(self.fitted.terms):
             among = [n for n, term in enumerate(index) if term in self.position]
@@ -116,10 +129,15 @@ class _Marginal:
 
     def start(self) -> Array:
         """Return the precisions to start from: those of the fit, else one."""
-        precision: Array = np.zeros(len(self.kept))
-        for group, positions in zip(self.groups, self.inside, strict=True):
-            known = self.fitted.precision
-            precision[positions] = 1.0 if known is None else known[group[0]]
+        count = len(self.kept)
+        precision: Array = np.zeros(count)
+        fitted = self.fitted
+        known = fitted.precision
+        groups = zip(self.groups, self.inside, strict=True)
+        for group, positions in groups:
+            first = group[0]
+            initial = 1.0 if known is None else known[first]
+            precision[positions] = initial
         return precision
 
     def update(self, precision: Array) -> Array:
@@ -143,11 +161,26 @@ class _Marginal:
         return out
 
     def _noise_variance(self, beta: Array, effective: Sequence[float]) -> float:
-        """sigma² from what beta leaves."""
-        misfit = float(np.square(self.response - self.columns @ beta).sum())
-        rss = misfit + float(self.fitted.reduction.R[-1, -1] ** 2)
-        fixed = len(self.kept) - sum(map(len, self.inside))
-        return float(rss / max(self.fitted.rows - fixed - sum(effective), 1.0))
+        """Estimate sigma² from what beta leaves."""
+        columns = self.columns
+        predicted = columns @ beta
+        left = self.response - predicted
+        squares = np.square(left)
+        misfit = float(squares.sum())
+        reduction = self.fitted.reduction
+        corner = reduction.R[-1, -1]
+        unexplained = float(corner**2)
+        rss = misfit + unexplained
+        counts = map(len, self.inside)
+        shrunk = sum(counts)
+        count = len(self.kept)
+        fixed = count - shrunk
+        rows = self.fitted.rows
+        used = sum(effective)
+        freedom = rows - fixed - used
+        positive = max(freedom, 1.0)
+        variance = rss / positive
+        return float(variance)
 
 
 def fit_shrunk(
@@ -168,11 +201,23 @@ def fit_shrunk(
     if not groups:
         return fit(problem, model, start=theta, step_mm=step_mm, held=held)
     precision = _first_precision(problem, model, groups, start)
-    fitted = fit(problem, model, precision=precision, start=theta, step_mm=step_mm, held=held)
+    fitted = fit(
+        problem,
+        model,
+        precision=precision,
+        start=theta,
+        step_mm=step_mm,
+        held=held,
+    )
     for _ in range(2):
         previous, precision = precision, variances(fitted, groups)
         fitted = fit(
-            problem, model, precision=precision, start=fitted.theta, step_mm=step_mm, held=held
+            problem,
+            model,
+            precision=precision,
+            start=fitted.theta,
+            step_mm=step_mm,
+            held=held,
         )
         if np.allclose(precision, previous, rtol=REFIT_TOLERANCE):
             break
@@ -182,16 +227,23 @@ def fit_shrunk(
 def _first_precision(
     problem: Problem, model: Model, groups: Sequence[Index], start: Fit | None
 ) -> Array:
-    """(p,) precisions to begin with: those of a similar model, else by the usual sizes."""
+    """Choose the precisions (p,) to begin with: those of a similar model, else by the usual sizes."""
     known: dict[TermKey, float] = {}
     if start is not None and start.precision is not None:
         known = _by_key(start, start.precision)
     weight = problem.whitening.typical_weight(None)
-    precision = np.zeros(len(model.terms))
+    terms = model.terms
+    count = len(terms)
+    precision = np.zeros(count)
     for group in groups:
-        first = model.terms[group[0]]
-        usual = START[first.screws[0].axis[0]]
-        precision[group] = known.get(first.key, (0.1 * weight / usual) ** 2)
+        number = group[0]
+        first = terms[number]
+        screw = first.screws[0]
+        kind = screw.axis[0]
+        usual = START[kind]
+        relative = 0.1 * weight / usual
+        by_size = relative**2
+        precision[group] = known.get(first.key, by_size)
     return precision
 
 

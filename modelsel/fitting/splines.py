@@ -48,18 +48,35 @@ def spline_groups(terms: Sequence[Term]) -> list[tuple[Index, Array]]:
 
 def _root(centre: Array) -> Array:
     """Lower root of the Matérn 3/2 correlation of coefficients centred at `centre` (k,) knots."""
-    distance = np.sqrt(3) / LENGTH * np.abs(centre[:, None] - centre)
-    correlation = (1 + distance) * np.exp(-distance)
-    return np.asarray(np.linalg.cholesky(correlation + JITTER * np.eye(len(centre))))
+    difference = centre[:, None] - centre
+    scale = np.sqrt(3) / LENGTH
+    span = np.abs(difference)
+    distance = scale * span
+    polynomial = 1 + distance
+    decay = np.exp(-distance)
+    correlation = polynomial * decay
+    count = len(centre)
+    identity = np.eye(count)
+    jitter = JITTER * identity
+    regular = correlation + jitter
+    root: Array = np.linalg.cholesky(regular)
+    return root
 
 
 def penalty(terms: Sequence[Term], precision: Array) -> Array:
     """Return rows (k, p) whose product with theta is to be zero, in units of the noise: the prior
     of terms with a `precision` (p,) [1/variance], correlated within a free function, alone
     otherwise."""
-    out = np.diag(np.sqrt(precision))
-    for index, root in spline_groups(terms):
-        if precision[index].any():
-            scale = np.sqrt(precision[index])
-            out[np.ix_(index, index)] = scale[:, None] * np.linalg.inv(root)
-    return out[precision > 0]
+    roots = np.sqrt(precision)
+    out = np.diag(roots)
+    groups = spline_groups(terms)
+    for index, root in groups:
+        held = precision[index]
+        if held.any():
+            scale = roots[index]
+            inverse = np.linalg.inv(root)
+            rows = scale[:, None] * inverse
+            block = np.ix_(index, index)
+            out[block] = rows
+    is_held = precision > 0
+    return out[is_held]

@@ -50,20 +50,32 @@ class StateVariables:
         tracker: tuple[float, float, float],
     ) -> bool:
         """Return whether the values are true of another set-up, too: the very same objects."""
+        own_inputs = _inputs(self.data)
+        other_inputs = _inputs(data)
+        R, t = self.placement
+        other_R, other_t = placement
         pairs = (
             (self.robot, robot),
             (self.tools, tools),
-            (self.placement[0], placement[0]),
-            (self.placement[1], placement[1]),
-            *zip(_inputs(self.data), _inputs(data), strict=True),
+            (R, other_R),
+            (t, other_t),
+            *zip(own_inputs, other_inputs, strict=True),
         )
-        return self.tracker == tracker and all(known is given for known, given in pairs)
+        same_tracker = self.tracker == tracker
+        return same_tracker and all(known is given for known, given in pairs)
 
     def take(self, index: Rows, data: Measurements) -> StateVariables:
         """Return the variables of some rows, `data` those rows' measurements; values come along,
         causes do not."""
         values = {name: column[index] for name, column in self._values.items()}
-        return StateVariables(self.robot, data, self.tools, self.placement, self.tracker, values)
+        return StateVariables(
+            self.robot,
+            data,
+            self.tools,
+            self.placement,
+            self.tracker,
+            values,
+        )
 
     def names(self) -> dict[str, str]:
         """Return every name that a cause may use, with its unit."""
@@ -73,7 +85,8 @@ class StateVariables:
     def value(self, name: str) -> Array:
         """Return the values (m,) of a name; raises KeyError for one that there is not."""
         if name not in self._values:
-            self._values.update(self._evaluate(name))
+            evaluated = self._evaluate(name)
+            self._values.update(evaluated)
         return self._values[name]
 
     def cause(self, cause: Cause) -> Array | float:
@@ -86,18 +99,25 @@ class StateVariables:
         return values
 
     def _evaluate(self, name: str) -> dict[str, Array]:
-        """Values by name: of the name, and of what comes along at no cost."""
-        if name in self.data.covariates:
-            return {name: self.data.covariates[name]}
+        """Evaluate a name: its values, and those that come along at no cost, by name."""
+        data = self.data
+        covariates = data.covariates
+        if name in covariates:
+            return {name: covariates[name]}
         variable = parse_state_name(name)
         if variable is None or not variable.exists(self.robot):
             raise KeyError(name)
-        values = EVALUATORS[variable.kind](self)
-        return {each.name: column for each, column in values.items()}
+        evaluate = EVALUATORS[variable.kind]
+        values = evaluate(self)
+        columns = values.items()
+        return {each.name: column for each, column in columns}
 
     def pose(self) -> Pose:
         """Return the nominal pose of all rows in frame 0."""
-        return pose(self.robot, self.data.q, self.tools[self.data.target])
+        data = self.data
+        tools = self.tools[data.target]
+        readings = data.q
+        return pose(self.robot, readings, tools)
 
 
 def _inputs(data: Measurements) -> tuple[object, ...]:
@@ -120,43 +140,53 @@ Values = dict[StateVariable, Array]
 
 
 def _by_joint(kind: StateKind, columns: Array) -> Values:
-    """Columns (m, n) of a table, one a joint."""
+    """Name the columns (m, n) of a table, one a joint."""
     return {StateVariable(kind, joint): column for joint, column in enumerate(columns.T, 1)}
 
 
 def _by_axis(kind: StateKind, components: Array) -> Values:
-    """Components (3, m) of a vector."""
+    """Name the components (3, m) of a vector."""
     return {
         StateVariable(kind, axis=axis): row for axis, row in zip("xyz", components, strict=True)
     }
 
 
 def _readings(state: StateVariables) -> Values:
-    return _by_joint(StateKind.READING, state.data.q)
+    readings = state.data.q
+    return _by_joint(StateKind.READING, readings)
 
 
 def _approaches(state: StateVariables) -> Values:
-    return _by_joint(StateKind.APPROACH, state.data.approach)
+    approaches = state.data.approach
+    return _by_joint(StateKind.APPROACH, approaches)
 
 
 def _moves(state: StateVariables) -> Values:
-    return _by_joint(StateKind.MOVE, state.data.move)
+    moves = state.data.move
+    return _by_joint(StateKind.MOVE, moves)
 
 
 def _target(state: StateVariables) -> Values:
-    return {StateVariable(StateKind.TARGET): state.data.target.astype(float)}
+    targets = state.data.target
+    numbers = targets.astype(float)
+    return {StateVariable(StateKind.TARGET): numbers}
 
 
 def _group(state: StateVariables) -> Values:
-    return {StateVariable(StateKind.GROUP): state.data.group.astype(float)}
+    groups = state.data.group
+    numbers = groups.astype(float)
+    return {StateVariable(StateKind.GROUP): numbers}
 
 
 def _progress(state: StateVariables) -> Values:
-    return {StateVariable(StateKind.PROGRESS): np.asarray(state.data.progress, dtype=float)}
+    progress = state.data.progress
+    shares = np.asarray(progress, dtype=float)
+    variable = StateVariable(StateKind.PROGRESS)
+    return {variable: shares}
 
 
 def _positions(state: StateVariables) -> Values:
-    """The target in frame 0, and its distance from the instrument."""
+    """Compute the target in frame 0, and its distance from the instrument."""
     target, group = state.pose().target, state.data.group
     R, t = state.placement
     line = np.einsum("mij,jm->mi", R[group], target) + t[group] - np.array(state.tracker)
@@ -176,7 +206,7 @@ def _base_moment(state: StateVariables) -> Values:
 
 
 def _link_moments(state: StateVariables) -> Values:
-    """Torques about the joints' axes, and moments across them."""
+    """Compute the torques about the joints' axes, and the moments across them."""
     out: Values = {}
     for joint, rows in enumerate(compute_joint_moments(state.robot, state.pose(), state.data.q), 1):
         out[StateVariable(StateKind.BENDING, joint, "x")] = rows[0]
@@ -186,7 +216,7 @@ def _link_moments(state: StateVariables) -> Values:
 
 
 def _unit_moments(state: StateVariables) -> Values:
-    """The same of 1 kg at the origin of one frame."""
+    """Compute torques and moments of 1 kg at the origin of one frame."""
     out: Values = {}
     for (joint, frame), rows in compute_unit_moments(state.robot, state.pose()).items():
         out[StateVariable(StateKind.UNIT_BENDING, joint, "x", frame)] = rows[0]
@@ -196,7 +226,8 @@ def _unit_moments(state: StateVariables) -> Values:
 
 
 def _gravity(state: StateVariables) -> Array:
-    return np.array(state.robot.gravity)
+    gravity = state.robot.gravity
+    return np.array(gravity)
 
 
 EVALUATORS: dict[StateKind, Callable[[StateVariables], Values]] = {

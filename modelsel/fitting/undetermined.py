@@ -30,20 +30,29 @@ def describe_unidentifiable(
     and parameters that the data hardly determine; `leaning`: fitted terms that the prior of usual
     sizes holds as much as the data."""
     symbols = [term.symbol for term in terms]
+    groups = _alias_groups(identified)
+    without_effect = [symbols[j] for j in identified.zero]
+    without_direction = [symbols[j] for j in identified.still]
+    entangled = [_entangled(group, identified, symbols) for group in groups]
     out = [
-        *_without_effect([symbols[j] for j in identified.zero]),
-        *(_entangled(group, identified, symbols) for group in _alias_groups(identified)),
-        *_without_direction([symbols[j] for j in identified.still]),
+        *_without_effect(without_effect),
+        *entangled,
+        *_without_direction(without_direction),
     ]
-    if identified.held is not None:
-        out.append(_without_length(symbols[identified.held]))
+    held = identified.held
+    if held is not None:
+        length = symbols[held]
+        relative = _without_length(length)
+        out.append(relative)
     named = {name for each in out for name in each.parameters}
-    out += _hardly_determined([symbols[j] for j in leaning if symbols[j] not in named])
+    held_by_prior = [symbols[j] for j in leaning]
+    others = [name for name in held_by_prior if name not in named]
+    out += _hardly_determined(others)
     return tuple(out)
 
 
 def _alias_groups(identified: Identified) -> list[list[int]]:
-    """Terms that depend on one another, group by group, in the order of their first terms."""
+    """Group the terms that depend on one another, group by group, in the order of their first terms."""
     zero = set(identified.zero)
     dependent = [
         j for j in range(len(identified.scale)) if j not in identified.exact and j not in zero
@@ -57,9 +66,18 @@ def _alias_groups(identified: Identified) -> list[list[int]]:
 
 
 def _partners(identified: Identified, j: int) -> list[int]:
-    """The representatives that make up a dependent column."""
-    share = np.abs(identified.relation[j] * identified.scale[list(identified.exact)])
-    return [identified.exact[k] for k in np.flatnonzero(share > MIN_SHARE * identified.scale[j])]
+    """Return the representatives that make up a dependent column."""
+    exact = identified.exact
+    scale = identified.scale
+    columns = list(exact)
+    relation = identified.relation
+    coefficients = relation[j]
+    share = np.abs(coefficients * scale[columns])
+    own_scale = scale[j]
+    smallest = MIN_SHARE * own_scale
+    is_named = share > smallest
+    named = np.flatnonzero(is_named)
+    return [exact[k] for k in named]
 
 
 def _without_effect(names: Sequence[str]) -> list[Unidentifiable]:
@@ -75,17 +93,24 @@ def _without_effect(names: Sequence[str]) -> list[Unidentifiable]:
 def _entangled(
     group: Sequence[int], identified: Identified, symbols: Sequence[str]
 ) -> Unidentifiable:
-    """What is said of terms of which only combinations are determined."""
+    """Describe terms of which only combinations are determined."""
     names = [symbols[j] for j in group]
-    dependent = [j for j in group if j not in identified.exact]
-    free = len(group) - len(dependent)
-    what = "only their sum effect is" if free == 1 else f"only {free} combinations of them are"
-    fixed = [symbols[j] for j in dependent if j not in identified.kept]
+    exact, kept = identified.exact, identified.kept
+    dependent = [j for j in group if j not in exact]
+    count = len(group)
+    free = count - len(dependent)
+    what = f"only {free} combinations of them are"
+    only_sum = free == 1
+    if only_sum:
+        what = "only their sum effect is"
+    fixed = [symbols[j] for j in dependent if j not in kept]
     remedy = "the fit divides it among them by their usual sizes"
     if fixed:
         remedy = _at_zero(fixed)
-    sentence = f"{sentence_list(names)} cannot be told apart: {what} determined; {remedy}."
-    return Unidentifiable(sentence, tuple(names))
+    listed = sentence_list(names)
+    sentence = f"{listed} cannot be told apart: {what} determined; {remedy}."
+    parameters = tuple(names)
+    return Unidentifiable(sentence, parameters)
 
 
 def _without_direction(names: Sequence[str]) -> list[Unidentifiable]:
@@ -120,5 +145,7 @@ def _hardly_determined(names: Sequence[str]) -> list[Unidentifiable]:
 
 
 def _at_zero(names: Sequence[str]) -> str:
-    verb = "is" if len(names) == 1 else "are"
-    return f"{sentence_list(names)} {verb} kept at zero"
+    listed = sentence_list(names)
+    is_single = len(names) == 1
+    verb = "is" if is_single else "are"
+    return f"{listed} {verb} kept at zero"

@@ -44,10 +44,13 @@ class Whitening:
     def typical_weight(self, components: int | None = 3) -> float:
         """Return the weight [1/mm] of one coordinate of a typical row: the median over rows, and
         over the first `components` of each (None: over all)."""
-        if self.matrices is None:
+        matrices = self.matrices
+        if matrices is None:
             return self.weight
-        diagonal = np.diagonal(self.matrices, 0, 1, 2)
-        return self.weight * float(np.median(diagonal[:, :components]))
+        diagonal = np.diagonal(matrices, 0, 1, 2)
+        judged = diagonal[:, :components]
+        median = float(np.median(judged))
+        return self.weight * median
 
 
 UNIT = Whitening()

@@ -30,11 +30,14 @@ Mask = NDArray[np.bool_]
 
 def find_blank_cells(column: NDArray[Any]) -> Mask:
     """Mask (m,) the cells that are empty."""
-    if column.dtype.kind in "iub":
+    kind = column.dtype.kind
+    if kind in "iub":
         return np.zeros(len(column), bool)
-    if column.dtype.kind == "f":
-        return np.asarray(np.isnan(column))
-    return np.array([_is_blank(cell) for cell in column], dtype=bool)
+    if kind == "f":
+        is_nan = np.isnan(column)
+        return np.asarray(is_nan)
+    is_blank = [_is_blank(cell) for cell in column]
+    return np.array(is_blank, dtype=bool)
 
 
 def _is_blank(cell: Any) -> bool:
@@ -51,16 +54,25 @@ def read_numbers(
     """Read a column as finite floats between two bounds. Raises DataError for the first cell that
     is not one, with its line; with `rows`, for one that should be empty."""
     column = table.columns[name]
+    bounds = (low, high)
     values = np.full(len(column), np.nan)
     if column.dtype.kind != "b":
         values = convert_to_numbers(column)
+    is_finite = np.isfinite(values)
     with np.errstate(invalid="ignore"):
-        is_wrong = ~(np.isfinite(values) & (values >= low) & (values <= high))
+        is_above = values >= low
+        is_below = values <= high
+    is_wrong = ~(is_finite & is_above & is_below)
+    if rows is not None:
+        is_wrong &= rows
+    wrong = np.flatnonzero(is_wrong)
+    _refuse_wrong_cells(table, name, wrong, values, bounds)
     if rows is None:
-        _refuse_wrong_cells(table, name, np.flatnonzero(is_wrong), values, (low, high))
         return values
-    _refuse_wrong_cells(table, name, np.flatnonzero(is_wrong & rows), values, (low, high))
-    _refuse_filled_cells(table, name, np.flatnonzero(~find_blank_cells(column) & ~rows))
+    is_blank = find_blank_cells(column)
+    is_stray = ~is_blank & ~rows
+    filled = np.flatnonzero(is_stray)
+    _refuse_filled_cells(table, name, filled)
     return np.where(rows, values, np.nan)
 
 
@@ -69,19 +81,28 @@ def _refuse_wrong_cells(
 ) -> None:
     if not len(wrong):
         return
+    column = table.columns[name]
     row = int(wrong[0])
-    cell = table.columns[name][row]
-    is_empty = find_blank_cells(table.columns[name][wrong[:1]])[0]
-    content = "an empty cell" if is_empty else f'"{str(cell)[:MAX_SHOWN]}"'
-    expected, remedy = "a finite number", "Correct the cell or remove the row."
+    first_wrong = column[wrong[:1]]
+    is_empty = find_blank_cells(first_wrong)[0]
+    cell = str(column[row])
+    content = f'"{cell[:MAX_SHOWN]}"'
+    if is_empty:
+        content = "an empty cell"
+    expected = "a finite number"
+    remedy = "Correct the cell or remove the row."
+    low, high = bounds
     if np.isfinite(values[row]):
-        expected += f" between {bounds[0]:g} and {bounds[1]:g}"
+        expected += f" between {low:g} and {high:g}"
     if len(wrong) > 1:
         content += f" ({len(wrong)} such cells)"
-    if DECIMAL_COMMA.fullmatch(str(cell).strip()):
+    if DECIMAL_COMMA.fullmatch(cell.strip()):
         remedy += " Numbers need a decimal point, not a comma."
     raise table.where.refuse(
-        f"expected {expected}, found {content}.", row=row, column=name, remedy=remedy
+        f"expected {expected}, found {content}.",
+        row=row,
+        column=name,
+        remedy=remedy,
     )
 
 
@@ -100,9 +121,11 @@ def _refuse_filled_cells(table: Table, name: str, filled: NDArray[np.intp]) -> N
 
 def convert_to_numbers(column: NDArray[Any]) -> Array:
     """Convert a column to floats (m,); cells that are not numbers become NaN."""
-    if column.dtype.kind in "fiub":
+    kind = column.dtype.kind
+    if kind in "fiub":
         return np.asarray(column, float)
-    return np.array([_convert_cell(cell) for cell in column], float)
+    numbers = [_convert_cell(cell) for cell in column]
+    return np.array(numbers, float)
 
 
 def _convert_cell(cell: Any) -> float:

@@ -22,28 +22,48 @@ def _find_suspects(columns: Sequence[NDArray[Any]], m: int) -> Mask:
         return np.ones(m, bool)
     code = np.zeros(m, np.uint64)
     for k, column in enumerate(columns):
-        numbers = np.asarray(column, float) + 0.0  # -0.0 becomes 0.0
+        numbers = np.asarray(column, float)
+        # -0.0 becomes 0.0
+        numbers = numbers + 0.0
         bits = numbers.view(np.uint64)
-        code = (code ^ (bits >> np.uint64(29 + k % 5))) * HASH_FACTOR + bits
+        shift = np.uint64(29 + k % 5)
+        shifted = bits >> shift
+        mixed = code ^ shifted
+        code = mixed * HASH_FACTOR + bits
     order = np.argsort(code, kind="stable")
-    same_as_before = code[order][1:] == code[order][:-1]
+    ordered = code[order]
+    earlier_code = ordered[:-1]
+    same_as_before = ordered[1:] == earlier_code
+    later = order[1:]
+    earlier = order[:-1]
+    repeated = later[same_as_before]
+    repeating = earlier[same_as_before]
     suspect = np.zeros(m, bool)
-    suspect[order[1:][same_as_before]] = True
-    suspect[order[:-1][same_as_before]] = True
+    suspect[repeated] = True
+    suspect[repeating] = True
     return suspect
 
 
 def find_duplicates(table: Mapping[str, NDArray[Any]], m: int) -> Mask:
     """Mask (m,) the rows that repeat an earlier one cell for cell; compared one by one only where a
     hash of the numbers agrees."""
-    numeric = [column for column in table.values() if column.dtype != object]
-    suspects = np.flatnonzero(_find_suspects(numeric, m))
-    rows = zip(*(column[suspects] for column in table.values()), strict=True)
-    earlier: set[tuple[Any, ...]] = set()
     repeated = np.zeros(m, bool)
-    for number, row in zip(suspects.tolist(), rows, strict=True):
-        repeated[number] = row in earlier
-        earlier.add(row)
+    columns = list(table.values())
+    numeric = [column for column in columns if column.dtype != object]
+    is_suspect = _find_suspects(numeric, m)
+    suspects = np.flatnonzero(is_suspect)
+    cells = [column[suspects] for column in columns]
+    rows = zip(*cells, strict=True)
+    earlier: set[tuple[Any, ...]] = set()
+    repeated_places = []
+    for place, row in enumerate(rows):
+        is_repeated = row in earlier
+        if is_repeated:
+            repeated_places.append(place)
+        else:
+            earlier.add(row)
+    later = suspects[repeated_places]
+    repeated[later] = True
     return repeated
 
 
@@ -82,8 +102,17 @@ def find_copies(
 def _compare_neighbours(columns: Sequence[NDArray[Any]]) -> tuple[Index, NDArray[np.bool_]]:
     """Sort rows by columns: (their order (m,), whether each column (c, m-1) agrees with the row
     before)."""
-    keys = [np.asarray(column, float) + 0.0 for column in columns]
+    keys = []
+    for column in columns:
+        # -0.0 becomes 0.0
+        key = np.asarray(column, float) + 0.0
+        keys.append(key)
     rows = np.arange(len(keys[0]))
     order = np.lexsort((rows, *reversed(keys)))
-    same = np.array([key[order][1:] == key[order][:-1] for key in keys])
+    agreements = []
+    for key in keys:
+        ordered = key[order]
+        agrees = ordered[1:] == ordered[:-1]
+        agreements.append(agrees)
+    same = np.array(agreements)
     return order, same

@@ -72,9 +72,16 @@ class KindColumns:
 
     def take(self, rows: NDArray[np.bool_]) -> KindColumns:
         """Select some rows."""
-        kind = np.asarray(self.kind)[rows].tolist()
-        feature = np.asarray(self.feature)[rows].tolist()
-        return KindColumns(kind, feature, self.length[rows])
+        kinds = np.asarray(self.kind)
+        kind = kinds[rows].tolist()
+        features = np.asarray(self.feature)
+        feature = features[rows].tolist()
+        length = self.length[rows]
+        return KindColumns(
+            kind,
+            feature,
+            length,
+        )
 
 
 def collect_features(columns: KindColumns) -> tuple[NDArray[np.intp], tuple[Feature, ...]]:
@@ -85,14 +92,23 @@ def collect_features(columns: KindColumns) -> tuple[NDArray[np.intp], tuple[Feat
         if name:
             first_rows.setdefault(name, row)
     features = list[Feature]()
+    numbers = {"": -1}
     for name, row in first_rows.items():
+        numbers[name] = len(features)
         kind = columns.kind[row]
+        length = columns.length[row]
+        has_no_length = np.isnan(length)
         free = FREE_NUMBERS[kind]
-        if kind == "ball-bar" and np.isnan(columns.length[row]):
+        if kind == "ball-bar" and has_no_length:
             free = (*free, "length")
-        features.append(Feature(name, kind, free=free))
-    numbers = {name: number for number, name in enumerate(first_rows)}
-    index = np.array([numbers.get(name, -1) for name in columns.feature], dtype=np.intp)
+        feature = Feature(
+            name,
+            kind,
+            free=free,
+        )
+        features.append(feature)
+    row_numbers = [numbers[name] for name in columns.feature]
+    index = np.array(row_numbers, dtype=np.intp)
     return index, tuple(features)
 
 
@@ -108,8 +124,14 @@ def add_kind_columns(frame: pd.DataFrame, columns: KindColumns) -> pd.DataFrame:
     no_point = kind != "point"
     orientation = [name for name in ORIENTATION_COLUMNS if name in out]
     out.loc[no_point, orientation] = np.nan
-    if "sx_mm" in out:
-        sigma = out["sx_mm"].mask(kind == "y", out["sy_mm"]).mask(kind == "z", out["sz_mm"])
-        out["s_mm"] = sigma.where(no_point)
-        out.loc[no_point, ["sx_mm", "sy_mm", "sz_mm"]] = np.nan
+    if "sx_mm" not in out:
+        return out
+    is_y = kind == "y"
+    is_z = kind == "z"
+    sigma = out["sx_mm"]
+    sigma = sigma.mask(is_y, out["sy_mm"])
+    sigma = sigma.mask(is_z, out["sz_mm"])
+    out["s_mm"] = sigma.where(no_point)
+    coordinates = ["sx_mm", "sy_mm", "sz_mm"]
+    out.loc[no_point, coordinates] = np.nan
     return out

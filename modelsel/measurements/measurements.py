@@ -50,7 +50,11 @@ class Gauges:
 
     def of(self, *kinds: str) -> NDArray[np.bool_]:
         """Mask (m,) the rows of some kinds."""
-        return np.isin(self.kind, [KINDS.index(k) for k in kinds])
+        numbers = []
+        for kind in kinds:
+            number = KINDS.index(kind)
+            numbers.append(number)
+        return np.isin(self.kind, numbers)
 
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Gauges:
         """Select some rows."""
@@ -102,28 +106,41 @@ class Measurements:
     @property
     def features(self) -> tuple[Feature, ...]:
         """The features that rows share; empty where every row is a point."""
-        return () if self.gauges is None else self.gauges.features
+        if self.gauges is None:
+            return ()
+        return self.gauges.features
 
     @property
     def points(self) -> NDArray[np.bool_]:
         """(m,) rows that are points."""
-        return np.ones(len(self), bool) if self.gauges is None else self.gauges.of("point")
+        rows = len(self)
+        if self.gauges is None:
+            return np.ones(rows, bool)
+        return self.gauges.of("point")
 
     @property
     def configurations(self) -> int:
         """Number of configurations (visits)."""
-        return len(np.unique(self.configuration))
+        distinct = np.unique(self.configuration)
+        return len(distinct)
 
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Measurements:
         """Select the rows `index` (integers, a mask or a slice); approach and move stay as first
         read."""
-        values: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)}
-        rows: dict[str, Any] = {
-            name: v[index] for name, v in values.items() if isinstance(v, np.ndarray)
-        }
-        covariates = {name: column[index] for name, column in self.covariates.items()}
-        gauges = None if self.gauges is None else self.gauges.take(index)
-        return replace(self, **rows, covariates=covariates, gauges=gauges)
+        values: dict[str, Any] = {}
+        for column in fields(self):
+            name = column.name
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray):
+                values[name] = value[index]
+        covariates = {}
+        for name, covariate in self.covariates.items():
+            covariates[name] = covariate[index]
+        values["covariates"] = covariates
+        gauges = self.gauges
+        if gauges is not None:
+            values["gauges"] = gauges.take(index)
+        return replace(self, **values)
 
     def to_frame(self) -> pd.DataFrame:
         """Return the measurements in contract form, in rad and mm, indexed by the row of the file
@@ -144,29 +161,46 @@ class Measurements:
         return frame if self.gauges is None else self._add_gauges(frame, self.gauges)
 
     def _reading_columns(self) -> dict[str, Array]:
-        slides = self.prismatic or (False,) * self.q.shape[1]
-        units = ["mm" if slide else "rad" for slide in slides]
-        return {f"q{j}_{unit}": self.q[:, j - 1] for j, unit in enumerate(units, 1)}
+        slides = self.prismatic
+        joints = self.q.shape[1]
+        if not slides:
+            slides = (False,) * joints
+        columns = dict[str, Array]()
+        for j, slide in enumerate(slides, 1):
+            unit = "rad"
+            if slide:
+                unit = "mm"
+            name = f"q{j}_{unit}"
+            column = self.q[:, j - 1]
+            columns[name] = column
+        return columns
 
     def _measured_columns(self) -> dict[str, Array]:
-        """Columns of positions, orientations and their uncertainties, of those that there are."""
+        """Name the columns of positions, orientations and their uncertainties, of those that there
+        are."""
         columns = dict[str, Array]()
         if not np.isnan(self.position).all():
             columns |= _name_columns("x_mm y_mm z_mm", self.position)
         if self.sigma is not None:
             columns |= _name_columns("sx_mm sy_mm sz_mm", self.sigma)
         if self.rotation is not None:
-            columns |= _name_columns("qw qx qy qz", to_quaternion(self.rotation))
+            quaternion = to_quaternion(self.rotation)
+            columns |= _name_columns("qw qx qy qz", quaternion)
         if self.sigma_rotation is not None:
-            columns |= _name_columns("srx_rad sry_rad srz_rad", self.sigma_rotation)
+            names = "srx_rad sry_rad srz_rad"
+            columns |= _name_columns(names, self.sigma_rotation)
         return columns
 
     def _label_columns(self) -> dict[str, NDArray[np.object_]]:
         columns = {}
-        if self.targets != ONE_TARGET:
-            columns["target"] = np.array(self.targets, dtype=object)[self.target]
-        if self.groups != ONE_GROUP:
-            columns["group"] = np.array(self.groups, dtype=object)[self.group]
+        targets = self.targets
+        if targets != ONE_TARGET:
+            names = np.array(targets, dtype=object)
+            columns["target"] = names[self.target]
+        groups = self.groups
+        if groups != ONE_GROUP:
+            names = np.array(groups, dtype=object)
+            columns["group"] = names[self.group]
         return columns
 
     def _add_gauges(self, frame: pd.DataFrame, gauges: Gauges) -> pd.DataFrame:
@@ -174,31 +208,57 @@ class Measurements:
         places."""
         import pandas as pd
 
-        names = np.array([*(feature.name for feature in gauges.features), ""], dtype=object)
-        kinds = np.array(KINDS, dtype=object)[gauges.kind]
-        out = add_kind_columns(frame, KindColumns(kinds, names[gauges.feature], gauges.length))
+        feature_names = [feature.name for feature in gauges.features]
+        names = np.array([*feature_names, ""], dtype=object)
+        words = np.array(KINDS, dtype=object)
+        kinds = words[gauges.kind]
+        named = names[gauges.feature]
+        columns = KindColumns(kinds, named, gauges.length)
+        out = add_kind_columns(frame, columns)
         distances = np.flatnonzero(gauges.of("distance"))
-        if gauges.origin is None or not len(distances):
+        origin = gauges.origin
+        if origin is None or not len(distances):
             return out
-        features, first = np.unique(gauges.feature[distances], return_index=True)
+        distance_features = gauges.feature[distances]
+        features, first = np.unique(distance_features, return_index=True)
+        first_rows = distances[first]
+        start = origin.take(first_rows)
         count = len(features)
-        start = gauges.origin.take(distances[first]).to_frame()
-        begin = KindColumns(["distance"] * count, names[features], np.full(count, np.nan))
-        begins = add_kind_columns(start, begin).dropna(axis="columns", how="all")
-        return pd.concat([out, begins]).sort_index(kind="stable")
+        begin = KindColumns(
+            ["distance"] * count,
+            names[features],
+            np.full(count, np.nan),
+        )
+        begins = add_kind_columns(start.to_frame(), begin)
+        begins = begins.dropna(axis="columns", how="all")
+        joined = pd.concat([out, begins])
+        return joined.sort_index(kind="stable")
 
     def __repr__(self) -> str:
-        targets = f"{len(self.targets)} target{'s' * (len(self.targets) > 1)}"
-        return f"Measurements: {len(self)} rows, {self.configurations} configurations, {targets}"
+        rows = len(self)
+        configurations = self.configurations
+        targets = f"{len(self.targets)} target"
+        if len(self.targets) > 1:
+            targets += "s"
+        counts = f"{rows} rows, {configurations} configurations"
+        return f"Measurements: {counts}, {targets}"
 
     def _repr_html_(self) -> str:
         """Show the number of rows and the first of them, for a notebook."""
-        return f"<p>{self!r}</p>{self.to_frame().to_html(max_rows=6, max_cols=10, float_format='%.4g')}"
+        frame = self.to_frame()
+        table = frame.to_html(
+            max_rows=6,
+            max_cols=10,
+            float_format="%.4g",
+        )
+        return f"<p>{self!r}</p>{table}"
 
 
 def _name_columns(names: str, values: Array) -> dict[str, Array]:
     """Name the columns of an array (m, k) by k words."""
-    return dict(zip(names.split(), values.T, strict=True))
+    columns = values.T
+    named = zip(names.split(), columns, strict=True)
+    return dict(named)
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,7 +293,8 @@ def build_measurements(
     file is `row`; `order` and `approach` describe the motion; `covariates` the state; `sigma`
     (m, 3) [mm] and `orientation` the measurement; `kinds` what rows measure where not every one is
     a point. Raises DataError for a distance of one row."""
-    q, position = np.asarray(q, float), np.asarray(position, float)
+    q = np.asarray(q, float)
+    position = np.asarray(position, float)
     m = len(q)
     same = np.zeros(m, np.intp)
     target_index, targets = (same, ONE_TARGET) if target is None else number_keys(target)
@@ -264,7 +325,9 @@ def build_measurements(
         prismatic=tuple(prismatic),
         reference_celsius=choose_reference(covariates),
     )
-    return data if kinds is None else _add_kinds(data, kinds)
+    if kinds is None:
+        return data
+    return _add_kinds(data, kinds)
 
 
 def _describe_motion(
@@ -288,11 +351,19 @@ def _describe_motion(
 
 def _add_kinds(data: Measurements, kinds: KindColumns) -> Measurements:
     """Add what rows measure, where not all of them are points."""
-    if set(kinds.kind) <= {"point"}:
+    words = set(kinds.kind)
+    if words <= {"point"}:
         return data
     index, features = collect_features(kinds)
-    kind = np.array([KINDS.index(word) for word in kinds.kind], dtype=np.intp)
-    return _split_off_origins(data, Gauges(kind, index, kinds.length, features))
+    numbers = [KINDS.index(word) for word in kinds.kind]
+    kind = np.array(numbers, dtype=np.intp)
+    gauges = Gauges(
+        kind,
+        index,
+        kinds.length,
+        features,
+    )
+    return _split_off_origins(data, gauges)
 
 
 def _split_off_origins(data: Measurements, gauges: Gauges) -> Measurements:
@@ -305,16 +376,26 @@ def _split_off_origins(data: Measurements, gauges: Gauges) -> Measurements:
     row = np.arange(len(data))
     origin = row.copy()
     for number in np.unique(gauges.feature[is_distance]):
-        rows = np.flatnonzero(gauges.feature == number)
+        is_of_feature = gauges.feature == number
+        rows = np.flatnonzero(is_of_feature)
         origin[rows] = rows[0]
         if len(rows) < 2:
+            feature = gauges.features[number]
             raise DataError(
-                f'distance "{gauges.features[number].name}" has one row.',
+                f'distance "{feature.name}" has one row.',
                 remedy="The first row of a feature is where its distances begin; add the row where one ends.",
             )
-    shared = np.stack([data.block, data.block[origin]], 1)
-    blocks = connected_components(int(data.block.max()) + 1, shared)
-    joined = replace(data, block=blocks[data.block])
-    kept = np.flatnonzero(~is_distance | (origin != row))
-    start = replace(joined, notes=()).take(origin[kept])
-    return replace(joined.take(kept), gauges=replace(gauges.take(kept), origin=start))
+    block = data.block
+    count = int(block.max()) + 1
+    shared = np.stack([block, block[origin]], 1)
+    blocks = connected_components(count, shared)
+    joined = replace(data, block=blocks[block])
+    is_end = origin != row
+    is_kept = ~is_distance | is_end
+    kept = np.flatnonzero(is_kept)
+    start = replace(joined, notes=())
+    start = start.take(origin[kept])
+    kept_gauges = gauges.take(kept)
+    kept_gauges = replace(kept_gauges, origin=start)
+    measured = joined.take(kept)
+    return replace(measured, gauges=kept_gauges)

@@ -58,12 +58,14 @@ def read_kinds(table: Table) -> KindColumns | None:
     if set(kind).isdisjoint(KINDS):
         return None
     _check_kinds(table, kind)
-    feature = check_names(table, "feature", _read_words(table, "feature"))
+    words = _read_words(table, "feature")
+    feature = check_names(table, "feature", words)
     first_rows = _check_features(table, kind, feature)
     # rows that repeat another are counted once, later: a distance may begin twice
     repeated = find_duplicates(table.columns, len(kind))
     _check_distances(table, kind, feature, first_rows, repeated)
-    return KindColumns(kind, feature, _read_lengths(table, kind, feature, first_rows, repeated))
+    length = _read_lengths(table, kind, feature, first_rows, repeated)
+    return KindColumns(kind, feature, length)
 
 
 def _check_kinds(table: Table, kind: Sequence[str]) -> None:
@@ -118,7 +120,8 @@ def _check_distances(
     repeated: Mask,
 ) -> None:
     """Refuse a distance that has one row only."""
-    rows = Counter(name for name, again in zip(feature, repeated, strict=True) if not again)
+    marked = zip(feature, repeated, strict=True)
+    rows = Counter(name for name, again in marked if not again)
     for name, first in first_rows.items():
         if kind[first] == "distance" and rows[name] < 2:
             raise table.where.refuse(
@@ -137,24 +140,32 @@ def _read_lengths(
 ) -> Array:
     """Read lengths (m,): in every row of a wire, all rows of a ball-bar or none, every row of a
     distance but the feature's first."""
-    has_column = "length_mm" in table
+    count = len(kind)
     words = np.asarray(kind)
-    is_empty = (
-        find_blank_cells(table.columns["length_mm"]) if has_column else np.ones(len(kind), bool)
-    )
+    has_column = "length_mm" in table
+    is_empty = np.ones(count, bool)
+    if has_column:
+        is_empty = find_blank_cells(table.columns["length_mm"])
     is_first = np.array([first_rows.get(name) == row for row, name in enumerate(feature)], bool)
     begins = is_first | (repeated & is_empty)
+    is_wire = words == "wire"
     is_bar = words == "ball-bar"
-    measured_bars = {feature[row] for row in np.flatnonzero(is_bar & ~is_empty).tolist()}
-    has_length = np.array([name in measured_bars for name in feature], bool)
-    rows = (words == "wire") | (is_bar & has_length) | ((words == "distance") & ~begins)
+    is_distance = words == "distance"
+    measured_rows = np.flatnonzero(is_bar & ~is_empty).tolist()
+    measured_bars = {feature[row] for row in measured_rows}
+    is_measured_bar = np.array([name in measured_bars for name in feature], bool)
+    is_measured_bar &= is_bar
+    is_measured_distance = is_distance & ~begins
+    rows = is_wire | is_measured_bar | is_measured_distance
     if not rows.any() and not has_column:
-        return np.full(len(kind), np.nan)
+        return np.full(count, np.nan)
     length = read_quantity(table, "length", ("mm",), rows)
-    if (length <= 0).any():
+    is_wrong = length <= 0
+    if is_wrong.any():
+        row = int(np.argmax(is_wrong))
         raise table.where.refuse(
             "a length must be above zero.",
-            row=int(np.argmax(length <= 0)),
+            row=row,
             column="length_mm",
             remedy="Correct the cell or remove the row.",
         )
@@ -164,35 +175,49 @@ def _read_lengths(
 def read_positions(table: Table, kinds: KindColumns) -> Array:
     """Read positions (m, 3) [mm]; nan where a row's kind does not measure the coordinate. Raises
     DataError."""
-    position = np.full((len(kinds.kind), 3), np.nan)
+    rows = len(kinds.kind)
+    position = np.full((rows, 3), np.nan)
     for a, axis in enumerate("xyz"):
-        rows = kinds.of("point", axis)
-        if rows.any() or f"{axis}_mm" in table or f"{axis}_m" in table:
-            position[:, a] = read_quantity(table, axis, ("mm", "m"), rows)
+        measured = kinds.of("point", axis)
+        has_mm = f"{axis}_mm" in table
+        has_m = f"{axis}_m" in table
+        has_column = has_mm or has_m
+        is_needed = measured.any()
+        if is_needed or has_column:
+            coordinate = read_quantity(table, axis, ("mm", "m"), measured)
+            position[:, a] = coordinate
     return position
 
 
 def read_uncertainties(table: Table, kinds: KindColumns) -> Array | None:
     """Read standard uncertainties (m, 3) [mm]: `s_mm`, of whatever a row measures, or `sx_mm sy_mm
     sz_mm` for its coordinates; one or the other in every row, or none at all. Raises DataError."""
+    has_column = "s_mm" in table
     single = np.full(len(kinds.kind), np.nan)
-    if "s_mm" in table:
-        rows = ~find_blank_cells(table.columns["s_mm"])
-        single = read_numbers(table, "s_mm", -LARGEST, LARGEST, rows)
+    if has_column:
+        is_empty = find_blank_cells(table.columns["s_mm"])
+        single = read_numbers(table, "s_mm", -LARGEST, LARGEST, ~is_empty)
     axes = [axis for axis in "xyz" if f"s{axis}_mm" in table]
-    if not axes and "s_mm" not in table:
+    if not axes and not has_column:
         return None
+    has_single = np.isfinite(single)
     sigma = np.repeat(single[:, None], 3, axis=1)
     for axis in axes:
-        rows = kinds.of("point", axis) & ~np.isfinite(single)
-        column = read_numbers(table, f"s{axis}_mm", -LARGEST, LARGEST, rows)
         a = "xyz".index(axis)
-        sigma[:, a] = np.where(np.isfinite(column), column, sigma[:, a])
+        rows = kinds.of("point", axis)
+        rows &= ~has_single
+        column = read_numbers(table, f"s{axis}_mm", -LARGEST, LARGEST, rows)
+        is_given = np.isfinite(column)
+        sigma[is_given, a] = column[is_given]
     sigma = _fill_rows(sigma)
+    is_filled = np.isfinite(sigma).all(1)
     # where a distance begins, nothing is measured
-    begins = kinds.of("distance") & np.isnan(kinds.length)
-    sigma[begins & ~np.isfinite(sigma).all(1)] = 1.0
-    is_valid = (np.isfinite(sigma) & (sigma >= MIN_UNCERTAINTY)).all(1)
+    has_no_length = np.isnan(kinds.length)
+    begins = kinds.of("distance") & has_no_length
+    sigma[begins & ~is_filled] = 1.0
+    is_finite = np.isfinite(sigma)
+    is_large_enough = sigma >= MIN_UNCERTAINTY
+    is_valid = (is_finite & is_large_enough).all(1)
     if not is_valid.all():
         row = int(np.argmin(is_valid))
         raise table.where.refuse(
@@ -208,16 +233,25 @@ def read_uncertainties(table: Table, kinds: KindColumns) -> Array | None:
 def _fill_rows(sigma: Array) -> Array:
     """Fill what a row (m, 3) does not say with the largest number it has; -inf where it has
     none."""
-    largest = np.where(np.isfinite(sigma), sigma, -np.inf).max(axis=1)
-    return np.where(np.isfinite(sigma), sigma, largest[:, None])
+    is_given = np.isfinite(sigma)
+    given = np.where(is_given, sigma, -np.inf)
+    largest = given.max(axis=1)
+    filling = largest[:, None]
+    return np.where(
+        is_given,
+        sigma,
+        filling,
+    )
 
 
 def read_quaternions(table: Table, kinds: KindColumns) -> tuple[Array | None, Array | None]:
     """Read (quaternions, their uncertainties) of the points; the other rows' are 1 0 0 0, and
     nobody looks at them. Raises DataError."""
     points = kinds.of("point")
-    quaternion = read_column_set(table, ("qw", "qx", "qy", "qz"), "zero", points)
-    sigma = read_column_set(table, ("srx_rad", "sry_rad", "srz_rad"), "not positive", points)
+    columns = ("qw", "qx", "qy", "qz")
+    sigma_columns = ("srx_rad", "sry_rad", "srz_rad")
+    quaternion = read_column_set(table, columns, "zero", points)
+    sigma = read_column_set(table, sigma_columns, "not positive", points)
     if quaternion is not None:
         quaternion[~points] = 1.0, 0.0, 0.0, 0.0
     if sigma is not None:
@@ -245,7 +279,8 @@ class KnownFeature:
 def apply_known_features(data: Measurements, known: Mapping[str, KnownFeature]) -> Measurements:
     """Complete the features of measurements by what a study knows of them. Raises StudyError with
     every problem."""
-    features = () if data.gauges is None else data.gauges.features
+    gauges = data.gauges
+    features = () if gauges is None else gauges.features
     names = [feature.name for feature in features]
     problems = [
         f"{_place_of(name)}: no row of the file names it. {suggest(name, names)}"
@@ -254,14 +289,16 @@ def apply_known_features(data: Measurements, known: Mapping[str, KnownFeature]) 
     ]
     completed = []
     for feature in features:
+        place = _place_of(feature.name)
         knowledge = known.get(feature.name, KnownFeature())
-        problems += [f"{_place_of(feature.name)}: {p}" for p in _find_problems(feature, knowledge)]
+        problems += [f"{place}: {p}" for p in _find_problems(feature, knowledge)]
         completed.append(_complete_feature(feature, knowledge))
     if problems:
         raise StudyError(*problems)
-    if data.gauges is None:
+    if gauges is None:
         return data
-    return replace(data, gauges=replace(data.gauges, features=tuple(completed)))
+    gauges = replace(gauges, features=tuple(completed))
+    return replace(data, gauges=gauges)
 
 
 def _place_of(name: str) -> str:
@@ -294,9 +331,14 @@ def _find_problems(feature: Feature, known: KnownFeature) -> list[str]:
 def _complete_feature(feature: Feature, known: KnownFeature) -> Feature:
     is_placed = known.position is not None and not known.estimate
     free = () if is_placed else FREE_NUMBERS[feature.kind]
-    unknown_bar = feature.kind == "ball-bar" and "length" in feature.free and known.length is None
-    if known.zero or unknown_bar:
+    is_open_bar = feature.kind == "ball-bar" and "length" in feature.free
+    is_unknown_bar = is_open_bar and known.length is None
+    if known.zero or is_unknown_bar:
         free = (*free, "length")
     return replace(
-        feature, position=known.position, normal=known.normal, length=known.length, free=free
+        feature,
+        position=known.position,
+        normal=known.normal,
+        length=known.length,
+        free=free,
     )

@@ -106,11 +106,12 @@ def read_measurements(
     if once:
         keep, notes = _find_distinct_rows(table, content)
     data = _select_rows(content, keep, prismatic)
+    units = _find_reading_units(table, prismatic)
     return replace(
         data,
         notes=(*content.notes, *notes, *data.notes),
         where=table.where,
-        units=_find_reading_units(table, prismatic),
+        units=units,
     )
 
 
@@ -364,7 +365,9 @@ def _check_configurations(
     first_rows: dict[str, int] = {}
     first = np.array([first_rows.setdefault(name, row) for row, name in enumerate(names)])
     tolerance = np.where(prismatic, STANDSTILL_MM, STANDSTILL_RAD)
-    moved = np.flatnonzero((np.abs(q - q[first]) > tolerance).any(1))
+    difference = np.abs(q - q[first])
+    is_moved = (difference > tolerance).any(1)
+    moved = np.flatnonzero(is_moved)
     if len(moved):
         row = int(moved[0])
         earlier = where.named(int(first[row]))

@@ -43,9 +43,16 @@ def _span(step: Array, begins: NDArray[np.bool_]) -> float:
     if not len(step):
         return 0.0
     run = np.cumsum(begins)
-    place = np.cumsum(np.where(begins, 0.0, step))
-    order = np.flatnonzero(np.diff(run, prepend=run[0] - 1))
-    return float((np.maximum.reduceat(place, order) - np.minimum.reduceat(place, order)).max())
+    before = run[0] - 1
+    run_step = np.diff(run, prepend=before)
+    order = np.flatnonzero(run_step)
+    rest = np.where(begins, 0.0, step)
+    place = np.cumsum(rest)
+    highest = np.maximum.reduceat(place, order)
+    lowest = np.minimum.reduceat(place, order)
+    ranges = highest - lowest
+    largest = ranges.max()
+    return float(largest)
 
 
 def describe_resting_joints(rest: Array, prismatic: Sequence[bool]) -> str | None:

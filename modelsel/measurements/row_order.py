@@ -13,11 +13,15 @@ Index = NDArray[np.intp]
 def compute_progress(group: Index, order: Array, time: Array | None = None) -> Array:
     """Compute the place (m,) of every row in the campaign, 0 to 1: groups by the clock where one clock runs
     through all of them, else in the order of their first rows; each in order of motion."""
-    rank = np.empty(len(group))
-    rank[np.lexsort((np.arange(len(group)), order, _after_one_another(group, time)))] = np.arange(
-        len(group)
-    )
-    return rank / max(len(group) - 1, 1)
+    count = len(group)
+    rows = np.arange(count)
+    session = _after_one_another(group, time)
+    keys = (rows, order, session)
+    sequence = np.lexsort(keys)
+    rank = np.empty(count)
+    rank[sequence] = rows
+    last_rank = max(count - 1, 1)
+    return rank / last_rank
 
 
 def _after_one_another(group: Index, time: Array | None) -> Index:
@@ -25,10 +29,19 @@ def _after_one_another(group: Index, time: Array | None) -> Index:
     else as they are."""
     if time is None or not len(group):
         return group
-    first, last = np.full(group.max() + 1, np.inf), np.full(group.max() + 1, -np.inf)
+    groups = group.max() + 1
+    first = np.full(groups, np.inf)
+    last = np.full(groups, -np.inf)
     np.minimum.at(first, group, time)
     np.maximum.at(last, group, time)
     by_clock = np.argsort(first, kind="stable")
-    if (first[by_clock[1:]] < last[by_clock[:-1]]).any():
+    earlier = by_clock[:-1]
+    later = by_clock[1:]
+    ends = last[earlier]
+    next_starts = first[later]
+    overlaps = next_starts < ends
+    if overlaps.any():
         return group
-    return np.asarray(np.argsort(by_clock)[group], dtype=np.intp)
+    # place of each group by the clock
+    place: Index = np.argsort(by_clock)
+    return place[group]

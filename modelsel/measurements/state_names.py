@@ -8,10 +8,11 @@ covariates of a file come under the names of their columns."""
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property, lru_cache
+from itertools import product
 
 from ..robot.kinematics import Robot
 
@@ -56,20 +57,27 @@ class StateVariable:
         return self.family.template.format(joint=self.joint, axis=self.axis, frame=self.frame)
 
     def unit(self, robot: Robot) -> str:
-        """Unit on an arm, "1" where it has none."""
-        if self.family.unit is not None:
-            return self.family.unit
+        """Return the unit on an arm, "1" where it has none."""
+        family_unit = self.family.unit
+        if family_unit is not None:
+            return family_unit
         assert self.joint is not None
         if self.kind is StateKind.TORQUE:
-            return "N" if robot.joints[self.joint - 1].prismatic else "N m"
+            joint = robot.joints[self.joint - 1]
+            return "N" if joint.prismatic else "N m"
         return robot.unit(self.joint)
 
     def exists(self, robot: Robot) -> bool:
         """Whether an arm has it: the joint, the frame, the direction of gravity."""
-        if self.family.by_gravity and robot.gravity is None:
+        needs_gravity = self.family.by_gravity
+        if needs_gravity and robot.gravity is None:
             return False
-        joint, frame = self.joint or 1, self.frame or robot.n + 1
-        return 1 <= joint <= robot.n and joint < frame <= robot.n + 1
+        joint = self.joint or 1
+        last_frame = robot.n + 1
+        frame = self.frame or last_frame
+        if not 1 <= joint <= robot.n:
+            return False
+        return joint < frame <= last_frame
 
 
 @dataclass(frozen=True)
@@ -95,15 +103,25 @@ class StateFamily:
         return re.compile(self.template.format(**groups))
 
     def members(self, robot: Robot) -> Iterator[StateVariable]:
-        """Its variables on an arm, joint by joint, then by frame, then by axis."""
-        joints = range(1, robot.n + 1) if "{joint}" in self.template else (None,)
-        frames = range(2, robot.n + 2) if "{frame}" in self.template else (None,)
-        for joint in joints:
-            for frame in frames:
-                for axis in self.axes or (None,):
-                    variable = StateVariable(self.kind, joint, axis, frame)
-                    if variable.exists(robot):
-                        yield variable
+        """List its variables on an arm, joint by joint, then by frame, then by axis."""
+        joints: Iterable[int | None] = (None,)
+        frames: Iterable[int | None] = (None,)
+        axes = self.axes or (None,)
+        template = self.template
+        if "{joint}" in template:
+            joints = range(1, robot.n + 1)
+        if "{frame}" in template:
+            frames = range(2, robot.n + 2)
+        indices = product(joints, frames, axes)
+        for joint, frame, axis in indices:
+            variable = StateVariable(
+                self.kind,
+                joint,
+                axis,
+                frame,
+            )
+            if variable.exists(robot):
+                yield variable
 
 
 FAMILIES = (
@@ -173,4 +191,6 @@ def covariate_unit(name: str) -> str:
     """Return the unit of a covariate by the last part of its name: temperature_C -> "°C",
     payload_kg -> "kg"; else the name itself."""
     _, separator, suffix = name.rpartition("_")
-    return COVARIATE_UNITS.get(suffix, name) if separator else name
+    if not separator:
+        return name
+    return COVARIATE_UNITS.get(suffix, name)

@@ -52,34 +52,49 @@ class Where:
     @property
     def is_text(self) -> bool:
         """Whether it is a file of lines."""
-        return self.is_file and self.lines
+        is_lines = self.lines
+        return self.is_file and is_lines
 
     def number(self, row: int) -> int:
         """Number the 0-based `row` as the user does."""
         if self.at is not None:
             return int(self.at[row])
-        return row + 2 if self.is_text else row + self.first
+        first = self.first
+        if self.is_text:
+            first = 2
+        return row + first
 
     def refuse(
         self, what: str, *, row: int | None = None, column: str | None = None, remedy: str = ""
     ) -> DataError:
-        """The error to raise, with its place: 0-based `row`, without it the header's."""
+        """Return the error to raise, with its place: 0-based `row`, without it the header's."""
         number = None if row is None else self.number(row)
-        if not self.is_text:
-            return DataError(
-                what, file=self.file or "DataFrame", row=number, column=column, remedy=remedy
-            )
-        line = 1 if number is None else number
-        return DataError(what, file=self.file, line=line, column=column, remedy=remedy)
+        if self.is_text:
+            line = 1 if number is None else number
+            return DataError(what, file=self.file, line=line, column=column, remedy=remedy)
+        place = self.file or "DataFrame"
+        return DataError(
+            what,
+            file=place,
+            row=number,
+            column=column,
+            remedy=remedy,
+        )
 
     def named(self, row: int) -> str:
         """Name a row: line 3, or row 1."""
-        return f"{'line' if self.is_text else 'row'} {self.number(row)}"
+        word = "row"
+        if self.is_text:
+            word = "line"
+        return f"{word} {self.number(row)}"
 
     def listed(self, rows: Sequence[int] | NDArray[np.intp], most: int = 10) -> str:
         """List the first so many rows: lines 3, 4, 9 … or rows 1, 2, 7 …, counted from 0."""
-        shown = ", ".join(str(self.number(int(row))) for row in rows[:most])
-        return self._say_rows(shown, len(rows), len(rows) > most)
+        return self._say_rows(
+            ", ".join(str(self.number(int(row))) for row in rows[:most]),
+            len(rows),
+            len(rows) > most,
+        )
 
     def spans(self, rows: NDArray[np.intp], most: int = 8) -> str:
         """List many rows, neighbours together: lines 12 to 40, 52, 60."""
@@ -90,10 +105,11 @@ class Where:
 
     def _say_rows(self, shown: str, count: int, is_cut: bool) -> str:
         word = "line" if self.is_text else "row"
-        plural = "" if count == 1 else "s"
+        if count != 1:
+            word += "s"
         ellipsis = " …" if is_cut else ""
         base = "" if self.is_text else ", counted from 0"
-        return f"{word}{plural} {shown}{ellipsis}{base}"
+        return f"{word} {shown}{ellipsis}{base}"
 
     def record(self, rows: NDArray[np.intp]) -> dict[str, Any]:
         """Return plain values that say of the `rows` how they are numbered; `where_from_record`
@@ -136,8 +152,11 @@ def where_from_record(record: Mapping[str, Any] | None) -> Where:
     at = record["at"]
     if at is not None:
         at = {int(row): number for row, number in at.items()}
+    first = 0
     is_text = record["word"] == "line"
-    return Where("the file", is_text, 0 if is_text else record["first"], at)
+    if not is_text:
+        first = record["first"]
+    return Where("the file", is_text, first, at)
 
 
 def load_table(source: Source, group: int | None = None) -> Table:
@@ -158,8 +177,8 @@ def load_table(source: Source, group: int | None = None) -> Table:
 
 
 def hash_source(source: Source) -> str:
-    """Compute the SHA-256 of a file's bytes; of a DataFrame, of the CSV file that `to_csv(index=False)` would
-    write. Raises DataError."""
+    """Compute the SHA-256 of a file's bytes; of a DataFrame, of the CSV file that
+    `to_csv(index=False)` would write. Raises DataError."""
     if isinstance(source, (str, os.PathLike)):
         try:
             with Path(source).open("rb") as file:
@@ -185,16 +204,21 @@ def _load_frame(frame: pd.DataFrame, where: Where) -> Table:
         )
     names = [name.strip() for name in frame.columns]
     _check_distinct(names, where)
-    return Table({name: _load_series(frame.iloc[:, k]) for k, name in enumerate(names)}, where)
+    columns = {}
+    for k, name in enumerate(names):
+        columns[name] = _load_series(frame.iloc[:, k])
+    return Table(columns, where)
 
 
 def _load_series(column: pd.Series[Any]) -> NDArray[Any]:
     if column.dtype.kind not in "fiub":
         cells = column.to_numpy(dtype=object, copy=True)
-        cells[column.isna().to_numpy()] = None
+        is_missing = column.isna().to_numpy()
+        cells[is_missing] = None
         return np.asarray(cells)
     if column.hasnans:
-        return np.asarray(column.to_numpy(dtype=float, na_value=np.nan))
+        numbers = column.to_numpy(dtype=float, na_value=np.nan)
+        return np.asarray(numbers)
     return np.asarray(column.to_numpy())
 
 
@@ -260,7 +284,7 @@ def _check_rows(
 
 
 def _find_starts(chunk: list[list[str]], line: int) -> NDArray[np.intp]:
-    """(m,) the lines on which rows begin, the first on `line`: a cell between quotes may have
+    """Find the lines (m,) on which rows begin, the first on `line`: a cell between quotes may have
     several."""
     spans = [1 + sum(len(LINE_BREAK.findall(cell)) for cell in row) for row in chunk]
     return np.asarray(line + np.cumsum([0, *spans[:-1]]), dtype=np.intp)
@@ -312,7 +336,7 @@ def _load_csv(path: Path) -> Table:
 
 
 def _load_parquet(path: Path, group: int | None) -> Table:
-    """All of a file, or one of its row groups."""
+    """Load all of a file, or one of its row groups."""
     import pyarrow as pa
 
     with _open_parquet(path) as file:
@@ -349,7 +373,7 @@ def _load_parquet(path: Path, group: int | None) -> Table:
 
 
 def parquet_errors() -> tuple[type[Exception], ...]:
-    """What pyarrow raises of a file that is no Parquet file, or a damaged one."""
+    """List what pyarrow raises of a file that is no Parquet file, or a damaged one."""
     import pyarrow.lib
 
     return (
@@ -365,7 +389,7 @@ def parquet_errors() -> tuple[type[Exception], ...]:
 
 @contextmanager
 def _open_parquet(path: Path) -> Iterator[Any]:
-    """A Parquet file; raises DataError where it, or what is read of it, is none."""
+    """Open a Parquet file; raises DataError where it, or what is read of it, is none."""
     import pyarrow.parquet as pq
 
     _check_file(path)
@@ -379,7 +403,8 @@ def _open_parquet(path: Path) -> Iterator[Any]:
 
 
 def count_row_groups(path: Path) -> tuple[int, ...]:
-    """Rows of every row group of a Parquet file; each can be read alone. Raises DataError."""
+    """Count the rows of every row group of a Parquet file; each can be read alone. Raises
+    DataError."""
     with _open_parquet(path) as file:
         return tuple(
             int(file.metadata.row_group(k).num_rows) for k in range(file.metadata.num_row_groups)
@@ -397,7 +422,8 @@ def _check_distinct(header: Sequence[str], where: Where) -> None:
 
 
 def rename_columns(table: Table, columns: Mapping[str, str]) -> Table:
-    """A table under the contract's names; `columns` maps these to its own. Raises DataError."""
+    """Rename a table's columns to the contract's names; `columns` maps these to its own. Raises
+    DataError."""
     for wanted, given in columns.items():
         if given not in table:
             raise table.where.refuse(

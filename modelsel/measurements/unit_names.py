@@ -69,38 +69,46 @@ SPREADS, TURNS = ("sx", "sy", "sz"), ("srx", "sry", "srz")
 def refuse_other_units(
     table: Table, known: set[str], prismatic: Sequence[bool], gauged: bool
 ) -> None:
-    """Refuses a column of the table that a name of the contract has in another unit (`sx_um`,
+    """Refuse a column of the table that a name of the contract has in another unit (`sx_um`,
     `q1_grad`, `temperature_K`), or in other letters (`SX_mm`) where the contract's own is not
     there. `known`: the contract's names; `gauged`: whether rows have kinds, and `length_mm` and
     `s_mm` a meaning. Raises DataError."""
-    small = {name.lower(): name for name in known}
+    known_in_small = {name.lower(): name for name in known}
     for name in table.columns:
         if name in known:
             continue
-        stem, _, unit = name.lower().rpartition("_")
+        small = name.lower()
+        stem, _, unit = small.rpartition("_")
         right, factor = _read_as(stem, unit, prismatic, gauged)
-        if (
-            right is None
-            and (wanted := small.get(name.lower())) is not None
-            and wanted not in table
-        ):
+        wanted = known_in_small.get(small)
+        is_other_spelling = wanted is not None and wanted not in table
+        if right is None and is_other_spelling:
             right, factor = wanted, "1"
-        if right is not None and not (right in table and factor == "1"):
+        if right is None:
+            continue
+        is_there_already = right in table and factor == "1"
+        if not is_there_already:
             raise _refused(table, name, right, factor)
 
 
 def refuse_mapped_units(
     columns: Mapping[str, str], prismatic: Sequence[bool], where: Where
 ) -> None:
-    """Refuses a mapping of a contract's name to a column whose own name says another unit (`q1_rad
+    """Refuse a mapping of a contract's name to a column whose own name says another unit (`q1_rad
     = "J1_deg"`). Raises DataError."""
     for wanted, given in columns.items():
         stem, _, unit = wanted.rpartition("_")
-        said = re.split(r"[^a-zµμ]+", given.strip("])} ").lower())[-1]
-        units = _units_of(stem, said, prismatic, True)[0]
-        if JOINT.fullmatch(stem):
-            units = {**LENGTHS} if unit in ("mm", "m") else {**ANGLES, **DEGREES}
-        if said in units and said not in (unit, *WORDS):
+        small = given.strip("])} ").lower()
+        words = re.split(r"[^a-zµμ]+", small)
+        said = words[-1]
+        units, _ = _units_of(stem, said, prismatic, True)
+        is_joint = JOINT.fullmatch(stem)
+        if is_joint and unit in ("mm", "m"):
+            units = {**LENGTHS}
+        elif is_joint:
+            units = {**ANGLES, **DEGREES}
+        is_wanted = said in (unit, *WORDS)
+        if said in units and not is_wanted:
             raise where.refuse(
                 f'the study maps {wanted} to it, but its name says "{said}", not "{unit}".',
                 column=given,
@@ -126,21 +134,27 @@ def _refused(table: Table, name: str, right: str, factor: str) -> DataError:
 def _read_as(
     stem: str, unit: str, prismatic: Sequence[bool], gauged: bool
 ) -> tuple[str | None, str]:
-    """(the contract's name for a quantity `stem` in some `unit`, None for what is none, what to do
-    with its numbers)."""
-    if stem == "temperature" and unit in ("k", "f"):
-        return "temperature_C", "Subtract 273.15" if unit == "k" else "Subtract 32, divide by 1.8"
-    units, read = _units_of(stem, unit, prismatic, gauged)
+    """Return (the contract's name for a quantity `stem` in some `unit`, None for what is none, what
+    to do with its numbers)."""
+    if stem == "temperature" and unit == "k":
+        return "temperature_C", "Subtract 273.15"
+    if stem == "temperature" and unit == "f":
+        return "temperature_C", "Subtract 32, divide by 1.8"
+    units, unit_read = _units_of(stem, unit, prismatic, gauged)
     if unit not in units:
         return None, ""
-    return f"{stem}_{read}", "1" if units[unit] == 1 else f"Multiply it by {units[unit]:.10g}"
+    size = units[unit]
+    factor = "1"
+    if size != 1:
+        factor = f"Multiply it by {size:.10g}"
+    return f"{stem}_{unit_read}", factor
 
 
 def _units_of(
     stem: str, unit: str, prismatic: Sequence[bool], gauged: bool
 ) -> tuple[Mapping[str, float], str]:
-    """(units of a quantity, each in that which is read; the latter), nothing where it is none of
-    the contract's."""
+    """Return (units of a quantity, each in that which is read; the latter), nothing where it is
+    none of the contract's."""
     if JOINT.fullmatch(stem) and 1 <= int(stem[1:]) <= len(prismatic):
         slides = prismatic[int(stem[1:]) - 1]
         if unit in READING_UNITS[slides]:

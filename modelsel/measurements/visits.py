@@ -22,20 +22,33 @@ def number_keys(keys: Sequence[object] | NDArray[np.generic]) -> tuple[Index, tu
     """Number keys by their first appearance: (each key's number, the distinct keys in that
     order)."""
     numbers: dict[str, int] = {}
-    index = [numbers.setdefault(str(key), len(numbers)) for key in keys]
-    return np.array(index, dtype=np.intp), tuple(numbers)
+    index = []
+    for key in keys:
+        word = str(key)
+        number = numbers.setdefault(word, len(numbers))
+        index.append(number)
+    key_numbers = np.array(index, dtype=np.intp)
+    distinct = tuple(numbers)
+    return key_numbers, distinct
 
 
 def number_visits(q: Array, explicit: Sequence[object] | None, group: Index) -> Index:
     """Number the configuration of every row: by the given column, else adjacent rows with equal
     readings in one group."""
     if explicit is not None:
-        return number_keys(explicit)[0]
-    moved = np.abs(np.diff(q, axis=0)).max(1) > SAME_READING
-    other_group = np.diff(group) != 0
-    is_new = np.ones(len(q), bool)
+        numbers, _ = number_keys(explicit)
+        return numbers
+    rows = len(q)
+    step = np.diff(q, axis=0)
+    size = np.abs(step)
+    largest_step = size.max(1)
+    moved = largest_step > SAME_READING
+    group_step = np.diff(group)
+    other_group = group_step != 0
+    is_new = np.ones(rows, bool)
     is_new[1:] = moved | other_group
-    return np.asarray(np.cumsum(is_new) - 1, dtype=np.intp)
+    visit = np.cumsum(is_new) - 1
+    return np.asarray(visit, dtype=np.intp)
 
 
 def _find_near_pairs(
@@ -44,14 +57,24 @@ def _find_near_pairs(
     """Find pairs (k, 2) of rows with readings alike, among those that an order along one direction
     leaves `close` to the one before; None where too many are."""
     pairs = [np.zeros((0, 2), dtype=np.intp)]
-    later = np.flatnonzero(close)  # places in the order, each close to the place before
+    # places in the order, each close to the place before
+    later = np.flatnonzero(close)
     for lag in range(1, max_lag + 1):
         if not len(later):
             return np.concatenate(pairs)
-        couples = np.stack([order[later - lag], order[later]], 1)
-        difference = np.abs(q[couples[:, 0]] - q[couples[:, 1]]).max(1)
-        pairs.append(couples[difference <= SAME_READING])
-        later = later[(later > lag) & close[np.maximum(later - lag, 0)]]
+        earlier = later - lag
+        first = order[earlier]
+        second = order[later]
+        couples = np.stack([first, second], 1)
+        difference = q[first] - q[second]
+        largest = np.abs(difference).max(1)
+        is_alike = largest <= SAME_READING
+        alike = couples[is_alike]
+        pairs.append(alike)
+        place_before = np.maximum(earlier, 0)
+        is_close = close[place_before]
+        is_close &= later > lag
+        later = later[is_close]
     return None
 
 
@@ -61,12 +84,17 @@ def number_blocks(q: Array, configuration: Index, max_lag: int = MAX_LAG) -> Ind
     _, first, visit = np.unique(configuration, return_index=True, return_inverse=True)
     visit = visit.reshape(-1)
     readings = q[first]
+    visits, joints = readings.shape
+    joint_numbers = np.arange(1, joints + 1)
     # readings alike in every joint are alike along any one direction
-    direction = np.sqrt(np.arange(1, q.shape[1] + 1))
+    direction = np.sqrt(joint_numbers)
     along = readings @ direction
     order = np.argsort(along, kind="stable")
-    steps = np.diff(along[order], prepend=-np.inf)
-    pairs = _find_near_pairs(readings, order, steps <= SAME_READING * direction.sum(), max_lag)
+    ordered = along[order]
+    steps = np.diff(ordered, prepend=-np.inf)
+    limit = SAME_READING * direction.sum()
+    close = steps <= limit
+    pairs = _find_near_pairs(readings, order, close, max_lag)
     if pairs is None:
         from scipy.spatial import cKDTree
 
@@ -74,7 +102,8 @@ def number_blocks(q: Array, configuration: Index, max_lag: int = MAX_LAG) -> Ind
         pairs = tree.query_pairs(SAME_READING, p=np.inf, output_type="ndarray")
     if not len(pairs):
         return np.asarray(visit, dtype=np.intp)
-    return connected_components(len(readings), pairs)[visit]
+    blocks = connected_components(visits, pairs)
+    return blocks[visit]
 
 
 def derive_motion(
@@ -106,18 +135,31 @@ def derive_motion(
 
 def _order_visits(configuration: Index, group: Index, order: Array) -> Index:
     """List one row per visit, in order of motion, group by group."""
-    sequence = np.lexsort((np.arange(len(group)), order, group))
-    _, first = np.unique(configuration[sequence], return_index=True)
-    return np.asarray(sequence[np.sort(first)], dtype=np.intp)
+    rows = np.arange(len(group))
+    keys = (rows, order, group)
+    sequence = np.lexsort(keys)
+    ordered = configuration[sequence]
+    _, first = np.unique(ordered, return_index=True)
+    # in order of motion
+    places = np.sort(first)
+    visits: Index = sequence[places]
+    return visits
 
 
 def order_units(unit: Index, progress: Array) -> tuple[Index, Index]:
     """Number units as the arm came to them, the same whatever the rows' order: (every row's unit
     (m,), the first row (u,) of each)."""
     _, number = np.unique(unit, return_inverse=True)
-    sequence = np.lexsort((progress, number))
-    begins = np.flatnonzero(np.diff(number[sequence], prepend=-1))
+    keys = (progress, number)
+    sequence = np.lexsort(keys)
+    ordered = number[sequence]
+    step = np.diff(ordered, prepend=-1)
+    begins = np.flatnonzero(step)
     first_rows = sequence[begins]
-    order = np.argsort(progress[first_rows], kind="stable")
-    rank = np.argsort(order, kind="stable")
-    return np.asarray(rank[number], dtype=np.intp), first_rows[order]
+    first_progress = progress[first_rows]
+    order = np.argsort(first_progress, kind="stable")
+    # as the arm came to them
+    rank: Index = np.argsort(order, kind="stable")
+    row_unit = rank[number]
+    unit_rows = first_rows[order]
+    return row_unit, unit_rows

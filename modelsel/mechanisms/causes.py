@@ -45,7 +45,7 @@ class State(Protocol):
     quantities)."""
 
     def value(self, name: str) -> Array:
-        """(m,) values of a name; raises KeyError for one the data do not have."""
+        """Return the values (m,) of a name; raises KeyError for one the data do not have."""
         ...
 
 
@@ -54,7 +54,7 @@ class Cause(ABC):
 
     @abstractmethod
     def of(self, state: State) -> Array | float:
-        """The cause at every row (m,), or one number where it is constant."""
+        """Evaluate the cause at every row (m,), or one number where it is constant."""
 
     @property
     @abstractmethod
@@ -63,22 +63,27 @@ class Cause(ABC):
 
     @abstractmethod
     def names(self) -> frozenset[str]:
-        """Names it needs from the state."""
+        """Return the names it needs from the state."""
 
     def __add__(self, other: Cause | float) -> Cause:
-        return Combined("+", self, wrap(other))
+        summand = wrap(other)
+        return Combined("+", self, summand)
 
     def __sub__(self, other: Cause | float) -> Cause:
-        return Combined("-", self, wrap(other))
+        subtrahend = wrap(other)
+        return Combined("-", self, subtrahend)
 
     def __mul__(self, other: Cause | float) -> Cause:
-        return Combined("*", self, wrap(other))
+        factor = wrap(other)
+        return Combined("*", self, factor)
 
     def __rmul__(self, other: float) -> Cause:
-        return Combined("*", wrap(other), self)
+        factor = wrap(other)
+        return Combined("*", factor, self)
 
     def __truediv__(self, other: Cause | float) -> Cause:
-        return Combined("/", self, wrap(other))
+        divisor = wrap(other)
+        return Combined("/", self, divisor)
 
 
 @dataclass(frozen=True)
@@ -133,12 +138,16 @@ class Applied(Cause):
     argument: Cause
 
     def of(self, state: State) -> Array | float:
-        out: Array | float = FUNCTIONS[self.function](self.argument.of(state))
+        function = FUNCTIONS[self.function]
+        argument = self.argument.of(state)
+        out: Array | float = function(argument)
         return out
 
     @property
     def unit(self) -> str:
-        return "1" if self.function in DIMENSIONLESS else self.argument.unit
+        if self.function in DIMENSIONLESS:
+            return "1"
+        return self.argument.unit
 
     def names(self) -> frozenset[str]:
         return self.argument.names()
@@ -157,8 +166,11 @@ class Combined(Cause):
     right: Cause
 
     def of(self, state: State) -> Array | float:
-        a, b = self.left.of(state), self.right.of(state)
-        value: Array | float = ARITHMETIC[self.operator](a, b)
+        a = self.left.of(state)
+        b = self.right.of(state)
+        operator = self.operator
+        operate = ARITHMETIC[operator]
+        value: Array | float = operate(a, b)
         return value
 
     @property
@@ -168,28 +180,42 @@ class Combined(Cause):
             return b if a == "1" else a
         if b == "1":
             return a
-        if self.operator == "*":
-            return b if a == "1" else f"{a} {b}"
-        return f"{a}/{b}"
+        if self.operator == "/":
+            return f"{a}/{b}"
+        if a == "1":
+            return b
+        return f"{a} {b}"
 
     def names(self) -> frozenset[str]:
-        return self.left.names() | self.right.names()
+        left = self.left.names()
+        right = self.right.names()
+        return left | right
 
     def __str__(self) -> str:
         rank = RANK[self.operator]
-        left, right = str(self.left), str(self.right)
-        negative_factor = left.startswith("-") and rank > RANK["+"]
-        if _rank(self.left) < rank or negative_factor:
+        left = str(self.left)
+        right = str(self.right)
+        left_rank = _rank(self.left)
+        right_rank = _rank(self.right)
+        is_product = rank > RANK["+"]
+        is_negative = left.startswith("-")
+        is_negative_factor = is_negative and is_product
+        if left_rank < rank or is_negative_factor:
             left = f"({left})"
-        binding = rank + 1 if self.operator in "-/" else rank
-        if _rank(self.right) < binding or right.startswith("-"):
+        if self.operator in "-/":
+            rank += 1
+        is_negative = right.startswith("-")
+        if right_rank < rank or is_negative:
             right = f"({right})"
         return f"{left}{self.operator}{right}"
 
 
 def _rank(cause: Cause) -> int:
-    """How tightly a cause's outermost operator binds; above all operators where it has none."""
-    return RANK[cause.operator] if isinstance(cause, Combined) else len(RANK)
+    """Rank how tightly a cause's outermost operator binds; above all operators where it has
+    none."""
+    if isinstance(cause, Combined):
+        return RANK[cause.operator]
+    return len(RANK)
 
 
 @dataclass(frozen=True)
@@ -216,7 +242,10 @@ class Member(Cause):
 
 def wrap(value: Cause | float) -> Cause:
     """Return a number as a cause, a cause as it is."""
-    return value if isinstance(value, Cause) else Number(float(value))
+    if isinstance(value, Cause):
+        return value
+    number = float(value)
+    return Number(number)
 
 
 ONE = Number(1.0)
@@ -239,7 +268,8 @@ def sign(argument: Cause) -> Cause:
 
 def q(joint: int, unit: str = "rad") -> Named:
     """Return the reading of a joint (1-based)."""
-    return Named(f"q{joint}", unit)
+    name = f"q{joint}"
+    return Named(name, unit)
 
 
 def torque(joint: int) -> Named:
@@ -251,7 +281,9 @@ def shifted(angle: Cause, phase: float) -> Cause:
     """Return angle + phase, or the angle itself where the phase is zero to 1e-9 rad."""
     if abs(phase) < 1e-9:
         return angle
-    return angle + phase if phase > 0 else angle - -phase
+    if phase > 0:
+        return angle + phase
+    return angle - -phase
 
 
 def parse(text: str, units: Mapping[str, str], where: str = "cause") -> Cause:
@@ -289,8 +321,10 @@ class _Formula:
                 inner = self.build(node.operand)
                 return Number(-inner.number) if isinstance(inner, Number) else -1.0 * inner
             case ast.BinOp() if type(node.op) in OPERATORS:
-                left, right = self.build(node.left), self.build(node.right)
-                return Combined(OPERATORS[type(node.op)], left, right)
+                operator = OPERATORS[type(node.op)]
+                left = self.build(node.left)
+                right = self.build(node.right)
+                return Combined(operator, left, right)
             case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if (
                 name in FUNCTIONS
             ):
@@ -301,10 +335,12 @@ class _Formula:
         )
 
     def _named(self, name: str) -> Named:
-        if name not in self.units:
-            hint = suggest(name, self.units)
-            raise StudyError(f'{self.where}: unknown name "{name}" in "{self.text}". {hint}')
-        return Named(name, self.units[name])
+        if name in self.units:
+            return Named(name, self.units[name])
+        hint = suggest(name, self.units)
+        raise StudyError(
+            f'{self.where}: unknown name "{name}" in "{self.text}". {hint}',
+        )
 
 
 OPERATORS: dict[type[ast.operator], str] = {
@@ -329,7 +365,8 @@ class Bump(Cause):
     width: float
 
     def of(self, state: State) -> Array:
-        return self.shape(state.value(self.name))
+        values = state.value(self.name)
+        return self.shape(values)
 
     def shape(self, values: Array) -> Array:
         """Evaluate the spline at values of its variable."""
@@ -351,6 +388,10 @@ class Bump(Cause):
 
 def factors(cause: Cause) -> tuple[Cause, ...]:
     """Return the factors of a product, or the cause itself."""
-    if isinstance(cause, Combined) and cause.operator == "*":
-        return factors(cause.left) + factors(cause.right)
-    return (cause,)
+    if not isinstance(cause, Combined):
+        return (cause,)
+    if cause.operator != "*":
+        return (cause,)
+    left = factors(cause.left)
+    right = factors(cause.right)
+    return left + right

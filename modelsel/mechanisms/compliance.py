@@ -16,20 +16,30 @@ SOURCE = "Klimchik, Furet, Caro & Pashkevich 2015, elastostatic calibration"
 
 
 def find_bending_links(robot: Robot) -> tuple[int, ...]:
-    """Links (numbered by the joint that moves them) that carry a later joint, where gravity is
-    known."""
-    return tuple(range(1, robot.n)) if find_gravity_joints(robot) else ()
+    """Find the links (numbered by the joint that moves them) that carry a later joint, where
+    gravity is known."""
+    gravity_joints = find_gravity_joints(robot)
+    if not gravity_joints:
+        return ()
+    links = range(1, robot.n)
+    return tuple(links)
 
 
 def weight_moment(frame: int, axis: str, body: int | None = None) -> Named:
-    """Moment of the weight beyond joint `frame` about that frame's x, y or z axis [N m]; of 1 kg at
-    the origin of a later frame alone (n+1: at the target) where `body` names it [N m/kg]."""
-    name = f"torque{frame}" if axis == "z" else f"moment{frame}_{axis}"
-    return Named(name, "N m") if body is None else Named(f"{name}_{body}", "N m/kg")
+    """Name the moment of the weight beyond joint `frame` about that frame's x, y or z axis [N m];
+    of 1 kg at the origin of a later frame alone (n+1: at the target) where `body` names it [N
+    m/kg]."""
+    name = f"moment{frame}_{axis}"
+    if axis == "z":
+        name = f"torque{frame}"
+    if body is None:
+        return Named(name, "N m")
+    name = f"{name}_{body}"
+    return Named(name, "N m/kg")
 
 
 def later_frames(robot: Robot, frame: int) -> range:
-    """Later frames where a mass may sit."""
+    """List the later frames where a mass may sit."""
     return range(frame + 1, robot.n + 2)
 
 
@@ -53,8 +63,11 @@ def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
 
 
 def mass_choices(robot: Robot, joint: int) -> tuple[int, ...]:
-    """Known masses, then (where several bodies hang on the joint) unknown ones."""
-    return (0, 1) if joint < robot.n else (0,)
+    """List the choices of masses: known ones, then (where several bodies hang on the joint) unknown
+    ones."""
+    if joint < robot.n:
+        return (0, 1)
+    return (0,)
 
 
 def lateral_compliance(robot: Robot, joint: int) -> Mechanism:
@@ -96,8 +109,9 @@ def link_bending(robot: Robot, link: int, masses: int) -> Mechanism:
 
 
 def mass_choices_beyond(robot: Robot, link: int) -> tuple[int, ...]:
-    """`mass_choices` of the joint at the link's far end."""
-    return mass_choices(robot, link + 1)
+    """List the `mass_choices` of the joint at the link's far end."""
+    joint = link + 1
+    return mass_choices(robot, joint)
 
 
 def payload_deflection(robot: Robot, joint: int) -> Mechanism:

@@ -4,7 +4,7 @@ once a joint."""
 from __future__ import annotations
 
 from ..robot.kinematics import Robot
-from .causes import Named, cos, q, sin
+from .causes import Cause, Named, cos, q, sin
 from .terms import Mechanism, Screw, Term
 
 # rad at the joint: usual size of a wave
@@ -17,26 +17,38 @@ WAVES = tuple(range(3, 61))
 
 def revolute_joints(robot: Robot) -> tuple[int, ...]:
     """List the joints that turn."""
-    return tuple(j for j, joint in enumerate(robot.joints, 1) if not joint.prismatic)
+    numbers = []
+    for j, joint in enumerate(robot.joints, 1):
+        if not joint.prismatic:
+            numbers.append(j)
+    return tuple(numbers)
 
 
 def all_joints(robot: Robot) -> tuple[int, ...]:
     """List every joint."""
-    return tuple(range(1, robot.n + 1))
+    joints = range(1, robot.n + 1)
+    return tuple(joints)
 
 
 def joint_axis(robot: Robot, joint: int) -> str:
     """Return the axis that a joint moves along (tz) or about (rz)."""
-    return "tz" if robot.joints[joint - 1].prismatic else "rz"
+    joint_moved = robot.joints[joint - 1]
+    if joint_moved.prismatic:
+        return "tz"
+    return "rz"
 
 
 def wave_terms(joint: int, count: float, axis: str, symbol: str) -> tuple[Term, Term]:
-    """A wave of unknown phase: sine and cosine of `count` times the joint's angle at one place of
-    its frame."""
-    angle = q(joint) if count == 1 else float(count) * q(joint)
+    """Build a wave of unknown phase: sine and cosine of `count` times the joint's angle at one
+    place of its frame."""
+    angle: Cause = q(joint)
+    if count != 1:
+        angle = float(count) * angle
+    sine = Screw(joint, axis, sin(angle))
+    cosine = Screw(joint, axis, cos(angle))
     return (
-        Term(f"{symbol}s", (Screw(joint, axis, sin(angle)),), RUNOUT),
-        Term(f"{symbol}c", (Screw(joint, axis, cos(angle)),), RUNOUT),
+        Term(f"{symbol}s", (sine,), RUNOUT),
+        Term(f"{symbol}c", (cosine,), RUNOUT),
     )
 
 
@@ -106,8 +118,12 @@ COUPLING = (1e-5, 1e-2)  # rad/rad
 
 
 def wrist_joints(robot: Robot) -> tuple[int, ...]:
-    """The last two joints of an arm with three revolute wrist joints."""
-    if robot.n < 5 or any(joint.prismatic for joint in robot.joints[-3:]):
+    """List the last two joints of an arm with three revolute wrist joints."""
+    if robot.n < 5:
+        return ()
+    wrist = robot.joints[-3:]
+    slides = [joint.prismatic for joint in wrist]
+    if any(slides):
         return ()
     return (robot.n - 1, robot.n)
 
@@ -115,13 +131,22 @@ def wrist_joints(robot: Robot) -> tuple[int, ...]:
 def wrist_coupling(robot: Robot, joint: int) -> Mechanism:
     """The wrist's drives run through each other: the last joint but one turns with the one before,
     the last with both."""
+    name = f"wrist-coupling:{joint}"
     drivers = range(robot.n - 2, joint)
-    terms = tuple(Term(f"w{joint}{d}", (Screw(joint, "rz", q(d)),), COUPLING) for d in drivers)
+    terms = list[Term]()
+    for d in drivers:
+        screw = Screw(joint, "rz", q(d))
+        term = Term(f"w{joint}{d}", (screw,), COUPLING)
+        terms.append(term)
+    joints = " and ".join(f"joint {d}" for d in drivers)
+    readings = " + ".join(f"w{joint}{d} q{d}" for d in drivers)
+    sentence = f"Joint {joint} turns with {joints}."
+    equation = f"θ{joint} = q{joint} + {readings}"
     return Mechanism(
-        f"wrist-coupling:{joint}",
-        terms,
-        f"Joint {joint} turns with {' and '.join(f'joint {d}' for d in drivers)}.",
-        f"θ{joint} = q{joint} + " + " + ".join(f"w{joint}{d} q{d}" for d in drivers),
+        name,
+        tuple(terms),
+        sentence,
+        equation,
         "Whitney, Lozinski & Rourke 1986; the reference, non-geometric errors",
     )
 
@@ -153,16 +178,27 @@ def overshoot(robot: Robot, joint: int) -> Mechanism:
 
 
 def _side(robot: Robot, joint: int, symbol: str, sign: int) -> Term:
-    """A turn (or shift) of a joint by the direction of its last motion."""
+    """Build a turn (or shift) of a joint by the direction of its last motion."""
     axis = joint_axis(robot, joint)
-    size = (1e-3, 2.0) if axis == "tz" else (2e-6, 5e-3)
-    return Term(symbol, (Screw(joint, axis, Named(f"approach{joint}")),), size, sign)
+    size = (2e-6, 5e-3)
+    if axis == "tz":
+        size = (1e-3, 2.0)
+    direction = Named(f"approach{joint}")
+    screw = Screw(joint, axis, direction)
+    return Term(symbol, (screw,), size, sign)
 
 
 def _last_move(robot: Robot, joint: int) -> Screw:
-    """A joint's own motion, by the size and direction of its last move."""
-    cause = Named(f"approach{joint}") * Named(f"move{joint}", robot.unit(joint))
-    return Screw(joint, joint_axis(robot, joint), cause)
+    """Build a joint's own motion, by the size and direction of its last move."""
+    axis = joint_axis(robot, joint)
+    unit = robot.unit(joint)
+    direction = Named(f"approach{joint}")
+    size = Named(f"move{joint}", unit)
+    return Screw(
+        joint,
+        axis,
+        direction * size,
+    )
 
 
 def read_too_early(robot: Robot) -> Mechanism:

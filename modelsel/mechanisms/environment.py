@@ -22,21 +22,26 @@ STEPS = tuple(
 
 
 def _along(robot: Robot, vector: Array, frame: int, cause: Cause) -> tuple[Screw, ...]:
-    """Screws of a frame that shift it along a vector [mm] given in its axes, by the cause."""
-    return tuple(
-        Screw(frame, AXES[a], Number(float(vector[a]), "mm") * cause)
-        for a in range(3)
-        if abs(vector[a]) > 1e-6
-    )
+    """Build the screws of a frame that shift it along a vector [mm] given in its axes, by the
+    cause."""
+    screws = []
+    for a in range(3):
+        length = float(vector[a])
+        if abs(length) > 1e-6:
+            size = Number(length, "mm")
+            screw = Screw(frame, AXES[a], size * cause)
+            screws.append(screw)
+    return tuple(screws)
 
 
 def temperature_rise(reference: float = REFERENCE) -> Cause:
-    """Temperature, counted from the reference [°C]."""
-    return shifted(Named(TEMPERATURE, "°C"), -reference)
+    """Return the temperature, counted from the reference [°C]."""
+    temperature = Named(TEMPERATURE, "°C")
+    return shifted(temperature, -reference)
 
 
 def find_references(cause: Cause) -> frozenset[float]:
-    """From which temperatures [°C] a cause counts: none where it does not look at any."""
+    """Find the temperatures [°C] from which a cause counts: none where it does not look at any."""
     match cause:
         case Combined("-", Named(name), Number(reference)) if name == TEMPERATURE:
             return frozenset((reference,))
@@ -52,15 +57,27 @@ def find_references(cause: Cause) -> frozenset[float]:
 
 
 def growth_screws(robot: Robot, link: int, reference: float = REFERENCE) -> tuple[Screw, ...]:
-    """Screws that lengthen link `link`: from joint `link` to the next frame (0: from frame 0 to
-    joint 1)."""
-    N = robot.joints[link].before if link < robot.n else robot.last
-    return _along(robot, N[:3, :3].T @ N[:3, 3], link + 1, temperature_rise(reference))
+    """Build the screws that lengthen link `link`: from joint `link` to the next frame (0: from
+    frame 0 to joint 1)."""
+    before = robot.last
+    if link < robot.n:
+        before = robot.joints[link].before
+    rotation = before[:3, :3]
+    shift = before[:3, 3]
+    length = rotation.T @ shift
+    rise = temperature_rise(reference)
+    return _along(
+        robot,
+        length,
+        link + 1,
+        rise,
+    )
 
 
 def growing_links(robot: Robot) -> tuple[int, ...]:
-    """Links with a length, after joint 1."""
-    return tuple(k for k in range(1, robot.n + 1) if growth_screws(robot, k))
+    """Find the links with a length, after joint 1."""
+    links = range(1, robot.n + 1)
+    return tuple(link for link in links if growth_screws(robot, link))
 
 
 def thermal_growth(robot: Robot, link: int, reference: float = REFERENCE) -> Mechanism:
@@ -90,12 +107,16 @@ def thermal_expansion(robot: Robot, reference: float = REFERENCE) -> Mechanism |
 
 def thermal_zero(robot: Robot, joint: int, reference: float = REFERENCE) -> Mechanism:
     """A joint's zero wanders with temperature."""
-    axis = "tz" if robot.joints[joint - 1].prismatic else "rz"
+    slides = robot.joints[joint - 1].prismatic
+    axis = "tz" if slides else "rz"
+    rise = temperature_rise(reference)
+    screw = Screw(joint, axis, rise)
+    term = Term(f"z{joint}", (screw,), (1e-7, 1e-3))
     return Mechanism(
         f"thermal-zero:{joint}",
-        (Term(f"z{joint}", (Screw(joint, axis, temperature_rise(reference)),), (1e-7, 1e-3)),),
+        (term,),
         f"The zero of joint {joint} wanders with temperature, counted from {reference:g} °C.",
-        f"θ{joint} = q{joint} + z ({temperature_rise(reference)})",
+        f"θ{joint} = q{joint} + z ({rise})",
         "ISO 230-3, thermal effects; ISO 1, 20 °C",
     )
 
@@ -122,7 +143,8 @@ def tracker_drift(robot: Robot, knots: float) -> Mechanism:
 
 
 def step_after(at: float) -> Cause:
-    """0 before a moment of the campaign, 1 after it: its coefficient is the whole move."""
+    """Return a step, 0 before a moment of the campaign, 1 after it: its coefficient is the whole
+    move."""
     return (sign(PROGRESS - at) + 1.0) / 2.0
 
 
@@ -165,18 +187,27 @@ def tracker_bumped(robot: Robot, at: float) -> Mechanism:
 
 
 def _seen(robot: Robot) -> list[tuple[str, Cause]]:
-    """(axis of frame 1, coordinate of the nominal target along it): a scale about frame 0's
+    """List (axis of frame 1, coordinate of the nominal target along it): a scale about frame 0's
     origin."""
-    R = robot.joints[0].before[:3, :3]
+    rotation = robot.joints[0].before[:3, :3]
     out: list[tuple[str, Cause]] = []
-    for a in range(3):
-        parts = [(R[b, a], Named(f"{'xyz'[b]}_mm", "mm")) for b in range(3) if abs(R[b, a]) > 1e-9]
-        cause: Cause | None = None
-        for number, name in parts:
-            piece = name if number == 1 else float(number) * name
-            cause = piece if cause is None else cause + piece
-        if cause is not None:
-            out.append((AXES[a], cause))
+    for axis, direction in zip(AXES[:3], rotation.T, strict=True):
+        summands = list[Cause]()
+        for name, number in zip("xyz", direction, strict=True):
+            if abs(number) <= 1e-9:
+                continue
+            coordinate = Named(f"{name}_mm", "mm")
+            summand: Cause = coordinate
+            if number != 1:
+                summand = float(number) * coordinate
+            summands.append(summand)
+        if not summands:
+            continue
+        cause, *others = summands
+        for summand in others:
+            cause = cause + summand
+        seen = (axis, cause)
+        out.append(seen)
     return out
 
 

@@ -22,7 +22,7 @@ SIZE = {
 
 
 def geometric(robot: Robot) -> Mechanism:
-    """The paper's a b c α β γ of frames 1…n and the target's a b c.
+    """Build the paper's a b c α β γ of frames 1…n and the target's a b c.
 
     The target comes first: an earlier term represents the later ones that depend on it, and b7 says
     in mm what γ6 would say in radians where the target is nearly on the last axis."""
@@ -39,8 +39,14 @@ def geometric(robot: Robot) -> Mechanism:
 
 
 def _term(frame: int, axis: str, usual: float, cause: Cause = ONE, label: str = "") -> Term:
+    symbol = letter(frame, axis) + label
+    kind = axis[0]
+    screw = Screw(frame, axis, cause)
     return Term(
-        letter(frame, axis) + label, (Screw(frame, axis, cause),), SIZE[axis[0]], usual=usual
+        symbol,
+        (screw,),
+        SIZE[kind],
+        usual=usual,
     )
 
 
@@ -52,29 +58,33 @@ def build_setup(
     orientation: bool,
     features: Sequence[Feature] = (),
 ) -> Mechanism:
-    """What the measuring set-up leaves open: target offsets, target orientation, the tracker's
-    placement(s), what is not known of the features that rows share.
+    """Build what the measuring set-up leaves open: target offsets, target orientation, the
+    tracker's placement(s), what is not known of the features that rows share.
 
     Several targets have an offset each; `groups` > 1 gives every group a placement of its own.
     """
     terms: list[Term] = []
+    flange = robot.n + 1
+    target_labels: list[tuple[Cause, str]] = [(ONE, "")]
+    if targets > 1:
+        target_labels = [(Member("target", t), f"({t + 1})") for t in range(targets)]
+    group_labels: list[tuple[Cause, str]] = [(ONE, "")]
+    if groups > 1:
+        group_labels = [(Member("group", g), f"[{g + 1}]") for g in range(groups)]
     if targets > 1 or register:
-        for t in range(targets):
-            cause, label = (Member("target", t), f"({t + 1})") if targets > 1 else (ONE, "")
-            terms += [_term(robot.n + 1, axis, OPEN["t"], cause, label) for axis in AXES[:3]]
+        for cause, label in target_labels:
+            terms += [_term(flange, axis, OPEN["t"], cause, label) for axis in AXES[:3]]
     if orientation:
-        for t in range(targets):
-            cause, label = (Member("target", t), f"({t + 1})") if targets > 1 else (ONE, "")
-            terms += [_term(robot.n + 1, axis, OPEN["r"], cause, label) for axis in AXES[3:]]
+        for cause, label in target_labels:
+            terms += [_term(flange, axis, OPEN["r"], cause, label) for axis in AXES[3:]]
     if register:
-        for g in range(groups):
-            cause, label = (Member("group", g), f"[{g + 1}]") if groups > 1 else (ONE, "")
+        for cause, label in group_labels:
             terms += [_term(1, axis, OPEN[axis[0]], cause, label) for axis in AXES]
-    terms += [
-        FixtureTerm(f"{_number(f, axis)} of {f.name}", feature=k, axis=axis)
-        for k, f in enumerate(features)
-        for axis in f.free
-    ]
+    for k, feature in enumerate(features):
+        for axis in feature.free:
+            symbol = f"{_number(feature, axis)} of {feature.name}"
+            term = FixtureTerm(symbol, feature=k, axis=axis)
+            terms.append(term)
     return Mechanism(
         SETUP,
         tuple(terms),
@@ -85,7 +95,9 @@ def build_setup(
 
 
 def _number(feature: Feature, axis: str) -> str:
-    """What a feature's number is called: a place's coordinate, a plane's offset and tilts, a
+    """Name a feature's number: a place's coordinate, a plane's offset and tilts, a
     length."""
+    if feature.kind != "plane":
+        return axis.removeprefix("t")
     plane = {"tz": "offset", "rx": "tilt 1", "ry": "tilt 2"}
-    return plane[axis] if feature.kind == "plane" else axis.removeprefix("t")
+    return plane[axis]

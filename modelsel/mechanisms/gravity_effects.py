@@ -15,14 +15,21 @@ BACKLASH = (2e-5, 2e-3)  # rad
 
 
 def upper_arm_lever(pair: ArmPair) -> Cause:
-    """Lever of the upper arm: cos(q2) on the paper's arm."""
-    return cos(shifted(q(pair.upper), pair.near_phase))
+    """Return the lever of the upper arm: cos(q2) on the paper's arm."""
+    angle = q(pair.upper)
+    phase = pair.near_phase
+    return cos(shifted(angle, phase))
 
 
 def forearm_lever(pair: ArmPair) -> Cause:
-    """Lever of the forearm: cos(q2+q3) on the paper's arm."""
-    both = q(pair.upper) + q(pair.fore) if pair.parallel > 0 else q(pair.upper) - q(pair.fore)
-    return cos(shifted(both, pair.far_phase))
+    """Return the lever of the forearm: cos(q2+q3) on the paper's arm."""
+    upper = q(pair.upper)
+    fore = q(pair.fore)
+    angle = upper - fore
+    if pair.parallel > 0:
+        angle = upper + fore
+    angle = shifted(angle, pair.far_phase)
+    return cos(angle)
 
 
 def joint2_twist(robot: Robot) -> Mechanism | None:
@@ -97,17 +104,32 @@ def backlash(robot: Robot, joint: int) -> Mechanism:
 
 
 def base_screws(robot: Robot, axis: int, cause: Cause) -> tuple[Screw, ...]:
-    """Screws of frame 1 that together turn the arm about axis 0, 1, 2 of frame 0 through its
-    origin, by the cause."""
-    R, t = robot.joints[0].before[:3, :3], robot.joints[0].before[:3, 3]
+    """Build the screws of frame 1 that together turn the arm about axis 0, 1, 2 of frame 0 through
+    its origin, by the cause."""
+    before = robot.joints[0].before
+    R = before[:3, :3]
+    x, y, z = before[:3, 3]
+    levers = [(0, -z, y), (z, 0, -x), (-y, x, 0)]
     turn = R.T[:, axis]
-    shift = R.T @ [(0, -t[2], t[1]), (t[2], 0, -t[0]), (-t[1], t[0], 0)][axis]
-    screws = [(AXES[3 + a], Number(float(turn[a]))) for a in range(3) if abs(turn[a]) > 1e-12]
-    screws += [(AXES[a], Number(float(shift[a]), "mm")) for a in range(3) if abs(shift[a]) > 1e-9]
-    return tuple(
-        Screw(1, place, cause if number == Number(1.0) else number * cause)
-        for place, number in screws
-    )
+    shift = R.T @ levers[axis]
+    numbers = list[tuple[str, Number]]()
+    for place, angle in zip(AXES[3:], turn, strict=True):
+        if abs(angle) > 1e-12:
+            number = Number(float(angle))
+            numbers.append((place, number))
+    for place, length in zip(AXES[:3], shift, strict=True):
+        if abs(length) > 1e-9:
+            number = Number(float(length), "mm")
+            numbers.append((place, number))
+    one = Number(1.0)
+    screws = []
+    for place, number in numbers:
+        share = cause
+        if number != one:
+            share = number * cause
+        screw = Screw(1, place, share)
+        screws.append(screw)
+    return tuple(screws)
 
 
 def base_tilt(robot: Robot) -> Mechanism | None:
@@ -133,17 +155,26 @@ def payload_tilt(robot: Robot) -> Mechanism | None:
     times lever of the target."""
     if robot.gravity is None:
         return None
-    down, place, terms = robot.gravity, [Named(f"{name}_mm", "mm") for name in "xyz"], []
-    for axis, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):  # lever x down
-        both = ((place[j], down[k]), (place[k], -down[j]))
-        levers = [
-            where if weight == 1 else weight * where for where, weight in both if abs(weight) > 1e-9
-        ]
-        if abs(down[axis]) < 0.999:
-            cause = Named("payload_kg", "kg") * (
-                levers[0] if len(levers) == 1 else levers[0] + levers[1]
-            )
-            terms.append(Term(f"p{'xyz'[axis]}", base_screws(robot, axis, cause), (1e-10, 1e-6), 1))
+    down = robot.gravity
+    place = [Named(f"{name}_mm", "mm") for name in "xyz"]
+    payload = Named("payload_kg", "kg")
+    size = (1e-10, 1e-6)
+    terms = []
+    # lever x down
+    for axis, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
+        products = ((place[j], down[k]), (place[k], -down[j]))
+        levers = list[Cause]()
+        for where, weight in products:
+            if abs(weight) > 1e-9:
+                lever = where if weight == 1 else weight * where
+                levers.append(lever)
+        is_vertical = abs(down[axis]) >= 0.999
+        if is_vertical:
+            continue
+        moment = levers[0] if len(levers) == 1 else levers[0] + levers[1]
+        screws = base_screws(robot, axis, payload * moment)
+        symbol = f"p{'xyz'[axis]}"
+        terms.append(Term(symbol, screws, size, 1))
     return Mechanism(
         "payload-tilt",
         tuple(terms),

@@ -44,7 +44,7 @@ Registry = Mapping[str, Entry]
 
 
 def build_thermal(reference: float = REFERENCE) -> Registry:
-    """What temperature does, counted from the reference [°C]."""
+    """Build the thermal mechanisms, counted from the reference [°C]."""
     return {
         "thermal-growth": PerJoint(
             partial(environment.thermal_growth, reference=reference), environment.growing_links
@@ -101,17 +101,19 @@ BUILTIN: Registry = {
 
 
 def set_reference(registry: Registry, reference: float) -> Registry:
-    """The registry with modelsel's own thermal mechanisms counted from a reference [°C]."""
+    """Return the registry with modelsel's own thermal mechanisms counted from a reference [°C]."""
     thermal = build_thermal(reference)
-    return {
-        name: thermal[name] if name in thermal and entry is BUILTIN[name] else entry
-        for name, entry in registry.items()
-    }
+    counted = dict(registry)
+    for name, entry in registry.items():
+        is_own = name in thermal and entry is BUILTIN[name]
+        if is_own:
+            counted[name] = thermal[name]
+    return counted
 
 
 def build_faults(robot: Robot) -> tuple[Mechanism, ...]:
-    """Faults of the data that act as screws; naming offers them beside the mechanisms, under
-    `fault:` names."""
+    """Build the faults of the data that act as screws; naming offers them beside the mechanisms,
+    under `fault:` names."""
     return (
         drives.read_too_early(robot),
         *(environment.tracker_bumped(robot, at) for at in environment.STEPS),
@@ -128,20 +130,31 @@ def build_mechanisms(
     where the name does not apply to the robot. Raises StudyError for an unknown name or joint."""
     stem, *given = name.split(":")
     if stem not in registry:
-        raise StudyError(f'unknown mechanism "{name}". {suggest(stem, registry)}')
+        hint = suggest(stem, registry)
+        raise StudyError(f'unknown mechanism "{name}". {hint}')
     entry = registry[stem]
     is_scanned = isinstance(entry, Scanned)
     has_joints = isinstance(entry, (PerJoint, Scanned)) and entry.joints is not None
     if len(given) > has_joints + is_scanned:
-        parts = "a joint only" if has_joints else "no joint"
+        parts = "no joint"
+        if has_joints:
+            parts = "a joint only"
         raise StudyError(f'"{name}": {stem} takes {parts}.')
-    joint = given.pop(0) if given and has_joints else None
+    joint = None
+    if given and has_joints:
+        joint = given.pop(0)
     if isinstance(entry, PerJoint):
-        return tuple(entry.build(robot, j) for j in _choose_joints(name, joint, robot, entry))
+        joints = _choose_joints(name, joint, robot, entry)
+        return tuple(entry.build(robot, j) for j in joints)
     if isinstance(entry, Scanned):
-        return _build_scanned(name, joint, given[0] if given else None, robot, entry)
+        constant = None
+        if given:
+            constant = given[0]
+        return _build_scanned(name, joint, constant, robot, entry)
     built = entry(robot)
-    return () if built is None else (built,)
+    if built is None:
+        return ()
+    return (built,)
 
 
 def _choose_joints(
@@ -149,16 +162,24 @@ def _choose_joints(
 ) -> tuple[int, ...]:
     """Choose the joints of an entry that a name stands for: one, or all that it applies to. Raises
     StudyError for a joint that it does not apply to."""
-    joints = () if entry.joints is None else entry.joints(robot)
+    joints: tuple[int, ...] = ()
+    if entry.joints is not None:
+        joints = entry.joints(robot)
     if joint is None:
         return joints
-    if joint in map(str, joints):
-        return (int(joint),)
-    where = f"no joint of {robot.name}"
-    if joints:
-        plural = "s" if len(joints) > 1 else ""
-        where = f"joint{plural} {', '.join(map(str, joints))} of {robot.name}"
-    raise StudyError(f'"{name}": {name.partition(":")[0]} applies to {where}.')
+    words = [str(j) for j in joints]
+    if joint in words:
+        chosen = int(joint)
+        return (chosen,)
+    numbers = ", ".join(words)
+    where = f"joint {numbers} of {robot.name}"
+    if not words:
+        where = f"no joint of {robot.name}"
+    elif len(words) > 1:
+        where = f"joints {numbers} of {robot.name}"
+    stem, _, _ = name.partition(":")
+    problem = f"{stem} applies to {where}"
+    raise StudyError(f'"{name}": {problem}.')
 
 
 def _build_scanned(
@@ -168,16 +189,23 @@ def _build_scanned(
     that is not scanned."""
     places: list[tuple[int, ...]] = [()]
     if entry.joints is not None:
-        places = [(j,) for j in _choose_joints(name, joint, robot, entry)]
-    built = [
-        entry.build(robot, *place, value)
-        for place in places
-        for value in entry.constants(robot, *place)
-        if constant is None or constant == f"{value:g}"
-    ]
-    if constant is not None and not built:
-        stem = name.partition(":")[0]
-        raise StudyError(f'"{name}": {constant} is not among the constants of {stem}.')
+        joints = _choose_joints(name, joint, robot, entry)
+        places = [(j,) for j in joints]
+    built = []
+    for place in places:
+        values = entry.constants(robot, *place)
+        for value in values:
+            word = f"{value:g}"
+            is_wanted = constant in (None, word)
+            if not is_wanted:
+                continue
+            mechanism = entry.build(robot, *place, value)
+            built.append(mechanism)
+    if not built and constant is not None:
+        stem, _, _ = name.partition(":")
+        raise StudyError(
+            f'"{name}": {constant} is not among the constants of {stem}.',
+        )
     return tuple(built)
 
 
@@ -202,15 +230,20 @@ def mechanism(name: str, robot: Robot, registry: Registry = BUILTIN) -> Mechanis
 
 
 def every(robot: Robot, registry: Registry = BUILTIN) -> tuple[Mechanism, ...]:
-    """Every mechanism that applies to the robot, one a joint and a constant where it has them."""
-    return tuple(part for name in registry for part in build_mechanisms(name, robot, registry))
+    """Build every mechanism that applies to the robot, one a joint and a constant where it has
+    them."""
+    mechanisms = list[Mechanism]()
+    for name in registry:
+        named = build_mechanisms(name, robot, registry)
+        mechanisms += named
+    return tuple(mechanisms)
 
 
 def with_plugins(
     registry: Registry = BUILTIN, robot: Robot | None = None
 ) -> tuple[Registry, dict[str, str]]:
-    """The registry with every installed plug-in's entries, and what is wrong with those left out:
-    plug-ins that cannot be loaded, names that are taken, and entries that cannot be built for
+    """Return the registry with every installed plug-in's entries, and what is wrong with those left
+    out: plug-ins that cannot be loaded, names that are taken, and entries that cannot be built for
     `robot`, where one is given."""
     from importlib.metadata import entry_points
 
@@ -251,11 +284,13 @@ def find_entry_problem(name: str, entry: Entry, robot: Robot) -> str | None:
 def _find_mechanism_problem(name: str, mechanism: Mechanism, robot: Robot) -> str | None:
     if mechanism.stem != name:
         return f'it is registered as "{name}" and calls itself "{mechanism.name}"'
+    last_frame = robot.n + 1
     for term in mechanism.terms:
-        beyond = any(screw.frame > robot.n + 1 for screw in term.screws)
+        beyond = any(screw.frame > last_frame for screw in term.screws)
         if beyond or not term.screws:
             return (
                 f"{term.symbol} drives no screw, or one on a frame that {robot.name} does not have"
             )
-        str((term.unit, *term.screws))  # raises for what cannot be printed
+        # raises for what cannot be printed
+        str((term.unit, *term.screws))
     return unstorable(mechanism)

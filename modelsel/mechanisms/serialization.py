@@ -30,10 +30,18 @@ def describe_mechanism(mechanism: Mechanism) -> dict[str, Any]:
     """Describe a mechanism in plain values, for people and tables."""
 
     def expected(size: tuple[float, float] | None, sign: int) -> str:
-        words = [] if size is None else [f"usually {size[0]:g} to {size[1]:g}"]
-        if sign:
-            words.append("positive" if sign > 0 else "negative")
-        return f"  ({', '.join(words)})" if words else ""
+        words = []
+        if size is not None:
+            lower, upper = size
+            words.append(f"usually {lower:g} to {upper:g}")
+        if sign > 0:
+            words.append("positive")
+        if sign < 0:
+            words.append("negative")
+        if not words:
+            return ""
+        listed = ", ".join(words)
+        return f"  ({listed})"
 
     return {
         "name": mechanism.name,
@@ -126,10 +134,15 @@ KEYS = ("number", "name", "function", "operator", "member", "spline")  # one nam
 
 def _kind(value: Any) -> str | None:
     """Return the tag of a cause's kind: the key that it alone has."""
-    keys = type(value).model_fields if isinstance(value, _CauseRecord) else value
+    keys = value
+    if isinstance(value, _CauseRecord):
+        keys = type(value).model_fields
     if not isinstance(keys, Mapping):
         return None
-    return next((f"<{key}>" for key in KEYS if key in keys), None)
+    for key in KEYS:
+        if key in keys:
+            return f"<{key}>"
+    return None
 
 
 CauseRecord = Annotated[
@@ -165,7 +178,11 @@ class TermRecord(StrictRecord):
 
     @model_validator(mode="after")
     def _check_size(self) -> TermRecord:
-        if self.size is not None and not 0 <= self.size[0] <= self.size[1]:
+        if self.size is None:
+            return self
+        lower, upper = self.size
+        is_interval = 0 <= lower <= upper
+        if not is_interval:
             raise ValueError("size: expected the lower and the upper bound, both 0 or more")
         return self
 
@@ -284,18 +301,38 @@ def mechanism_record(mechanism: Mechanism) -> dict[str, Any]:
 def mechanism_from_record(record: MechanismRecord) -> Mechanism:
     """Return the mechanism of a record. Raises ValueError where its units or what its causes print
     are not the stored ones."""
-    terms = tuple(_restore_term(term, record.name) for term in record.terms)
+    name = record.name
+    terms = tuple(_restore_term(term, name) for term in record.terms)
     return Mechanism(
-        record.name, terms, record.sentence, record.equation, record.source, record.contrary
+        name,
+        terms,
+        record.sentence,
+        record.equation,
+        record.source,
+        record.contrary,
     )
 
 
 def _restore_term(record: TermRecord, mechanism: str) -> Term:
-    screws = tuple(Screw(s.frame, s.axis, _restore_cause(s.cause)) for s in record.screws)
-    size = None if record.size is None else (record.size[0], record.size[1])
-    term = Term(record.symbol, screws, size, record.sign, record.usual)
+    screws = []
+    for screw_record in record.screws:
+        cause = _restore_cause(screw_record.cause)
+        screw = Screw(screw_record.frame, screw_record.axis, cause)
+        screws.append(screw)
+    size = None
+    if record.size is not None:
+        lower, upper = record.size
+        size = (lower, upper)
+    term = Term(
+        record.symbol,
+        tuple(screws),
+        size,
+        record.sign,
+        record.usual,
+    )
     printed = [str(screw.cause) for screw in screws]
-    if term.unit != record.unit or printed != [screw.prints for screw in record.screws]:
+    stored = [screw_record.prints for screw_record in record.screws]
+    if term.unit != record.unit or printed != stored:
         raise ValueError(
             f"the unit or the printed causes of {term.symbol} of {mechanism} are not those of its screws"
         )

@@ -39,7 +39,12 @@ class Screw:
     @property
     def unit(self) -> str:
         """mm or rad per unit of its cause."""
-        return ratio("rad" if self.axis[0] == "r" else "mm", self.cause.unit)
+        is_turn = self.axis[0] == "r"
+        own_unit = "mm"
+        if is_turn:
+            own_unit = "rad"
+        cause_unit = self.cause.unit
+        return ratio(own_unit, cause_unit)
 
     def __str__(self) -> str:
         return f"frame {self.frame} {self.axis} · {self.cause}"
@@ -73,7 +78,10 @@ class Term:
         """mm or rad per unit of the cause, from its screws; all must agree (rad counts as 1).
         Raises ValueError."""
         units = list(dict.fromkeys(screw.unit for screw in self.screws))
-        alike = {SHARES.get(unit, unit.replace("rad", "1")) for unit in units}
+        alike = set()
+        for unit in units:
+            without_angle = unit.replace("rad", "1")
+            alike.add(SHARES.get(unit, without_angle))
         if len(alike) != 1:
             raise ValueError(
                 f"the screws of {self.symbol} have different units: {', '.join(units)}"
@@ -102,7 +110,8 @@ class FixtureTerm(Term):
 
     @property
     def key(self) -> TermKey:
-        return self.feature, self.axis
+        feature = self.feature
+        return feature, self.axis
 
     @property
     def fixture(self) -> bool:
@@ -111,7 +120,10 @@ class FixtureTerm(Term):
     @property
     def unit(self) -> str:
         """rad of a tilt, else mm."""
-        return "rad" if self.axis[0] == "r" else "mm"
+        kind = self.axis[0]
+        if kind == "r":
+            return "rad"
+        return "mm"
 
 
 def ratio(top: str, bottom: str) -> str:
@@ -133,7 +145,7 @@ def ratio(top: str, bottom: str) -> str:
 
 
 def _unit_factors(unit: str) -> list[str]:
-    """Factors of a unit's part without a quotient, ones left out."""
+    """List the factors of a unit's part without a quotient, ones left out."""
     return [factor for factor in unit.split() if factor != "1"]
 
 
@@ -153,23 +165,35 @@ class Mechanism:
     @property
     def stem(self) -> str:
         """The registered name without its joint: "backlash" of "backlash:3"."""
-        return self.name.partition(":")[0]
+        stem, _, _ = self.name.partition(":")
+        return stem
 
     @property
     def joint(self) -> int | None:
         """The joint of a registered name that has one: 3 of "backlash:3"."""
-        joint = self.name.partition(":")[2]
-        return int(joint) if joint.isdigit() else None
+        _, _, joint = self.name.partition(":")
+        if joint.isdigit():
+            return int(joint)
+        return None
 
     @property
     def signs(self) -> tuple[int, ...]:
         """The sign that naming asks of each term, 0 for either."""
-        return tuple(0 if self.contrary else t.sign for t in self.terms)
+        signs = []
+        for term in self.terms:
+            sign = term.sign
+            if self.contrary:
+                sign = 0
+            signs.append(sign)
+        return tuple(signs)
 
     def names(self) -> frozenset[str]:
-        """Names its causes need from the state."""
-        screws = [screw for term in self.terms for screw in term.screws]
-        return frozenset[str]().union(*(screw.cause.names() for screw in screws))
+        """Return the names its causes need from the state."""
+        names = set[str]()
+        for term in self.terms:
+            for screw in term.screws:
+                names |= screw.cause.names()
+        return frozenset(names)
 
 
 def terms_of(mechanisms: Iterable[Mechanism]) -> tuple[Term, ...]:
@@ -222,4 +246,5 @@ def unstorable(mechanism: Mechanism) -> str | None:
 
 def letter(frame: int, axis: str) -> str:
     """Return the paper's symbol of a geometric parameter: a1 … γ7."""
-    return f"{LETTERS[axis]}{frame}"
+    axis_letter = LETTERS[axis]
+    return f"{axis_letter}{frame}"

@@ -51,60 +51,104 @@ class _CommonNormal:
 
 def _find_common_normal(N: Array) -> _CommonNormal:
     """Decompose a transform (4, 4) along the first axis, the common normal and the second axis."""
-    axis, origin = N[:3, 2], N[:3, 3]
+    axis = N[:3, 2]
+    origin = N[:3, 3]
+    x, y, z = origin
     sine = float(np.hypot(axis[0], axis[1]))
     if sine < PARALLEL_ANGLE:
-        on_axis = np.hypot(origin[0], origin[1]) <= PARALLEL_ANGLE
-        phi = 0.0 if on_axis else float(np.arctan2(origin[1], origin[0]))
+        on_axis = np.hypot(x, y) <= PARALLEL_ANGLE
+        phi = 0.0 if on_axis else float(np.arctan2(y, x))
         alpha = 0.0 if axis[2] > 0 else np.pi
-        d, e = float(origin[2]), 0.0
+        d = float(z)
+        e = 0.0
     else:
         phi = float(np.arctan2(axis[0], -axis[1]))
         alpha = float(np.arctan2(sine, axis[2]))
-        across = np.array([-np.sin(phi), np.cos(phi), 0.0])
+        across = np.array(
+            [
+                -np.sin(phi),
+                np.cos(phi),
+                0.0,
+            ]
+        )
         e = float(-(origin @ across) / sine)
-        d = float(origin[2] - e * axis[2])
-    a = float(origin[0] * np.cos(phi) + origin[1] * np.sin(phi))
-    to_second_axis = rotation_matrix(2, phi) @ rotation_matrix(0, alpha)
+        d = float(z - e * axis[2])
+    cosine = np.cos(phi)
+    a = float(x * cosine + y * np.sin(phi))
+    to_normal = rotation_matrix(2, phi)
+    to_second_axis = to_normal @ rotation_matrix(0, alpha)
     rest = to_second_axis.T @ N[:3, :3]
-    psi = float(np.arctan2(rest[1, 0], rest[0, 0]))
-    return _CommonNormal(phi, d, a, float(alpha), psi, e)
+    psi = np.arctan2(
+        rest[1, 0],
+        rest[0, 0],
+    )
+    return _CommonNormal(
+        phi,
+        d,
+        a,
+        float(alpha),
+        float(psi),
+        e,
+    )
 
 
 def compute_dh_rows(robot: Robot, modified: bool) -> DhRows:
     """Compute the DH rows of a chain; `robot.last` stays as it is, after the last row."""
     rows = list[tuple[float, float, float, float]]()
-    shift = list[Array]()
+    shifts = list[Array]()
     nearly = list[tuple[int, int]]()
-    before = _CommonNormal()  # the transform that leads to this joint
+    # the transform that leads to this joint
+    before = _CommonNormal()
     for k in range(robot.n):
-        is_last = k + 1 == robot.n
-        after = _CommonNormal() if is_last else _find_common_normal(robot.joints[k + 1].before)
-        if PARALLEL_ANGLE < np.sin(after.alpha) < NEARLY_PARALLEL_ANGLE:
-            nearly.append((k + 1, k + 2))
+        number = k + 1
+        after = _CommonNormal()
+        if number < robot.n:
+            following = robot.joints[number]
+            after = _find_common_normal(following.before)
+        sine = np.sin(after.alpha)
+        if PARALLEL_ANGLE < sine < NEARLY_PARALLEL_ANGLE:
+            nearly.append((number, number + 1))
         link = before if modified else after
-        rows.append((before.psi + after.phi, before.e + after.d, link.a, link.alpha))
+        theta = before.psi + after.phi
+        d = before.e + after.d
+        rows.append((theta, d, link.a, link.alpha))
         along = after.d if modified else -before.e
-        shift.append(transform(rotation_matrix(2, after.phi), (0.0, 0.0, along)))
+        turn = rotation_matrix(2, after.phi)
+        shift = transform(turn, (0.0, 0.0, along))
+        shifts.append(shift)
         before = after
-    return DhRows(robot.joints[0].before, tuple(rows), tuple(shift), tuple(nearly))
+    return DhRows(
+        base=robot.joints[0].before,
+        rows=tuple(rows),
+        shift=tuple(shifts),
+        nearly=tuple(nearly),
+    )
 
 
 def dh_table(robot: Robot, modified: bool) -> dict[str, Any]:
     """Return a robot as the table of a robot file in DH rows, which `robot_from_table` reads;
     masses and limits move along."""
     dh = compute_dh_rows(robot, modified)
-    table: dict[str, Any] = {"name": robot.name, "source": robot.source}
+    table: dict[str, Any] = {
+        "name": robot.name,
+        "source": robot.source,
+    }
     if robot.gravity is not None:
         table["gravity"] = list(robot.gravity)
     if robot.usual != Robot.usual:
-        table["usual_mm"] = robot.usual[0]
-        table["usual_mrad"] = robot.usual[1] * 1e3
+        length, angle = robot.usual
+        table["usual_mm"] = length
+        table["usual_mrad"] = angle * 1e3
     table["convention"] = "modified" if modified else "standard"
-    table["base_mm"] = dh.base[:3].tolist()
-    joints = zip(robot.joints, dh.rows, dh.shift, strict=True)
-    table["joint"] = [_joint_table(*joint) for joint in joints]
-    table["last"] = {"transform_mm": robot.last[:3].tolist()}
+    base = dh.base[:3]
+    table["base_mm"] = base.tolist()
+    joints = []
+    for joint, row, shift in zip(robot.joints, dh.rows, dh.shift, strict=True):
+        of_joint = _joint_table(joint, row, shift)
+        joints.append(of_joint)
+    table["joint"] = joints
+    last = robot.last[:3]
+    table["last"] = {"transform_mm": last.tolist()}
     return table
 
 
@@ -122,8 +166,14 @@ def _joint_table(
     if joint.prismatic:
         table["kind"] = "prismatic"
     if joint.limits is not None:
-        key, scale = ("limits_mm", 1.0) if joint.prismatic else ("limits_deg", 180 / np.pi)
-        table[key] = [float(limit * scale) for limit in joint.limits]
+        key, scale = "limits_deg", 180 / np.pi
+        if joint.prismatic:
+            key, scale = "limits_mm", 1.0
+        low, high = joint.limits
+        table[key] = [
+            float(low * scale),
+            float(high * scale),
+        ]
     if joint.mass is not None:
         com = inverse(shift) @ [*joint.com, 1.0]
         table["mass_kg"] = joint.mass
@@ -134,16 +184,27 @@ def _joint_table(
 def format_dh_file(robot: Robot, modified: bool, notes: Sequence[str] = ()) -> str:
     """Write a robot as the text of a robot file (TOML) of DH rows; numbers in full."""
     table = dh_table(robot, modified)
-    joints, last = table.pop("joint"), table.pop("last")
-    lines = [*(f"# {one_line(note)}" for note in notes), *_format_keys(table)]
+    joints = table.pop("joint")
+    last = table.pop("last")
+    lines = []
+    for note in notes:
+        text = one_line(note)
+        lines.append(f"# {text}")
+    lines += _format_keys(table)
     for joint in joints:
-        lines += ["", "[[joint]]", *_format_keys(joint)]
-    lines += ["", "[last]", *_format_keys(last)]
+        lines += ["", "[[joint]]"]
+        lines += _format_keys(joint)
+    lines += ["", "[last]"]
+    lines += _format_keys(last)
     return "\n".join(lines) + "\n"
 
 
 def _format_keys(table: Mapping[str, Any]) -> list[str]:
-    return [f"{key} = {_format_value(value)}" for key, value in table.items()]
+    lines = []
+    for key, value in table.items():
+        text = _format_value(value)
+        lines.append(f"{key} = {text}")
+    return lines
 
 
 def _format_value(value: Any) -> str:

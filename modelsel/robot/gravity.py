@@ -27,23 +27,45 @@ PROBE_TOOL = np.array([0.0, 0.0, 100.0])
 def place_masses(robot: Robot, at: Pose, q: Array) -> tuple[Array, Array]:
     """Return masses (b,) [kg] and their positions (b, 3, m) [mm, frame 0]; body k moves with joint
     k, the last is the target."""
-    if any(joint.mass for joint in robot.joints):
-        masses = np.array([joint.mass or 0.0 for joint in robot.joints])
-        positions = [_centre_of_mass(robot, at, q, k) for k in range(robot.n)]
-        return masses, np.stack(positions)
-    return np.ones(robot.n), np.concatenate([at.origins[1 : robot.n], at.target[None]])
+    has_masses = any(joint.mass for joint in robot.joints)
+    if not has_masses:
+        frames = at.origins[1 : robot.n]
+        target = at.target[None]
+        positions = np.concatenate([frames, target])
+        return np.ones(robot.n), positions
+    masses = []
+    centres = []
+    for k, joint in enumerate(robot.joints):
+        centre = _centre_of_mass(
+            robot,
+            at,
+            q,
+            k,
+        )
+        masses.append(joint.mass or 0.0)
+        centres.append(centre)
+    return np.array(masses), np.stack(centres)
 
 
 def _centre_of_mass(robot: Robot, at: Pose, q: Array, k: int) -> Array:
     """Locate the centre of mass (3, m) [mm, frame 0] of the link that joint k (0-based) moves."""
     joint = robot.joints[k]
-    R = at.axes[k, :3].transpose(1, 0, 2)
+    readings = q[:, k]
+    axes = at.axes[k, :3]
+    R = axes.transpose(1, 0, 2)
     origin = at.origins[k]
     if joint.prismatic:
-        origin = origin + R[:, 2] * q[:, k]
+        travel = R[:, 2] * readings
+        origin = origin + travel
     else:
-        R = rotate_frame(R, 2, q[:, k])
-    return np.asarray(origin + np.einsum("ijm,j->im", R, np.array(joint.com)))
+        R = rotate_frame(R, 2, readings)
+    com = np.array(joint.com)
+    offset = np.einsum(
+        "ijm,j->im",
+        R,
+        com,
+    )
+    return np.asarray(origin + offset)
 
 
 def compute_joint_moments(robot: Robot, at: Pose, q: Array) -> Array:
@@ -51,43 +73,82 @@ def compute_joint_moments(robot: Robot, at: Pose, q: Array) -> Array:
     3, m) [N m]; about z (a slide: the force along z [N]) it is the joint's gravity torque."""
     masses, positions = place_masses(robot, at, q)
     direction = np.array(robot.gravity)[:, None]
-    moments = np.empty((robot.n, 3, len(q)))
+    m = len(q)
+    moments = np.empty((robot.n, 3, m))
     for j, joint in enumerate(robot.joints):
-        weight = masses[j:, None, None] * G * direction
-        levers = (positions[j:] - at.origins[j]) / 1e3
-        total = _sum_of_moments(levers, weight)
-        moments[j] = np.einsum("aim,im->am", at.axes[j, :3], total)
+        beyond = masses[j:, None, None]
+        weights = beyond * G * direction
+        levers = positions[j:] - at.origins[j]
+        total = _sum_of_moments(
+            levers / 1e3,
+            weights,
+        )
+        moments[j] = np.einsum(
+            "aim,im->am",
+            at.axes[j, :3],
+            total,
+        )
         if joint.prismatic:
-            moments[j, 2] = (at.axes[j, 2] * weight.sum(0)).sum(0)
+            force = at.axes[j, 2] * weights.sum(0)
+            moments[j, 2] = force.sum(0)
     return moments
 
 
 def _sum_of_moments(levers: Array, weights: Array) -> Array:
     """Sum the moments (3, m) of weights (b, 3, 1) at levers (b, 3, m)."""
-    forces = np.broadcast_to(weights, levers.shape)
-    moments = cross_product(levers.transpose(1, 0, 2), forces.transpose(1, 0, 2))
-    return np.asarray(moments.sum(1))
+    forces = np.broadcast_to(
+        weights,
+        levers.shape,
+    )
+    moments = cross_product(
+        levers.transpose(1, 0, 2),
+        forces.transpose(1, 0, 2),
+    )
+    total = moments.sum(1)
+    return np.asarray(total)
 
 
 def compute_joint_torques(robot: Robot, at: Pose, q: Array) -> Array:
     """Compute the gravity torque about each joint's axis, (n, m) [N m] (force [N] along the axis of
     a prismatic joint)."""
-    return np.asarray(compute_joint_moments(robot, at, q)[:, 2])
+    moments = compute_joint_moments(
+        robot,
+        at,
+        q,
+    )
+    torques = moments[:, 2]
+    return np.asarray(torques)
 
 
 def compute_unit_moments(robot: Robot, at: Pose) -> dict[tuple[int, int], Array]:
     """Compute (joint, frame) -> (3, m) moment about the joint's x, y, z axes of 1 kg at a later
     frame's origin (n+1: the target) [N m/kg]; about z (a slide: the force along z [N/kg]) it is the
     gravity torque."""
-    bodies = np.concatenate([at.origins[: robot.n], at.target[None]])
-    pull = np.broadcast_to(G * np.array(robot.gravity)[:, None], at.target.shape)
+    frames = at.origins[: robot.n]
+    target = at.target[None]
+    bodies = np.concatenate([frames, target])
+    direction = np.array(robot.gravity)[:, None]
+    pull = np.broadcast_to(
+        G * direction,
+        at.target.shape,
+    )
     moments = {}
     for j, joint in enumerate(robot.joints):
+        axes = at.axes[j, :3]
         for k in range(j + 1, robot.n + 1):
-            lever = (bodies[k] - at.origins[j]) / 1e3
-            moment = np.einsum("aim,im->am", at.axes[j, :3], cross_product(lever, pull))
+            lever = bodies[k] - at.origins[j]
+            in_base = cross_product(
+                lever / 1e3,
+                pull,
+            )
+            moment = np.einsum(
+                "aim,im->am",
+                axes,
+                in_base,
+            )
             if joint.prismatic:
-                moment[2] = (at.axes[j, 2] * pull).sum(0)
+                force = axes[2] * pull
+                moment[2] = force.sum(0)
             moments[j + 1, k + 1] = moment
     return moments
 
@@ -95,14 +156,26 @@ def compute_unit_moments(robot: Robot, at: Pose) -> dict[tuple[int, int], Array]
 def compute_base_moment(robot: Robot, at: Pose, q: Array) -> Array:
     """Compute the moment of the whole arm's weight about frame 0's origin, (3, m) [N m]."""
     masses, positions = place_masses(robot, at, q)
-    weights = masses[:, None, None] * G * np.array(robot.gravity)[None, :, None]
-    return _sum_of_moments(positions / 1e3, weights)
+    direction = np.array(robot.gravity)
+    of_bodies = masses[:, None, None] * G
+    weights = of_bodies * direction[None, :, None]
+    levers = positions / 1e3
+    return _sum_of_moments(
+        levers,
+        weights,
+    )
 
 
 def _draw_sample(robot: Robot) -> tuple[Array, Pose]:
     """Draw joint readings (64, n) within the limits, the same every time, and their pose."""
-    q = robot.draw(np.random.default_rng(0), 64)
-    return q, pose(robot, q, PROBE_TOOL)
+    rng = np.random.default_rng(0)
+    q = robot.draw(rng, 64)
+    at = pose(
+        robot,
+        q,
+        PROBE_TOOL,
+    )
+    return q, at
 
 
 def find_gravity_joints(robot: Robot) -> tuple[int, ...]:
@@ -111,10 +184,15 @@ def find_gravity_joints(robot: Robot) -> tuple[int, ...]:
     if robot.gravity is None:
         return ()
     q, at = _draw_sample(robot)
-    spread = np.ptp(compute_joint_torques(robot, at, q), axis=1)
+    torques = compute_joint_torques(robot, at, q)
+    spread = np.ptp(torques, axis=1)
     changing = spread > NEGLIGIBLE_LEVER * G
-    joints = enumerate(robot.joints, 1)
-    return tuple(j for j, joint in joints if changing[j - 1] and not joint.prismatic)
+    found = []
+    for j, joint in enumerate(robot.joints):
+        turns = not joint.prismatic
+        if turns and changing[j]:
+            found.append(j + 1)
+    return tuple(found)
 
 
 @dataclass(frozen=True)
@@ -134,21 +212,39 @@ class ArmPair:
 
 def _find_phase(lever: Array) -> tuple[float, int]:
     """Find phase in (-π/2, π/2] and sign of A cos(q + phase) from its values at q = 0 and π/2."""
-    phase, sign = float(np.arctan2(-lever[1], lever[0])), 1
-    if not -np.pi / 2 + 1e-9 < phase <= np.pi / 2 + 1e-9:
-        phase, sign = phase + (-np.pi if phase > 0 else np.pi), -1
-    return (0.0 if abs(phase) < 1e-9 else phase), sign
+    at_zero, at_right_angle = lever
+    sign = 1
+    phase = float(np.arctan2(-at_right_angle, at_zero))
+    half = np.pi / 2
+    tolerance = 1e-9
+    is_half_turned = not -half + tolerance < phase <= half + tolerance
+    if is_half_turned:
+        sign = -1
+        turn = -np.pi if phase > 0 else np.pi
+        phase = phase + turn
+    if abs(phase) < tolerance:
+        phase = 0.0
+    return phase, sign
 
 
 def _fixed_frames_beyond(robot: Robot, joint: int) -> list[int]:
     """List the frames (0-based) beyond a joint whose origins later joints do not move, the farthest
     first: the wrist's centre, and not an offset on the way to it; then every frame beyond it."""
-    q = robot.draw(np.random.default_rng(1), 8)
-    q[:, : joint + 1] = 0.0
-    origins = pose(robot, q, PROBE_TOOL).origins
-    motion = np.ptp(origins, axis=2).max(axis=1)
-    fixed = [k for k in range(joint + 1, robot.n) if motion[k] < STILL]
-    return [*reversed(fixed), *range(joint + 1, robot.n + 1)]
+    rng = np.random.default_rng(1)
+    q = robot.draw(rng, 8)
+    first = joint + 1
+    q[:, :first] = 0.0
+    at = pose(
+        robot,
+        q,
+        PROBE_TOOL,
+    )
+    motion = np.ptp(at.origins, axis=2)
+    largest = motion.max(axis=1)
+    fixed = [k for k in range(first, robot.n) if largest[k] < STILL]
+    fixed.reverse()
+    beyond = range(first, robot.n + 1)
+    return [*fixed, *beyond]
 
 
 def find_arm_pair(robot: Robot) -> ArmPair | None:
@@ -158,16 +254,30 @@ def find_arm_pair(robot: Robot) -> ArmPair | None:
         return None
     _, at = _draw_sample(robot)
     direction = np.array(robot.gravity)[:, None]
-    horizontal = [
-        not joint.prismatic and np.abs((at.axes[j, 2] * direction).sum(0)).max() < STILL
-        for j, joint in enumerate(robot.joints)
-    ]
+    horizontal = []
+    for j, joint in enumerate(robot.joints):
+        along = at.axes[j, 2] * direction
+        cosine = np.abs(along.sum(0))
+        is_level = cosine.max() < STILL
+        turns = not joint.prismatic
+        horizontal.append(turns and is_level)
     for j in range(robot.n - 1):
-        if not (horizontal[j] and horizontal[j + 1]):
+        both = horizontal[j] and horizontal[j + 1]
+        if not both:
             continue
-        cosine = (at.axes[j, 2] * at.axes[j + 1, 2]).sum(0)
-        parallel = np.ptp(cosine) < STILL and abs(abs(cosine[0]) - 1) < STILL
-        if parallel and (pair := _measure_pair(robot, j, round(float(cosine[0])))) is not None:
+        product = at.axes[j, 2] * at.axes[j + 1, 2]
+        cosine = product.sum(0)
+        first = float(cosine[0])
+        stays = np.ptp(cosine) < STILL
+        is_unit = abs(abs(first) - 1) < STILL
+        if not (stays and is_unit):
+            continue
+        pair = _measure_pair(
+            robot,
+            j,
+            round(first),
+        )
+        if pair is not None:
             return pair
     return None
 
@@ -178,18 +288,42 @@ def _measure_pair(robot: Robot, j: int, parallel: int) -> ArmPair | None:
     q = np.zeros((2, robot.n))
     q[1, j] = np.pi / 2
     at = pose(robot, q, PROBE_TOOL)
-    origins = np.concatenate([at.origins[: robot.n], at.target[None]])
-    pull = np.broadcast_to(np.array(robot.gravity)[:, None], at.target.shape)
+    frames = at.origins[: robot.n]
+    target = at.target[None]
+    origins = np.concatenate([frames, target])
+    direction = np.array(robot.gravity)[:, None]
+    pull = np.broadcast_to(
+        direction,
+        at.target.shape,
+    )
 
     def lever(start: int, end: int) -> Array:
-        moment = cross_product(origins[end] - origins[start], pull)
-        return np.asarray((at.axes[j, 2] * moment).sum(0))
+        offset = origins[end] - origins[start]
+        moment = cross_product(
+            offset,
+            pull,
+        )
+        about_axis = at.axes[j, 2] * moment
+        total = about_axis.sum(0)
+        return np.asarray(total)
 
     near = lever(j, j + 1)
-    candidates = (lever(j + 1, k) for k in _fixed_frames_beyond(robot, j + 1))
-    far = next((levers for levers in candidates if np.hypot(*levers) > MIN_LEVER), None)
-    if far is None or np.hypot(*near) < MIN_LEVER:
+    if np.hypot(*near) < MIN_LEVER:
+        return None
+    for k in _fixed_frames_beyond(robot, j + 1):
+        far = lever(j + 1, k)
+        if np.hypot(*far) > MIN_LEVER:
+            break
+    else:
         return None
     near_phase, near_sign = _find_phase(near)
     far_phase, far_sign = _find_phase(far)
-    return ArmPair(j + 1, j + 2, parallel, near_phase, far_phase, near_sign, far_sign)
+    return ArmPair(
+        upper=j + 1,
+        fore=j + 2,
+        parallel=parallel,
+        near_phase=near_phase,
+        far_phase=far_phase,
+        near_sign=near_sign,
+        far_sign=far_sign,
+    )

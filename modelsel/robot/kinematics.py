@@ -39,18 +39,22 @@ class Joint:
     """A joint and the fixed transform before it; `mass` [kg] and `com` [mm, this joint's frame] of
     the link it moves."""
 
-    before: Array = field(repr=False)  # N_k, (4, 4)
+    # N_k, (4, 4)
+    before: Array = field(repr=False)
     prismatic: bool = False
-    limits: tuple[float, float] | None = None  # rad or mm
+    # rad or mm
+    limits: tuple[float, float] | None = None
     mass: float | None = None
     com: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def range(self) -> tuple[float, float]:
-        """Its limits, or ±π rad or 0…500 mm where none are known."""
+        """Limits of its reading, or ±π rad or 0…500 mm where none are known."""
         if self.limits is not None:
             return self.limits
-        return (0.0, 500.0) if self.prismatic else (-np.pi, np.pi)
+        if self.prismatic:
+            return 0.0, 500.0
+        return -np.pi, np.pi
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +66,8 @@ class Robot:
     name: str
     source: str
     joints: tuple[Joint, ...]
-    last: Array = field(repr=False)  # last joint to flange, (4, 4)
+    # last joint to flange, (4, 4)
+    last: Array = field(repr=False)
     gravity: tuple[float, float, float] | None = (0.0, 0.0, -1.0)
     usual: tuple[float, float] = (1.0, 1e-3)
 
@@ -73,32 +78,57 @@ class Robot:
 
     @property
     def prismatic(self) -> tuple[bool, ...]:
-        """Which joints slide, as `read_measurements` wants to know."""
+        """Whether each joint slides, as `read_measurements` wants to know."""
         return tuple(joint.prismatic for joint in self.joints)
 
     @cached_property
     def reach(self) -> float:
-        """Upper bound of the distance [mm] from joint 1 to the flange: the sum of the fixed
-        translations after it and of the travels of its slides."""
-        links = sum(float(np.linalg.norm(joint.before[:3, 3])) for joint in self.joints[1:])
-        travels = [j.limits for j in self.joints if j.prismatic and j.limits]
-        slides = sum(max(map(abs, limits)) for limits in travels)
-        return links + slides + float(np.linalg.norm(self.last[:3, 3]))
+        """Upper bound of the distance [mm] from joint 1 to the flange.
+
+        The sum of the fixed translations after joint 1 and of the travels of its slides."""
+        links = []
+        for joint in self.joints[1:]:
+            offset = joint.before[:3, 3]
+            length = np.linalg.norm(offset)
+            links.append(float(length))
+        slides = []
+        for joint in self.joints:
+            limits = joint.limits
+            if joint.prismatic and limits:
+                low, high = limits
+                travel = max(abs(low), abs(high))
+                slides.append(travel)
+        offset = self.last[:3, 3]
+        last = np.linalg.norm(offset)
+        return sum(links) + sum(slides) + float(last)
 
     @cached_property
     def fixed(self) -> tuple[FixedTransform, ...]:
         """N_1 … N_n and the last transform, prepared for walking the chain."""
-        transforms = [*(joint.before for joint in self.joints), self.last]
-        return tuple(FixedTransform.of(N) for N in transforms)
+        transforms = [joint.before for joint in self.joints]
+        transforms.append(self.last)
+        prepared = []
+        for N in transforms:
+            fixed = FixedTransform.of(N)
+            prepared.append(fixed)
+        return tuple(prepared)
 
     def unit(self, joint: int) -> str:
-        """Unit of a joint's reading (1-based joint)."""
-        return "mm" if self.joints[joint - 1].prismatic else "rad"
+        """Return the unit of a joint's reading (1-based joint)."""
+        index = joint - 1
+        if self.joints[index].prismatic:
+            return "mm"
+        return "rad"
 
     def draw(self, rng: np.random.Generator, m: int) -> Array:
         """Draw m joint readings (m, n), uniform within the joints' ranges."""
-        low, high = np.array([joint.range for joint in self.joints]).T
-        return rng.uniform(low, high, (m, self.n))
+        ranges = [joint.range for joint in self.joints]
+        low, high = np.array(ranges).T
+        return rng.uniform(
+            low,
+            high,
+            size=(m, self.n),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,27 +147,44 @@ class Pose:
     def displacement(self) -> Array:
         """Compute the screw field (n+1, 6, 3, m): mm of the target per unit screw (tx ty tz: axis;
         rx ry rz: axis x lever)."""
-        out = self.axes.copy()
-        fill_screw_field(out, self.origins, self.target, True, Workspace())
-        return out
+        field = self.axes.copy()
+        fill_screw_field(
+            field,
+            self.origins,
+            self.target,
+            True,
+            Workspace(),
+        )
+        return field
 
 
 def cross_product(a: Array, b: Array) -> Array:
     """Compute the cross product of (3, m) arrays along axis 0."""
-    x = a[1] * b[2] - a[2] * b[1]
-    y = a[2] * b[0] - a[0] * b[2]
-    z = a[0] * b[1] - a[1] * b[0]
-    return np.stack([x, y, z])
+    ax, ay, az = a
+    bx, by, bz = b
+    x = ay * bz - az * by
+    y = az * bx - ax * bz
+    z = ax * by - ay * bx
+    return np.stack(
+        [
+            x,
+            y,
+            z,
+        ]
+    )
 
 
 def rotate_frame(R: Array, axis: int, angle: Array) -> Array:
     """Multiply R (3, 3, m) by the rotation about its own axis 0, 1 or 2 by angle (m,): two columns
     mix, one stays."""
     i, j = MIXED_AXES[axis]
-    cosine, sine = np.cos(angle), np.sin(angle)
+    cosine = np.cos(angle)
+    sine = np.sin(angle)
+    first = R[:, i]
+    second = R[:, j]
     out = R.copy()
-    out[:, i] = cosine * R[:, i] + sine * R[:, j]
-    out[:, j] = cosine * R[:, j] - sine * R[:, i]
+    out[:, i] = cosine * first + sine * second
+    out[:, j] = cosine * second - sine * first
     return out
 
 
@@ -151,42 +198,78 @@ class _Walk:
     origins: Array
     twist: Array | None
     space: Workspace
-    scratch: Array  # (2, 3, m)
-    rotated: Array  # (3, 3, m)
+    # (2, 3, m) and (3, 3, m)
+    scratch: Array
+    rotated: Array
 
     def offset(self, frame: int) -> Sequence[tuple[int, Array | float]]:
-        """Origin of a frame relative to the one before, along its own axes; the last one's
-        includes the tool."""
-        fixed = self.robot.fixed[frame].offset
-        if frame < self.robot.n:
+        """Return the origin of a frame relative to the one before, along its own axes.
+
+        The last one's includes the tool."""
+        robot = self.robot
+        fixed = robot.fixed[frame].offset
+        if frame < robot.n:
             return fixed
-        per_row = self.tool.ndim > 1
-        return (*fixed, *(enumerate(self.tool.T) if per_row else nonzero_entries(self.tool)))
+        tool = self.tool
+        per_row = tool.ndim > 1
+        if per_row:
+            columns = enumerate(tool.T)
+            return (*fixed, *columns)
+        entries = nonzero_entries(tool)
+        return (*fixed, *entries)
 
     def settle(self, frame: int, previous_origin: Array) -> Frame:
         """Write the origin of a frame whose axes stand, and apply its error transform."""
-        axes, origin = self.axes[frame], self.origins[frame]
-        (first, weight), *others = self.offset(frame) or ((0, 0.0),)
-        np.multiply(axes[first], weight, out=origin)
+        axes = self.axes[frame]
+        origin = self.origins[frame]
+        offset = self.offset(frame) or ((0, 0.0),)
+        (first, weight), *others = offset
+        np.multiply(
+            axes[first],
+            weight,
+            out=origin,
+        )
         origin += previous_origin
-        add_weighted(origin, axes, others, self.scratch[0])
+        add_weighted(
+            origin,
+            axes,
+            others,
+            self.scratch[0],
+        )
         if self.twist is None:
             return axes[:3], origin
-        return apply_error_transform(axes, origin, self.twist[frame], self.space)
+        return apply_error_transform(
+            axes,
+            origin,
+            self.twist[frame],
+            self.space,
+        )
 
     def turn(self, R: Array, turn: Array, frame: int) -> None:
         """Write the axes of a frame: R after its revolute joint and the next fixed rotation."""
         fixed = self.robot.fixed[frame]
         if not fixed.moves:
             rotate_about_axis(R, 2, turn, AXES_IN_PLACE, self.rotated, self.scratch)
-            rotate_by_fixed(self.rotated, fixed.columns, self.axes[frame], self.scratch[0])
+            rotate_by_fixed(
+                self.rotated,
+                fixed.columns,
+                self.axes[frame],
+                self.scratch[0],
+            )
             return
         target = self.axes[frame, :3]
-        if target.flags.c_contiguous:
-            rotate_about_axis(R, 2, turn, fixed.moves, target, self.scratch)
-        else:
-            rotate_about_axis(R, 2, turn, fixed.moves, self.rotated, self.scratch)
-            target[:] = self.rotated
+        is_contiguous = target.flags.c_contiguous
+        turned = target if is_contiguous else self.rotated
+        rotate_about_axis(
+            R,
+            2,
+            turn,
+            fixed.moves,
+            turned,
+            self.scratch,
+        )
+        if not is_contiguous:
+            target[:] = turned
 
 
 def walk(
@@ -202,20 +285,44 @@ def walk(
 
     The frames are written into (axes (n+1, 6, 3, m), of the nominal model the first three only,
     origins (n+1, 3, m)); the other arguments are as in `pose`."""
-    m, space = len(q), space or Workspace()
+    m = len(q)
+    space = space or Workspace()
     turns = compute_joint_turns(q, space)
-    scratch, rotated = space.array("scratch", 2, 3, m), space.array("spun", 3, 3, m)
-    chain = _Walk(robot, tool, *into, twist, space, scratch, rotated)
+    scratch = space.array("scratch", 2, 3, m)
+    rotated = space.array("spun", 3, 3, m)
+    axes, origins = into
+    chain = _Walk(
+        robot,
+        tool,
+        axes,
+        origins,
+        twist,
+        space,
+        scratch,
+        rotated,
+    )
     start_axes, origin = start
-    rotate_by_fixed(start_axes, robot.fixed[0].columns, chain.axes[0], scratch[0])
+    rotate_by_fixed(
+        start_axes,
+        robot.fixed[0].columns,
+        axes[0],
+        scratch[0],
+    )
     R, origin = chain.settle(0, origin)
     for k, joint in enumerate(robot.joints):
+        frame = k + 1
         if joint.prismatic:
-            origin = origin + R[2] * q[:, k]
-            rotate_by_fixed(R, robot.fixed[k + 1].columns, chain.axes[k + 1], scratch[0])
+            travel = R[2] * q[:, k]
+            origin = origin + travel
+            rotate_by_fixed(
+                R,
+                robot.fixed[frame].columns,
+                axes[frame],
+                scratch[0],
+            )
         else:
-            chain.turn(R, turns[k], k + 1)
-        R, origin = chain.settle(k + 1, origin)
+            chain.turn(R, turns[k], frame)
+        R, origin = chain.settle(frame, origin)
     return R, origin
 
 
@@ -231,28 +338,62 @@ def pose(
     q: (m, n) rad or mm; tool: (3,) or (m, 3) mm in the flange frame; twist: (n+1, 6, m) the entries
     a b c α β γ of every H, or None for the nominal model; tool_rotation: (m, 3, 3) of the target
     frame on the flange."""
-    frames, m = robot.n + 1, len(q)
+    frames = robot.n + 1
+    m = len(q)
     axes = np.empty((frames, 6, 3, m))
     origins = np.empty((frames, 3, m))
-    R, target = walk(robot, q, tool, (axes, origins), twist)
+    R, target = walk(
+        robot,
+        q,
+        tool,
+        into=(axes, origins),
+        twist=twist,
+    )
     if twist is None:
         axes[:, 3:] = axes[:, :3]
-    rotation = np.ascontiguousarray(R.swapaxes(0, 1))
+    columns = R.swapaxes(0, 1)
+    rotation = np.ascontiguousarray(columns)
     if tool_rotation is not None:
-        rotation = np.einsum("ijm,mjk->ikm", rotation, tool_rotation)
-    return Pose(target.copy(), rotation, axes, origins)
+        rotation = np.einsum(
+            "ijm,mjk->ikm",
+            rotation,
+            tool_rotation,
+        )
+    return Pose(
+        target.copy(),
+        rotation,
+        axes,
+        origins,
+    )
 
 
 def forward(robot: Robot, q: Array, tool: Array) -> Array:
     """Compute nominal target positions (m, 3) in frame 0 [mm]."""
-    return _nominal_pose(robot, q, tool).target.T
+    at = _nominal_pose(
+        robot,
+        q,
+        tool,
+    )
+    return at.target.T
 
 
 def screw_field(robot: Robot, q: Array, tool: Array) -> Array:
     """Compute the nominal screw field (m, n+1, 6, 3): displacement of the target in frame 0, mm per
     mm and mm per rad."""
-    return _nominal_pose(robot, q, tool).displacement().transpose(3, 0, 1, 2)
+    at = _nominal_pose(
+        robot,
+        q,
+        tool,
+    )
+    field = at.displacement()
+    return field.transpose(3, 0, 1, 2)
 
 
 def _nominal_pose(robot: Robot, q: Array, tool: Array) -> Pose:
-    return pose(robot, np.atleast_2d(np.asarray(q, float)), np.asarray(tool, float))
+    readings = np.asarray(q, float)
+    offset = np.asarray(tool, float)
+    return pose(
+        robot,
+        np.atleast_2d(readings),
+        offset,
+    )

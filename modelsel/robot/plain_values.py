@@ -28,9 +28,12 @@ JOINT = {
 
 def check_robot_name(robot: Robot) -> None:
     """Raise ValueError where a robot's name or source cannot be one."""
-    problem, part = find_name_problem(robot.name), "name"
+    part = "name"
+    problem = find_name_problem(robot.name)
     if problem is None:
-        problem, part = find_name_problem(robot.source or "none", MAX_TEXT_LENGTH), "source"
+        part = "source"
+        source = robot.source or "none"
+        problem = find_name_problem(source, MAX_TEXT_LENGTH)
     if problem is not None:
         raise ValueError(f"the robot's {part} is not valid: {problem}")
 
@@ -72,10 +75,13 @@ def robot_from_record(record: Mapping[str, Any]) -> Robot:
 
 
 def _joint_from_record(number: int, record: Mapping[str, Any]) -> Joint:
-    x, y, z = bounded_array(record["com_mm"]).tolist()
-    limits, mass = record["limits"], record["mass_kg"]
+    com = bounded_array(record["com_mm"])
+    x, y, z = com.tolist()
+    limits = record["limits"]
+    mass = record["mass_kg"]
     if limits is not None:
-        low, high = float(limits[0]), float(limits[1])
+        low = float(limits[0])
+        high = float(limits[1])
         if not -LARGEST < low < high < LARGEST:
             raise ValueError(f"joint {number}: the lower limit must be below the upper one")
         limits = (low, high)
@@ -83,45 +89,71 @@ def _joint_from_record(number: int, record: Mapping[str, Any]) -> Joint:
         mass = float(mass)
         if not 0 <= mass <= LARGEST:
             raise ValueError(f"joint {number}: the mass must lie between 0 and {LARGEST:g} kg")
-    before = rigid_transform(record["before_mm"])
-    return Joint(before, record["prismatic"], limits, mass, (x, y, z))
+    return Joint(
+        before=rigid_transform(record["before_mm"]),
+        prismatic=record["prismatic"],
+        limits=limits,
+        mass=mass,
+        com=(x, y, z),
+    )
 
 
 def _gravity_from_record(direction: Sequence[float] | None) -> tuple[float, float, float] | None:
     if direction is None:
         return None
-    if abs(float(np.linalg.norm(direction)) - 1) > ROTATION_TOLERANCE:
+    length = float(np.linalg.norm(direction))
+    if abs(length - 1) > ROTATION_TOLERANCE:
         raise ValueError("the direction of gravity is not of length one")
-    x, y, z = (float(v) for v in direction)
-    return x, y, z
+    x, y, z = direction
+    return (
+        float(x),
+        float(y),
+        float(z),
+    )
 
 
 def _usual_from_record(pair: Sequence[float]) -> tuple[float, float]:
-    if not all(0 < size < LARGEST for size in pair):
+    are_valid = all(0 < size < LARGEST for size in pair)
+    if not are_valid:
         raise ValueError("the robot's usual errors (mm, rad) must be above 0")
-    return float(pair[0]), float(pair[1])
+    length = float(pair[0])
+    angle = float(pair[1])
+    return length, angle
 
 
 def rigid_transform(rows: Sequence[Sequence[float]]) -> Array:
     """Complete the upper three rows of a transform [mm] to (4, 4). Raises ValueError."""
     upper = bounded_array(rows)
-    rotation = check_rotation(upper[:, :3])
-    return np.vstack([np.column_stack([rotation, upper[:, 3]]), [0, 0, 0, 1]])
+    R = check_rotation(upper[:, :3])
+    offset = upper[:, 3]
+    return np.vstack(
+        [
+            np.column_stack([R, offset]),
+            [0, 0, 0, 1],
+        ]
+    )
 
 
 def check_rotation(rows: Array | Sequence[Sequence[float]]) -> Array:
     """Return the rotation (3, 3) of three rows. Raises ValueError."""
     R = bounded_array(rows)
-    deviation = np.abs(R @ R.T - np.eye(3)).max()
-    if deviation > ROTATION_TOLERANCE or np.linalg.det(R) < 0:
-        raise ValueError(f"three columns are not a rotation: {R.round(6).tolist()}")
+    identity = np.eye(3)
+    difference = R @ R.T - identity
+    size = np.abs(difference)
+    deviates = size.max() > ROTATION_TOLERANCE
+    is_mirrored = np.linalg.det(R) < 0
+    if deviates or is_mirrored:
+        found = R.round(6).tolist()
+        raise ValueError(f"three columns are not a rotation: {found}")
     return R
 
 
 def bounded_array(value: Any) -> Array:
     """Convert to an array of lengths no arm or room exceeds. Raises ValueError."""
     array = np.array(value, dtype=float)
-    if not (np.abs(array) <= LARGEST).all():
+    size = np.abs(array)
+    is_bounded = (size <= LARGEST).all()
+    if not is_bounded:
         raise ValueError(f"a length is beyond {LARGEST:g}")
     return array
 

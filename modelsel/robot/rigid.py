@@ -25,9 +25,11 @@ MIXED_AXES = ((1, 2), (2, 0), (0, 1))
 def rotation_matrix(axis: int, angle: ArrayLike) -> Array:
     """Rotate about coordinate axis 0, 1 or 2 by `angle` [rad]: matrices of shape (..., 3, 3)."""
     angle = np.asarray(angle, float)
-    cosine, sine = np.cos(angle), np.sin(angle)
+    cosine = np.cos(angle)
+    sine = np.sin(angle)
     i, j = MIXED_AXES[axis]
-    R = np.zeros((*angle.shape, 3, 3))
+    shape = (*angle.shape, 3, 3)
+    R = np.zeros(shape)
     R[..., axis, axis] = 1
     R[..., i, i] = cosine
     R[..., j, j] = cosine
@@ -48,24 +50,41 @@ def transform(R: ArrayLike | None = None, t: ArrayLike = (0, 0, 0)) -> Array:
 
 def inverse(T: Array) -> Array:
     """Invert a rigid transform (4, 4)."""
-    R_inverse = T[:3, :3].T
-    return transform(R_inverse, -R_inverse @ T[:3, 3])
+    R = T[:3, :3]
+    R_inverse = R.T
+    offset = T[:3, 3]
+    return transform(
+        R_inverse,
+        -R_inverse @ offset,
+    )
 
 
 def from_rpy(roll: float, pitch: float, yaw: float) -> Array:
     """Compute Rz(yaw) Ry(pitch) Rx(roll), a URDF's fixed-axis angles [rad]; (3, 3)."""
-    return rotation_matrix(2, yaw) @ rotation_matrix(1, pitch) @ rotation_matrix(0, roll)
+    about_x = rotation_matrix(0, roll)
+    about_y = rotation_matrix(1, pitch)
+    about_z = rotation_matrix(2, yaw)
+    return about_z @ about_y @ about_x
 
 
 def to_rpy(R: Array) -> tuple[float, float, float]:
     """Extract (roll, pitch, yaw) of a rotation (3, 3): yaw first, the others from what remains
     without it, so that the result is exact at pitch ±90° too."""
-    upright = np.hypot(R[1, 0], R[0, 0]) <= 1e-12
-    yaw = 0.0 if upright else float(np.arctan2(R[1, 0], R[0, 0]))
-    rest = rotation_matrix(2, -yaw) @ R
-    pitch = float(np.arctan2(-rest[2, 0], rest[0, 0]))
-    roll = float(np.arctan2(-rest[1, 2], rest[1, 1]))
-    return roll, pitch, yaw
+    x, y, _ = R[:, 0]
+    yaw = 0.0
+    if np.hypot(y, x) > 1e-12:
+        yaw = float(np.arctan2(y, x))
+    backwards = rotation_matrix(2, -yaw)
+    rest = backwards @ R
+    pitch = np.arctan2(
+        -rest[2, 0],
+        rest[0, 0],
+    )
+    roll = np.arctan2(
+        -rest[1, 2],
+        rest[1, 1],
+    )
+    return float(roll), float(pitch), yaw
 
 
 def align_z(axis: ArrayLike) -> Array:
@@ -73,29 +92,70 @@ def align_z(axis: ArrayLike) -> Array:
     Rodrigues' formula."""
     u = np.asarray(axis, float)
     u = u / np.linalg.norm(u)
-    if u[2] < -1 + 1e-12:
-        return rotation_matrix(0, np.pi)
     x, y, z = u
-    K = np.array([[0, 0, x], [0, 0, y], [-x, -y, 0]])
-    return np.asarray(np.eye(3) + K + K @ K / (1 + z))
+    if z < -1 + 1e-12:
+        return rotation_matrix(0, np.pi)
+    K = np.array(
+        [
+            [0, 0, x],
+            [0, 0, y],
+            [-x, -y, 0],
+        ]
+    )
+    squared = K @ K / (1 + z)
+    R = np.eye(3) + K + squared
+    return np.asarray(R)
 
 
 def nearest_rotation(A: Array) -> Array:
     """Find the rotation nearest to A (3, 3) in the Frobenius norm (orthogonal Procrustes, det =
     +1)."""
     U, _, Vt = np.linalg.svd(A)
-    handedness = np.sign(np.linalg.det(U @ Vt))
-    return np.asarray(U @ np.diag([1, 1, handedness]) @ Vt)
+    product = U @ Vt
+    determinant = np.linalg.det(product)
+    signs = [
+        1,
+        1,
+        np.sign(determinant),
+    ]
+    nearest = U @ np.diag(signs) @ Vt
+    return np.asarray(nearest)
 
 
 def from_quaternion(wxyz: Array) -> Array:
     """Convert quaternions (m, 4), given as w x y z and normalised here, to rotations (m, 3, 3)."""
-    w, x, y, z = (wxyz / np.linalg.norm(wxyz, axis=1, keepdims=True)).T
+    length = np.linalg.norm(
+        wxyz,
+        axis=1,
+        keepdims=True,
+    )
+    w, x, y, z = (wxyz / length).T
+    xx = x * x
+    yy = y * y
+    zz = z * z
+    xy = x * y
+    xz = x * z
+    yz = y * z
+    xw = x * w
+    yw = y * w
+    zw = z * w
     R = np.array(
         [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+            [
+                1 - 2 * (yy + zz),
+                2 * (xy - zw),
+                2 * (xz + yw),
+            ],
+            [
+                2 * (xy + zw),
+                1 - 2 * (xx + zz),
+                2 * (yz - xw),
+            ],
+            [
+                2 * (xz - yw),
+                2 * (yz + xw),
+                1 - 2 * (xx + yy),
+            ],
         ]
     )
     return np.moveaxis(R, -1, 0)

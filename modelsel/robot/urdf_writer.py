@@ -18,7 +18,12 @@ from .rigid import align_z, to_rpy, transform
 
 def _add_fixed(root: ET.Element, parent: str, child: str, place: Array) -> None:
     """Add a link that hangs on another by a fixed joint."""
-    joint = ET.SubElement(root, "joint", name=f"{parent}-{child}", type="fixed")
+    joint = ET.SubElement(
+        root,
+        "joint",
+        name=f"{parent}-{child}",
+        type="fixed",
+    )
     _add_origin(joint, place)
     ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=child)
@@ -26,20 +31,38 @@ def _add_fixed(root: ET.Element, parent: str, child: str, place: Array) -> None:
 
 
 def _add_origin(joint: ET.Element, place: Array) -> None:
-    rpy = " ".join(repr(angle) for angle in to_rpy(place[:3, :3]))
-    ET.SubElement(joint, "origin", xyz=_format_metres(place[:3, 3]), rpy=rpy)
+    R = place[:3, :3]
+    offset = place[:3, 3]
+    angles = [repr(angle) for angle in to_rpy(R)]
+    ET.SubElement(
+        joint,
+        "origin",
+        xyz=_format_metres(offset),
+        rpy=" ".join(angles),
+    )
 
 
 def _format_metres(lengths: Iterable[float]) -> str:
     """Write lengths [mm] in metres, in full."""
-    return " ".join(repr(float(length) / 1e3) for length in lengths)
+    words = []
+    for length in lengths:
+        metres = float(length) / 1e3
+        words.append(repr(metres))
+    return " ".join(words)
 
 
 def _make_comment(note: str) -> Any:
     """Make a comment that its words cannot close: ElementTree writes them as they are, and -- ends
     one for some readers."""
-    text = escape(one_line(note))
-    return ET.Comment(f" {re.sub('-(?=-)', '- ', text)} ")
+    line = one_line(note)
+    text = escape(line)
+    # two hyphens close a comment
+    spaced = re.sub(
+        "-(?=-)",
+        "- ",
+        text,
+    )
+    return ET.Comment(f" {spaced} ")
 
 
 def write_urdf(
@@ -52,38 +75,73 @@ def write_urdf(
     Inertias, efforts and velocities are 0: they are not known here.
     """
     root = ET.Element("robot", name=robot.name)
-    root.extend(_make_comment(note) for note in notes)
-    if robot.gravity is None or robot.gravity == (0.0, 0.0, -1.0):
+    for note in notes:
+        comment = _make_comment(note)
+        root.append(comment)
+    is_upright = robot.gravity is None or robot.gravity == (0.0, 0.0, -1.0)
+    if is_upright:
         ET.SubElement(root, "link", name="base")
     else:
         ET.SubElement(root, "link", name="world")
-        _add_fixed(root, "world", "base", transform(align_z(-np.array(robot.gravity)).T))
+        up = -np.array(robot.gravity)
+        to_upright = align_z(up).T
+        _add_fixed(
+            root,
+            "world",
+            "base",
+            transform(to_upright),
+        )
     for k, joint in enumerate(robot.joints, 1):
         _add_joint(root, k, joint)
         _add_link(root, k, joint)
-    _add_fixed(root, f"link{robot.n}", "flange", robot.last)
-    for parent, places in (("flange", tips), ("base", frames)):
-        for name, place in places.items():
-            _add_fixed(root, parent, name, place)
+    last_link = f"link{robot.n}"
+    _add_fixed(
+        root,
+        last_link,
+        "flange",
+        robot.last,
+    )
+    for name, place in tips.items():
+        _add_fixed(root, "flange", name, place)
+    for name, place in frames.items():
+        _add_fixed(root, "base", name, place)
     ET.indent(root)
-    return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+    text = ET.tostring(root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n'
 
 
 def _add_joint(root: ET.Element, number: int, joint: Joint) -> None:
-    kind = "continuous" if joint.limits is None else "revolute"
+    kind = "revolute"
     if joint.prismatic:
         kind = "prismatic"
-    element = ET.SubElement(root, "joint", name=f"joint{number}", type=kind)
+    elif joint.limits is None:
+        kind = "continuous"
+    element = ET.SubElement(
+        root,
+        "joint",
+        name=f"joint{number}",
+        type=kind,
+    )
     _add_origin(element, joint.before)
     parent = "base" if number == 1 else f"link{number - 1}"
+    child = f"link{number}"
     ET.SubElement(element, "parent", link=parent)
-    ET.SubElement(element, "child", link=f"link{number}")
+    ET.SubElement(element, "child", link=child)
     ET.SubElement(element, "axis", xyz="0 0 1")
     if joint.limits is None:
         return
     scale = 1e3 if joint.prismatic else 1.0
-    low, high = (repr(float(limit / scale)) for limit in joint.limits)
-    ET.SubElement(element, "limit", lower=low, upper=high, effort="0", velocity="0")
+    low, high = joint.limits
+    lower = float(low / scale)
+    upper = float(high / scale)
+    ET.SubElement(
+        element,
+        "limit",
+        lower=repr(lower),
+        upper=repr(upper),
+        effort="0",
+        velocity="0",
+    )
 
 
 def _add_link(root: ET.Element, number: int, joint: Joint) -> None:
@@ -91,7 +149,18 @@ def _add_link(root: ET.Element, number: int, joint: Joint) -> None:
     if joint.mass is None:
         return
     inertial = ET.SubElement(link, "inertial")
-    ET.SubElement(inertial, "origin", xyz=_format_metres(joint.com), rpy="0 0 0")
-    ET.SubElement(inertial, "mass", value=repr(float(joint.mass)))
-    zeros = dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0")
+    ET.SubElement(
+        inertial,
+        "origin",
+        xyz=_format_metres(joint.com),
+        rpy="0 0 0",
+    )
+    mass = float(joint.mass)
+    ET.SubElement(
+        inertial,
+        "mass",
+        value=repr(mass),
+    )
+    moments = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    zeros = dict.fromkeys(moments, "0")
     ET.SubElement(inertial, "inertia", zeros)

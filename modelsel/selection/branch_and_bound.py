@@ -97,7 +97,8 @@ class _Regression:
 
     def columns(self, members: Mask) -> Index:
         """Return the columns of a subset."""
-        return np.flatnonzero(members[self.group])
+        inside = members[self.group]
+        return np.flatnonzero(inside)
 
     def rss(self, members: Mask) -> float:
         """Compute the residual sum of squares of a subset."""
@@ -114,7 +115,11 @@ class _Regression:
 
     def price(self, members: Mask) -> float:
         """Compute what BIC charges for a subset's columns beyond the base."""
-        return float(len(self.columns(members)) * np.log(self.rows))
+        columns = self.columns(members)
+        count = len(columns)
+        per_column = np.log(self.rows)
+        price = count * per_column
+        return float(price)
 
     def bic(self, members: Mask) -> float:
         """Compute BIC of a subset, all its columns counted; remembered."""
@@ -176,11 +181,17 @@ class _Search:
     def beats(self, bound: float) -> bool:
         """Whether a subset of that BIC would be better than the best, beyond rounding."""
         value = self.problem.bic(self.best)
-        return bound < value - ROUNDING * abs(value)
+        size = abs(value)
+        rounding = ROUNDING * size
+        limit = value - rounding
+        return bound < limit
 
     def promising(self) -> bool:
         """Whether a waiting node may hold a better subset."""
-        return bool(self.waiting) and self.beats(self.waiting[0][0])
+        if not self.waiting:
+            return False
+        lowest_bound = self.waiting[0][0]
+        return self.beats(lowest_bound)
 
     def visit(self, node: _Node) -> None:
         """Bound a node; keep it where it may hold a better subset."""
@@ -203,25 +214,32 @@ def _project(
     rest = [c for g in groups for c in g]
     R = total.select([*base, *rest]).R
     size = np.linalg.norm(R, axis=0)
+    size = size[count:]
     beyond = R[count:, count:]
     bases: list[Array] = []
     group: list[int] = []
     start = 0
     for g, columns in enumerate(groups):
-        place = slice(start, start + len(columns))
-        start += len(columns)
-        unit = beyond[:, place] / np.maximum(size[count:][place], TINY)
+        stop = start + len(columns)
+        place = slice(start, stop)
+        start = stop
+        length = np.maximum(size[place], TINY)
+        unit = beyond[:, place] / length
         basis = _orthonormalise(unit)
         if any(_spans_same(other, basis) for other in bases):
             basis = basis[:, :0]
         bases.append(basis)
-        group += [g] * basis.shape[1]
-    Q = np.concatenate([*bases, np.zeros((len(beyond), 0))], axis=1)
+        rank = basis.shape[1]
+        group += [g] * rank
+    rows = len(beyond)
+    none = np.zeros((rows, 0))
+    Q = np.concatenate([*bases, none], axis=1)
     y = beyond[:, -1]
+    square = float(y @ y)
     return _Regression(
         Q.T @ Q,
         Q.T @ y,
-        float(y @ y),
+        square,
         np.array(group, dtype=np.intp),
         len(groups),
         count,
@@ -231,7 +249,7 @@ def _project(
 
 
 def _orthonormalise(columns: Array) -> Array:
-    """Orthonormal basis of columns that had unit length before the base was projected out."""
+    """Orthonormalise columns that had unit length before the base was projected out."""
     columns = columns[:, np.linalg.norm(columns, axis=0) > MIN_COLUMN]
     kept, norm = independent(columns)
     if not kept:
@@ -241,10 +259,14 @@ def _orthonormalise(columns: Array) -> Array:
 
 def _spans_same(basis: Array, other: Array) -> bool:
     """Whether two orthonormal bases span the same space."""
-    if basis.shape != other.shape or not other.size:
+    same_shape = basis.shape == other.shape
+    if not same_shape or not other.size:
         return False
-    cosines = np.linalg.svd(basis.T @ other, compute_uv=False)
-    return bool(cosines.min() > 1 - ROUNDING)
+    products = basis.T @ other
+    cosines = np.linalg.svd(products, compute_uv=False)
+    smallest = cosines.min()
+    least = 1 - ROUNDING
+    return bool(smallest > least)
 
 
 def _improve(problem: _Regression, members: Mask) -> Mask:
@@ -298,8 +320,8 @@ def _bound_node(
 
 
 def _chord_slope(problem: _Regression, rss: float, excess: float) -> float:
-    """Slope of BIC over RSS: 1/σ², or that of the chord of n ln RSS from `rss` to the RSS at which
-    BIC has risen by `excess`."""
+    """Compute the slope of BIC over RSS: 1/σ², or that of the chord of n ln RSS from `rss` to the
+    RSS at which BIC has risen by `excess`."""
     if problem.sigma is not None:
         return 1 / problem.sigma**2
     largest = rss * np.exp(excess / problem.rows)
@@ -307,7 +329,7 @@ def _chord_slope(problem: _Regression, rss: float, excess: float) -> float:
 
 
 def _eliminate(problem: _Regression, inside: Index, columns: Index) -> tuple[Array, Array]:
-    """Gram and products of `columns` with the columns `inside` projected out."""
+    """Compute Gram and products of `columns` with the columns `inside` projected out."""
     value, vector = np.linalg.eigh(problem.gram[np.ix_(inside, inside)])
     half = (vector / np.sqrt(np.maximum(value, ROUNDING))).T
     cross = half @ problem.gram[np.ix_(inside, columns)]
@@ -317,11 +339,18 @@ def _eliminate(problem: _Regression, inside: Index, columns: Index) -> tuple[Arr
 
 
 def _solve_members(A: Array, b: Array, members: Index) -> Array:
-    """Least squares (p,) of some columns, zero elsewhere."""
+    """Compute the least squares (p,) of some columns, zero elsewhere."""
     coefficients = np.zeros(len(b))
-    if len(members):
-        gram = A[np.ix_(members, members)]
-        coefficients[members] = np.linalg.lstsq(gram, b[members], rcond=ROUNDING)[0]
+    if not len(members):
+        return coefficients
+    gram = A[np.ix_(members, members)]
+    products = b[members]
+    solution = np.linalg.lstsq(
+        gram,
+        products,
+        rcond=ROUNDING,
+    )
+    coefficients[members] = solution[0]
     return coefficients
 
 
@@ -358,8 +387,8 @@ def _relax(
 
 
 def _diagonalise(A: Array, group: Index) -> Array:
-    """Diagonal D (p,), alike within a group, with A − diag(D) positive: each as large as it could
-    be alone, all scaled to fit."""
+    """Compute a diagonal D (p,), alike within a group, with A − diag(D) positive: each as large as
+    it could be alone, all scaled to fit."""
     value, vector = np.linalg.eigh(A)
     inverse = (vector / np.maximum(value, ROUNDING)) @ vector.T
     D = np.empty(len(A))

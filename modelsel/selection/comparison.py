@@ -72,11 +72,17 @@ class _Space:
     @property
     def rows(self) -> int:
         """Number of measured coordinates that fit."""
-        return int(self.folded.rows.sum())
+        by_fold = self.folded.rows
+        count = by_fold.sum()
+        return int(count)
 
     def select(self, members: Mask) -> tuple[Mechanism, ...]:
         """Return the mechanisms of a subset (G,)."""
-        return tuple(self.mechanisms[g] for g in np.flatnonzero(members))
+        chosen = []
+        for g in np.flatnonzero(members):
+            mechanism = self.mechanisms[g]
+            chosen.append(mechanism)
+        return tuple(chosen)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,14 +121,18 @@ def compare_subsets(
     scores = _score(space, subsets)
     rows = _rank(subsets, scores, certified)
     evaluations = _refit(space, subsets, rows, base_names)
-    price = scan_price(subsets.members.sum(1), max(scanned, len(space.mechanisms)))
+    chosen = subsets.members.sum(1)
+    choices = max(scanned, len(space.mechanisms))
+    price = scan_price(chosen, choices)
     best = _annotate(space, subsets, scores, price, evaluations, certified)
-    choice = space.select(subsets.members[scores.pick])
+    picked = subsets.members[scores.pick]
+    choice = [m.name for m in space.select(picked)]
+    searched = [m.name for m in space.mechanisms]
     return SubsetComparison(
         len(subsets.rss),
         tuple(best),
-        (*base_names, *(m.name for m in choice)),
-        tuple(m.name for m in space.mechanisms),
+        (*base_names, *choice),
+        tuple(searched),
         tuple(set_aside),
         certified,
     )
@@ -132,27 +142,37 @@ def _prepare(split: Split, base_fit: Fit, candidates: Sequence[Mechanism]) -> _S
     """Reduce the data at the base's fit and group the columns that the candidates add."""
     base = base_fit.model
     everything = base + tuple(candidates)
+    terms = everything.terms
     first = len(base.terms)
-    used = sorted({*base_fit.found.kept, *range(first, len(everything.terms))})
-    folded = fold(split.training(), everything.terms, split.training_folds(), base_fit.at(), used)
+    kept = list(base_fit.found.kept)
+    new = range(first, len(terms))
+    used = sorted({*kept, *new})
+    training = split.training()
+    folds_of = split.training_folds()
+    folded = fold(training, terms, folds_of, base_fit.at(), used)
     steps = prepare_steps(split, everything, base_fit, folded)
-    folded, held = _add_prior(folded, everything, steps.to(everything) or steps.to(base))
-    place = {t.key: k for k, t in enumerate(everything.terms)}
+    step = steps.to(everything) or steps.to(base)
+    folded, held = _add_prior(folded, everything, step)
+    place = {t.key: k for k, t in enumerate(terms)}
+    mechanisms = []
     added = []
     for candidate in candidates:
         # a column that two mechanisms share enters with each: the sweep finds the second copy
         # dependent and skips it
         positions = dict.fromkeys(place[t.key] for t in candidate.terms)
-        added.append([k for k in positions if k >= first])
+        columns = [k for k in positions if k >= first]
+        if columns:
+            mechanisms.append(candidate)
+            added.append(columns)
     return _Space(
         split,
         base,
-        tuple(m for m, columns in zip(candidates, added, strict=True) if columns),
+        tuple(mechanisms),
         steps,
         folded,
         held,
-        list(base_fit.found.kept),
-        [columns for columns in added if columns],
+        kept,
+        added,
         1.0 if split.known_sigma else None,
     )
 
@@ -163,9 +183,13 @@ def _add_prior(folded: FoldedData, everything: Model, step: Step | None) -> tupl
     The step is that of the model of most parameters, whose noise is least and prior weakest."""
     if step is None:
         return folded, 0
-    columns = [*locate_terms(everything, step.model), len(everything.terms)]
-    prior = scatter_columns(step.prior, columns, len(everything.terms) + 1)
-    return replace(folded, prior=prior), step.weak.held
+    count = len(everything.terms)
+    places = locate_terms(everything, step.model)
+    columns = [*places, count]
+    width = count + 1
+    prior = scatter_columns(step.prior, columns, width)
+    with_prior = replace(folded, prior=prior)
+    return with_prior, step.weak.held
 
 
 def _search(space: _Space, options: SearchOptions) -> tuple[Subsets, Certified | None]:
@@ -173,19 +197,32 @@ def _search(space: _Space, options: SearchOptions) -> tuple[Subsets, Certified |
 
     Of more groups: the base alone, the best by BIC, each group alone, and the best's neighbours by
     one group, with the best's certificate."""
-    folded, base, groups = space.folded, space.base_columns, space.columns
+    folded = space.folded
+    base = space.base_columns
+    groups = space.columns
+    count = len(groups)
     certified = None
-    if len(groups) <= MAX_EXHAUSTIVE:
+    if count <= MAX_EXHAUSTIVE:
         subsets = sweep_subsets(folded, base, groups)
     else:
-        certified = find_best_subset(folded.total, base, groups, options, sigma=space.sigma)
-        single = np.eye(len(groups), dtype=bool)
-        none = np.zeros(len(groups), bool)
-        neighbours = certified.members ^ single
-        every = np.concatenate([[none, certified.members], single, neighbours])
-        members = np.array(list(dict.fromkeys(map(tuple, every.tolist()))), dtype=bool)
+        certified = find_best_subset(
+            folded.total,
+            base,
+            groups,
+            options,
+            sigma=space.sigma,
+        )
+        best = certified.members
+        single = np.eye(count, dtype=bool)
+        none = np.zeros(count, bool)
+        neighbours = best ^ single
+        every = np.concatenate([[none, best], single, neighbours])
+        distinct = dict.fromkeys(map(tuple, every.tolist()))
+        members = np.array(list(distinct), dtype=bool)
         subsets = evaluate_subsets(folded, base, groups, members)
-    return replace(subsets, rank=subsets.rank - space.held), certified
+    rank = subsets.rank - space.held
+    subsets = replace(subsets, rank=rank)
+    return subsets, certified
 
 
 def _score(space: _Space, subsets: Subsets) -> _Scores:
@@ -193,28 +230,36 @@ def _score(space: _Space, subsets: Subsets) -> _Scores:
 
     The choice is the best by cross-validation of the subsets of least rank that are within one
     standard error of the lowest total (Breiman et al. 1984)."""
-    total = subsets.held_out.sum(1)
+    rss = subsets.rss
+    rank = subsets.rank
+    held_out = subsets.held_out
+    total = held_out.sum(1)
     listed = _find_distinct(space, subsets)
-    best = int(np.argmin(np.where(listed, total, np.inf)))
-    excess = subsets.held_out - subsets.held_out[best]
-    deviation = np.sqrt(excess.shape[1] * excess.var(1, ddof=1))
-    within = (total - total[best] <= deviation) & listed
-    smallest = np.flatnonzero(within & (subsets.rank == subsets.rank[within].min()))
-    values = {
-        criterion: np.where(
-            listed, criterion(subsets.rss, space.rows, subsets.rank, space.sigma), np.inf
-        )
-        for criterion in (bic, aicc)
-    }
+    candidates = np.where(listed, total, np.inf)
+    best = int(np.argmin(candidates))
+    excess = held_out - held_out[best]
+    folds = excess.shape[1]
+    deviation = np.sqrt(folds * excess.var(1, ddof=1))
+    within = total - total[best] <= deviation
+    within = within & listed
+    least = rank[within].min()
+    smallest = np.flatnonzero(within & (rank == least))
+    place = np.argmin(total[smallest])
+    lowest = {}
+    for criterion in (bic, aicc):
+        value = criterion(rss, space.rows, rank, space.sigma)
+        value = np.where(listed, value, np.inf)
+        lowest[criterion] = int(np.argmin(value))
+    weight = _weigh(space, subsets, listed)
     return _Scores(
         total,
         deviation,
-        _weigh(space, subsets, listed),
+        weight,
         listed,
         best,
-        int(smallest[np.argmin(total[smallest])]),
-        int(np.argmin(values[bic])),
-        int(np.argmin(values[aicc])),
+        int(smallest[place]),
+        lowest[bic],
+        lowest[aicc],
     )
 
 
@@ -231,7 +276,7 @@ def _find_distinct(space: _Space, subsets: Subsets) -> Mask:
 
 
 def _weigh(space: _Space, subsets: Subsets, listed: Mask) -> Array:
-    """Posterior weights (S,) of the listed subsets."""
+    """Compute the posterior weights (S,) of the listed subsets."""
     rank = int(subsets.rank[0])
     evidence = log_evidence(
         subsets.rss,
@@ -246,7 +291,8 @@ def _weigh(space: _Space, subsets: Subsets, listed: Mask) -> Array:
 
 
 def _log_prior(members: Mask) -> Array:
-    """Log (S,) of the Beta-binomial(1, 1) model prior: 1 / [(G+1) C(G, s)] (Scott & Berger 2010)."""
+    """Compute the log (S,) of the Beta-binomial(1, 1) model prior: 1 / [(G+1) C(G, s)] (Scott &
+    Berger 2010)."""
     from scipy.special import gammaln
 
     G, s = members.shape[1], members.sum(1)
@@ -269,11 +315,21 @@ def _refit(
     space: _Space, subsets: Subsets, rows: Sequence[int], base_names: Sequence[str]
 ) -> list[tuple[int, Evaluation]]:
     """Refit the listed subsets by one linear step each; those the data determine, evaluated."""
-    chosen = [space.select(subsets.members[s]) for s in rows]
-    names = [(*base_names, *(m.name for m in mechanisms)) for mechanisms in chosen]
-    steps = [space.steps.to(space.base + mechanisms) for mechanisms in chosen]
+    names = []
+    steps = []
+    for s in rows:
+        members = subsets.members[s]
+        mechanisms = space.select(members)
+        added = [m.name for m in mechanisms]
+        step = space.steps.to(space.base + mechanisms)
+        names.append((*base_names, *added))
+        steps.append(step)
     evaluations = evaluate_steps(space.split, names, steps)
-    return [(s, one) for s, one in zip(rows, evaluations, strict=True) if one is not None]
+    refitted = []
+    for s, one in zip(rows, evaluations, strict=True):
+        if one is not None:
+            refitted.append((s, one))
+    return refitted
 
 
 def _annotate(
@@ -319,13 +375,14 @@ def _annotate(
 
 
 def _find_lowest(values: Sequence[tuple[float | None, int]]) -> int:
-    """The subset of the lowest value, None counted as infinite; −1 where there is no subset."""
+    """Find the subset of the lowest value, None counted as infinite; −1 where there is no
+    subset."""
     finite = ((np.inf if value is None else value, s) for value, s in values)
     return min(finite, default=(np.inf, -1))[1]
 
 
 def _describe_proof(certified: Certified | None) -> str:
-    """What is known of the best subset by BIC."""
+    """Describe what is known of the best subset by BIC."""
     if certified is None or certified.proven:
         return "lowest BIC of all subsets, proven"
     return f"lowest BIC found; another may have up to {certified.gap:.3g} less"

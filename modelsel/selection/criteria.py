@@ -10,24 +10,43 @@ from .._typing import Array
 
 
 def _deviance(rss: Array, n: int, sigma: float | None) -> Array:
-    return np.asarray(n * np.log(rss / n) if sigma is None else rss / sigma**2)
+    if sigma is None:
+        mean_square = rss / n
+        deviance = n * np.log(mean_square)
+    else:
+        deviance = rss / sigma**2
+    return np.asarray(deviance)
 
 
 def aic(rss: ArrayLike, n: int, rank: ArrayLike, sigma: float | None = None) -> Array:
     """Compute AIC: n ln(RSS/n) + 2(r+1); RSS/σ² + 2r with σ known. Akaike 1974."""
-    parameters = np.asarray(rank) + (sigma is None)
-    return np.asarray(_deviance(np.asarray(rss), n, sigma) + 2 * parameters)
+    rss = np.asarray(rss)
+    rank = np.asarray(rank)
+    estimated_scale = sigma is None
+    parameters = rank + estimated_scale
+    deviance = _deviance(rss, n, sigma)
+    penalty = 2 * parameters
+    return np.asarray(deviance + penalty)
 
 
 def aicc(rss: ArrayLike, n: int, rank: ArrayLike, sigma: float | None = None) -> Array:
     """Compute AICc: AIC + 2K(K+1)/(n−K−1), K = r+1. Hurvich & Tsai 1989.
 
     Infinite ("saturated") where the rank leaves no room; equal to AIC with σ known."""
-    K = np.asarray(rank) + 1
-    room = n - K - 1.0
-    extra = np.where(room > 0, 2 * K * (K + 1) / np.where(room > 0, room, 1), np.inf)
     plain = aic(rss, n, rank, sigma)
-    return np.asarray(plain + extra) if sigma is None else plain
+    if sigma is not None:
+        return plain
+    rank = np.asarray(rank)
+    K = rank + 1
+    room = n - K - 1.0
+    unsaturated = room > 0
+    room = np.where(unsaturated, room, 1)
+    doubled = 2 * K
+    numerator = doubled * (K + 1)
+    correction = numerator / room
+    extra = np.where(unsaturated, correction, np.inf)
+    corrected = plain + extra
+    return np.asarray(corrected)
 
 
 def bic(
@@ -36,15 +55,32 @@ def bic(
     """Compute BIC: n ln(RSS/n) + (r+1) ln count; RSS/σ² + r ln count with σ known. Schwarz 1978.
 
     `count`: independent units (configurations, where coordinates correlate); default n."""
-    parameters = np.asarray(rank) + (sigma is None)
-    return np.asarray(_deviance(np.asarray(rss), n, sigma) + parameters * np.log(count or n))
+    rss = np.asarray(rss)
+    rank = np.asarray(rank)
+    estimated_scale = sigma is None
+    parameters = rank + estimated_scale
+    deviance = _deviance(rss, n, sigma)
+    units = count or n
+    price = np.log(units)
+    penalty = parameters * price
+    value = deviance + penalty
+    return np.asarray(value)
 
 
 def gcv(rss: ArrayLike, n: int, rank: ArrayLike) -> Array:
     """Compute GCV: n RSS/(n−r)²; infinite where saturated. Golub, Heath & Wahba 1979."""
-    room = n - np.asarray(rank, float)
-    value = n * np.asarray(rss) / np.where(room > 0, room, 1) ** 2
-    return np.where(room > 0, value, np.inf)
+    rss = np.asarray(rss)
+    rank = np.asarray(rank, float)
+    room = n - rank
+    unsaturated = room > 0
+    divisor = np.where(unsaturated, room, 1)
+    divisor = divisor**2
+    value = n * rss / divisor
+    return np.where(
+        unsaturated,
+        value,
+        np.inf,
+    )
 
 
 def ebic(
@@ -57,16 +93,24 @@ def ebic(
     sigma: float | None = None,
 ) -> Array:
     """Compute EBIC: BIC + 2γ ln C(groups, chosen). Chen & Chen 2008."""
-    return np.asarray(bic(rss, n, rank, sigma) + gamma * scan_price(chosen, groups))
+    criterion = bic(rss, n, rank, sigma)
+    price = scan_price(chosen, groups)
+    penalty = gamma * price
+    penalised = criterion + penalty
+    return np.asarray(penalised)
 
 
 def scan_price(chosen: ArrayLike, groups: int) -> Array:
     """Compute 2 ln C(groups, chosen), the price of EBIC beyond BIC for choosing among the groups."""
     from scipy.special import gammaln
 
-    s = np.asarray(chosen)
-    log_count = gammaln(groups + 1) - gammaln(s + 1) - gammaln(groups - s + 1)
-    return np.asarray(2 * log_count)
+    chosen = np.asarray(chosen)
+    left = groups - chosen
+    log_count = gammaln(groups + 1)
+    log_count = log_count - gammaln(chosen + 1)
+    log_count = log_count - gammaln(left + 1)
+    price = 2 * log_count
+    return np.asarray(price)
 
 
 def log_evidence(
@@ -80,13 +124,26 @@ def log_evidence(
     """Compute the ln Bayes factor against the base, with a unit-information g-prior (g = n) on the
     extra columns; σ integrated out, or known. Zellner 1986; Liang et al. 2008."""
     p = np.asarray(extra)
+    rss = np.asarray(rss)
+    growth = np.log1p(n)
     if sigma is not None:
-        explained = n / (1 + n) * (rss_base - np.asarray(rss)) / (2 * sigma**2)
-        return np.asarray(explained - p / 2 * np.log1p(n))
-    unexplained = np.asarray(rss) / rss_base
+        gain = rss_base - rss
+        shrinkage = n / (1 + n)
+        double_variance = 2 * sigma**2
+        explained = shrinkage * gain
+        explained = explained / double_variance
+        price = p / 2 * growth
+        evidence = explained - price
+        return np.asarray(evidence)
+    unexplained = rss / rss_base
     freedom = n - rank_base
-    price = (freedom - p) / 2 * np.log1p(n)
-    return np.asarray(price - freedom / 2 * np.log1p(n * unexplained))
+    room = freedom - p
+    price = room / 2 * growth
+    half_freedom = freedom / 2
+    misfit = n * unexplained
+    misfit = np.log1p(misfit)
+    evidence = price - half_freedom * misfit
+    return np.asarray(evidence)
 
 
 def normalise_weights(criterion: ArrayLike) -> Array:
@@ -96,9 +153,12 @@ def normalise_weights(criterion: ArrayLike) -> Array:
     from scipy.special import softmax
 
     values = np.asarray(criterion, float)
+    count = len(values)
     finite = np.isfinite(values)
     if not finite.any():
-        return np.full(len(values), 1 / max(len(values), 1))
-    weights = np.zeros(len(values))
-    weights[finite] = softmax(-values[finite] / 2)
+        equal = 1 / max(count, 1)
+        return np.full(count, equal)
+    weights = np.zeros(count)
+    scores = -values[finite] / 2
+    weights[finite] = softmax(scores)
     return weights

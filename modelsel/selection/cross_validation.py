@@ -47,29 +47,51 @@ class FoldedData:
     def select(self, columns: Sequence[int] | Index) -> FoldedData:
         """Select columns; the response stays last."""
         chosen = [*columns, -1]
-        prior = None if self.prior is None else self.prior[:, chosen]
-        return FoldedData(self.blocks[:, :, chosen], self.rows, prior)
+        blocks = self.blocks[:, :, chosen]
+        prior = self.prior
+        if prior is not None:
+            prior = prior[:, chosen]
+        return FoldedData(
+            blocks,
+            self.rows,
+            prior,
+        )
 
     @cached_property
     def total(self) -> Reduction:
         """All folds as one triangle."""
-        width = self.blocks.shape[2]
-        data = Reduction.empty(width - 1).add(self.blocks.reshape(-1, width))
-        if self.prior is not None:
-            data = data.add(self.prior)
-        return Reduction(data.R, int(self.rows.sum()))
+        blocks = self.blocks
+        width = blocks.shape[2]
+        rows = blocks.reshape(-1, width)
+        data = Reduction.empty(width - 1)
+        data = data.add(rows)
+        prior = self.prior
+        if prior is not None:
+            data = data.add(prior)
+        count = self.rows.sum()
+        count = int(count)
+        return Reduction(data.R, count)
 
 
 def pad_blocks(parts: Sequence[Array], rows: Sequence[int] | Index) -> FoldedData:
     """Pad blocks of different heights to one array; tall ones are reduced to triangles first."""
-    width = parts[0].shape[1]
-    short = [
-        part if len(part) <= width else Reduction.empty(width - 1).add(part).R for part in parts
-    ]
-    blocks = np.zeros((len(short), max(map(len, short)), width))
-    for block, part in zip(blocks, short, strict=True):
-        block[: len(part)] = part
-    return FoldedData(blocks, np.array(rows, dtype=np.intp))
+    first = parts[0]
+    width = first.shape[1]
+    empty = Reduction.empty(width - 1)
+    short = []
+    for part in parts:
+        block = part
+        if len(part) > width:
+            block = empty.add(part).R
+        short.append(block)
+    count = len(short)
+    height = max(map(len, short))
+    blocks = np.zeros((count, height, width))
+    for k, block in enumerate(short):
+        h = len(block)
+        blocks[k, :h] = block
+    counts = np.array(rows, dtype=np.intp)
+    return FoldedData(blocks, counts)
 
 
 def fold(
@@ -83,17 +105,26 @@ def fold(
 
     `fold_of` (m,): the rows' folds; `at`: where the model is linearised; `only`: the terms that are
     wanted, the other columns are zero where there are many rows."""
-    return fold_models(problem, [(terms, at, only)], fold_of)[0]
+    point = (terms, at, only)
+    points = [point]
+    folded = fold_models(problem, points, fold_of)
+    return folded[0]
 
 
 def fold_models(problem: Problem, points: Sequence[Point], fold_of: Index) -> list[FoldedData]:
     """Reduce the designs of several models fold by fold (`fold`), in one pass over the rows.
 
     A block's causes are evaluated once for all models."""
-    rows_of = problem.counted(fold_of, int(fold_of.max()) + 1)
+    last = fold_of.max()
+    folds = int(last) + 1
+    rows_of = problem.counted(fold_of, folds)
     if len(problem) > BLOCK:
         return _fold_blockwise(problem, points, fold_of, rows_of)
-    return [_fold_at_once(problem, terms, at, fold_of, rows_of) for terms, at, _ in points]
+    folded = []
+    for terms, at, _ in points:
+        data = _fold_at_once(problem, terms, at, fold_of, rows_of)
+        folded.append(data)
+    return folded
 
 
 def _fold_at_once(
@@ -104,10 +135,16 @@ def _fold_at_once(
     rows_of: Index,
 ) -> FoldedData:
     """Reduce one design that fits in memory; `rows_of` (K,) coordinates in every fold."""
-    design = whiten(problem, assemble(problem, terms, at))
+    design = assemble(problem, terms, at)
+    design = whiten(problem, design)
     rows = design.transpose(2, 1, 0)  # (m, c, p+1)
     width = len(terms) + 1
-    parts = [rows[fold_of == k].reshape(-1, width) for k in range(len(rows_of))]
+    folds = len(rows_of)
+    parts = []
+    for k in range(folds):
+        in_fold = fold_of == k
+        part = rows[in_fold]
+        parts.append(part.reshape(-1, width))
     return pad_blocks(parts, rows_of)
 
 
@@ -116,22 +153,37 @@ def _fold_blockwise(
 ) -> list[FoldedData]:
     """Reduce several designs block of rows by block of rows, the wanted columns only."""
     wanted = []
+    reductions = []
     for terms, _, only in points:
-        columns = range(len(terms)) if only is None else only
-        wanted.append([*columns, len(terms)])
-    reductions = [[Reduction.empty(len(columns) - 1)] * len(rows_of) for columns in wanted]
+        count = len(terms)
+        columns = range(count) if only is None else only
+        empty = Reduction.empty(len(columns))
+        wanted.append([*columns, count])
+        reductions.append([empty] * len(rows_of))
     spaces = [Workspace() for _ in points]
     order = np.argsort(fold_of, kind="stable")
     for start in range(0, len(problem), STREAM):
-        rows = order[start : start + STREAM]
+        stop = start + STREAM
+        rows = order[start:stop]
+        folds = fold_of[rows]
         part = problem.take(rows)
         for k, (terms, at, _) in enumerate(points):
-            design = whiten(part, assemble(part, terms, at, space=spaces[k]))[wanted[k]]
-            _add_to_folds(reductions[k], design, fold_of[rows])
+            space = spaces[k]
+            design = assemble(part, terms, at, space=space)
+            design = whiten(part, design)
+            chosen = design[wanted[k]]
+            _add_to_folds(reductions[k], chosen, folds)
     folded = []
-    for (terms, _, _), columns, folds in zip(points, wanted, reductions, strict=True):
-        parts = [scatter_columns(reduction.R, columns, len(terms) + 1) for reduction in folds]
-        folded.append(pad_blocks(parts, rows_of))
+    for k, (terms, _, _) in enumerate(points):
+        parts = []
+        columns = wanted[k]
+        width = len(terms) + 1
+        for reduction in reductions[k]:
+            R = reduction.R
+            R = scatter_columns(R, columns, width)
+            parts.append(R)
+        data = pad_blocks(parts, rows_of)
+        folded.append(data)
     return folded
 
 
@@ -153,21 +205,35 @@ def fold_by_unit(
     """Reduce a design with a fold per unit (m,), a configuration or a group, in order.
 
     Yields some units at a time, so that only one block of rows is held in memory."""
-    unit = np.unique(unit, return_inverse=True)[1].reshape(-1)
+    _, unit = np.unique(unit, return_inverse=True)
+    unit = unit.reshape(-1)
     order = np.argsort(unit, kind="stable")
-    edges = np.append(np.flatnonzero(np.diff(unit[order], prepend=-1)), len(problem))
+    new = np.diff(unit[order], prepend=-1)
+    edges = np.append(np.flatnonzero(new), len(problem))
     count = len(edges) - 1
     first = 0
     while first < count:
-        last = int(np.searchsorted(edges, edges[first] + BLOCK, side="right")) - 1
-        last = max(last, first + 1)
+        stop = edges[first] + BLOCK
+        place = np.searchsorted(edges, stop, side="right")
+        last = max(int(place) - 1, first + 1)
         rows = order[edges[first] : edges[last]]
         if len(rows) == len(problem):
-            design = whiten(problem, assemble(problem, terms, at))[:, :, rows]
+            design = assemble(problem, terms, at)
+            design = whiten(problem, design)
+            design = design[:, :, rows]
         else:
             part = problem.take(rows)
-            design = whiten(part, assemble(part, terms, at))
-        yield _fold_units(problem, design, rows, unit[rows] - first, edges[first : last + 1])
+            design = assemble(part, terms, at)
+            design = whiten(part, design)
+        numbers = unit[rows] - first
+        starts = edges[first : last + 1]
+        yield _fold_units(
+            problem,
+            design,
+            rows,
+            numbers,
+            starts,
+        )
         first = last
 
 
@@ -179,14 +245,17 @@ def _fold_units(
     `edges` (K+1,) are the units' first rows."""
     width, c, _ = design.shape
     height = np.diff(edges)
-    place = np.arange(len(rows)) - (edges[:-1] - edges[0])[unit]
-    blocks = np.zeros((len(height), height.max(), c, width))
+    units = len(height)
+    starts = edges[:-1] - edges[0]
+    place = np.arange(len(rows)) - starts[unit]
+    blocks = np.zeros((units, height.max(), c, width))
     blocks[unit, place] = design.transpose(2, 1, 0)
-    blocks = blocks.reshape(len(height), -1, width)
+    blocks = blocks.reshape(units, -1, width)
     if problem.measured is None:
         counts = height * c
     else:
-        counts = problem.take(rows).counted(unit, len(height))
+        part = problem.take(rows)
+        counts = part.counted(unit, units)
     if blocks.shape[1] <= width:
         return FoldedData(blocks, counts)
     tall = [block[: h * c] for block, h in zip(blocks, height, strict=True)]
@@ -224,7 +293,10 @@ class CrossValidation:
     @property
     def rms(self) -> float:
         """Root mean square of one whitened coordinate, held out."""
-        return float(np.sqrt(self.held_out.sum() / self.rows.sum()))
+        square_sum = self.held_out.sum()
+        count = self.rows.sum()
+        mean_square = square_sum / count
+        return float(np.sqrt(mean_square))
 
 
 def cross_validate(
@@ -237,27 +309,38 @@ def cross_validate(
     estimable without some fold."""
     total = folded.total
     if prior is not None:
-        total = Reduction(total.add(prior).R, total.rows)
-    kept = list(identify(total).kept if kept is None else kept)
+        joined = total.add(prior)
+        total = Reduction(joined.R, total.rows)
+    if kept is None:
+        kept = identify(total).kept
+    kept = list(kept)
     beta, factor, rss = solve(total, kept)
-    X, y = folded.blocks[:, :, kept], folded.blocks[:, :, -1]
+    X = folded.blocks[:, :, kept]
+    y = folded.blocks[:, :, -1]
     Q = X @ factor
     residual = y - X @ beta
     Qt = Q.transpose(0, 2, 1)
     gram = Qt @ Q
     _check_estimable(gram)
-    shift = np.linalg.solve(np.eye(len(kept)) - gram, Qt @ residual[:, :, None])[:, :, 0]
-    without = np.zeros((len(X), folded.blocks.shape[2] - 1))
+    identity = np.eye(len(kept))
+    projected = Qt @ residual[:, :, None]
+    shift = np.linalg.solve(identity - gram, projected)
+    shift = shift[:, :, 0]
+    width = folded.blocks.shape[2]
+    without = np.zeros((len(X), width - 1))
     without[:, kept] = beta - shift @ factor.T
-    held_out = residual + np.einsum("khr,kr->kh", Q, shift)
+    change = np.einsum("khr,kr->kh", Q, shift)
+    held_out = residual + change
+    quadratic = np.einsum("kh,kh->k", residual, held_out)
+    by_prior = 0 if prior is None else len(prior)
     return CrossValidation(
         without,
         np.square(held_out).sum(1),
         folded.rows,
         rss,
         gram,
-        np.einsum("kh,kh->k", residual, held_out),
-        0 if prior is None else len(prior),
+        quadratic,
+        by_prior,
     )
 
 
@@ -276,7 +359,8 @@ def _check_estimable(gram: Array) -> None:
 
 
 def _log_density(gram: Array, quadratic: Array, rss: float, rows: Index, rank: int) -> Array:
-    """Log (K,) of t_{n_k}(y_k | the other folds); −inf where the others leave no degree of freedom.
+    """Compute the log (K,) of t_{n_k}(y_k | the other folds); −inf where the others leave no degree
+    of freedom.
 
     With ν = n − n_k − rank and ν s² = RSS − eᵀ(I − H)⁻¹e, the RSS without the fold,
     ln Γ((ν+n_k)/2) − ln Γ(ν/2) − n_k/2 ln(ν π s²) + ½ ln|I − H| − (ν+n_k)/2 ln(1 + eᵀ(I − H)⁻¹e/(ν s²))."""

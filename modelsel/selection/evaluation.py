@@ -42,11 +42,15 @@ class Split:
     @property
     def used(self) -> Mask:
         """Mask (m,) of the rows that models are fitted to: estimation rows without outliers."""
-        return self.estimation & ~self.outlying
+        inside = self.estimation
+        good = ~self.outlying
+        return inside & good
 
     def training(self) -> Problem:
         """Return the problem of the rows that models are fitted to."""
-        return self.problem.take(self.used)
+        rows = self.used
+        problem = self.problem
+        return problem.take(rows)
 
     def training_folds(self) -> Index:
         """Return the folds of the training rows, numbered without gaps."""
@@ -107,17 +111,29 @@ def evaluate(
     if fitted is None:
         fitted = fit_shrunk(training, model, start, held="all")
     residual = fitted.residuals(split.problem)
-    held = ~split.estimation
+    inside = split.estimation
+    outside = ~inside
+    outlying = split.outlying
     errors = (
-        summarise_errors(residual[split.estimation], split.outlying[split.estimation]),
-        summarise_errors(residual[held], split.outlying[held]),
+        summarise_errors(residual[inside], outlying[inside]),
+        summarise_errors(residual[outside], outlying[outside]),
     )
     validation = None
-    length = np.linalg.norm(residual[split.used][:, :3], axis=1)
+    used = residual[split.used]
+    length = np.linalg.norm(used[:, :3], axis=1)
     if fitted.theta.size:
+        folds = split.training_folds()
         with suppress(NotEstimable):
-            validation, length = _cross_validate(training, fitted, split.training_folds())
-    return build_evaluation(split, tuple(names), fitted, errors, validation, length, residual)
+            validation, length = _cross_validate(training, fitted, folds)
+    return build_evaluation(
+        split,
+        tuple(names),
+        fitted,
+        errors,
+        validation,
+        length,
+        residual,
+    )
 
 
 def _cross_validate(
@@ -125,10 +141,21 @@ def _cross_validate(
 ) -> tuple[CrossValidation, Array]:
     """Cross-validate a fit; the lengths [mm] (k,) are those under the fits without each row's
     fold. Raises NotEstimable."""
-    folded = fold(training, fitted.terms, folds_of, fitted.at(), fitted.found.kept)
-    validation = cross_validate(folded, fitted.found.kept, fitted.prior)
-    residual = held_out_residuals(training, fitted.terms, folds_of, validation.without, fitted.at())
-    return validation, np.linalg.norm(residual, axis=1)
+    at = fitted.at()
+    terms = fitted.terms
+    kept = fitted.found.kept
+    folded = fold(training, terms, folds_of, at, kept)
+    validation = cross_validate(folded, kept, fitted.prior)
+    without = validation.without
+    residual = held_out_residuals(
+        training,
+        terms,
+        folds_of,
+        without,
+        at,
+    )
+    length = np.linalg.norm(residual, axis=1)
+    return validation, length
 
 
 def build_evaluation(
@@ -175,7 +202,9 @@ def build_evaluation(
 
 def drop_infinite(value: float) -> float | None:
     """Return the value, or None where it is not a finite number."""
-    return value if np.isfinite(value) else None
+    if not np.isfinite(value):
+        return None
+    return value
 
 
 def measure_orientation(
@@ -188,19 +217,27 @@ def measure_orientation(
     if chosen.residual.shape[1] < 6:
         return None
     rows = ~split.outlying
-    if split.problem.measured is not None:
-        rows &= split.problem.measured[:, 3]
+    measured = split.problem.measured
+    if measured is not None:
+        rows &= measured[:, 3]
     held_out = rows & ~split.estimation
     if held_out.any():
         rows = held_out
-    return _rms_angle(nominal.residual[rows]), _rms_angle(chosen.residual[rows])
+    before = _rms_angle(nominal.residual[rows])
+    after = _rms_angle(chosen.residual[rows])
+    return before, after
 
 
 def _rms_angle(residual: Array) -> float:
-    """Rms length of the orientation part of residuals (m, 6); zero where there are no rows."""
+    """Compute the rms length of the orientation part of residuals (m, 6); zero where there are no
+    rows."""
     if not len(residual):
         return 0.0
-    return float(np.sqrt(np.square(residual[:, 3:]).sum(1).mean()))
+    angles = residual[:, 3:]
+    squares = np.square(angles)
+    squares = squares.sum(1)
+    rms = np.sqrt(squares.mean())
+    return float(rms)
 
 
 @dataclass(frozen=True)
@@ -286,12 +323,15 @@ class RowResampling:
         """Draw configurations with replacement; `block` (m,) is every row's configuration."""
         blocks, unit = np.unique(block, return_inverse=True)
         count = len(blocks)
-        if count > options.max_units:
-            count = options.max_units
+        largest = options.max_units
+        if count > largest:
+            count = largest
             unit = unit % count
         if count < 3:
             return RowResampling(unit, None)
-        return RowResampling(unit, rng.multinomial(count, np.full(count, 1 / count), options.draws))
+        chance = np.full(count, 1 / count)
+        draws = rng.multinomial(count, chance, options.draws)
+        return RowResampling(unit, draws)
 
 
 def estimate_gain(
@@ -305,7 +345,12 @@ def estimate_gain(
 
     The interval is that of a paired bootstrap of whole configurations; `block` (m,) is every row's
     configuration."""
-    return bootstrap_gain(before, after, RowResampling.prepare(block, rng, options))
+    rows = RowResampling.prepare(
+        block,
+        rng,
+        options,
+    )
+    return bootstrap_gain(before, after, rows)
 
 
 def bootstrap_gain(before: Array, after: Array, rows: RowResampling) -> Gain:
@@ -335,12 +380,19 @@ def compare_held_out(
 
     first = _mean_by_block(np.square(expected), expected_block)
     second = _mean_by_block(np.square(length), block)
-    if min(len(first), len(second)) < 5 or not first.mean() > 0:
+    few = min(len(first), len(second)) < 5
+    if few or not first.mean() > 0:
         return 1.0, 1.0
     test = mannwhitneyu(
-        second, first, alternative="greater", method="asymptotic", use_continuity=False
+        second,
+        first,
+        alternative="greater",
+        method="asymptotic",
+        use_continuity=False,
     )
-    return float(np.sqrt(second.mean() / first.mean())), float(test.pvalue)
+    ratio = second.mean() / first.mean()
+    p = float(test.pvalue)
+    return float(np.sqrt(ratio)), p
 
 
 def _mean_by_block(values: Array, block: Index) -> Array:

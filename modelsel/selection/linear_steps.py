@@ -42,21 +42,32 @@ class Steps:
     def to(self, model: Model) -> Step | None:
         """Compute the step to a model; None where the data do not determine it."""
         columns = locate_terms(self.whole, model)
+        reduction = self.reduction.select(columns)
         try:
-            return one_step(model, self.base_fit, self.reduction.select(columns), self.weight)
+            return one_step(model, self.base_fit, reduction, self.weight)
         except NotEstimable:
             return None
 
 
 def prepare_steps(split: Split, whole: Model, base_fit: Fit, folded: FoldedData) -> Steps:
     """Prepare steps from a base's fit; `folded` holds the terms of the whole model there."""
-    return Steps(whole, base_fit, folded.total, split.training().whitening.typical_weight())
+    training = split.training()
+    whitening = training.whitening
+    weight = whitening.typical_weight()
+    total = folded.total
+    return Steps(whole, base_fit, total, weight)
 
 
 def locate_terms(whole: Model, model: Model) -> list[int]:
     """Return the positions of a model's terms among those of a larger model."""
-    place = {t.key: k for k, t in enumerate(whole.terms)}
-    return [place[t.key] for t in model.terms]
+    place = {}
+    for k, term in enumerate(whole.terms):
+        place[term.key] = k
+    positions = []
+    for term in model.terms:
+        position = place[term.key]
+        positions.append(position)
+    return positions
 
 
 def evaluate_steps(
@@ -66,19 +77,32 @@ def evaluate_steps(
 
     The entry of a step that cannot be made (None) is None."""
     folds_of = split.training_folds()
+    training = split.training()
     possible = [step for step in steps if step is not None]
-    points = [
-        (s.model.terms, Linearisation(s.model.terms, s.theta), s.found.kept) for s in possible
-    ]
-    folded = fold_models(split.training(), points, folds_of)
-    fits = [step.fit(data.total) for step, data in zip(possible, folded, strict=True)]
-    validations = [_validate(data, fitted) for data, fitted in zip(folded, fits, strict=True)]
+    points = []
+    for step in possible:
+        terms = step.model.terms
+        at = Linearisation(terms, step.theta)
+        kept = step.found.kept
+        points.append((terms, at, kept))
+    folded = fold_models(training, points, folds_of)
+    fits = []
+    validations = []
+    for step, data in zip(possible, folded, strict=True):
+        fitted = step.fit(data.total)
+        validation = _validate(data, fitted)
+        fits.append(fitted)
+        validations.append(validation)
     sizes, held_out = _lengths(split, fits, validations, folds_of)
-    figures = iter(zip(fits, validations, sizes, held_out, strict=True))
-    return [
-        None if step is None else _evaluation(split, names, *next(figures))
-        for names, step in zip(models, steps, strict=True)
-    ]
+    figures = zip(fits, validations, sizes, held_out, strict=True)
+    evaluations: list[Evaluation | None] = []
+    for names, one in zip(models, steps, strict=True):
+        evaluation = None
+        if one is not None:
+            figure = next(figures)
+            evaluation = _evaluation(split, names, *figure)
+        evaluations.append(evaluation)
+    return evaluations
 
 
 def _validate(folded: FoldedData, fitted: Fit) -> CrossValidation | None:
@@ -96,21 +120,34 @@ def _lengths(
 ) -> tuple[Array, Array]:
     """Compute the lengths [mm] of residual vectors: (models, m) under every fit, and (models,
     training rows) under the fits without each row's fold (NaN without cross-validation)."""
-    sizes = np.empty((len(fits), len(split.problem)))
-    held_out = np.full((len(fits), int(split.used.sum())), np.nan)
+    models = len(fits)
+    rows_in_all = len(split.problem)
+    used_rows = int(split.used.sum())
+    sizes = np.empty((models, rows_in_all))
+    held_out = np.full((models, used_rows), np.nan)
     place = np.cumsum(split.used) - 1
     for rows, part in split.problem.parts():
         used = split.used[rows]
         training = part.take(used)
-        index = place[rows][used]
-        for k, (fitted, validation) in enumerate(zip(fits, validations, strict=True)):
-            sizes[k, rows] = np.linalg.norm(fitted.residuals(part)[:, :3], axis=1)
+        places = place[rows]
+        index = places[used]
+        folds = folds_of[index]
+        for k, fitted in enumerate(fits):
+            residual = fitted.residuals(part)
+            positions = residual[:, :3]
+            sizes[k, rows] = np.linalg.norm(positions, axis=1)
+            validation = validations[k]
             if validation is None or not len(index):
                 continue
             residual = held_out_residuals(
-                training, fitted.terms, folds_of[index], validation.without, fitted.at()
+                training,
+                fitted.terms,
+                folds,
+                validation.without,
+                fitted.at(),
             )
-            held_out[k, index] = np.linalg.norm(residual, axis=1)
+            length = np.linalg.norm(residual, axis=1)
+            held_out[k, index] = length
     return sizes, held_out
 
 
@@ -122,10 +159,21 @@ def _evaluation(
     size: Array,
     held_out: Array,
 ) -> Evaluation:
-    inside, outside = split.estimation, ~split.estimation
+    inside = split.estimation
+    outside = ~inside
+    outlying = split.outlying
     errors = (
-        summarise_lengths(size[inside], split.outlying[inside]),
-        summarise_lengths(size[outside], split.outlying[outside]),
+        summarise_lengths(size[inside], outlying[inside]),
+        summarise_lengths(size[outside], outlying[outside]),
     )
-    no_residual = np.zeros((0, split.problem.components))
-    return build_evaluation(split, names, fitted, errors, validation, held_out, no_residual)
+    components = split.problem.components
+    no_residual = np.zeros((0, components))
+    return build_evaluation(
+        split,
+        names,
+        fitted,
+        errors,
+        validation,
+        held_out,
+        no_residual,
+    )

@@ -75,9 +75,13 @@ class ModelComparison:
         The columns are the fields of `ComparedModel`; undefined figures are NaN."""
         import pandas as pd
 
-        table = pd.DataFrame([asdict(row) for row in self.rows]).set_index("model")
+        rows = [asdict(row) for row in self.rows]
+        table = pd.DataFrame(rows)
+        table = table.set_index("model")
         figures = [name for name in table.columns if name != "note"]
-        return table.astype(dict.fromkeys(figures[2:], float))
+        real = figures[2:]
+        types = dict.fromkeys(real, float)
+        return table.astype(types)
 
 
 def compare(
@@ -134,20 +138,31 @@ def compare(
 def _split(problem: Problem, folds: int, seed: int, estimation: Mask | None) -> Split:
     """Split a problem: folds of the estimation rows, no outliers, unknown noise."""
     rows = len(problem)
-    inside = np.ones(rows, bool) if estimation is None else np.asarray(estimation, bool)
+    inside = np.ones(rows, bool)
+    if estimation is not None:
+        inside = np.asarray(estimation, bool)
     if inside.shape != (rows,):
         raise ValueError(
             f"estimation has shape {inside.shape}; expected ({rows},), one truth value per row"
         )
+    data = problem.data.take(inside)
+    rng = generator(seed, "folds")
+    outlying = np.zeros(rows, bool)
     fold = np.full(rows, -1, dtype=np.intp)
-    fold[inside] = assign_folds(problem.data.take(inside), folds, generator(seed, "folds"))
-    return Split(problem, inside, np.zeros(rows, bool), fold, known_sigma=False)
+    fold[inside] = assign_folds(data, folds, rng)
+    return Split(
+        problem,
+        inside,
+        outlying,
+        fold,
+        known_sigma=False,
+    )
 
 
 def _compare_to_best(
     evaluation: Evaluation, best: Evaluation, configuration: Index
 ) -> tuple[float | None, float | None]:
-    """Difference of cross-validated rms [mm] from the best model's, and its standard error.
+    """Compare cross-validated rms [mm] with the best model's: difference and its standard error.
 
     By the delta method over G configurations of n_g rows: with S_g the sum of squared lengths of a
     configuration and r the rms of all m rows, z_g = (S_g − n_g r²) / (2 m r) is its influence on
@@ -156,21 +171,38 @@ def _compare_to_best(
         return None, None
     difference = _cv_rms(evaluation) - _cv_rms(best)
     influence = _influence(evaluation.crossed, configuration)
-    influence = influence - _influence(best.crossed, configuration)
+    reference = _influence(best.crossed, configuration)
+    influence = influence - reference
     count = len(influence)
     if count < 2:
         return difference, None
-    variance = count / (count - 1) * float(np.square(influence).sum())
-    return difference, float(np.sqrt(variance))
+    squares = np.square(influence)
+    square_sum = squares.sum()
+    square_sum = float(square_sum)
+    correction = count / (count - 1)
+    variance = correction * square_sum
+    standard_error = np.sqrt(variance)
+    return difference, float(standard_error)
 
 
 def _influence(length: Array, configuration: Index) -> Array:
-    """Influence (G,) of every configuration on the rms of the lengths (m,) [mm]."""
-    _, unit = np.unique(configuration, return_inverse=True)
-    squares = np.bincount(unit, np.square(length))
-    rms = float(np.sqrt(np.square(length).mean()))
-    excess = squares - np.bincount(unit) * rms**2
-    return np.asarray(excess / (2 * len(length) * max(rms, TINY)))
+    """Compute the influence (G,) of every configuration on the rms of the lengths (m,) [mm]."""
+    _, unit = np.unique(
+        configuration,
+        return_inverse=True,
+    )
+    rows = len(length)
+    square = np.square(length)
+    mean_square = square.mean()
+    rms = float(np.sqrt(mean_square))
+    square_sum = np.bincount(unit, square)
+    count = np.bincount(unit)
+    expected = count * rms**2
+    excess = square_sum - expected
+    size = max(rms, TINY)
+    divisor = 2 * rows * size
+    influence = excess / divisor
+    return np.asarray(influence)
 
 
 def _note(
@@ -187,13 +219,21 @@ def _note(
 
 
 def _cv_rms(evaluation: Evaluation) -> float:
-    """Cross-validated rms [mm]; infinite where it is undefined."""
-    return _or_infinite(_or_none(evaluation.cv_rms_mm))
+    """Return the cross-validated rms [mm]; infinite where it is undefined."""
+    rms = evaluation.cv_rms_mm
+    finite = _or_none(rms)
+    return _or_infinite(finite)
 
 
 def _or_none(value: float | None) -> float | None:
-    return value if value is not None and np.isfinite(value) else None
+    if value is None:
+        return None
+    if not np.isfinite(value):
+        return None
+    return value
 
 
 def _or_infinite(value: float | None) -> float:
-    return np.inf if value is None else value
+    if value is None:
+        return np.inf
+    return value

@@ -35,7 +35,11 @@ class OrthogonalSubsets:
 
     def take(self, rows: Mask) -> OrthogonalSubsets:
         """Select some subsets."""
-        return OrthogonalSubsets(self.rank[rows], self.rss[rows], self.held_out[rows])
+        return OrthogonalSubsets(
+            self.rank[rows],
+            self.rss[rows],
+            self.held_out[rows],
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,11 +58,24 @@ class _Nodes:
 
     def take(self, nodes: Index) -> _Nodes:
         """Select nodes, each as often as it is named."""
-        return _Nodes(self.T[nodes], self.E[nodes], self.rank[nodes], self.sure[nodes])
+        return _Nodes(
+            self.T[nodes],
+            self.E[nodes],
+            self.rank[nodes],
+            self.sure[nodes],
+        )
 
     def leave_out(self, width: int) -> _Nodes:
         """Leave the first `width` columns out."""
-        return _Nodes(_triangulate(self.T[..., width:]), self.E[..., width:], self.rank, self.sure)
+        T = self.T[..., width:]
+        E = self.E[..., width:]
+        R = _triangulate(T)
+        return _Nodes(
+            R,
+            E,
+            self.rank,
+            self.sure,
+        )
 
     def keep(self) -> _Nodes:
         """Keep the first column, or leave it out where it depends on those before it."""
@@ -78,7 +95,12 @@ class _Nodes:
 
 def order_groups(groups: Sequence[Sequence[int]]) -> list[int]:
     """Order the groups for the walk: large ones nearest the root, where there are few nodes."""
-    return sorted(range(len(groups)), key=lambda g: -len(groups[g]))
+    sizes = [len(group) for group in groups]
+    places = range(len(groups))
+    return sorted(
+        places,
+        key=lambda g: -sizes[g],
+    )
 
 
 def project_base(folded: FoldedData, base: Sequence[int], columns: Sequence[int]) -> Projection:
@@ -87,43 +109,82 @@ def project_base(folded: FoldedData, base: Sequence[int], columns: Sequence[int]
     Returns T (K+1, d, d), the triangles of what the base leaves of the other folds' rows (entry K:
     of all rows), and E, K arrays (h, d), what it leaves of the fold's own rows under their fit."""
     chosen = [*base, *columns, -1]
-    blocks = folded.blocks[:, :, chosen]
-    folds, _, width = blocks.shape
-    prior = np.zeros((0, width)) if folded.prior is None else folded.prior[:, chosen]
     b = len(base)
+    blocks = folded.blocks
+    blocks = blocks[:, :, chosen]
+    folds, _, width = blocks.shape
+    left = width - b
+    prior = np.zeros((0, width))
+    if folded.prior is not None:
+        prior = folded.prior
+        prior = prior[:, chosen]
     everything = blocks.reshape(-1, width)
-    size = np.linalg.norm(everything[:, :b], axis=0)
-    T = np.empty((folds + 1, width - b, width - b))
+    base_columns = everything[:, :b]
+    size = np.linalg.norm(base_columns, axis=0)
+    T = np.empty((folds + 1, left, left))
     E = []
-    for k in range(folds):
-        training = np.delete(blocks, k, axis=0).reshape(-1, width)
-        R, absent = _reduce_training(training, prior, size)
+    for k, block in enumerate(blocks):
+        others = np.delete(blocks, k, axis=0)
+        training = others.reshape(-1, width)
+        R, absent = _reduce_training(
+            training,
+            prior,
+            size,
+        )
+        residual = _predict_fold(block, R, absent)
         T[k] = R[b:, b:]
-        E.append(_predict_fold(blocks[k], R, absent))
-    T[folds] = _reduce_training(everything, prior, size)[0][b:, b:]
+        E.append(residual)
+    # all rows are the last entry
+    R, _ = _reduce_training(
+        everything,
+        prior,
+        size,
+    )
+    T[folds] = R[b:, b:]
     return T, E
 
 
 def _reduce_training(training: Array, prior: Array, size: Array) -> tuple[Array, Mask]:
-    """Triangle of training rows and prior, and the mask (b,) of base columns that the training rows
-    do not have; such a column stays as fitted."""
+    """Reduce training rows and prior to a triangle; also the mask (b,) of base columns that the
+    training rows do not have, which stay as fitted."""
+    width = training.shape[1]
     b = len(size)
-    absent = np.linalg.norm(training[:, :b], axis=0) <= 1e-12 * size
+    base = training[:, :b]
+    length = np.linalg.norm(base, axis=0)
+    smallest = 1e-12 * size
+    absent = length <= smallest
     if absent.any():
-        present = np.ones(training.shape[1], bool)
+        present = np.ones(width, bool)
         present[:b] = ~absent
         training = training * present
         prior = prior * present
-    return Reduction.empty(training.shape[1] - 1).add(training).add(prior).R, absent
+    reduction = Reduction.empty(width - 1)
+    reduction = reduction.add(training)
+    reduction = reduction.add(prior)
+    R = reduction.R
+    return R, absent
 
 
 def _predict_fold(block: Array, R: Array, absent: Mask) -> Array:
-    """What the base leaves of a fold's rows (h, d) under the fit of the training triangle R."""
+    """Compute what the base leaves of a fold's rows (h, d) under the fit of the training triangle
+    R."""
     b = len(absent)
-    norm = np.linalg.norm(R[:b, :b], axis=0)
-    unit = np.where(absent, np.inf, np.maximum(norm, TINY))
-    through = np.linalg.lstsq(R[:b, :b] / unit, R[:b, b:], rcond=ZERO_COLUMN)[0]
-    return np.asarray(block[:, b:] - (block[:, :b] / unit) @ through)
+    base = R[:b, :b]
+    rest = R[:b, b:]
+    norm = np.linalg.norm(base, axis=0)
+    length = np.maximum(norm, TINY)
+    unit = np.where(absent, np.inf, length)
+    scaled = base / unit
+    solution = np.linalg.lstsq(
+        scaled,
+        rest,
+        rcond=ZERO_COLUMN,
+    )
+    through = solution[0]
+    own = block[:, :b] / unit
+    predicted = own @ through
+    left = block[:, b:] - predicted
+    return np.asarray(left)
 
 
 def refine_subsets(
@@ -140,71 +201,135 @@ def refine_subsets(
     `project_base` gives for the groups' columns in the order of the walk."""
     order = order_groups(groups)
     members = members[:, order]
-    sizes = [len(groups[g]) for g in order]
-    columns = [c for g in order for c in groups[g]]
-    T, E = project_base(folded, base, columns) if projection is None else projection
+    walked = [groups[g] for g in order]
+    sizes = [len(group) for group in walked]
+    columns = [c for group in walked for c in group]
+    if projection is None:
+        projection = project_base(folded, base, columns)
+    T, E = projection
+    folds = len(E)
     scale = _scale_columns(folded, base, columns)
-    rows = np.stack([_triangulate(e[None] / scale)[0] for e in E])
-    root = _Nodes((T / scale)[None], rows[None], np.zeros(1, np.intp), np.ones((1, len(E)), bool))
+    rows = []
+    for e in E:
+        scaled = e[None] / scale
+        triangle = _triangulate(scaled)
+        rows.append(triangle[0])
+    # the root: no group decided
+    T = T / scale
+    E_root = np.stack(rows)
+    rank = np.zeros(1, np.intp)
+    sure = np.ones((1, folds), bool)
+    root = _Nodes(T[None], E_root[None], rank, sure)
+    count = len(members)
     subsets = OrthogonalSubsets(
-        np.empty(len(members), np.intp), np.empty(len(members)), np.empty((len(members), len(E)))
+        np.empty(count, np.intp),
+        np.empty(count),
+        np.empty((count, folds)),
     )
-    alike_first = np.arange(len(members))
+    # subsets that begin alike share a batch
+    alike_first = np.arange(count)
     if members.shape[1]:
-        alike_first = np.lexsort(members.T[::-1])
-    for start in range(0, len(members), BATCH):
-        batch = alike_first[start : start + BATCH]
-        figures = _walk(root, sizes, members[batch])
-        subsets.rank[batch] = len(base) + figures.rank
+        reversed_order = members.T[::-1]
+        alike_first = np.lexsort(reversed_order)
+    for start in range(0, count, BATCH):
+        stop = start + BATCH
+        batch = alike_first[start:stop]
+        decisions = members[batch]
+        figures = _walk(root, sizes, decisions)
+        rank = len(base) + figures.rank
+        subsets.rank[batch] = rank
         subsets.rss[batch] = figures.rss
         subsets.held_out[batch] = figures.held_out
     return subsets
 
 
 def _scale_columns(folded: FoldedData, base: Sequence[int], columns: Sequence[int]) -> Array:
-    """Lengths (d,) of the columns and, as one, of the response; infinite for a column of zeros."""
-    norm = np.linalg.norm(folded.blocks[:, :, columns].reshape(-1, len(columns)), axis=0)
+    """Compute the lengths (d,) of the columns and, as one, of the response; infinite for a column
+    of zeros."""
+    blocks = folded.blocks
+    count = len(columns)
+    chosen = blocks[:, :, columns]
+    chosen = chosen.reshape(-1, count)
+    norm = np.linalg.norm(chosen, axis=0)
+    # a column of zeros is known by the largest column, the base's among them
     every = [*base, *columns]
-    norms = np.linalg.norm(folded.blocks[:, :, every].reshape(-1, len(every)), axis=0)
-    norm = np.where(norm > ZERO_COLUMN * norms.max(initial=0), norm, np.inf)
+    width = len(every)
+    everything = blocks[:, :, every]
+    everything = everything.reshape(-1, width)
+    norms = np.linalg.norm(everything, axis=0)
+    largest = norms.max(initial=0)
+    smallest = ZERO_COLUMN * largest
+    nonzero = norm > smallest
+    norm = np.where(
+        nonzero,
+        norm,
+        np.inf,
+    )
     return np.append(norm, 1.0)
 
 
 def _walk(root: _Nodes, sizes: Sequence[int], members: Mask) -> OrthogonalSubsets:
-    """Figures of subsets (S, G), without the base's rank."""
+    """Compute the figures of subsets (S, G), without the base's rank."""
     nodes = root
-    node = np.zeros(len(members), np.intp)
+    count = len(members)
+    node = np.zeros(count, np.intp)
     for g, width in enumerate(sizes):
-        branch, node = np.unique(2 * node + members[:, g], return_inverse=True)
-        without = np.flatnonzero(branch % 2 == 0)
-        within = np.flatnonzero(branch % 2)
-        left_out = nodes.take(branch[without] // 2).leave_out(width)
-        kept = nodes.take(branch[within] // 2)
+        inside = members[:, g]
+        branch = 2 * node + inside
+        branch, node = np.unique(branch, return_inverse=True)
+        parent = branch // 2
+        decision = branch % 2
+        without = np.flatnonzero(decision == 0)
+        within = np.flatnonzero(decision)
+        left_out = nodes.take(parent[without])
+        left_out = left_out.leave_out(width)
+        kept = nodes.take(parent[within])
         for _ in range(width):
             kept = kept.keep()
-        nodes = _join(left_out, kept).take(np.argsort(np.concatenate([without, within])))
-    held_out = np.square(nodes.E[:, :, :, 0]).sum(2)
+        joined = _join(left_out, kept)
+        place = np.concatenate([without, within])
+        order = np.argsort(place)
+        nodes = joined.take(order)
+    # what is left of the response
+    residual = nodes.E[:, :, :, 0]
+    squares = np.square(residual)
+    held_out = squares.sum(2)
+    held_out = np.where(
+        nodes.sure,
+        held_out,
+        np.nan,
+    )
+    corner = nodes.T[node, -1, 0, 0]
     return OrthogonalSubsets(
         nodes.rank[node],
-        np.square(nodes.T[node, -1, 0, 0]),
-        np.where(nodes.sure, held_out, np.nan)[node],
+        np.square(corner),
+        held_out[node],
     )
 
 
 def _join(first: _Nodes, second: _Nodes) -> _Nodes:
+    T = np.concatenate([first.T, second.T])
+    E = np.concatenate([first.E, second.E])
+    rank = np.concatenate([first.rank, second.rank])
+    sure = np.concatenate([first.sure, second.sure])
     return _Nodes(
-        np.concatenate([first.T, second.T]),
-        np.concatenate([first.E, second.E]),
-        np.concatenate([first.rank, second.rank]),
-        np.concatenate([first.sure, second.sure]),
+        T,
+        E,
+        rank,
+        sure,
     )
 
 
 def _triangulate(matrix: Array) -> Array:
-    """Triangular factors (…, c, c) of matrices (…, r, c)."""
+    """Compute triangular factors (…, c, c) of matrices (…, r, c)."""
     R = np.asarray(np.linalg.qr(matrix, mode="r"))
-    missing = matrix.shape[-1] - R.shape[-2]
+    *leading, rows, width = R.shape
+    missing = width - rows
     if not missing:
         return R
-    zeros = np.zeros((*R.shape[:-2], missing, R.shape[-1]))
-    return np.concatenate([R, zeros], axis=-2)
+    shape = (*leading, missing, width)
+    zeros = np.zeros(shape)
+    return np.concatenate(
+        [R, zeros],
+        axis=-2,
+    )

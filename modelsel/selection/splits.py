@@ -28,37 +28,70 @@ def split_configurations(
     start, the pair of blocks whose exchange raises the determinant most changes places until none
     does (Fedorov 1972)."""
     block, first = order_units(data.block, data.progress)
-    configurations = np.unique(np.stack([block, data.configuration]), axis=1)
-    weight = np.bincount(configurations[0])
-    order = rng.permutation(len(first))
-    chosen = int(np.searchsorted(np.cumsum(weight[order]), count)) + 1
-    inside = np.zeros(len(first), bool)
-    inside[order[:chosen]] = True
-    if len(first) <= MAX_EXCHANGED_BLOCKS and not inside.all():
-        _exchange(_features(data, first, prismatic), inside, weight)
+    blocks = len(first)
+    pairs = np.stack([block, data.configuration])
+    configurations = np.unique(pairs, axis=1)
+    block_of = configurations[0]
+    weight = np.bincount(block_of)
+    order = rng.permutation(blocks)
+    # configurations of the blocks drawn so far
+    drawn_weight = weight[order]
+    cumulated = np.cumsum(drawn_weight)
+    place = np.searchsorted(cumulated, count)
+    chosen = int(place) + 1
+    drawn = order[:chosen]
+    inside = np.zeros(blocks, bool)
+    inside[drawn] = True
+    few = blocks <= MAX_EXCHANGED_BLOCKS
+    everything = inside.all()
+    if few and not everything:
+        features = _features(data, first, prismatic)
+        _exchange(features, inside, weight)
     return inside[block]
 
 
 def _features(data: Measurements, first: Index, prismatic: tuple[bool, ...]) -> Array:
-    """Features (blocks, d) of the rows `first`, in order of motion: first and second harmonics of
-    every joint, approach, covariates and place in time, standardised, and a constant."""
-    parts: list[Array] = [data.approach[first], np.linspace(-1, 1, len(first))[:, None]]
+    """Build features (blocks, d) of the rows `first`, in order of motion: first and second
+    harmonics of every joint, approach, covariates and place in time, standardised, and a
+    constant."""
+    time = np.linspace(-1, 1, len(first))
+    approach = data.approach[first]
+    parts: list[Array] = [approach, time[:, None]]
     for j, slides in enumerate(prismatic):
         q = data.q[first, j]
-        waves = [q, q * q] if slides else [np.sin(q), np.cos(q), np.sin(2 * q), np.cos(2 * q)]
-        parts.append(np.stack(waves, 1))
-    parts += [values[first][:, None] for values in data.covariates.values()]
+        if slides:
+            waves = [q, q * q]
+        else:
+            double = 2 * q
+            waves = [
+                np.sin(q),
+                np.cos(q),
+                np.sin(double),
+                np.cos(double),
+            ]
+        harmonics = np.stack(waves, 1)
+        parts.append(harmonics)
+    for values in data.covariates.values():
+        covariate = values[first]
+        parts.append(covariate[:, None])
     features = np.concatenate(parts, axis=1)
+    mean = features.mean(0)
     deviation = features.std(0)
     varies = deviation > 1e-9
-    standard = (features - features.mean(0))[:, varies] / deviation[varies]
-    return np.concatenate([np.ones((len(standard), 1)), standard], axis=1)
+    centred = features - mean
+    centred = centred[:, varies]
+    standard = centred / deviation[varies]
+    rows = len(standard)
+    constant = np.ones((rows, 1))
+    return np.concatenate([constant, standard], axis=1)
 
 
 def _exchange(features: Array, inside: Mask, weight: Index) -> None:
     """Exchange blocks in place until no swap of equal numbers of configurations raises the
     determinant of the (slightly regularised) information."""
-    for _ in range(MAX_EXCHANGES * max(1, int(np.sqrt(inside.sum())))):
+    size = int(np.sqrt(inside.sum()))
+    exchanges = MAX_EXCHANGES * max(1, size)
+    for _ in range(exchanges):
         swap = _find_swap(features, inside, weight)
         if swap is None:
             return
@@ -72,21 +105,51 @@ def _find_swap(features: Array, inside: Mask, weight: Index) -> tuple[int, int] 
 
     With C the inverse information, d_ij = x_iᵀ C x_j, a swap of i for j multiplies the determinant
     by (1 + d_jj)(1 − d_ii) + d_ij²."""
+    width = features.shape[1]
     X = features[inside]
-    C = np.linalg.inv(X.T @ X + 1e-6 * np.eye(features.shape[1]))
-    out, into = np.flatnonzero(inside), np.flatnonzero(~inside)
-    projected_out, projected_in = features[out] @ C, features[into] @ C
-    leave = np.einsum("id,id->i", projected_out, features[out])
-    enter = np.einsum("id,id->i", projected_in, features[into])
-    keep = np.argsort(leave)[:CANDIDATES]
-    join = np.argsort(-enter)[:CANDIDATES]
-    cross = projected_out[keep] @ features[into[join]].T
-    ratio = (1 + enter[join])[None, :] * (1 - leave[keep])[:, None] + cross**2
-    ratio[weight[out[keep]][:, None] != weight[into[join]][None, :]] = 0.0
-    i, j = np.unravel_index(int(ratio.argmax()), ratio.shape)
-    if ratio[i, j] <= 1 + MIN_INCREASE:
+    information = X.T @ X
+    regularisation = 1e-6 * np.eye(width)
+    information = information + regularisation
+    C = np.linalg.inv(information)
+    # blocks that may leave and join, nearest to an exchange first
+    out = np.flatnonzero(inside)
+    into = np.flatnonzero(~inside)
+    features_out = features[out]
+    features_in = features[into]
+    projected_out = features_out @ C
+    projected_in = features_in @ C
+    leave = np.einsum("id,id->i", projected_out, features_out)
+    enter = np.einsum("id,id->i", projected_in, features_in)
+    keep = np.argsort(leave)
+    keep = keep[:CANDIDATES]
+    join = np.argsort(-enter)
+    join = join[:CANDIDATES]
+    leaving = out[keep]
+    joining = into[join]
+    candidates = features[joining]
+    projected = projected_out[keep]
+    cross = projected @ candidates.T
+    # how much each exchange multiplies the determinant
+    gained = 1 + enter[join]
+    lost = 1 - leave[keep]
+    ratio = gained[None, :] * lost[:, None]
+    ratio = ratio + cross**2
+    weight_out = weight[leaving]
+    weight_in = weight[joining]
+    unequal = weight_out[:, None] != weight_in[None, :]
+    ratio[unequal] = 0.0
+    largest = int(ratio.argmax())
+    i, j = np.unravel_index(
+        largest,
+        ratio.shape,
+    )
+    least = 1 + MIN_INCREASE
+    if ratio[i, j] <= least:
         return None
-    return int(out[keep[i]]), int(into[join[j]])
+    return (
+        int(leaving[i]),
+        int(joining[j]),
+    )
 
 
 def assign_folds(
@@ -95,13 +158,20 @@ def assign_folds(
     """Assign every row (m,) to a fold; equal readings stay together.
 
     by="group" keeps groups whole. folds = 0 leaves one unit out at a time."""
-    unit, first = order_units(data.group if by == "group" else data.block, data.progress)
-    count = len(first) if folds <= 0 else min(folds, len(first))
-    order = rng.permutation(len(first))
+    whole_groups = by == "group"
+    label = data.group if whole_groups else data.block
+    unit, first = order_units(label, data.progress)
+    units = len(first)
+    count = units
+    if folds > 0:
+        count = min(folds, units)
+    order = rng.permutation(units)
     if data.gauges is not None:
         # rows of one feature go to different folds: each is estimable without any one of them
-        feature = data.gauges.feature[first][order]
-        order = order[np.argsort(feature, kind="stable")]
-    fold = np.empty(len(first), dtype=np.intp)
-    fold[order] = np.arange(len(first)) % count
+        feature = data.gauges.feature[first]
+        feature = feature[order]
+        by_feature = np.argsort(feature, kind="stable")
+        order = order[by_feature]
+    fold = np.empty(units, dtype=np.intp)
+    fold[order] = np.arange(units) % count
     return fold[unit]

@@ -42,19 +42,31 @@ def hash_folds(data: Measurements, count: int, by: str = "configuration") -> Ind
     name.
 
     No machine has to know what others hold, and equal readings stay together."""
+    modulus = np.uint64(count)
     if by == "group":
-        code = np.array([crc32(name.encode()) for name in data.groups], np.uint64)[data.group]
+        names = data.groups
+        codes = [crc32(name.encode()) for name in names]
+        by_name = np.array(codes, np.uint64)
+        code = by_name[data.group]
     else:
         code = _hash_readings(data.q)
-    return np.asarray(code % np.uint64(count), dtype=np.intp)
+    fold = code % modulus
+    return np.asarray(fold, dtype=np.intp)
 
 
 def _hash_readings(q: Array) -> NDArray[np.uint64]:
-    """Hash (m,) of joint readings (m, n), by multiplication with the golden ratio's bits."""
-    code = np.zeros(len(q), np.uint64)
-    for column in np.round(q / SAME_READING).astype(np.int64).T:
-        code = (code ^ column.view(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
-        code ^= code >> np.uint64(32)
+    """Hash joint readings (m, n) to (m,) by multiplication with the golden ratio's bits."""
+    golden = np.uint64(0x9E3779B97F4A7C15)
+    half = np.uint64(32)
+    rows = len(q)
+    code = np.zeros(rows, np.uint64)
+    rounded = np.round(q / SAME_READING)
+    numbers = rounded.astype(np.int64)
+    for column in numbers.T:
+        bits = column.view(np.uint64)
+        code = code ^ bits
+        code = code * golden
+        code ^= code >> half
     return code
 
 
@@ -78,28 +90,56 @@ class Stream:
         terms: Sequence[Term], folds: int = 10, at: Array | None = None, by: str = "configuration"
     ) -> Stream:
         """Create the reduction of no configurations."""
-        reductions = tuple(Reduction.empty(len(terms)) for _ in range(folds))
-        return Stream(tuple(terms), reductions, at, by)
+        count = len(terms)
+        reductions = []
+        for _ in range(folds):
+            reduction = Reduction.empty(count)
+            reductions.append(reduction)
+        return Stream(
+            tuple(terms),
+            tuple(reductions),
+            at,
+            by,
+        )
 
     def add(self, configurations: Problem) -> Stream:
         """Add the configurations of a problem."""
-        fold = hash_folds(configurations.data, len(self.folds), self.by)
-        point = None if self.at is None else Linearisation(self.terms, self.at)
+        data = configurations.data
+        terms = self.terms
         folds = list(self.folds)
+        count = len(folds)
+        fold = hash_folds(data, count, self.by)
+        point = None
+        if self.at is not None:
+            point = Linearisation(terms, self.at)
         for k in np.unique(fold):
-            part = configurations.take(fold == k)
-            folds[k] = folds[k].merge(reduce_problem(part, self.terms, point))
+            in_fold = fold == k
+            part = configurations.take(in_fold)
+            reduction = reduce_problem(part, terms, point)
+            known = folds[k]
+            folds[k] = known.merge(reduction)
         return replace(self, folds=tuple(folds))
 
     def merge(self, other: Stream) -> Stream:
         """Merge both sets of configurations.
 
         Raises ValueError where they differ in terms, folds or point."""
-        same_folds = len(self.folds) == len(other.folds) and self.by == other.by
-        if self.terms != other.terms or not same_folds or not _same_point(self.at, other.at):
+        same_terms = self.terms == other.terms
+        count = len(self.folds)
+        same_count = count == len(other.folds)
+        same_units = self.by == other.by
+        same_folds = same_count and same_units
+        same_point = _same_point(self.at, other.at)
+        same = same_terms and same_folds and same_point
+        if not same:
             raise ValueError("streams of different terms, folds or points cannot be merged")
         pairs = zip(self.folds, other.folds, strict=True)
-        return replace(self, folds=tuple(a.merge(b) for a, b in pairs))
+        folds = []
+        for one, another in pairs:
+            both = one.merge(another)
+            folds.append(both)
+        merged_folds = tuple(folds)
+        return replace(self, folds=merged_folds)
 
     @property
     def total(self) -> Reduction:
@@ -108,8 +148,13 @@ class Stream:
 
     def folded(self) -> FoldedData:
         """Return the folds for cross-validation and the search over subsets, without empty ones."""
-        folds = [f for f in self.folds if f.rows]
-        return pad_blocks([f.R for f in folds], [f.rows for f in folds])
+        parts = []
+        rows = []
+        for reduction in self.folds:
+            if reduction.rows:
+                parts.append(reduction.R)
+                rows.append(reduction.rows)
+        return pad_blocks(parts, rows)
 
 
 def _same_point(one: Array | None, other: Array | None) -> bool:
@@ -133,7 +178,10 @@ def list_parts(files: Sequence[Path]) -> tuple[Part, ...]:
     """List every row group of Parquet files, in order. Raises DataError."""
     parts = []
     for path in files:
-        parts += [Part(path, group, rows) for group, rows in enumerate(count_row_groups(path))]
+        groups = count_row_groups(path)
+        for group, rows in enumerate(groups):
+            part = Part(path, group, rows)
+            parts.append(part)
     return tuple(parts)
 
 
@@ -154,7 +202,10 @@ class Parts(Source):
     map: Mapper = map
 
     def __len__(self) -> int:
-        return sum(part.rows for part in self.parts)
+        count = 0
+        for part in self.parts:
+            count += part.rows
+        return count
 
     def problem(self, part: Part) -> Problem:
         """Read a part. Raises DataError."""
@@ -172,7 +223,9 @@ class Parts(Source):
 
     def alone(self) -> Parts:
         """Return the source without parts and map: what is sent to a worker."""
-        return Parts(self.robot, self.tool, ())
+        robot = self.robot
+        tool = self.tool
+        return Parts(robot, tool, ())
 
     def reduced(
         self,
@@ -181,12 +234,27 @@ class Parts(Source):
         only: Sequence[int] | None = None,
     ) -> Reduction:
         """Reduce all parts, merged in file order: independent of the number of workers."""
-        work = partial(_reduce_part, self.alone(), tuple(terms), at, only)
-        return merged(self.map(work, self.parts))
+        source = self.alone()
+        work = partial(
+            _reduce_part,
+            source,
+            tuple(terms),
+            at,
+            only,
+        )
+        reductions = self.map(work, self.parts)
+        return merged(reductions)
 
     def stream(self, terms: Sequence[Term], theta: Array, folds: int) -> Stream:
         """Reduce all parts fold by fold, linearised at theta (p,)."""
-        work = partial(_stream_part, self.alone(), tuple(terms), theta, folds)
+        source = self.alone()
+        work = partial(
+            _stream_part,
+            source,
+            tuple(terms),
+            theta,
+            folds,
+        )
         streams: Iterable[Stream] = self.map(work, self.parts)
         return reduce(Stream.merge, streams)
 
@@ -198,13 +266,25 @@ def _reduce_part(
     only: Sequence[int] | None,
     part: Part,
 ) -> Reduction:
-    return reduce_problem(source.problem(part), terms, at, only)
+    problem = source.problem(part)
+    return reduce_problem(
+        problem,
+        terms,
+        at,
+        only,
+    )
 
 
 def _stream_part(
     source: Parts, terms: tuple[Term, ...], theta: Array, folds: int, part: Part
 ) -> Stream:
-    return Stream.empty(terms, folds, theta).add(source.problem(part))
+    problem = source.problem(part)
+    stream = Stream.empty(
+        terms,
+        folds,
+        theta,
+    )
+    return stream.add(problem)
 
 
 def fit_parts(source: Parts, model: Model, folds: int = 10) -> tuple[Fit, CrossValidation]:
@@ -215,8 +295,13 @@ def fit_parts(source: Parts, model: Model, folds: int = 10) -> tuple[Fit, CrossV
     alone."""
     _check_model(source, model)
     fitted = fit(source, model)
-    folded = source.stream(model.terms, fitted.theta, folds).folded()
-    return fitted, cross_validate(folded, fitted.found.kept, fitted.prior)
+    terms = model.terms
+    stream = source.stream(terms, fitted.theta, folds)
+    folded = stream.folded()
+    kept = fitted.found.kept
+    prior = fitted.prior
+    validation = cross_validate(folded, kept, prior)
+    return fitted, validation
 
 
 def _check_model(source: Parts, model: Model) -> None:
@@ -244,14 +329,23 @@ def _check_model(source: Parts, model: Model) -> None:
 
 
 def _files_without_approach(source: Parts) -> list[str]:
-    """Names of the files without columns of approach."""
+    """List the names of the files without columns of approach."""
     import pyarrow.parquet as pq
 
     files = dict.fromkeys(part.path for part in source.parts)
-    return [p.name for p in files if "approach1" not in pq.ParquetFile(p).schema_arrow.names]
+    without = []
+    for path in files:
+        schema = pq.ParquetFile(path).schema_arrow
+        if "approach1" not in schema.names:
+            without.append(path.name)
+    return without
 
 
 def _state_names(mechanism: Mechanism) -> list[str]:
-    """Names of the state variables that a mechanism's causes use, sorted."""
-    causes = [screw.cause for term in mechanism.terms for screw in term.screws]
-    return sorted({name for cause in causes for name in cause.names()})
+    """List the names of the state variables that a mechanism's causes use, sorted."""
+    names: set[str] = set()
+    for term in mechanism.terms:
+        for screw in term.screws:
+            variables = screw.cause.names()
+            names.update(variables)
+    return sorted(names)

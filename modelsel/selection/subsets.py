@@ -91,68 +91,109 @@ def sweep_subsets(
     order = order_groups(groups)
     columns = [c for g in order for c in groups[g]]
     projection = project_base(folded, base, columns)
+    sizes = [len(group) for group in groups]
     root, first = _root(folded, columns, projection, len(groups))
-    leaves = _walk(root, order, [len(g) for g in groups], first)
-    residual, validated = leaves.S[0, 0], leaves.W[0, 0]
-    saturated = np.finfo(float).eps * residual[0, -1]  # nothing is left but rounding
+    leaves = _walk(root, order, sizes, first)
+    residual = leaves.S[0, 0]
+    validated = leaves.W[0, 0]
+    rss = residual[:, -1]
+    # nothing is left but rounding
+    epsilon = np.finfo(float).eps
+    saturated = epsilon * residual[0, -1]
+    gained = leaves.gained[:, -1].astype(np.intp)
     subsets = Subsets(
         leaves.members,
-        np.maximum(residual[:, -1], saturated),
-        len(base) + leaves.gained[:, -1].astype(np.intp),
+        np.maximum(rss, saturated),
+        len(base) + gained,
         validated[:, :-1],
         leaves.pivot.min(1),
     )
-    return _refine_doubtful(folded, base, groups, subsets, projection)
+    return _refine_doubtful(
+        folded,
+        base,
+        groups,
+        subsets,
+        projection,
+    )
 
 
 def _root(
     folded: FoldedData, columns: Sequence[int], projection: Projection, groups: int
 ) -> tuple[_Nodes, Array]:
-    """The root of the tree, columns scaled to unit length, and their sizes (columns, K+1) before
-    any sweep; infinite where the base spans the column, so that it is never a pivot."""
+    """Build the root of the tree, columns scaled to unit length, and their sizes (columns, K+1)
+    before any sweep; infinite where the base spans the column, so that it is never a pivot."""
     T, E = projection
-    S = T.transpose(0, 2, 1) @ T
-    W = np.stack([*(e.T @ e for e in E), S[-1]])
-    before = np.square(folded.blocks[:, :, columns]).sum((0, 1))
-    spanned = MIN_SHARE * np.append(before, 1.0)
-    size = np.sqrt(np.maximum(np.einsum("kdd->kd", S)[-1], spanned))
+    # Gram matrices (K+1, d, d) of training and held-out rows
+    transposed = T.transpose(0, 2, 1)
+    S = transposed @ T
+    validated = [e.T @ e for e in E]
+    W = np.stack([*validated, S[-1]])
+    # squared sizes of the columns, with the base and without it
+    blocks = folded.blocks[:, :, columns]
+    before = np.square(blocks)
+    before = before.sum((0, 1))
+    before = np.append(before, 1.0)
+    spanned = MIN_SHARE * before
+    first = np.einsum("kdd->dk", S)
+    largest = np.maximum(first[:, -1], spanned)
+    size = np.sqrt(largest)
     size[size == 0] = 1.0
     size[-1] = 1.0
     scale = np.outer(size, size)
     S = S / scale
     W = W / scale
     first = np.einsum("kdd->dk", S)
-    alive = first * size[:, None] ** 2 > spanned[:, None]
+    square = size**2
+    remaining = first * square[:, None]
+    alive = remaining > spanned[:, None]
     first = np.where(alive, first, np.inf)
     folds = S.shape[0]
+    S = S.transpose(1, 2, 0)
+    W = W.transpose(1, 2, 0)
+    S = np.ascontiguousarray(S)
+    W = np.ascontiguousarray(W)
+    members = np.zeros((1, groups), bool)
+    gained = np.zeros((1, folds))
+    pivot = np.ones((1, folds))
     root = _Nodes(
         0,
-        np.ascontiguousarray(S.transpose(1, 2, 0))[:, :, None],
-        np.ascontiguousarray(W.transpose(1, 2, 0))[:, :, None],
-        np.zeros((1, groups), bool),
-        np.zeros((1, folds)),
-        np.ones((1, folds)),
+        S[:, :, None],
+        W[:, :, None],
+        members,
+        gained,
+        pivot,
     )
     return root, first
 
 
 def _walk(root: _Nodes, order: Sequence[int], sizes: Sequence[int], first: Array) -> _Nodes:
-    """Walk the tree in pieces that stay in cache; the leaves of all subsets, by their place."""
-    edges = np.concatenate([[0], np.cumsum([sizes[g] for g in order])]).astype(int)
+    """Walk the tree in pieces that stay in cache; return the leaves of all subsets, by their
+    place."""
+    groups = len(order)
+    widths = [sizes[g] for g in order]
+    edges = np.append(0, np.cumsum(widths))
+    edges = edges.astype(int)
     stack = [root]
     leaves = []
     while stack:
         nodes = stack.pop()
         count = len(nodes.members)
-        if nodes.depth == len(order):
+        depth = nodes.depth
+        large = nodes.S.size > CACHED_NUMBERS
+        if depth == groups:
             leaves.append(nodes)
-        elif nodes.S.size > CACHED_NUMBERS and count > 1:
+        elif large and count > 1:
             half = count // 2
-            stack += [nodes.part(slice(half)), nodes.part(slice(half, None))]
+            former = slice(half)
+            latter = slice(half, None)
+            stack.append(nodes.part(former))
+            stack.append(nodes.part(latter))
         else:
-            columns = slice(edges[nodes.depth], edges[nodes.depth + 1])
+            columns = slice(edges[depth], edges[depth + 1])
             size = np.maximum(first[columns], 1e-12)
-            stack.append(_branch(nodes, order[nodes.depth], size))
+            group = order[depth]
+            children = _branch(nodes, group, size)
+            stack.append(children)
     return _gather(leaves, order)
 
 
@@ -160,15 +201,26 @@ def _branch(nodes: _Nodes, group: int, first: Array) -> _Nodes:
     """Decide the next group: every node without it, then every node with it."""
     width = len(first)
     kept_S, kept_W, gained, pivot = _sweep(nodes.S, nodes.W, first)
-    with_group = nodes.members.copy()
+    left_S = nodes.S[width:, width:]
+    left_W = nodes.W[width:, width:]
+    without_group = nodes.members
+    with_group = without_group.copy()
     with_group[:, group] = True
+    gained_with = nodes.gained + gained
+    pivot_with = np.minimum(nodes.pivot, pivot)
+    depth = nodes.depth + 1
+    S = np.concatenate([left_S, kept_S], axis=2)
+    W = np.concatenate([left_W, kept_W], axis=2)
+    members = np.concatenate([without_group, with_group])
+    gained = np.concatenate([nodes.gained, gained_with])
+    pivot = np.concatenate([nodes.pivot, pivot_with])
     return _Nodes(
-        nodes.depth + 1,
-        np.concatenate([nodes.S[width:, width:], kept_S], axis=2),
-        np.concatenate([nodes.W[width:, width:], kept_W], axis=2),
-        np.concatenate([nodes.members, with_group]),
-        np.concatenate([nodes.gained, nodes.gained + gained]),
-        np.concatenate([nodes.pivot, np.minimum(nodes.pivot, pivot)]),
+        depth,
+        S,
+        W,
+        members,
+        gained,
+        pivot,
     )
 
 
@@ -199,15 +251,27 @@ def _sweep(S: Array, W: Array, first: Array) -> tuple[Array, Array, Array, Array
 def _gather(leaves: Sequence[_Nodes], order: Sequence[int]) -> _Nodes:
     """Concatenate leaves and sort them by place."""
     members = np.concatenate([leaf.members for leaf in leaves])
-    bits = 1 << np.arange(len(order))
-    place = np.argsort(members[:, list(order)] @ bits)
+    gained = np.concatenate([leaf.gained for leaf in leaves])
+    pivot = np.concatenate([leaf.pivot for leaf in leaves])
+    S = np.concatenate([leaf.S for leaf in leaves], axis=2)
+    W = np.concatenate([leaf.W for leaf in leaves], axis=2)
+    depth = len(order)
+    bits = 1 << np.arange(depth)
+    decided = members[:, list(order)]
+    number = decided @ bits
+    place = np.argsort(number)
+    S = S[:, :, place]
+    W = W[:, :, place]
+    members = members[place]
+    gained = gained[place]
+    pivot = pivot[place]
     return _Nodes(
-        len(order),
-        np.concatenate([leaf.S for leaf in leaves], axis=2)[:, :, place],
-        np.concatenate([leaf.W for leaf in leaves], axis=2)[:, :, place],
-        members[place],
-        np.concatenate([leaf.gained for leaf in leaves])[place],
-        np.concatenate([leaf.pivot for leaf in leaves])[place],
+        depth,
+        S,
+        W,
+        members,
+        gained,
+        pivot,
     )
 
 
@@ -223,30 +287,66 @@ def _refine_doubtful(
     Doubtful are small pivots, and sums of squares that are a small difference of large ones; and,
     where the orthogonal factors of all columns together have a higher rank than the sweeps found,
     every subset that left a column out as dependent."""
-    every = list(dict.fromkeys([*base, *(c for g in groups for c in g)]))
-    rank = identify(folded.total.select(every)).rank
-    share = (subsets.held_out / subsets.held_out[0]).clip(TINY).min(1)
-    error = np.finfo(float).eps / np.minimum(subsets.pivot, share)
-    full = len(base) + subsets.members @ np.array([len(g) for g in groups])
+    columns = [c for group in groups for c in group]
+    every = dict.fromkeys([*base, *columns])
+    total = folded.total.select(list(every))
+    rank = identify(total).rank
+    # sums of squares that are a small difference of large ones
+    held_out = subsets.held_out
+    first = held_out[0]
+    share = held_out / first
+    share = share.clip(TINY)
+    share = share.min(1)
+    epsilon = np.finfo(float).eps
+    least = np.minimum(subsets.pivot, share)
+    error = epsilon / least
+    imprecise = error > MAX_ERROR
     skipped = np.zeros(len(error), bool)
-    if rank > subsets.rank.max():
+    largest = subsets.rank.max()
+    if rank > largest:
+        sizes = [len(group) for group in groups]
+        added = subsets.members @ np.array(sizes)
+        full = len(base) + added
         skipped = subsets.rank < full
-    doubtful = np.flatnonzero((error > MAX_ERROR) | skipped)
+    doubtful = np.flatnonzero(imprecise | skipped)
     if not len(doubtful):
         return subsets
-    refined = refine_subsets(folded, base, groups, subsets.members[doubtful], projection)
-    same_rank = (refined.rank == subsets.rank[doubtful]) | skipped[doubtful]
-    sure = np.isfinite(refined.held_out).all(1) & same_rank
-    return _replace_rows(subsets, doubtful[sure], refined.take(sure))
+    members = subsets.members[doubtful]
+    refined = refine_subsets(
+        folded,
+        base,
+        groups,
+        members,
+        projection,
+    )
+    swept_rank = subsets.rank[doubtful]
+    same_rank = refined.rank == swept_rank
+    same_rank = same_rank | skipped[doubtful]
+    finite = np.isfinite(refined.held_out)
+    determined = finite.all(1)
+    # a subset that rests on one fold keeps the figures of the sweep
+    sure = determined & same_rank
+    rows = doubtful[sure]
+    refined = refined.take(sure)
+    return _replace_rows(subsets, rows, refined)
 
 
 def _replace_rows(subsets: Subsets, rows: Index, refined: OrthogonalSubsets) -> Subsets:
     """Replace the figures of some subsets."""
-    rss, rank, held_out = subsets.rss.copy(), subsets.rank.copy(), subsets.held_out.copy()
-    rss[rows] = np.maximum(refined.rss, np.finfo(float).eps * subsets.rss[0])
+    epsilon = np.finfo(float).eps
+    saturated = epsilon * subsets.rss[0]
+    rss = subsets.rss.copy()
+    rank = subsets.rank.copy()
+    held_out = subsets.held_out.copy()
+    rss[rows] = np.maximum(refined.rss, saturated)
     rank[rows] = refined.rank
     held_out[rows] = refined.held_out
-    return replace(subsets, rss=rss, rank=rank, held_out=held_out)
+    return replace(
+        subsets,
+        rss=rss,
+        rank=rank,
+        held_out=held_out,
+    )
 
 
 def evaluate_subsets(
@@ -256,6 +356,19 @@ def evaluate_subsets(
 
     The held-out sums of squares of a subset that rests on one fold are infinite."""
     refined = refine_subsets(folded, base, groups, members)
-    finite = np.isfinite(refined.held_out).all(1, keepdims=True)
-    held_out = np.where(finite, refined.held_out, np.inf)
-    return Subsets(members, refined.rss, refined.rank, held_out, np.ones(len(members)))
+    finite = np.isfinite(refined.held_out)
+    determined = finite.all(1, keepdims=True)
+    held_out = np.where(
+        determined,
+        refined.held_out,
+        np.inf,
+    )
+    count = len(members)
+    pivot = np.ones(count)
+    return Subsets(
+        members,
+        refined.rss,
+        refined.rank,
+        held_out,
+        pivot,
+    )

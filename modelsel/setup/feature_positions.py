@@ -44,15 +44,24 @@ def place_features(problem: Problem, use: Mask) -> Problem:
     gauges = problem.data.gauges
     if gauges is None:
         return problem
-    x = -residuals(problem.bare)[:, :3]
-    fixtures = Fixtures.unknown(len(gauges.features))
-    for k, feature in enumerate(gauges.features):
-        rows = np.flatnonzero((gauges.feature == k) & use)
+    residual = residuals(problem.bare)
+    x = -residual[:, :3]
+    features = gauges.features
+    fixtures = Fixtures.unknown(len(features))
+    for k, feature in enumerate(features):
+        is_of_feature = gauges.feature == k
+        rows = np.flatnonzero(is_of_feature & use)
         is_unmeasured = not len(rows) and feature.free
         if feature.kind == "distance" or is_unmeasured:
             continue
-        place = _find_place(feature, x[rows], gauges.length[rows])
-        fixtures.centre[k], fixtures.axes[k], fixtures.length[k] = place
+        place = _find_place(
+            feature,
+            x[rows],
+            gauges.length[rows],
+        )
+        fixtures.centre[k] = place.centre
+        fixtures.axes[k] = place.axes
+        fixtures.length[k] = place.length
     return replace(problem, fixtures=fixtures)
 
 
@@ -61,8 +70,13 @@ def find_unmeasured_features(data: Measurements, use: Mask) -> Index:
     gauges = data.gauges
     if gauges is None:
         return np.zeros(0, np.intp)
-    measured = set(gauges.feature[use].tolist())
-    unmeasured = [k for k, f in enumerate(gauges.features) if f.free and k not in measured]
+    used = gauges.feature[use]
+    measured = set(used.tolist())
+    unmeasured = []
+    for k, feature in enumerate(gauges.features):
+        is_measured = k in measured
+        if feature.free and not is_measured:
+            unmeasured.append(k)
     return np.array(unmeasured, dtype=np.intp)
 
 
@@ -70,21 +84,34 @@ def _find_place(feature: Feature, x: Array, length: Array) -> _Place:
     """Find the place of one feature from the nominal positions x (k, 3) of its rows."""
     _require_rows(feature, len(x))
     if feature.kind not in ("same-point", "plane"):
-        return _find_anchor(feature, x, np.nan_to_num(length))
-    centre = np.median(x, axis=0) if feature.position is None else np.array(feature.position)
+        reading = np.nan_to_num(length)
+        return _find_anchor(feature, x, reading)
+    centre = np.median(x, axis=0)
+    if feature.position is not None:
+        centre = np.array(feature.position)
     if feature.kind == "same-point":
-        return _Place(centre, np.eye(3), 0.0)
+        return _Place(
+            centre,
+            axes=np.eye(3),
+            length=0.0,
+        )
     if feature.normal is None:
-        normal = np.linalg.svd(x - x.mean(0))[2][-1]
+        centred = x - x.mean(0)
+        _, _, directions = np.linalg.svd(centred)
+        normal = directions[-1]
     else:
         normal = np.array(feature.normal)
-    return _Place(centre, align_z(normal).T, 0.0)
+    axes = align_z(normal).T
+    return _Place(centre, axes, 0.0)
 
 
 def _require_rows(feature: Feature, count: int) -> None:
     """Raise DataError where a feature that is not known has too few rows."""
-    needed = MIN_ROWS[feature.kind] + ("length" in feature.free)
-    has_start = feature.kind == "same-point" or feature.position is not None
+    needed = MIN_ROWS[feature.kind]
+    if "length" in feature.free:
+        needed += 1
+    is_same_point = feature.kind == "same-point"
+    has_start = is_same_point or feature.position is not None
     if count < needed and feature.free and not has_start:
         raise DataError(
             f'feature "{feature.name}" ({feature.kind}) has {count} estimation rows; to place it '
@@ -96,42 +123,71 @@ def _require_rows(feature: Feature, count: int) -> None:
 def _find_anchor(feature: Feature, x: Array, reading: Array) -> _Place:
     """Find a wire's anchor or a ball-bar's sphere: |x − c| − ℓ = reading (k,), with ℓ = 0 unless it
     is free or known (a ball-bar's own)."""
-    known, is_open = feature.length or 0.0, "length" in feature.free
-    position = None if feature.position is None else np.array(feature.position)
-    if position is None:
-        position = _solve_anchor(feature, x, reading, known, is_open)
-    has_offset = is_open and len(x) > 0
-    offset = _compute_offset(position, x, reading) if has_offset else known
-    if not set(feature.free) - {"length"}:
+    known = feature.length or 0.0
+    is_open = "length" in feature.free
+    if feature.position is None:
+        position = _solve_anchor(
+            feature,
+            x,
+            reading,
+            known,
+            is_open,
+        )
+    else:
+        position = np.array(feature.position)
+    offset = known
+    if is_open and len(x) > 0:
+        offset = _compute_offset(position, x, reading)
+    free_of_place = set(feature.free) - {"length"}
+    if not free_of_place:
         return _Place(position, np.eye(3), offset)
-    position, offset = _refine_anchor(position, offset, x, reading, is_open)
+    position, offset = _refine_anchor(
+        position,
+        offset,
+        x,
+        reading,
+        is_open,
+    )
     return _Place(position, np.eye(3), offset)
 
 
 def _compute_offset(position: Array, x: Array, reading: Array) -> float:
     """Compute the median of the distances from an anchor beyond the readings [mm]."""
-    distance = np.linalg.norm(x - position, axis=1)
-    return float(np.median(distance - reading))
+    distance = np.linalg.norm(
+        x - position,
+        axis=1,
+    )
+    beyond = distance - reading
+    return float(np.median(beyond))
 
 
 def _solve_anchor(feature: Feature, x: Array, reading: Array, known: float, is_open: bool) -> Array:
     """Solve |near|² − full² = 2 near · c + 2 full ℓ + constant for the anchor, near = x − middle and
     full = reading + known length. Raises DataError where the positions lie in a plane."""
     middle = x.mean(0)
-    near, full = x - middle, reading + known
+    near = x - middle
+    full = reading + known
     extent = np.linalg.svd(near, compute_uv=False)
-    if extent[2] < FLAT * extent[0]:
+    is_flat = extent[2] < FLAT * extent[0]
+    if is_flat:
         raise DataError(
             f'the positions from which feature "{feature.name}" ({feature.kind}) is measured lie in '
             "a plane: it could stand on either side of it.",
             remedy="Measure more widely, or give a first guess: "
             f"[measurements.features.{feature.name}] position_mm = [x, y, z], estimate = true.",
         )
-    columns = [2 * near, np.ones(len(x))]
+    constant = np.ones(len(x))
+    columns = [2 * near, constant]
     if is_open and np.ptp(reading) > 0:
         columns.append(2 * reading)
-    difference = np.square(near).sum(1) - np.square(full)
-    solution = np.linalg.lstsq(np.column_stack(columns), difference, rcond=None)[0]
+    design = np.column_stack(columns)
+    squared_distance = np.square(near).sum(1)
+    squared_length = np.square(full)
+    solution, *_ = np.linalg.lstsq(
+        design,
+        squared_distance - squared_length,
+        rcond=None,
+    )
     return np.asarray(middle + solution[:3])
 
 
@@ -143,10 +199,22 @@ def _refine_anchor(
 
     def compute_gaps(p: Array) -> Array:
         length = p[3] if is_open else offset
-        return np.asarray(np.linalg.norm(x - p[:3], axis=1) - length - reading)
+        distance = np.linalg.norm(
+            x - p[:3],
+            axis=1,
+        )
+        gap = distance - length - reading
+        return np.asarray(gap)
 
     start = np.append(position, offset) if is_open else position
-    fitted = least_squares(
-        compute_gaps, start, loss="soft_l1", f_scale=ARM_ERROR_MM, x_scale="jac"
-    ).x
-    return fitted[:3], float(fitted[3]) if is_open else offset
+    solution = least_squares(
+        compute_gaps,
+        start,
+        loss="soft_l1",
+        f_scale=ARM_ERROR_MM,
+        x_scale="jac",
+    )
+    fitted = solution.x
+    if is_open:
+        offset = float(fitted[3])
+    return fitted[:3], offset

@@ -54,50 +54,83 @@ def describe_orientation_mistake(problem: Problem, use: Mask, registered: bool) 
     flange is free, and the tracker's where it is `registered`."""
     if problem.data.rotation is None:
         return None
-    rows = _thin(select_most_frequent(problem, use))
-    if len(np.unique(problem.data.block[rows])) < MIN_CONFIGURATIONS:
+    frequent = select_most_frequent(problem, use)
+    rows = _thin(frequent)
+    configurations = np.unique(problem.data.block[rows])
+    if len(configurations) < MIN_CONFIGURATIONS:
         return None
     sample = problem.take(rows)
-    flange = sample.pose(slice(None)).axes[-1, :3].transpose(2, 1, 0)
+    at = sample.pose(slice(None))
+    axes = at.axes[-1, :3]
+    flange = axes.transpose(2, 1, 0)
     seen = np.asarray(sample.data.rotation)
-    trackers: list[Array | None] = [sample.placement[0][sample.data.group[0]]]
+    trackers: list[Array | None]
     if registered:
         trackers = [_rotate_by_positions(sample), None]
+    else:
+        R, _ = sample.placement
+        group = sample.data.group[0]
+        trackers = [R[group]]
     for tracker in trackers:
-        sentence = _describe_best(seen, flange, tracker)
+        sentence = _describe_best(
+            seen,
+            flange,
+            tracker,
+        )
         if sentence is not None:
             return sentence
     return None
 
 
 def _thin(rows: Index) -> Index:
-    if not len(rows):
+    count = len(rows)
+    if not count:
         return rows
-    spread = np.linspace(0, len(rows) - 1, min(len(rows), MAX_ROWS)).astype(int)
-    return np.asarray(rows[np.unique(spread)])
+    chosen = min(count, MAX_ROWS)
+    spread = np.linspace(
+        0,
+        count - 1,
+        chosen,
+    )
+    places = np.unique(spread.astype(int))
+    return np.asarray(rows[places])
 
 
 def _describe_best(seen: Array, flange: Array, tracker: Array | None) -> str | None:
     """Describe the mistakes that explain the orientations best; None where nothing needs or gives an
     explanation."""
-    before = _compute_angle(seen, flange, tracker)
+    before = _compute_angle(
+        seen,
+        flange,
+        tracker,
+    )
     if before is None or before < GOOD_ANGLE:
         return None
     limit = min(GOOD_ANGLE, before / MIN_IMPROVEMENT)
     guesses = []
     for corrected, words, look in _generate_corrections(seen):
-        angle = _compute_angle(corrected, flange, tracker)
+        angle = _compute_angle(
+            corrected,
+            flange,
+            tracker,
+        )
         if angle is not None and angle < limit:
-            guesses.append(_Guess(angle, words, look))
+            guess = _Guess(angle, words, look)
+            guesses.append(guess)
     if not guesses:
         return None
-    after = min(guesses).angle
-    best = [guess for guess in sorted(guesses) if guess.angle <= EQUAL_FACTOR * after]
+    guesses.sort()
+    after = guesses[0].angle
+    most = EQUAL_FACTOR * after
+    best = [guess for guess in guesses if guess.angle <= most]
     words = ", or ".join(guess.words for guess in best)
     looks = ", or ".join(guess.look for guess in best)
+    factor = before / after
+    degrees_before = np.degrees(before)
+    degrees_after = np.degrees(after)
     return (
-        f"The orientations fit {before / after:.0f} times better ({np.degrees(after):.2g}° instead "
-        f"of {np.degrees(before):.3g}°, median) if the quaternions are {words}: {looks}."
+        f"The orientations fit {factor:.0f} times better ({degrees_after:.2g}° instead "
+        f"of {degrees_before:.3g}°, median) if the quaternions are {words}: {looks}."
     )
 
 
@@ -107,23 +140,35 @@ def _rotate_by_positions(problem: Problem) -> Array | None:
     With a free rotation the inverse and the other orders are the same motion (a map of quaternions
     with determinant -1). None where positions do not determine it."""
     points = problem.plain_points()
+    every_row = np.ones(len(points), bool)
     try:
-        registered = register(points, np.ones(len(points), bool), per_group=False)
+        registered = register(
+            points,
+            every_row,
+            per_group=False,
+        )
     except (DataError, NotEstimable):
         return None
-    return np.asarray(registered.placement[0][problem.data.group[0]])
+    R, _ = registered.placement
+    group = problem.data.group[0]
+    return np.asarray(R[group])
 
 
 def _generate_corrections(seen: Array) -> Iterator[tuple[Array, str, str]]:
     """Generate (rotations (m, 3, 3) without a mistake, the mistake in words, its remedy)."""
-    yield seen.transpose(0, 2, 1), INVERTED, NEGATE
+    inverted = seen.transpose(0, 2, 1)
+    yield inverted, INVERTED, NEGATE
     q = to_quaternion(seen)
     for order, held, names in ORDERS:
-        R = from_quaternion(q[:, order])
+        reordered = q[:, order]
+        R = from_quaternion(reordered)
         words = f"in another order (qw qx qy qz hold {held})"
         look = f"rename these columns to {names}"
         yield R, words, look
-        yield R.transpose(0, 2, 1), f"{words}, and {INVERTED}", f"{look}, then {NEGATE}"
+        inverted = R.transpose(0, 2, 1)
+        words += f", and {INVERTED}"
+        look += f", then {NEGATE}"
+        yield inverted, words, look
 
 
 def _compute_angle(seen: Array, flange: Array, tracker: Array | None) -> float | None:
@@ -133,33 +178,72 @@ def _compute_angle(seen: Array, flange: Array, tracker: Array | None) -> float |
     P = _fit_tracker(seen, flange) if tracker is None else tracker
     if P is None:
         return None
-    each = np.einsum("mji,kj,mkl->mil", flange, P, seen)
+    each = np.einsum(
+        "mji,kj,mkl->mil",
+        flange,
+        P,
+        seen,
+    )
     weight = np.ones(len(each))
     for _ in range(REWEIGHTINGS):
-        T = nearest_rotation(np.einsum("m,mij->ij", weight, each))
-        angle = np.linalg.norm(rotation_vector(np.einsum("ji,mjk->mik", T, each)), axis=1)
-        weight = compute_cauchy_weights(angle, compute_scale(angle, MIN_SCALE))
+        mean = np.einsum("m,mij->ij", weight, each)
+        T = nearest_rotation(mean)
+        off_mean = np.einsum("ji,mjk->mik", T, each)
+        angle = np.linalg.norm(
+            rotation_vector(off_mean),
+            axis=1,
+        )
+        scale = compute_scale(angle, MIN_SCALE)
+        weight = compute_cauchy_weights(angle, scale)
     return float(np.median(angle))
 
 
 def _fit_tracker(seen: Array, flange: Array) -> Array | None:
     """Fit the rotation P (3, 3) that maps the flange's rotations between rows to the seen ones; None
     where they have one axis."""
-    shifts = sorted({1, max(len(seen) // 2, 1)})
+    half = len(seen) // 2
+    shifts = sorted({1, max(half, 1)})
     a = np.concatenate([_rotate_between(seen, k) for k in shifts])
     b = np.concatenate([_rotate_between(flange, k) for k in shifts])
-    is_trusted = (np.linalg.norm(b, axis=1) < MAX_ANGLE) & (np.linalg.norm(a, axis=1) < MAX_ANGLE)
-    least = ONE_AXIS * np.sqrt(is_trusted.sum())
-    if not is_trusted.any() or np.linalg.matrix_rank(b[is_trusted], tol=least) < 2:
+    angle_a = np.linalg.norm(a, axis=1)
+    angle_b = np.linalg.norm(b, axis=1)
+    is_trusted = (angle_b < MAX_ANGLE) & (angle_a < MAX_ANGLE)
+    count = is_trusted.sum()
+    if not count:
+        return None
+    rank = np.linalg.matrix_rank(
+        b[is_trusted],
+        tol=ONE_AXIS * np.sqrt(count),
+    )
+    if rank < 2:
         return None
     weight = is_trusted.astype(float)
     for _ in range(REWEIGHTINGS):
-        P = nearest_rotation(np.einsum("m,mi,mj->ij", weight, a, b))
-        size = np.linalg.norm(a - b @ P.T, axis=1)
-        weight = is_trusted * compute_cauchy_weights(size, compute_scale(size, MIN_SCALE))
+        covariance = np.einsum(
+            "m,mi,mj->ij",
+            weight,
+            a,
+            b,
+        )
+        P = nearest_rotation(covariance)
+        rest = a - b @ P.T
+        size = np.linalg.norm(rest, axis=1)
+        scale = compute_scale(size, MIN_SCALE)
+        robust = compute_cauchy_weights(size, scale)
+        weight = is_trusted * robust
     return P
 
 
 def _rotate_between(rotations: Array, k: int) -> Array:
     """Compute (m, 3) rotation vectors from the row k further on to every row."""
-    return rotation_vector(np.einsum("mij,mkj->mik", np.roll(rotations, -k, 0), rotations))
+    earlier = np.roll(
+        rotations,
+        -k,
+        axis=0,
+    )
+    turned = np.einsum(
+        "mij,mkj->mik",
+        earlier,
+        rotations,
+    )
+    return rotation_vector(turned)

@@ -58,6 +58,14 @@ def minimise(
 
 def _solve(H: Array, g: Array, damping: float) -> Array:
     """Solve the damped normal equations, scaled to a unit diagonal."""
-    size = np.sqrt(np.maximum(np.diag(H), TINY))
-    damped = H / np.outer(size, size) + damping * np.eye(len(H))
-    return np.asarray(np.linalg.lstsq(damped, g / size, rcond=1e-15)[0] / size)
+    diagonal = np.diag(H)
+    size = np.sqrt(np.maximum(diagonal, TINY))
+    scaled = H / np.outer(size, size)
+    identity = np.eye(len(H))
+    solution, *_ = np.linalg.lstsq(
+        scaled + damping * identity,
+        g / size,
+        rcond=1e-15,
+    )
+    step = solution / size
+    return np.asarray(step)

@@ -13,18 +13,27 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 
 from .._typing import Mask
-from ..exceptions import DataError, NotEstimable
-from ..fitting.design import residuals
 from ..fitting.problem import Problem
-from ..robot.kinematics import pose
-from .joint_offsets import Arm, fit_each_link, fit_each_zero, fit_several
+from .explanations import (
+    EQUAL_FACTOR,
+    Explanation,
+    apply_correction,
+    assess_arm,
+    compute_explained,
+    compute_left,
+    find_least_left,
+    move_tool,
+    select_best,
+    try_registration,
+)
+from .joint_offsets import fit_each_link, fit_each_zero, fit_several
+from .linear_scores import score_linearly
+from .offset_arms import Arm
 from .other_robots import describe_improvement, sample_positions
-from .registration import note_undetermined, register
 from .simple_mistakes import (
     NOTHING,
     REGISTER,
@@ -33,7 +42,6 @@ from .simple_mistakes import (
     list_joint_mistakes,
     list_position_mistakes,
     list_reversed_joints,
-    score_linearly,
 )
 
 # configurations below which chance fits too much; twice as many for two mistakes at once
@@ -42,13 +50,8 @@ MIN_CONFIGURATIONS = 10
 # tool's or several are
 BAD_SHARE = 3e-3
 FAR_SHARE = 0.01
-# a mistake explains the positions where its correction reduces the median residual by this factor,
-# and to this share of the positions' median spread
+# a mistake explains the positions where its correction reduces the median residual by this factor
 MIN_IMPROVEMENT = 4.0
-MAX_SPREAD_SHARE = 0.05
-# factor within which mistakes fit as well as the best, and how many are named
-EQUAL_FACTOR = 1.5
-MAX_NAMED = 2
 # factor by which an angle must fit better than the simple mistakes not to be called a right angle
 RIGHT_ANGLE_FACTOR = 2.0
 # linear solutions that are registered
@@ -59,13 +62,6 @@ NEAR_SCALE = 0.1
 REGISTRATION = (
     "the tracker's frame and the target on the flange are found ([robot] register = true), and "
 )
-
-
-class Explanation(NamedTuple):
-    """A mistake and the median distance [mm] that its correction leaves."""
-
-    mistake: Mistake
-    left: float
 
 
 def describe_setup_mistake(
@@ -79,13 +75,13 @@ def describe_setup_mistake(
     `links`: whether links may be wrong."""
     sample = sample_positions(problem, use, per_group)
     least = BAD_SHARE * problem.reach_mm
-    if sample is None or _compute_left(sample) < least:
+    if sample is None or compute_left(sample) < least:
         return None
     if not registered:
         return _describe_stated(sample, links)
     # where orientations were at odds with the positions, the positions alone fit
-    sample = _try_registration(sample, sure=False) or sample
-    before = _compute_left(sample)
+    sample = try_registration(sample, sure=False) or sample
+    before = compute_left(sample)
     if before < least:
         return None
     found = _explain_registered(sample, before, links)
@@ -95,59 +91,103 @@ def describe_setup_mistake(
 def _describe_stated(sample: Problem, links: bool) -> str | None:
     """Describe the mistake where the study states the tracker's frame and the target: with these as
     they are, or else with these found."""
-    before = _compute_left(sample)
-    found = _explain_stated(sample, before, links)
+    before = compute_left(sample)
+    found = _explain_stated(
+        sample,
+        before,
+        links,
+    )
     if found:
         return _describe(before, found)
-    sample = _try_registration(sample, sure=False) or sample
-    found = _explain_registered(sample, before, links)
-    return _describe(before, found, REGISTRATION) if found else None
+    sample = try_registration(sample, sure=False) or sample
+    found = _explain_registered(
+        sample,
+        before,
+        links,
+    )
+    if not found:
+        return None
+    return _describe(
+        before,
+        found,
+        REGISTRATION,
+    )
 
 
 def _explain_stated(problem: Problem, before: float, links: bool) -> list[Explanation]:
     """Explain the positions with frame and target as the study states them."""
     limit = before / MIN_IMPROVEMENT
-    is_far = before > FAR_SHARE * problem.reach_mm
-    tried = [_move_tool(problem)] if is_far else []
+    far = FAR_SHARE * problem.reach_mm
+    is_far = before > far
+    tried = []
+    if is_far:
+        moved_tool = move_tool(problem)
+        tried.append(moved_tool)
     robot = problem.robot
-    simple = (*list_joint_mistakes(robot), *list_position_mistakes(robot.n, True))
-    tried += [Explanation(m, _compute_explained(_apply(problem, m))) for m in simple]
-    found = _select_best(tried, limit)
+    of_joints = list_joint_mistakes(robot)
+    of_positions = list_position_mistakes(robot.n, True)
+    for mistake in (*of_joints, *of_positions):
+        corrected = apply_correction(problem, mistake)
+        left = compute_explained(corrected)
+        tried.append(Explanation(mistake, left))
+    found = select_best(tried, limit)
     if not found:
-        offsets = _fit_offsets(problem, False, links)
-        found = _select_best(
-            [Explanation(m, _assess_arm(problem, arm)) for m, arm in offsets], limit
-        )
+        assessed = []
+        for mistake, arm in _fit_offsets(problem, False, links):
+            left = assess_arm(problem, arm)
+            assessed.append(Explanation(mistake, left))
+        found = select_best(assessed, limit)
     if not found and is_far:
         found = _explain_by_registration(problem, limit)
     return found
 
 
 def _explain_by_registration(problem: Problem, limit: float) -> list[Explanation]:
-    registered = _try_registration(problem)
-    left = np.inf if registered is None else _compute_explained(registered)
-    return [Explanation(REGISTER, left)] if left <= limit else []
+    registered = try_registration(problem)
+    if registered is None:
+        return []
+    left = compute_explained(registered)
+    if left <= limit:
+        return [Explanation(REGISTER, left)]
+    return []
 
 
 def _explain_registered(problem: Problem, before: float, links: bool) -> list[Explanation]:
     """Explain the positions with frame and target found: by one simple mistake, one offset, two
     simple mistakes, or several offsets."""
-    limit, far = before / MIN_IMPROVEMENT, FAR_SHARE * problem.reach_mm
+    limit = before / MIN_IMPROVEMENT
+    far = FAR_SHARE * problem.reach_mm
     tried = _try_mistakes(problem, 1)
-    offsets = _fit_offsets(problem, True, links)
-    tried += _assess_offsets(problem, offsets, _find_least(_select_best(tried, limit)))
-    best = _select_best(tried, limit)
-    has_rows = len(np.unique(problem.data.block)) >= 2 * MIN_CONFIGURATIONS
-    if before <= far or _find_least(best) <= far or not has_rows:
+    offsets = _fit_offsets(
+        problem,
+        True,
+        links,
+    )
+    simple = find_least_left(select_best(tried, limit))
+    tried += _assess_offsets(
+        problem,
+        offsets,
+        simple,
+    )
+    best = select_best(tried, limit)
+    configurations = len(np.unique(problem.data.block))
+    has_few = configurations < 2 * MIN_CONFIGURATIONS
+    if before <= far or find_least_left(best) <= far or has_few:
         return best
     tried += _try_mistakes(problem, 2)
-    best = _select_best(tried, limit)
-    if _find_least(best) <= far:
+    best = select_best(tried, limit)
+    if find_least_left(best) <= far:
         return best
-    good = min(limit, BAD_SHARE * problem.reach_mm)
-    several = fit_several(problem, good, [arm for _, arm in offsets], links)
-    tried += [Explanation(m, _assess_arm(problem, arm)) for m, arm in several]
-    return _select_best(tried, limit)
+    several = fit_several(
+        problem,
+        good=min(limit, BAD_SHARE * problem.reach_mm),
+        first=[arm for _, arm in offsets],
+        links=links,
+    )
+    for mistake, arm in several:
+        left = assess_arm(problem, arm)
+        tried.append(Explanation(mistake, left))
+    return select_best(tried, limit)
 
 
 def _assess_offsets(
@@ -156,121 +196,68 @@ def _assess_offsets(
     """Assess fitted offsets; right angles only where they fit clearly better than `simple` [mm],
     what the simple mistakes leave."""
     for mistake, arm in offsets:
-        limit = simple / RIGHT_ANGLE_FACTOR if arm.has_right_angles() else np.inf
-        left = _assess_arm(problem, arm)
+        limit = np.inf
+        if arm.has_right_angles():
+            limit = simple / RIGHT_ANGLE_FACTOR
+        left = assess_arm(problem, arm)
         if left < limit:
             yield Explanation(mistake, left)
 
 
 def _fit_offsets(problem: Problem, set_up: bool, links: bool) -> list[tuple[Mistake, Arm]]:
     """Fit one joint's zero or, with `links`, one link at a time."""
-    zeros = list(fit_each_zero(problem, set_up))
-    return [*zeros, *fit_each_link(problem, set_up)] if links else zeros
+    fitted = list(fit_each_zero(problem, set_up))
+    if links:
+        fitted += fit_each_link(problem, set_up)
+    return fitted
 
 
 def _describe(before: float, found: Sequence[Explanation], also: str = "") -> str:
-    after = _find_least(found)
+    after = find_least_left(found)
     looks = dict.fromkeys(mistake.look for mistake, _ in found)
+    remedy = ", or ".join(looks)
     words = ", or if ".join(mistake.words for mistake, _ in found)
+    improvement = describe_improvement(before, after)
+    left_before = _format_length(before)
+    left_after = _format_length(after)
     return (
-        f"The positions fit {describe_improvement(before, after)} ({_format_length(after)} instead "
-        f"of {_format_length(before)}, median) if {also}{words}: {', or '.join(looks)}."
+        f"The positions fit {improvement} "
+        f"({left_after} instead of {left_before}, median) "
+        f"if {also}{words}: {remedy}."
     )
 
 
 def _format_length(value: float) -> str:
-    return f"{value:.0f} mm" if value >= 100 else f"{value:.2g} mm"
-
-
-def _compute_left(problem: Problem) -> float:
-    """Compute the median distance that is left [mm]."""
-    return float(np.median(np.linalg.norm(residuals(problem), axis=1)))
-
-
-def _compute_explained(problem: Problem) -> float:
-    """Compute the median distance that is left [mm]; infinite where it is much of the positions'
-    spread, because positions that hardly move fit anything."""
-    x, left = problem.data.position, _compute_left(problem)
-    spread = float(np.median(np.linalg.norm(x - np.median(x, axis=0), axis=1)))
-    return left if left <= MAX_SPREAD_SHARE * spread else np.inf
-
-
-def _try_registration(problem: Problem, sure: bool = True) -> Problem | None:
-    """Register a problem anew, with the target anywhere near the flange; None where the rows do not
-    determine it (`sure`: or determine it poorly)."""
-    bare = replace(problem, tools=np.zeros_like(problem.tools))
-    use = np.ones(len(problem), bool)
-    try:
-        registered = register(bare, use, per_group=False)
-    except (DataError, NotEstimable):
-        return None
-    return None if sure and _is_weak(registered) else registered
-
-
-def _is_weak(problem: Problem) -> bool:
-    """Return whether the rows of a registered problem determine its placement poorly."""
-    use, expected = np.ones(len(problem), bool), np.zeros_like(problem.tools)
-    notes = note_undetermined(problem, use, False, expected)
-    return "registration-weak" in {note.code for note in notes}
-
-
-def _assess_arm(problem: Problem, arm: Arm) -> float:
-    """Compute what an arm that is not nominal explains; infinite where the rows do not determine its
-    set-up."""
-    applied = arm.apply(problem)
-    return np.inf if _is_weak(applied) else _compute_explained(applied)
-
-
-def _apply(problem: Problem, mistake: Mistake) -> Problem:
-    """Apply the correction of a mistake."""
-    q = problem.data.q @ mistake.A.T + mistake.c
-    position = problem.data.position @ mistake.B.T
-    return replace(problem, data=replace(problem.data, q=q, position=position))
-
-
-def _find_least(explanations: Sequence[Explanation]) -> float:
-    return min((left for _, left in explanations), default=np.inf)
-
-
-def _select_best(tried: Sequence[Explanation], limit: float) -> list[Explanation]:
-    """Select the mistakes that leave least, best first: those within the limit and as good as the
-    best, of the fewest parts."""
-    most = min(limit, EQUAL_FACTOR * _find_least(tried))
-    good = [explanation for explanation in tried if explanation.left <= most]
-    fewest = min((mistake.parts for mistake, _ in good), default=0)
-    simplest = [explanation for explanation in good if explanation.mistake.parts == fewest]
-    return sorted(simplest, key=lambda explanation: explanation.left)[:MAX_NAMED]
-
-
-def _move_tool(problem: Problem) -> Explanation:
-    """Move the target on the flange to where most rows have it (median)."""
-    R, t = problem.placement
-    group = problem.data.group
-    flange = pose(problem.robot, problem.data.q, np.zeros(3))
-    base = np.einsum("mji,mj->mi", R[group], problem.data.position - t[group])
-    on_flange = np.einsum("aim,mi->ma", flange.axes[-1, :3], base - flange.target.T)
-    offset = np.median(on_flange, axis=0)
-    moved = replace(problem, tools=np.tile(offset, (len(problem.tools), 1)))
-    name = problem.data.targets[problem.data.target[0]]
-    target = f"target {name}" if len(problem.tools) > 1 else "the target"
-    coordinates = ", ".join(f"{value:.1f}" for value in offset)
-    words = f"{target} sits at {coordinates} mm on the flange"
-    mistake = replace(NOTHING, words=words, look="check tool_mm in the study")
-    return Explanation(mistake, _compute_explained(moved))
+    digits = ".0f" if value >= 100 else ".2g"
+    number = format(value, digits)
+    return f"{number} mm"
 
 
 def _try_mistakes(problem: Problem, count: int) -> list[Explanation]:
     """Try up to `count` mistakes at once: register those that do best in the linear solution."""
     joints = _list_combinations(problem, count)
     score, factor = score_linearly(problem, joints)
-    is_good = score <= EQUAL_FACTOR * score.min()
-    parts = np.where(is_good, [mistake.parts for mistake in joints], np.inf)
+    most = EQUAL_FACTOR * score.min()
+    parts = np.where(
+        score <= most,
+        [mistake.parts for mistake in joints],
+        np.inf,
+    )
+    likeliest = np.lexsort((score, parts))
     explanations = []
-    for k in np.lexsort((score, parts))[:MAX_REGISTERED]:
-        for mistake in _generate_with_positions(problem, joints[k], float(factor[k]), count):
-            registered = _try_registration(_apply(problem, mistake))
+    for k in likeliest[:MAX_REGISTERED]:
+        tried = _generate_with_positions(
+            problem,
+            joints[k],
+            float(factor[k]),
+            count,
+        )
+        for mistake in tried:
+            corrected = apply_correction(problem, mistake)
+            registered = try_registration(corrected)
             if registered is not None:
-                explanations.append(Explanation(mistake, _compute_explained(registered)))
+                left = compute_explained(registered)
+                explanations.append(Explanation(mistake, left))
     return explanations
 
 
@@ -280,10 +267,19 @@ def _list_combinations(problem: Problem, count: int) -> list[Mistake]:
     n = problem.robot.n
     singles = list(list_joint_mistakes(problem.robot))
     if count == 1:
-        nothing = replace(NOTHING, A=np.eye(n), c=np.zeros(n), parts=0)
+        nothing = replace(
+            NOTHING,
+            A=np.eye(n),
+            c=np.zeros(n),
+            parts=0,
+        )
         return [nothing, *singles]
-    pairs = (first.then(second) for first, second in combinations(singles, 2))
-    return [*singles, *pairs, *list_reversed_joints(n)]
+    pairs = []
+    for first, second in combinations(singles, 2):
+        pair = first.then(second)
+        pairs.append(pair)
+    reversed_joints = list_reversed_joints(n)
+    return [*singles, *pairs, *reversed_joints]
 
 
 def _generate_with_positions(
@@ -291,12 +287,18 @@ def _generate_with_positions(
 ) -> Iterator[Mistake]:
     """Generate a mistake of the readings alone and, if it may have another part, with mistakes of
     the positions whose scale is near the affine map's `factor`."""
-    if joint.parts:
+    has_joint = joint.parts > 0
+    if has_joint:
         yield joint
     if joint.parts >= count:
         return
-    scales = (*(unit.scale for unit in SCALES), -1.0)
-    for mistake, scale in zip(list_position_mistakes(problem.robot.n, False), scales, strict=True):
-        has_same_sign = factor * scale > 0
-        if has_same_sign and abs(np.log(factor / scale)) < NEAR_SCALE:
-            yield joint.then(mistake) if joint.parts else mistake
+    n = problem.robot.n
+    scales = [unit.scale for unit in SCALES]
+    scales.append(-1.0)
+    mistakes = list_position_mistakes(n, False)
+    for mistake, scale in zip(mistakes, scales, strict=True):
+        if factor * scale <= 0:
+            continue
+        difference = abs(np.log(factor / scale))
+        if difference < NEAR_SCALE:
+            yield joint.then(mistake) if has_joint else mistake

@@ -27,15 +27,22 @@ def describe_offsets(problem: Problem, zeros: Array, links: Array) -> Mistake | 
     """Describe zeros (n,) and links (n, 3) that are off, without those that are too small to be a
     mistake; None where none is left."""
     robot = problem.robot
-    of_zeros = {j: _describe_zero(robot, j, zero) for j, zero in enumerate(zeros)}
-    named_zeros = {j: words for j, words in of_zeros.items() if words}
-    of_links = [_describe_link(j, link) for j, link in enumerate(links)]
-    named_links = [words for words in of_links if words]
-    words = [*named_zeros.values(), *named_links]
+    wrong = []
+    words = []
+    for j, zero in enumerate(zeros):
+        of_zero = _describe_zero(robot, j, zero)
+        if of_zero:
+            wrong.append(j)
+            words.append(of_zero)
+    looks = _list_looks(problem, wrong)
+    for j, link in enumerate(links):
+        of_link = _describe_link(j, link)
+        if of_link:
+            words.append(of_link)
     if not words:
         return None
-    looks = _list_looks(problem, list(named_zeros))
-    if named_links:
+    has_link = len(words) > len(wrong)
+    if has_link:
         looks.append(CHECK_ROBOT if len(words) > 1 else CHECK_FILE)
     return Mistake(
         words=" and ".join(words),
@@ -50,16 +57,21 @@ def describe_offsets(problem: Problem, zeros: Array, links: Array) -> Mistake | 
 def _describe_zero(robot: Robot, j: int, zero: float) -> str:
     """Describe a joint's zero; empty where it is too small."""
     if robot.prismatic[j]:
-        offset, smallest, unit, sign = zero, MIN_MM, "mm", " mm"
+        offset = zero
+        smallest = MIN_MM
+        unit, sign = "mm", " mm"
     else:
-        offset = np.degrees((zero + np.pi) % (2 * np.pi) - np.pi)
-        smallest, unit, sign = MIN_DEGREES, "degrees", "°"
-    if abs(offset) < smallest:
+        turn = 2 * np.pi
+        wrapped = (zero + np.pi) % turn - np.pi
+        offset = np.degrees(wrapped)
+        smallest = MIN_DEGREES
+        unit, sign = "degrees", "°"
+    size = abs(offset)
+    if size < smallest:
         return ""
     change = "added to" if offset > 0 else "subtracted from"
     return (
-        f"joint {j + 1}'s zero is off by {abs(offset):.1f} {unit} "
-        f"({abs(offset):.1f}{sign} is {change} q{j + 1})"
+        f"joint {j + 1}'s zero is off by {size:.1f} {unit} ({size:.1f}{sign} is {change} q{j + 1})"
     )
 
 
@@ -93,5 +105,8 @@ def _list_looks(problem: Problem, wrong: Sequence[int]) -> list[str]:
 
 
 def _name_joints(joints: Sequence[int]) -> str:
-    names = sentence_list([str(j + 1) for j in joints])
-    return f"joint {names}" if len(joints) == 1 else f"joints {names}"
+    names = [str(j + 1) for j in joints]
+    listed = sentence_list(names)
+    if len(names) == 1:
+        return f"joint {listed}"
+    return f"joints {listed}"

@@ -32,7 +32,11 @@ SHIFTS = (1, -1, 2, -2)
 
 def describe_improvement(before: float, after: float) -> str:
     """Describe how much better something fits."""
-    return f"{before / after:.0f} times better" if before < FAR_BETTER * after else "far better"
+    is_near = before < FAR_BETTER * after
+    if is_near:
+        factor = before / after
+        return f"{factor:.0f} times better"
+    return "far better"
 
 
 def compute_registered_misfit(problem: Problem) -> float:
@@ -46,36 +50,64 @@ def compute_registered_misfit(problem: Problem) -> float:
 
 
 def _compute_median(problem: Problem) -> float:
-    offset = residuals(problem)[:, :3]
-    distance = np.linalg.norm(offset, axis=1)
+    residual = residuals(problem)
+    offset = residual[:, :3]
+    distance = np.linalg.norm(
+        offset,
+        axis=1,
+    )
     return float(np.median(distance))
 
 
 def sample_positions(problem: Problem, use: Mask, one_group: bool = True) -> Problem | None:
     """Sample at most MAX_ROWS measured positions of one target (and of `one_group`), spread over the
     rows `use` (mask); None where there are too few configurations."""
-    rows = select_most_frequent(problem, use, one_group)
-    if len(rows):
-        spread = np.linspace(0, len(rows) - 1, min(len(rows), MAX_ROWS)).astype(int)
-        rows = rows[np.unique(spread)]
-    if _count_configurations(problem, rows) < MIN_CONFIGURATIONS:
+    rows = select_most_frequent(
+        problem,
+        use,
+        one_group,
+    )
+    count = len(rows)
+    if count:
+        chosen = min(count, MAX_ROWS)
+        spread = np.linspace(
+            0,
+            count - 1,
+            chosen,
+        )
+        places = spread.astype(int)
+        rows = rows[np.unique(places)]
+    configurations = _count_configurations(problem, rows)
+    if configurations < MIN_CONFIGURATIONS:
         return None
-    return problem.take(rows).plain_points()
+    sample = problem.take(rows)
+    return sample.plain_points()
 
 
 def select_most_frequent(problem: Problem, use: Mask, one_group: bool = True) -> Index:
     """Select the points among the rows `use` (mask) of the target, and of the group, that most of
     them have."""
     data = problem.data
-    rows = np.flatnonzero(use if data.gauges is None else use & data.gauges.of("point"))
-    for numbers in (data.target, data.group) if one_group else (data.target,):
-        if len(rows):
-            rows = rows[numbers[rows] == np.bincount(numbers[rows]).argmax()]
+    if data.gauges is not None:
+        use = use & data.gauges.of("point")
+    rows = np.flatnonzero(use)
+    numbered = [data.target]
+    if one_group:
+        numbered.append(data.group)
+    for numbers in numbered:
+        if not len(rows):
+            break
+        of_rows = numbers[rows]
+        counts = np.bincount(of_rows)
+        most_frequent = counts.argmax()
+        rows = rows[of_rows == most_frequent]
     return rows
 
 
 def _count_configurations(problem: Problem, rows: Index) -> int:
-    return len(np.unique(problem.data.block[rows]))
+    block = problem.data.block
+    configurations = np.unique(block[rows])
+    return len(configurations)
 
 
 def describe_other_robot(
@@ -116,20 +148,27 @@ def describe_shifted_rows(
     """Describe by how many rows positions and readings are shifted against each other; None where no
     shift fits better."""
     rows = select_most_frequent(problem, use)
-    if _count_configurations(problem, rows) < MIN_CONFIGURATIONS:
+    configurations = _count_configurations(problem, rows)
+    if configurations < MIN_CONFIGURATIONS:
         return None
-    ordered = problem.take(rows[:MAX_ORDERED_ROWS]).plain_points()
+    first_rows = rows[:MAX_ORDERED_ROWS]
+    ordered = problem.take(first_rows).plain_points()
     least = BAD_SHARE * problem.reach_mm
     if _compute_median(ordered) < least:
         return None
     before = compute_registered_misfit(ordered)
     if before < least:
         return None
-    tried = [(compute_registered_misfit(_shift_positions(ordered, k)), k) for k in shifts]
+    tried = []
+    for shift in shifts:
+        shifted = _shift_positions(ordered, shift)
+        misfit = compute_registered_misfit(shifted)
+        tried.append((misfit, shift))
     after, k = min(tried, key=lambda trial: trial[0])
     if not after <= before / MIN_IMPROVEMENT:
         return None
-    plural, direction = "s" if abs(k) > 1 else "", "down" if k > 0 else "up"
+    plural = "s" if abs(k) > 1 else ""
+    direction = "down" if k > 0 else "up"
     return (
         f"The positions fit {describe_improvement(before, after)} ({after:.2g} mm instead of "
         f"{before:.3g} mm, median) if each row's readings go with the position {abs(k)} "
@@ -140,7 +179,13 @@ def describe_shifted_rows(
 def _shift_positions(problem: Problem, k: int) -> Problem:
     """Give every row the position k rows further down, without the rows that have none."""
     count = len(problem)
-    position = np.roll(problem.data.position, -k, 0)
-    shifted = replace(problem, data=replace(problem.data, position=position))
+    position = np.roll(
+        problem.data.position,
+        -k,
+        axis=0,
+    )
+    data = replace(problem.data, position=position)
+    shifted = replace(problem, data=data)
     source = np.arange(count) + k
-    return shifted.take((source >= 0) & (source < count))
+    exists = (source >= 0) & (source < count)
+    return shifted.take(exists)

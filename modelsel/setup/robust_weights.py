@@ -12,21 +12,32 @@ MEDIANS = 3.0
 
 def compute_scale(size: Array, least: float) -> float:
     """Compute the scale of the weights from lengths of residuals: MEDIANS medians, or `least`."""
-    return max(MEDIANS * float(np.median(size)), least)
+    median = float(np.median(size))
+    scale = MEDIANS * median
+    return max(scale, least)
 
 
 def compute_cauchy_weights(size: Array, scale: Array | float) -> Array:
     """Compute weights 1 / (1 + (size / scale)²): of a row far off, its square has a weight of 1."""
-    return np.asarray(1 / (1 + (size / scale) ** 2))
+    ratio = size / scale
+    influence = 1 + ratio**2
+    weights = 1 / influence
+    return np.asarray(weights)
 
 
 def compute_redescending_weights(size: Array, scale: Array | float) -> Array:
     """Compute weights 1 / (1 + (size / scale)²)²: a row far off has no influence (Geman & McClure
     1985)."""
-    return np.asarray(1 / (1 + (size / scale) ** 2) ** 2)
+    ratio = size / scale
+    influence = 1 + ratio**2
+    weights = 1 / influence**2
+    return np.asarray(weights)
 
 
 def compute_redescending_loss(square: Array, scale: float) -> tuple[Array, Array]:
     """Compute (losses, weights) of the redescending loss from squared lengths of residuals."""
     ratio = square / scale**2
-    return square / (1 + ratio), 1 / (1 + ratio) ** 2
+    influence = 1 + ratio
+    losses = square / influence
+    weights = 1 / influence**2
+    return losses, weights

@@ -11,19 +11,12 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import sentence_list
-from ..fitting.problem import Problem
-from ..robot.kinematics import Robot, pose
-from .robust_weights import MEDIANS, compute_redescending_weights
+from ..robot.kinematics import Robot
 
-REWEIGHTINGS = 8
-# mistakes that are scored in one block of the linear solution
-BLOCK = 64
 DEGREE = np.pi / 180
 RIGHT_ANGLES = (90, -90, 180)
 # joints up to which every choice of reversed joints is tried
 MAX_REVERSIBLE = 8
-MIN_SPAN_MM = 1e-6
-MIN_SCALE_MM = 1e-6
 
 
 @dataclass(frozen=True)
@@ -70,12 +63,15 @@ class Mistake:
 
     def then(self, other: Mistake) -> Mistake:
         """Combine both corrections, this one first."""
-        same_look = other.look == self.look
+        look = self.look
+        if other.look != look:
+            look = f"{look}, and {other.look}"
+        shift = other.A @ self.c
         return Mistake(
             words=f"{self.words} and {other.words}",
-            look=self.look if same_look else f"{self.look}, and {other.look}",
+            look=look,
             A=other.A @ self.A,
-            c=other.A @ self.c + other.c,
+            c=shift + other.c,
             B=other.B @ self.B,
             parts=self.parts + other.parts,
         )
@@ -92,52 +88,87 @@ REGISTER = replace(
 def _change_readings(words: str, look: str, A: Array, c: Array | None = None) -> Mistake:
     if c is None:
         c = np.zeros(len(A))
-    return Mistake(words, look, A, c, B=np.eye(3))
+    return Mistake(
+        words,
+        look,
+        A,
+        c,
+        B=np.eye(3),
+    )
 
 
 def _change_positions(words: str, look: str, B: Array, joints: int) -> Mistake:
-    return Mistake(words, look, np.eye(joints), np.zeros(joints), B)
+    return Mistake(
+        words,
+        look,
+        A=np.eye(joints),
+        c=np.zeros(joints),
+        B=B,
+    )
 
 
 def list_joint_mistakes(robot: Robot) -> Iterator[Mistake]:
     """List mistakes of the readings: one joint's direction, zero, unit, or what it is counted from;
     two joints' columns; all units, all columns."""
-    n, turns = robot.n, [not slides for slides in robot.prismatic]
+    n = robot.n
+    turns = [not slides for slides in robot.prismatic]
     for j in range(n):
         yield _reverse_joint(j, n, turns[j])
         if turns[j]:
             yield from _generate_zeros(j, n)
         for k in range(j + 1, n):
-            if turns[j] == turns[k]:
+            is_alike = turns[j] == turns[k]
+            if is_alike:
                 yield _exchange_columns(j, k, n)
-        if j and turns[j] and turns[j - 1]:
+        has_turn_before = j > 0 and turns[j - 1]
+        if has_turn_before and turns[j]:
             yield from _generate_couplings(j, n)
     yield from _generate_angle_units(turns)
-    if len(set(turns)) == 1 and n > 2:
-        words = "the joints are counted from the flange"
-        yield _change_readings(words, f"check the order of the columns q1 to q{n}", np.eye(n)[::-1])
+    all_alike = len(set(turns)) == 1
+    if all_alike and n > 2:
+        identity = np.eye(n)
+        yield _change_readings(
+            "the joints are counted from the flange",
+            f"check the order of the columns q1 to q{n}",
+            identity[::-1],
+        )
 
 
 def _reverse_joint(j: int, n: int, turns: bool) -> Mistake:
     A = np.eye(n)
     A[j, j] = -1.0
-    words = f"joint {j + 1} {'turns' if turns else 'moves'} the other way"
-    return _change_readings(words, f"check the sign of q{j + 1} and the robot file's axis", A)
+    verb = "turns" if turns else "moves"
+    return _change_readings(
+        f"joint {j + 1} {verb} the other way",
+        f"check the sign of q{j + 1} and the robot file's axis",
+        A,
+    )
 
 
 def _generate_zeros(j: int, n: int) -> Iterator[Mistake]:
     look = f"check where joint {j + 1} is zero in the controller and in the robot file"
+    identity = np.eye(n)
     for degrees in RIGHT_ANGLES:
         change = "added to" if degrees > 0 else "subtracted from"
-        words = f"{abs(degrees)}° is {change} q{j + 1}"
-        yield _change_readings(words, look, np.eye(n), np.eye(n)[j] * degrees * DEGREE)
+        zeros = identity[j] * degrees * DEGREE
+        yield _change_readings(
+            f"{abs(degrees)}° is {change} q{j + 1}",
+            look,
+            identity,
+            zeros,
+        )
 
 
 def _exchange_columns(j: int, k: int, n: int) -> Mistake:
     order = np.arange(n)
-    order[[j, k]] = k, j
-    words = f"q{j + 1} and q{k + 1} are exchanged"
-    return _change_readings(words, "check the columns of the joint readings", np.eye(n)[order])
+    order[j] = k
+    order[k] = j
+    identity = np.eye(n)
+    return _change_readings(
+        f"q{j + 1} and q{k + 1} are exchanged",
+        "check the columns of the joint readings",
+        identity[order],
+    )
 
 
 def _generate_couplings(j: int, n: int) -> Iterator[Mistake]:
@@ -146,7 +177,11 @@ def _generate_couplings(j: int, n: int) -> Iterator[Mistake]:
         A = np.eye(n)
         A[j, j - 1] = sign
         change = "added to" if sign > 0 else "subtracted from"
-        yield _change_readings(f"q{j} is {change} q{j + 1}", look, A)
+        yield _change_readings(
+            f"q{j} is {change} q{j + 1}",
+            look,
+            A,
+        )
 
 
 def _generate_angle_units(turns: Sequence[bool]) -> Iterator[Mistake]:
@@ -175,90 +210,57 @@ def list_reversed_joints(n: int) -> Iterator[Mistake]:
         for joints in combinations(range(n), size):
             sign = np.ones(n)
             sign[list(joints)] = -1.0
-            names = sentence_list([str(j + 1) for j in joints])
-            words = f"joints {names} turn the other way"
-            yield replace(_change_readings(words, look, np.diag(sign)), parts=size)
+            numbers = [str(j + 1) for j in joints]
+            names = sentence_list(numbers)
+            reversal = _change_readings(
+                f"joints {names} turn the other way",
+                look,
+                np.diag(sign),
+            )
+            yield replace(reversal, parts=size)
 
 
 def list_position_mistakes(n: int, framed: bool) -> Iterator[Mistake]:
     """List mistakes of the positions: units and handedness; axis by axis where the positions are
     said to be in the robot's own frame (`framed`)."""
     for unit in SCALES:
-        B = np.eye(3) * unit.scale
-        yield _change_positions(f"the positions {unit.words}", unit.look, B, n)
+        yield _change_positions(
+            f"the positions {unit.words}",
+            unit.look,
+            np.eye(3) * unit.scale,
+            n,
+        )
     if not framed:
-        yield _change_positions(f"the positions {MIRRORED[0]}", MIRRORED[1], -np.eye(3), n)
+        words, look = MIRRORED
+        yield _change_positions(
+            f"the positions {words}",
+            look,
+            -np.eye(3),
+            n,
+        )
         return
     for axis, other, B in list_axis_changes():
+        words = f"{axis} has the opposite sign"
+        look = f"check the sign of {axis}"
         if other:
-            words, look = f"{axis} and {other} are exchanged", "check the columns of the positions"
-        else:
-            words, look = f"{axis} has the opposite sign", f"check the sign of {axis}"
+            words = f"{axis} and {other} are exchanged"
+            look = "check the columns of the positions"
         yield _change_positions(words, look, B, n)
 
 
 def list_axis_changes() -> Iterator[tuple[str, str, Array]]:
     """List (an axis, the one that it is exchanged with, the change of the positions B (3, 3)); ""
     where its sign changes."""
-    for a, axis in enumerate("xyz"):
-        yield axis, "", np.diag(1 - 2 * np.eye(3)[a])
+    axes = "xyz"
+    identity = np.eye(3)
+    for a, axis in enumerate(axes):
+        sign = 1 - 2 * identity[a]
+        reversal = np.diag(sign)
+        yield axis, "", reversal
         for b in range(a + 1, 3):
             order = np.arange(3)
-            order[[a, b]] = b, a
-            yield axis, "xyz"[b], np.eye(3)[order]
-
-
-def score_linearly(problem: Problem, joints: Sequence[Mistake]) -> tuple[Array, Array]:
-    """Score mistakes of the readings by what an affine map and a target can explain: (misfits (H,),
-    scales (H,)).
-
-    For the readings as each of H mistakes has them, the best affine map from the tracker to frame 0
-    and the best target are found with redescending weights. The misfit is the median distance left,
-    over the mapped positions' own (a map may shrink the world); the scale is the map's, negative
-    where it mirrors."""
-    x = problem.data.position - np.median(problem.data.position, axis=0)
-    span = max(float(np.abs(x).max()), MIN_SPAN_MM)
-    row = np.concatenate([x / span, np.ones((len(problem), 1))], 1)
-    misfits, scales = [], []
-    for start in range(0, len(joints), BLOCK):
-        o, F = _compute_flanges(problem, joints[start : start + BLOCK])
-        misfit, scale = _fit_affine_maps(row, o, F)
-        misfits.append(misfit)
-        scales.append(scale / span)
-    return np.concatenate(misfits), np.concatenate(scales)
-
-
-def _compute_flanges(problem: Problem, joints: Sequence[Mistake]) -> tuple[Array, Array]:
-    """Compute the flange's positions o (H, m, 3) and rotations F (H, m, 3, 3) for the readings as
-    each of H mistakes has them."""
-    shape = len(joints), len(problem)
-    q = np.concatenate([problem.data.q @ joint.A.T + joint.c for joint in joints])
-    flange = pose(problem.robot, q, np.zeros(3))
-    rotation = flange.axes[-1, :3].transpose(2, 1, 0)
-    return flange.target.T.reshape(*shape, 3), rotation.reshape(*shape, 3, 3)
-
-
-def _fit_affine_maps(row: Array, o: Array, F: Array) -> tuple[Array, Array]:
-    """Fit affine maps (H, 4, 3) and targets t (H, 3) with row · map = o + F t, for rows (m, 4):
-    (misfits (H,), cube roots of the maps' determinants (H,))."""
-    count, m = o.shape[:2]
-    y = np.concatenate([o[..., None], F], axis=3).reshape(count, m, 12)
-    weight = np.ones((count, m))
-    for _ in range(REWEIGHTINGS):
-        # the map for the flange's position, and for every axis of the flange
-        weighted = weight[:, None] * row.T
-        maps = np.linalg.pinv(weighted @ row, rcond=1e-12, hermitian=True) @ (weighted @ y)
-        rest = (y - row @ maps).reshape(count, m, 3, 4)
-        o_rest = rest[..., :1].reshape(count, 3 * m, 1)
-        F_rest = rest[..., 1:].reshape(count, 3 * m, 3)
-        # the target that leaves least beyond the maps
-        heavy = np.repeat(weight, 3, axis=1)[:, None] * F_rest.transpose(0, 2, 1)
-        t = -np.linalg.pinv(heavy @ F_rest, rcond=1e-9, hermitian=True) @ (heavy @ o_rest)
-        size = np.linalg.norm((o_rest + F_rest @ t).reshape(count, m, 3), axis=2)
-        median = np.median(size, axis=1)
-        scale = np.maximum(MEDIANS * median, MIN_SCALE_MM)
-        weight = compute_redescending_weights(size, scale[:, None])
-    with_target = np.concatenate([np.ones((count, 1, 1)), t], 1)
-    linear = (maps.reshape(count, 4, 3, 4)[:, :3] @ with_target[:, None])[..., 0]
-    mapped = np.median(np.linalg.norm(row[:, :3] @ linear, axis=2), axis=1)
-    return median / np.maximum(mapped, 1e-9), np.cbrt(np.linalg.det(linear))
+            order[a] = b
+            order[b] = a
+            other = axes[b]
+            exchange = identity[order]
+            yield axis, other, exchange

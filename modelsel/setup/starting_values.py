@@ -59,31 +59,63 @@ def turn_about_lines(sight: Sight, at: Placed) -> Iterator[Placed]:
     fit leaves open."""
     from scipy.spatial.transform import Rotation
 
-    middle = np.array([sight.middle(g) for g in range(sight.groups)])
-    axes = np.array([_find_line(sight.x[sight.group == g]) for g in range(sight.groups)])
+    middles = []
+    directions = []
+    for g in range(sight.groups):
+        in_group = sight.group == g
+        points = sight.x[in_group]
+        middles.append(sight.middle(g))
+        directions.append(_find_line(points))
+    middle = np.array(middles)
+    axes = np.array(directions)
     if not axes.any():
         return
+    from_middle = at.t - middle
     for angle in (np.pi / 2, np.pi, -np.pi / 2):
-        W = Rotation.from_rotvec(angle * axes).as_matrix()
-        t = middle + np.einsum("gij,gj->gi", W, at.t - middle)
-        yield _add_target_rotations(sight, replace(at, R=W @ at.R, t=t))
+        turn = Rotation.from_rotvec(angle * axes)
+        W = turn.as_matrix()
+        offset = np.einsum(
+            "gij,gj->gi",
+            W,
+            from_middle,
+        )
+        turned = replace(
+            at,
+            R=W @ at.R,
+            t=middle + offset,
+        )
+        yield _add_target_rotations(sight, turned)
 
 
 def _find_line(points: Array) -> Array:
     """Find the unit direction (3,) of points (k, 3) that are nearly a line; zero where they are
     not."""
     centred = points - np.median(points, axis=0)
-    _, extent, directions = np.linalg.svd(centred, full_matrices=False)
-    return np.asarray(directions[0] * (extent[1] < THIN * extent[0]))
+    _, extent, directions = np.linalg.svd(
+        centred,
+        full_matrices=False,
+    )
+    is_thin = extent[1] < THIN * extent[0]
+    line = directions[0] * is_thin
+    return np.asarray(line)
 
 
 def _add_target_rotations(sight: Sight, at: Placed) -> Placed:
     """Add the mean rotation of every target frame on the flange, where orientations are measured."""
     if sight.seen is None:
         return at
-    each = np.einsum("mji,mkj,mkl->mil", sight.F, at.R[sight.group], sight.seen)
-    targets = range(len(at.tools))
-    turned = np.stack([_average_rotations(each[sight.target == k]) for k in targets])
+    each = np.einsum(
+        "mji,mkj,mkl->mil",
+        sight.F,
+        at.R[sight.group],
+        sight.seen,
+    )
+    rotations = []
+    for k in range(len(at.tools)):
+        of_target = each[sight.target == k]
+        mean = _average_rotations(of_target)
+        rotations.append(mean)
+    turned = np.stack(rotations)
     return replace(at, turned=turned)
 
 
@@ -91,24 +123,59 @@ def _average_rotations(each: Array) -> Array:
     """Compute the rotation nearest to most of the rotations (k, 3, 3)."""
     weight = np.ones(len(each))
     for _ in range(REWEIGHTINGS):
-        R = nearest_rotation(np.einsum("k,kij->ij", weight, each))
-        size = np.linalg.norm(each - R, axis=(1, 2))
-        weight = compute_redescending_weights(size, compute_scale(size, MIN_SCALE))
+        total = np.einsum("k,kij->ij", weight, each)
+        R = nearest_rotation(total)
+        deviation = np.linalg.norm(
+            each - R,
+            axis=(1, 2),
+        )
+        scale = compute_scale(deviation, MIN_SCALE)
+        weight = compute_redescending_weights(deviation, scale)
     return R
 
 
 def _fill_targets(M: Array, sight: Sight, start: int, columns: Array) -> None:
     """Fill the columns of the targets' offsets (from `start` on) of a design M (m, 3, p) with
     `columns` (m, 3, 3)."""
-    rows, coordinates = np.arange(len(M))[:, None, None], np.arange(3)[:, None]
-    offsets = (start + 3 * sight.target)[:, None, None] + np.arange(3)
-    M[rows, coordinates, offsets] = columns
+    m = len(M)
+    rows = np.arange(m)
+    coordinates = np.arange(3)
+    first = start + 3 * sight.target
+    offsets = first[:, None, None] + coordinates
+    M[
+        rows[:, None, None],
+        coordinates[:, None],
+        offsets,
+    ] = columns
 
 
 def _fill_places(M: Array, sight: Sight) -> None:
     """Fill the columns of one place per group (3 G, the first ones) of a design M (m, 3, p)."""
+    rows = np.arange(len(M))
+    first = 3 * sight.group
     for a in range(3):
-        M[np.arange(len(M)), a, 3 * sight.group + a] = 1.0
+        M[
+            rows,
+            a,
+            first + a,
+        ] = 1.0
+
+
+def _fill_maps(M: Array, sight: Sight, scaled: Array) -> None:
+    """Fill the columns of one affine map per group (12 G, the first ones) of a design M (m, 3, p),
+    for scaled positions (m, 3)."""
+    m = len(scaled)
+    ones = np.ones((m, 1))
+    row = np.concatenate([scaled, ones], axis=1)
+    rows = np.arange(m)[:, None]
+    first = 12 * sight.group[:, None]
+    for a in range(3):
+        columns = first + 4 * a + np.arange(4)
+        M[
+            rows,
+            a,
+            columns,
+        ] = row
 
 
 def _start_from_affine_map(sight: Sight) -> Placed:
@@ -116,35 +183,60 @@ def _start_from_affine_map(sight: Sight) -> Placed:
 
     The targets are solved for as deviations from the expected ones, so that they stay near these
     where the rows leave them open."""
-    groups, targets, m = sight.groups, len(sight.usual), len(sight.x)
+    groups = sight.groups
+    targets = len(sight.usual)
+    m = len(sight.x)
     middle = np.array([sight.middle(g) for g in range(groups)])
     centred = sight.x - middle[sight.group]
-    span = max(float(np.abs(centred).max()), 1.0)
-    row = np.concatenate([centred / span, np.ones((m, 1))], 1)
-    M = np.zeros((m, 3, 12 * groups + 3 * targets))
-    for a in range(3):
-        columns = 12 * sight.group[:, None] + 4 * a + np.arange(4)
-        M[np.arange(m)[:, None], a, columns] = row
-    _fill_targets(M, sight, 12 * groups, -sight.F)
-    solution = _solve_robustly(M, sight.points(sight.usual))
-    maps = solution[: 12 * groups].reshape(groups, 3, 4)
-    to_base = np.array([nearest_rotation(part[:, :3] / span) for part in maps])
-    R = np.ascontiguousarray(to_base.transpose(0, 2, 1))
-    t = np.array(
-        [m - rotation @ part[:, 3] for m, rotation, part in zip(middle, R, maps, strict=True)]
+    largest = float(np.abs(centred).max())
+    span = max(largest, 1.0)
+    of_targets = 12 * groups
+    unknowns = of_targets + 3 * targets
+    M = np.zeros((m, 3, unknowns))
+    _fill_maps(M, sight, centred / span)
+    _fill_targets(
+        M,
+        sight,
+        of_targets,
+        -sight.F,
     )
-    return Placed(R, t, sight.usual + solution[12 * groups :].reshape(targets, 3))
+    solution = _solve_robustly(
+        M,
+        sight.points(sight.usual),
+    )
+    maps = solution[:of_targets].reshape(groups, 3, 4)
+    offsets = solution[of_targets:]
+    R = np.empty((groups, 3, 3))
+    t = np.empty((groups, 3))
+    for g, affine in enumerate(maps):
+        to_base = nearest_rotation(affine[:, :3] / span)
+        R[g] = to_base.T
+        t[g] = middle[g] - R[g] @ affine[:, 3]
+    return Placed(
+        R,
+        t,
+        tools=sight.usual + offsets.reshape(targets, 3),
+    )
 
 
 def _find_pivots(sight: Sight) -> Array:
     """Find targets (T, 3) that stay at one place per group, o_i + F_i t = b: for flanges that turn
     about a point."""
-    groups, targets = sight.groups, len(sight.usual)
-    M = np.zeros((len(sight.x), 3, 3 * groups + 3 * targets))
+    targets = len(sight.usual)
+    of_targets = 3 * sight.groups
+    unknowns = of_targets + 3 * targets
+    M = np.zeros((len(sight.x), 3, unknowns))
     _fill_places(M, sight)
-    _fill_targets(M, sight, 3 * groups, -sight.F)
-    solution = _solve_robustly(M, sight.points(sight.usual))
-    return sight.usual + solution[3 * groups :].reshape(targets, 3)
+    _fill_targets(
+        M,
+        sight,
+        of_targets,
+        -sight.F,
+    )
+    expected = sight.points(sight.usual)
+    solution = _solve_robustly(M, expected)
+    offsets = solution[of_targets:]
+    return sight.usual + offsets.reshape(targets, 3)
 
 
 def _start_from_orientations(sight: Sight) -> Placed | None:
@@ -153,7 +245,8 @@ def _start_from_orientations(sight: Sight) -> Placed | None:
     The rotation from one row to another, seen by the tracker, is that of the flange turned by R
     (hand-eye calibration; Park & Martin 1994); then R F_i t + b = x_i − R o_i is linear. None where
     all rotations have one axis."""
-    groups, targets = sight.groups, len(sight.usual)
+    groups = sight.groups
+    targets = len(sight.usual)
     R = np.empty((groups, 3, 3))
     for g in range(groups):
         rotation = _fit_hand_eye(sight, g)
@@ -161,13 +254,29 @@ def _start_from_orientations(sight: Sight) -> Placed | None:
             return None
         R[g] = rotation
     of_row = R[sight.group]
-    M = np.zeros((len(sight.x), 3, 3 * groups + 3 * targets))
+    of_targets = 3 * groups
+    unknowns = of_targets + 3 * targets
+    M = np.zeros((len(sight.x), 3, unknowns))
     _fill_places(M, sight)
-    _fill_targets(M, sight, 3 * groups, of_row @ sight.F)
-    y = sight.x - np.einsum("mij,mj->mi", of_row, sight.points(sight.usual))
-    solution = _solve_robustly(M, y)
-    b, offset = solution[: 3 * groups], solution[3 * groups :]
-    return Placed(R, b.reshape(groups, 3), sight.usual + offset.reshape(targets, 3))
+    _fill_targets(
+        M,
+        sight,
+        of_targets,
+        of_row @ sight.F,
+    )
+    rotated = np.einsum(
+        "mij,mj->mi",
+        of_row,
+        sight.points(sight.usual),
+    )
+    solution = _solve_robustly(M, sight.x - rotated)
+    b = solution[:of_targets]
+    offsets = solution[of_targets:]
+    return Placed(
+        R,
+        t=b.reshape(groups, 3),
+        tools=sight.usual + offsets.reshape(targets, 3),
+    )
 
 
 def _fit_hand_eye(sight: Sight, g: int) -> Array | None:
@@ -175,38 +284,75 @@ def _fit_hand_eye(sight: Sight, g: int) -> Array | None:
     rotations between them have one axis."""
     seen = np.asarray(sight.seen)
     first, second = _pair_rows(sight, g)
-    a = rotation_vector(np.einsum("mij,mkj->mik", seen[first], seen[second]))
-    b = rotation_vector(np.einsum("mij,mkj->mik", sight.F[first], sight.F[second]))
-    is_trusted = np.linalg.norm(b, axis=1) < MAX_ANGLE
-    if np.linalg.matrix_rank(b[is_trusted], tol=ONE_AXIS * np.sqrt(len(b))) < 2:
+    seen_turns = np.einsum(
+        "mij,mkj->mik",
+        seen[first],
+        seen[second],
+    )
+    flange_turns = np.einsum(
+        "mij,mkj->mik",
+        sight.F[first],
+        sight.F[second],
+    )
+    a = rotation_vector(seen_turns)
+    b = rotation_vector(flange_turns)
+    angle = np.linalg.norm(b, axis=1)
+    is_trusted = angle < MAX_ANGLE
+    least = ONE_AXIS * np.sqrt(len(b))
+    rank = np.linalg.matrix_rank(b[is_trusted], tol=least)
+    if rank < 2:
         return None
     weight = is_trusted.astype(float)
     for _ in range(REWEIGHTINGS):
-        R = nearest_rotation(np.einsum("m,mi,mj->ij", weight, a, b))
-        size = np.linalg.norm(a - b @ R.T, axis=1)
-        weight = is_trusted * compute_cauchy_weights(size, compute_scale(size, MIN_SCALE))
+        covariance = np.einsum(
+            "m,mi,mj->ij",
+            weight,
+            a,
+            b,
+        )
+        R = nearest_rotation(covariance)
+        size = np.linalg.norm(
+            a - b @ R.T,
+            axis=1,
+        )
+        scale = compute_scale(size, MIN_SCALE)
+        weight = is_trusted * compute_cauchy_weights(size, scale)
     return R
 
 
 def _pair_rows(sight: Sight, g: int) -> tuple[Index, Index]:
     """Pair the rows of a group with others of the same target: the next, and one half-way on."""
-    first, second = [], []
-    for k in range(len(sight.usual)):
-        rows = np.flatnonzero((sight.group == g) & (sight.target == k))
-        for shift in {1, len(rows) // 2}:
+    first = []
+    second = []
+    in_group = sight.group == g
+    targets = len(sight.usual)
+    for k in range(targets):
+        is_of_target = sight.target == k
+        rows = np.flatnonzero(in_group & is_of_target)
+        half = len(rows) // 2
+        for shift in {1, half}:
+            other = np.roll(rows, shift)
             first.append(rows)
-            second.append(np.roll(rows, shift))
+            second.append(other)
     return np.concatenate(first), np.concatenate(second)
 
 
 def _solve_robustly(M: Array, y: Array) -> Array:
     """Solve least squares of y (m, 3) on M (m, 3, p) with Cauchy weights per row: up to a third of
     the rows may be gross."""
-    weight = np.ones(len(y))
+    m, _, unknowns = M.shape
+    weight = np.ones(m)
     for _ in range(REWEIGHTINGS):
-        W = weight[:, None, None]
-        design, response = (M * W).reshape(-1, M.shape[2]), (y * W[:, 0]).ravel()
-        solution = np.linalg.lstsq(design, response, rcond=1e-9)[0]
-        size = np.linalg.norm(M @ solution - y, axis=1)
-        weight = compute_cauchy_weights(size, compute_scale(size, MIN_SCALE_MM))
+        of_rows = weight[:, None]
+        design = M * of_rows[:, None]
+        response = y * of_rows
+        solution, *_ = np.linalg.lstsq(
+            design.reshape(-1, unknowns),
+            response.ravel(),
+            rcond=1e-9,
+        )
+        rest = M @ solution - y
+        distance = np.linalg.norm(rest, axis=1)
+        scale = compute_scale(distance, MIN_SCALE_MM)
+        weight = compute_cauchy_weights(distance, scale)
     return np.asarray(solution)

@@ -40,17 +40,25 @@ def describe_swapped_labels(
     Where the targets were found from the rows (`registered`), they are found again with every new
     guess."""
     gauges = problem.data.gauges
-    use = use if gauges is None else use & gauges.of("point")
-    if len(np.unique(problem.data.target[use])) < 2:
+    if gauges is not None:
+        use = use & gauges.of("point")
+    measured = np.unique(problem.data.target[use])
+    if len(measured) < 2:
         return None
     points = problem.take(use).plain_points()
     given = points.data.target
     before = _compute_mean(points, given)
-    left, label = _find_labels(points, before, registered, per_group)
+    left, label = _find_labels(
+        points,
+        before,
+        registered,
+        per_group,
+    )
     if registered:
         label = _prefer_given(given, label)
     is_other = label != given
-    if is_other.sum() < MIN_ROWS or left > before / MIN_IMPROVEMENT:
+    is_single = is_other.sum() < MIN_ROWS
+    if is_single or left > before / MIN_IMPROVEMENT:
         return None
     return _describe(points, label, before, left)
 
@@ -68,22 +76,36 @@ def _find_labels(problem: Problem, before: float, registered: bool, per_group: b
 
 
 def _prefer_given(given: Index, label: Index) -> Index:
-    """Exchange the names of two targets if most rows then have the given one: for targets that were
-    found from the rows, which of the two is which is a choice."""
+    """Exchange the names of two targets if most rows then have the given one.
+
+    For targets that were found from the rows, which of the two is which is a choice."""
     names = np.unique(given)
-    most_differ = (label != given).mean() > 0.5
-    return names.sum() - label if len(names) == 2 and most_differ else label
+    if len(names) != 2:
+        return label
+    share = (label != given).mean()
+    most_differ = share > 0.5
+    return names.sum() - label if most_differ else label
 
 
 def _describe(problem: Problem, label: Index, before: float, after: float) -> str:
-    data, given = problem.data, problem.data.target
-    rows = label != given
-    moves = sorted({(int(a), int(b)) for a, b in zip(given[rows], label[rows], strict=True)})
-    names = sentence_list([f'"{data.targets[a]}" is "{data.targets[b]}"' for a, b in moves])
+    data = problem.data
+    given = data.target
+    is_other = label != given
+    pairs = zip(given[is_other], label[is_other], strict=True)
+    moves = sorted({(int(a), int(b)) for a, b in pairs})
+    names = []
+    for a, b in moves:
+        other = data.targets[b]
+        names.append(f'"{data.targets[a]}" is "{other}"')
+    count = int(is_other.sum())
+    spans = data.where.spans(data.row[is_other])
+    improvement = describe_improvement(before, after)
     return (
-        f"In {int(rows.sum())} of {len(given)} rows targets have each other's names "
-        f"({data.where.spans(data.row[rows])}): {names} there. With the names changed the positions "
-        f"fit {describe_improvement(before, after)} ({after:.2g} mm instead of {before:.3g} mm, "
+        f"In {count} of {len(given)} rows targets have each other's names "
+        f"({spans}): {sentence_list(names)} there. "
+        "With the names changed the positions "
+        f"fit {improvement} "
+        f"({after:.2g} mm instead of {before:.3g} mm, "
         "mean): correct the column target."
     )
 
@@ -91,39 +113,66 @@ def _describe(problem: Problem, label: Index, before: float, after: float) -> st
 def _generate_starts(problem: Problem, before: float) -> Iterator[Index]:
     """Generate the names as given and, where they leave much, those of two targets exchanged from
     the middle of the file on."""
-    given = problem.data.target
+    data = problem.data
+    given = data.target
     yield given
     names = np.unique(given)
-    if before > BAD_SHARE * problem.reach_mm and len(names) == 2:
-        is_late = problem.data.row > np.median(problem.data.row)
-        yield np.where(is_late, names.sum() - given, given)
+    is_bad = before > BAD_SHARE * problem.reach_mm
+    if is_bad and len(names) == 2:
+        middle = np.median(data.row)
+        is_late = data.row > middle
+        exchanged = names.sum() - given
+        yield np.where(
+            is_late,
+            exchanged,
+            given,
+        )
 
 
 def _settle_labels(problem: Problem, label: Index, registered: bool, per_group: bool) -> _Labelling:
     """Give every row the name that it fits best, until none changes any more."""
     names = np.unique(label)
     is_given = (label == problem.data.target).all()
-    at = problem if is_given else _relabel(problem, label, registered, per_group)
+    at = problem
+    if not is_given:
+        at = _relabel(
+            problem,
+            label,
+            registered,
+            per_group,
+        )
     best = _compute_mean(at, label)
     for _ in range(MAX_ROUNDS):
-        again = names[_compute_distances(at)[:, names].argmin(1)]
+        distances = _compute_distances(at)
+        of_names = distances[:, names]
+        nearest = of_names.argmin(1)
+        again = names[nearest]
         if (again == label).all():
             break
-        relabelled = _relabel(problem, again, registered, per_group)
+        relabelled = _relabel(
+            problem,
+            again,
+            registered,
+            per_group,
+        )
         left = _compute_mean(relabelled, again)
         if left >= best:
             break
-        at, label, best = relabelled, again, left
+        at = relabelled
+        label = again
+        best = left
     return _Labelling(best, label)
 
 
 def _relabel(problem: Problem, label: Index, registered: bool, per_group: bool) -> Problem:
     """Give the rows other names, and find the targets again where they were found before."""
-    relabelled = replace(problem, data=replace(problem.data, target=label))
+    data = replace(problem.data, target=label)
+    relabelled = replace(problem, data=data)
     if not registered:
         return relabelled
+    every_row = np.ones(len(problem), bool)
     try:
-        return register(relabelled, np.ones(len(problem), bool), per_group)
+        return register(relabelled, every_row, per_group)
     except (DataError, NotEstimable):
         return relabelled
 
@@ -131,20 +180,41 @@ def _relabel(problem: Problem, label: Index, registered: bool, per_group: bool) 
 def _compute_mean(problem: Problem, label: Index) -> float:
     """Compute the mean distance [mm] of the measured positions from the targets named (m,)."""
     distances = _compute_distances(problem)
-    to_named = distances[np.arange(len(label)), label]
-    return float(to_named.mean())
+    rows = np.arange(len(label))
+    to_named = distances[rows, label]
+    mean = to_named.mean()
+    return float(mean)
 
 
 def _compute_distances(problem: Problem) -> Array:
     """Compute (m, T) distances [mm] from every measured position to where each target would be."""
-    distances = np.empty((len(problem), len(problem.tools)))
+    shape = len(problem), len(problem.tools)
+    distances = np.empty(shape)
     R, t = problem.placement
     for rows in problem.blocks():
-        flange = pose(problem.robot, problem.data.q[rows], np.zeros(3))
-        rotation, group = flange.axes[-1, :3].transpose(2, 1, 0), problem.data.group[rows]
-        offset = problem.data.position[rows] - t[group]
-        base = np.einsum("mji,mj->mi", R[group], offset)
-        tools = np.einsum("mij,tj->mti", rotation, problem.tools)
-        places = flange.target.T[:, None] + tools
-        distances[rows] = np.linalg.norm(base[:, None] - places, axis=2)
+        flange = pose(
+            problem.robot,
+            problem.data.q[rows],
+            np.zeros(3),
+        )
+        axes = flange.axes[-1, :3]
+        rotation = axes.transpose(2, 1, 0)
+        group = problem.data.group[rows]
+        position = problem.data.position[rows]
+        base = np.einsum(
+            "mji,mj->mi",
+            R[group],
+            position - t[group],
+        )
+        offsets = np.einsum(
+            "mij,tj->mti",
+            rotation,
+            problem.tools,
+        )
+        origin = flange.target.T
+        places = origin[:, None] + offsets
+        distances[rows] = np.linalg.norm(
+            base[:, None] - places,
+            axis=2,
+        )
     return distances

@@ -38,9 +38,11 @@ class Checkpoint:
     """
 
     def __init__(self, folder: Path, resume: bool):
-        self.path = folder / HIDDEN / "sampling.npz"
+        identity: dict[str, object] = {}
+        hidden = folder / HIDDEN
+        self.path = hidden / "sampling.npz"
         self.resume = resume
-        self.identity: dict[str, object] = {}
+        self.identity = identity
         self.last_copy = time.monotonic()
 
     def bind(self, provenance: Mapping[str, str]) -> None:
@@ -48,9 +50,14 @@ class Checkpoint:
 
         Raises StudyError where the chain on disk has others.
         """
-        self.identity = {key: provenance[key] for key in IDENTITY if key in provenance}
+        identity = dict[str, object]()
+        for key in IDENTITY:
+            if key in provenance:
+                identity[key] = provenance[key]
+        self.identity = identity
         if self.resume:
-            self._compare(self._read(), self.identity)
+            stored = self._read()
+            self._compare(stored, identity)
 
     def load(self, names: Sequence[str]) -> State | None:
         """Return the chain on disk; None where there is none, or without `resume`.

@@ -106,13 +106,18 @@ def add_alarms_to_errors(notes: Sequence[Note]) -> Iterator[None]:
 
 def load_builtin_robots() -> dict[str, Robot]:
     """Return the built-in robots by name."""
-    return {name: load(name) for name in builtin_names()}
+    names = builtin_names()
+    return {name: load(name) for name in names}
 
 
 def drop_known_faults(faults: Sequence[Fault], notes: Sequence[Note]) -> tuple[Fault, ...]:
     """Return the data faults but those that an alarm reports of the same rows."""
     codes = {note.code for note in notes}
-    unreported = [fault for fault in faults if ALARM_OF_FAULT.get(fault.name) not in codes]
+    unreported = []
+    for fault in faults:
+        alarm = ALARM_OF_FAULT.get(fault.name)
+        if alarm not in codes:
+            unreported.append(fault)
     return tuple(unreported)
 
 
@@ -137,23 +142,36 @@ def check_chosen_model(
     new_notes: list[Note] = []
     if ROWS_MISTAKEN not in codes:
         new_notes += _check_slipped_rows(split, chosen.fit, faults)
-    if not codes & {SETUP_MISTAKE, OTHER_ROBOT}:
+    is_mistaken = SETUP_MISTAKE in codes or OTHER_ROBOT in codes
+    if not is_mistaken:
         new_notes += _check_tolerances(split, chosen.fit)
-    hopeless = _describe_hopeless_fit(split, chosen, floor, [*notes, *new_notes], register)
+    known_notes = [*notes, *new_notes]
+    hopeless = _describe_hopeless_fit(
+        split,
+        chosen,
+        floor,
+        known_notes,
+        register,
+    )
     if hopeless is not None:
-        return (*new_notes, Note(HOPELESS_FIT, hopeless))
-    return (*new_notes, *_check_detection_limit(chosen, floor, limit_mm))
+        note = Note(HOPELESS_FIT, hopeless)
+        return (*new_notes, note)
+    limit_notes = _check_detection_limit(chosen, floor, limit_mm)
+    return (*new_notes, *limit_notes)
 
 
 def _check_slipped_rows(split: Split, fitted: Fit, faults: Sequence[Fault]) -> list[Note]:
-    if (split.outlying & split.estimation).all():
+    outlying = split.outlying
+    is_slipped = outlying & split.estimation
+    if is_slipped.all():
         return []
     fault_rows: list[int] = []
     for fault in faults:
-        fault_rows.extend(fault.rows.tolist())
+        rows = fault.rows.tolist()
+        fault_rows.extend(rows)
     problem = split.problem
     reported = np.isin(problem.data.row, fault_rows)
-    sentences = describe_slips(problem, fitted.residuals, split.outlying, named=reported)
+    sentences = describe_slips(problem, fitted.residuals, outlying, named=reported)
     return [Note(ROWS_MISTAKEN, sentence) for sentence in sentences]
 
 
@@ -163,13 +181,16 @@ def _check_tolerances(split: Split, fitted: Fit) -> list[Note]:
     It names the built-in robot that fits better, if any.
     """
     excesses = []
+    robot = split.problem.robot
     for k in fitted.found.kept:
         term = fitted.terms[k]
-        value, error = float(fitted.theta[k]), float(fitted.standard_errors[k])
+        value = float(fitted.theta[k])
+        error = float(fitted.standard_errors[k])
         tolerance = MAX_TOLERANCE.get(term.unit, np.inf)
         certain_part = abs(value) - MIN_STANDARD_ERRORS * error
-        if _is_link_parameter(term, split.problem.robot.n) and certain_part > tolerance:
-            excesses.append((abs(value) / tolerance, term.symbol, value, error, term.unit))
+        if _is_link_parameter(term, robot.n) and certain_part > tolerance:
+            ratio = abs(value) / tolerance
+            excesses.append((ratio, term.symbol, value, error, term.unit))
     if not excesses:
         return []
     excesses.sort(reverse=True)
@@ -192,23 +213,29 @@ def _check_tolerances(split: Split, fitted: Fit) -> list[Note]:
 
 def _is_link_parameter(term: Term, joints: int) -> bool:
     """Return whether a term is one constant screw between the second and the last joint."""
-    if term.fixture or len(term.screws) != 1:
+    if term.fixture:
         return False
-    screw = term.screws[0]
-    return screw.cause == ONE and 1 < screw.frame <= joints
+    screws = term.screws
+    if len(screws) != 1:
+        return False
+    screw = screws[0]
+    is_on_link = 1 < screw.frame <= joints
+    return screw.cause == ONE and is_on_link
 
 
 def _format_value(value: float, error: float, unit: str) -> str:
     if unit == "rad":
-        value_deg, error_deg = np.degrees(value), np.degrees(error)
+        value_deg = np.degrees(value)
+        error_deg = np.degrees(error)
         return f"{value_deg:.3g} ± {error_deg:.2g}°"
     return f"{value:.4g} ± {error:.2g} {unit}"
 
 
 def _row_noise(floor: Floor) -> float:
     """Return the root mean square length [mm] of the noise of a row."""
-    coordinates = float(np.sqrt(floor.coordinates))
-    return floor.coordinate_mm * coordinates
+    coordinates = np.sqrt(floor.coordinates)
+    length = float(coordinates)
+    return floor.coordinate_mm * length
 
 
 def _check_detection_limit(chosen: Evaluation, floor: Floor, limit_mm: float | None) -> list[Note]:

@@ -26,15 +26,23 @@ def find_joint_ranges(
     It is the range measured; with `limits` that of the robot file, where it gives one; `joints`,
     such as {"q2_deg": (-90, 45)}, go before both. Raises StudyError.
     """
-    ranges = np.stack([data.q.min(0), data.q.max(0)], 1)
+    lower = data.q.min(0)
+    upper = data.q.max(0)
+    ranges = np.stack([lower, upper], 1)
     for k, joint in enumerate(robot.joints):
-        if limits and joint.limits is not None:
-            ranges[k] = joint.limits
+        stated = joint.limits
+        if limits and stated is not None:
+            ranges[k] = stated
     columns = _list_joint_columns(robot)
-    for name, (low, high) in joints.items():
+    for name, bounds in joints.items():
         if name not in columns:
-            raise StudyError(f'"{name}" is no joint of {robot.name}. {suggest(name, columns)}')
-        if not (np.isfinite([low, high]).all() and low <= high):
+            hint = suggest(name, columns)
+            problem = f'"{name}" is no joint of {robot.name}.'
+            raise StudyError(f"{problem} {hint}")
+        low, high = bounds
+        is_finite = np.isfinite(bounds).all()
+        is_range = is_finite and low <= high
+        if not is_range:
             raise StudyError(
                 f"{name}: a joint's range goes from a lower to a higher number, found {low:g} to "
                 f"{high:g}."
@@ -48,8 +56,11 @@ def _list_joint_columns(robot: Robot) -> dict[str, tuple[int, float]]:
     """Return the possible columns of readings: name -> (joint from 0, factor to rad or mm)."""
     columns = {}
     for k, prismatic in enumerate(robot.prismatic):
-        for unit in READING_UNITS[prismatic]:
-            columns[f"q{k + 1}_{unit}"] = (k, UNITS[unit])
+        units = READING_UNITS[prismatic]
+        for unit in units:
+            name = f"q{k + 1}_{unit}"
+            factor = UNITS[unit]
+            columns[name] = (k, factor)
     return columns
 
 
@@ -77,13 +88,18 @@ def draw_pool(
 
 def repeat_for_targets(data: Measurements, targets: Sequence[str]) -> Measurements:
     """Return a pool with a row for each of the study's targets, where it lists none itself."""
-    if len(targets) == 1 or len(data.targets) > 1:
-        return data
     count = len(targets)
-    rows = np.repeat(np.arange(len(data)), count)
-    target = np.tile(np.arange(count), len(data))
+    lists_targets = len(data.targets) > 1
+    if count == 1 or lists_targets:
+        return data
+    configurations = len(data)
+    all_rows = np.arange(configurations)
+    rows = np.repeat(all_rows, count)
+    numbers = np.arange(count)
+    target = np.tile(numbers, configurations)
     repeated = data.take(rows)
-    return replace(repeated, target=target, targets=tuple(targets))
+    names = tuple(targets)
+    return replace(repeated, target=target, targets=names)
 
 
 def draw_approaches(data: Measurements, seed: int) -> Measurements:
@@ -91,11 +107,14 @@ def draw_approaches(data: Measurements, seed: int) -> Measurements:
     codes = [note.code for note in data.notes]
     if "approach-from-order" not in codes:
         return data
-    configurations = int(data.configuration.max()) + 1
+    configuration = data.configuration
+    configurations = int(configuration.max()) + 1
     joints = data.q.shape[1]
+    shape = (configurations, joints)
     rng = generator(seed, "simulate")
-    approach = rng.choice([-1.0, 1.0], (configurations, joints))
-    return replace(data, approach=approach[data.configuration])
+    drawn = rng.choice([-1.0, 1.0], shape)
+    approach = drawn[configuration]
+    return replace(data, approach=approach)
 
 
 def describe_ranges(robot: Robot, limits: bool, joints: Mapping[str, tuple[float, float]]) -> str:

@@ -132,26 +132,34 @@ def run_fleet(
     """
     out = out.resolve()
     rows: dict[str, Row] = {}
+    tasks = fleet.tasks
+    count = len(tasks)
     if options.resume:
-        for task in fleet.tasks:
-            folder = out / task.name
+        for task in tasks:
+            name = task.name
+            folder = out / name
             if _is_finished(task, folder, options):
-                rows[task.name] = _read_row(task.name, folder)
+                rows[name] = _read_row(name, folder)
     if rows:
-        say(f"{len(rows)} of {len(fleet.tasks)} are finished already")
-    waiting = [task for task in fleet.tasks if task.name not in rows]
-    for row in _run_tasks(waiting, out, client, options):
-        rows[row["name"]] = row
-        say(f"{len(rows)} of {len(fleet.tasks)}  {row['name']}: {row['state']}")
+        say(f"{len(rows)} of {count} are finished already")
+    waiting = [task for task in tasks if task.name not in rows]
+    finished = _run_tasks(waiting, out, client, options)
+    for row in finished:
+        name = row["name"]
+        state = row["state"]
+        rows[name] = row
+        say(f"{len(rows)} of {count}  {name}: {state}")
     for part in fleet.parts:
-        folder = out / part.name
+        name = part.name
+        folder = out / name
         try:
             row = fit_measurement_set(part, fleet.folder, folder, client)
         except Exception as error:  # noqa: BLE001 - whatever breaks in one set, the job goes on
-            row = _make_broken_row(part.name, error)
-        rows[part.name] = row
-        say(f"{part.name}: {row['state']}")
-    names = [task.name for task in fleet.tasks]
+            row = _make_broken_row(name, error)
+        rows[name] = row
+        state = row["state"]
+        say(f"{name}: {state}")
+    names = [task.name for task in tasks]
     names += [part.name for part in fleet.parts]
     return [rows[name] for name in names]
 
@@ -195,21 +203,28 @@ def run_task(task: Task, out: str, options: FleetOptions) -> Row:
 def _is_finished(task: Task, folder: Path, options: FleetOptions) -> bool:
     """Return whether a folder holds all of this study: same data, same study, same versions."""
     files = (*WRITES, *REPORTS) if options.reports else WRITES
-    if not all((folder / file).is_file() for file in files):
+    paths = [folder / file for file in files]
+    if not all(path.is_file() for path in paths):
         return False
+    study = task.study
     try:
         record = _read_record(folder)
-        data = find_data(task.study.measurements.file, task.folder).read_bytes()
+        path = find_data(study.measurements.file, task.folder)
+        data = path.read_bytes()
     except (OSError, ValueError):
         return False
     data_sha256 = hashlib.sha256(data).hexdigest()
-    if record.get("provenance") != record_provenance(task.study, data_sha256):
+    provenance = record_provenance(study, data_sha256)
+    if record.get("provenance") != provenance:
         return False
-    return not options.sampling or record.get("sampling") is not None
+    is_sampled = record.get("sampling") is not None
+    return is_sampled or not options.sampling
 
 
 def _read_record(folder: Path) -> dict[str, Any]:
-    text = (folder / "result.json").read_text(encoding="utf-8")
+    path = folder / "result.json"
+    content = path.read_bytes()
+    text = content.decode("utf-8")
     record: dict[str, Any] = json.loads(text)
     return record
 
@@ -244,12 +259,21 @@ def _read_row(name: str, folder: Path) -> Row:
 
 def _make_failed_row(name: str, why: str, code: int) -> Row:
     row: Row = dict.fromkeys(SUMMARY_COLUMNS)
-    texts = {"name": name, "state": "failed", "found": "", "warnings": "", "why": why}
-    return row | texts | {"exit": code}
+    row |= {
+        "name": name,
+        "state": "failed",
+        "found": "",
+        "warnings": "",
+        "why": why,
+        "exit": code,
+    }
+    return row
 
 
 def _make_broken_row(name: str, error: BaseException) -> Row:
-    why = f"internal error: {type(error).__name__}: {error}"
+    kind = type(error).__name__
+    reason = f"{kind}: {error}"
+    why = f"internal error: {reason}"
     return _make_failed_row(name, why, 1)
 
 
@@ -315,8 +339,14 @@ def _find_files_of_set(table: PartsTable, folder: Path) -> list[Path]:
 
 def map_on_workers(client: Any, work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
     """Map work over the items on the workers, results in the items' order; re-raise its errors."""
-    futures = client.map(work, items, pure=False, retries=0)
-    return list(client.gather(futures))
+    futures = client.map(
+        work,
+        items,
+        pure=False,
+        retries=0,
+    )
+    results = client.gather(futures)
+    return list(results)
 
 
 def save_summary(rows: Sequence[Row], out: Path, name: str | None = None) -> list[Path]:
@@ -326,7 +356,8 @@ def save_summary(rows: Sequence[Row], out: Path, name: str | None = None) -> lis
     """
     import pandas as pd
 
-    frame = pd.DataFrame(list(rows), columns=list(SUMMARY_COLUMNS))
+    columns = list(SUMMARY_COLUMNS)
+    frame = pd.DataFrame(list(rows), columns=columns)
     parquet = io.BytesIO()
     frame.to_parquet(parquet, index=False)
     paths = [out / "summary.csv", out / "summary.parquet"]

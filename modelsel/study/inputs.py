@@ -32,11 +32,15 @@ def open_study(study: Study | Path | str, folder: Path | str | None) -> tuple[St
     StudyError.
     """
     if isinstance(study, Study):
-        return study, Path(folder or ".")
+        given = folder or "."
+        return study, Path(given)
     path = Path(study)
+    read = read_study(path)
     if folder is not None:
-        return read_study(path), Path(folder)
-    return read_study(path), path if path.is_dir() else path.parent
+        return read, Path(folder)
+    if path.is_dir():
+        return read, path
+    return read, path.parent
 
 
 def read_nominal_robot(study: Study, folder: Path) -> Robot:
@@ -76,19 +80,23 @@ def check_names(study: Study, robot: Robot, registry: Registry) -> None:
     With `candidates = "all"` every mechanism of the registry must be storable. Raises StudyError
     with all problems at once.
     """
-    names_at = [("model.base", study.model.base)]
-    names_at += [("model.ladder", rung) for rung in study.model.ladder]
-    if study.model.candidates != "all":
-        names_at.append(("model.candidates", list(study.model.candidates)))
+    model = study.model
+    names_at = [("model.base", model.base)]
+    names_at += [("model.ladder", rung) for rung in model.ladder]
+    takes_all = model.candidates == "all"
+    if model.candidates != "all":
+        candidates = list(model.candidates)
+        names_at.append(("model.candidates", candidates))
     problems: list[str] = []
     for place, names in names_at:
         for name in names:
             problems += _find_name_problems(place, name, robot, registry)
-    if study.model.candidates == "all":
+    if takes_all:
         for candidate in every(robot, registry):
             problems += _find_storage_problems(candidate.name, candidate)
     if problems:
-        raise StudyError(*dict.fromkeys(problems))
+        distinct = dict.fromkeys(problems)
+        raise StudyError(*distinct)
 
 
 def _find_name_problems(place: str, name: str, robot: Robot, registry: Registry) -> list[str]:
@@ -101,7 +109,9 @@ def _find_name_problems(place: str, name: str, robot: Robot, registry: Registry)
 
 def _find_storage_problems(name: str, named: Mechanism) -> list[str]:
     reason = unstorable(named)
-    return [] if reason is None else [f"{name}: {reason}"]
+    if reason is None:
+        return []
+    return [f"{name}: {reason}"]
 
 
 def list_candidates(study: Study, robot: Robot, registry: Registry) -> tuple[Mechanism, ...]:
@@ -109,12 +119,16 @@ def list_candidates(study: Study, robot: Robot, registry: Registry) -> tuple[Mec
 
     Data faults come first: of exact twins the first is named.
     """
-    if study.model.candidates in ("all", []):
-        return (*build_faults(robot), *every(robot, registry))
+    named = study.model.candidates
+    if named in ("all", []):
+        faults = build_faults(robot)
+        registered = every(robot, registry)
+        return (*faults, *registered)
     listed: list[Mechanism] = []
-    for name in study.model.candidates:
+    for name in named:
         listed += build_mechanisms(name, robot, registry)
-    return tuple(dict.fromkeys(listed))
+    distinct = dict.fromkeys(listed)
+    return tuple(distinct)
 
 
 def read_inputs(
@@ -128,10 +142,14 @@ def read_inputs(
     robot = read_nominal_robot(study, folder)
     check_names(study, robot, registry)
     source = find_source(study, folder)
-    measured = read_measurements(source, robot.prismatic, study.measurements.columns)
-    measured = apply_known_features(measured, read_known_features(study))
+    columns = study.measurements.columns
+    measured = read_measurements(source, robot.prismatic, columns)
+    features = read_known_features(study)
+    measured = apply_known_features(measured, features)
     registry = set_reference(registry, measured.reference_celsius)
     labels = None
-    if study.split.column is not None:
-        labels = read_labels(source, study.split.column)[measured.row]
+    split_column = study.split.column
+    if split_column is not None:
+        file_labels = read_labels(source, split_column)
+        labels = file_labels[measured.row]
     return robot, registry, measured, labels

@@ -69,12 +69,20 @@ def _count_kinds(data: Measurements) -> dict[str, Any]:
     gauges = data.gauges
     if gauges is None:
         return {}
-    counts = {kind: int(gauges.of(kind).sum()) for kind in KINDS}
+    present = {}
+    for kind in KINDS:
+        count = int(gauges.of(kind).sum())
+        if count:
+            present[kind] = count
     features = []
     for k, feature in enumerate(gauges.features):
-        rows = int((gauges.feature == k).sum())
-        features.append({"name": feature.name, "kind": feature.kind, "rows": rows})
-    present = {kind: count for kind, count in counts.items() if count}
+        is_of_feature = gauges.feature == k
+        counted = {
+            "name": feature.name,
+            "kind": feature.kind,
+            "rows": int(is_of_feature.sum()),
+        }
+        features.append(counted)
     return {"kinds": present, "features": features}
 
 
@@ -109,21 +117,27 @@ def _estimate_noise_floor(data: Measurements) -> dict[str, Any] | None:
 
 def _describe_geometry(robot: Robot, data: Measurements) -> dict[str, Any]:
     """Return what the configurations determine of the geometric model, and what they do not."""
-    tools = np.tile(ASSUMED_TOOL_MM, (len(data.targets), 1))
-    problem = place_features(Problem(robot, data, tools), np.ones(len(data), bool))
+    targets = len(data.targets)
+    tools = np.tile(ASSUMED_TOOL_MM, (targets, 1))
+    all_rows = np.ones(len(data), bool)
+    problem = Problem(robot, data, tools)
+    problem = place_features(problem, all_rows)
     features = () if data.gauges is None else data.gauges.features
     oriented = data.rotation is not None
-    placement = build_setup(robot, len(data.targets), 1, False, oriented, features)
+    placement = build_setup(robot, targets, 1, False, oriented, features)
     model = Model((placement, geometric(robot)))
-    reduction = reduce_problem(problem, model.terms)
-    identified = as_drawn(identify(reduction), problem, model.terms)
+    terms = model.terms
+    reduction = reduce_problem(problem, terms)
+    identified = identify(reduction)
+    identified = as_drawn(identified, problem, terms)
     geometry = {
-        "parameters": len(model.terms),
+        "parameters": len(terms),
         "rank": identified.rank,
         "condition": identified.condition,
     }
+    found = fitted_terms(identified, model)
     groups = []
-    for group in describe_unidentifiable(fitted_terms(identified, model), model.terms):
+    for group in describe_unidentifiable(found, terms):
         parameters = list(group.parameters)
         groups.append({"sentence": group.sentence, "parameters": parameters})
     return {"geometry": geometry, "unidentifiable": groups}
@@ -135,24 +149,27 @@ def _describe_registration(robot: Robot, data: Measurements) -> dict[str, Any]:
     All groups have one placement. Also which simple mistake of the set-up would fit better. Empty
     where too few points are measured.
     """
-    problem = Problem(robot, data, np.zeros((len(data.targets), 3)))
-    is_point = np.ones(len(data), bool) if data.gauges is None else data.gauges.of("point")
-    points = np.flatnonzero(is_point)
+    no_tools = np.zeros((len(data.targets), 3))
+    problem = Problem(robot, data, no_tools)
+    points = np.flatnonzero(data.points)
     step = max(len(points) // MAX_REGISTERED_POINTS, 1)
     use = np.zeros(len(data), bool)
     use[points[::step]] = True
-    if len(np.unique(data.block[use])) < MIN_CONFIGURATIONS:
+    configurations = np.unique(data.block[use])
+    if len(configurations) < MIN_CONFIGURATIONS:
         return {}
     try:
         problem = register(problem, use, per_group=False)
-        distances = np.linalg.norm(residuals(problem.take(use))[:, :3], axis=1)
+        residual = residuals(problem.take(use))
     except (DataError, NotEstimable):
         return {}
+    distances = np.linalg.norm(residual[:, :3], axis=1)
+    median = float(np.median(distances))
     notes = check_setup(problem, use, registered=True, per_group=False)
     mistakes = [note.sentence for note in notes if note.code == SETUP_MISTAKE]
     return {
         "registered": {
-            "median_mm": float(np.median(distances)),
+            "median_mm": median,
             **locate_placements(problem, False),
             "mistake": mistakes[0] if mistakes else None,
             "alarms": list_alarms(notes),
@@ -162,18 +179,25 @@ def _describe_registration(robot: Robot, data: Measurements) -> dict[str, Any]:
 
 def format_inspection(inspection: dict[str, Any]) -> list[str]:
     """Return in words what `inspect_measurements` found, one line per topic."""
-    lines = [_format_counts(inspection)]
+    counts = _format_counts(inspection)
+    lines = [counts]
     if "kinds" in inspection:
-        lines.append(_format_kinds(inspection))
+        kinds = _format_kinds(inspection)
+        lines.append(kinds)
     covariates = ", ".join(inspection["covariates"]) or "none"
-    orientations = "orientations measured" if inspection["orientation"] else "positions only"
+    orientations = "positions only"
+    if inspection["orientation"]:
+        orientations = "orientations measured"
     lines.append(f"Covariates: {covariates}; {orientations}")
     lines += [_format_joint(joint) for joint in inspection["joints"]]
-    lines.append(_format_noise_floor(inspection))
+    noise_floor = _format_noise_floor(inspection)
+    lines.append(noise_floor)
     lines += _format_geometry(inspection)
     if "registered" in inspection:
         lines += _format_registration(inspection["registered"])
-    lines += [f"Note: {warning['sentence']}" for warning in inspection["warnings"]]
+    for warning in inspection["warnings"]:
+        sentence = warning["sentence"]
+        lines.append(f"Note: {sentence}")
     return lines
 
 
@@ -192,14 +216,18 @@ def _format_counts(inspection: dict[str, Any]) -> str:
 def _format_kinds(inspection: dict[str, Any]) -> str:
     names: dict[str, list[str]] = {}
     for feature in inspection["features"]:
-        names.setdefault(feature["kind"], []).append(feature["name"])
+        kind = feature["kind"]
+        names_of_kind = names.setdefault(kind, [])
+        names_of_kind.append(feature["name"])
     parts = []
     for kind, count in inspection["kinds"].items():
         part = f"{count} {kind}"
         if kind in names:
-            part += f" ({_shorten_list(names[kind])})"
+            listed = _shorten_list(names[kind])
+            part += f" ({listed})"
         parts.append(part)
-    return f"Rows by kind: {', '.join(parts)}"
+    counts = ", ".join(parts)
+    return f"Rows by kind: {counts}"
 
 
 def _shorten_list(names: list[str]) -> str:
@@ -243,7 +271,11 @@ def _format_geometry(inspection: dict[str, Any]) -> list[str]:
         f"Geometry: {geometry['rank']} of {geometry['parameters']} parameters can be determined "
         f"(target assumed at {x:g}, {y:g}, {z:g} mm), condition {geometry['condition']:.0f}"
     )
-    return [line, *(f"  {group['sentence']}" for group in inspection["unidentifiable"])]
+    lines = [line]
+    for group in inspection["unidentifiable"]:
+        sentence = group["sentence"]
+        lines.append(f"  {sentence}")
+    return lines
 
 
 def _format_registration(registered: dict[str, Any]) -> list[str]:

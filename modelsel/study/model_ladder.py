@@ -26,7 +26,8 @@ NOMINAL = ("nominal",)  # names of the model without any mechanism
 
 def extends_base(study: Study) -> bool:
     """Return whether anything may extend the base; with `candidates = []` nothing does."""
-    return study.model.candidates != []
+    candidates = study.model.candidates
+    return candidates != []
 
 
 def searches_cells(study: Study) -> bool:
@@ -34,7 +35,8 @@ def searches_cells(study: Study) -> bool:
 
     With `candidates = []` everything is named, although nothing extends the base.
     """
-    return study.model.candidates in ("all", [])
+    candidates = study.model.candidates
+    return candidates in ("all", [])
 
 
 def build_model(
@@ -72,12 +74,16 @@ def choose_constants(candidates: Sequence[Candidate], single_f: Array) -> dict[s
     variants: dict[str, list[int]] = {}
     for k, candidate in enumerate(candidates):
         if candidate.registered:
-            variants.setdefault(candidate.mechanism.name, []).append(k)
+            name = candidate.mechanism.name
+            numbers = variants.setdefault(name, [])
+            numbers.append(k)
     best = {}
     for name, numbers in variants.items():
-        if len(numbers) > 1:
-            strongest = max(numbers, key=lambda k: single_f[k])
-            best[name] = candidates[strongest].mechanism
+        if len(numbers) < 2:
+            continue
+        strongest = max(numbers, key=lambda k: single_f[k])
+        candidate = candidates[strongest]
+        best[name] = candidate.mechanism
     return best
 
 
@@ -85,14 +91,18 @@ def evaluate_steps(split: Split, base: Evaluation, diagnosis: Diagnosis) -> list
     """Evaluate the base and one further model for each effect, in the order they were named."""
     steps = [base]
     effects = [effect.candidate for effect in diagnosis.effects]
+    is_whole = not is_subsampled(diagnosis, split)
     names = base.names
     for count, effect in enumerate(effects, 1):
         names = (*names, effect.label)
-        model = extend_model(diagnosis.base, effects[:count])
+        added = effects[:count]
+        model = extend_model(diagnosis.base, added)
+        is_last = count == len(effects)
         fitted = None
-        if count == len(effects) and not is_subsampled(diagnosis, split):
+        if is_last and is_whole:
             fitted = diagnosis.fit
-        step = evaluate(split, model, names, fitted, start=steps[-1].fit)
+        start = steps[-1].fit
+        step = evaluate(split, model, names, fitted, start=start)
         steps.append(step)
     return steps
 
@@ -112,21 +122,28 @@ def evaluate_ladder(
     """
     base = steps[0]
     problem = split.problem
-    nominal = evaluate(split, build_model(study, problem, registry, ()), NOMINAL)
+    nominal_model = build_model(study, problem, registry, ())
+    nominal = evaluate(split, nominal_model, NOMINAL)
     ladder = [nominal]
-    for names in study.model.ladder or [list(base.names)]:
+    own_rungs = study.model.ladder
+    rungs = own_rungs or [list(base.names)]
+    for names in rungs:
         if tuple(names) == base.names:
             ladder.append(base)
-        else:
-            model = build_model(study, problem, registry, names, constants)
-            ladder.append(evaluate(split, model, names))
+            continue
+        model = build_model(study, problem, registry, names, constants)
+        step = evaluate(split, model, names)
+        ladder.append(step)
 
-    usable_steps = steps if extends_base(study) else steps[:1]
-    present = [_identify(evaluation) for evaluation in ladder]
+    usable_steps = steps
+    if not extends_base(study):
+        usable_steps = [base]
+    present = [_identify(model) for model in ladder]
     ladder += [step for step in usable_steps if _identify(step) not in present]
 
     chosen = usable_steps[-1]
-    others = [model for model in ladder[1:] if _identify(model) != _identify(chosen)]
+    identity = _identify(chosen)
+    others = [model for model in ladder[1:] if _identify(model) != identity]
     return [nominal, *others, chosen]
 
 
@@ -134,8 +151,10 @@ def _identify(
     evaluation: Evaluation,
 ) -> tuple[tuple[str, ...], frozenset[tuple[Screw, ...]]]:
     """Return what makes two models of a ladder the same: their names and what these stand for."""
-    screws = frozenset(term.screws for term in evaluation.fit.terms)
-    return evaluation.names, screws
+    terms = evaluation.fit.terms
+    screws = frozenset(term.screws for term in terms)
+    names = evaluation.names
+    return names, screws
 
 
 def exclude_held_out_outliers(split: Split, ladder: Sequence[Evaluation]) -> Split:
@@ -146,12 +165,15 @@ def exclude_held_out_outliers(split: Split, ladder: Sequence[Evaluation]) -> Spl
     """
     problem = split.problem
     used = split.used
-    measured = None if problem.measured is None else problem.measured[used]
+    measured = problem.measured
+    if measured is not None:
+        measured = measured[used]
     far = ~split.estimation
     for evaluation in ladder[1:]:
         residual = whitened(problem, evaluation.residual)
         reference = residual[used]
-        far = far & find_far_rows(residual, reference, GROSS_THRESHOLD, measured)
+        is_far = find_far_rows(residual, reference, GROSS_THRESHOLD, measured)
+        far = far & is_far
     outlying = np.asarray(split.outlying | far)
     return replace(split, outlying=outlying)
 

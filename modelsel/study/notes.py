@@ -81,7 +81,9 @@ def collect_held_out_notes(
     split: Split, chosen: Evaluation, findings: Sequence[Finding]
 ) -> list[Note]:
     """Return the warnings on findings and on a model that held-out rows speak against."""
-    return [*opposed_finding_notes(findings), *surprise_notes(split, chosen)]
+    opposed = opposed_finding_notes(findings)
+    surprising = surprise_notes(split, chosen)
+    return [*opposed, *surprising]
 
 
 def collect_fit_notes(

@@ -89,7 +89,10 @@ def analyse(
     `labels` (m,) say which rows estimate, where the study names a column for it; `data_sha256` is
     the hash of the measurements' file. Raises StudyError, DataError or NotEstimable.
     """
-    say("registering and splitting" if study.robot.register_ else "splitting")
+    activity = "splitting"
+    if study.robot.register_:
+        activity = "registering and splitting"
+    say(activity)
     split, floor, notes = prepare(study, robot, measured, labels)
     with add_alarms_to_errors(notes):
         return _analyse_prepared(study, registry, split, floor, notes, say, data_sha256)
@@ -206,11 +209,20 @@ def compare_candidates(
     None where no registered candidate may extend it.
     """
     named = [effect.candidate for effect in diagnosis.effects]
+    count = len(candidates)
     most = study.comparison.mechanisms or MAX_CANDIDATES
-    offered, set_aside = choose_strongest(candidates, diagnosis.single_f, named, most)
+    single_f = diagnosis.single_f
+    offered, set_aside = choose_strongest(candidates, single_f, named, most)
     if not offered:
         return None
-    return compare_subsets(split, base.fit, offered, base.names, set_aside, len(candidates))
+    return compare_subsets(
+        split,
+        base.fit,
+        offered,
+        base.names,
+        set_aside,
+        count,
+    )
 
 
 def find_data_faults(
@@ -218,24 +230,36 @@ def find_data_faults(
 ) -> tuple[Fault, ...]:
     """Return the faults among the outlying rows that no note of the preparation reports already."""
     rng = generator(study.seed, "null")
-    faults = find_misplaced_rows(split.problem, split.outlying, chosen.fit, rng)
+    faults = find_misplaced_rows(
+        split.problem,
+        split.outlying,
+        chosen.fit,
+        rng,
+    )
     return drop_known_faults(faults, notes)
 
 
 def resample_held_out(study: Study, split: Split) -> RowResampling:
     """Draw the held-out configurations anew, once for all gains."""
-    held_out = ~split.estimation & ~split.outlying
-    configurations = split.problem.data.block[held_out]
-    rng = generator(study.seed, "gain")
+    is_usual = ~split.outlying
+    held_out = ~split.estimation & is_usual
+    block = split.problem.data.block
+    configurations = block[held_out]
+    seed = study.seed
+    rng = generator(seed, "gain")
     return RowResampling.prepare(configurations, rng)
 
 
 def measure_gain(split: Split, draws: RowResampling, before: Evaluation, after: Evaluation) -> Gain:
     """Measure what one model gains over another on the held-out rows, outliers left out [mm]."""
     held_out = ~split.estimation & ~split.outlying
-    position_before = before.residual[held_out][:, :3]
-    position_after = after.residual[held_out][:, :3]
-    return bootstrap_gain(position_before, position_after, draws)
+    residual_before = before.residual[held_out]
+    residual_after = after.residual[held_out]
+    return bootstrap_gain(
+        residual_before[:, :3],
+        residual_after[:, :3],
+        draws,
+    )
 
 
 def measure_findings(
@@ -243,9 +267,12 @@ def measure_findings(
 ) -> tuple[Finding, ...]:
     """Return a finding for each named effect, with the gain of the step that adds it."""
     findings = []
-    for effect, (before, after) in zip(diagnosis.effects, pairwise(steps), strict=True):
+    steps_by_pairs = pairwise(steps)
+    for effect, pair in zip(diagnosis.effects, steps_by_pairs, strict=True):
+        before, after = pair
         gain = measure_gain(split, draws, before, after)
-        findings.append(Finding(effect, gain))
+        finding = Finding(effect, gain)
+        findings.append(finding)
     return tuple(findings)
 
 
@@ -276,13 +303,17 @@ def choose_noise_floor(split: Split, known: Floor | None, chosen: Evaluation) ->
 
 def list_unidentifiable(fitted: Fit) -> tuple[Unidentifiable, ...]:
     """Return the parameters of a fitted model that the data cannot tell apart."""
-    return describe_unidentifiable(fitted.found, fitted.terms, fitted.leaning)
+    found = fitted.found
+    terms = fitted.terms
+    leaning = fitted.leaning
+    return describe_unidentifiable(found, terms, leaning)
 
 
 def assess_uncertainty(study: Study, split: Split, chosen: Evaluation, say: Say) -> Confidence:
     """Assess the chosen model's parameters, and what each of its mechanisms contributes."""
     say("weighing every mechanism of the chosen model")
-    return assess_confidence(split, chosen.fit, chosen.names, study.seed)
+    names = chosen.names
+    return assess_confidence(split, chosen.fit, names, study.seed)
 
 
 def sample_posterior(

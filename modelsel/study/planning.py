@@ -84,7 +84,8 @@ class MeasurementPlan:
         """Return the plan in words and its configurations, for a notebook."""
         from html import escape
 
-        items = "".join(f"<li>{escape(line)}</li>" for line in format_plan(self))
+        lines = format_plan(self)
+        items = "".join(f"<li>{escape(line)}</li>" for line in lines)
         table = self.to_frame().to_html(index=False, max_rows=20, float_format="%.4f")
         return f"<ul>{items}</ul>{table}"
 
@@ -128,11 +129,11 @@ def _list_other_terms(result: Result, effect: Effect) -> tuple[Term, ...]:
     """Return the chosen model's terms without those that only this effect brings."""
     fitted = result.models.chosen.fit
     effect_mechanism = effect.candidate.mechanism
-    own_screws = {term.screws for term in effect_mechanism.terms}
+    effect_keys = {term.key for term in effect_mechanism.terms}
     for other in fitted.model.mechanisms:
         if other != effect_mechanism:
-            own_screws -= {term.screws for term in other.terms}
-    return tuple(term for term in fitted.terms if term.screws not in own_screws)
+            effect_keys -= {term.key for term in other.terms}
+    return tuple(term for term in fitted.terms if term.key not in effect_keys)
 
 
 def choose_configurations(
@@ -235,8 +236,12 @@ def _estimate_learning(
     """Return (size [mm rms], further configurations needed to find an effect of it)."""
     if limit_mm is None:
         return ()
-    sizes = [share * limit_mm for share in LEARNING_SIZES]
-    return tuple((size, count_more_needed(limit_mm, configurations, size)) for size in sizes)
+    learning = []
+    for share in LEARNING_SIZES:
+        size = share * limit_mm
+        more = count_more_needed(limit_mm, configurations, size)
+        learning.append((size, more))
+    return tuple(learning)
 
 
 def tabulate_configurations(
@@ -250,16 +255,24 @@ def tabulate_configurations(
     `units` of the joint readings: by default the robot's own.
     """
     robot = calibration.robot
+    joints = range(robot.n)
     _, first = np.unique(possible.configuration, return_index=True)
-    chosen = possible.take(first[list(rows)])
-    units = units or [robot.unit(j + 1) for j in range(robot.n)]
+    numbers = list(rows)
+    chosen_rows = first[numbers]
+    chosen = possible.take(chosen_rows)
+    q, approach = chosen.q, chosen.approach
+    if not units:
+        units = [robot.unit(j + 1) for j in joints]
     columns: dict[str, Array] = {}
     for j, unit in enumerate(units):
-        column = f"q{j + 1}_{unit}"
-        columns[column] = chosen.q[:, j] / UNITS[unit]
-    for j in range(robot.n):
-        column = f"approach{j + 1}"
-        columns[column] = chosen.approach[:, j].astype(int)
+        name = f"q{j + 1}_{unit}"
+        factor = UNITS[unit]
+        readings = q[:, j]
+        columns[name] = readings / factor
+    for j in joints:
+        name = f"approach{j + 1}"
+        directions = approach[:, j]
+        columns[name] = directions.astype(int)
     columns |= chosen.covariates
     return columns
 
@@ -287,15 +300,18 @@ def plan_next(
         DataError or StudyError.
     """
     calibration = result.calibration
-    seed, data = result.study.seed, result.problem.data
+    robot = calibration.robot
+    seed = result.study.seed
     within = ""
     if pool is not None:
-        possible = read_measurements(pool, calibration.robot.prismatic, positions=False)
+        possible = read_measurements(pool, robot.prismatic, positions=False)
         possible = draw_approaches(possible, seed)
     else:
-        ranges = find_joint_ranges(calibration.robot, data, limits, joints or {})
+        data = result.problem.data
+        given = joints or {}
+        ranges = find_joint_ranges(robot, data, limits, given)
         possible = draw_pool(calibration, seed, data, ranges)
-        within = describe_ranges(calibration.robot, limits, joints or {})
+        within = describe_ranges(robot, limits, given)
     possible = repeat_for_targets(possible, calibration.targets)
     plan = choose_configurations(result, calibration, possible, count, purpose)
     return replace(plan, within=within)

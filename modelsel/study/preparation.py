@@ -90,21 +90,25 @@ def _drop_unknown_rows(
 ) -> tuple[Measurements, Mask, list[Note]]:
     """Leave out the held-out rows of targets and features that nothing gives the position of."""
     notes: list[Note] = []
-    if study.robot.register_:
+    table = study.robot
+    if table.register_:
         data, estimation, notes = drop_unknown_targets(data, estimation)
-    if study.robot.per_group:
+    if table.per_group:
         check_features_in_one_group(data)
     weight_notes = warn_of_equal_weights(data)
     data, estimation, feature_notes = drop_unknown_features(data, estimation)
-    return data, estimation, [*notes, *feature_notes, *weight_notes]
+    all_notes = [*notes, *feature_notes, *weight_notes]
+    return data, estimation, all_notes
 
 
 def _set_up(study: Study, robot: Robot, data: Measurements) -> Problem:
     """Return the problem with the nominal targets and the tracker's position."""
     x, y, z = study.noise.tracker_mm
     tools = arrange_tools(study.robot, data)
-    problem = Problem(robot, data, tools)
-    return replace(problem, tracker=(x, y, z))
+    return replace(
+        Problem(robot, data, tools),
+        tracker=(x, y, z),
+    )
 
 
 def arrange_tools(table: RobotTable, data: Measurements) -> Array:
@@ -113,18 +117,19 @@ def arrange_tools(table: RobotTable, data: Measurements) -> Array:
     Zero where the study gives none. Raises StudyError for a target without a line in
     [robot.tools_mm].
     """
-    if not table.tools_mm:
+    tools = table.tools_mm
+    if not tools:
         tool = np.array(table.tool_mm or [0.0, 0.0, 0.0], float)
         return np.tile(tool, (len(data.targets), 1))
-    missing = [name for name in data.targets if name not in table.tools_mm]
+    missing = [name for name in data.targets if name not in tools]
     if missing:
         raise StudyError(
             *(
-                f'robot.tools_mm: no line for target "{name}". {suggest(name, table.tools_mm)}'
+                f'robot.tools_mm: no line for target "{name}". {suggest(name, tools)}'
                 for name in missing
             )
         )
-    return np.array([table.tools_mm[name] for name in data.targets], float)
+    return np.array([tools[name] for name in data.targets], float)
 
 
 def read_instrument(noise: NoiseTable) -> Instrument | None:
@@ -132,7 +137,12 @@ def read_instrument(noise: NoiseTable) -> Instrument | None:
     if not noise.instrument:
         return None
     x, y, z = noise.tracker_mm
-    return Instrument(noise.range_mm, noise.range_ppm, noise.angle_urad, (x, y, z))
+    return Instrument(
+        noise.range_mm,
+        noise.range_ppm,
+        noise.angle_urad,
+        (x, y, z),
+    )
 
 
 def _register(study: Study, problem: Problem, estimation: Mask) -> tuple[Problem, list[Note]]:
@@ -218,10 +228,13 @@ def _check_enough_configurations(study: Study, data: Measurements, estimation: M
 def _assign_folds(study: Study, data: Measurements, estimation: Mask) -> Index:
     """Return the fold (m,) of every estimation row, −1 for held-out rows."""
     table = study.comparison
+    seed = study.seed
+    count = len(data)
     rows = data.take(estimation)
-    rng = generator(study.seed, "folds")
-    folds = np.full(len(data), -1, dtype=np.intp)
-    folds[estimation] = assign_folds(rows, table.folds, rng, table.by)
+    rng = generator(seed, "folds")
+    row_folds = assign_folds(rows, table.folds, rng, table.by)
+    folds = np.full(count, -1, dtype=np.intp)
+    folds[estimation] = row_folds
     return folds
 
 
@@ -243,8 +256,10 @@ def weigh_by_residuals(study: Study, split: Split, residual: Array) -> Split:
     without measured orientations, and where both are stated.
     """
     measured = split.problem.data
-    instrument, stated_mm = read_instrument(study.noise), study.noise.floor_mm
-    position_known = stated_mm is not None or instrument is not None or measured.sigma is not None
+    instrument = read_instrument(study.noise)
+    stated_mm = study.noise.floor_mm
+    has_floor = stated_mm is not None or instrument is not None
+    position_known = has_floor or measured.sigma is not None
     if measured.rotation is None:
         return split
     if position_known and measured.sigma_rotation is not None:
@@ -260,10 +275,16 @@ def weigh_by_residuals(study: Study, split: Split, residual: Array) -> Split:
 def _measure_spread(split: Split, residual: Array, part: slice) -> float:
     """Return the root mean square of the coordinates `part` over the rows that fit."""
     used = split.used
-    squares = np.square(residual[used][:, part])
     measured = split.problem.measured
+    used_residual = residual[used]
+    coordinates = used_residual[:, part]
+    squares = np.square(coordinates)
     if measured is None:
-        return float(np.sqrt(squares.mean()))
-    count = measured[used][:, part].sum()
-    mean = squares.sum() / max(count, 1)
-    return float(np.sqrt(mean))
+        mean = squares.mean()
+        return float(np.sqrt(mean))
+    used_measured = measured[used]
+    count = used_measured[:, part].sum()
+    total = squares.sum()
+    mean = total / max(count, 1)
+    spread = np.sqrt(mean)
+    return float(spread)

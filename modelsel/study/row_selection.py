@@ -93,22 +93,29 @@ def center_unknown_times(data: Measurements, estimation: Mask) -> tuple[Measurem
     estimated = data.progress[estimation]
     gauges = data.gauges
     if gauges is not None and gauges.origin is not None:
-        origin_unknown = ~np.isin(gauges.origin.group, estimated_groups)
-        gauges = replace(gauges, origin=_rescale(gauges.origin, estimated, origin_unknown))
-    names = ", ".join(data.groups[g] for g in np.unique(data.group[unknown]))
+        origin = gauges.origin
+        origin_unknown = ~np.isin(origin.group, estimated_groups)
+        origin = _rescale(origin, estimated, origin_unknown)
+        gauges = replace(gauges, origin=origin)
+    unknown_groups = np.unique(data.group[unknown])
+    names = ", ".join(data.groups[g] for g in unknown_groups)
     note = Note(
         "other-session",
         f"No estimation configuration belongs to {names}: the model does not know when in the "
         "campaign that was measured, and assumes the drift of the campaign's middle there.",
     )
-    return replace(_rescale(data, estimated, unknown), gauges=gauges), [note]
+    rescaled = _rescale(data, estimated, unknown)
+    centered = replace(rescaled, gauges=gauges)
+    return centered, [note]
 
 
 def _rescale(data: Measurements, estimated: Array, unknown: Mask) -> Measurements:
     """Scale progress to 0 … 1 over the `estimated` values; set it to the middle where unknown."""
     start = estimated.min()
-    span = max(float(np.ptp(estimated)), 1e-12)
-    progress = (data.progress - start) / span
+    estimated_span = np.ptp(estimated)
+    span = max(float(estimated_span), 1e-12)
+    elapsed = data.progress - start
+    progress = elapsed / span
     progress[unknown] = 0.5
     return replace(data, progress=progress)
 
@@ -123,30 +130,39 @@ def drop_unknown_targets(
     origin = None if data.gauges is None else data.gauges.origin
     measured = data.target[estimation]
     if origin is not None:
-        measured = np.concatenate([measured, origin.target[estimation]])
+        measured_origin = origin.target[estimation]
+        measured = np.concatenate([measured, measured_origin])
     known = np.unique(measured)
-    dropped = ~np.isin(data.target, known)
-    if not dropped.any():
+    is_kept = np.isin(data.target, known)
+    if is_kept.all():
         return data, estimation, []
-    names = [f'"{data.targets[k]}"' for k in np.unique(data.target[dropped])]
+    dropped = data.target[~is_kept]
+    names = [f'"{data.targets[k]}"' for k in np.unique(dropped)]
+    listed = sentence_list(names)
     note = Note(
         "target-unseen",
-        f"{int(dropped.sum())} held-out rows are left out: no estimation row measures target "
-        f"{sentence_list(names)}, and its position is found from estimation rows. Let some of its "
+        f"{len(dropped)} held-out rows are left out: no estimation row measures target "
+        f"{listed}, and its position is found from estimation rows. Let some of its "
         "configurations estimate, or give [robot.tools_mm] without register.",
     )
-    kept = _renumber_targets(data.take(~dropped), known)
+    kept = data.take(is_kept)
+    kept = _renumber_targets(kept, known)
     if origin is not None and kept.gauges is not None:
-        kept_origin = _renumber_targets(origin.take(~dropped), known)
-        kept = replace(kept, gauges=replace(kept.gauges, origin=kept_origin))
-    return kept, estimation[~dropped], [note]
+        kept_origin = origin.take(is_kept)
+        kept_origin = _renumber_targets(kept_origin, known)
+        gauges = replace(kept.gauges, origin=kept_origin)
+        kept = replace(kept, gauges=gauges)
+    return kept, estimation[is_kept], [note]
 
 
 def _renumber_targets(data: Measurements, known: Index) -> Measurements:
     """Number targets by their place among the `known` ones."""
-    names = tuple(data.targets[k] for k in known)
+    names = []
+    for number in known:
+        name = data.targets[number]
+        names.append(name)
     target = np.searchsorted(known, data.target)
-    return replace(data, target=target, targets=names)
+    return replace(data, target=target, targets=tuple(names))
 
 
 def drop_unknown_features(

@@ -50,21 +50,31 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
     measured = _read_configurations(study, folder, robot)
     if measured is None:
         q = robot.draw(rng, study.simulate.configurations)
-        configurations = build_measurements(q, np.zeros((len(q), 3)))
+        position = np.zeros((len(q), 3))
+        configurations = build_measurements(q, position)
     else:
         configurations = _take_one_row_each(measured)
     effects = _parse_effects(study, robot, configurations)
     if measured is not None and measured.gauges is not None:
-        rows = apply_known_features(measured, read_known_features(study))
+        features = read_known_features(study)
+        rows = apply_known_features(measured, features)
         tools = arrange_tools(study.robot, rows)
         return simulate_readings(robot, tools, effects, data=rows, noise_mm=noise_mm, rng=rng)
     simulate = partial(
-        simulate_points, robot, effects=effects, at=configurations, noise_mm=noise_mm, rng=rng
+        simulate_points,
+        robot,
+        effects=effects,
+        at=configurations,
+        noise_mm=noise_mm,
+        rng=rng,
     )
-    if study.robot.tools_mm:
-        tools_mm = study.robot.tools_mm
-        return _interleave({name: simulate(np.array(tool)) for name, tool in tools_mm.items()})
-    return simulate(np.array(study.robot.tool_mm or (0.0, 0.0, 0.0)))
+    table = study.robot
+    if table.tools_mm:
+        tools_mm = table.tools_mm
+        frames = {name: simulate(np.array(tool)) for name, tool in tools_mm.items()}
+        return _interleave(frames)
+    tool_mm = table.tool_mm or (0.0, 0.0, 0.0)
+    return simulate(np.array(tool_mm))
 
 
 def _read_configurations(study: Study, folder: Path, robot: Robot) -> Measurements | None:
@@ -72,29 +82,46 @@ def _read_configurations(study: Study, folder: Path, robot: Robot) -> Measuremen
     source = find_source(study, folder)
     if isinstance(source, Path) and not source.is_file():
         return None
-    return read_measurements(source, robot.prismatic, study.measurements.columns, positions=False)
+    columns = study.measurements.columns
+    return read_measurements(
+        source,
+        robot.prismatic,
+        columns,
+        positions=False,
+    )
 
 
 def _take_one_row_each(data: Measurements) -> Measurements:
     """Return the first row of every configuration, as a point of a single target."""
     _, first = np.unique(data.configuration, return_index=True)
     rows = data.take(first)
-    target = np.zeros(len(rows), np.intp)
-    return replace(rows, target=target, targets=("target",), gauges=None)
+    count = len(rows)
+    target = np.zeros(count, np.intp)
+    return replace(
+        rows,
+        target=target,
+        targets=("target",),
+        gauges=None,
+    )
 
 
 def _parse_effects(study: Study, robot: Robot, data: Measurements) -> Effects:
     """Return the study's planted effects. Raises StudyError."""
-    units = Problem(robot, data, np.zeros((1, 3))).names()
+    tool = np.zeros((1, 3))
+    problem = Problem(robot, data, tool)
+    units = problem.names()
+    last_frame = robot.n + 1
     effects = []
     for number, effect in enumerate(study.simulate.effect, 1):
-        place_features = f"simulate.effect {number}"
-        if effect.frame > robot.n + 1:
+        place = f"simulate.effect {number}"
+        frame = effect.frame
+        if frame > last_frame:
             raise StudyError(
-                f"{place_features}: frame {effect.frame}, but {robot.name} has frames 1 to {robot.n + 1}"
+                f"{place}: frame {frame}, but {robot.name} has frames 1 to {last_frame}"
             )
-        cause = parse(effect.cause, units, place_features)
-        effects.append((Screw(effect.frame, effect.axis, cause), effect.size))
+        cause = parse(effect.cause, units, place)
+        screw = Screw(frame, effect.axis, cause)
+        effects.append((screw, effect.size))
     return effects
 
 
@@ -126,17 +153,24 @@ def simulate_points(
     """
     import pandas as pd
 
-    origin = replace(at, position=np.zeros_like(at.position))
-    problem = Problem(robot, origin, np.atleast_2d(tool))
-    position = -_predict_residuals(problem, effects)  # measured 0, so that it is minus the position
+    unmeasured = np.zeros_like(at.position)
+    origin = replace(at, position=unmeasured)
+    tools = np.atleast_2d(tool)
+    problem = Problem(robot, origin, tools)
+    # measured 0, so that it is minus the position
+    residual = _predict_residuals(problem, effects)
+    position = -residual
     _check_finite(position)
-    position = position + rng.normal(0.0, noise_mm, position.shape)
+    noise = rng.normal(0.0, noise_mm, position.shape)
+    position = position + noise
     columns: dict[str, Any] = {}
     for j, prismatic in enumerate(robot.prismatic):
         unit = "mm" if prismatic else "rad"
-        columns[f"q{j + 1}_{unit}"] = at.q[:, j]
+        name = f"q{j + 1}_{unit}"
+        columns[name] = at.q[:, j]
     for axis, values in zip("xyz", position.T, strict=True):
-        columns[f"{axis}_mm"] = values
+        name = f"{axis}_mm"
+        columns[name] = values
     columns |= at.covariates
     columns |= _list_stated_columns(at)
     return pd.DataFrame(columns)
@@ -145,9 +179,12 @@ def simulate_points(
 def _predict_residuals(problem: Problem, effects: Effects) -> Array:
     """Return the positional residuals (m, 3) [mm] with the effects in the chain."""
     terms = []
-    for k, (screw, _) in enumerate(effects):
-        terms.append(Term(f"p{k}", (screw,)))
-    sizes = np.array([size for _, size in effects])
+    effect_sizes = []
+    for k, (screw, size) in enumerate(effects):
+        term = Term(f"p{k}", (screw,))
+        terms.append(term)
+        effect_sizes.append(size)
+    sizes = np.array(effect_sizes)
     with np.errstate(all="ignore"):
         residual = residuals(problem, terms, sizes)
     return residual[:, :3]
@@ -164,24 +201,31 @@ def _check_finite(values: Array) -> None:
 def _list_stated_columns(data: Measurements) -> dict[str, Any]:
     """Return the columns of what reading the simulated file would not find by itself."""
     columns: dict[str, Any] = {}
+    group = data.group
     if data.groups != ("all",):
         names = np.array(data.groups, dtype=object)
-        columns["group"] = names[data.group]
-    if not np.array_equal(data.order, data.row):
-        columns["order"] = data.order
+        columns["group"] = names[group]
+    order = data.order
+    if not np.array_equal(order, data.row):
+        columns["order"] = order
     if not _approach_is_derived(data):
-        for j, approach in enumerate(data.approach.T, 1):
-            columns[f"approach{j}"] = approach.astype(int)
-    groups = data.group.tolist()
+        approaches = data.approach.T
+        for j, approach in enumerate(approaches, 1):
+            name = f"approach{j}"
+            columns[name] = approach.astype(int)
+    groups = group.tolist()
     read_again = build_measurements(data.q, data.position, group=groups)
-    if read_again.configurations != len(data):  # successive visits with the same readings
-        columns["configuration"] = np.arange(len(data))
+    count = len(data)
+    # successive visits with the same readings
+    if read_again.configurations != count:
+        columns["configuration"] = np.arange(count)
     return columns
 
 
 def _approach_is_derived(data: Measurements) -> bool:
     """Return whether the directions of approach were derived from the order on reading."""
-    codes = [note.code for note in data.notes]
+    notes = data.notes
+    codes = [note.code for note in notes]
     return "approach-from-order" in codes
 
 
@@ -203,40 +247,57 @@ def simulate_readings(
     gauges = data.gauges
     assert gauges is not None
     _check_kinds(gauges)
-    problem = place_features(Problem(robot, data, tools), np.ones(len(data), bool))
-    readings = problem.readings.T - _predict_residuals(problem, effects)
+    all_rows = np.ones(len(data), bool)
+    problem = Problem(robot, data, tools)
+    problem = place_features(problem, all_rows)
+    residual = _predict_residuals(problem, effects)
+    readings = problem.readings.T - residual
     _check_finite(readings)
-    readings = readings + rng.normal(0.0, noise_mm, readings.shape)
+    noise = rng.normal(0.0, noise_mm, readings.shape)
+    readings = readings + noise
     readings = np.where(gauges.coordinates, readings, np.nan)
 
     is_length = gauges.of("wire", "ball-bar", "distance")
-    origin = None if gauges.origin is None else _drop_uncertainties(gauges.origin)
+    origin = gauges.origin
+    if origin is not None:
+        origin = _drop_uncertainties(origin)
     length = np.where(is_length, readings[:, 0], np.nan)
+    position = np.where(is_length[:, None], np.nan, readings)
     simulated = replace(
         _drop_uncertainties(data),
-        position=np.where(is_length[:, None], np.nan, readings),
+        position=position,
         gauges=replace(gauges, length=length, origin=origin),
     )
-    frame = simulated.to_frame().reset_index(drop=True)
+    frame = simulated.to_frame()
+    frame = frame.reset_index(drop=True)
     if not _approach_is_derived(data):
         return frame
-    return frame.drop(columns=[f"approach{j + 1}" for j in range(robot.n)])
+    names = [f"approach{j + 1}" for j in range(robot.n)]
+    return frame.drop(columns=names)
 
 
 def _check_kinds(gauges: Gauges) -> None:
     """Check that no row holds the arm to a place. Raises StudyError."""
-    kinds = [kind for kind in ("same-point", "plane") if gauges.of(kind).any()]
+    held = ("same-point", "plane")
+    kinds = [kind for kind in held if gauges.of(kind).any()]
     bars = [k for k, feature in enumerate(gauges.features) if feature.kind == "ball-bar"]
     on_bar = np.isin(gauges.feature, bars)
-    if np.isnan(gauges.length[on_bar]).any():
+    lengths = gauges.length[on_bar]
+    if np.isnan(lengths).any():
         kinds.append("ball-bar")
     if kinds:
+        listed = " and ".join(kinds)
         raise StudyError(
-            f"simulate: rows of kind {' and '.join(kinds)} hold the arm to a place: the joint "
+            f"simulate: rows of kind {listed} hold the arm to a place: the joint "
             "readings, not a measured value, would have to be simulated; leave these rows out."
         )
 
 
 def _drop_uncertainties(data: Measurements) -> Measurements:
     """Return measurements without uncertainties and orientations."""
-    return replace(data, sigma=None, rotation=None, sigma_rotation=None)
+    return replace(
+        data,
+        sigma=None,
+        rotation=None,
+        sigma_rotation=None,
+    )

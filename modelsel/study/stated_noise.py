@@ -27,13 +27,16 @@ def check_stated_noise(
     A floor that cannot be true is dropped (None), to be estimated from the residuals instead. The
     notes hold what is far off; what is a little off is left to the chosen model's lack-of-fit test.
     """
-    comparison = _compare_with_floor(split.training(), fitted, floor, POSITION)
+    training = split.training()
+    comparison = _compare_with_floor(training, fitted, floor, POSITION)
     if floor is None or comparison is None:
         return split, floor, ()
     mismatch, left_mm = comparison
-    measured = np.isfinite(floor.freedom)  # by repeats or target pairs
-    if measured:
-        if not mismatch.refuted or mismatch.factor <= 1:
+    # measured by repeats or target pairs
+    is_measured = np.isfinite(floor.freedom)
+    if is_measured:
+        is_too_small = mismatch.factor > 1
+        if not (mismatch.refuted and is_too_small):
             return split, floor, ()
         note = _describe_unlike_floor(floor, mismatch, left_mm)
         return replace(split, known_sigma=False), None, (note,)
@@ -41,7 +44,8 @@ def check_stated_noise(
         return split, floor, ()
     note = _describe_wrong_statement(split, floor, mismatch, left_mm)
     if mismatch.refuted:
-        return replace(split, known_sigma=False), None, (note,)
+        unweighted = replace(split, known_sigma=False)
+        return unweighted, None, (note,)
     return split, floor, (note,)
 
 
@@ -51,16 +55,20 @@ def check_stated_orientation_noise(split: Split, fitted: Fit) -> tuple[Note, ...
     sigma = training.data.sigma_rotation
     if sigma is None:
         return ()
-    rms = float(np.sqrt(np.square(sigma).mean()))
+    mean_square = np.square(sigma).mean()
+    rms = float(np.sqrt(mean_square))
     stated = Floor(rms, "stated")
     comparison = _compare_with_floor(training, fitted, stated, ROTATION)
-    if comparison is None or not comparison[0].far:
+    if comparison is None:
         return ()
     mismatch, left_rad = comparison
+    if not mismatch.far:
+        return ()
     columns = "srx_rad, sry_rad and srz_rad"
     text = describe_lack(columns, stated.coordinate_mm, left_rad, mismatch, "rad")
     reason = name_likeliest_mistake(1 / mismatch.factor, columns, "rad")
-    return (Note("stated-uncertainty", f"{text} {reason}"),)
+    note = Note("stated-uncertainty", f"{text} {reason}")
+    return (note,)
 
 
 def _compare_with_floor(
@@ -76,25 +84,36 @@ def _compare_with_floor(
     measured = problem.measured
     if measured is None:
         measured = np.ones(residual.shape, bool)
-    count, total = int(measured[:, part].sum()), int(measured.sum())
+    part_measured = measured[:, part]
+    count = int(part_measured.sum())
+    total = int(measured.sum())
     used_freedom = fitted.rows - fitted.freedom
-    freedom = count * (1 - used_freedom / total)
+    used_share = used_freedom / total
+    freedom = count * (1 - used_share)
     if floor is None or freedom < 1:
         return None
     left = _rms_of_part(residual, measured, part, freedom)
-    factor = left / max(floor.coordinate_mm, MIN_UNCERTAINTY)
-    if np.isinf(floor.freedom):  # stated, row by row
+    least = max(floor.coordinate_mm, MIN_UNCERTAINTY)
+    factor = left / least
+    # stated, row by row
+    is_stated = np.isinf(floor.freedom)
+    if is_stated:
         weighted = whitened(problem, residual)
         factor = _rms_of_part(weighted, measured, part, freedom)
-    return lack(floor, factor, freedom), left
+    mismatch = lack(floor, factor, freedom)
+    return mismatch, left
 
 
 def _rms_of_part(
     residual: Array, measured: NDArray[np.bool_], part: slice, freedom: float
 ) -> float:
-    squares = np.where(measured, np.square(residual), 0.0)
-    total = squares[:, part].sum()
-    return float(np.sqrt(total / freedom))
+    squares = np.square(residual)
+    measured_squares = np.where(measured, squares, 0.0)
+    part_squares = measured_squares[:, part]
+    total = part_squares.sum()
+    mean = total / freedom
+    rms = np.sqrt(mean)
+    return float(rms)
 
 
 def _describe_wrong_statement(split: Split, floor: Floor, mismatch: Lack, left_mm: float) -> Note:

@@ -46,10 +46,18 @@ class Bootstrap:
         distance of least squares."""
         columns = list(terms)
         factor = fitted.factor[columns]
-        theta = np.vstack([fitted.theta, self.draws])[:, columns]
-        scaled = np.linalg.solve(factor @ factor.T, theta.T).T
+        estimates = fitted.theta
+        every = np.vstack([estimates, self.draws])
+        theta = every[:, columns]
+        covariance = factor @ factor.T
+        scaled = np.linalg.solve(covariance, theta.T)
+        scaled = scaled.T
         distance = np.einsum("ri,ri->r", theta, scaled)
-        return float((distance >= distance[0]).mean())
+        # the first row is the fit itself
+        own = distance[0]
+        as_far = distance >= own
+        share = as_far.mean()
+        return float(share)
 
 
 def run_bootstrap(parts: Iterable[FoldedData], fitted: Fit, rng: np.random.Generator) -> Bootstrap:
@@ -58,47 +66,75 @@ def run_bootstrap(parts: Iterable[FoldedData], fitted: Fit, rng: np.random.Gener
     `parts`: the training problem at the optimum, a fold per unit, some units at a time
     (`fold_by_unit`). Shrunk coefficients are drawn from their prior, as if each were one more
     configuration, so that their errors compare with those of the posterior."""
+    theta = fitted.theta
+    prior = fitted.prior
     kept = list(fitted.found.kept)
+    count = len(kept)
     total = fitted.reduction
-    if fitted.prior is not None:
-        total = Reduction(total.add(fitted.prior).R, total.rows)
+    if prior is not None:
+        joined = total.add(prior)
+        total = Reduction(joined.R, total.rows)
     beta, factor, _ = solve(total, kept)
     scores = []
-    variance = np.zeros(len(kept))
-    squared = np.zeros(len(kept))
+    variance = np.zeros(count)
+    squared = np.zeros(count)
     for part in parts:
         Q, residual = _correct_leverage(part, kept, beta, factor)
-        scores.append(np.einsum("kar,ka->kr", Q, residual))
+        score = np.einsum("kar,ka->kr", Q, residual)
+        scores.append(score)
         # (K, r) of a parameter's variance that each unit brings
-        by_unit = np.square(Q @ factor.T).sum(1)
+        influence = np.square(Q @ factor.T)
+        by_unit = influence.sum(1)
+        squares = np.square(by_unit)
         variance = variance + by_unit.sum(0)
-        squared = squared + np.square(by_unit).sum(0)
-    steps = _draw_steps(np.concatenate(scores), rng)
-    if fitted.prior is not None and len(fitted.prior):
-        normal = rng.standard_normal((REPLICATES, len(kept)))
-        steps = steps + fitted.sigma * normal @ _symmetric_root(fitted.prior[:, kept] @ factor)
-    draws = np.zeros((REPLICATES, len(fitted.theta)))
+        squared = squared + squares.sum(0)
+    every_score = np.concatenate(scores)
+    steps = _draw_steps(every_score, rng)
+    if prior is not None and len(prior):
+        normal = rng.standard_normal((REPLICATES, count))
+        rows = prior[:, kept] @ factor
+        root = _symmetric_root(rows)
+        noise = fitted.sigma * normal
+        steps = steps + noise @ root
+    parameters = len(theta)
+    draws = np.zeros((REPLICATES, parameters))
     draws[:, kept] = steps @ factor.T
-    units = np.ones(len(fitted.theta))
+    units = np.ones(parameters)
     units[kept] = np.square(variance) / squared
-    return Bootstrap(np.sqrt(np.square(draws).mean(0)), draws, units)
+    squares = np.square(draws)
+    errors = np.sqrt(squares.mean(0))
+    return Bootstrap(
+        errors,
+        draws,
+        units,
+    )
 
 
 def _draw_steps(scores: Array, rng: np.random.Generator) -> Array:
-    """Sums (REPLICATES, r) of the units' scores (K, r) with random signs."""
-    count = max(1, MAX_SIGNS // len(scores))
+    """Draw sums (REPLICATES, r) of the units' scores (K, r) with random signs."""
+    units = len(scores)
+    at_once = MAX_SIGNS // units
+    count = max(1, at_once)
     steps = []
     for start in range(0, REPLICATES, count):
-        signs = draw_signs(rng, min(count, REPLICATES - start), len(scores))
+        left = REPLICATES - start
+        replicates = min(count, left)
+        signs = draw_signs(rng, replicates, units)
         steps.append(signs @ scores)
     return np.concatenate(steps)
 
 
 def _symmetric_root(rows: Array) -> Array:
-    """Symmetric root (r, r) of rowsᵀ rows: invariant to rotations of a prior's rows among
-    themselves, which have the same meaning and must give the same draws."""
-    value, vector = np.linalg.eigh(rows.T @ rows)
-    return np.asarray((vector * np.sqrt(np.maximum(value, 0.0))) @ vector.T)
+    """Compute the symmetric root (r, r) of rowsᵀ rows: invariant to rotations of a prior's rows
+    among themselves, which have the same meaning and must give the same draws."""
+    gram = rows.T @ rows
+    value, vector = np.linalg.eigh(gram)
+    # rounding may make an eigenvalue negative
+    value = np.maximum(value, 0.0)
+    length = np.sqrt(value)
+    scaled = vector * length
+    root = scaled @ vector.T
+    return np.asarray(root)
 
 
 def _correct_leverage(
@@ -106,26 +142,48 @@ def _correct_leverage(
 ) -> tuple[Array, Array]:
     """Give back what the units' leverage took from their residuals: (Q (K, h, r), residuals (K,
     h))."""
-    X = folded.blocks[:, :, kept]
+    blocks = folded.blocks
+    X = blocks[:, :, kept]
+    y = blocks[:, :, -1]
     Q = X @ factor
-    residual = folded.blocks[:, :, -1] - X @ beta
-    values, vectors = np.linalg.eigh(np.eye(X.shape[1]) - Q @ Q.transpose(0, 2, 1))
-    inverse_root = 1 / np.sqrt(np.maximum(values, MIN_FREEDOM))
-    root = np.where(values > MIN_FREEDOM, inverse_root, 0.0)
-    return Q, np.einsum("kab,kb,kcb,kc->ka", vectors, root, vectors, residual)
+    residual = y - X @ beta
+    height = X.shape[1]
+    leverage = Q @ Q.transpose(0, 2, 1)
+    identity = np.eye(height)
+    values, vectors = np.linalg.eigh(identity - leverage)
+    free = values > MIN_FREEDOM
+    values = np.maximum(values, MIN_FREEDOM)
+    inverse_root = 1 / np.sqrt(values)
+    root = np.where(free, inverse_root, 0.0)
+    corrected = np.einsum(
+        "kab,kb,kcb,kc->ka",
+        vectors,
+        root,
+        vectors,
+        residual,
+    )
+    return Q, corrected
 
 
 def draw_signs(rng: np.random.Generator, replicates: int, units: int) -> Array:
     """Draw signs (replicates, units) of −1 and +1."""
-    return np.asarray(2.0 * rng.integers(0, 2, (replicates, units)) - 1.0)
+    size = (replicates, units)
+    heads = rng.integers(0, 2, size)
+    signs = 2.0 * heads - 1.0
+    return np.asarray(signs)
 
 
 def draw_half_samples(rng: np.random.Generator, count: int, units: int) -> Index:
     """Draw half-samples (count, units // 2) without replacement, in complementary pairs (Shah &
     Samworth 2013)."""
     half = units // 2
+    pairs = -(-count // 2)
     samples = []
-    for _ in range(-(-count // 2)):
+    for _ in range(pairs):
         order = rng.permutation(units)
-        samples += [order[:half], order[half : 2 * half]]
-    return np.array(samples, dtype=np.intp)[:count]
+        former = order[:half]
+        latter = order[half : 2 * half]
+        samples.append(former)
+        samples.append(latter)
+    every = np.array(samples, dtype=np.intp)
+    return every[:count]

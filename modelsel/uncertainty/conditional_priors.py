@@ -71,26 +71,53 @@ class ConditionalPrior:
 
     @cached_property
     def _diagonal(self) -> Array:
-        return np.diagonal(self.root, 0, 1, 2)
+        matrices = self.root
+        return np.diagonal(
+            matrices,
+            0,
+            1,
+            2,
+        )
 
     def log_volume(self, value: Array) -> Array:
         """Compute the logarithm (W,) of the determinant of that change of units, up to a constant,
         at values (W,) of the inner constant."""
-        below, share = self.constant.interpolate(value)
-        diagonal = _interpolate(self._diagonal, below, share[:, None])
-        return np.asarray(np.log(diagonal).sum(1))
+        constant = self.constant
+        below, share = constant.interpolate(value)
+        diagonal = _interpolate(
+            self._diagonal,
+            below,
+            share[:, None],
+        )
+        logarithm = np.log(diagonal)
+        log_det = logarithm.sum(1)
+        return np.asarray(log_det)
 
     def log_prior(self, points: Array, log_scale: Array) -> Array:
         """Compute the log prior (W,) of the affected coefficients of natural points (W, d), up to a
         constant; `log_scale` (W,) of the noise."""
-        cost = np.square(points[:, self.affected] @ self.prior.T).sum(1)
-        precision = np.exp(-2 * log_scale)
-        return np.asarray(-len(self.affected) * log_scale - 0.5 * cost * precision)
+        affected = self.affected
+        count = len(affected)
+        coefficients = points[:, affected]
+        scaled = coefficients @ self.prior.T
+        squares = np.square(scaled)
+        cost = squares.sum(1)
+        doubled = -2 * log_scale
+        precision = np.exp(doubled)
+        half_cost = 0.5 * cost
+        log_prior = -count * log_scale
+        log_prior = log_prior - half_cost * precision
+        return np.asarray(log_prior)
 
 
 def _interpolate(table: Array, below: Index, share: Array) -> Array:
     """Interpolate a table (GRID, ...) between the grid points `below` and the next ones."""
-    return np.asarray(table[below] * (1 - share) + table[below + 1] * share)
+    above = below + 1
+    lower = 1 - share
+    value = table[below] * lower
+    step = table[above] * share
+    value = value + step
+    return np.asarray(value)
 
 
 def build_conditionals(
@@ -159,14 +186,30 @@ def _changes(
     model's."""
     tables = [table for table in constant.tables if table[1] in index]
     places = sorted({place for place, _, _ in tables})
-    terms = [Term(AXES[axis], (Screw(frame + 1, AXES[axis]),)) for frame, axis in places]
-    unit = compute_design(problem, terms, at)[0].transpose(2, 1, 0)  # (places, c, m)
+    # a term per place with a constant cause
+    terms = []
+    for frame, axis in places:
+        number = frame + 1
+        direction = AXES[axis]
+        screw = Screw(number, direction)
+        term = Term(direction, (screw,))
+        terms.append(term)
+    # (places, c, m) columns of a unit cause
+    design, _ = compute_design(problem, terms, at)
+    unit = design.transpose(2, 1, 0)
+    columns = len(index)
     for n in range(GRID):
-        change = np.zeros((rows, len(index)))
+        change = np.zeros((rows, columns))
         for place, k, table in tables:
-            product = (unit[places.index(place)] * table[n]).reshape(-1)
+            i = places.index(place)
+            j = index.index(k)
+            cause = table[n]
+            by_unit_cause = unit[i]
+            product = by_unit_cause * cause
+            product = product.reshape(-1)
             column = problem.select_measured(product)
-            change[: len(column), index.index(k)] += column
+            measured = len(column)
+            change[:measured, j] += column
         yield change
 
 
@@ -176,20 +219,39 @@ def _fit_prior(grid: Array, response: Array, others: Array, freedom: float) -> t
     grid: (G, N, k) columns at all values; response: (N,); others: (N, o) basis of the other
     coefficients. Returns the upper root (k, k) of the prior's precision in units of the noise, and
     the ratio v/s²."""
-    alone = grid - others @ (others.T @ grid)
+    projected = others.T @ grid
+    alone = grid - others @ projected
     rest = project_out(response, others)
     gram = np.einsum("gnk,gnl->gkl", alone, alone)
     cross = rest @ alone
-    total = float(rest @ rest)
+    products = cross[:, :, None]
+    # squared length of the response beyond the other coefficients
+    total = rest @ rest
     typical = gram.mean(0)
-    best = (-np.inf, 0.0)
+    half_freedom = 0.5 * freedom
+    most = 1 - 1e-12
+    largest = -np.inf
+    best = 0.0
     for ratio in map(float, RATIOS):
         precision = typical / ratio
         posterior = gram + precision
-        solution = np.linalg.solve(posterior, cross[:, :, None])[:, :, 0]
+        solution = np.linalg.solve(posterior, products)
+        solution = solution[:, :, 0]
         explained = np.einsum("gk,gk->g", cross, solution)
-        shrinkage = np.linalg.slogdet(precision)[1] - np.linalg.slogdet(posterior)[1]
-        share = np.minimum(explained / total, 1 - 1e-12)
-        evidence = 0.5 * shrinkage - 0.5 * freedom * np.log1p(-share)
-        best = max(best, (float(np.logaddexp.reduce(evidence)), ratio))
-    return np.linalg.cholesky(typical / best[1]).T, best[1]
+        share = explained / float(total)
+        share = np.minimum(share, most)
+        left = np.log1p(-share)
+        _, log_prior = np.linalg.slogdet(precision)
+        _, log_posterior = np.linalg.slogdet(posterior)
+        shrinkage = log_prior - log_posterior
+        half = 0.5 * shrinkage
+        misfit = half_freedom * left
+        evidence = half - misfit
+        summed = np.logaddexp.reduce(evidence)
+        summed = float(summed)
+        if (summed, ratio) > (largest, best):
+            largest = summed
+            best = ratio
+    scaled = typical / best
+    factor = np.linalg.cholesky(scaled)
+    return factor.T, best

@@ -79,21 +79,27 @@ class LogPosterior:
     def _scales(self) -> slice:
         """Positions of the log scales."""
         first = len(self.sampled)
-        return slice(first, first + self.noise.count)
+        scales = self.noise.count
+        stop = first + scales
+        return slice(first, stop)
 
     @property
     def _tail(self) -> int:
         """Position of the tail, where there is one."""
-        return len(self.sampled) + self.noise.count
+        coefficients = len(self.sampled)
+        scales = self.noise.count
+        return coefficients + scales
 
     def _position(self, constant: Constant) -> int:
-        """Position of a constant."""
+        """Return the position of a constant."""
         order = [c is constant for c in self.constants].index(True)
         return self._tail + self.tail + order
 
     def _values(self, points: Array, constant: Constant) -> Array:
-        """Values (W,) of a constant at natural points (W, d)."""
-        return np.asarray(points[:, self._position(constant)])
+        """Return the values (W,) of a constant at natural points (W, d)."""
+        position = self._position(constant)
+        values = points[:, position]
+        return np.asarray(values)
 
     # -- the linear problem at the optimum
 
@@ -109,13 +115,18 @@ class LogPosterior:
 
     @cached_property
     def _ensemble(self) -> Ensemble:
-        return Ensemble(self.noise.problem, self.fitted.terms)
+        problem = self.noise.problem
+        terms = self.fitted.terms
+        return Ensemble(problem, terms)
 
     @cached_property
     def _rows(self) -> Mask | slice:
         """Which of the rows (coordinate, configuration) are measured."""
         measured = self.noise.problem.measured
-        return slice(None) if measured is None else measured.T.reshape(-1)
+        if measured is None:
+            return slice(None)
+        by_coordinate = measured.T
+        return by_coordinate.reshape(-1)
 
     @cached_property
     def _component(self) -> Index:
@@ -181,11 +192,16 @@ class LogPosterior:
     @cached_property
     def _reduced(self) -> Array:
         """(ψ, ψ) triangle of the linear problem with β projected out, the prior's rows included."""
-        reduction = self.fitted.reduction
-        if self.fitted.prior is not None:
-            reduction = Reduction(reduction.add(self.fitted.prior).R, reduction.rows)
-        count = len(self._integrated)
-        R = reduction.select([*self._integrated, *self.sampled]).R
+        fitted = self.fitted
+        reduction = fitted.reduction
+        if fitted.prior is not None:
+            joined = reduction.add(fitted.prior)
+            reduction = Reduction(joined.R, reduction.rows)
+        integrated = self._integrated
+        count = len(integrated)
+        order = [*integrated, *self.sampled]
+        selected = reduction.select(order)
+        R = selected.R
         return R[count:-1, count:-1]
 
     @cached_property
@@ -265,15 +281,21 @@ class LogPosterior:
         outside the priors."""
         every = self.natural(walkers)
         inside = self._inside(every)
-        density = np.full(len(every), -np.inf)
+        count = len(every)
+        density = np.full(count, -np.inf)
         if not inside.any():
             return density
         points = every[inside]
-        density[inside] = self._exact(points) if self.exact else self._linear(points)
+        if self.exact:
+            density[inside] = self._exact(points)
+        else:
+            density[inside] = self._linear(points)
+        log_scale = points[:, self._scales.start]
         for conditional in self._conditionals:
             value = self._values(points, conditional.constant)
-            prior = conditional.log_prior(points, points[:, self._scales.start])
-            density[inside] += prior + conditional.log_volume(value)
+            prior = conditional.log_prior(points, log_scale)
+            volume = conditional.log_volume(value)
+            density[inside] += prior + volume
         return density
 
     def _inside(self, points: Array) -> Mask:
@@ -292,12 +314,18 @@ class LogPosterior:
         return np.asarray(inside)
 
     def _step(self, points: Array) -> Array:
-        """Departure (W, ψ) of the sampled coefficients from the optimum."""
-        return np.asarray(points[:, : len(self.sampled)] - self.fitted.theta[list(self.sampled)])
+        """Compute the departure (W, ψ) of the sampled coefficients from the optimum."""
+        sampled = list(self.sampled)
+        count = len(sampled)
+        coefficients = points[:, :count]
+        optimum = self.fitted.theta
+        optimum = optimum[sampled]
+        step = coefficients - optimum
+        return np.asarray(step)
 
     def _linear(self, points: Array) -> Array:
-        """Log density of normal noise of one scale, linear about the optimum, on the QR-reduced
-        data."""
+        """Compute the log density of normal noise of one scale, linear about the optimum, on the
+        QR-reduced data."""
         step = self._step(points) @ self._reduced.T
         log_s = points[:, self._scales.start]
         power = self._known.freedom + len(self.sampled)
@@ -305,7 +333,7 @@ class LogPosterior:
         return np.asarray(-power * log_s - cost / 2 * np.exp(-2 * log_s))
 
     def _exact(self, points: Array) -> Array:
-        """Log density on the exact chain."""
+        """Compute the log density on the exact chain."""
         theta = self._theta(points)
         twist: dict[tuple[int, int], Array] = {}
         for constant in self.constants:
@@ -318,11 +346,16 @@ class LogPosterior:
         return self._likelihood.log_density(np.hstack([data, prior]), log_s, nu)
 
     def _theta(self, points: Array) -> Array:
-        """Coefficients (W, p), with β at its linear answer to ψ."""
-        theta = np.tile(self.fitted.theta, (len(points), 1))
+        """Compute the coefficients (W, p), with β at its linear answer to ψ."""
+        count = len(points)
+        sampled = list(self.sampled)
+        integrated = self._integrated
+        _, _, response = self._basis
+        optimum = self.fitted.theta
+        theta = np.tile(optimum, (count, 1))
         step = self._step(points)
-        theta[:, list(self.sampled)] += step
-        theta[:, self._integrated] -= step @ self._basis[2].T
+        theta[:, sampled] += step
+        theta[:, integrated] -= step @ response.T
         return theta
 
     # -- start and results
@@ -347,8 +380,12 @@ class LogPosterior:
 
     def values(self, walkers: Array) -> Array:
         """Convert walkers (..., d) to the units of the report: scales not as logarithms."""
+        positions = self._scales
         values = self.natural(walkers)
-        values[..., self._scales] = np.exp(values[..., self._scales]) * self.noise.factor
+        log_scales = values[..., positions]
+        scales = np.exp(log_scales)
+        scales = scales * self.noise.factor
+        values[..., positions] = scales
         return values
 
     def closed_form(self, probability: Sequence[float]) -> Array:

@@ -47,26 +47,42 @@ class MarginalLikelihood:
     @property
     def scales(self) -> int:
         """Number T of noise scales."""
-        return len(self.grams) - 1
+        matrices = len(self.grams)
+        return matrices - 1
 
     def log_density(self, residual: Array, log_s: Array, nu: Array | None) -> Array:
         """Compute the log marginal likelihood (W,) up to a constant.
 
         residual: (W, N + k); log_s: (W, T) log scales; nu: (W,) degrees of freedom of the
         Student-t, None for normal noise."""
-        inverse = self._inverse_scale(log_s, residual.shape[1])
+        rows = residual.shape[1]
+        inverse = self._inverse_scale(log_s, rows)
+        scale_term = self._scale_term(log_s)
         if nu is None:
             residual = self._minimise(residual, log_s, inverse, 1.0)
             scaled = residual * inverse
-            curvature = np.ones(len(residual))
-            density = self._scale_term(log_s) - self._prior_cost(scaled)
-            density = density - 0.5 * np.square(scaled[:, : self._measured]).sum(1)
+            prior_cost = self._prior_cost(scaled)
+            walkers = len(residual)
+            curvature = np.ones(walkers)
+            measured = self._measured
+            data = scaled[:, :measured]
+            squares = np.square(data)
+            cost = squares.sum(1)
+            half_cost = 0.5 * cost
+            density = scale_term - prior_cost
+            density = density - half_cost
         else:
-            residual, weight = self._minimise_student(residual, log_s, inverse, nu)
+            residual, weight = self._minimise_student(
+                residual,
+                log_s,
+                inverse,
+                nu,
+            )
             scaled = residual * inverse
+            prior_cost = self._prior_cost(scaled)
             distance = self._distance(scaled)
             curvature = self._student_curvature(weight, distance, nu)
-            density = self._scale_term(log_s) - self._prior_cost(scaled)
+            density = scale_term - prior_cost
             density = self._add_student(density, distance, nu)
         return self._add_laplace(density, log_s, curvature)
 
@@ -75,21 +91,35 @@ class MarginalLikelihood:
         return len(self.component)
 
     def _inverse_scale(self, log_s: Array, rows: int) -> Array:
-        """1/s of every row: (W, rows), or (W, 1) for one scale."""
+        """Compute 1/s of every row: (W, rows), or (W, 1) for one scale."""
+        measured = self._measured
+        inverse = np.exp(-log_s)
         if self.scales == 1:
-            return np.asarray(np.exp(-log_s))
+            return np.asarray(inverse)
         component = np.zeros(rows, dtype=np.intp)
-        component[: self._measured] = self.component
-        return np.asarray(np.exp(-log_s)[:, component])
+        own = self.component
+        component[:measured] = own
+        by_row = inverse[:, component]
+        return np.asarray(by_row)
 
     def _information(self, log_s: Array, curvature: Array | None = None) -> Array:
-        """(W, r, r) information Σ_t s_t⁻² Q_tᵀQ_t about β; that of the data times the curvature
-        (W,)."""
-        precision = np.exp(-2 * log_s[:, [*range(self.scales), 0]])
+        """Compute the information (W, r, r) Σ_t s_t⁻² Q_tᵀQ_t about β; that of the data times the
+        curvature (W,)."""
+        scales = self.scales
+        component = [*range(scales), 0]
+        log_scale = log_s[:, component]
+        precision = np.exp(-2 * log_scale)
         if curvature is not None:
-            data = np.repeat(curvature[:, None], self.scales, 1)
-            precision = np.concatenate([data, np.ones((len(data), 1))], 1) * precision
-        return np.asarray(np.einsum("wt,tij->wij", precision, self.grams))
+            data = np.repeat(curvature[:, None], scales, 1)
+            prior = np.ones((len(data), 1))
+            factor: Array = np.concatenate([data, prior], 1)
+            precision = factor * precision
+        information = np.einsum(
+            "wt,tij->wij",
+            precision,
+            self.grams,
+        )
+        return np.asarray(information)
 
     def _minimise(
         self, residual: Array, log_s: Array, inverse: Array, weight: Array | float
@@ -98,64 +128,126 @@ class MarginalLikelihood:
 
         With equal scales and weights this is the projection (I − QQᵀ) ρ. Weights enter the gradient
         alone, which is a step of expectation-maximisation."""
+        basis = self.basis
+        weighted = weight * residual
         if self.scales == 1:
-            projection = (weight * residual) @ self.basis
-            return np.asarray(residual - projection @ self.basis.T)
-        gradient = (weight * residual * inverse**2) @ self.basis
+            projection = weighted @ basis
+            change = projection @ basis.T
+            least = residual - change
+            return np.asarray(least)
+        precision = inverse**2
+        gradient = (weighted * precision) @ basis
+        gradient = gradient[:, :, None]
         information = self._information(log_s)
-        step = np.linalg.solve(information, gradient[:, :, None])[:, :, 0]
-        return np.asarray(residual - step @ self.basis.T)
+        step = np.linalg.solve(information, gradient)
+        step = step[:, :, 0]
+        change = step @ basis.T
+        least = residual - change
+        return np.asarray(least)
 
     def _minimise_student(
         self, residual: Array, log_s: Array, inverse: Array, nu: Array
     ) -> tuple[Array, Array]:
         """Minimise residuals under a Student-t; returns them with the points' weights (W, m)."""
+        c = self.coordinates
+        measured = self._measured
+        steps = 1 + EM_STEPS
+        degrees = nu[:, None]
+        numerator = degrees + c
         weight: Array | float = 1.0
-        for _ in range(1 + EM_STEPS):
+        for _ in range(steps):
             residual = self._minimise(residual, log_s, inverse, weight)
-            distance = self._distance(residual * inverse)
-            point_weight = (nu[:, None] + self.coordinates) / (nu[:, None] + distance)
+            scaled = residual * inverse
+            distance = self._distance(scaled)
+            denominator = degrees + distance
+            point_weight = numerator / denominator
+            by_coordinate = np.tile(point_weight, (1, c))
             weight = np.ones_like(residual)
-            weight[:, : self._measured] = np.tile(point_weight, (1, self.coordinates))
+            weight[:, :measured] = by_coordinate
         return residual, point_weight
 
     def _distance(self, scaled: Array) -> Array:
-        """Squared length d² (W, m) of every point's residual in units of the noise."""
-        squares = np.square(scaled[:, : self._measured])
-        return np.asarray(
-            squares.reshape(len(scaled), self.coordinates, self.configurations).sum(1)
+        """Compute the squared length d² (W, m) of every point's residual in units of the noise."""
+        walkers = len(scaled)
+        measured = self._measured
+        data = scaled[:, :measured]
+        squares = np.square(data)
+        by_point = squares.reshape(
+            walkers,
+            self.coordinates,
+            self.configurations,
         )
+        distance = by_point.sum(1)
+        return np.asarray(distance)
 
     def _scale_term(self, log_s: Array) -> Array:
-        """−Σ rows_t ln s_t (W,), the coefficients held by a prior counted with the first scale."""
-        rows = np.bincount(self.component, minlength=self.scales)
+        """Compute −Σ rows_t ln s_t (W,), the coefficients held by a prior counted with the first
+        scale."""
+        component = self.component
+        count = self.scales
+        rows = np.bincount(component, minlength=count)
         rows[0] += self.by_prior
-        return np.asarray(-log_s @ rows)
+        term = -log_s @ rows
+        return np.asarray(term)
 
     def _prior_cost(self, scaled: Array) -> Array:
-        """Half the squared length (W,) of the prior's rows."""
-        return np.asarray(0.5 * np.square(scaled[:, self._measured :]).sum(1))
+        """Compute half the squared length (W,) of the prior's rows."""
+        measured = self._measured
+        prior = scaled[:, measured:]
+        squares = np.square(prior)
+        length = squares.sum(1)
+        cost = 0.5 * length
+        return np.asarray(cost)
 
     def _student_curvature(self, weight: Array, distance: Array, nu: Array) -> Array:
-        """Average information (W,) of a row under the Student-t, of 1 under normal noise."""
+        """Compute the average information (W,) of a row under the Student-t, of 1 under normal
+        noise."""
         c = self.coordinates
-        information = weight * (1 - 2 / c * weight * distance / (nu[:, None] + c))
-        return np.asarray(information.mean(1).clip(MIN_INFORMATION))
+        degrees = nu[:, None] + c
+        excess = 2 / c * weight
+        excess = excess * distance
+        excess = excess / degrees
+        share = 1 - excess
+        information = weight * share
+        average = information.mean(1)
+        average = average.clip(MIN_INFORMATION)
+        return np.asarray(average)
 
     def _add_student(self, density: Array, distance: Array, nu: Array) -> Array:
         """Add ln of the multivariate t densities of all points to a log density (W,)."""
         from scipy.special import gammaln
 
         c = self.coordinates
-        constant = gammaln((nu + c) / 2) - gammaln(nu / 2) - c / 2 * np.log(nu)
-        kernel = np.log1p(distance / nu[:, None]).sum(1)
-        return np.asarray(density + self.configurations * constant - (nu + c) / 2 * kernel)
+        degrees = nu[:, None]
+        power = (nu + c) / 2
+        constant = gammaln(power)
+        constant = constant - gammaln(nu / 2)
+        constant = constant - c / 2 * np.log(nu)
+        ratio = distance / degrees
+        kernel = np.log1p(ratio)
+        kernel = kernel.sum(1)
+        constants = self.configurations * constant
+        density = density + constants
+        density = density - power * kernel
+        return np.asarray(density)
 
     def _add_laplace(self, density: Array, log_s: Array, curvature: Array) -> Array:
         """Add the integral over β: −½ ln of the determinant of its information (W, r, r)."""
         if self.scales > 1:
             information = self._information(log_s, curvature)
-            return np.asarray(density - 0.5 * np.linalg.slogdet(information)[1])
+            _, log_det = np.linalg.slogdet(information)
+            half = 0.5 * log_det
+            density = density - half
+            return np.asarray(density)
         h = self.share
-        spread = len(h) * log_s[:, 0]
-        return np.asarray(density + spread - 0.5 * np.log(h * curvature[:, None] + 1 - h).sum(1))
+        integrated = len(h)
+        log_scale = log_s[:, 0]
+        spread = integrated * log_scale
+        data = h * curvature[:, None]
+        information = data + 1 - h
+        log_information = np.log(information)
+        log_det = log_information.sum(1)
+        half = 0.5 * log_det
+        density = density + spread
+        density = density - half
+        return np.asarray(density)

@@ -28,60 +28,99 @@ def autocorrelation_time(chain: Array) -> Array:
     The walkers' autocovariances about the mean of them all are averaged before they are summed.
     emcee takes each walker's own mean and variance: in a chain of fifty times, such walkers look a
     quarter less correlated than they are."""
-    times = np.empty(chain.shape[2])
-    for j in range(len(times)):
-        covariance = _autocovariance(chain[:, :, j])
-        if covariance[0] <= TINY:
+    steps, _, names = chain.shape
+    step = np.arange(steps)
+    times = np.empty(names)
+    for j in range(names):
+        series = chain[:, :, j]
+        covariance = _autocovariance(series)
+        variance = covariance[0]
+        if variance <= TINY:
             times[j] = np.inf
             continue
-        cumulated = 2 * np.cumsum(covariance / covariance[0]) - 1
-        beyond = np.arange(len(chain)) >= WINDOW * cumulated
-        window = int(np.argmax(beyond)) if beyond.any() else len(chain) - 1
+        correlation = covariance / variance
+        cumulated = 2 * np.cumsum(correlation) - 1
+        beyond = step >= WINDOW * cumulated
+        window = steps - 1
+        if beyond.any():
+            window = int(np.argmax(beyond))
         times[j] = cumulated[window]
     return times
 
 
 def _autocovariance(series: Array) -> Array:
-    """Autocovariance (n,) of series (n, walkers) about their common mean, up to a factor, by the
-    power spectrum of the zero-padded series."""
+    """Compute the autocovariance (n,) of series (n, walkers) about their common mean, up to a
+    factor, by the power spectrum of the zero-padded series."""
     n = len(series)
-    width = 1 << (2 * n - 1).bit_length()
-    spectrum = np.fft.rfft(series - series.mean(), width, axis=0)
-    power = np.square(np.abs(spectrum)).sum(1)
-    return np.asarray(np.fft.irfft(power, width)[:n])
+    longest = 2 * n - 1
+    bits = longest.bit_length()
+    width = 1 << bits
+    mean = series.mean()
+    departure = series - mean
+    spectrum = np.fft.rfft(departure, width, axis=0)
+    amplitude = np.abs(spectrum)
+    power = np.square(amplitude)
+    power = power.sum(1)
+    covariance = np.fft.irfft(power, width)
+    covariance = covariance[:n]
+    return np.asarray(covariance)
 
 
 def r_hat(chain: Array) -> Array:
     """Compute rank-normalised split R-hat (d,), the larger of bulk and folded (Vehtari, Gelman,
     Simpson, Carpenter & Bürkner 2021); the walkers' halves are the chains."""
+    # the walkers' halves
     half = len(chain) // 2
-    split = np.concatenate([chain[:half], chain[-half:]], axis=1)
-    folded = np.abs(split - np.median(split, axis=(0, 1)))
-    bulk = _plain_r_hat(_normal_scores(split))
-    tail = _plain_r_hat(_normal_scores(folded))
-    return np.asarray(np.maximum(bulk, tail))
+    first = chain[:half]
+    second = chain[-half:]
+    split = np.concatenate([first, second], axis=1)
+    median = np.median(split, axis=(0, 1))
+    departure = split - median
+    folded = np.abs(departure)
+    bulk_scores = _normal_scores(split)
+    tail_scores = _normal_scores(folded)
+    bulk = _plain_r_hat(bulk_scores)
+    tail = _plain_r_hat(tail_scores)
+    # bulk shows different places, tail different spreads
+    larger = np.maximum(bulk, tail)
+    return np.asarray(larger)
 
 
 def _normal_scores(chain: Array) -> Array:
-    """Every draw replaced by the normal quantile of its rank among all (Blom 1958); ties share
-    their mean rank."""
+    """Replace every draw by the normal quantile of its rank among all (Blom 1958); ties share their
+    mean rank."""
     from scipy.special import ndtri
 
-    flat = chain.reshape(-1, chain.shape[2])
+    names = chain.shape[2]
+    flat = chain.reshape(-1, names)
+    count_plus = len(flat) + 0.25
     scores = np.empty_like(flat)
     for j, values in enumerate(flat.T):
-        _, inverse, count = np.unique(values, return_inverse=True, return_counts=True)
-        rank = np.cumsum(count) - (count - 1) / 2
-        scores[:, j] = ndtri((rank[inverse] - 0.375) / (len(flat) + 0.25))
+        _, inverse, count = np.unique(
+            values,
+            return_inverse=True,
+            return_counts=True,
+        )
+        last = np.cumsum(count)
+        rank = last - (count - 1) / 2
+        numerator = rank[inverse] - 0.375
+        probability = numerator / count_plus
+        scores[:, j] = ndtri(probability)
     return scores.reshape(chain.shape)
 
 
 def _plain_r_hat(chain: Array) -> Array:
-    """Square root (d,) of the pooled variance over the mean variance within chains."""
+    """Compute the square root (d,) of the pooled variance over the mean variance within chains."""
     n = len(chain)
-    within = chain.var(0, ddof=1).mean(0)
-    between = n * chain.mean(0).var(0, ddof=1)
-    return np.asarray(np.sqrt((between / within + n - 1) / n))
+    variance = chain.var(0, ddof=1)
+    within = variance.mean(0)
+    mean = chain.mean(0)
+    of_means = mean.var(0, ddof=1)
+    between = n * of_means
+    ratio = between / within
+    pooled = ratio + n - 1
+    value = np.sqrt(pooled / n)
+    return np.asarray(value)
 
 
 def build_moves(ranges: Sequence[tuple[int, float, float]] = ()) -> list[tuple[Any, float]]:
@@ -131,10 +170,20 @@ def propose_snooker(x: Array, z: Array, difference: Array) -> tuple[Array, Array
 
     x, z, difference: (W, d) walkers, others, and z1 − z2. Returns the proposals (W, d) and the
     logarithm (W,) of (|x*−z|/|x−z|)^(d−1)."""
+    _, d = x.shape
+    # the line from z to x, and the step along it
     line = x - z
     before = np.linalg.norm(line, axis=1)
     direction = line / before[:, None]
-    length = GAMMA * np.einsum("wd,wd->w", direction, difference)
-    proposal = x + length[:, None] * direction
-    after = np.linalg.norm(proposal - z, axis=1)
-    return proposal, (x.shape[1] - 1.0) * np.log(after / before)
+    projection = np.einsum("wd,wd->w", direction, difference)
+    length = GAMMA * projection
+    length = length[:, None]
+    step = length * direction
+    proposal = x + step
+    line = proposal - z
+    after = np.linalg.norm(line, axis=1)
+    ratio = after / before
+    log_ratio = np.log(ratio)
+    power = d - 1.0
+    log_factor = power * log_ratio
+    return proposal, log_factor

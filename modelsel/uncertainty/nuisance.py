@@ -61,25 +61,35 @@ def assign_components(problem: Problem, instrument: Instrument | None = None) ->
     Rows of several kinds, and all else: one scale for everything that is in mm."""
     six = problem.components == 6
     mixed = problem.data.gauges is not None
+    whitening = problem.whitening
     if not mixed and problem.data.sigma is not None:
-        component, names = [0, 1, 2], ["noise in x", "noise in y", "noise in z"]
+        component = [0, 1, 2]
+        names = ["noise in x", "noise in y", "noise in z"]
     elif not mixed and instrument is not None:
         problem = align_with_beam(problem, instrument)
-        component, names = [0, 1, 1], ["noise along the beam", "noise across the beam"]
+        component = [0, 1, 1]
+        names = ["noise along the beam", "noise across the beam"]
     else:
-        component, names = [0, 0, 0], [POSITION if six else SINGLE]
-    units = [STATED] * len(names)
-    factor = np.ones(len(names))
-    if names == [SINGLE] and problem.whitening.uniform:
+        component = [0, 0, 0]
+        names = [POSITION if six else SINGLE]
+    count = len(names)
+    units = [STATED] * count
+    factor = np.ones(count)
+    if names == [SINGLE] and whitening.uniform:
         units = ["mm"]
-        factor = np.array([1 / problem.whitening.weight])
+        factor = np.array([1 / whitening.weight])
     if six:
-        component += [len(names)] * 3
+        component += [count] * 3
         names.append(ORIENTATION)
         units.append(STATED)
         factor = np.append(factor, 1.0)
-    index = np.array(component, dtype=np.intp)
-    return Components(problem, index, tuple(names), tuple(units), factor)
+    return Components(
+        problem,
+        np.array(component, dtype=np.intp),
+        tuple(names),
+        tuple(units),
+        factor,
+    )
 
 
 def align_with_beam(problem: Problem, instrument: Instrument) -> Problem:
@@ -87,31 +97,58 @@ def align_with_beam(problem: Problem, instrument: Instrument) -> Problem:
 
     Least-squares estimates are invariant to this orthogonal rotation. Raises TypeError for a
     problem with one weight for all rows."""
-    matrices = problem.whitening.matrices
+    whitening = problem.whitening
+    matrices = whitening.matrices
     if matrices is None:
         raise TypeError("an instrument's weights are a block per row")
-    basis = _beam_basis(problem.data.position - np.array(instrument.at))
+    instrument_at = np.array(instrument.at)
+    line = problem.data.position - instrument_at
+    basis = _beam_basis(line)
     weight = matrices[:, :3, :3]
-    covariance = np.linalg.inv(np.einsum("mji,mjk->mik", weight, weight))
-    sigma = np.sqrt(np.einsum("mai,mij,maj->ma", basis, covariance, basis))
+    information = np.einsum("mji,mjk->mik", weight, weight)
+    covariance = np.linalg.inv(information)
+    variance = np.einsum(
+        "mai,mij,maj->ma",
+        basis,
+        covariance,
+        basis,
+    )
+    sigma = np.sqrt(variance)
     aligned = matrices.copy()
     aligned[:, :3, :3] = basis / sigma[:, :, None]
-    return replace(problem, whitening=replace(problem.whitening, matrices=aligned))
+    whitening = replace(whitening, matrices=aligned)
+    return replace(problem, whitening=whitening)
 
 
 def _beam_basis(line: Array) -> Array:
-    """Orthonormal bases (m, 3, 3) whose rows are along the lines (m, 3), across, across."""
-    along = line / np.linalg.norm(line, axis=1)[:, None]
-    farthest_axis = np.argmin(np.abs(along), axis=1)
-    across = np.cross(along, np.eye(3)[farthest_axis])
-    across /= np.linalg.norm(across, axis=1)[:, None]
-    return np.stack([along, across, np.cross(along, across)], axis=1)
+    """Compute orthonormal bases (m, 3, 3) whose rows are along the lines (m, 3), across, across."""
+    length = np.linalg.norm(line, axis=1)
+    along = line / length[:, None]
+    size = np.abs(along)
+    farthest_axis = np.argmin(size, axis=1)
+    axes = np.eye(3)
+    across = np.cross(along, axes[farthest_axis])
+    length = np.linalg.norm(across, axis=1)
+    across /= length[:, None]
+    third = np.cross(along, across)
+    return np.stack(
+        [along, across, third],
+        axis=1,
+    )
 
 
 def merge_components(noise: Components) -> Components:
     """Merge all components into one scale."""
     component = np.zeros_like(noise.component)
-    return Components(noise.problem, component, (SINGLE,), noise.units[:1], noise.factor[:1])
+    units = noise.units[:1]
+    factor = noise.factor[:1]
+    return Components(
+        noise.problem,
+        component,
+        (SINGLE,),
+        units,
+        factor,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,17 +172,35 @@ class Constant:
         """Add what the constant's values (W,) change at parameters theta (W, p) to the twists
         (W, m) of the (frame, axis) places."""
         below, share = self.interpolate(value)
+        above = below + 1
         upper = share[:, None]
+        lower = 1 - upper
+        none = np.zeros((1, 1))
         for place, k, table in self.tables:
-            cause = table[below] * (1 - upper) + table[below + 1] * upper
-            change = theta[:, k, None] * cause
-            twist[place] = twist.get(place, np.zeros((1, 1))) + change
+            cause = table[below] * lower
+            next_cause = table[above]
+            step = next_cause * upper
+            cause = cause + step
+            coefficient = theta[:, k]
+            coefficient = coefficient[:, None]
+            change = coefficient * cause
+            # added to what other constants change there
+            known = twist.get(place, none)
+            changed = known + change
+            twist[place] = changed
 
     def interpolate(self, value: Array) -> tuple[Index, Array]:
         """Return the grid point below each value (W,), and the share of the way to the next one."""
-        position = (value - self.low) / (self.high - self.low) * (GRID - 1)
-        below = np.clip(position, 0, GRID - 2).astype(np.intp)
-        return below, position - below
+        last = GRID - 1
+        width = self.high - self.low
+        departure = value - self.low
+        share = departure / width
+        position = share * last
+        # the last value belongs to the interval before it
+        below = np.clip(position, 0, GRID - 2)
+        index = below.astype(np.intp)
+        rest = position - index
+        return index, rest
 
 
 def list_constants(problem: Problem, model: Model, registry: Registry) -> tuple[Constant, ...]:
@@ -157,10 +212,14 @@ def list_constants(problem: Problem, model: Model, registry: Registry) -> tuple[
     constants = []
     for mechanism in model.mechanisms:
         entry = registry.get(mechanism.stem)
-        if isinstance(entry, Scanned) and entry.range is not None:
-            constant = _constant(problem, mechanism, entry, entry.range, place)
-            if constant is not None:
-                constants.append(constant)
+        if not isinstance(entry, Scanned):
+            continue
+        bounds = entry.range
+        if bounds is None:
+            continue
+        constant = _constant(problem, mechanism, entry, bounds, place)
+        if constant is not None:
+            constants.append(constant)
     return _number_names(constants)
 
 
@@ -171,17 +230,29 @@ def _constant(
     bounds: tuple[float, float],
     place: dict[TermKey, int],
 ) -> Constant | None:
-    """The constant of a mechanism; None where no scanned value gives the mechanism."""
-    joint = [] if mechanism.joint is None else [mechanism.joint]
-    held = _held_value(entry, problem.robot, joint, mechanism)
+    """Build the constant of a mechanism; None where no scanned value gives the mechanism."""
+    robot = problem.robot
+    joint = []
+    if mechanism.joint is not None:
+        joint = [mechanism.joint]
+    held = _held_value(entry, robot, joint, mechanism)
     if held is None:
         return None
     low, high = bounds
-    values = np.linspace(low, high, GRID)
-    variants = [entry.build(problem.robot, *joint, float(value)) for value in values]
+    variants = []
+    for value in np.linspace(low, high, GRID).tolist():
+        variant = entry.build(robot, *joint, value)
+        variants.append(variant)
     tables = _tabulate(problem, mechanism, variants, place)
-    name = f"constant of {mechanism.name}"
-    return Constant(name, mechanism.name, low, high, held, tables)
+    name = mechanism.name
+    return Constant(
+        f"constant of {name}",
+        name,
+        low,
+        high,
+        held,
+        tables,
+    )
 
 
 def _number_names(constants: Sequence[Constant]) -> tuple[Constant, ...]:
@@ -190,18 +261,23 @@ def _number_names(constants: Sequence[Constant]) -> tuple[Constant, ...]:
     numbered = []
     for k, constant in enumerate(constants):
         name = constant.name
-        if mechanisms.count(constant.mechanism) > 1:
-            name += f" ({mechanisms[: k + 1].count(constant.mechanism)})"
-        numbered.append(replace(constant, name=name))
+        mechanism = constant.mechanism
+        if mechanisms.count(mechanism) > 1:
+            so_far = mechanisms[: k + 1]
+            number = so_far.count(mechanism)
+            name += f" ({number})"
+        renamed = replace(constant, name=name)
+        numbered.append(renamed)
     return tuple(numbered)
 
 
 def _held_value(
     entry: Scanned, robot: Robot, joint: Sequence[int], mechanism: Mechanism
 ) -> float | None:
-    """The scanned value that gives this mechanism."""
+    """Find the scanned value that gives this mechanism."""
     for value in entry.constants(robot, *joint):
-        if entry.build(robot, *joint, value).terms == mechanism.terms:
+        variant = entry.build(robot, *joint, value)
+        if variant.terms == mechanism.terms:
             return float(value)
     return None
 
@@ -212,17 +288,28 @@ def _tabulate(
     variants: Sequence[Mechanism],
     place: dict[TermKey, int],
 ) -> tuple[Table, ...]:
-    """How the causes of every screw of a mechanism change over its variants."""
+    """Tabulate how the causes of every screw of a mechanism change over its variants."""
     tables = []
     for i, term in enumerate(mechanism.terms):
+        k = place[term.key]
         for j, screw in enumerate(term.screws):
-            screws = [variant.terms[i].screws[j] for variant in variants]
-            values = np.stack([_evaluate_cause(problem, other) for other in screws])
-            change = values - _evaluate_cause(problem, screw)
-            frame_axis = (screw.frame - 1, PLACE[screw.axis])
-            tables.append((frame_axis, place[term.key], change))
+            held = _evaluate_cause(problem, screw)
+            causes = []
+            for variant in variants:
+                same_term = variant.terms[i]
+                other = same_term.screws[j]
+                cause = _evaluate_cause(problem, other)
+                causes.append(cause)
+            change = np.stack(causes) - held
+            axis = PLACE[screw.axis]
+            frame_axis = (screw.frame - 1, axis)
+            table = (frame_axis, k, change)
+            tables.append(table)
     return tuple(tables)
 
 
 def _evaluate_cause(problem: Problem, screw: Screw) -> Array:
-    return np.broadcast_to(screw.cause.of(problem), (len(problem),))
+    rows = len(problem)
+    cause = screw.cause
+    values = cause.of(problem)
+    return np.broadcast_to(values, (rows,))

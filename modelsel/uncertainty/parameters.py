@@ -106,19 +106,35 @@ def bootstrap_parameters(split: Split, fitted: Fit, rng: np.random.Generator) ->
     """Bootstrap the training rows; the units are whole groups where the residuals of a group are
     correlated."""
     training = split.training()
+    data = training.data
     residual = fitted.residuals(training)
-    grouped = compute_group_p(training.data, residual[:, :3], rng) <= GROUP_LEVEL
-    unit = training.data.group if grouped else training.data.block
-    parts = fold_by_unit(training, fitted.terms, unit, fitted.at())
-    return replace(run_bootstrap(parts, fitted, rng), grouped=grouped)
+    positions = residual[:, :3]
+    p = compute_group_p(data, positions, rng)
+    grouped = p <= GROUP_LEVEL
+    unit = data.group if grouped else data.block
+    at = fitted.at()
+    parts = fold_by_unit(
+        training,
+        fitted.terms,
+        unit,
+        at,
+    )
+    boot = run_bootstrap(parts, fitted, rng)
+    return replace(boot, grouped=grouped)
 
 
 def _differ(errors: Sequence[float], configurations: float) -> bool:
     """Whether standard errors differ by more than MAX_RATIO, and by more than the bootstrap's own
     chance: the logarithm of one that rests on n configurations has a standard deviation of
     1/√(2n)."""
-    chance = float(np.exp(MAX_DEVIATION / np.sqrt(2 * configurations)))
-    return max(errors) > max(MAX_RATIO, chance) * min(errors)
+    root = np.sqrt(2 * configurations)
+    log_chance = MAX_DEVIATION / root
+    chance = np.exp(log_chance)
+    ratio = max(MAX_RATIO, float(chance))
+    smallest = min(errors)
+    largest = max(errors)
+    limit = ratio * smallest
+    return largest > limit
 
 
 def compute_displacement(split: Split, fitted: Fit) -> tuple[Array, Array]:
@@ -126,15 +142,27 @@ def compute_displacement(split: Split, fitted: Fit) -> tuple[Array, Array]:
 
     Over all measured configurations without outliers, held out or not: the workspace as it was
     measured. Linear about the optimum."""
-    problem = split.problem.take(~split.outlying).unweighted()
-    total = np.zeros(len(fitted.theta))
-    largest = np.zeros(len(fitted.theta))
-    for _, columns, _ in blocks(problem, fitted.terms, fitted.at()):
-        length = np.linalg.norm(columns[:, :3], axis=1)
-        size = length * np.abs(fitted.theta)[:, None]
+    good = ~split.outlying
+    problem = split.problem.take(good)
+    problem = problem.unweighted()
+    rows = len(problem)
+    theta = fitted.theta
+    amount = np.abs(theta)
+    amount = amount[:, None]
+    count = len(theta)
+    total = np.zeros(count)
+    largest = np.zeros(count)
+    # the columns are displacements per unit of a parameter
+    at = fitted.at()
+    for _, columns, _ in blocks(problem, fitted.terms, at):
+        positions = columns[:, :3]
+        length = np.linalg.norm(positions, axis=1)
+        size = length * amount
+        block_largest = size.max(1)
         total += size.sum(1)
-        largest = np.maximum(largest, size.max(1))
-    return total / len(problem), largest
+        largest = np.maximum(largest, block_largest)
+    mean = total / rows
+    return mean, largest
 
 
 def add_posterior(
@@ -143,16 +171,26 @@ def add_posterior(
     """Add the posterior's standard deviations: emcee's where it sampled the parameter and converged,
     else those of the closed-form draws weighted on the exact chain."""
     labels = label_terms(fitted.model)
-    spread = {labels[k]: float(draws.spread[k]) for k in fitted.found.kept}
+    spread = {}
+    for k in fitted.found.kept:
+        name = labels[k]
+        spread[name] = float(draws.spread[k])
     if sampling.converged:
         chain = zip(sampling.names, sampling.spread, strict=True)
-        spread |= {name: float(value) for name, value in chain if name in spread}
+        for name, value in chain:
+            if name in spread:
+                spread[name] = float(value)
     described = []
     for parameter in parameters:
         error = spread[parameter.symbol]
-        errors = (parameter.standard_error, parameter.bootstrap_error, error)
+        errors = (
+            parameter.standard_error,
+            parameter.bootstrap_error,
+            error,
+        )
         differ = _differ(errors, parameter.configurations)
-        described.append(replace(parameter, posterior_error=error, differ=differ))
+        changed = replace(parameter, posterior_error=error, differ=differ)
+        described.append(changed)
     return tuple(described)
 
 
@@ -204,15 +242,21 @@ def label_terms(model: Model) -> tuple[str, ...]:
     """Label every term uniquely: by its symbol; where two terms share one, with the mechanism, and
     with a number where a mechanism is in the model with several constants."""
     symbols = [t.symbol for t in model.terms]
+    owners = list_owners(model)
     labels = []
-    for symbol, owner in zip(symbols, list_owners(model), strict=True):
-        labels.append(symbol if symbols.count(symbol) == 1 else f"{symbol} of {owner}")
+    for symbol, owner in zip(symbols, owners, strict=True):
+        label = symbol
+        if symbols.count(symbol) > 1:
+            label = f"{symbol} of {owner}"
+        labels.append(label)
     numbered = []
     for k, label in enumerate(labels):
-        if labels.count(label) == 1:
-            numbered.append(label)
-        else:
-            numbered.append(f"{label} ({labels[:k].count(label) + 1})")
+        name = label
+        if labels.count(label) > 1:
+            before = labels[:k]
+            number = before.count(label) + 1
+            name = f"{label} ({number})"
+        numbered.append(name)
     return tuple(numbered)
 
 
@@ -222,37 +266,70 @@ def list_owners(model: Model) -> tuple[str, ...]:
     for mechanism in model.mechanisms:
         for term in mechanism.terms:
             first.setdefault(term.key, mechanism.name)
-    return tuple(first[term.key] for term in model.terms)
+    owners = []
+    for term in model.terms:
+        owner = first[term.key]
+        owners.append(owner)
+    return tuple(owners)
 
 
 def mask_free_functions(model: Model) -> Mask:
     """Mask (p,) of the coefficients of free functions."""
-    return np.array(
-        [bool(t.screws) and isinstance(t.screws[0].cause, Bump) for t in model.terms], dtype=bool
-    )
+    inside = []
+    for term in model.terms:
+        free = False
+        if term.screws:
+            screw = term.screws[0]
+            free = isinstance(screw.cause, Bump)
+        inside.append(free)
+    return np.array(inside, dtype=bool)
 
 
 def correlate_parameters(fitted: Fit) -> Correlation:
     """Compute the correlation matrix of the fitted parameters, its strong pairs and clusters."""
-    inside = mask_free_functions(fitted.model)
+    model = fitted.model
+    # free functions have no coefficient of their own to compare
+    inside = mask_free_functions(model)
     index = [k for k in fitted.found.kept if not inside[k]]
     factor = fitted.factor[index]
-    unit = factor / np.linalg.norm(factor, axis=1)[:, None]
+    length = np.linalg.norm(factor, axis=1)
+    unit = factor / length[:, None]
     matrix = np.clip(unit @ unit.T, -1, 1)
-    labels = label_terms(fitted.model)
+    labels = label_terms(model)
     names = tuple(labels[k] for k in index)
     # parameters that rest on their prior are reported as not determined
-    determined = np.array([k not in fitted.leaning for k in index], dtype=bool)
+    leaning = fitted.leaning
+    determined = np.array([k not in leaning for k in index], dtype=bool)
     joined = _find_strong(matrix, determined)
-    pairs = tuple(_describe_pair(names[j], names[i], float(matrix[i, j])) for i, j in joined)
-    return Correlation(names, matrix, pairs, _cluster(names, joined))
+    pairs = []
+    for i, j in joined:
+        r = float(matrix[i, j])
+        pair = _describe_pair(names[j], names[i], r)
+        pairs.append(pair)
+    clusters = _cluster(names, joined)
+    return Correlation(
+        names,
+        matrix,
+        tuple(pairs),
+        clusters,
+    )
 
 
 def _find_strong(matrix: Array, determined: Mask) -> list[tuple[int, int]]:
-    """Pairs (i, j), j < i, of determined parameters with a strong correlation, strongest first."""
-    strong = np.tril(np.abs(matrix) > STRONG, -1) & np.logical_and.outer(determined, determined)
-    pairs = [(int(i), int(j)) for i, j in np.argwhere(strong)]
-    return sorted(pairs, key=lambda pair: -abs(matrix[pair]))
+    """Find the pairs (i, j), j < i, of determined parameters with a strong correlation, strongest
+    first."""
+    size = np.abs(matrix)
+    below = np.tril(size > STRONG, -1)
+    both = np.logical_and.outer(determined, determined)
+    strong = below & both
+    pairs = []
+    for i, j in np.argwhere(strong):
+        pair = (int(i), int(j))
+        pairs.append(pair)
+    return sorted(
+        pairs,
+        key=lambda pair: -abs(matrix[pair]),
+    )
 
 
 def _describe_pair(a: str, b: str, r: float) -> Pair:
@@ -270,9 +347,18 @@ def _describe_pair(a: str, b: str, r: float) -> Pair:
 def _cluster(
     names: Sequence[str], joined: Sequence[tuple[int, int]]
 ) -> tuple[tuple[str, ...], ...]:
-    """Groups of names that the pairs connect, each in the names' order."""
-    component = connected_components(len(names), np.array(joined, dtype=np.intp))
+    """Group the names that the pairs connect, each group in the names' order."""
+    count = len(names)
+    edges = np.array(joined, dtype=np.intp)
+    component = connected_components(count, edges)
+    labels = component.tolist()
     members: dict[int, list[str]] = {}
-    for name, label in zip(names, component.tolist(), strict=True):
-        members.setdefault(label, []).append(name)
-    return tuple(tuple(group) for group in members.values() if len(group) > 1)
+    for name, label in zip(names, labels, strict=True):
+        group = members.setdefault(label, [])
+        group.append(name)
+    clusters = []
+    for group in members.values():
+        if len(group) > 1:
+            cluster = tuple(group)
+            clusters.append(cluster)
+    return tuple(clusters)

@@ -49,35 +49,59 @@ class Posterior:
     @property
     def scale(self) -> float:
         """The noise scale, in whitened units: the square root of Q₀/ν."""
-        return float(np.sqrt(self.cost / self.freedom))
+        variance = self.cost / self.freedom
+        scale = np.sqrt(variance)
+        return float(scale)
 
     @property
     def spread(self) -> Array:
         """(p,) scale of the marginal t of every parameter; zero where it is not estimable."""
-        length = np.sqrt(np.square(self.factor).sum(1))
-        return np.asarray(length * self.scale)
+        squares = np.square(self.factor)
+        square_sum = squares.sum(1)
+        length = np.sqrt(square_sum)
+        spread = length * self.scale
+        return np.asarray(spread)
 
     def quantile(self, probability: Array | float) -> Array:
         """Compute quantiles (p,) of the marginals; (p, k) for k probabilities."""
         from scipy.special import stdtrit
 
-        t = stdtrit(self.freedom, np.asarray(probability))
-        theta = self.theta.reshape(-1, *[1] * np.ndim(t))
-        return np.asarray(theta + np.multiply.outer(self.spread, t))
+        probabilities = np.asarray(probability)
+        t = stdtrit(self.freedom, probabilities)
+        more_axes = [1] * np.ndim(t)
+        theta = self.theta.reshape(-1, *more_axes)
+        departure = np.multiply.outer(self.spread, t)
+        quantiles = theta + departure
+        return np.asarray(quantiles)
 
     def scale_quantile(self, probability: Array | float) -> Array:
         """Compute quantiles of the noise scale, in whitened units."""
         from scipy.special import chdtri
 
-        chi_square = chdtri(self.freedom, np.asarray(probability))
-        return np.asarray(np.sqrt(self.cost / chi_square))
+        probabilities = np.asarray(probability)
+        chi_square = chdtri(self.freedom, probabilities)
+        variance = self.cost / chi_square
+        scale = np.sqrt(variance)
+        return np.asarray(scale)
 
     def draw(self, rng: np.random.Generator, count: int) -> Draws:
         """Draw independently, with equal weights."""
-        sigma = np.sqrt(self.cost / rng.chisquare(self.freedom, count))
-        normal = rng.standard_normal((count, self.factor.shape[1]))
-        theta = self.theta + sigma[:, None] * (normal @ self.factor.T)
-        return Draws(theta, sigma, np.full(count, 1 / count))
+        _, rank = self.factor.shape
+        chi_square = rng.chisquare(self.freedom, count)
+        variance = self.cost / chi_square
+        sigma = np.sqrt(variance)
+        normal = rng.standard_normal((count, rank))
+        step = normal @ self.factor.T
+        scale = sigma[:, None]
+        step = scale * step
+        theta = self.theta + step
+        share = 1 / count
+        weight = np.full(count, share)
+        return Draws(
+            theta,
+            sigma,
+            weight,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,21 +115,37 @@ class Draws:
     @property
     def effective(self) -> float:
         """Effective number of independent draws (Kish 1965)."""
-        return float(1 / np.square(self.weight).sum())
+        squares = np.square(self.weight)
+        number = 1 / squares.sum()
+        return float(number)
 
     @property
     def spread(self) -> Array:
         """(p,) weighted standard deviation of every parameter."""
-        mean = self.weight @ self.theta
-        variance = self.weight @ np.square(self.theta - mean)
-        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+        weight = self.weight
+        mean = weight @ self.theta
+        departure = self.theta - mean
+        squares = np.square(departure)
+        variance = weight @ squares
+        variance = np.maximum(variance, 0.0)
+        spread = np.sqrt(variance)
+        return np.asarray(spread)
 
 
 def linear_posterior(fitted: Fit) -> Posterior:
     """Compute the posterior of a fit, linear about its optimum."""
-    cost = fitted.rss + float(np.square(fitted.root @ fitted.theta).sum())
-    freedom = fitted.rows - (fitted.found.rank - fitted.by_prior)
-    return Posterior(fitted.theta, fitted.factor, cost, freedom)
+    scaled = fitted.root @ fitted.theta
+    squares = np.square(scaled)
+    prior_cost = float(squares.sum())
+    cost = fitted.rss + prior_cost
+    by_data = fitted.found.rank - fitted.by_prior
+    freedom = fitted.rows - by_data
+    return Posterior(
+        fitted.theta,
+        fitted.factor,
+        cost,
+        freedom,
+    )
 
 
 def weight_draws(problem: Problem, fitted: Fit, draws: Draws, max_rows: int = MAX_ROWS) -> Draws:
@@ -114,33 +154,61 @@ def weight_draws(problem: Problem, fitted: Fit, draws: Draws, max_rows: int = MA
     The departure of the chain from its tangent is evaluated on at most `max_rows` rows, evenly
     spread, that stand for all: thinning can only make the weights less even. The prior is in both,
     and alike."""
+    theta = draws.theta
+    rows = len(problem)
     part = problem
-    if len(problem) > max_rows:
-        part = problem.take(np.linspace(0, len(problem) - 1, max_rows).astype(np.intp))
-    exact = _exact_cost(part, fitted, draws.theta)
-    R = reduce_problem(part, fitted.terms, fitted.at(), fitted.found.kept).R
-    step = draws.theta - fitted.theta
-    linear = np.square(R[:, -1] - step @ R[:, :-1].T).sum(1)
-    rows_each = len(problem) / len(part)
-    log_weight = (linear - exact) / (2 * np.square(draws.sigma)) * rows_each
-    weight = np.exp(log_weight - log_weight.max())
-    return Draws(draws.theta, draws.sigma, np.asarray(weight / weight.sum()))
+    if rows > max_rows:
+        places = np.linspace(0, rows - 1, max_rows)
+        index = places.astype(np.intp)
+        part = problem.take(index)
+    exact = _exact_cost(part, fitted, theta)
+    at = fitted.at()
+    kept = fitted.found.kept
+    reduction = reduce_problem(part, fitted.terms, at, kept)
+    response = reduction.R[:, -1]
+    columns = reduction.R[:, :-1]
+    step = theta - fitted.theta
+    residual = response - step @ columns.T
+    squares = np.square(residual)
+    linear = squares.sum(1)
+    rows_each = rows / len(part)
+    double_variance = 2 * np.square(draws.sigma)
+    log_weight = (linear - exact) / double_variance
+    log_weight = log_weight * rows_each
+    largest = log_weight.max()
+    weight = np.exp(log_weight - largest)
+    share = weight / weight.sum()
+    return Draws(
+        theta,
+        draws.sigma,
+        np.asarray(share),
+    )
 
 
 def _exact_cost(problem: Problem, fitted: Fit, theta: Array) -> Array:
-    """Sums of squared whitened residuals (n,) of the exact chain at coefficients (n, p)."""
+    """Compute sums of squared whitened residuals (n,) of the exact chain at coefficients (n, p)."""
     ensemble = Ensemble(problem, fitted.terms)
-    cost = np.empty(len(theta))
-    count = max(1, MAX_WORK // (10 * len(problem)))
-    for start in range(0, len(cost), count):
-        part = slice(start, start + count)
-        cost[part] = np.square(ensemble.residuals(theta[part])).sum((1, 2))
+    draws = len(theta)
+    cost = np.empty(draws)
+    rows = len(problem)
+    work = 10 * rows
+    at_once = MAX_WORK // work
+    count = max(1, at_once)
+    for start in range(0, draws, count):
+        stop = start + count
+        part = slice(start, stop)
+        residual = ensemble.residuals(theta[part])
+        squares = np.square(residual)
+        cost[part] = squares.sum((1, 2))
     return cost
 
 
 def choose_draw_count(problem: Problem) -> int:
     """Choose the number of draws so that the work is bounded, whatever the problem's size."""
-    return int(np.clip(MAX_WORK // len(problem), *DRAWS))
+    fewest, most = DRAWS
+    count = MAX_WORK // len(problem)
+    count = min(count, most)
+    return max(count, fewest)
 
 
 @dataclass(frozen=True)

@@ -96,7 +96,8 @@ class Sampling:
     @property
     def walkers(self) -> int:
         """Number of walkers W."""
-        return int(self.chain.shape[1])
+        shape = self.chain.shape
+        return int(shape[1])
 
     @property
     def effective(self) -> Array:
@@ -107,12 +108,19 @@ class Sampling:
     @property
     def quantiles(self) -> Array:
         """(d, 3) quantiles of the chain at 2.5, 50 and 97.5 %."""
-        return np.asarray(np.quantile(self.chain, PROBABILITIES, axis=(0, 1)).T)
+        quantiles = np.quantile(
+            self.chain,
+            PROBABILITIES,
+            axis=(0, 1),
+        )
+        return np.asarray(quantiles.T)
 
     @property
     def spread(self) -> Array:
         """(d,) standard deviations of the chain."""
-        return np.asarray(self.chain.std((0, 1)))
+        chain = self.chain
+        deviation = chain.std((0, 1))
+        return np.asarray(deviation)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result file's entry; quantiles and draws of an unconverged chain are null."""
@@ -132,7 +140,7 @@ class Sampling:
         }
 
     def _quantile_records(self) -> list[dict[str, Any]]:
-        """Quantiles of every name, of the chain and of the closed form."""
+        """List the quantiles of every name, of the chain and of the closed form."""
         quantiles = np.full((len(self.names), 3), np.nan)
         if self.converged:
             quantiles = self.quantiles
@@ -146,17 +154,19 @@ class Sampling:
         return records
 
     def _trace_record(self) -> dict[str, Any]:
-        """Some draws of the most informative names, for pictures."""
+        """Select some draws of the most informative names, for pictures."""
         pictured = self._pictured()
-        flat = self.chain.reshape(-1, len(self.names))
+        count = len(self.names)
+        flat = self.chain.reshape(-1, count)
         step = -(-len(flat) // MAX_DRAWS)
+        draws = flat[::step, pictured]
         return {
             "names": [self.names[j] for j in pictured],
-            "draws": flat[::step, pictured] if self.converged else [],
+            "draws": draws if self.converged else [],
         }
 
     def _pictured(self) -> list[int]:
-        """Positions of the names most correlated with another, in order."""
+        """Return the positions of the names most correlated with another, in order."""
         count = len(self.names)
         if count <= MAX_PICTURED:
             return list(range(count))
@@ -252,17 +262,24 @@ def _advance(walk: _Walk, steps: int, keeper: Keeper | None) -> None:
 
 
 def _autocorrelation_times(chain: Array, thin: int) -> Array:
-    """Autocorrelation times (d,) in steps, at least one, without the first tenth of the chain."""
-    stored = autocorrelation_time(chain[len(chain) // 10 :])
-    return np.maximum(stored * thin, 1.0)
+    """Compute autocorrelation times (d,) in steps, at least one, without the first tenth of the
+    chain."""
+    tenth = len(chain) // 10
+    rest = chain[tenth:]
+    stored = autocorrelation_time(rest)
+    times = stored * thin
+    return np.maximum(times, 1.0)
 
 
 def _burn_in(tau: Array, thin: int, stored: int) -> int:
-    """Stored steps to leave out at the start: two autocorrelation times, at most half of them."""
+    """Count the stored steps to leave out at the start: two autocorrelation times, at most half of
+    them."""
+    half = stored // 2
     longest = float(tau.max())
     if not np.isfinite(longest):
-        return stored // 2
-    return min(int(np.ceil(2 * longest / thin)), stored // 2)
+        return half
+    needed = 2 * longest / thin
+    return min(int(np.ceil(needed)), half)
 
 
 def _finish(
@@ -351,13 +368,17 @@ class _Walk:
     @property
     def chain(self) -> Array:
         """(stored, W, d)."""
-        self.parts = [np.concatenate(self.parts)]
-        return self.parts[0]
+        chain = np.concatenate(self.parts)
+        self.parts = [chain]
+        return chain
 
     @property
     def steps(self) -> int:
         """Number of steps done."""
-        return sum(map(len, self.parts)) * self.thin
+        stored = 0
+        for part in self.parts:
+            stored += len(part)
+        return stored * self.thin
 
     def run(self, steps: int) -> None:
         """Run so many more steps."""

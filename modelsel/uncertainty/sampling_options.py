@@ -39,9 +39,15 @@ class SamplingOptions:
 
         That is when it should be long enough, but no more than `growth` times later, so that the
         times are seen to settle."""
-        wanted = max(1.02 * needed, 1.15 * check)
-        wanted = min(self.growth * check, wanted)
-        return min(self.max_steps, CHUNK * int(np.ceil(wanted / CHUNK)))
+        least = 1.15 * check
+        enough = 1.02 * needed
+        wanted = max(enough, least)
+        latest = self.growth * check
+        wanted = min(latest, wanted)
+        # the chain grows by whole chunks
+        chunks = np.ceil(wanted / CHUNK)
+        steps = CHUNK * int(chunks)
+        return min(self.max_steps, steps)
 
 
 DEFAULT_SAMPLING = SamplingOptions()

@@ -119,39 +119,65 @@ def assess_significance(
 
 
 def _terms(model: Model, mechanism: Mechanism) -> list[int]:
-    """Indices of a mechanism's terms."""
-    keys = {t.key for t in mechanism.terms}
-    return [k for k, t in enumerate(model.terms) if t.key in keys]
+    """Return the indices of a mechanism's terms."""
+    keys = {term.key for term in mechanism.terms}
+    indices = []
+    for k, term in enumerate(model.terms):
+        if term.key in keys:
+            indices.append(k)
+    return indices
 
 
 def _unshared_terms(model: Model, mechanism: Mechanism, fitted: Fit) -> list[int]:
-    """Indices of the estimable terms that this mechanism alone brings."""
-    others = {t.key for m in model.mechanisms if m != mechanism for t in m.terms}
-    estimable = [k for k in _terms(model, mechanism) if k in fitted.found.kept]
-    return [k for k in estimable if model.terms[k].key not in others]
+    """Return the indices of the estimable terms that this mechanism alone brings."""
+    kept = fitted.found.kept
+    mechanisms = [m for m in model.mechanisms if m != mechanism]
+    others = {term.key for m in mechanisms for term in m.terms}
+    own = _terms(model, mechanism)
+    unshared = []
+    for k in own:
+        term = model.terms[k]
+        alone = term.key not in others
+        if k not in kept:
+            continue
+        if alone:
+            unshared.append(k)
+    return unshared
 
 
 def _displace(
     split: Split, fitted: Fit, groups: Sequence[Sequence[int]]
 ) -> list[tuple[float, float]]:
-    """(mean, largest) displacement [mm] of the target that each group of terms causes on the exact
-    chain, over all measured configurations."""
-    problem = split.problem.take(~split.outlying).unweighted()
-    without = np.tile(fitted.theta, (len(groups), 1))
+    """Compute the (mean, largest) displacement [mm] of the target that each group of terms causes
+    on the exact chain, over all measured configurations."""
+    good = ~split.outlying
+    problem = split.problem.take(good)
+    problem = problem.unweighted()
+    count = len(groups)
+    without = np.tile(fitted.theta, (count, 1))
     for row, group in zip(without, groups, strict=True):
         row[list(group)] = 0.0
-    total = np.zeros(len(groups))
-    largest = np.zeros(len(groups))
+    total = np.zeros(count)
+    largest = np.zeros(count)
+    model_theta = fitted.theta[None]
     for _, part in problem.parts():
         ensemble = Ensemble(part, fitted.terms)
-        full = ensemble.residuals(fitted.theta[None])[0, :3]
+        residual = ensemble.residuals(model_theta)
+        full = residual[0, :3]
         for g, theta in enumerate(without):
-            change = ensemble.residuals(theta[None])[0, :3] - full
+            residual = ensemble.residuals(theta[None])
+            change = residual[0, :3] - full
             size = np.linalg.norm(change, axis=0)
             total[g] += size.sum()
             largest[g] = max(largest[g], size.max())
     mean = total / len(problem)
-    return list(zip(mean.tolist(), largest.tolist(), strict=True))
+    return list(
+        zip(
+            mean.tolist(),
+            largest.tolist(),
+            strict=True,
+        )
+    )
 
 
 def compare_nested(
@@ -165,23 +191,37 @@ def compare_nested(
     standard deviation of whitened rows, where it is known."""
     from scipy.special import fdtrc
 
+    freedom = fitted.freedom
     shrunk = any(spline(fitted.terms[k]) is not None for k in terms)
-    if not terms or fitted.freedom <= 0 or shrunk:
+    if not terms or freedom <= 0 or shrunk:
         return None, None, None
     count = count_determined(fitted, terms)
     if count < MIN_DETERMINED:
         return None, None, None
-    factor = fitted.factor[list(terms)]
-    theta = fitted.theta[list(terms)]
-    increase = float(theta @ np.linalg.solve(factor @ factor.T, theta))
-    f = increase / count / fitted.sigma**2
-    p = max(float(fdtrc(count, fitted.freedom, f)), boot.p_value(fitted, terms))
+    columns = list(terms)
+    factor = fitted.factor[columns]
+    theta = fitted.theta[columns]
+    covariance = factor @ factor.T
+    scaled = np.linalg.solve(covariance, theta)
+    increase = float(theta @ scaled)
+    mean = increase / count
+    f = mean / fitted.sigma**2
+    by_rows = float(fdtrc(count, freedom, f))
+    p = max(by_rows, boot.p_value(fitted, terms))
     if fitted.precision is not None:
         return f, p, None
-    rank = round(fitted.rows - fitted.freedom - count)
+    rank = round(fitted.rows - freedom - count)
     rss = fitted.rss + increase
-    evidence = log_evidence(fitted.rss, rss, fitted.rows, rank, round(count), known)
-    return f, p, float(evidence / np.log(10))
+    evidence = log_evidence(
+        fitted.rss,
+        rss,
+        fitted.rows,
+        rank,
+        round(count),
+        known,
+    )
+    log10_evidence = evidence / np.log(10)
+    return f, p, float(log10_evidence)
 
 
 class _ReducedModels:
@@ -197,97 +237,163 @@ class _ReducedModels:
         self.folds = split.training_folds()
         self.folded = self._fold(self.training, self.folds)
         self.plain = self._unweighted()
-        held = split.problem.take(~split.estimation & ~split.outlying)
+        outside = ~split.estimation
+        good = ~split.outlying
+        rows = outside & good
+        held = split.problem.take(rows)
         self.held_rows = len(held)
-        self.held_triangle = self._reduce_held(held) if self.held_rows else None
+        self.held_triangle = None
+        if self.held_rows:
+            self.held_triangle = self._reduce_held(held)
 
     def _fold(self, problem: Problem, folds: Index) -> FoldedData:
         fitted = self.fitted
-        return fold(problem, fitted.terms, folds, fitted.at(), fitted.found.kept)
+        terms = fitted.terms
+        kept = fitted.found.kept
+        at = fitted.at()
+        return fold(problem, terms, folds, at, kept)
 
     def _unweighted(self) -> FoldedData:
-        """The folds in mm."""
+        """Return the folds in mm."""
+        folded = self.folded
         whitening = self.training.whitening
         if whitening.uniform:
-            return FoldedData(self.folded.blocks / whitening.weight, self.folded.rows)
-        return self._fold(self.training.unweighted(), self.folds)
+            blocks = folded.blocks / whitening.weight
+            return FoldedData(blocks, folded.rows)
+        plain = self.training.unweighted()
+        return self._fold(plain, self.folds)
 
     def _reduce_held(self, held: Problem) -> Array:
-        """Triangle of the held-out positions in mm."""
+        """Reduce the held-out positions in mm to a triangle."""
         whitening = UNIT
         if held.components == 6:
+            rows = len(held)
             select = np.diag([1.0, 1, 1, 0, 0, 0])
-            whitening = Whitening(matrices=np.broadcast_to(select, (len(held), 6, 6)))
+            matrices = np.broadcast_to(select, (rows, 6, 6))
+            whitening = Whitening(matrices=matrices)
         fitted = self.fitted
+        kept = fitted.found.kept
         plain = replace(held, whitening=whitening)
-        return reduce_problem(plain, fitted.terms, fitted.at(), fitted.found.kept).R
+        reduction = reduce_problem(
+            plain,
+            fitted.terms,
+            fitted.at(),
+            kept,
+        )
+        return reduction.R
 
     def bundles(self, count: int) -> FoldedData:
         """Return a fold per configuration; of more than `count`, per bundle of them, whose halves
         have the same answer."""
-        _, configuration = np.unique(self.training.data.block, return_inverse=True)
-        return self._fold(self.training, configuration.reshape(-1) % count)
+        data = self.training.data
+        _, configuration = np.unique(
+            data.block,
+            return_inverse=True,
+        )
+        number = configuration.reshape(-1)
+        bundle = number % count
+        return self._fold(self.training, bundle)
 
     def rms(self, terms: Sequence[int]) -> tuple[float | None, float | None]:
         """Compute the (cross-validated, held-out) rms [mm] of the lengths of the residual vectors
         without some terms."""
+        theta = self.fitted.theta
+        estimable = self.fitted.found.kept
         removed = list(terms)
-        kept = [k for k in self.fitted.found.kept if k not in removed]
-        data = FoldedData(self._put_back(self.folded.blocks, removed), self.folded.rows)
+        kept = [k for k in estimable if k not in removed]
+        folded = self.folded
+        blocks = self._put_back(folded.blocks, removed)
+        data = FoldedData(blocks, folded.rows)
         total = data.total
         prior = self._prior_without(removed, kept)
         if prior is not None:
-            total = Reduction(total.add(prior).R, total.rows)
-        kept = [kept[i] for i in identify(total.select(kept)).kept]
+            joined = total.add(prior)
+            total = Reduction(joined.R, total.rows)
+        selected = total.select(kept)
+        found = identify(selected).kept
+        kept = [kept[i] for i in found]
         crossed = self._cross_validate(data, removed, kept, prior)
-        if self.held_triangle is None:
+        triangle = self.held_triangle
+        if triangle is None:
             return crossed, None
-        step = np.zeros(len(self.fitted.theta))
-        step[kept] = solve(total, kept)[0]
-        step[removed] = -self.fitted.theta[removed]
-        residual = self.held_triangle[:, -1] - self.held_triangle[:, :-1] @ step
-        return crossed, float(np.sqrt(np.square(residual).sum() / self.held_rows))
+        # the fit without the terms, as a step from the model's coefficients
+        beta, _, _ = solve(total, kept)
+        step = np.zeros(len(theta))
+        step[kept] = beta
+        step[removed] = -theta[removed]
+        response = triangle[:, -1]
+        columns = triangle[:, :-1]
+        predicted = columns @ step
+        residual = response - predicted
+        squares = np.square(residual)
+        square_sum = squares.sum()
+        mean_square = square_sum / self.held_rows
+        rms = np.sqrt(mean_square)
+        return crossed, float(rms)
 
     def _put_back(self, rows: Array, removed: Sequence[int]) -> Array:
-        """Rows (..., p+1) with the part of the removed terms in the response."""
+        """Put the part of the removed terms into the response of rows (..., p+1)."""
         columns = list(removed)
+        theta = self.fitted.theta
+        theta = theta[columns]
         changed = rows.copy()
-        changed[..., -1] += changed[..., columns] @ self.fitted.theta[columns]
+        part = changed[..., columns]
+        changed[..., -1] += part @ theta
         return changed
 
     def _prior_without(self, removed: Sequence[int], kept: Sequence[int]) -> Array | None:
-        """The prior's rows that say something of the kept terms."""
-        if self.fitted.prior is None:
+        """Select the prior's rows that say something of the kept terms."""
+        prior = self.fitted.prior
+        if prior is None:
             return None
-        prior = self._put_back(self.fitted.prior, removed)
-        return prior[np.abs(prior[:, list(kept)]).any(1)] if kept else prior[:0]
+        prior = self._put_back(prior, removed)
+        if not kept:
+            return prior[:0]
+        size = np.abs(prior[:, list(kept)])
+        informative = size.any(1)
+        return prior[informative]
 
     def _cross_validate(
         self, data: FoldedData, removed: Sequence[int], kept: Sequence[int], prior: Array | None
     ) -> float | None:
-        """Cross-validated rms [mm]; None where the model is not estimable without some fold."""
+        """Compute the cross-validated rms [mm]; None where the model is not estimable without some
+        fold."""
         columns = list(removed)
         try:
-            without = cross_validate(data, kept, prior).without.copy()
+            validation = cross_validate(data, kept, prior)
         except NotEstimable:
             return None
+        without = validation.without.copy()
         without[:, columns] -= self.fitted.theta[columns]
         blocks = self.plain.blocks
-        residual = blocks[:, :, -1] - np.einsum("khp,kp->kh", blocks[:, :, :-1], without)
-        return float(np.sqrt(np.square(residual).sum() / len(self.training)))
+        design = blocks[:, :, :-1]
+        response = blocks[:, :, -1]
+        predicted = np.einsum("khp,kp->kh", design, without)
+        squares = np.square(response - predicted)
+        square_sum = squares.sum()
+        rows = len(self.training)
+        mean_square = square_sum / rows
+        return float(np.sqrt(mean_square))
 
 
 def check_catalogue(fitted: Fit, terms: Sequence[int]) -> str:
     """Check signs and sizes against the catalogue; two standard errors are allowed.
 
     Returns "as expected", or which terms depart from it and how."""
-    error = 2 * fitted.standard_errors
+    errors = 2 * fitted.standard_errors
     departures = []
     for k in terms:
         term = fitted.terms[k]
+        error = errors[k]
         value = float(fitted.theta[k])
-        if term.sign and value * term.sign < -error[k]:
+        in_sign = value * term.sign
+        if term.sign and in_sign < -error:
             departures.append(f"{term.symbol} has the other sign")
-        if term.size is not None and abs(value) - error[k] > term.size[1]:
+        if term.size is None:
+            continue
+        least_size = abs(value) - error
+        if least_size > term.size[1]:
             departures.append(f"{term.symbol} is larger than usual")
-    return "; ".join(departures) if departures else "as expected"
+    if not departures:
+        return "as expected"
+    return "; ".join(departures)

@@ -29,13 +29,23 @@ def count_determined(fitted: Fit, terms: Sequence[int]) -> float:
 
     Those that a prior holds count by what the data determine of them: the trace of the hat matrix
     that goes with them."""
-    rest = [k for k in fitted.found.kept if k not in terms]
+    kept = fitted.found.kept
+    reduction = fitted.reduction
+    rest = [k for k in kept if k not in terms]
     spent = 0.0
     if rest:
-        full = with_prior(fitted.reduction, fitted.root, fitted.theta)
-        factor = solve(full, rest)[1]
-        spent = np.square(fitted.reduction.R[:-1, rest] @ factor).sum()
-    return float(fitted.rows - fitted.freedom - spent)
+        full = with_prior(
+            reduction,
+            fitted.root,
+            fitted.theta,
+        )
+        _, factor, _ = solve(full, rest)
+        columns = reduction.R[:-1, rest]
+        influence = np.square(columns @ factor)
+        spent = influence.sum()
+    used = fitted.rows - fitted.freedom
+    determined = used - spent
+    return float(determined)
 
 
 def measure_stability(
@@ -53,22 +63,36 @@ def measure_stability(
 
     samples = _HalfSamples(folded, fitted)
     positions = [samples.positions(group) for group in groups]
-    sizes = [max(count_determined(fitted, group), MIN_DETERMINED) for group in groups]
-    hits = np.zeros(len(groups))
+    sizes = []
+    for group in groups:
+        determined = count_determined(fitted, group)
+        size = max(determined, MIN_DETERMINED)
+        sizes.append(size)
+    count_of_groups = len(groups)
+    hits = np.zeros(count_of_groups)
     judged = 0
-    for half in draw_half_samples(rng, count, len(folded.blocks)):
+    units = len(folded.blocks)
+    for half in draw_half_samples(rng, count, units):
         solution = samples.solve(half)
         if solution is None:
             continue
         judged += 1
         for g, position in enumerate(positions):
-            if len(position):
-                f = solution.f_value(position, sizes[g])
-                hits[g] += fdtrc(sizes[g], solution.freedom, f) < LEVEL
+            if not len(position):
+                continue
+            size = sizes[g]
+            f = solution.f_value(position, size)
+            p = fdtrc(size, solution.freedom, f)
+            hits[g] += p < LEVEL
     if not judged:
-        return [None] * len(groups)
-    shares = hits / judged
-    return [float(s) if len(i) else None for s, i in zip(shares, positions, strict=True)]
+        return [None] * count_of_groups
+    stability: list[float | None] = []
+    for hit, position in zip(hits, positions, strict=True):
+        share = None
+        if len(position):
+            share = float(hit / judged)
+        stability.append(share)
+    return stability
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,38 +107,63 @@ class _HalfSolution:
 
     def f_value(self, position: Index, size: float) -> float:
         """Compute the nested F of some columns that count as `size` parameters."""
-        covariance = self.covariance[np.ix_(position, position)]
-        increase = self.beta[position] @ np.linalg.solve(covariance, self.beta[position])
-        return float(increase / size / self.variance)
+        beta = self.beta[position]
+        block = np.ix_(position, position)
+        covariance = self.covariance
+        covariance = covariance[block]
+        scaled = np.linalg.solve(covariance, beta)
+        increase = beta @ scaled
+        mean = increase / size
+        f = mean / self.variance
+        return float(f)
 
 
 class _HalfSamples:
     """Least squares of half-samples, columns scaled to unit length."""
 
     def __init__(self, folded: FoldedData, fitted: Fit):
-        self.fitted = fitted
-        self.kept = list(fitted.found.kept)
-        self.rows = folded.rows
-        columns = folded.blocks[:, :, self.kept]
-        prior = fitted.root[:, self.kept]
+        kept = list(fitted.found.kept)
+        theta = fitted.theta[kept]
+        blocks = folded.blocks
+        residual = blocks[:, :, -1]
+        columns = blocks[:, :, kept]
+        response = residual + columns @ theta
+        prior = fitted.root
+        prior = prior[:, kept]
         length = np.linalg.norm(columns, axis=(0, 1))
-        scale = np.hypot(length, np.linalg.norm(prior, axis=0))
+        prior_length = np.linalg.norm(prior, axis=0)
+        # the prior's rows count as rows of the data
+        scale = np.hypot(length, prior_length)
+        root = prior / scale
+        precision = root.T @ root
+        self.fitted = fitted
+        self.kept = kept
+        self.rows = folded.rows
         self.columns = columns
         self.scale = scale
-        self.response = folded.blocks[:, :, -1] + columns @ fitted.theta[self.kept]
-        root = prior / scale
-        self.precision = root.T @ root
+        self.response = response
+        self.precision = precision
 
     def positions(self, terms: Sequence[int]) -> Index:
-        """Positions of some terms among the columns; none for shrunk terms."""
-        if any(spline(self.fitted.terms[k]) is not None for k in terms):
-            return np.zeros(0, dtype=np.intp)
-        return np.array([self.kept.index(k) for k in terms], dtype=np.intp)
+        """Return the positions of some terms among the columns; none for shrunk terms."""
+        for k in terms:
+            term = self.fitted.terms[k]
+            if spline(term) is not None:
+                return np.zeros(0, dtype=np.intp)
+        places = []
+        for k in terms:
+            place = self.kept.index(k)
+            places.append(place)
+        return np.array(places, dtype=np.intp)
 
     def solve(self, half: Index) -> _HalfSolution | None:
         """Solve a half-sample; None where it does not determine the model."""
-        A = self.columns[half].reshape(-1, len(self.kept)) / self.scale
-        b = self.response[half].ravel()
+        count = len(self.kept)
+        columns = self.columns[half]
+        columns = columns.reshape(-1, count)
+        A = columns / self.scale
+        b = self.response[half]
+        b = b.ravel()
         gram = A.T @ A
         information = gram + self.precision
         try:
@@ -122,9 +171,21 @@ class _HalfSamples:
         except np.linalg.LinAlgError:
             return None
         beta = covariance @ (A.T @ b)
-        freedom = int(self.rows[half].sum()) - np.einsum("ij,ji->", covariance, gram)
-        error = np.abs(covariance @ information - np.eye(len(self.kept))).max()
+        used = np.einsum("ij,ji->", covariance, gram)
+        rows = int(self.rows[half].sum())
+        freedom = rows - used
+        departure = covariance @ information - np.eye(count)
+        error = np.abs(departure)
+        error = error.max()
         if freedom < 1 or error > MAX_INVERSE_ERROR:
             return None
-        variance = float(np.square(b - A @ beta).sum()) / freedom
-        return _HalfSolution(beta, covariance, variance, freedom)
+        residual = b - A @ beta
+        squares = np.square(residual)
+        square_sum = float(squares.sum())
+        variance = square_sum / freedom
+        return _HalfSolution(
+            beta,
+            covariance,
+            variance,
+            freedom,
+        )

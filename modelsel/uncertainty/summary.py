@@ -20,7 +20,7 @@ from ..mechanisms.registry import Registry
 from ..notices import Note
 from ..selection.evaluation import Split
 from .log_posterior import TAIL, LogPosterior
-from .nuisance import assign_components, list_constants, merge_components
+from .nuisance import Constant, assign_components, list_constants, merge_components
 from .parameters import (
     Correlation,
     Parameter,
@@ -177,43 +177,76 @@ def build_log_posterior(
         return None
     training = split.training()
     sampled, named = _choose_coefficients(split, fitted, base, over)
-    exact = _walk_cost(training, len(sampled), options) <= options.max_evaluations
+    count = len(sampled)
+    cost = _walk_cost(training, count, options)
+    exact = cost <= options.max_evaluations
+    integrated = fitted.found.rank - count
+    several = exact and integrated <= MAX_INTEGRATED
     noise = assign_components(training, instrument)
-    if noise.count > 1 and not (exact and fitted.found.rank - len(sampled) <= MAX_INTEGRATED):
+    if noise.count > 1 and not several:
         noise = merge_components(noise)
     # rows that are no points have no three numbers each
-    tail = bool(exact and over == "default" and named and training.data.gauges is None)
-    constants = list_constants(training, fitted.model, registry) if tail else ()
-    labels = label_terms(fitted.model)
-    names = [*(labels[k] for k in sampled), *noise.names]
-    units = [*(fitted.terms[k].unit for k in sampled), *noise.units]
+    points = training.data.gauges is None
+    tail = exact and over == "default" and named and points
+    constants: tuple[Constant, ...] = ()
     if tail:
-        names.append(TAIL)
-        units.append("1")
-    names += [constant.name for constant in constants]
-    units += ["1"] * len(constants)
-    return LogPosterior(fitted, noise, sampled, tuple(names), tuple(units), tail, constants, exact)
+        constants = list_constants(training, fitted.model, registry)
+    labels = label_terms(fitted.model)
+    names = [labels[k] for k in sampled]
+    units = [fitted.terms[k].unit for k in sampled]
+    names += noise.names
+    units += noise.units
+    others = [TAIL] if tail else []
+    others += [constant.name for constant in constants]
+    names += others
+    units += ["1"] * len(others)
+    return LogPosterior(
+        fitted,
+        noise,
+        sampled,
+        tuple(names),
+        tuple(units),
+        tail,
+        constants,
+        exact,
+    )
 
 
 def _choose_coefficients(
     split: Split, fitted: Fit, base: Model, over: str
 ) -> tuple[tuple[int, ...], bool]:
-    """Term indices of the coefficients to sample, and whether any effect is named."""
+    """Choose the coefficients to sample, as term indices, and say whether any effect is named."""
     inside = mask_free_functions(fitted.model)
     known = {t.key for t in base.terms}
-    plain = [k for k in fitted.found.kept if not inside[k]]
-    named = [k for k in plain if fitted.terms[k].key not in known]
-    wanted = plain if over == "all" or not named else named
+    plain = []
+    named = []
+    for k in fitted.found.kept:
+        if inside[k]:
+            continue
+        plain.append(k)
+        term = fitted.terms[k]
+        if term.key not in known:
+            named.append(k)
+    wanted = named
+    if over == "all" or not named:
+        wanted = plain
     mean, _ = compute_displacement(split, fitted)
-    strongest = sorted(wanted, key=lambda k: -mean[k])[: MAX_SAMPLED[over]]
-    return tuple(sorted(strongest)), bool(named)
+    ordered = sorted(wanted, key=lambda k: -mean[k])
+    limit = MAX_SAMPLED[over]
+    strongest = sorted(ordered[:limit])
+    return tuple(strongest), bool(named)
 
 
 def _walk_cost(training: Problem, sampled: int, options: SamplingOptions) -> int:
-    """Cost of one step of all walkers, in rows."""
-    walkers = max(options.min_walkers, options.walkers_per_name * (sampled + 2))
-    row_cost = POSE_COST if training.components == 6 else 1
-    return row_cost * walkers * len(training)
+    """Compute the cost of one step of all walkers, in rows."""
+    names = sampled + 2
+    wanted = options.walkers_per_name * names
+    walkers = max(options.min_walkers, wanted)
+    rows = len(training)
+    row_cost = 1
+    if training.components == 6:
+        row_cost = POSE_COST
+    return row_cost * walkers * rows
 
 
 def describe_sampling(log_posterior: LogPosterior) -> str:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -54,35 +53,46 @@ def export(c: Calibration, form: str) -> Exported:
     StudyError for another form, or where a name cannot be written.
     """
     if form not in FORMS:
-        raise StudyError(f'unknown form "{form}". {suggest(form, FORMS)}')
+        advice = suggest(form, FORMS)
+        raise StudyError(f'unknown form "{form}". {advice}')
     _check_names(c)
     geometry = form in GEOMETRY
-    carried = resolve_form(c, CARRIES.get(form, "whole"))
+    carries = CARRIES.get(form, "whole")
+    carried = resolve_form(c, carries)
     restricted = restrict_to_form(c, carried)
     notes = list_notes(c, carried, geometry)
-    made = FORMS[form](restricted, notes)
+    write = FORMS[form]
+    made = write(restricted, notes)
     targets = range(len(c.targets) if geometry else 1)
     differences = [_measure_left_out(c, restricted, target) for target in targets]
+    parts = list_left_out(c, carried)
+    difference = np.concatenate(differences)
+    errors = None
+    if c.refits is not None:
+        errors = c.refits.errors(carried)
     return replace(
         made,
-        left_out=describe_left_out(list_left_out(c, carried)),
-        left_out_mm=rms_and_max(np.concatenate(differences)),
+        left_out=describe_left_out(parts),
+        left_out_mm=rms_and_max(difference),
         notes=(*notes, *made.notes),
-        errors=None if c.refits is None else c.refits.errors(carried),
+        errors=errors,
     )
 
 
 def _check_names(c: Calibration) -> None:
     """Raise StudyError with every name that cannot be written."""
-    names = [("study", c.study), ("robot", c.robot.name)]
+    names = [
+        ("study", c.study),
+        ("robot", c.robot.name),
+    ]
     names += [("target", target) for target in c.targets]
     names += [("group", group) for group in c.groups]
-    reasons = [(kind, name, find_name_problem(name)) for kind, name in names]
-    problems = [
-        f"{kind} {quote_name(name)}: not a name: {reason}."
-        for kind, name, reason in reasons
-        if reason
-    ]
+    problems = []
+    for kind, name in names:
+        reason = find_name_problem(name)
+        if reason:
+            quoted = quote_name(name)
+            problems.append(f"{kind} {quoted}: not a name: {reason}.")
     if problems:
         raise StudyError(*problems)
 
@@ -90,9 +100,13 @@ def _check_names(c: Calibration) -> None:
 def _measure_left_out(c: Calibration, restricted: Calibration, target: int) -> Array:
     """Return displacements (m, 3) [mm] of a target between the whole and the restricted model."""
     problem = sample_workspace(c, target)
-    whole = [*chain(*split_parts(c, target))]
-    kept = [*chain(*split_parts(restricted, target))]
-    return compute_points(problem, whole) - compute_points(problem, kept)
+    points = []
+    for model in (c, restricted):
+        constant, varying = split_parts(model, target)
+        parts = constant + varying
+        points.append(compute_points(problem, parts))
+    whole, kept = points
+    return whole - kept
 
 
 # -- corrections: everything the model says, as rows
@@ -100,7 +114,8 @@ def _measure_left_out(c: Calibration, restricted: Calibration, target: int) -> A
 
 
 def to_json(c: Calibration, notes: Sequence[str] = ()) -> Exported:
-    """Constant corrections of every frame and every other screw, with its cause as structure."""
+    """Write the constant corrections of every frame and every other screw, with its cause as
+    structure."""
     record = {
         "schema": 1,
         "kind": "corrections",
@@ -147,35 +162,42 @@ def _parse_json(record: Mapping[str, Any], target: str) -> list[Part]:
 
 
 def to_table(c: Calibration, notes: Sequence[str] = ()) -> Exported:
-    """Every correction: the constant ones, and those of one or two values of the state on a grid to
-    interpolate in."""
+    """Tabulate every correction: the constant ones, and those of one or two values of the state on
+    a grid to interpolate in."""
     constant, varying = split_parts(c)
     at = sample_workspace(c)
     made, over = build_tables(c, varying, at)
     assert not over, "what no table holds was left out before"
-    text = write_tables([*build_constant_tables(constant_entries(c)), *made])
+    constant_tables = build_constant_tables(constant_entries(c))
+    text = write_tables([*constant_tables, *made])
     read = evaluate_tables(text, at)
-    tabled = {f"table_{k}": values for k, (_, _, values) in enumerate(read)}
-    bound = replace(at, data=replace(at.data, covariates={**at.data.covariates, **tabled}))
-    again = [
-        Part("table", Term("", (Screw(frame, axis, Named(f"table_{k}")),)), 1.0, 0.0)
-        for k, (frame, axis, _) in enumerate(read)
-    ]
-    rms, most = rms_and_max(compute_points(bound, again) - compute_points(at, constant + varying))
-    said = (
-        [f'the constant corrections are those of target "{c.targets[0]}"']
-        if len(c.targets) > 1
-        else []
+    covariates = dict(at.data.covariates)
+    again = []
+    for k, (frame, axis, values) in enumerate(read):
+        name = f"table_{k}"
+        covariates[name] = values
+        screw = Screw(frame, axis, Named(name))
+        term = Term("", (screw,))
+        again.append(Part("table", term, 1.0, 0.0))
+    bound = replace(at, data=replace(at.data, covariates=covariates))
+    points = compute_points(bound, again)
+    wanted = compute_points(at, constant + varying)
+    rms, most = rms_and_max(points - wanted)
+    remarks = []
+    if len(c.targets) > 1:
+        first = c.targets[0]
+        remarks.append(f'the constant corrections are those of target "{first}"')
+    jump = ""
+    if most > 10 * MAX_INTERPOLATION_MM:
+        jump = ", beside a jump"
+    remarks.append(
+        f"interpolated linearly: {rms * 1e3:.2g} µm rms, {most * 1e3:.2g} µm at most{jump}"
     )
     return Exported(
         text,
         most,
         len(at),
-        notes=(
-            *said,
-            f"interpolated linearly: {rms * 1e3:.2g} µm rms, {most * 1e3:.2g} µm at most"
-            + (", beside a jump" if most > 10 * MAX_INTERPOLATION_MM else ""),
-        ),
+        notes=tuple(remarks),
     )
 
 

@@ -35,38 +35,56 @@ def measure_chain(
     read: Callable[[str, int], Callable[[Array], Array]],
     notes: tuple[str, ...],
 ) -> Exported:
-    """Measured as a chain: `read` gives, of the file's text, the target's position in frame 0 at
-    joint readings."""
+    """Measure an exported chain: `read` gives, of the file's text, the target's position in frame 0
+    at joint readings."""
     worst = 0.0
     for t in range(len(c.targets)):
         at = sample_workspace(c, t)
-        worst = max(
-            worst,
-            float(
-                np.linalg.norm(
-                    read(text, t)(at.data.q) - compute_points(at, split_parts(c, t)[0]), axis=1
-                ).max()
-            ),
-        )
-    return Exported(text, worst, len(at) * len(c.targets), notes=notes)
+        constant, _ = split_parts(c, t)
+        wanted = compute_points(at, constant)
+        predict = read(text, t)
+        difference = predict(at.data.q) - wanted
+        errors = np.linalg.norm(difference, axis=1)
+        worst = max(worst, float(errors.max()))
+    configurations = len(at) * len(c.targets)
+    return Exported(
+        text,
+        worst,
+        configurations,
+        notes=notes,
+    )
 
 
 def to_urdf(c: Calibration, notes: Sequence[str] = ()) -> Exported:
-    """The calibrated chain as a URDF: targets on the flange, the tracker on the base."""
-    made, links = build_constant_chain(c), _name_links(c.targets)
-    tips = {links[name]: place for name, place in made.targets.items()}
-    tracker = inverse(transform(c.placement[0][0], c.placement[1][0]))
+    """Write the calibrated chain as a URDF: targets on the flange, the tracker on the base."""
+    made = build_constant_chain(c)
+    links = _name_links(c.targets)
+    tips = {}
+    for name, place in made.targets.items():
+        tips[links[name]] = place
+    R = c.placement[0][0]
+    t = c.placement[1][0]
+    trackers = {}
+    if c.registered:
+        trackers["tracker"] = inverse(transform(R, t))
     robot, bounded = _bound_slides(made.robot, c.ranges)
     text = write_urdf(
         robot,
         tips,
-        {"tracker": tracker} if c.registered else {},
+        trackers,
         [made.robot.source, *notes, *bounded],
     )
 
     def read(text: str, target: int) -> Callable[[Array], Array]:
-        back = read_urdf_text(text, "the export", "base", links[c.targets[target]])
-        return lambda q: forward(back, q, np.zeros(3))
+        link = links[c.targets[target]]
+        back = read_urdf_text(
+            text,
+            "the export",
+            "base",
+            link,
+        )
+        origin = np.zeros(3)
+        return lambda q: forward(back, q, origin)
 
     return measure_chain(c, text, read, bounded)
 
@@ -74,23 +92,26 @@ def to_urdf(c: Calibration, notes: Sequence[str] = ()) -> Exported:
 def _bound_slides(
     robot: Robot, ranges: Mapping[str, tuple[float, float]]
 ) -> tuple[Robot, tuple[str, ...]]:
-    """(the robot, what is to be said): a URDF's slide must have limits; where the robot file has
-    none, those of the readings."""
-    bare = [
-        j for j, joint in enumerate(robot.joints, 1) if joint.prismatic and joint.limits is None
-    ]
-    joints = (
-        replace(joint, limits=ranges[f"q{j}"]) if j in bare else joint
-        for j, joint in enumerate(robot.joints, 1)
-    )
-    return replace(robot, joints=tuple(joints)), tuple(
+    """Give every slide the limits that a URDF wants: where the robot file has none, those of the
+    readings. Returns the robot and the notes on it."""
+    bounded = []
+    joints = []
+    for j, joint in enumerate(robot.joints, 1):
+        if joint.prismatic and joint.limits is None:
+            limits = ranges[f"q{j}"]
+            joints.append(replace(joint, limits=limits))
+            bounded.append(j)
+        else:
+            joints.append(joint)
+    notes = [
         f"joint {j} slides, and a URDF wants its limits: they are those of the readings the calibration has seen"
-        for j in bare
-    )
+        for j in bounded
+    ]
+    return replace(robot, joints=tuple(joints)), tuple(notes)
 
 
 def _name_links(targets: Sequence[str]) -> dict[str, str]:
-    """Target -> the name of its link: its own, unless a link of the arm or another target's has
+    """Name every target's link: as the target, unless a link of the arm or another target's has
     it."""
     out: dict[str, str] = {}
     for name in sorted(
@@ -104,28 +125,43 @@ def _name_links(targets: Sequence[str]) -> dict[str, str]:
 
 
 def _is_reserved(name: str) -> bool:
-    return name in ("world", "base", "flange", "tracker") or name.startswith("link")
+    taken = ("world", "base", "flange", "tracker")
+    if name in taken:
+        return True
+    return name.startswith("link")
 
 
 def to_dh(c: Calibration, modified: bool, notes: Sequence[str]) -> Exported:
     """Write the calibrated chain as standard or modified DH rows, targets in the notes."""
     made = build_constant_chain(c)
-    nearly = tuple(
-        f"joints {a} and {b} are almost parallel: their rows have a large d; small changes of the angle change it much"
-        for a, b in compute_dh_rows(made.robot, modified).nearly
-    )
-    where = tuple(
-        f"target {name} on the flange: x, y, z = {', '.join(repr(float(v)) for v in T[:3, 3])} mm"
-        for name, T in made.targets.items()
-    )
+    rows = compute_dh_rows(made.robot, modified)
+    nearly = []
+    for a, b in rows.nearly:
+        sentence = f"joints {a} and {b} are almost parallel: their rows have a large d; small changes of the angle change it much"
+        nearly.append(sentence)
+    where = []
+    for name, T in made.targets.items():
+        offset = T[:3, 3].tolist()
+        numbers = ", ".join(map(repr, offset))
+        where.append(f"target {name} on the flange: x, y, z = {numbers} mm")
     text = format_dh_file(made.robot, modified, [*notes, *where, *nearly])
 
     def read(text: str, target: int) -> Callable[[Array], Array]:
-        back = robot_from_table(tomllib.loads(text), "the export")
-        return lambda q: forward(back, q, _target_offset(made, c.targets[target]))
+        record = tomllib.loads(text)
+        back = robot_from_table(record, "the export")
+        name = c.targets[target]
+        offset = _target_offset(made, name)
+        return lambda q: forward(back, q, offset)
 
-    return measure_chain(c, text, read, nearly)
+    return measure_chain(
+        c,
+        text,
+        read,
+        tuple(nearly),
+    )
 
 
 def _target_offset(made: ConstantChain, target: str) -> Array:
-    return np.asarray(made.targets[target][:3, 3])
+    place = made.targets[target]
+    offset = place[:3, 3]
+    return np.asarray(offset)

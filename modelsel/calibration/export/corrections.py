@@ -33,7 +33,7 @@ HEADER = (
 
 
 def to_csv(c: Calibration, notes: Sequence[str] = ()) -> Exported:
-    """A row a screw: place, cause, value. A free function has a row a knot: a cubic B-spline
+    """Write a row a screw: place, cause, value. A free function has a row a knot: a cubic B-spline
     centred there."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
@@ -72,7 +72,7 @@ def _find_bump(cause: Cause) -> Bump | None:
 
 
 def _restore_bump(cause: Cause, bump: Bump) -> Cause:
-    """With the spline back where its name stands."""
+    """Return a cause with the spline back where its name stands."""
     if isinstance(cause, Combined):
         return Combined(
             cause.operator, _restore_bump(cause.left, bump), _restore_bump(cause.right, bump)
@@ -87,16 +87,23 @@ def _parse_csv(text: str, c: Calibration, target: str) -> list[Part]:
         if unguard_cell(row["target"]) != target:
             continue
         printed = unguard_cell(row["cause"])
-        name = printed.partition("free(")[2].partition(")")[0]
-        cause = parse(printed.replace(f"free({name})", "free"), units)
+        _, _, after = printed.partition("free(")
+        name, _, _ = after.partition(")")
+        formula = printed.replace(f"free({name})", "free")
+        cause = parse(formula, units)
         if row["knot"]:
-            cause = _restore_bump(cause, Bump(name, float(row["knot"]), float(row["knot_width"])))
-        out.append(
-            Part(
-                "",
-                Term(row["symbol"], (Screw(int(row["frame"]), row["axis"], cause),)),
-                float(row["value"]),
-                0.0,
-            )
+            knot = float(row["knot"])
+            width = float(row["knot_width"])
+            bump = Bump(name, knot, width)
+            cause = _restore_bump(cause, bump)
+        frame = int(row["frame"])
+        screw = Screw(
+            frame,
+            row["axis"],
+            cause,
         )
+        term = Term(row["symbol"], (screw,))
+        value = float(row["value"])
+        part = Part("", term, value, 0.0)
+        out.append(part)
     return out

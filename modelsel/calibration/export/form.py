@@ -34,30 +34,45 @@ class Exported:
     def worse(self) -> str | None:
         """That the file is worse than the nominal arm, in words; None where it is not, or nobody
         knows."""
-        if self.errors is None or self.errors[2] <= self.errors[1]:
+        if self.errors is None:
             return None
         rows, nominal, own, _ = self.errors
+        if own <= nominal:
+            return None
         return f"this file is worse than the nominal arm: {own:.3g} mm rms against {nominal:.3g} mm, {rows}"
 
 
 def describe_left_out(some: Sequence[Part]) -> tuple[str, ...]:
-    """What a set of screws is, in words, once each mechanism."""
+    """Describe what a form leaves out, once each mechanism."""
     out: dict[str, list[str]] = {}
-    for p in some:
-        places = out.setdefault(p.mechanism, [])
-        places += [
-            place for s in p.term.screws if (place := f"frame {s.frame} {s.axis}") not in places
-        ]
-    return tuple(f"{name} ({', '.join(places)})" for name, places in out.items())
+    for part in some:
+        places = out.setdefault(part.mechanism, [])
+        for screw in part.term.screws:
+            frame = screw.frame
+            place = f"frame {frame} {screw.axis}"
+            if place not in places:
+                places.append(place)
+    sentences = []
+    for name, places in out.items():
+        listed = ", ".join(places)
+        sentences.append(f"{name} ({listed})")
+    return tuple(sentences)
 
 
 def measure_whole(c: Calibration, text: str, read: Callable[[str, int], list[Part]]) -> Exported:
-    """Measured as screws put back into the nominal chain."""
+    """Measure exported screws, put back into the nominal chain."""
     worst = 0.0
     for t in range(len(c.targets)):
         at = sample_workspace(c, t)
-        wanted = compute_pose(at, c.terms, c.theta).target.T
-        worst = max(
-            worst, float(np.linalg.norm(compute_points(at, read(text, t)) - wanted, axis=1).max())
-        )
-    return Exported(text, worst, len(at) * len(c.targets))
+        pose = compute_pose(at, c.terms, c.theta)
+        wanted = pose.target.T
+        parts = read(text, t)
+        difference = compute_points(at, parts) - wanted
+        errors = np.linalg.norm(difference, axis=1)
+        worst = max(worst, float(errors.max()))
+    configurations = len(at) * len(c.targets)
+    return Exported(
+        text,
+        worst,
+        configurations,
+    )

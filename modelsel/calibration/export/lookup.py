@@ -8,7 +8,7 @@ import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -49,38 +49,69 @@ class _State:
 def build_tables(
     c: Calibration, varying: Sequence[Part], at: Problem
 ) -> tuple[list[Table], list[Part]]:
-    """(a table for every axis and set of at most two names, the parts that hang on more). Each
-    covers what was seen of a name, and what the configurations `at` make of it: torques grow beyond
-    what was seen where joints combine anew."""
-    ranges = {
-        name: (min(low, float(at.value(name).min())), max(high, float(at.value(name).max())))
-        for name, (low, high) in c.ranges.items()
-    }
+    """Build a table for every axis and set of at most two names; return the parts that hang on
+    more.
+
+    Each covers what was seen of a name, and what the configurations `at` make of it: torques grow
+    beyond what was seen where joints combine anew."""
+    ranges = {}
+    for name, (low, high) in c.ranges.items():
+        value = at.value(name)
+        least = float(value.min())
+        largest = float(value.max())
+        ranges[name] = (
+            min(low, least),
+            max(high, largest),
+        )
     own: dict[tuple[int, str, tuple[str, ...]], list[tuple[Part, int]]] = {}
     over = []
-    for p in varying:
-        names = [tuple(sorted(s.cause.names())) for s in p.term.screws]
-        if any(len(n) > 2 or not set(n) <= c.ranges.keys() for n in names):
-            over.append(p)
+    for part in varying:
+        screws = part.term.screws
+        sets = [screw.cause.names() for screw in screws]
+        too_many = any(len(names) > 2 for names in sets)
+        unseen = any(not names <= c.ranges.keys() for names in sets)
+        if too_many or unseen:
+            over.append(part)
             continue
-        for k, (s, n) in enumerate(zip(p.term.screws, names, strict=True)):
-            own.setdefault((s.frame, s.axis, n), []).append((p, k))
-    lever = c.robot.reach + float(np.linalg.norm(c.tools, axis=1).max())
-    return [
-        _refine_grid(
-            ranges, *place, some, MAX_INTERPOLATION_MM / (lever if place[1][0] == "r" else 1.0)
+        for k, screw in enumerate(screws):
+            along = tuple(sorted(sets[k]))
+            place = (screw.frame, screw.axis, along)
+            parts = own.setdefault(place, [])
+            parts.append((part, k))
+    distances = np.linalg.norm(c.tools, axis=1)
+    lever = c.robot.reach + float(distances.max())
+    tables = []
+    for (frame, axis, along), parts in own.items():
+        radius = lever if axis[0] == "r" else 1.0
+        fine = MAX_INTERPOLATION_MM / radius
+        table = _refine_grid(
+            ranges,
+            frame,
+            axis,
+            along,
+            parts,
+            fine,
         )
-        for place, some in own.items()
-    ], over
+        tables.append(table)
+    return tables, over
 
 
 def build_constant_tables(entries: Array) -> list[Table]:
-    """A table of no value for every constant correction that is not nought; entries (n+1, 6) mm and
-    rad."""
-    return [
-        Table(frame + 1, AXES[axis], (), (), entries[frame, axis])
-        for frame, axis in zip(*np.nonzero(entries), strict=True)
-    ]
+    """Build a table of no name for every constant correction that is not zero; entries (n+1, 6) mm
+    and rad."""
+    tables = []
+    frames, axes = np.nonzero(entries)
+    places = zip(frames.tolist(), axes.tolist(), strict=True)
+    for frame, axis in places:
+        table = Table(
+            frame + 1,
+            AXES[axis],
+            (),
+            (),
+            entries[frame, axis],
+        )
+        tables.append(table)
+    return tables
 
 
 def _refine_grid(
@@ -93,83 +124,124 @@ def _refine_grid(
 ) -> Table:
     def at(*grid: Array) -> Array:
         mesh = np.meshgrid(*grid, indexing="ij")
+        shape = mesh[0].shape
         state = _State(dict(zip(names, mesh, strict=True)))
-        return np.asarray(
-            sum(
-                p.value * np.broadcast_to(p.term.screws[k].cause.of(state), mesh[0].shape)
-                for p, k in some
-            )
-        )
+        correction: Any = 0
+        for part, k in some:
+            screw = part.term.screws[k]
+            cause = screw.cause.of(state)
+            correction = correction + part.value * np.broadcast_to(cause, shape)
+        return np.asarray(correction)
 
     most = MAX_POINTS[len(names) - 1]
     count = 17
     while True:
-        grid = tuple(
-            np.array([-1.0, 0.0, 1.0])
-            if n.startswith("approach")
-            else np.linspace(*ranges[n], count)
-            for n in names
-        )
+        grid = []
+        for name in names:
+            points = np.array([-1.0, 0.0, 1.0])
+            if not name.startswith("approach"):
+                points = np.linspace(*ranges[name], count)
+            grid.append(points)
         values = at(*grid)
-        middle = tuple((g[1:] + g[:-1]) / 2 for g in grid)
+        middle = [(points[1:] + points[:-1]) / 2 for points in grid]
         guess = values
         for k in range(len(names)):
-            guess = (
-                np.take(guess, range(1, guess.shape[k]), k)
-                + np.take(guess, range(guess.shape[k] - 1), k)
-            ) / 2
-        if count >= most or np.abs(at(*middle) - guess).max() < fine:
-            return Table(frame, axis, names, grid, values)
+            length = guess.shape[k]
+            upper = np.take(guess, range(1, length), k)
+            lower = np.take(guess, range(length - 1), k)
+            guess = (upper + lower) / 2
+        if count >= most:
+            break
+        error = np.abs(at(*middle) - guess)
+        if error.max() < fine:
+            break
         count = 2 * count - 1
+    return Table(
+        frame,
+        axis,
+        names,
+        tuple(grid),
+        values,
+    )
 
 
 def write_tables(made: Sequence[Table]) -> str:
-    """One CSV: table, frame, axis, name and value of at most two values of the state, correction
-    (mm or rad)."""
+    """Write tables as one CSV: table, frame, axis, name and value of at most two values of the
+    state, correction (mm or rad)."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(["table", "frame", "axis", "name1", "value1", "name2", "value2", "correction"])
-    for k, t in enumerate(made, 1):
-        for index, values in zip(np.ndindex(t.values.shape), product(*t.grid), strict=True):
-            pairs = [x for n, v in zip(t.names, values, strict=True) for x in (n, f"{v:.10g}")]
-            writer.writerow(
-                [k, t.frame, t.axis, *pairs, *[""] * (4 - len(pairs)), f"{t.values[index]:.8g}"]
-            )
+    for k, table in enumerate(made, 1):
+        points = zip(np.ndindex(table.values.shape), product(*table.grid), strict=True)
+        for index, values in points:
+            state = []
+            for name, value in zip(table.names, values, strict=True):
+                state += [name, f"{value:.10g}"]
+            empty = [""] * (4 - len(state))
+            correction = f"{table.values[index]:.8g}"
+            row = [
+                k,
+                table.frame,
+                table.axis,
+                *state,
+                *empty,
+                correction,
+            ]
+            writer.writerow(row)
     return stream.getvalue()
 
 
 def evaluate_tables(text: str, at: Problem) -> list[tuple[int, str, Array]]:
-    """(frame, axis, correction (m,)) of every table in a file at the rows of a problem, by linear
-    interpolation."""
+    """Evaluate every table of a file at the rows of a problem, by linear interpolation: frame,
+    axis, correction (m,)."""
     own: dict[str, list[dict[str, str]]] = {}
     for row in csv.DictReader(io.StringIO(text)):
-        own.setdefault(row["table"], []).append(row)
+        table = row["table"]
+        rows = own.setdefault(table, [])
+        rows.append(row)
     out = []
     for rows in own.values():
-        names = [n for n in (rows[0]["name1"], rows[0]["name2"]) if n]
-        columns = [
-            np.array([float(r[f"value{k}"]) for r in rows]) for k in range(1, len(names) + 1)
-        ]
-        grid = [np.unique(column) for column in columns]
-        values = np.array([float(r["correction"]) for r in rows]).reshape([len(g) for g in grid])
-        found = (
-            interpolate(grid, values, [at.value(n) for n in names])
-            if names
-            else np.full(len(at), float(values))
-        )
-        out.append((int(rows[0]["frame"]), rows[0]["axis"], found))
+        first = rows[0]
+        grid = []
+        state = []
+        for k in (1, 2):
+            name = first[f"name{k}"]
+            if not name:
+                continue
+            column = [float(row[f"value{k}"]) for row in rows]
+            points = np.unique(column)
+            grid.append(points)
+            state.append(at.value(name))
+        corrections = [float(row["correction"]) for row in rows]
+        shape = [len(points) for points in grid]
+        values = np.array(corrections).reshape(shape)
+        found = np.full(len(at), values.flat[0])
+        if grid:
+            found = interpolate(grid, values, state)
+        frame = int(first["frame"])
+        axis = first["axis"]
+        out.append((frame, axis, found))
     return out
 
 
 def interpolate(grid: Sequence[Array], values: Array, where: Sequence[Array]) -> Array:
-    """Linear interpolation in one or two values; beyond the grid its edge holds."""
-    lower, share = [], []
-    for g, x in zip(grid, where, strict=True):
-        k = np.clip(np.searchsorted(g, x, side="right") - 1, 0, len(g) - 2)
+    """Interpolate linearly in one or two values; beyond the grid its edge holds."""
+    lower = []
+    share = []
+    for points, x in zip(grid, where, strict=True):
+        place = np.searchsorted(points, x, side="right") - 1
+        k = np.clip(place, 0, len(points) - 2)
+        width = points[k + 1] - points[k]
+        part = (x - points[k]) / width
         lower.append(k)
-        share.append(np.clip((x - g[k]) / (g[k + 1] - g[k]), 0, 1))
+        share.append(np.clip(part, 0, 1))
     out = np.zeros(len(where[0]))
     for corner in product((0, 1), repeat=len(grid)):
-        weight = np.prod([s if up else 1 - s for up, s in zip(corner, share, strict=True)], axis=0)
-        out += weight * values[tuple(k + up for k, up in zip(lower, corner, strict=True))]
+        weights = []
+        places = []
+        for up, s, k in zip(corner, share, lower, strict=True):
+            weights.append(s if up else 1 - s)
+            places.append(k + up)
+        weight = np.prod(weights, axis=0)
+        out += weight * values[tuple(places)]
     return out

@@ -18,40 +18,48 @@ if TYPE_CHECKING:
 
 
 def list_notes(c: Calibration, what: str, geometry: bool) -> tuple[str, ...]:
-    """Of a file that carries the "geometry", the "table" or the "whole" of a calibration, as a
-    `geometry` or as corrections."""
-    out = (
-        [describe_accuracy(c, what)]
-        if c.refits is not None and c.refits.errors(what) is not None
-        else []
-    )
+    """List the notes on a file that carries the "geometry", the "table" or the "whole" of a
+    calibration, as a `geometry` or as corrections."""
+    out = []
+    accuracy = describe_accuracy(c, what)
+    if accuracy:
+        out.append(accuracy)
     if geometry:
         out.append("frame 0 is the robot's base before any registration")
     if geometry or what != "whole":
-        out.append(_describe_origin(c, what))
+        origin = _describe_origin(c, what)
+        out.append(origin)
     if TEMPERATURE in c.needs():
-        out.append(_describe_temperature(c, what))
-    causes = {s.cause for t in c.terms for s in t.screws}
-    if np.ptp(c.placement[1], axis=0).any() or any(
-        Member("group", g) in causes for g in range(len(c.groups))
-    ):
-        out.append(f'the placement of the tracker is that of group "{c.groups[0]}"')
+        temperature = _describe_temperature(c, what)
+        out.append(temperature)
+    causes = {screw.cause for term in c.terms for screw in term.screws}
+    groups = range(len(c.groups))
+    members = [Member("group", g) in causes for g in groups]
+    translations = c.placement[1]
+    extents = np.ptp(translations, axis=0)
+    if extents.any() or any(members):
+        first = c.groups[0]
+        out.append(f'the placement of the tracker is that of group "{first}"')
     return tuple(out)
 
 
 def describe_accuracy(c: Calibration, what: str) -> str:
-    """How good the file is, beside the whole model and the nominal arm; empty where that is not
-    known."""
-    found = None if c.refits is None else c.refits.errors(what)
+    """Describe how good the file is, beside the whole model and the nominal arm; empty where that
+    is not known."""
+    if c.refits is None:
+        return ""
+    found = c.refits.errors(what)
     if found is None:
         return ""
     rows, nominal, own, whole = found
-    better = "" if what == "whole" else f", the whole model leaves {whole:.3g} mm"
+    better = f", the whole model leaves {whole:.3g} mm"
+    if what == "whole":
+        better = ""
     return f"{rows}, the file leaves {own:.3g} mm rms{better} and the nominal arm {nominal:.3g} mm"
 
 
 def _describe_origin(c: Calibration, what: str) -> str:
-    """Where the numbers of a file come from."""
+    """Describe where the numbers of a file come from."""
     if what == "whole":
         return "lengths and angles are those of the calibrated geometry"
     if c.refits is None:
@@ -73,7 +81,7 @@ def _describe_origin(c: Calibration, what: str) -> str:
 
 
 def _describe_temperature(c: Calibration, what: str) -> str:
-    """Of which temperature the file is."""
+    """Describe the temperature at which the file holds."""
     keep = select_carried(c.model, what)
     some = [t for t in c.terms if any(TEMPERATURE in s.cause.names() for s in t.screws)]
     if (

@@ -1,5 +1,5 @@
-"""A Python module of a calibration: the program of `exported.py`, which is the same for every arm,
-and data, which are only data.
+"""A Python module of a calibration: the program of `standalone.py`, the same for every arm, and
+data, which are only data.
 
 Names come from files that anyone may have written. They are written as literals, read back as
 literals, and never run here."""
@@ -27,36 +27,47 @@ from .standalone import predict_both
 if TYPE_CHECKING:
     from ..calibration import Calibration
 
-START = "DATA: Data = "  # of the last line of exported.py, and of what a module has in its place
+START = "DATA: Data = "  # of the last line of standalone.py, and of what a module has in its place
 
 
 def load_program() -> str:
-    """The text of exported.py up to its data."""
-    text = files(__package__).joinpath("standalone.py").read_text(encoding="utf-8")
+    """Load the text of standalone.py up to its data."""
+    folder = files(__package__)
+    program = folder.joinpath("standalone.py")
+    text = program.read_text(encoding="utf-8")
     before, _, data = text.rpartition(START)
     assert data == "{}\n"
     return before
 
 
 def write_module(data: dict[str, Any]) -> str:
-    """The module's text: the program, then its data as one literal of plain ASCII, so that no
+    """Write the module's text: the program, then its data as one literal of plain ASCII, so that no
     letter in it changes how the lines are read."""
-    literal = pformat(data, width=130, sort_dicts=False)
-    return f"{load_program()}{START}{literal.encode('ascii', 'backslashreplace').decode()}\n"
+    literal = pformat(
+        data,
+        width=130,
+        sort_dicts=False,
+    )
+    escaped = literal.encode("ascii", "backslashreplace")
+    ascii_literal = escaped.decode()
+    program = load_program()
+    return f"{program}{START}{ascii_literal}\n"
 
 
 def read_module_data(text: str) -> dict[str, Any]:
-    """The data of a module's text, read as a literal. Raises ValueError where the text is another
+    """Read the data of a module's text as a literal. Raises ValueError where the text is another
     program, or its data are no literal."""
-    before, _, literal = text.partition(f"\n{START}")
-    if f"{before}\n" != load_program():
+    mark = f"\n{START}"
+    before, _, literal = text.partition(mark)
+    program = f"{before}\n"
+    if program != load_program():
         raise ValueError("not a module of `modelsel export --format python`")
     data: dict[str, Any] = ast.literal_eval(literal)
     return data
 
 
 def cause_tree(cause: Cause) -> Any:
-    """A cause as the nested lists that `exported.cause` reads."""
+    """Write a cause as the nested lists that `evaluate_cause` of standalone.py reads."""
     match cause:
         case Number(number):
             return float(number)
@@ -72,36 +83,46 @@ def cause_tree(cause: Cause) -> Any:
 
 
 def module_data(c: Calibration) -> dict[str, Any]:
-    """The numbers of `exported.DATA`, for the first group."""
-    R, t = c.placement[0][0], c.placement[1][0]
+    """Return the numbers of `DATA` in standalone.py, for the first group."""
+    R = c.placement[0][0]
+    t = c.placement[1][0]
+    tools = {}
+    constants = {}
+    terms = {}
+    for k, target in enumerate(c.targets):
+        tools[target] = c.tools[k].tolist()
+        constants[target] = constant_entries(c, k).tolist()
+        _, varying = split_parts(c, k)
+        terms[target] = [
+            [screw.frame, PLACE[screw.axis], float(part.value), cause_tree(screw.cause)]
+            for part in varying
+            for screw in part.term.screws
+        ]
+    gravity = None
+    if c.robot.gravity is not None:
+        gravity = list(c.robot.gravity)
+    joints = c.robot.joints
     return {
         "study": c.study,
         "robot": c.robot.name,
         "needs": list_inputs(c),
         "targets": list(c.targets),
         "prismatic": list(c.robot.prismatic),
-        "before": [j.before[:3].tolist() for j in c.robot.joints],
+        "before": [joint.before[:3].tolist() for joint in joints],
         "last": c.robot.last[:3].tolist(),
-        "gravity": None if c.robot.gravity is None else list(c.robot.gravity),
-        "masses": [float(j.mass or 0.0) for j in c.robot.joints],
-        "coms": [list(j.com) for j in c.robot.joints],
-        "tools": {name: c.tools[k].tolist() for k, name in enumerate(c.targets)},
+        "gravity": gravity,
+        "masses": [float(joint.mass or 0.0) for joint in joints],
+        "coms": [list(joint.com) for joint in joints],
+        "tools": tools,
         "placement": np.column_stack([R, t]).tolist(),
         "tracker": list(c.tracker),
-        "constants": {name: constant_entries(c, k).tolist() for k, name in enumerate(c.targets)},
-        "terms": {
-            name: [
-                [s.frame, PLACE[s.axis], float(p.value), cause_tree(s.cause)]
-                for p in split_parts(c, k)[1]
-                for s in p.term.screws
-            ]
-            for k, name in enumerate(c.targets)
-        },
+        "constants": constants,
+        "terms": terms,
     }
 
 
 def list_inputs(c: Calibration) -> list[str]:
-    """Names that the model looks at and joint readings do not say: covariates, directions of
+    """List the names that the model uses and joint readings do not say: covariates, directions of
     approach, moves, progress."""
     return sorted(
         n
@@ -115,18 +136,33 @@ def list_inputs(c: Calibration) -> list[str]:
 
 
 def to_python(c: Calibration, notes: Sequence[str] = ()) -> Exported:
-    """A module of its own: numpy only, the numbers in it."""
+    """Write a module that needs numpy only, with the numbers in it."""
     text = write_module(module_data(c))
     there = read_module_data(text)
 
     def run(t: int, at: Problem) -> Array:
-        return predict_both(
-            there, at.data.q, c.targets[t], {n: at.value(n) for n in there["needs"]}
-        )[1]
+        given = {}
+        for name in there["needs"]:
+            given[name] = at.value(name)
+        _, calibrated = predict_both(
+            there,
+            at.data.q,
+            c.targets[t],
+            given,
+        )
+        return calibrated
 
     worst = 0.0
     for t in range(len(c.targets)):
         at = sample_workspace(c, t)
-        wanted = to_tracker_frame(at, compute_pose(at, c.terms, c.theta).target.T)
-        worst = max(worst, float(np.linalg.norm(run(t, at) - wanted, axis=1).max()))
-    return Exported(text, worst, len(at) * len(c.targets))
+        pose = compute_pose(at, c.terms, c.theta)
+        wanted = to_tracker_frame(at, pose.target.T)
+        difference = run(t, at) - wanted
+        errors = np.linalg.norm(difference, axis=1)
+        worst = max(worst, float(errors.max()))
+    configurations = len(at) * len(c.targets)
+    return Exported(
+        text,
+        worst,
+        configurations,
+    )

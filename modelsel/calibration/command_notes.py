@@ -1,0 +1,131 @@
+"""What to note about planned commands: what lies beyond what the calibration has seen, and what
+follows from their order alone."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._typing import Array
+from ..exceptions import sentence_list
+from ..measurements.measurements import Measurements
+
+if TYPE_CHECKING:
+    from .calibration import Calibration
+
+RANGE_TOLERANCE = 0.01  # of a range: a value further beyond it is noted
+LIMIT_TOLERANCE = 1e-9  # rad, mm: a command at the limit, as it comes back from degrees
+
+
+def find_past_limits(c: Calibration, q: Array) -> NDArray[np.bool_]:
+    """Find the readings (m, n) beyond their joint's limits; none where these are not known."""
+    limits = []
+    for joint in c.robot.joints:
+        bounds = joint.limits or (-np.inf, np.inf)
+        limits.append(bounds)
+    ends = np.array(limits)
+    low = ends[:, 0] - LIMIT_TOLERANCE
+    high = ends[:, 1] + LIMIT_TOLERANCE
+    below = q < low
+    above = q > high
+    return np.asarray(below | above)
+
+
+def describe_extrapolation(c: Calibration, data: Measurements) -> list[str]:
+    """Describe what lies beyond what the calibration has seen: joint readings, the covariates that
+    its model uses, joint limits, unknown directions of approach."""
+    return [
+        *_describe_beyond_ranges(c, data),
+        *_describe_past_limits(c, data),
+        *_describe_unknown_approach(c, data),
+    ]
+
+
+def _describe_beyond_ranges(c: Calibration, data: Measurements) -> list[str]:
+    needs = c.needs()
+    values = {}
+    for j, readings in enumerate(data.q.T, 1):
+        values[f"q{j}"] = readings
+    for name in data.covariates:
+        if name not in needs:
+            continue
+        values[name] = data.covariates[name]
+    sentences = []
+    for name, column in values.items():
+        if name not in c.ranges:
+            continue
+        low, high = c.ranges[name]
+        slack = RANGE_TOLERANCE * (high - low)
+        below = column < low - slack
+        above = column > high + slack
+        count = int((below | above).sum())
+        if count:
+            factor, unit = _reading_unit(c, name)
+            known = f"{low * factor:.4g} to {high * factor:.4g}{unit}"
+            sentences.append(
+                f"{name}: {count} of {len(data)} rows lie beyond the {known} that the calibration has seen; "
+                "there the model extrapolates."
+            )
+    return sentences
+
+
+def _describe_past_limits(c: Calibration, data: Measurements) -> list[str]:
+    past = find_past_limits(c, data.q)
+    sentences = []
+    for j, count in enumerate(past.sum(0).tolist(), 1):
+        sentence = f"joint {j}: {count} of {len(data)} rows lie beyond its limits."
+        if count:
+            sentences.append(sentence)
+    return sentences
+
+
+def _describe_unknown_approach(c: Calibration, data: Measurements) -> list[str]:
+    sentences = []
+    for joint in _joints_of(c, "approach"):
+        directions = data.approach[:, joint - 1]
+        unknown = directions == 0
+        if unknown.any():
+            sentence = f"joint {joint}: the direction of approach is unknown (0) in some rows; the middle of the backlash is taken there."
+            sentences.append(sentence)
+    return sentences
+
+
+def _joints_of(c: Calibration, stem: str) -> list[int]:
+    """List the joints whose value of a stem ("approach", "move") the model uses."""
+    joints = []
+    for name in c.needs():
+        number = name.removeprefix(stem)
+        if name.startswith(stem) and number.isdigit():
+            joints.append(int(number))
+    return sorted(joints)
+
+
+def describe_order_dependence(c: Calibration, data: Measurements) -> list[str]:
+    """Describe which motions that the model uses follow from the order of the targets alone."""
+    from_order = any(note.code == "approach-from-order" for note in data.notes)
+    approach = _joints_of(c, "approach") if from_order else []
+    sentences = []
+    for joints, what, remedy in (
+        (approach, "directions of approach", " or give approach columns"),
+        (_joints_of(c, "move"), "sizes of the moves", ""),
+    ):
+        if joints:
+            named = sentence_list([str(j) for j in joints])
+            sentences.append(
+                f"joint{'s' * (len(joints) > 1)} {named}: the {what} are taken from the order of the targets in the "
+                f"file. Run them in this order{remedy}."
+            )
+    return sentences
+
+
+def _reading_unit(c: Calibration, name: str) -> tuple[float, str]:
+    """Return the factor and unit in which people read a value: degrees and mm for joints."""
+    for j, joint in enumerate(c.robot.joints, 1):
+        if name != f"q{j}":
+            continue
+        if joint.prismatic:
+            return 1.0, " mm"
+        return 180 / np.pi, " deg"
+    return 1.0, ""

@@ -1,0 +1,171 @@
+"""Two campaigns in one set of representatives, on configurations that both have seen."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from .._typing import Array, Index
+from ..fitting.design import compute_design
+from ..fitting.identifiability import identify
+from ..fitting.reduction import reduce
+from ..mechanisms.geometry import build_setup
+from ..mechanisms.terms import Term
+from .calibration import Calibration
+from .constant_part import sample_workspace
+
+CONFIGURATIONS = 300  # drawn from what both campaigns have seen
+
+
+@dataclass(frozen=True, eq=False)
+class CommonSpace:
+    """Both campaigns in one set of representatives.
+
+    `X` (m, 3, p) columns of all terms at common configurations; `theta` (2, p) and `factors` of the
+    campaigns' covariances; `kept` places of the representatives, `relation` (p, r) from all terms
+    to them; `placing` the terms that a new placement takes up.
+    """
+
+    campaigns: tuple[Calibration, Calibration]
+    terms: tuple[Term, ...]
+    placing: tuple[Term, ...]
+    theta: Array
+    factors: list[Array]
+    X: Array
+    kept: Index
+    relation: Array
+
+    @cached_property
+    def shared(self) -> set[tuple[Hashable, ...]]:
+        """Keys of the terms that both campaigns fitted."""
+        keys = []
+        for campaign in self.campaigns:
+            own = {term.key for term in campaign.terms}
+            keys.append(own)
+        first, second = keys
+        return first & second
+
+    @cached_property
+    def owner(self) -> dict[tuple[Hashable, ...], str]:
+        """The mechanism of every term, by its screws; the first campaign's where both have it."""
+        owner = {}
+        for campaign in reversed(self.campaigns):
+            for mechanism in reversed(campaign.model.mechanisms):
+                for term in mechanism.terms:
+                    owner[term.key] = mechanism.name
+        return owner
+
+    @cached_property
+    def displacement(self) -> Array:
+        """Rms displacement (p,) of the target per unit of every term [mm]."""
+        squares = np.square(self.X)
+        lengths = squares.sum(1)
+        mean = lengths.mean(0)
+        rms = np.sqrt(mean)
+        return np.asarray(rms)
+
+    @cached_property
+    def estimates(self) -> Array:
+        """Representatives (2, r) in both campaigns."""
+        return np.asarray(self.theta @ self.relation)
+
+    @cached_property
+    def difference(self) -> Array:
+        """Second campaign minus first (r,)."""
+        before, after = self.estimates
+        return np.asarray(after - before)
+
+    @cached_property
+    def difference_factor(self) -> Array:
+        """Factor (r, k) of the difference's covariance."""
+        relation = self.relation.T
+        factors = []
+        for factor in self.factors:
+            own = relation @ factor
+            factors.append(own)
+        return np.concatenate(factors, 1)
+
+    @cached_property
+    def standard_errors(self) -> Array:
+        """Standard errors (r,) of the difference."""
+        factor = self.difference_factor
+        squares = np.square(factor)
+        variances = squares.sum(1)
+        errors = np.sqrt(variances)
+        return np.asarray(errors)
+
+    def is_comparable(self, term: Term) -> bool:
+        """Whether both campaigns fitted a term, and no new placement takes it up."""
+        if term in self.placing:
+            return False
+        return term.key in self.shared
+
+
+def build_common_space(a: Calibration, b: Calibration) -> CommonSpace:
+    """Express both campaigns in one set of representatives, on configurations drawn from what both
+    have seen."""
+    model = a.model + b.model.mechanisms
+    ranges = _intersect_ranges(a, b)
+    common = replace(a, ranges=ranges, model=model)
+    problem = sample_workspace(common, m=CONFIGURATIONS)
+    placing: tuple[Term, ...] = ()
+    if a.registered or b.registered:
+        placing = build_setup(a.robot, 1, 1, True, False).terms
+    terms = tuple(dict.fromkeys([*placing, *a.terms, *b.terms]))
+    X = compute_design(problem, terms)[0]
+    rows = X.transpose(0, 1, 2).reshape(-1, len(terms))
+    identified = identify(reduce(rows, np.zeros(len(rows))))
+    estimates = []
+    factors = []
+    for campaign in (a, b):
+        theta, factor = _place_estimates(campaign, terms)
+        estimates.append(theta)
+        factors.append(factor)
+    return CommonSpace(
+        (a, b),
+        terms,
+        placing,
+        np.array(estimates),
+        factors,
+        X,
+        np.array(identified.exact, dtype=np.intp),
+        identified.relation,
+    )
+
+
+def _intersect_ranges(a: Calibration, b: Calibration) -> dict[str, tuple[float, float]]:
+    """Return what both campaigns have seen of a value; of a value that one alone has, what it has
+    seen."""
+    ranges = {**b.ranges, **a.ranges}
+    for name, first in a.ranges.items():
+        if name not in b.ranges:
+            continue
+        second = b.ranges[name]
+        lows, highs = zip(first, second, strict=True)
+        low = max(lows)
+        high = min(highs)
+        ranges[name] = (
+            low,
+            max(high, low),
+        )
+    return ranges
+
+
+def _place_estimates(c: Calibration, terms: Sequence[Term]) -> tuple[Array, Array]:
+    """Return a campaign's theta (p,) and covariance factor (p, r) among the terms of both; zero for
+    the other's terms."""
+    place = dict[Hashable, int]()
+    for k, term in enumerate(terms):
+        place.setdefault(term.key, k)
+    places = [place[term.key] for term in c.terms]
+    count = len(terms)
+    width = c.factor.shape[1]
+    theta = np.zeros(count)
+    theta[places] = c.theta
+    shape = (count, width)
+    factor = np.zeros(shape)
+    factor[places] = c.factor
+    return theta, factor
