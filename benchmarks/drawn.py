@@ -6,7 +6,7 @@ and target unknown, one reflector.
 Six- and seven-axis arms, 40 to 200 configurations, geometric errors of 0.5 mm and 2 mrad, in every
 second study a joint that yields under gravity besides; the tool is made 150 mm longer afterwards.
 The oracle knows the distribution that the errors were drawn from, the noise and the effect.
-Kinematics, oracle and judgement are those of tests/test_drawn.py."""
+Kinematics, oracle and judgement are those of tests/long/test_drawn.py."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from drawn_arms import campaign
-from test_drawn import SEVEN, SIX, contradictions, missed, off, studied
+from drawn_studies import SEVEN, SIX, contradictions, missed, off, studied
 
 
 def main() -> None:

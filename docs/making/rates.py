@@ -32,7 +32,7 @@ def measured() -> str:
             "**False alarms**",
             tried,
             said,
-            "`benchmarks.nulls`; short: `tests/test_false_alarms.py`",
+            "`benchmarks.nulls`; short: `tests/long/test_false_alarms.py`",
         ),
         (
             "",
@@ -44,14 +44,14 @@ def measured() -> str:
             "**Credible sets**",
             "planted effects, by formulas other than the search's",
             f"hold the cause: {_rate(figures['coverage, all found'])}",
-            "`benchmarks.naming`; short: `tests/test_hidden.py`",
+            "`benchmarks.naming`; short: `tests/integration/test_hidden.py`",
         ),
     )
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 def broken() -> str:
-    """How many broken files came to which end, of `python tests/fuzz_engine.py`."""
+    """How many broken files came to which end, of `python tests/support/fuzz_engine.py`."""
     runs = json.loads((RESULTS / "fuzz.json").read_text(encoding="utf-8"))["runs"]
     total: dict[str, Counter[str]] = {}
     for run in runs:

@@ -2,7 +2,7 @@
 autocorrelation times.
 
 A chain is (steps, walkers, d). Both diagnostics are the package's own, checked against arviz-stats
-(tests/test_sampling.py): emcee's autocorrelation time underestimates on short chains, and arviz
+(tests/uncertainty/test_sampling.py): emcee's autocorrelation time underestimates on short chains, and arviz
 would be a dependency for one formula."""
 
 from __future__ import annotations

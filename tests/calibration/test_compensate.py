@@ -1,0 +1,454 @@
+"""Commands through the correction land where they should: on the model, and on an arm in a
+rigid-body engine."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from builders import drawn
+from click.testing import CliRunner
+from hidden_arm import arm
+from hidden_engine import Engine
+from wide_calibration import wide
+
+from modelsel.calibration.calibration_file import calibration_text
+from modelsel.calibration.command_notes import describe_extrapolation, describe_order_dependence
+from modelsel.calibration.compensation import (
+    MAX_CORRECTION,
+    compensate_commands,
+    correct,
+    predict_nominal,
+    refuse_large_changes,
+    replace_readings,
+)
+from modelsel.calibration.prediction import predict
+from modelsel.cli.main import run_command_line
+from modelsel.config.study_file import parse_study
+from modelsel.exceptions import DataError
+from modelsel.fitting.design import Model
+from modelsel.fitting.whitening import Whitening
+from modelsel.measurements.measurements import Orientation, build_measurements
+from modelsel.mechanisms.registry import mechanism
+from modelsel.mechanisms.terms import Mechanism
+from modelsel.robot.files import load_robot
+from modelsel.robot.kinematics import forward
+from modelsel.robot.rigid import from_quaternion
+from modelsel.study.runner import run_study
+
+NOISE = 0.06
+STUDY = """name = "engine"
+seed = 1
+[robot]
+name = "puma760"
+tool_mm = [0, 0, 100]
+[measurements]
+file = "measurements.csv"
+[split]
+estimation = 100
+"""
+
+
+@pytest.fixture(scope="module")
+def made():
+    return wide(np.random.default_rng(3))
+
+
+def plan(at, rows: slice, **more):
+    """Planned commands, off the readings of a problem by nothing, their wanted positions given."""
+    data = at.data
+    return build_measurements(
+        data.q[rows].copy(),
+        more.pop("position", np.full((len(data.q[rows]), 3), np.nan)),
+        target=[data.targets[k] for k in data.target[rows]],
+        group=[data.groups[k] for k in data.group[rows]],
+        covariates={k: v[rows].copy() for k, v in data.covariates.items()},
+        approach=data.approach[rows].copy(),
+        **more,
+    )
+
+
+def test_lands_on_the_model(made) -> None:
+    c, at = made
+    data = plan(at, slice(1, 90))
+    found = compensate_commands(c, data)
+    there = replace_readings(c.problem(data), found.q)
+    assert found.reached.all()
+    assert np.abs(predict(c, there) - predict_nominal(c.problem(data))).max() < 1e-3
+    np.testing.assert_allclose(
+        found.before_mm, np.linalg.norm(predict(c, c.problem(data)) - found.wanted, axis=1)
+    )
+    assert found.before_mm.mean() > 0.05
+    assert (found.expected_mm > np.sqrt(3) * 0.02).all()
+
+
+def test_least_change(made) -> None:
+    """Of all commands that land there, the nearest: any other direction that keeps the position is
+    longer."""
+    c, at = made
+    found = compensate_commands(c, plan(at, slice(1, 30)))
+    J = (
+        c.problem(plan(at, slice(1, 30)))
+        .pose(slice(0, 29))
+        .displacement()[:6, 5]
+        .transpose(2, 1, 0)
+    )
+    still = np.linalg.svd(J)[2][:, 3:]  # (m, 3, 6) motions that move nothing
+    along = np.abs(np.einsum("mkn,mn->mk", still, found.change)).max(1)
+    assert np.median(along / np.linalg.norm(found.change, axis=1)) < 0.01
+
+
+def test_orientation_is_kept_where_wanted(made, rng) -> None:
+    c, at = made
+    data = plan(
+        at, slice(1, 40), orientation=Orientation(from_quaternion(rng.normal(size=(39, 4))))
+    )
+    free = compensate_commands(c, replace(data, rotation=None))
+    wanted = c.problem(data).pose(slice(0, 39)).rotation.transpose(2, 0, 1)
+    kept = compensate_commands(c, replace(data, rotation=wanted))
+    assert kept.reached.mean() > 0.9
+
+    def turned(found) -> np.ndarray:
+        from modelsel.calibration.prediction import compute_pose
+
+        R = compute_pose(
+            replace_readings(c.problem(data), found.q), c.terms, c.theta
+        ).rotation.transpose(2, 0, 1)
+        return np.arccos(np.clip((np.einsum("mij,mij->m", R, wanted) - 1) / 2, -1, 1))
+
+    assert np.median(turned(kept)) < 1e-5 < np.median(turned(free))
+
+
+def test_refuses_beyond_the_bound(made) -> None:
+    c, at = made
+    data = plan(at, slice(1, 9), position=predict(c, at)[1:9])
+    data.position[4] += 30.0
+    with pytest.raises(DataError, match=r"row 4: .* beyond the bound of 10 mrad and 20 mm"):
+        refuse_large_changes(c, compensate_commands(c, data), data, MAX_CORRECTION, "t.csv")
+    refuse_large_changes(c, compensate_commands(c, data), data, (10.0, 1e3), "t.csv")
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_a_frame_of_targets_in_and_out(made) -> None:
+    """Planned commands and wanted positions as a DataFrame; corrected ones come back, refused ones
+    by their row."""
+    c, at = made
+    data = plan(at, slice(1, 9))
+    data = replace(data, position=predict_nominal(c.problem(data)))
+    frame = data.to_frame().drop(columns=["configuration", "order"])
+    found, made_here = correct(c, frame), compensate_commands(c, data)
+    np.testing.assert_allclose(found[[f"q{j}_rad" for j in range(1, 7)]], made_here.q, atol=1e-9)
+    np.testing.assert_allclose(found["expected_error_mm"], made_here.expected_mm, rtol=1e-6)
+    frame.iloc[4, frame.columns.get_loc("x_mm")] += 30.0
+    with pytest.raises(
+        DataError, match=r"DataFrame, row 4: .* beyond the bound .* raise the bound"
+    ):
+        correct(c, frame)
+    with pytest.warns(UserWarning, match="1 of 1 rows lie beyond the"):
+        correct(
+            c,
+            frame[:1].drop(columns=["x_mm", "y_mm", "z_mm"]).assign(q2_rad=4.0),
+            bound=(10.0, 1e3),
+        )
+
+
+def test_outside_is_said(made) -> None:
+    c, at = made
+    joints = [replace(j, limits=(-3.2, 3.2)) for j in c.robot.joints]
+    c, data = replace(c, robot=replace(c.robot, joints=tuple(joints))), plan(at, slice(1, 9))
+    assert describe_extrapolation(c, data) == []
+    data.q[3, 1] = 4.0
+    data.covariates["temperature_C"][:2] = 80.0
+    data.approach[0, 2] = 0
+    said = " ".join(describe_extrapolation(c, data))
+    assert "q2: 1 of 8" in said
+    assert "temperature_C: 2 of 8" in said
+    assert "joint 2: 1 of 8 rows lie beyond its limits" in said
+    assert "joint 3: the direction of approach" in said
+    assert "payload" not in said  # not needed: not said
+
+
+def engine_error(landed: np.ndarray, wanted: np.ndarray) -> float:
+    return float(np.sqrt(np.square(landed - wanted).mean()))
+
+
+@pytest.mark.integration
+def test_arm_in_an_engine_lands_within_the_noise(tmp_path) -> None:
+    """Masses and springs in a rigid-body engine, play that the last motion decides, ripple of a
+    gear, a warm link's zero."""
+    rng = np.random.default_rng(20)
+    robot = load_robot("puma760")
+    real = arm(robot, rng)
+    places = rng.uniform(-60, 60, (6, 3))
+    places[1, 0] += 300
+    places[3, 2] += 250
+    engine = Engine(real, (4.0, 8.0, 5.0, 2.0, 1.0, 0.5), places)
+
+    def measure(q: np.ndarray, before: np.ndarray, temperature: np.ndarray) -> np.ndarray:
+        turned = q.copy()
+        turned[:, 0] += 2e-4 * np.sin(12 * q[:, 0] + 0.4) + 2e-4 * np.sign(q[:, 0] - before[:, 0])
+        turned[:, 1] += 3e-5 * (temperature - 22)
+        return engine.measure(turned, drives={2: 9e4, 3: 4e4})
+
+    q = real.draw(rng, 160)
+    before = np.vstack([q[:1], q[:-1]])
+    temperature = rng.uniform(18, 30, 160)
+    x = measure(q, before, temperature) + rng.normal(0, NOISE, (160, 3))
+    columns = {f"q{j + 1}_rad": q[:, j] for j in range(6)} | dict(
+        zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True)
+    )
+    pd.DataFrame(columns | {"temperature_C": temperature}).to_csv(
+        tmp_path / "measurements.csv", index=False
+    )
+    c = run_study(parse_study(STUDY, "study.toml"), tmp_path, sampling=False).calibration
+
+    plan_q = real.draw(rng, 60)
+    last = np.vstack([plan_q[:1] - 1e-1, plan_q[:-1]])
+    warm = rng.uniform(19, 29, 60)
+    data = build_measurements(
+        plan_q,
+        np.full((60, 3), np.nan),
+        approach=np.sign(plan_q - last),
+        covariates={"temperature_C": warm},
+    )
+    found = compensate_commands(c, data)
+    wanted = forward(robot, plan_q, np.array([0.0, 0, 100]))
+    off = engine_error(measure(plan_q, last, warm), wanted)
+    landed = engine_error(
+        measure(found.q, np.vstack([found.q[:1] - 1e-1, found.q[:-1]]), warm), wanted
+    )
+    assert found.reached.all()
+    assert off > 1.0
+    assert landed < 1.5 * NOISE
+    assert (
+        0.3 < landed / np.sqrt(np.square(found.model_mm).mean() / 3) < 3
+    )  # as uncertain as it says
+
+
+def test_command(made, tmp_path) -> None:
+    c, at = made
+    (tmp_path / "calibration.json").write_text(calibration_text(c))
+    rows = slice(1, 30)
+    columns = {f"q{j + 1}_deg": np.degrees(at.data.q[rows, j]) for j in range(6)}
+    columns |= {f"approach{j + 1}": at.data.approach[rows, j].astype(int) for j in range(6)}
+    columns |= {
+        "target": np.array(at.data.targets)[at.data.target[rows]],
+        "group": "tue",
+        "temperature_C": at.data.covariates["temperature_C"][rows],
+    }
+    pd.DataFrame(columns).to_csv(tmp_path / "plan.csv", index=False)
+    out = tmp_path / "out.csv"
+    ran = CliRunner().invoke(
+        run_command_line,
+        ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(out)],
+    )
+    assert ran.exit_code == 0, ran.output
+    assert "expected" in ran.output
+    wrote = pd.read_csv(out)
+    assert (wrote["error_left_mm"] < 1e-3).all()
+    back = CliRunner().invoke(
+        run_command_line,
+        ["compensate", str(tmp_path), str(tmp_path / "plan.csv"), "--out", str(out), "--forward"],
+    )
+    assert back.exit_code == 0
+    assert (
+        np.abs(
+            pd.read_csv(out)[["x_mm", "y_mm", "z_mm"]].to_numpy()
+            - wrote[["x_mm", "y_mm", "z_mm"]].to_numpy()
+        ).max()
+        > 0.05
+    )
+    out.unlink()
+    ran = CliRunner().invoke(
+        run_command_line,
+        [
+            "compensate",
+            str(tmp_path),
+            str(tmp_path / "plan.csv"),
+            "--out",
+            str(out),
+            "--bound",
+            "0.01",
+            "20",
+        ],
+    )
+    assert ran.exit_code == 3
+    assert not out.exists()
+
+
+def test_a_slide_is_compensated(rng) -> None:
+    """A joint that slides takes part."""
+    from modelsel.calibration.calibration import calibrate
+    from modelsel.fitting.least_squares import fit
+    from modelsel.fitting.noise import Floor
+    from modelsel.selection.evaluation import Split
+
+    puma = load_robot("puma760")
+    joints = [
+        replace(j, prismatic=k == 2, limits=(0.0, 300.0) if k == 2 else j.limits)
+        for k, j in enumerate(puma.joints)
+    ]
+    robot = replace(puma, joints=tuple(joints))
+    at = replace(drawn(robot, rng, 80), whitening=Whitening(50.0))
+    at = replace(at, data=replace(at.data, position=at.data.position + np.array([2.0, 1.0, -1.0])))
+    model = Model((mechanism("geometric", robot),))
+    every_row = np.ones(80, bool)
+    c = calibrate(
+        "slide",
+        Split(at, every_row, ~every_row, np.zeros(80, np.intp), True),
+        fit(at, model),
+        Floor(0.02, "stated"),
+        None,
+        False,
+        {},
+    )
+    found = compensate_commands(c, plan(at, slice(1, 40)))
+    assert found.reached.all()
+    assert np.abs(found.change[:, 2]).max() > 0.1  # mm
+
+
+def limited(c, joint: int, low: float, high: float):
+    """The calibration with limits of one joint alone."""
+    joints = [
+        replace(j, limits=(low, high) if k == joint - 1 else None)
+        for k, j in enumerate(c.robot.joints)
+    ]
+    return replace(c, robot=replace(c.robot, joints=tuple(joints)))
+
+
+def test_a_corrected_command_beyond_a_limit_is_said(made, tmp_path) -> None:
+    """The planned ones are all within: what the correction adds goes beyond."""
+    c, at = made
+    data = plan(at, slice(1, 30))
+    change = compensate_commands(c, data).change[:, 1]
+    k = int(np.argmax(change))
+    c = limited(c, 2, -4.0, float(data.q[:, 1].max()))
+    data.q[k, 1] = data.q[:, 1].max()
+    found = compensate_commands(c, data)
+    stuck = found.q[:, 1] > c.robot.joints[1].limits[1] + 1e-9
+    assert stuck.any()
+    np.testing.assert_array_equal(found.beyond[:, 1], stuck)
+    assert not found.beyond[:, [0, 2, 3, 4, 5]].any()
+    assert describe_extrapolation(c, data) == []
+    (tmp_path / "calibration.json").write_text(calibration_text(c))
+    data.to_frame().drop(columns=["configuration", "order"]).to_csv(
+        tmp_path / "plan.csv", index=False
+    )
+    words = [
+        "compensate",
+        str(tmp_path),
+        str(tmp_path / "plan.csv"),
+        "--out",
+        str(tmp_path / "out.csv"),
+    ]
+    ran = CliRunner().invoke(run_command_line, words)
+    assert ran.exit_code == 5
+    assert f"joint 2: {stuck.sum()} of 29 corrected commands lie beyond its limits" in ran.output
+    assert f"line {', '.join(str(row + 2) for row in np.flatnonzero(stuck))})" in ran.output
+    assert (tmp_path / "out.csv").exists()
+    assert CliRunner().invoke(run_command_line, [*words, "--forward"]).exit_code == 0
+    with pytest.warns(UserWarning, match="corrected commands lie beyond its limits"):
+        correct(c, data.to_frame().drop(columns=["configuration", "order"]))
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_what_is_left_is_in_what_is_expected(made) -> None:
+    """Out of reach by a known length: the expected error cannot be less."""
+    c, at = made
+    data = plan(at, slice(1, 9))
+    data = replace(data, position=predict_nominal(c.problem(data)))
+    data.position[3] *= 1.5 * c.robot.reach / np.linalg.norm(data.position[3])
+    found = compensate_commands(c, data)
+    assert found.left_mm[3] > 10
+    assert (found.expected_mm > found.left_mm).all()
+    np.testing.assert_allclose(
+        found.expected_mm**2, found.left_mm**2 + found.model_mm**2 + 3 * 0.02**2
+    )
+    assert not found.reached[3]
+
+
+def test_orientation_errors_are_said(made, tmp_path) -> None:
+    """Against angles of the test's own; without wanted orientations no word of them."""
+    c, at = made
+    data = plan(at, slice(1, 40))
+    pose_at = c.problem(replace(data, rotation=np.tile(np.eye(3), (39, 1, 1)))).pose(slice(0, 39))
+    wanted = pose_at.rotation.transpose(2, 0, 1)
+    found, free = (
+        compensate_commands(c, replace(data, rotation=wanted)),
+        compensate_commands(c, data),
+    )
+    from modelsel.calibration.prediction import compute_pose
+
+    def off(q: np.ndarray) -> np.ndarray:
+        R = compute_pose(
+            replace_readings(c.problem(replace(data, rotation=wanted)), q), c.terms, c.theta
+        ).rotation.transpose(2, 0, 1)
+        return 2 * np.arcsin(np.clip(np.linalg.norm(R - wanted, axis=(1, 2)) / np.sqrt(8), 0, 1))
+
+    np.testing.assert_allclose(found.before_rad, off(data.q), atol=1e-9)
+    np.testing.assert_allclose(found.left_rad, off(found.q), atol=1e-9)
+    assert (found.left_rad[found.reached] <= 1e-5).all()
+    assert free.left_rad is None
+    assert "orientation_left_mrad" in found.figures()
+    assert "orientation_left_mrad" not in free.figures()
+    (tmp_path / "calibration.json").write_text(calibration_text(c))
+    frame = replace(data, rotation=wanted, position=predict_nominal(c.problem(data))).to_frame()
+    frame.drop(columns=["configuration", "order"]).to_csv(tmp_path / "plan.csv", index=False)
+    ran = CliRunner().invoke(
+        run_command_line,
+        [
+            "compensate",
+            str(tmp_path),
+            str(tmp_path / "plan.csv"),
+            "--out",
+            str(tmp_path / "out.csv"),
+            "--bound",
+            "1000",
+            "1000",
+        ],
+    )
+    assert (
+        f"Orientations are off by {1e3 * found.before_rad.mean():.3g} mrad on average" in ran.output
+    )
+    np.testing.assert_allclose(
+        pd.read_csv(tmp_path / "out.csv")["orientation_before_mrad"],
+        1e3 * found.before_rad,
+        rtol=1e-5,
+    )
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_degrees_in_degrees_out(made) -> None:
+    c, at = made
+    data = plan(at, slice(1, 9))
+    frame = data.to_frame().drop(columns=["configuration", "order"])
+    degrees = frame.assign(q1_deg=np.degrees(frame["q1_rad"]), q4_deg=np.degrees(frame["q4_rad"]))
+    degrees = degrees.drop(columns=["q1_rad", "q4_rad"])
+    found, plain = correct(c, degrees), correct(c, frame)
+    assert not {"q1_rad", "q4_rad"} & set(found.columns)
+    for j in (1, 4):
+        np.testing.assert_allclose(
+            np.radians(found[f"q{j}_deg"]), plain[f"q{j}_rad"], rtol=0, atol=1e-12
+        )
+    np.testing.assert_allclose(found["q2_rad"], plain["q2_rad"], rtol=0, atol=1e-12)
+
+
+def test_directions_taken_from_the_order_are_said(made) -> None:
+    c, at = made
+    data = plan(at, slice(1, 9))
+    assert describe_order_dependence(c, data) == []
+    bare = build_measurements(data.q, data.position, covariates=data.covariates)
+    (said,) = describe_order_dependence(c, bare)
+    assert "joint 3: the directions of approach are taken from the order of the targets" in said
+    geometry = Mechanism("geometry", c.model.mechanisms[1].terms)
+    assert (
+        describe_order_dependence(replace(c, model=Model((geometry,)), theta=c.theta[:6]), bare)
+        == []
+    )
+    lagging = mechanism("settle:2", c.robot)
+    (said,) = describe_order_dependence(
+        replace(c, model=Model((lagging,)), theta=np.zeros(len(lagging.terms))), data
+    )
+    assert "joint 2: the sizes of the moves are taken from the order" in said

@@ -1,0 +1,405 @@
+"""A calibration on another day: false alarms are as rare as promised, changes are seen and named, a
+new set-up is no change."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from builders import drawn, measured, planted
+from click.testing import CliRunner
+
+from modelsel.calibration.calibration import Calibration, calibrate
+from modelsel.calibration.calibration_file import calibration_text
+from modelsel.calibration.campaigns import compare_campaigns, correct_holm, describe_comparison
+from modelsel.calibration.validation import describe_verdict as told
+from modelsel.calibration.validation import judge
+from modelsel.cli.main import run_command_line
+from modelsel.exceptions import DataError, StudyError
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.noise import Floor
+from modelsel.fitting.problem import Problem
+from modelsel.fitting.whitening import Whitening
+from modelsel.measurements.measurements import Measurements
+from modelsel.mechanisms.registry import mechanism
+from modelsel.mechanisms.terms import Screw, Term
+from modelsel.robot.files import load_robot
+from modelsel.robot.rigid import from_rpy
+from modelsel.selection.evaluation import Split
+
+NOISE = 0.05
+ROBOT = load_robot("puma760")
+NAMES = ("geometric", "joint-compliance:2", "approach-backlash:1")
+
+
+def truth(names: tuple[str, ...] = NAMES) -> tuple[Model, np.ndarray]:
+    """A model and what the arm really has: drawn once."""
+    model, rng = Model(tuple(mechanism(n, ROBOT) for n in names)), np.random.default_rng(5)
+    sizes = {
+        "geometric": 0.1,
+        "refraction": 0.1,
+        "joint-compliance:2": 0.02,
+        "approach-backlash:1": 0.02,
+        "approach-backlash:3": 0.1,
+    }
+    return model, np.concatenate(
+        [
+            rng.uniform(-1, 1, len(m.terms)) * [t.size[1] * sizes[m.name] for t in m.terms]
+            if m.name == "geometric"
+            else np.array([t.size[1] * sizes[m.name] for t in m.terms])
+            for m in model.mechanisms
+        ]
+    )
+
+
+def place(model: Model, symbol: str) -> int:
+    """Index of the last term of a symbol: the compliance's c2, not the geometry's."""
+    return max(k for k, t in enumerate(model.terms) if t.symbol == symbol)
+
+
+def campaign(rng: np.random.Generator, m: int, model: Model, theta: np.ndarray) -> Measurements:
+    at = drawn(ROBOT, rng, m)
+    return planted(at, model.terms, theta, rng, NOISE).data
+
+
+def calibrated(
+    rng: np.random.Generator,
+    model: Model,
+    theta: np.ndarray,
+    m: int = 120,
+    fitted: Model | None = None,
+    floor: Floor | None = None,
+) -> Calibration:
+    at = replace(drawn(ROBOT, rng, m), whitening=Whitening(1 / NOISE))
+    at = planted(at, model.terms, theta, rng, NOISE)
+    rows = np.ones(m, bool)
+    return calibrate(
+        "drift",
+        Split(at, rows, ~rows, np.zeros(m, np.intp), True),
+        fit(at, fitted or model),
+        floor or Floor(NOISE, "stated"),
+        None,
+        False,
+        {},
+    )
+
+
+@pytest.mark.integration
+def test_false_alarms_are_as_rare_as_promised(rng) -> None:
+    """p is uniform where nothing changed, registered or not, with the parameters' own uncertainty
+    in it (20 configurations)."""
+    model, theta = truth()
+    p = np.array(
+        [
+            [judge(c, new, registered).p for registered in (False, True)]
+            for c, new in (
+                (calibrated(rng, model, theta, 25), campaign(rng, 30, model, theta))
+                for _ in range(60)
+            )
+        ]
+    )
+    for column in p.T:
+        assert 0.3 < column.mean() < 0.7
+        assert (column < 0.05).mean() < 0.15
+    assert not any(
+        judge(calibrated(rng, model, theta), campaign(rng, 40, model, theta), False).drifted
+        for _ in range(5)
+    )
+
+
+@pytest.mark.parametrize(("symbol", "by"), [("γ3", 4e-4), ("a4", 0.4), ("c2", 8e-6), ("k1", 3e-4)])
+def test_a_change_is_seen(symbol, by, rng) -> None:
+    model, theta = truth()
+    c = calibrated(rng, model, theta)
+    changed = theta.copy()
+    changed[place(model, symbol)] += by
+    found = judge(c, campaign(rng, 40, model, changed), False)
+    assert found.drifted
+    assert 1.2 < found.factor < 8
+
+
+def test_registering_anew_is_no_drift(rng) -> None:
+    """Tracker far away and turned, another target: drifted as it stands, valid when registered; a
+    bent link is still seen."""
+    model, theta = truth()
+    c = calibrated(rng, model, theta)
+    R, t = from_rpy(0.4, -0.2, 2.0), np.array([2500.0, -800.0, 300.0])
+    moved = [Term("o", (Screw(7, "ty"),)), *model.terms]
+    at = drawn(ROBOT, rng, 40)
+    new = planted(at, moved, np.r_[3.0, theta], rng, NOISE).data
+    new = replace(new, position=new.position @ R.T + t)
+    new.position[5] += 4.0  # a gross row must not tilt it
+    found = judge(c, new, True)
+    assert judge(c, new, False).factor > 1e3
+    assert found.worst == (5,)
+    clean = judge(c, new.take(np.arange(40) != 5), True)
+    assert not clean.drifted
+    assert clean.moved[2] == pytest.approx(3.0, abs=0.1)
+    assert clean.moved[1] == pytest.approx(np.arccos((np.trace(R) - 1) / 2), abs=1e-3)
+    bent = theta.copy()
+    bent[place(model, "α4")] += 2e-3
+    new = planted(at, moved, np.r_[3.0, bent], rng, NOISE).data
+    assert judge(c, replace(new, position=new.position @ R.T + t), True).drifted
+    with pytest.raises(DataError, match="--register needs 4"):
+        judge(c, new.take(np.arange(3)), True)
+
+
+def test_the_beam_is_as_long_as_where_the_tracker_now_stands(rng) -> None:
+    """Refraction grows with the square of the range: with the tracker five metres further off it is
+    another, and no drift."""
+    model, theta = truth(("geometric", "refraction"))  # 0.09 mm at 3 m, 0.7 mm at 8 m
+
+    def seen_from(place: tuple[float, float, float], m: int) -> Problem:
+        placement = (np.eye(3)[None], np.array([place]))
+        at = replace(drawn(ROBOT, rng, m), placement=placement, whitening=Whitening(1 / NOISE))
+        return planted(at, model.terms, theta, rng, NOISE)
+
+    at, rows = seen_from((3000.0, 0.0, 0.0), 120), np.ones(120, bool)
+    data = Split(at, rows, ~rows, np.zeros(120, np.intp), True)
+    c = calibrate("beam", data, fit(at, model), Floor(NOISE, "stated"), None, True, {})
+    found = judge(c, seen_from((8000.0, 2000.0, 0.0), 40).data, True)
+    assert not found.drifted
+    assert found.rms_mm == pytest.approx(NOISE * np.sqrt(3), rel=0.2)
+    assert found.moved is not None
+    assert found.moved[0] == pytest.approx(np.hypot(5000, 2000), abs=0.3)
+    assert found.moved[1] < 4e-5
+
+
+def test_which_configurations(rng) -> None:
+    model, theta = truth()
+    c = calibrated(rng, model, theta)
+    new = campaign(rng, 60, model, theta)
+    far = new.q[:, 1] > np.median(new.q[:, 1])
+    new.position[far] += 0.4
+    found = judge(c, new, False)
+    said = told(new, found)
+    assert said[0].startswith("The calibration has drifted")
+    assert "most of it where q2 is above" in said[0]
+    assert set(found.worst) <= set(np.flatnonzero(far))
+    assert f"row {found.worst[0]} (" in said[1]
+
+
+def test_estimated_noise_is_no_certainty(rng) -> None:
+    """With few degrees of freedom behind the floor the same errors are less surprising."""
+    model, theta = truth()
+    sure, unsure = (
+        calibrated(np.random.default_rng(1), model, theta, floor=Floor(NOISE, "estimated", f))
+        for f in (np.inf, 5.0)
+    )
+    new = campaign(rng, 40, model, theta)
+    new = measured(
+        replace(drawn(ROBOT, rng, 40), data=new), new.position + rng.normal(0, 0.5 * NOISE, (40, 3))
+    ).data
+    assert judge(sure, new, False).p < judge(unsure, new, False).p
+
+
+# -- two campaigns
+# -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.integration
+def test_nothing_changed(rng) -> None:
+    model, theta = truth()
+    alarms = sum(
+        bool(compare_campaigns(calibrated(rng, model, theta), calibrated(rng, model, theta)).moved)
+        for _ in range(20)
+    )
+    assert alarms <= 4  # 5 % each: more than 4 of 20 once in 400
+    same = calibrated(rng, model, theta)
+    assert describe_comparison(compare_campaigns(same, same))[0].startswith(
+        "Nothing changed beyond chance"
+    )
+
+
+def test_what_moved_is_named(rng) -> None:
+    model, theta = truth()
+    changed = theta.copy()
+    changed[place(model, "γ3")] += 1e-3
+    changed[place(model, "c2")] *= 3
+    found = compare_campaigns(calibrated(rng, model, theta), calibrated(rng, model, changed, 90))
+    by = {e.symbol: e for e in found.explained_by}
+    assert set(by) == {"γ3", "c2"}
+    assert by["γ3"].by == pytest.approx(1e-3, abs=4 * by["γ3"].standard_error)
+    assert by["c2"].by == pytest.approx(
+        2 * theta[place(model, "c2")], abs=4 * by["c2"].standard_error
+    )
+    assert by["γ3"].moves_mm > 0.3
+    assert {m.name: m.what for m in found.mechanisms} == {"joint-compliance:2": "grew"}
+    said = " ".join(describe_comparison(found))
+    assert "γ3 of geometric changed by" in said
+    assert "joint-compliance:2 grew" in said
+
+
+def test_mechanisms_that_came_and_went(rng) -> None:
+    model, theta = truth()
+    other, more = truth(("geometric", "joint-compliance:2", "approach-backlash:3"))
+    found = compare_campaigns(calibrated(rng, model, theta), calibrated(rng, other, more))
+    assert {m.name: m.what for m in found.mechanisms if m.what in ("came", "went")} == {
+        "approach-backlash:1": "went",
+        "approach-backlash:3": "came",
+    }
+
+
+def test_one_motion_under_two_names(rng) -> None:
+    """The wind-up of joint 3, found as the catalogue's twist in one campaign and as a cell in the
+    other, did not come or go."""
+    from modelsel.mechanisms.causes import cos, q
+    from modelsel.mechanisms.terms import Mechanism
+
+    twist = Mechanism("joint3-twist", (Term("h", (Screw(3, "rz", cos(q(2) + q(3))),)),))
+    cell = Mechanism("cell", (Term("h0", (Screw(3, "rz", cos(q(3) + q(2))),)),))
+    geometry, theta = truth(("geometric",))
+    a, b = Model((*geometry.mechanisms, twist)), Model((*geometry.mechanisms, cell))
+    (only,) = compare_campaigns(
+        calibrated(rng, a, np.r_[theta, 1e-3]), calibrated(rng, b, np.r_[theta, 2e-3])
+    ).mechanisms
+    assert (only.name, only.what) == ("joint3-twist (now cell, which moves the arm alike)", "grew")
+    assert only.after_mm == pytest.approx(2 * only.before_mm, rel=0.1)
+
+
+@pytest.mark.integration
+def test_what_is_named_once_or_twice_is_told_as_far_as_the_evidence_goes(rng) -> None:
+    """The same effect under two names did not change, however its two sizes differ; a faint one,
+    named in a long campaign alone, may have been there before; and how large a change would have
+    been seen is said, and is."""
+    from modelsel.mechanisms.causes import cos, q
+    from modelsel.mechanisms.terms import Mechanism
+
+    twist = Mechanism("joint3-twist", (Term("h", (Screw(3, "rz", cos(q(2) + q(3))),)),))
+    cell = Mechanism("cell", (Term("h0", (Screw(3, "rz", cos(q(3) + q(2))),)),))
+    geometry, theta = truth(("geometric",))
+    a, b = Model((*geometry.mechanisms, twist)), Model((*geometry.mechanisms, cell))
+    found = [
+        compare_campaigns(
+            calibrated(rng, a, np.r_[theta, 1e-3]), calibrated(rng, b, np.r_[theta, 1e-3])
+        )
+        for _ in range(10)
+    ]
+    changed = [c.mechanisms[0].what != "did not change" for c in found]
+    assert sum(changed) <= 2
+    (only,) = found[changed.index(False)].mechanisms
+    said = " ".join(describe_comparison(found[changed.index(False)]))
+    assert only.before_mm != only.after_mm
+    assert only.p > 0.05
+    assert "alike) did not change beyond chance: " in said
+    assert "grew" not in said
+    assert "shrank" not in said
+    assert f"a change of {only.seen_mm:.2g} mm would have been seen" in said
+    larger = 1e-3 * (1 + 1.3 * only.seen_mm / only.before_mm)  # beyond what is seen with 90 %
+    seen = [
+        compare_campaigns(
+            calibrated(rng, a, np.r_[theta, 1e-3]), calibrated(rng, b, np.r_[theta, larger])
+        )
+        for _ in range(10)
+    ]
+    assert sum(c.mechanisms[0].what == "grew" for c in seen) >= 8
+
+    short, long = calibrated(rng, geometry, theta, 30), calibrated(rng, b, np.r_[theta, 1e-4], 200)
+    (faint,) = compare_campaigns(short, long).mechanisms
+    assert faint.what == "may have come"
+    assert faint.seen_mm > faint.after_mm
+    assert "so it cannot be said whether it came" in " ".join(
+        describe_comparison(compare_campaigns(short, long))
+    )
+    assert compare_campaigns(long, short).mechanisms[0].what == "may have gone"
+    assert (
+        compare_campaigns(
+            calibrated(rng, geometry, theta, 30), calibrated(rng, b, np.r_[theta, 2e-3])
+        )
+        .mechanisms[0]
+        .what
+        == "came"
+    )
+
+
+def test_a_change_that_would_have_been_seen_is(rng) -> None:
+    model, theta = truth()
+    first = calibrated(rng, model, theta)
+    same = compare_campaigns(first, calibrated(rng, model, theta))
+    low, high = same.seen_mm
+    (own,) = [c for c in same.changes if c.mechanism == "joint-compliance:2"]
+    beyond = 2.0 + float(
+        np.sqrt(2 * np.log(len(same.changes) / 0.05))
+    )  # more than Holm's bound and 90 % ask
+    changed = theta.copy()
+    changed[place(model, "c2")] += beyond * own.standard_error
+    found = [compare_campaigns(first, calibrated(rng, model, changed)) for _ in range(10)]
+    assert sum(any(c.mechanism == own.mechanism for c in f.moved) for f in found) >= 8
+    per_error = own.moves_mm / abs(own.after - own.before) * own.standard_error
+    assert low <= 4.5 * per_error <= 1.1 * high
+    if not same.moved:
+        assert (
+            f"of {high:.2g} mm in the worst, would have been seen" in describe_comparison(same)[-1]
+        )
+
+
+def test_representatives_do_not_matter(rng) -> None:
+    """The same arm fitted with its terms in another order keeps others at nought: still nothing
+    changed."""
+    model, theta = truth()
+    first = model.mechanisms[0]
+    turned = Model((replace(first, terms=first.terms[::-1]), *model.mechanisms[1:]))
+    found = compare_campaigns(
+        calibrated(rng, model, theta), calibrated(rng, model, theta, fitted=turned)
+    )
+    assert min(c.p for c in found.changes) > 1e-3
+
+
+def test_a_new_set_up_is_left_aside(rng) -> None:
+    model, theta = truth()
+    shifted = theta.copy()
+    shifted[place(model, "a1")] += 1.0
+    a, b = calibrated(rng, model, theta), calibrated(rng, model, shifted)
+    assert any(c.symbol == "a1" for c in compare_campaigns(a, b).moved)
+    anew = compare_campaigns(a, replace(b, registered=True))
+    assert not any(c.symbol in ("a1", "a7") for c in anew.changes)
+    assert "cannot be compared" in describe_comparison(anew)[-1]
+
+
+def test_another_robot_is_refused(rng) -> None:
+    model, theta = truth()
+    c = calibrated(rng, model, theta)
+    with pytest.raises(StudyError, match="not the same nominal robot"):
+        compare_campaigns(c, replace(c, robot=load_robot("ur5")))
+
+
+def test_holm() -> None:
+    np.testing.assert_allclose(
+        correct_holm(np.array([0.01, 0.04, 0.03, 0.005])), [0.03, 0.06, 0.06, 0.02]
+    )  # Holm 1979's procedure
+
+
+def test_commands(rng, tmp_path) -> None:
+    model, theta = truth()
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "calibration.json").write_text(
+            calibration_text(calibrated(rng, model, theta))
+        )
+    new = campaign(rng, 30, model, theta)
+    frame = {f"q{j + 1}_rad": new.q[:, j] for j in range(6)} | dict(
+        zip(("x_mm", "y_mm", "z_mm"), new.position.T, strict=True)
+    )
+    pd.DataFrame(frame).to_csv(tmp_path / "new.csv", index=False)
+    ran = CliRunner().invoke(
+        run_command_line, ["validate", str(tmp_path / "a"), str(tmp_path / "new.csv")]
+    )
+    assert ran.exit_code == 0, ran.output
+    assert ran.output.startswith("The calibration is still valid within noise")
+    pd.DataFrame(frame | {"y_mm": new.position[:, 1] + 1.0}).to_csv(
+        tmp_path / "new.csv", index=False
+    )
+    for more, status in (([], 5), (["--register", "--json"], 0)):
+        ran = CliRunner().invoke(
+            run_command_line, ["validate", str(tmp_path / "a"), str(tmp_path / "new.csv"), *more]
+        )
+        assert ran.exit_code == status, ran.output
+    assert '"drifted": false' in ran.output
+    for more in ([], ["--json"]):
+        ran = CliRunner().invoke(
+            run_command_line, ["compare", str(tmp_path / "a"), str(tmp_path / "b"), *more]
+        )
+        assert ran.exit_code == 0, ran.output

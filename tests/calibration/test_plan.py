@@ -1,0 +1,409 @@
+"""What to measure next: formulas against refits and simulation, and ten chosen configurations
+against forty drawn ones."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from builders import drawn
+from click.testing import CliRunner
+
+from modelsel import Study, plan_next
+from modelsel import run_study as study_run
+from modelsel._choices import PLAN_CRITERIA
+from modelsel.calibration.experiment_design import (
+    Pool,
+    Rivals,
+    _naming_probability,
+    _Pair,
+    build_pool,
+    choose_for_parameters,
+    choose_for_rivals,
+    compute_indices,
+    compute_naming_probability,
+    count_more_needed,
+    merge_indistinct,
+)
+from modelsel.cli.main import run_command_line
+from modelsel.exceptions import DataError, StudyError
+from modelsel.fitting.design import compute_design
+from modelsel.fitting.linearisation import Linearisation
+from modelsel.mechanisms.registry import build_mechanisms, mechanism
+from modelsel.mechanisms.terms import Term
+from modelsel.robot.files import load_robot
+from modelsel.robot.kinematics import forward
+
+ROBOT = load_robot("puma760")
+GEOMETRY = mechanism("geometric", ROBOT)
+SIGMA = 0.05
+NAMES = (
+    ("joint-compliance:2", "base-tilt"),
+    ("backlash:3", "joint-compliance:3"),
+    ("encoder-scale:5", "wrist-coupling:5"),
+    ("link-bending:2", "joint-compliance:3"),
+    ("joint2-twist", "base-tilt"),
+    ("thermal-growth:2", "thermal-zero:3"),
+    ("gear-eccentricity:4", "axis-wobble:4"),
+    ("encoder-eccentricity:5", "gear-ripple:5:3"),
+)
+
+
+def simulated(
+    rng: np.random.Generator, names: tuple[str, ...], possible: int, size: float = 0.012
+) -> tuple[Pool, Rivals]:
+    """60 configurations measured, rivals that move the target by `size` mm rms beyond the geometry,
+    a pool of others."""
+    known, more = drawn(ROBOT, rng, 60), drawn(ROBOT, rng, possible)
+    mechanisms = [build_mechanisms(name, ROBOT)[0] for name in names]
+    Q = np.linalg.svd(
+        compute_design(known, GEOMETRY.terms)[0].reshape(180, -1), full_matrices=False
+    )[0][:, :25]
+    estimates = []
+    for m in mechanisms:
+        theta = np.array([t.size[1] for t in m.terms])
+        moved = (compute_design(known, m.terms)[0] @ theta).ravel()
+        estimates.append(theta * size / np.sqrt(np.square(moved - Q @ (Q.T @ moved)).sum() / 60))
+    even = np.full(len(names), 1 / len(names))
+    rivals = Rivals(
+        names, tuple(m.terms for m in mechanisms), tuple(estimates), even, GEOMETRY.terms
+    )
+    terms = [*GEOMETRY.terms, *(t for m in mechanisms for t in m.terms)]
+    return build_pool(known, more, terms, Linearisation((), np.zeros(0)), SIGMA), rivals
+
+
+def test_right_is_the_formula() -> None:
+    """methods: δ = 4, ρ = 0.9 gives 0.8144; nothing between them, a coin; all between them,
+    certainty."""
+    assert _naming_probability(np.array(16.0), np.array(16 * (1 - 0.81))) == pytest.approx(
+        0.8144, abs=1e-4
+    )
+    assert _naming_probability(np.array(100.0), np.array(0.0)) == 0.5
+    assert _naming_probability(np.array(100.0), np.array(100.0)) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_update_is_a_refit(rng) -> None:
+    """Δ with a configuration added, against least squares of all rows."""
+    p, rivals = simulated(rng, NAMES[1], 12)
+    pair = _Pair(p, rivals, 0, 1)
+    _, left = pair.with_each()
+    columns, truth = p.of([*rivals.others, *rivals.terms[1]]), p.of(rivals.terms[0])
+    scale = np.sqrt(
+        np.square(p.possible[:, :, columns]).sum(1).mean(0)
+        + np.square(p.known[:, :, columns]).sum(1).mean(0)
+    )
+    for k in range(12):
+        A = np.concatenate([p.known, p.possible[k : k + 1]]).reshape(-1, len(p.terms)) / SIGMA
+        whole = np.vstack([A[:, columns], np.diag(scale / 10)])  # the prior: 10 mm
+        y = np.concatenate([A[:, truth] @ rivals.estimates[0], np.zeros(len(columns))])
+        assert left[k] == pytest.approx(
+            np.square(y - whole @ np.linalg.lstsq(whole, y, rcond=None)[0]).sum(), rel=1e-5
+        )
+    pair.add(3)
+    assert pair.left(slice(None)) == pytest.approx(left[3], rel=1e-6)
+
+
+def named_rate(
+    p: Pool, rivals: Rivals, some: list[int], rng: np.random.Generator, draws: int = 1500
+) -> float:
+    """How often the true rival fits better, simulated: least squares of each on noisy data, the
+    rivals true in turn."""
+    A = np.concatenate([p.known, p.possible[some]]).reshape(-1, len(p.terms)) / SIGMA
+    A = A / np.where(scale := np.linalg.norm(A, axis=0), scale, 1.0)
+    span = [
+        np.linalg.svd(A[:, p.of([*rivals.others, *t])], full_matrices=False) for t in rivals.terms
+    ]
+    bases = [U[:, 1e-9 * S[0] < S] for U, S, _ in span]
+    right = 0
+    for i in (0, 1):
+        truth = p.of(rivals.terms[i])
+        y = (A[:, truth] @ (scale[truth] * rivals.estimates[i]))[:, None] + rng.standard_normal(
+            (len(A), draws)
+        )
+        held = [np.square(Q.T @ y).sum(0) for Q in bases]
+        right += int((held[i] > held[1 - i]).sum())
+    return right / (2 * draws)
+
+
+@pytest.mark.parametrize("names", NAMES[1:4:2])
+def test_probability_is_the_rate_of_naming(names, rng) -> None:
+    p, rivals = simulated(rng, names, 30, 0.02)
+    for some in ([], list(range(15))):
+        assert named_rate(p, rivals, some, rng) == pytest.approx(
+            compute_naming_probability(p, [rivals], some), abs=0.04
+        )
+
+
+@pytest.mark.integration
+def test_ten_chosen_separate_what_forty_drawn_do(rng) -> None:
+    """The figure to reach: over eight pairs of rivals, told by formula; and named at that rate in
+    simulated data."""
+    chosen, random, rates = [], [], []
+    for names in NAMES:
+        p, rivals = simulated(rng, names, 3000)
+        rows, told = choose_for_rivals(p, [rivals], 10)
+        draws = [rng.choice(3000, 40, replace=False).tolist() for _ in range(8)]
+        chosen.append(told[-1])
+        random.append(np.mean([compute_naming_probability(p, [rivals], some) for some in draws]))
+        assert told[0] < told[-1]
+        assert len(set(rows)) == 10
+        if len(rivals.terms[0]) == len(rivals.terms[1]) == 1:
+            rates.append([named_rate(p, rivals, some, rng) for some in (rows, draws[0], [])])
+    assert np.mean(chosen) >= np.mean(random)
+    ten, forty, none = np.mean(rates, axis=0)
+    assert ten > forty - 0.02 > none
+
+
+def test_what_no_choice_tells_is_one(rng) -> None:
+    p, rivals = simulated(rng, NAMES[1], 50)
+    twice = Rivals(
+        ("a", "b", "a again"),
+        (*rivals.terms, rivals.terms[0]),
+        (*rivals.estimates, rivals.estimates[0]),
+        np.array([0.4, 0.35, 0.25]),
+        rivals.others,
+    )
+    left, twins = merge_indistinct(p, twice)
+    assert left.names == ("a", "b")
+    np.testing.assert_allclose(left.probability, [0.65, 0.35])
+    assert twins == ("a again and a",)
+    only, _ = merge_indistinct(
+        p,
+        replace(
+            twice,
+            names=("a", "a again"),
+            terms=twice.terms[::2],
+            estimates=twice.estimates[::2],
+            probability=np.array([0.5, 0.5]),
+        ),
+    )
+    assert only is None
+
+
+def kept(p: Pool) -> list[Term]:
+    from modelsel.fitting.identifiability import identify
+    from modelsel.fitting.reduction import reduce
+
+    A = p.known[:, :, : len(GEOMETRY.terms)].reshape(-1, len(GEOMETRY.terms))
+    return [GEOMETRY.terms[k] for k in identify(reduce(A, A[:, 0])).kept]
+
+
+def test_indices_are_those_of_the_singular_values(rng) -> None:
+    """Sun & Hollerbach 2008, from the singular values of the scaled matrix itself."""
+    p, _ = simulated(rng, NAMES[0], 40)
+    terms = kept(p)
+    columns = p.of(terms)
+    A = np.concatenate([p.known, p.possible[[2, 7]]])[:, :, columns]
+    A = A / np.sqrt(np.square(p.possible[:, :, columns]).sum(1).mean(0)) / SIGMA
+    s = np.linalg.svd(A.reshape(-1, len(columns)), compute_uv=False)
+    found = compute_indices(p, terms, [2, 7])
+    expected = {
+        "o1": np.prod(s) ** (1 / len(s)) / np.sqrt(62),
+        "o2": s[-1] / s[0],
+        "o3": s[-1],
+        "o4": s[-1] ** 2 / s[0],
+        "o5": 1 / (1 / s).sum(),
+        "d": 2 * np.log(s).sum(),
+        "a": -np.log((1 / s**2).sum()),
+    }
+    for name, value in expected.items():
+        assert found[name] == pytest.approx(value, rel=1e-6)
+
+
+@pytest.mark.parametrize("criterion", PLAN_CRITERIA)
+def test_criterion_beats_chance(criterion, rng) -> None:
+    p, _ = simulated(rng, NAMES[0], 150)
+    terms = kept(p)
+    rows = choose_for_parameters(p, terms, 6, criterion)
+    drawn_ = max(
+        compute_indices(p, terms, rng.choice(150, 6, replace=False).tolist())[criterion]
+        for _ in range(40)
+    )
+    assert compute_indices(p, terms, rows)[criterion] > drawn_
+    assert len(set(rows)) == 6
+
+
+def test_the_command_offers_every_criterion() -> None:
+    """Listed there once more, so that `modelsel plan --help` loads no numpy."""
+
+
+def test_more_needed() -> None:
+    """Noncentrality is configurations x size²: a quarter of the size takes sixteen times as
+    many."""
+    assert count_more_needed(0.02, 80, 0.005) == 16 * 80 - 80
+    assert count_more_needed(0.02, 80, 0.03) == 0
+
+
+STUDY = """name = "rivals"
+seed = 3
+[robot]
+name = "puma760"
+tool_mm = [30, 0, 100]
+[measurements]
+file = "measurements.csv"
+[split]
+estimation = 50
+[model]
+candidates = ["gear-eccentricity", "axis-wobble", "encoder-eccentricity", "joint-compliance", "base-tilt", "joint2-twist"]
+[simulate]
+configurations = 60
+noise_mm = 0.06
+[[simulate.effect]]
+frame = 2
+axis = "rz"
+cause = "cos(q2)"
+size = 1.1e-4
+"""
+
+
+@pytest.mark.integration
+def test_command(tmp_path, rng) -> None:
+    (tmp_path / "study.toml").write_text(STUDY)
+    runner = CliRunner()
+
+    def run(*words: str):
+        return runner.invoke(run_command_line, [str(w) for w in words])
+
+    assert run("simulate", tmp_path, "--out", tmp_path / "measurements.csv").exit_code == 0
+    ran = run(
+        "plan",
+        tmp_path,
+        "--limits",
+        "--count",
+        "4",
+        "--out",
+        tmp_path / "next.csv",
+        "--size",
+        "0.01",
+    )
+    assert ran.exit_code == 0, ran.output
+    assert "told from its nearest rival with probability" in ran.output
+    assert "An effect of 0.01 mm rms" in ran.output
+    narrow = run("plan", tmp_path, "--joint", "q2_deg=-10:10", "--count", "3", "--json")
+    assert all(
+        abs(row["q2_rad"]) <= np.radians(10) for row in json.loads(narrow.stdout)["configurations"]
+    )
+    for wrong in ("q2_deg", "q2_deg=5", "q2_deg=a:b", "q2=1:2", "q9_deg=1:2"):
+        assert run("plan", tmp_path, "--joint", wrong).exit_code == 2
+    chosen = pd.read_csv(tmp_path / "next.csv")
+    assert len(chosen) == 4
+    assert set(np.unique(chosen[[f"approach{j}" for j in range(1, 7)]])) <= {-1, 1}
+    pd.DataFrame({f"q{j}_deg": rng.uniform(-90, 90, 40) for j in range(1, 7)}).to_csv(
+        tmp_path / "pool.csv", index=False
+    )
+    first, again = (
+        run(
+            "plan",
+            tmp_path,
+            "--pool",
+            tmp_path / "pool.csv",
+            "--count",
+            "3",
+            "--json",
+            "--for",
+            "o2",
+        )
+        for _ in "ab"
+    )
+    assert first.exit_code == 0, first.output
+    assert first.stdout == again.stdout
+    assert run("plan", tmp_path, "--pool", tmp_path / "pool.csv", "--limits").exit_code == 2
+    result = study_run(tmp_path, sampling=False)
+    planned = plan_next(result, 4, limits=True)  # the same from Python, and in a notebook
+    pd.testing.assert_frame_equal(planned.to_frame(), chosen, atol=1e-6)
+    assert "told from its nearest rival with probability" in planned._repr_html_()
+    with pytest.raises(DataError, match="DataFrame: column q1_rad or q1_deg is missing"):
+        plan_next(result, 3, pool=chosen.drop(columns="q1_rad"))
+
+
+def test_ranges_and_units_are_the_users(rng) -> None:
+    """Drawn within what was measured, wider or narrower where that is asked, and written in the
+    units that were read."""
+    robot = load_robot("irb120")
+    at = drawn(robot, rng, 60, (30.0, 0.0, 100.0))
+    q = np.degrees(at.data.q) * 0.4
+    x = forward(robot, np.radians(q), np.array([30.0, 0.0, 100.0])) + rng.normal(0, 0.05, (60, 3))
+    frame = pd.DataFrame(
+        {
+            f"q{j}_{'rad' if j == 6 else 'deg'}": np.radians(q[:, j - 1]) if j == 6 else q[:, j - 1]
+            for j in range(1, 7)
+        }
+        | dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
+    )
+    result = study_run(
+        Study(
+            name="s",
+            robot={"name": "irb120", "tool_mm": (30, 0, 100)},
+            measurements=frame,
+            model={"candidates": ["backlash"]},
+        ),
+        sampling=False,
+    )
+    near, wide = plan_next(result, 12).to_frame(), plan_next(result, 12, limits=True).to_frame()
+    names = [f"q{j}_deg" for j in range(1, 6)] + ["q6_rad"]
+    assert list(near)[:6] == list(wide)[:6] == names
+    low, high = frame[names].min(), frame[names].max()
+    assert ((near[names] >= low) & (near[names] <= high)).all(axis=None)
+    assert not ((wide[names] >= low) & (wide[names] <= high)).all(axis=None)
+    limit = np.array([j.limits for j in robot.joints])
+    assert (
+        np.abs(np.radians(wide["q2_deg"]) - limit[1].mean()) <= np.ptp(limit[1]) / 2 + 1e-9
+    ).all()
+    own = plan_next(result, 12, joints={"q2_deg": (-170.0, -150.0), "q6_rad": (3.0, 3.5)})
+    assert own.to_frame()["q2_deg"].between(-170, -150).all()
+    assert own.to_frame()["q6_rad"].between(3.0, 3.5).all()
+    assert "Drawn within the robot file's limits." in repr(plan_next(result, 2, limits=True))
+    assert "Drawn within the joint ranges measured, q2_deg, q6_rad as given." in repr(own)
+    for wrong, said in (
+        ({"q7_deg": (0, 1)}, '"q7_deg" is no joint'),
+        ({"q2_deg": (9, 1)}, "from a lower to a higher number"),
+    ):
+        with pytest.raises(StudyError, match=said):
+            plan_next(result, 3, joints=wrong)
+
+
+def test_every_target_is_seen_at_every_configuration(rng) -> None:
+    """A pool without targets is seen through all of the study's; one that lists them unevenly is
+    refused."""
+    from modelsel.measurements.measurements import build_measurements
+    from modelsel.study.configuration_pool import repeat_for_targets
+    from modelsel.study.planning import tabulate_configurations
+
+    at = drawn(ROBOT, rng, 40, target=["a", "b"] * 20, configuration=np.repeat(np.arange(20), 2))
+    q = ROBOT.draw(rng, 7)
+    possible = repeat_for_targets(build_measurements(q, np.zeros((7, 3))), ("a", "b"))
+    assert len(possible) == 14
+    assert possible.configurations == 7
+    tools = np.array([[40.0, 0, 100], [0, 60.0, 100]])
+    known, more = (replace(at, data=data, tools=tools) for data in (at.data, possible))
+    p = build_pool(known, more, GEOMETRY.terms, Linearisation((), np.zeros(0)), SIGMA)
+    assert p.possible.shape == (7, 6, len(GEOMETRY.terms))
+    assert p.configurations == 20
+    c = load_calibration_like(known)
+    np.testing.assert_allclose(tabulate_configurations(c, possible, [4, 2])["q3_rad"], q[[4, 2], 2])
+    torn = replace(more, data=possible.take(np.arange(13)))
+    with pytest.raises(DataError, match="different numbers of rows"):
+        build_pool(known, torn, GEOMETRY.terms, Linearisation((), np.zeros(0)), SIGMA)
+
+
+def load_calibration_like(at):
+    """A calibration of the geometry alone, for its robot."""
+    from modelsel.calibration.calibration import calibrate
+    from modelsel.fitting.design import Model
+    from modelsel.fitting.least_squares import fit
+    from modelsel.fitting.noise import Floor
+    from modelsel.selection.evaluation import Split
+
+    rows = np.ones(len(at), bool)
+    return calibrate(
+        "plan",
+        Split(at, rows, ~rows, np.zeros(len(at), np.intp), True),
+        fit(at, Model((GEOMETRY,))),
+        Floor(SIGMA, "stated"),
+        None,
+        False,
+        {},
+    )

@@ -1,0 +1,241 @@
+"""What a joint's own angle does is told as one curve, causes in time are told from each other, and
+chance is not listed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from builders import drawn, measured, planted, seeds
+
+from modelsel._typing import Array
+from modelsel.diagnosis.candidate_columns import build_columns, select_columns, stack_design
+from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.credible_sets import include_candidate, name_effect
+from modelsel.diagnosis.joint_curves import chain_effects, collect_curves, find_own_joint
+from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.scan import build_scan, compute_basis
+from modelsel.diagnosis.state import LEVEL, Search
+from modelsel.diagnosis.stepwise import run_stepwise_search
+from modelsel.diagnosis.unregistered import BETWEEN
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.problem import Problem
+from modelsel.mechanisms.causes import Named, cos, q, sin
+from modelsel.mechanisms.environment import STEPS
+from modelsel.mechanisms.registry import every, mechanism
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.robot.kinematics import forward
+
+SIGMA = 0.03
+
+
+def turned(at: Problem, joint: int, curve: Array, rng: np.random.Generator) -> Problem:
+    """The problem with a joint turned by a curve (m,) [rad], by moving its reading, and noise."""
+    bent = at.data.q.copy()
+    bent[:, joint - 1] += curve
+    shift = forward(at.robot, bent, at.tools[0]) - forward(at.robot, at.data.q, at.tools[0])
+    return measured(at, at.data.position + shift + rng.normal(0, SIGMA, shift.shape))
+
+
+def named(at: Problem, rng: np.random.Generator) -> Diagnosis:
+    base = Model((mechanism("geometric", at.robot),))
+    return run_stepwise_search(
+        at, base, fit(at, base), build_candidates(at, base, every(at.robot)), rng
+    )
+
+
+def names(diagnosis: Diagnosis) -> list[str]:
+    return [e.candidate.mechanism.name for e in diagnosis.effects]
+
+
+@pytest.mark.integration
+@seeds(1, 2, 3)
+@pytest.mark.parametrize(
+    "shape",
+    [
+        lambda x, c: np.tanh((x - c) / 0.2),
+        lambda x, c: np.abs(x - c),
+        lambda x, c: np.exp(-(((x - c) / 0.4) ** 2)),
+    ],
+    ids=["soft step", "kink", "bump"],
+)
+def test_a_shape_of_one_joint_is_one_free_function(
+    rng: np.random.Generator, shape: Callable[[Array, float], Array]
+) -> None:
+    at = drawn("puma760", rng, 200)
+    joint, centre = int(rng.integers(1, 5)), float(rng.uniform(-0.3, 0.3))
+    found = named(turned(at, joint, 1.5e-3 * shape(at.data.q[:, joint - 1], centre), rng), rng)
+    about = [
+        n
+        for e, n in zip(found.effects, names(found), strict=True)
+        if find_own_joint(e.candidate) == joint
+    ]
+    assert [n.partition(" ")[0] for n in about] == [f"free(q{joint})"], (joint, centre, found.path)
+
+
+@pytest.mark.integration
+@seeds(4, 5, 6)
+def test_two_waves_of_one_joint_stay_two_waves(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 200)
+    angle = at.data.q[:, 3]
+    found = named(turned(at, 4, 4e-4 * np.sin(angle + 1) + 3e-4 * np.cos(2 * angle), rng), rng)
+    assert sorted(names(found)) == ["encoder-eccentricity:4", "gear-eccentricity:4"], found.path
+
+
+@seeds(7, 8)
+def test_a_number_of_waves_between_whole_ones_is_told(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 150)
+    count = float(rng.choice([k for k in BETWEEN if k < 30]))
+    found = named(turned(at, 4, 5e-4 * np.sin(count * at.data.q[:, 3] + 1), rng), rng)
+    assert f"4 rz {count:g} waves" in names(found), (count, found.path)
+
+
+@seeds(9, 10)
+def test_a_warm_up_is_told_from_a_drift(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 120)
+    clock = at.data.covariates["time_s"]
+    found = named(turned(at, 2, 1e-3 * np.exp(-clock / (0.1 * np.ptp(clock))), rng), rng)
+    assert len(found.effects) == 1, found.path
+    assert "exp(time_s/" in str(found.effects[0].candidate.mechanism.terms[0].screws[0].cause), (
+        names(found)
+    )
+
+
+@seeds(11, 12)
+def test_a_product_of_two_joints_is_one_cell(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 120)
+    odd = Mechanism("odd", (Term("m", (Screw(5, "rx", sin(q(2)) * cos(q(6))),)),))
+    found = named(planted(at, odd.terms, np.array([2e-3]), rng, SIGMA), rng)
+    assert len(found.effects) == 1, found.path
+    assert set(
+        map(str, (s.cause for t in found.effects[0].candidate.mechanism.terms for s in t.screws))
+    ) == {"sin(q2+q6)", "cos(q2+q6)", "sin(q2-q6)", "cos(q2-q6)"}
+
+
+def test_steps_in_time_are_offered_once_between_two_configurations(
+    rng: np.random.Generator,
+) -> None:
+    at = drawn("puma760", rng, 40)
+    base = Model((mechanism("geometric", at.robot),))
+    found = build_candidates(at, base, every(at.robot))
+    steps = [c for c in found if c.mechanism.name == "tracker-step"]
+    assert len(steps) == 39 < len(STEPS)
+    assert sum(c.prior for c in steps) == pytest.approx(
+        next(c.prior for c in found if c.mechanism.name == "base-tilt")
+    )
+    assert sum(c.prior for c in found) == pytest.approx(1)
+
+
+@seeds(13, 14, 15, 16)
+def test_no_finding_is_listed_that_chance_would_explain(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 60)
+    two = Mechanism(
+        "two",
+        (Term("m", (Screw(2, "rz", cos(q(2))),)), Term("n", (Screw(6, "tx", Named("approach3")),))),
+    )
+    found = named(planted(at, two.terms, np.array([4e-4, 0.06]), rng, SIGMA), rng)
+    assert found.effects
+    assert max(e.p for e in found.effects) <= LEVEL, [
+        (n, e.p) for n, e in zip(names(found), found.effects, strict=True)
+    ]
+
+
+def test_a_part_of_the_columns_scans_like_the_whole(rng: np.random.Generator) -> None:
+    """Restricted to one joint's curve, columns, Gram blocks and evidence are those of the whole."""
+    at = drawn("puma760", rng, 100)
+    base = Model((mechanism("geometric", at.robot),))
+    found: tuple[Candidate, ...] = build_candidates(at, base, every(at.robot))
+    whole = build_columns(at, found)
+    curve = collect_curves(found, whole, np.log([c.prior for c in found]))[4]
+    part = select_columns(whole, curve.which)
+    assert all(
+        np.array_equal(part.XT[part.slices[k]], whole.XT[whole.slices[g]])
+        for k, g in enumerate(curve.which)
+    )
+    for block in part.grams:
+        for k, i, gram in zip(block.which, block.index, block.gram, strict=True):
+            assert np.array_equal(i, part.slices[k])
+            assert gram == pytest.approx(part.XT[i] @ part.XT[i].T)
+    X, r = stack_design(at, base.terms, None)
+    Q = compute_basis(X)
+    wave = int(
+        curve.which[[found[g].mechanism.name for g in curve.which].index("encoder-eccentricity:4")]
+    )
+    r = r + 5e-3 * whole.XT[whole.slices[wave]].sum(0)
+    value, best = chain_effects(curve, Q, r - Q @ (Q.T @ r), None, np.logical_not(curve.free))
+    assert best[0] == wave
+    assert value == pytest.approx(chain_effects(curve, Q, r - Q @ (Q.T @ r), best, curve.free)[0])
+
+
+def test_a_name_that_its_own_set_does_not_hold_is_said_not_to_be_told_apart(
+    rng: np.random.Generator,
+) -> None:
+    at = drawn("puma760", rng, 80)
+    base = Model((mechanism("geometric", at.robot),))
+    fitted = fit(turned(at, 4, 1e-3 * np.sin(at.data.q[:, 3]), rng), base)
+    found = build_candidates(at, base, every(at.robot))
+    strange = next(k for k, c in enumerate(found) if c.mechanism.name == "refraction")
+    X, r = stack_design(turned(at, 4, 1e-3 * np.sin(at.data.q[:, 3]), rng), base.terms, fitted.at())
+    seen = build_scan(build_columns(at, found, fitted.at()), compute_basis(X))
+    y = r - seen.Q @ (seen.Q.T @ r)
+    plain = name_effect(seen, found, y)
+    assert (plain.entries[0].candidate.mechanism.name, plain.verdict) == (
+        "gear-eccentricity:4",
+        "found",
+    )
+    assert include_candidate(plain, seen, found, plain.top, y) is plain
+    told = include_candidate(plain, seen, found, strange, y)
+    assert told.verdict == "cannot be told apart"
+    assert told.entries[-1].candidate is found[strange]
+    assert told.entries[-1].probability < 1e-6
+
+
+@seeds(17, 18)
+def test_a_joint_that_turns_about_its_own_target_is_not_the_cause(rng: np.random.Generator) -> None:
+    """With the target a hair off the last axis, a turn of that joint has the right shape and would
+    need radians."""
+    at = drawn("ur10", rng, 100, tool=(0.05, 0.0, 100.0))
+    spin = Mechanism("spin", (Term("m", (Screw(7, "ty", sin(q(6))),)),))
+    bent = planted(at, spin.terms, np.array([0.3]), rng, SIGMA)
+    found = named(bent, rng)
+    assert len(found.effects) == 1, found.path
+    listed = [e.candidate.mechanism for e in found.effects[0].named.entries]
+    assert all(m.name != "gear-eccentricity:6" for m in listed), listed
+    assert "7 ty sin(q6) & cos(q6)" in [m.name for m in listed]
+
+
+def test_beyond_a_shrunk_model_is_beyond_it_with_its_terms_integrated_out(
+    rng: np.random.Generator,
+) -> None:
+    """What the scan sees behind a free function against generalised least squares with its
+    covariance written out."""
+    at = drawn("puma760", rng, 150)
+    bent = turned(at, 4, 4e-4 * np.tanh(at.data.q[:, 3] / 0.3), rng)
+    base = Model((mechanism("geometric", at.robot),))
+    found = build_candidates(bent, base, every(at.robot))
+    search = Search(bent, base, found, rng, fit(bent, base))
+    free = next(g for g, c in enumerate(found) if c.mechanism.name == "free(q4) 20")
+    view = search.fit_model([free], None)
+    fitted, kept = view.fitted, list(view.kept)
+    precision = fitted.precision
+    assert precision is not None
+    A, r = stack_design(bent, view.model.terms, fitted.at())
+    soft = [k for k in kept if precision[k] > 0]
+    firm = [k for k in kept if precision[k] == 0]
+    inverse = fitted.root[:, soft].T @ fitted.root[:, soft]
+    V = np.eye(len(A)) + A[:, soft] @ np.linalg.solve(inverse, A[:, soft].T)
+    y = r + A @ fitted.theta
+    W = np.linalg.inv(V)
+    X = A[:, firm]
+    P = W - W @ X @ np.linalg.solve(X.T @ W @ X, X.T @ W)
+    for name_ in ("encoder-scale:4", "refraction", "settle:2"):
+        g = next(k for k, c in enumerate(found) if c.mechanism.name == name_)
+        x = search.columns.XT[search.columns.slices[g][0]]
+        bucket = next(b for b in view.scan.buckets if g in b.block.which)
+        left = bucket.left[list(bucket.block.which).index(g)][0, 0]
+        assert left == pytest.approx(x @ P @ x, rel=1e-6)
+        strength = view.scan.strength(view.residual[:, None]).whole[g, 0]
+        assert strength == pytest.approx((x @ P @ y) ** 2 / (x @ P @ x), rel=1e-5)
+    assert view.residual @ view.residual == pytest.approx(y @ P @ y, rel=1e-6)

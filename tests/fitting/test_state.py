@@ -1,0 +1,83 @@
+"""State variables: one table of names, and values that never outlive what they depend on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.builders import drawn
+
+from modelsel.fitting.design import residuals
+from modelsel.fitting.problem import Problem
+from modelsel.measurements.measurements import Orientation, build_measurements
+from modelsel.measurements.state_names import is_state_name, parse_state_name, state_units
+from modelsel.mechanisms.causes import Named, q, torque
+from modelsel.robot.files import load_robot
+
+NAMES = ("q2", "approach3", "move1", "range_mm", "x_mm", "torque2", "moment_y", "moment2_x_3")
+
+
+def test_every_name_of_the_table_is_read_back_as_it_was_written() -> None:
+    robot = load_robot("puma760")
+    for name, unit in state_units(robot).items():
+        variable = parse_state_name(name)
+        assert variable is not None
+        assert (variable.name, variable.unit(robot)) == (name, unit)
+    assert not any(map(is_state_name, ("payload_kg", "temperature_C", "quality", "q", "moment2")))
+
+
+def test_every_name_has_values_and_no_other_name_has(rng) -> None:
+    at = drawn("puma760", rng, 20)
+    for name in at.names():
+        assert at.value(name).shape == (20,)
+    for name in ("q7", "torque3_3", "moment9_x", "down_w", "humidity"):
+        with pytest.raises(KeyError):
+            at.value(name)
+
+
+@pytest.mark.parametrize("change", ["placement", "tools", "data", "tracker", "robot"])
+def test_a_changed_problem_carries_no_stale_value(rng, change: str) -> None:
+    at = drawn("puma760", rng, 20)
+    changes = {
+        "placement": (at.placement[0], at.placement[1] + 1000.0),
+        "tools": at.tools + np.array([0.0, 50.0, 0.0]),
+        "data": build_measurements(at.data.q + 0.1, at.data.position),
+        "tracker": (1000.0, 0.0, 0.0),
+        "robot": load_robot("ur5"),
+    }
+    causes = [*map(Named, NAMES), q(2), torque(2)]
+    before = [at.cause(cause) for cause in causes]
+    changed = replace(at, **{change: changes[change]})
+    fresh = type(at)(changed.robot, changed.data, changed.tools, changed.placement)
+    fresh = replace(fresh, tracker=changed.tracker)
+    after = [changed.cause(cause) for cause in causes]
+    np.testing.assert_array_equal(after, [fresh.cause(cause) for cause in causes])
+    assert not np.array_equal(before, after)
+
+
+def test_what_does_not_depend_on_a_change_is_not_evaluated_again(rng) -> None:
+    at = drawn("puma760", rng, 20)
+    values = at.value("torque2")
+    moved = replace(at, data=replace(at.data, position=at.data.position + 1.0))
+    assert moved.value("torque2") is values
+    assert np.array_equal(at.take(slice(3, 9)).value("torque2"), values[3:9])
+
+
+def test_a_problem_needs_the_robot_the_measurements_and_the_tools(rng) -> None:
+    robot = load_robot("puma760")
+    q_rad = robot.draw(rng, 12)
+    data = build_measurements(
+        q_rad,
+        np.zeros((12, 3)),
+        target=["a", "b", "c"] * 4,
+        group=["x"] * 6 + ["y"] * 6,
+        orientation=Orientation(np.tile(np.eye(3), (12, 1, 1))),
+    )
+    problem = Problem(robot, data, tools=[[0, 0, 100]])  # type: ignore[arg-type]
+    assert problem.tools.shape == (3, 3)
+    assert problem.placement[0].shape == (2, 3, 3)
+    assert np.array_equal(problem.tool_rotations, np.tile(np.eye(3), (3, 1, 1)))
+    assert residuals(problem).shape == (12, 6)
+    with pytest.raises(ValueError, match="expected \\(3, 3\\)"):
+        Problem(robot, data, tools=np.zeros((2, 3)))

@@ -1,0 +1,60 @@
+"""Real robots' studies run, and say what their READMEs say: figures to the digits shown, the first
+finding by name."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import pytest
+
+from modelsel.config.study_file import read_study
+from modelsel.study.result import Result
+from modelsel.study.runner import run_study
+
+STUDIES = Path(__file__).parents[2] / "studies"
+DATA = {"wam-tracker": "jacobi-wam", "positioner": "rct-positioner"}
+
+
+def ran(name: str, monkeypatch: pytest.MonkeyPatch) -> Result:
+    """The study's result. Absent data fail the test, unless MODELSEL_NO_DATA=1 says that this is
+    meant."""
+    data = Path(os.environ.get("MODELSEL_DATA") or Path(__file__).parents[3] / "shared" / "data")
+    if not (data / DATA[name]).is_dir():
+        if os.environ.get("MODELSEL_NO_DATA") == "1":
+            pytest.skip("MODELSEL_NO_DATA=1")
+        pytest.fail(
+            f"{DATA[name]} is not at {data}: set MODELSEL_DATA, or MODELSEL_NO_DATA=1 to go without"
+        )
+    monkeypatch.setenv("MODELSEL_DATA", str(data))
+    return run_study(read_study(STUDIES / name / "study.toml"), STUDIES / name, sampling=False)
+
+
+def shown(name: str) -> dict[str, list[float]]:
+    """Rows of the README's table of results: the first word -> its numbers."""
+    page = (STUDIES / name / "README.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (nominal|geometric|chosen)[^|]*\|(.+)\|$", page, re.MULTILINE)
+    return {
+        word: [float(cell) for cell in cells.split("|") if cell.strip()] for word, cells in rows
+    }
+
+
+@pytest.mark.parametrize("name", DATA)
+def test_study_says_what_its_readme_says(name, monkeypatch) -> None:
+    result, said = ran(name, monkeypatch), shown(name)
+    base = next(r for r in result.models.ladder if r.names == ("geometric",))
+    for word, rung in (
+        ("nominal", result.models.ladder[0]),
+        ("geometric", base),
+        ("chosen", result.models.chosen),
+    ):
+        fitted, held_out = said[word][1], said[word][-1]
+        assert rung.estimation.mean_mm == pytest.approx(fitted, abs=0.006), word
+        assert rung.held_out.mean_mm == pytest.approx(held_out, abs=0.006), word
+    assert result.models.chosen.held_out.mean_mm < base.held_out.mean_mm
+    if name == "wam-tracker":
+        assert (
+            result.diagnosis.findings[0].effect.candidate.registered_name == "approach-backlash:1"
+        )
+        assert result.diagnosis.findings[0].effect.named.verdict == "found"

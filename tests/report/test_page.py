@@ -1,0 +1,265 @@
+"""The page to explore, in a browser: opens without a word or a request, is worked by mouse and by
+keys, reads light and dark.
+
+`python tests/rewrite.py page` writes the README's pictures of the report anew, from reports/puma760.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from browser import chromium, opened, requests, resize
+from report_studies import source_of, written
+
+from modelsel.report import drawing
+from modelsel.report.html import write_page as html
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium(prefers_reduced_motion="reduce") as driver:
+        yield driver
+
+
+@pytest.fixture
+def page(browser, drawn):
+    resize(browser, 1280, 1000)
+    browser.get_log("browser")
+    browser.get_log("performance")
+    return opened(browser, drawn / "report.html")
+
+
+def css(page, selector: str) -> list:
+    return page.find_elements("css selector", selector)
+
+
+def cell(page, place: str, cause: str):
+    (found,) = css(page, f"td[aria-label^='{place}, cause {cause}, ']")
+    return found
+
+
+def test_opens_in_silence_and_asks_no_network(page) -> None:
+    assert page.get_log("browser") == []
+    asked = requests(page)
+    assert asked
+    assert all(url.startswith(("file:", "data:")) for url in asked), asked
+
+
+def test_verdict_ladder_and_findings_are_there(page, drawn) -> None:
+    result, text = (
+        json.loads((drawn / "result.json").read_text()),
+        page.find_element("tag name", "body").text,
+    )
+    assert all(sentence in text for sentence in result["verdict"])
+    assert all(finding["sentence"] in text for finding in result["findings"])
+    assert len(css(page, "#ladder tbody tr")) == 8
+
+
+def test_whole_map_is_there_and_says_itself(page, drawn) -> None:
+    shown = result_map(drawn)
+    cells = css(page, "td[role=gridcell][tabindex]")
+    assert len(cells) == sum(v is not None for row in shown["f"] for v in row)
+    label = cell(page, "frame 5 rz", "q4").get_attribute("aria-label")
+    i, j = shown["places"].index("5 rz"), shown["causes"].index("q4")
+    assert f"F {shown['f'][i][j]:.3g}" in label
+    assert f"p {shown['p_family_wise'][i][j]:.3g}" in label
+    assert "named in a finding" in label
+    assert [t.get_attribute("role") for t in css(page, "table.map")] == ["grid", "grid"]
+
+
+def result_map(folder: Path) -> dict:
+    return json.loads((folder / "result.json").read_text())["error_map"]
+
+
+def test_click_on_a_cell_shows_its_panel(page) -> None:
+    chosen = cell(page, "frame 5 rz", "q4")
+    page.execute_script("arguments[0].scrollIntoView({block: 'center', inline: 'center'})", chosen)
+    chosen.click()
+    text = page.find_element("id", "panel").text
+    assert text.startswith("frame 5 rz · q4")
+    assert "Joint 5 turns with joint 4." in text  # the mechanism's card
+    assert re.search(r"wrist-coupling:5\n0\.9", text)  # the credible set
+    assert len(css(page, "#panel svg")) == 2  # the residual against the cause, from chosen and base
+    assert len(css(page, "#panel svg circle")) > 200
+    assert chosen.get_attribute("aria-selected") == "true"
+    css(page, "#panel button")[0].click()
+    assert page.find_element("id", "panel").text.startswith("Finding 3: wrist-coupling:5")
+    assert page.get_log("browser") == []
+
+
+def test_points_of_a_cell_are_the_python_s(page, drawn) -> None:
+    """The page's own residual about frame 5 rz against q4 is what details.json holds for the
+    finding."""
+    source = drawing.read_source(drawn)
+    i, j = (result_map(drawn)[k].index(v) for k, v in (("places", "5 rz"), ("causes", "q4")))
+    got = page.execute_script(
+        f"const d = JSON.parse(document.getElementById('data').textContent); return numbers(d, {i}, {j})"
+    )
+    (panel,) = next(f for f in source.details.findings if f.label == "wrist-coupling:5").panels
+    assert got["x"] == pytest.approx(panel.x, abs=1e-2)
+    assert got["after"] == pytest.approx(panel.after, abs=3e-6)
+
+
+@pytest.mark.parametrize("place", ["frame 1 rz", "frame 2 rz", "frame 7 tx"])
+def test_every_kind_of_cell_opens(page, place) -> None:
+    """Waves, pairs, single causes, ripples: a picture with finite numbers, no word on the
+    console."""
+    pictures = page.execute_script(
+        f"return [...document.querySelectorAll(\"td[aria-label^='{place}, ']\")].map("
+        "(td) => { td.click(); return document.getElementById('panel').innerHTML; })"
+    )
+    assert len(pictures) > 20
+    assert not [p for p in pictures if "NaN" in p or "Infinity" in p]
+    assert page.get_log("browser") == []
+
+
+def test_keyboard_reaches_and_opens_a_cell(page) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    first = css(page, "#map td[tabindex='0']")
+    assert len(first) == 1  # one stop of the tab key for the whole map
+    for _ in range(40):
+        page.switch_to.active_element.send_keys(Keys.TAB)
+        if page.switch_to.active_element == first[0]:
+            break
+    assert page.switch_to.active_element == first[0]
+    page.switch_to.active_element.send_keys(Keys.ARROW_DOWN)
+    page.switch_to.active_element.send_keys(Keys.ARROW_RIGHT)
+    now = page.switch_to.active_element
+    assert now != first[0]
+    assert [c.get_attribute("tabindex") for c in (now, first[0])] == ["0", "-1"]
+    now.send_keys(Keys.ENTER)
+    place, cause = re.match(
+        r"(frame \S+ \S+), cause (.+), F", now.get_attribute("aria-label")
+    ).groups()
+    assert page.find_element("id", "panel").text.startswith(f"{place} · {cause}")
+    assert page.find_element("id", "panel").get_attribute("aria-live") == "polite"
+
+
+def picture(page) -> bytes:
+    return page.execute_script("return document.getElementById('space').toDataURL()")
+
+
+def test_workspace_turns_and_switches_rungs(page) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    canvas, after = page.find_element("id", "space"), picture(page)
+    canvas.send_keys(Keys.ARROW_LEFT)
+    turned = picture(page)
+    assert turned != after
+    page.find_element("id", "reset").click()
+    assert picture(page) == after
+    from selenium.webdriver.common.action_chains import ActionChains
+
+    ActionChains(page).move_to_element(canvas).click_and_hold().move_by_offset(
+        60, 20
+    ).release().perform()
+    assert picture(page) != after
+    page.find_element("id", "reset").click()
+    page.find_element("id", "before").click()
+    assert picture(page) != after
+    assert "nominal" in page.find_element("id", "space-status").text
+    assert page.find_element("id", "before").get_attribute("aria-pressed") == "true"
+    page.find_element("id", "after").click()
+    assert picture(page) == after
+
+
+WEIGHTS = (0.2126, 0.7152, 0.0722)  # of red, green and blue in relative luminance (WCAG 2.1)
+
+
+def luminance(colour: str) -> float:
+    channels = [int(v) / 255 for v in re.findall(r"\d+", colour)[:3]]
+    return sum(
+        w * (c / 12.92 if c <= 0.03928 else ((c + 0.055) / 1.055) ** 2.4)
+        for w, c in zip(WEIGHTS, channels, strict=True)
+    )
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_contrast_in_both_schemes(drawn, scheme) -> None:
+    """Text against the page: 4.5 to 1 at least (WCAG 2.1, 1.4.3)."""
+    with chromium(prefers_color_scheme=scheme) as driver:
+        opened(driver, drawn / "report.html")
+        ground = driver.execute_script("return getComputedStyle(document.body).backgroundColor")
+        assert (luminance(ground) > 0.5) == (scheme == "light")
+        for selector in ("h1", "h2", ".quiet", ".verdict", "#findings td", ".map th"):
+            ink = driver.execute_script(
+                f"return getComputedStyle(document.querySelector('{selector}')).color"
+            )
+            low, high = sorted((luminance(ink), luminance(ground)))
+            assert (high + 0.05) / (low + 0.05) >= 4.5, selector
+
+
+def test_narrow_screens_need_no_sideways_scroll(page) -> None:
+    resize(page, 380, 800)
+    assert page.execute_script("return document.documentElement.scrollWidth") <= 380
+
+
+def test_words_of_the_data_stay_words(browser, drawn, tmp_path) -> None:
+    result, details = written(drawn)
+    evil = '</script><script>document.title = "owned"</script><img src=x onerror="document.title=\'owned\'">'
+    result["study"] = result["verdict"][0] = result["findings"][0]["sentence"] = evil
+    details["findings"][0]["label"] = evil
+    (tmp_path / "report.html").write_bytes(html(source_of(result, details)))
+    browser.get_log("browser")
+    opened(browser, tmp_path / "report.html")
+    css(browser, "#findings button")[0].click()
+    assert browser.title == f"Calibration report: {evil}"
+    assert browser.find_element("tag name", "h1").text == evil
+    assert evil in browser.find_element("id", "panel").text
+    assert css(browser, "img") == []
+    assert browser.get_log("browser") == []
+
+
+def test_little_to_show(browser, drawn, tmp_path) -> None:
+    """No finding, no cell, nothing held out."""
+    result, details = written(drawn)
+    result["findings"], details["findings"] = [], []
+    result["error_map"] = {"places": [], "causes": [], "f": [], "p_family_wise": []}
+    details["map"] = {"places": [], "columns": [], "slopes": [], "named": []}
+    for rung in result["ladder"]:
+        rung["held_out"] = dict.fromkeys(rung["held_out"]) | {"rows": 0, "left_out": 0}
+    (tmp_path / "report.html").write_bytes(html(source_of(result, details)))
+    browser.get_log("browser")
+    opened(browser, tmp_path / "report.html")
+    assert "nothing was scanned" in browser.find_element("id", "map").text
+    assert "on estimation configurations" in browser.find_element("id", "space-status").text
+    assert browser.get_log("browser") == []
+
+
+def rewrite() -> None:
+    """reports/puma760-*.png: the first page of the PDF, the page to explore with a finding's cell
+    chosen."""
+    folder = ROOT / "reports" / "puma760"
+    first = [
+        "pdftoppm",
+        "-png",
+        "-r",
+        "72",
+        "-f",
+        "1",
+        "-l",
+        "1",
+        "-singlefile",
+        folder / "report.pdf",
+    ]
+    subprocess.run([*first, ROOT / "reports" / "puma760-pdf"], check=True)
+    with chromium(prefers_reduced_motion="reduce", prefers_color_scheme="light") as driver:
+        resize(driver, 1180, 900)
+        opened(driver, folder / "report.html")
+        chosen = cell(driver, "frame 5 rz", "q4")
+        driver.execute_script(
+            "arguments[0].click(); document.getElementById('map-title').scrollIntoView()", chosen
+        )
+        driver.save_screenshot(ROOT / "reports" / "puma760-html.png")
+
+
+if __name__ == "__main__":
+    sys.exit(rewrite())

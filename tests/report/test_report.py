@@ -1,0 +1,495 @@
+"""The report in PDF: tagged, embedded, silent, the same bytes twice; from files alone; sound where
+there is little to draw."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import shutil
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from report_studies import source_of, written
+
+from modelsel import read_study
+from modelsel.cli.main import run_command_line
+from modelsel.exceptions import StudyError
+from modelsel.report import drawing
+from modelsel.report.document import collect_blocks
+from modelsel.report.pdf import ReportError, compile_pdf, fill_template
+from modelsel.results.storage import WRITES
+from modelsel.results.study_sentences import TABLE_PURPOSE
+from modelsel.study.runner import run_study
+
+ROOT = Path(__file__).parents[2]
+PUMA = ROOT / "studies" / "puma760"
+A4 = (595, 842)
+
+
+@cache
+def pages(folder: Path) -> list[str]:
+    return texts((folder / "report.pdf").read_bytes())
+
+
+def texts(pdf: bytes) -> list[str]:
+    """The text of every page."""
+    from pypdf import PdfReader
+
+    return [page.extract_text() for page in PdfReader(io.BytesIO(pdf)).pages]
+
+
+def walked(node: object) -> list[dict]:
+    """All structure elements below a node of the tag tree."""
+    from pypdf.generic import ArrayObject, DictionaryObject
+
+    node = node.get_object() if hasattr(node, "get_object") else node
+    if isinstance(node, ArrayObject):
+        return [e for kid in node for e in walked(kid)]
+    if not isinstance(node, DictionaryObject):
+        return []
+    return ([node] if "/S" in node else []) + (walked(node["/K"]) if "/K" in node else [])
+
+
+def plain(text: str) -> str:
+    return re.sub(r"[\s\u200b]+", "", text)
+
+
+def test_files_are_there_and_small(drawn) -> None:
+    assert {p.name for p in drawn.iterdir()} == {*WRITES, "report.pdf", "report.html"}
+    assert (drawn / "report.pdf").stat().st_size < 3e6
+    assert (drawn / "details.json").stat().st_size < 2e6
+
+
+def test_tagged_titled_every_figure_with_a_text(drawn) -> None:
+    from pypdf import PdfReader
+
+    reader = PdfReader(drawn / "report.pdf")
+    root = reader.trailer["/Root"]
+    assert root["/MarkInfo"]["/Marked"]
+    assert root["/Lang"] == "en"
+    assert reader.metadata.title == "Calibration report: PUMA 760 (simulated stand-in)"
+    assert "pdfuaid:part" in root["/Metadata"].get_object().get_data().decode()
+    tags = walked(root["/StructTreeRoot"])
+    figures, source = [t for t in tags if t["/S"] == "/Figure"], drawing.read_source(drawn)
+    blocks = collect_blocks(source, drawing.PAGES)
+    assert len(figures) >= len(source.pictures) > 10
+    assert {b["alt"] for b in blocks if b["kind"] == "figure"} <= {str(t["/Alt"]) for t in figures}
+    assert (
+        compile_pdf(fill_template(source, blocks), source.pictures)[1] == []
+    )  # no word of the compiler
+    assert all(len(str(t["/Alt"])) > 20 for t in figures)
+    assert sum(t["/S"] == "/Table" for t in tags) >= 5
+
+
+def test_fonts_are_embedded(drawn) -> None:
+    from pypdf import PdfReader
+
+    fonts = [
+        f.get_object() for page in PdfReader(drawn / "report.pdf").pages for f in fonts_of(page)
+    ]
+    assert fonts
+    for font in fonts:
+        inner = font["/DescendantFonts"][0].get_object()["/FontDescriptor"].get_object()
+        assert {"/FontFile2", "/FontFile3"} & set(inner)
+        assert "DejaVuSans" in str(font["/BaseFont"])
+
+
+def fonts_of(page: dict) -> list:
+    """Fonts of a page and of the pictures on it."""
+    resources = page["/Resources"].get_object()
+    out = list(resources.get("/Font", {}).values())
+    for inner in resources.get("/XObject", {}).values():
+        if "/Resources" in inner.get_object():
+            out += fonts_of(inner.get_object())
+    return out
+
+
+def test_first_page_stands_alone(drawn) -> None:
+    """Its sentences are those of result.json; so is every number outside the picture."""
+    result, first = json.loads((drawn / "result.json").read_text()), pages(drawn)[0]
+    assert len(result["verdict"]) == 3
+    for sentence in result["verdict"]:
+        assert plain(sentence) in plain(first)
+    for finding, said in zip(
+        result["findings"], drawing.read_source(drawn).details.findings, strict=True
+    ):
+        assert plain(said.label) in plain(first)
+        assert finding["sentence"].startswith(said.what)
+    captions = [
+        b["caption"]
+        for b in collect_blocks(drawing.read_source(drawn), drawing.PAGES, ("first",))
+        if "caption" in b
+    ]
+    assert captions
+    assert not [c for c in captions if re.search(r"\d", c)]
+
+
+def test_numbers_of_the_ladder_are_the_result_s(drawn) -> None:
+    result, text = json.loads((drawn / "result.json").read_text()), plain("".join(pages(drawn)))
+    for rung in result["ladder"]:
+        row = "".join(
+            f"{rung[s][k]:.3f}" if rung[s][k] < 9.9995 else f"{rung[s][k]:.2f}"
+            for s in ("estimation", "held_out")
+            for k in ("mean_mm", "max_mm")
+        )
+        assert row in text
+
+
+def test_what_the_table_of_subsets_is_for_is_said_with_it(drawn) -> None:
+    """It may add names where nothing else was found: in the PDF, and below the table on a
+    terminal."""
+    (page,) = [p for p in pages(drawn) if "The table of subsets" in p]
+    assert plain(TABLE_PURPOSE) in plain(page)
+    ran = CliRunner().invoke(
+        run_command_line,
+        ["study", str(PUMA), "--out", str(drawn.parent / "said"), "--no-report", "--no-sampling"],
+    )
+    assert plain(TABLE_PURPOSE) in plain(ran.output)
+
+
+def test_a_page_per_finding(drawn) -> None:
+    result, found = json.loads((drawn / "result.json").read_text()), pages(drawn)
+    for k, finding in enumerate(result["findings"], 1):
+        (page,) = [p for p in found if f"Finding {k}:" in p]
+        assert plain(finding["sentence"]) in plain(page)
+        assert "What it could be" in page
+
+
+def within_margins(file: Path | io.BytesIO) -> None:
+    """Every letter stands within the margins, those of pictures, too; header and footer stand above
+    and below."""
+    from pdfminer.high_level import extract_pages
+    from pdfminer.layout import LTChar
+
+    def letters(node: object) -> list[LTChar]:
+        if isinstance(node, LTChar):
+            return [node]
+        return [c for kid in node for c in letters(kid)] if hasattr(node, "__iter__") else []
+
+    for page in extract_pages(file, laparams=None):
+        found = letters(page)
+        assert len(found) > 100
+        assert min(c.x0 for c in found) > 60
+        assert min(c.y0 for c in found) > 20
+        assert max(c.x1 for c in found) < A4[0] - 55
+        assert max(c.y1 for c in found) < A4[1] - 20
+
+
+def test_nothing_runs_off_the_page(drawn) -> None:
+    within_margins(drawn / "report.pdf")
+
+
+def test_same_bytes_anywhere(drawn, tmp_path) -> None:
+    for name in ("result.json", "details.json"):
+        shutil.copy(drawn / name, tmp_path)
+    code = f"from pathlib import Path; from modelsel.report.drawing import draw; draw(Path({str(tmp_path)!r}))"
+    subprocess.run(
+        [sys.executable, "-c", code], check=True, cwd=tmp_path
+    )  # another process, another hash seed
+    for name in ("report.pdf", "report.html"):
+        assert (tmp_path / name).read_bytes() == (drawn / name).read_bytes()
+
+
+def test_study_writes_the_same_details_again(drawn, tmp_path) -> None:
+    again = CliRunner().invoke(
+        run_command_line, ["study", str(PUMA / "study.toml"), "--out", str(tmp_path), "--no-report"]
+    )
+    assert again.exit_code == 0
+    assert {p.name for p in tmp_path.iterdir()} == set(WRITES)
+    for name in ("result.json", "details.json"):
+        assert (tmp_path / name).read_bytes() == (drawn / name).read_bytes()
+
+
+def test_pages_are_chosen(drawn, tmp_path) -> None:
+    for name in ("result.json", "details.json"):
+        shutil.copy(drawn / name, tmp_path)
+    done = CliRunner().invoke(
+        run_command_line, ["report", str(tmp_path), "--pages", "first, map", "--json"]
+    )
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout) == {"written": ["report.pdf", "report.html"]}
+    text = pages(tmp_path)
+    assert len(text) == 2
+    assert "Error map" in text[1]
+    wrong = CliRunner().invoke(run_command_line, ["report", str(tmp_path), "--pages", "frist"])
+    assert wrong.exit_code == 2
+    assert 'Did you mean "first"?' in wrong.output
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda d: (d / "result.json").unlink(), "there is no result.json"),
+        (lambda d: (d / "details.json").unlink(), "there is no details.json"),
+        (lambda d: (d / "result.json").write_text('{"schema": 2}'), "schema 2"),
+        (lambda d: (d / "result.json").write_text("{"), "cannot be read"),
+        (
+            lambda d: (d / "details.json").write_text('{"schema": 1, "data_sha256": "x"}'),
+            "another run",
+        ),
+    ],
+)
+def test_refuses_in_one_sentence(drawn, tmp_path, change, said) -> None:
+    for name in ("result.json", "details.json"):
+        shutil.copy(drawn / name, tmp_path)
+    change(tmp_path)
+    done = CliRunner().invoke(run_command_line, ["report", str(tmp_path)])
+    assert done.exit_code == 2
+    assert said in done.output
+    assert "modelsel study" in done.output
+    assert len(done.output.strip().splitlines()) == 1
+
+
+def test_words_of_the_data_are_not_markup(drawn) -> None:
+    """A study's name may hold what typst would read as a command."""
+    result, details = written(drawn)
+    name = '#panic("x") *bold* $y$ <label> @ref `raw` \\ "quoted" // gone'
+    result["study"] = result["findings"][0]["sentence"] = name
+    source = source_of(result, details)
+    blocks = collect_blocks(source, drawing.PAGES, ("first", "findings"))
+    pdf, warnings = compile_pdf(fill_template(source, blocks), source.pictures)
+    assert not warnings
+    assert plain(name) in plain(texts(pdf)[0])
+
+
+def test_long_names_keep_their_place(drawn) -> None:
+    """The first page stays one, a finding's page too, and nothing stands outside the margins."""
+    result, details = written(drawn)
+    name = "a-name-that-nobody-shortened-when-it-was-written-down:12"
+    result["study"] = (
+        "The third arm of cell 12 in hall B after the exchange of its elbow gear, measured by the night shift"
+    )
+    for said, finding in zip(details["findings"], result["findings"], strict=True):
+        said.update(label=name, what=said["what"] + 12 * " and so on")
+        finding.update(
+            sentence=3 * finding["sentence"],
+            credible_set=8 * [finding["credible_set"][0] | {"mechanism": name}],
+        )
+    for rung in result["ladder"][2:]:
+        rung["mechanisms"] = ["geometric", *(len(rung["mechanisms"]) - 1) * [name]]
+    result["findings"], details["findings"] = 3 * result["findings"], 3 * details["findings"]
+    source = source_of(result, details)
+    blocks = collect_blocks(source, drawing.PAGES, ("first", "findings"))
+    pdf, warnings = compile_pdf(fill_template(source, blocks), source.pictures)
+    assert not warnings
+    assert len(texts(pdf)) == 1 + len(result["findings"])
+    within_margins(io.BytesIO(pdf))
+
+
+def test_failure_leaves_the_result(monkeypatch, tmp_path) -> None:
+    def broken(*_: object) -> None:
+        raise ReportError("the compiler is ill")
+
+    monkeypatch.setattr(drawing, "collect_blocks", broken)
+    done = CliRunner().invoke(
+        run_command_line,
+        ["study", str(PUMA / "study.toml"), "--out", str(tmp_path), "--no-sampling"],
+    )
+    assert done.exit_code == 1
+    assert "the compiler is ill" in done.output
+    assert "Nominal model" in done.output
+    assert json.loads((tmp_path / "result.json").read_text())["schema"] == 1
+
+
+# -- little to draw
+# ------------------------------------------------------------------------------------------------------
+
+
+def small(
+    folder: Path,
+    *,
+    estimation: int = 40,
+    candidates: str = '["backlash"]',
+    base: str = '["geometric"]',
+    orientation: bool = False,
+) -> Path:
+    """A study of some of the PUMA's rows."""
+    data = pd.read_csv(PUMA / "measurements.csv").iloc[:60].reset_index(drop=True)
+    if orientation:
+        from scipy.spatial.transform import Rotation
+
+        from modelsel.robot.files import load_robot
+        from modelsel.robot.kinematics import pose
+        from modelsel.robot.rigid import rotation_matrix
+
+        q = data[[f"q{j}_rad" for j in range(1, 7)]].to_numpy()
+        R = pose(load_robot("puma760"), q, np.array([0.0, 0, 100])).rotation.transpose(2, 0, 1)
+        data[["qx", "qy", "qz", "qw"]] = Rotation.from_matrix(
+            R @ rotation_matrix(2, 1e-3)
+        ).as_quat()
+    data.to_csv(folder / "measurements.csv", index=False)
+    text = (
+        'name = "small"\nseed = 1\n[robot]\nname = "puma760"\ntool_mm = [0, 0, 100]\n'
+        f'[measurements]\nfile = "measurements.csv"\n[split]\nestimation = {estimation}\n'
+        f"[model]\nbase = {base}\ncandidates = {candidates}\n[comparison]\nfolds = 5\n"
+    )
+    (folder / "study.toml").write_text(text)
+    return folder
+
+
+LITTLE = {
+    "nothing extends": {"candidates": "[]"},
+    "nothing held out": {"estimation": 60},
+    "one held out": {"estimation": 59},
+    "orientations": {"orientation": True},
+    "named causes only": {"candidates": '["thermal-zero"]'},
+    "no base": {"base": "[]"},
+    "another base": {"base": '["geometric", "gravity-twist"]'},
+}
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize("case", LITTLE)
+def test_sound_with_little_to_draw(case, tmp_path) -> None:
+    folder = small(tmp_path, **LITTLE[case])
+    result = run_study(read_study(folder / "study.toml"), folder, sampling=False)
+    out = tmp_path / "out"
+    result.save(out)
+    assert drawing.draw(out) == [out / "report.pdf", out / "report.html"]
+    text = pages(out)
+    for sentence in json.loads((out / "result.json").read_text())["verdict"]:
+        assert plain(sentence) in plain(text[0])
+    assert (
+        "NaN"
+        not in (out / "report.html")
+        .read_text(encoding="utf-8")
+        .partition('id="data"')[2]
+        .partition("</script>")[0]
+    )
+
+
+def test_no_finding_no_sampling_no_outlier(drawn) -> None:
+    """A result of nothing at all still makes a report."""
+    result, details = written(drawn)
+    result.update(
+        findings=[],
+        outliers=[],
+        unidentifiable=[],
+        warnings=[],
+        path=[],
+        sampling=None,
+        nested_cv=None,
+    )
+    result["error_map"] = {"places": [], "causes": [], "f": [], "p_family_wise": []}
+    result["candidates"]["best"] = []
+    details.update(findings=[], map={"places": [], "columns": [], "slopes": [], "named": []})
+    source = source_of(result, details)
+    pdf, warnings = compile_pdf(
+        fill_template(source, collect_blocks(source, drawing.PAGES)), source.pictures
+    )
+    assert pdf.startswith(b"%PDF")
+    assert not warnings
+
+
+def extended(result: dict, rng: np.random.Generator) -> dict:
+    """The result with what sampling adds."""
+    symbols, low, median, high = [f"p{k}" for k in range(12)], -1e-3, 0.0, 1e-3
+    r = np.corrcoef(rng.standard_normal((12, 30)))
+    one = {
+        "mechanism": "geometric",
+        "unit": "rad",
+        "standard_error": 0.3,
+        "bootstrap_error": 0.3,
+        "posterior_error": None,
+        "mean_mm": 0.1,
+        "max_mm": 0.2,
+        "configurations": 80.0,
+        "differ": False,
+    }
+    return result | {
+        "parameters": [
+            {**one, "symbol": s, "estimate": v, "low": v - 0.6, "high": v + 0.6}
+            for s, v in zip(symbols, rng.standard_normal(12), strict=True)
+        ],
+        "correlation": {
+            "symbols": symbols,
+            "matrix": r.tolist(),
+            "clusters": [["p0", "p1"], ["p4", "p7", "p9"]],
+            "pairs": [{"a": "p0", "b": "p1", "r": 0.99, "sentence": "p0 goes with p1."}],
+        },
+        "significance": [
+            {
+                "mechanism": "gravity-twist",
+                "parameters": ["p0"],
+                "mean_mm": 1.234,
+                "max_mm": 2.0,
+                "f": 10.0,
+                "p": 1e-9,
+                "log10_evidence": -3.21,
+                "cv_rms_mm": 1.0,
+                "cv_rms_without_mm": 2.0,
+                "held_out_rms_mm": 0.5,
+                "held_out_rms_without_mm": None,
+                "catalogue": "larger than usual",
+                "stability": 0.925,
+            }
+        ],
+        "sampling": {
+            "effective_samples": 500,
+            "r_hat": 1.001,
+            "tau": 30.0,
+            "steps": 1500,
+            "walkers": 48,
+            "converged": True,
+            "sampled": symbols[:3],
+            "sentence": "The named coefficients are sampled.",
+            "quantiles": [
+                {
+                    "name": "p0",
+                    "unit": "rad",
+                    "low": low,
+                    "median": median,
+                    "high": high,
+                    "closed_form_low": low,
+                    "closed_form_median": median,
+                    "closed_form_high": high,
+                }
+            ],
+            "importance": {
+                "draws": 100,
+                "effective": 90,
+                "sentence": "The closed form says the same.",
+            },
+            "trace": {"names": symbols[:3], "draws": rng.standard_normal((200, 3)).tolist()},
+        },
+    }
+
+
+def test_sections_come_with_their_content(drawn, rng) -> None:
+    result, details = written(drawn)
+    chosen = ("significance", "correlation", "posterior")
+    empty = {"symbols": [], "matrix": [], "pairs": [], "clusters": []}
+    bare = result | {"parameters": [], "significance": [], "correlation": empty, "sampling": None}
+    assert collect_blocks(source_of(bare, details), drawing.PAGES, chosen) == []
+    full = source_of(extended(result, rng), details)
+    pdf, warnings = compile_pdf(
+        fill_template(full, collect_blocks(full, drawing.PAGES, chosen)), full.pictures
+    )
+    assert not warnings
+    assert set(full.pictures) == {"forest.svg", "correlation.svg", "posterior.svg"}
+    text = plain("".join(texts(pdf)))
+    for word in (
+        "gravity-twist1.2342.000<0.001−3.2–→0.50092%",
+        "gravity-twist:largerthanusual",
+        "p0goeswithp1.",
+        "Theclosedformsaysthesame.",
+    ):
+        assert word in text
+    result = extended(result, rng)
+    result["sampling"].update(converged=False, quantiles=[])
+    full = source_of(result, details)
+    blocks = collect_blocks(full, drawing.PAGES, ("posterior",))
+    assert any("had not converged" in b.get("text", "") for b in blocks)
+    assert not any(b["kind"] in ("table", "figure") for b in blocks)
+
+
+def test_refuses_pages_before_it_draws(drawn) -> None:
+    with pytest.raises(StudyError, match="no page"):
+        drawing.draw(drawn, ("nothing",))

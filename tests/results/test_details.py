@@ -1,0 +1,93 @@
+"""What pictures are drawn from: details.json against fits made by other means, and words about
+rivals."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from modelsel import read_study
+from modelsel.fitting.design import compute_design
+from modelsel.mechanisms.causes import q
+from modelsel.mechanisms.registry import BUILTIN
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.report import drawing
+from modelsel.report.pages.findings import advise_separation
+from modelsel.results.details import select_rows
+from modelsel.results.finding_schema import EntryRecord, ScrewRecord
+from modelsel.study.model_ladder import build_model
+from modelsel.study.runner import run_study
+
+PUMA = Path(__file__).parents[2] / "studies" / "puma760"
+
+
+def entry(name: str | None, *screws: tuple[int, str, str]) -> EntryRecord:
+    listed = [ScrewRecord(frame=f, axis=a, cause=c) for f, a, c in screws]
+    return EntryRecord(mechanism=name, probability=0.4, alike=True, screws=listed)
+
+
+@pytest.mark.parametrize(
+    ("rival", "word"),
+    [
+        (entry(None, (6, "ty", "q4")), "second target"),
+        (entry("thermal-zero:5", (5, "rz", "temperature_C")), "another time"),
+        (entry("approach-backlash:5", (5, "rz", "approach5")), "both sides"),
+        (entry("payload-deflection:5", (5, "rz", "payload_kg*torque5_7")), "payload"),
+        (entry("joint-compliance:5", (5, "rz", "torque5")), "independently"),
+    ],
+)
+def test_what_would_separate_rivals(rival, word) -> None:
+    (sentence,) = advise_separation([entry("wrist-coupling:5", (5, "rz", "q4")), rival])
+    assert word in sentence
+    assert "wrist-coupling:5" in sentence
+
+
+def test_panels_show_the_effect_and_take_it_out(drawn) -> None:
+    """Wrist coupling: without it the residual about frame 5 rz grows with q4 as estimated, with it
+    nothing is left."""
+    result, details = (json.loads((drawn / f"{n}.json").read_text()) for n in ("result", "details"))
+    k = next(k for k, f in enumerate(details["findings"]) if f["label"] == "wrist-coupling:5")
+    (panel,) = details["findings"][k]["panels"]
+    assert [panel[n] for n in ("frames", "axis", "against", "against_unit", "unit")] == [
+        [5],
+        "rz",
+        "q4",
+        "deg",
+        "rad",
+    ]
+    x, w = np.radians(panel["x"]), np.array(panel["weight"])
+    slope = {n: float(np.polyfit(x, panel[n], 1, w=np.sqrt(w))[0]) for n in ("before", "after")}
+    value, error = (result["findings"][k]["estimate"][0][n] for n in ("value", "standard_error"))
+    assert abs(slope["before"] - value) < 2 * error
+    assert abs(slope["after"]) < 2 * error
+
+
+def test_slopes_of_the_map_are_those_of_a_fit(drawn) -> None:
+    """A cell's slope is the first step of least squares with the base and that cell."""
+    study = read_study(PUMA / "study.toml")
+    result, details = run_study(study, PUMA), drawing.read_source(drawn).details
+    base = build_model(study, result.split.problem, BUILTIN, ("geometric",))
+    fitted = next(r for r in result.models.ladder if r.names == ("geometric",)).fit
+    cell = Mechanism("cell", (Term("m", (Screw(5, "rz", q(4)),)),))
+    problem = result.split.training()
+    A, r = compute_design(problem, (*base.terms, *cell.terms), fitted.at())
+    keep = [*fitted.found.kept, len(base.terms)]
+    theta = np.linalg.lstsq(A.reshape(-1, A.shape[2])[:, keep], r.ravel(), rcond=None)[0]
+    i, j = (
+        result.diagnosis.error_map.where.index((5, "rz")),
+        result.diagnosis.error_map.causes.index("q4"),
+    )
+    assert details.map.slopes[i][j][0] == pytest.approx(theta[-1], rel=2e-2)  # nominal column
+
+
+def test_thinning_keeps_outliers_and_both_sides(rng) -> None:
+    estimation, outlying = rng.random(5000) < 0.9, rng.random(5000) < 0.005
+    rows = select_rows(estimation, outlying, 400)
+    assert len(rows) <= 400
+    assert set(np.flatnonzero(outlying)) <= set(rows)
+    assert (np.diff(rows) > 0).all()
+    assert min((estimation & ~outlying)[rows].sum(), (~estimation & ~outlying)[rows].sum()) > 100
+    assert select_rows(estimation[:300], outlying[:300], 400).tolist() == list(range(300))

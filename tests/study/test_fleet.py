@@ -1,0 +1,288 @@
+"""Many studies as one job: two workers, one of which dies; what fails stops nothing; results as
+alone, byte for byte."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import time
+from dataclasses import replace
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from builders import drawn
+from click.testing import CliRunner
+
+from modelsel._files import claim_folder
+from modelsel.cli.main import run_command_line
+from modelsel.config.fleet_file import read_fleet
+from modelsel.config.study_file import read_study
+from modelsel.exceptions import StudyError
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.problem import Problem
+from modelsel.measurements.reader import read_measurements
+from modelsel.mechanisms.registry import mechanism
+from modelsel.results.storage import WRITES
+from modelsel.robot.files import load_robot
+from modelsel.selection.streaming import Parts, fit_parts, list_parts
+from modelsel.study import fleet_runner as fleets
+from modelsel.study.fleet_runner import FleetOptions, cluster, run_fleet, save_summary
+from modelsel.study.result import load_result
+from modelsel.study.runner import run_study
+
+pytestmark = pytest.mark.integration
+
+TOOL = (40.0, -25.0, 100.0)
+QUICK = FleetOptions(sampling=False)
+STUDY = """
+name = "arm {k}"
+seed = {k}
+[robot]
+name = "puma760"
+tool_mm = [40, -25, 100]
+[measurements]
+file = "measurements.csv"
+[split]
+estimation = 40
+[model]
+candidates = ["backlash:3", "wrist-coupling"]
+[comparison]
+folds = 4
+"""
+
+
+def table(rng: np.random.Generator, m: int = 60) -> pd.DataFrame:
+    at = drawn("puma760", rng, m)
+    position = at.data.position + rng.normal(0, 0.05, (m, 3))
+    names = [*(f"q{j}_rad" for j in range(1, 7)), "x_mm", "y_mm", "z_mm"]
+    return pd.DataFrame(np.column_stack([at.data.q, position]), columns=names)
+
+
+@pytest.fixture
+def folder(rng, tmp_path) -> Path:
+    """Five studies, of which the third has broken data, and a measurement set in two files."""
+    for k in range(5):
+        place = tmp_path / f"arm{k}"
+        place.mkdir()
+        (place / "study.toml").write_text(STUDY.format(k=k))
+        frame = table(rng)
+        if k == 2:
+            frame.loc[7, "x_mm"] = np.nan
+        frame.to_csv(place / "measurements.csv", index=False)
+    for k in range(2):
+        table(rng, 150).to_parquet(tmp_path / f"day{k}.parquet", index=False, row_group_size=60)
+    (tmp_path / "fleet.toml").write_text("""
+name = "five arms"
+studies = ["arm*/study.toml"]
+[[study]]
+file = "arm0/study.toml"
+name = "what-if"
+measurements = "arm1/measurements.csv"
+[[parts]]
+name = "whole"
+files = ["day*.parquet"]
+robot = "puma760"
+tool_mm = [40, -25, 100]
+""")
+    return tmp_path
+
+
+def opened(file: Path) -> Any:
+    """A PDF, read."""
+    from pypdf import PdfReader
+
+    return PdfReader(file)
+
+
+def test_fleet_on_two_workers(folder) -> None:
+    """One worker is killed at work; one study fails; the others are as alone; a second run takes up
+    what is there."""
+    fleet, out = read_fleet(folder / "fleet.toml"), folder / "out"
+    said: list[str] = []
+    killed: list[int] = []
+    with cluster(2) as client:
+        first = dict(client.run(os.getpid))
+
+        def kill() -> None:
+            while not (busy := [address for address, keys in client.processing().items() if keys]):
+                time.sleep(0.01)
+            victim = busy[0]
+            killed.append(first[victim])
+            os.kill(first[victim], signal.SIGKILL)
+
+        thread = Thread(target=kill)
+        thread.start()
+        rows = run_fleet(fleet, out, client, QUICK, say=said.append)
+        thread.join()
+        shutil.rmtree(out / "arm3")
+        kept = (out / "arm0" / "result.json").stat().st_mtime_ns
+        again = run_fleet(fleet, out, client, replace(QUICK, resume=True), say=said.append)
+    assert killed
+    assert [row["name"] for row in rows] == [
+        "arm0",
+        "arm1",
+        "arm2",
+        "arm3",
+        "arm4",
+        "what-if",
+        "whole",
+    ]
+    assert [row["state"] for row in rows] == ["done", "done", "failed", *4 * ["done"]]
+    assert (rows[2]["exit"], "line 9" in rows[2]["why"], "x_mm" in rows[2]["why"]) == (
+        3,
+        True,
+        True,
+    )
+    assert again == rows
+    assert (out / "arm0" / "result.json").stat().st_mtime_ns == kept
+    assert any("4 of 6 are finished already" in line for line in said)
+    for name in ("arm0", "arm4"):
+        alone = run_study(read_study(folder / name), folder / name, sampling=False)
+        assert (out / name / "result.json").read_bytes() == alone.to_json().encode()
+        assert (
+            load_result(out / name).to_json() == alone.to_json()
+        )  # with all that a report is drawn from
+    assert (
+        json.loads((out / "what-if" / "result.json").read_text())["provenance"]["data_sha256"]
+        == json.loads((out / "arm1" / "result.json").read_text())["provenance"]["data_sha256"]
+    )
+    found = json.loads((out / "whole" / "parts.json").read_text())
+    assert (found["rows"], found["pieces"]) == (300, 6)
+    assert found["sigma_mm"] == pytest.approx(0.05, rel=0.15)
+    written = save_summary(rows, out, fleet.name)
+    assert pd.read_csv(written[0])["name"].tolist() == [row["name"] for row in rows]
+    assert pd.read_parquet(written[1])["exit"].tolist() == [row["exit"] for row in rows]
+    before = [path.read_bytes() for path in written]
+    assert [path.read_bytes() for path in save_summary(again, out, fleet.name)] == before
+    pdf = opened(written[2])
+    metadata, words = (
+        pdf.xmp_metadata,
+        " ".join("".join(page.extract_text() for page in pdf.pages).split()),
+    )
+    assert b"pdfuaid" in metadata.stream.get_data()
+    assert len(pdf.pages) <= 3
+    assert "five arms" in words
+    assert "1 study of 7 failed: arm2" in words
+    assert all(row["name"] in words for row in rows)
+    assert "line 9" in words
+    assert {path.name for path in (out / "arm0").iterdir()} == set(WRITES)
+    drawn_again = CliRunner().invoke(
+        run_command_line, ["report", str(out / "arm0"), "--pages", "provenance"]
+    )
+    assert drawn_again.exit_code == 0, drawn_again.output
+    assert "Written" in drawn_again.output
+
+
+def test_fleet_file_says_all_at_once(folder) -> None:
+    (folder / "fleet.toml").write_text("""
+name = "wrong"
+studies = ["nowhere*/study.toml"]
+[[study]]
+file = "arm0"
+[[study]]
+file = "arm0"
+""")
+    with pytest.raises(StudyError) as wrong:
+        read_fleet(folder / "fleet.toml")
+    assert len(wrong.value.problems) == 2
+    assert 'no file matches "nowhere*' in str(wrong.value)
+    assert '"arm0" stands twice' in str(wrong.value)
+    (folder / "fleet.toml").write_text(
+        'name = "x"\n[[study]]\nfiel = "arm0"\n[[parts]]\nname = "p"\n'
+    )
+    with pytest.raises(StudyError) as wrong:
+        read_fleet(folder / "fleet.toml")
+    assert 'unknown key "study.1.fiel". Did you mean "file"?' in str(wrong.value)
+    assert "parts.1.tool_mm is missing" in str(wrong.value)
+    (folder / "fleet.toml").write_text(
+        'name = "x"\n[[parts]]\nname = "p"\nfiles = ["day*.parquet"]\nrobot = "puma760"\n'
+        "tool_mm = [40, -25, 100]\nfolds = 1000000000000\n"
+    )  # each is held
+    with pytest.raises(StudyError, match=r"parts\.1\.folds.*1000"):
+        read_fleet(folder / "fleet.toml")
+    with pytest.raises(StudyError, match="no such fleet file"):
+        read_fleet(folder / "absent.toml")
+
+
+def test_an_unexpected_error_in_one_set_stops_nothing(folder, monkeypatch) -> None:
+    """A set whose work breaks in a way nobody foresaw: its row says so, the set after it is
+    fitted."""
+    text = (folder / "fleet.toml").read_text()
+    (folder / "fleet.toml").write_text(
+        'name = "two"\n'
+        + "".join(
+            text[text.index("[[parts]]") :].replace('"whole"', f'"{name}"')
+            for name in ("first", "second")
+        )
+    )
+    found = fleets.fit_parts
+    monkeypatch.setattr(
+        fleets, "fit_parts", lambda *a: found(*a) if len(calls.append(1) or calls) > 1 else 1 / 0
+    )
+    calls: list[int] = []
+
+    class Here:
+        """A client whose work is done here."""
+
+        loop = None
+
+        def map(self, work, items, **_):
+            return list(map(work, items))
+
+        def gather(self, done):
+            return done
+
+    monkeypatch.setattr("distributed.as_completed", lambda futures, loop: iter(futures))
+    rows = run_fleet(read_fleet(folder / "fleet.toml"), folder / "out", Here())
+    assert [(row["state"], row["exit"]) for row in rows] == [("failed", 1), ("done", 0)]
+    assert rows[0]["why"] == "internal error: ZeroDivisionError: division by zero"
+    assert rows[1]["estimation"] == 300
+
+
+def test_a_study_alone_in_a_fleets_folder(folder) -> None:
+    """Two runs never write into one folder: the fleet's row says so, what the other run does is
+    left alone."""
+    task, out = read_fleet(folder / "fleet.toml").tasks[0], folder / "out" / "arm0"
+    with claim_folder(out):
+        row = fleets.run_task(task, str(out), QUICK)
+        assert (row["state"], row["exit"]) == ("failed", 2)
+        assert "another run of modelsel works in this folder" in row["why"]
+        assert not (out / "result.json").exists()
+    assert fleets.run_task(task, str(out), QUICK)["state"] == "done"
+
+
+def test_pieces_know_nothing_of_the_one_before(folder) -> None:
+    """What hangs on the order of motion across pieces is refused; stated directions of approach are
+    as in one file."""
+    files = sorted(folder.glob("day*.parquet"))
+    arm = load_robot("puma760")
+    for name, said in (
+        ("tracker-drift", "progress"),
+        ("settle:2", "move2"),
+        ("approach-backlash:2", "approach1"),
+    ):
+        model = Model((mechanism("geometric", arm), mechanism(name, arm)))
+        with pytest.raises(StudyError, match=said):
+            fit_parts(Parts(arm, TOOL, list_parts(files)), model)
+    whole = pd.concat([pd.read_parquet(file) for file in files], ignore_index=True)
+    for j in range(1, 7):
+        whole[f"approach{j}"] = np.random.default_rng(j).choice([-1, 1], len(whole))
+    whole.to_parquet(folder / "stated.parquet", index=False, row_group_size=70)
+    model = Model((mechanism("geometric", arm), mechanism("approach-backlash:2", arm)))
+    fitted, _ = fit_parts(Parts(arm, TOOL, list_parts([folder / "stated.parquet"])), model)
+    at = read_measurements(folder / "stated.parquet", [False] * 6)
+    np.testing.assert_allclose(
+        fitted.theta, fit(Problem(arm, at, np.array([TOOL])), model).theta, atol=1e-9
+    )
+
+
+def test_no_scheduler_there() -> None:
+    with pytest.raises(StudyError, match="--scheduler nonsense"), cluster(scheduler="nonsense://x"):
+        pass
