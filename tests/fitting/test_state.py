@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.builders import drawn
+from builders import drawn
 
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
