@@ -539,6 +539,7 @@ def test_over_all_and_without(folder: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert bare["correlation"] == result["correlation"]
 
 
+@pytest.mark.integration
 def test_chain_as_frame_and_arviz(
     problem: Problem, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
