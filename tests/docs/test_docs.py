@@ -129,7 +129,7 @@ def test_formulas_are_drawn_without_a_script(site) -> None:
 def test_catalogue_is_the_registry(site, pages) -> None:
     page = pages[site / "reference" / "mechanisms.html"]
     assert set(BUILTIN) <= page.anchors
-    assert {f"mechanisms/{name}.svg" for name in BUILTIN} <= set(page.loads)
+    assert {f"../mechanisms/{name}.svg" for name in BUILTIN} <= set(page.loads)
     pictures = {path.stem: path.stat().st_size for path in (site / "mechanisms").iterdir()}
     assert set(pictures) == set(BUILTIN)
     assert max(pictures.values()) < 40_000

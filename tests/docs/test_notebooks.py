@@ -59,10 +59,13 @@ def code(notebook: Any) -> list[Any]:
 
 
 def said(cell: Any) -> Iterator[str]:
-    """All text that a cell shows: prints, values, tables; of a picture its size in pixels alone."""
+    """All text that a cell shows: prints, values, tables; of a picture its size in pixels alone.
+
+    Prints are one text: in how many pieces a kernel sends them is chance."""
+    printed = "".join(o.text for o in cell.outputs if o.output_type == "stream")
+    if printed:
+        yield printed
     for output in cell.outputs:
-        if output.output_type == "stream":
-            yield output.text
         for kind, content in sorted(output.get("data", {}).items()):
             yield (
                 f"picture {base64.b64decode(content)[16:24].hex()}"
