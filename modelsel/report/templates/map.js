@@ -66,12 +66,12 @@ function ownPictures(data, i, j) {
 function cellPanel(data, i, j, openFinding) {
   const place = data.details.map.places[i], map = data.result.error_map, name = data.details.map.named.find(([a, b]) => a === i && b === j);
   const out = [el("h3", { text: `${placeName(place)} · ${map.causes[j]}` }),
-    el("p", { text: `F = ${digits(map.f[i][j])} of this cell alone beyond the base; by chance anywhere in the map with p = ${digits(map.p_family_wise[i][j])}.` })];
+    el("p", { text: `F = ${digits(map.f[i][j])} for this cell alone beyond the base; probability of such a value by chance anywhere in the map: p = ${digits(map.p_family_wise[i][j])}.` })];
   const own = data.named.has(`${i},${j}`) ? ownPictures(data, i, j) : [];
   for (const p of own.slice(0, 2)) out.push(scatter({ ...p, title: `Residual about ${placeName(place)}` }));
-  if (own.length) out.push(el("p", { class: "quiet", text: "With all other effects in the model. Squares: without this effect. Dots: with it. Line: the fitted effect." }));
-  out.push(scatter(numbers(data, i, j)), el("p", { class: "quiet", text: "From the base, as the map is. Squares: before, what the base model leaves about " +
-    "this axis, other effects with it. Dots: after, what the chosen model leaves. Line: this cell's fit alone." }));
+  if (own.length) out.push(el("p", { class: "quiet", text: "All other effects are in the model. Squares: without this effect. Dots: with it. Line: the fitted effect." }));
+  out.push(scatter(numbers(data, i, j)), el("p", { class: "quiet", text: "Relative to the base model, as in the map. Squares: residual of the base model about " +
+    "this axis, all effects included. Dots: residual of the chosen model. Line: fit of this cell alone." }));
   const findings = related(data, i, j);
   out.push(el("h3", { text: "Credible set" }));
   if (!findings.length) out.push(el("p", { class: "quiet", text: "No finding counts this cell among its explanations." }));
