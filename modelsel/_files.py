@@ -86,11 +86,7 @@ def csv_bytes(frame: pd.DataFrame, digits: str) -> bytes:
             column = safe.iloc[:, k]
             guarded = [guard_cell(cell) if isinstance(cell, str) else cell for cell in column]
             safe.isetitem(k, guarded)
-    text: str = safe.to_csv(
-        index=False,
-        float_format=digits,
-        lineterminator="\n",
-    )
+    text: str = safe.to_csv(index=False, float_format=digits, lineterminator="\n")
     return text.encode()
 
 

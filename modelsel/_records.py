@@ -137,12 +137,7 @@ def _expectation(error: Any) -> str:
         return f"a list of {side} {bound}"
     if kind == "literal_error":
         return f"one of {context['expected']}"
-    is_bound = kind in (
-        "greater_than",
-        "greater_than_equal",
-        "less_than",
-        "less_than_equal",
-    )
+    is_bound = kind in ("greater_than", "greater_than_equal", "less_than", "less_than_equal")
     return _describe_bound(kind, context) if is_bound else str(error["msg"])
 
 
@@ -152,11 +147,7 @@ def _describe_bound(kind: str, context: dict[str, Any]) -> str:
     if abs(bound) == MAX_NUMBER:
         is_whole = isinstance(bound, int)
         return "a whole number" if is_whole else "a finite number"
-    words = {
-        "greater_than": "above",
-        "less_than": "below",
-        "less_than_equal": "at most",
-    }
+    words = {"greater_than": "above", "less_than": "below", "less_than_equal": "at most"}
     side = words.get(kind, "at least")
     return f"a number {side} {bound:g}"
 

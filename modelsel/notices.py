@@ -79,10 +79,7 @@ ALARMS = {
     HOPELESS_FIT: "Check the fit",
 }
 # faults of the data, each with the alarm that says as much
-ALARM_OF_FAULT = {
-    "swapped-reflectors": "labels-swapped",
-    "row-order": "rows-shifted",
-}
+ALARM_OF_FAULT = {"swapped-reflectors": "labels-swapped", "row-order": "rows-shifted"}
 # alarms that do not explain why a fit is bad
 NOISE_CODES = {"stated-uncertainty", "floor-unlike"}
 

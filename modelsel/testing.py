@@ -104,11 +104,7 @@ def check_mechanism(mechanism: Mechanism, robot: Robot, rng: np.random.Generator
             robot = load_robot("puma760")
             check_mechanism(build(robot), robot, np.random.default_rng(0))
     """
-    found = find_broken_laws(
-        mechanism,
-        robot,
-        rng,
-    )
+    found = find_broken_laws(mechanism, robot, rng)
     sentences = "; ".join(found)
     require(not found, sentences)
 
@@ -216,12 +212,7 @@ def law2_rows_are_local(mechanism: Mechanism, at: Problem, rng: np.random.Genera
         anew = Problem(at.robot, at.data.take(index), at.tools)
         for some in (evaluated, anew):
             columns = compute_design(some, terms)[0]
-            same = np.allclose(
-                columns,
-                whole[index],
-                rtol=1e-12,
-                atol=1e-9,
-            )
+            same = np.allclose(columns, whole[index], rtol=1e-12, atol=1e-9)
             require(same, f"L2: {mechanism.name} looks beyond its row")
 
 
@@ -238,16 +229,8 @@ def law3_linear_in_the_cause(mechanism: Mechanism, at: Problem, rng: np.random.G
                 screws.append(Screw(screw.frame, screw.axis, cause))
             terms.append(Term(term.symbol, tuple(screws)))
         scaled = compute_design(at, terms)[0]
-        linear = np.allclose(
-            scaled,
-            factor * columns,
-            rtol=1e-13,
-            atol=0,
-        )
-        require(
-            linear,
-            f"L3: {mechanism.name} with its causes x {factor} is not x {factor}",
-        )
+        linear = np.allclose(scaled, factor * columns, rtol=1e-13, atol=0)
+        require(linear, f"L3: {mechanism.name} with its causes x {factor} is not x {factor}")
 
 
 def law4_plant_and_recover(mechanism: Mechanism, at: Problem, rng: np.random.Generator) -> None:
@@ -321,10 +304,7 @@ def law5_symbols_and_units(mechanism: Mechanism, at: Problem, rng: np.random.Gen
             cause = screw.cause
             if cause.unit == "1" and len(term.screws) == 1:
                 derived = "mm" if screw.axis[0] == "t" else "rad"
-                require(
-                    unit == derived,
-                    f"L5: {symbol} has the unit {unit}",
-                )
+                require(unit == derived, f"L5: {symbol} has the unit {unit}")
             wrong = []
             for named, stated in list_named(cause):
                 actual = known.get(named, "unknown")
@@ -336,10 +316,7 @@ def law5_symbols_and_units(mechanism: Mechanism, at: Problem, rng: np.random.Gen
             term.size is None or 0 <= term.size[0] < term.size[1],
             f"L5: {symbol}: its size is not from low to high: {term.size}",
         )
-        require(
-            term.sign in (-1, 0, 1),
-            f"L5: {symbol}: its sign is {term.sign}; -1, 0 or 1",
-        )
+        require(term.sign in (-1, 0, 1), f"L5: {symbol}: its sign is {term.sign}; -1, 0 or 1")
 
 
 def list_named(cause: object) -> list[tuple[str, str]]:

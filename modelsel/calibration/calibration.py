@@ -177,12 +177,7 @@ class Calibration:
         )
         rotations = None if data.rotation is None else self._rotations()
         problem = Problem(
-            self.robot,
-            bound_data,
-            self.tools,
-            self.placement,
-            rotations,
-            tracker=self.tracker,
+            self.robot, bound_data, self.tools, self.placement, rotations, tracker=self.tracker
         )
         missing = sorted(self.needs() - problem.names().keys())
         if missing:

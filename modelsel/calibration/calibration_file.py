@@ -31,12 +31,7 @@ def save_calibration(c: Calibration, folder: Path | str) -> Path:
 def calibration_text(c: Calibration) -> str:
     """Return the text of calibration.json; numbers in full."""
     record = calibration_record(c)
-    text = json.dumps(
-        record,
-        ensure_ascii=False,
-        indent=1,
-        allow_nan=False,
-    )
+    text = json.dumps(record, ensure_ascii=False, indent=1, allow_nan=False)
     return text + "\n"
 
 

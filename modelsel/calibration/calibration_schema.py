@@ -134,10 +134,7 @@ class CalibrationRecord(StrictRecord):
     def _check_names(self) -> CalibrationRecord:
         targets = [target.name for target in self.targets]
         groups = [group.name for group in self.groups]
-        for place, names in (
-            ("targets", targets),
-            ("groups", groups),
-        ):
+        for place, names in (("targets", targets), ("groups", groups)):
             if len(set(names)) < len(names):
                 raise ValueError(f"two {place} have one name")
         without = [target.rotation is None for target in self.targets]

@@ -169,11 +169,7 @@ def _test_parameters(space: CommonSpace, tested: Index) -> tuple[tuple[Change, .
     p = correct_holm(np.array(p_values))
     changes = []
     for i, corrected in zip(tested, p.tolist(), strict=True):
-        change = _build_change(
-            space,
-            i,
-            corrected,
-        )
+        change = _build_change(space, i, corrected)
         changes.append(change)
 
     def surprise(change: Change) -> tuple[float, float]:
@@ -210,9 +206,7 @@ def _explain(space: CommonSpace, tested: Index) -> tuple[Explanation, ...]:
     open_terms = np.flatnonzero(comparable)
     block = np.ix_(open_terms, tested)
     steps = select_fewest_terms(
-        space.difference[tested],
-        space.difference_factor[tested],
-        space.relation[block],
+        space.difference[tested], space.difference_factor[tested], space.relation[block]
     )
     places = open_terms.tolist()
     explanations = []

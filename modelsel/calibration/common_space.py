@@ -147,10 +147,7 @@ def _intersect_ranges(a: Calibration, b: Calibration) -> dict[str, tuple[float, 
         lows, highs = zip(first, second, strict=True)
         low = max(lows)
         high = min(highs)
-        ranges[name] = (
-            low,
-            max(high, low),
-        )
+        ranges[name] = (low, max(high, low))
     return ranges
 
 

@@ -105,11 +105,7 @@ def replace_readings(at: Problem, q: Array) -> Problem:
 
 def predict_nominal(at: Problem) -> Array:
     """Predict where the nominal robot has the target (m, 3), in the tracker's frame."""
-    points = forward(
-        at.robot,
-        at.data.q,
-        at.tool,
-    )
+    points = forward(at.robot, at.data.q, at.tool)
     return to_tracker_frame(at, points)
 
 
@@ -183,21 +179,11 @@ def compensate_commands(c: Calibration, data: Measurements) -> Commands:
     """
     start = c.problem(data)
     unstated = np.isnan(data.position)
-    wanted = np.where(
-        unstated,
-        predict_nominal(start),
-        data.position,
-    )
+    wanted = np.where(unstated, predict_nominal(start), data.position)
     before, J = _pose_error(c, start, wanted)
     size = np.linalg.norm(before, axis=1)
     damping = np.full(len(data), START_DAMPING)
-    inversion = _Inversion(
-        data.q.copy(),
-        before,
-        J,
-        size,
-        damping,
-    )
+    inversion = _Inversion(data.q.copy(), before, J, size, damping)
     scale = np.where(c.robot.prismatic, LEVER_MM, 1.0)
     for _ in range(MAX_ITERATIONS):
         rows = inversion.unsettled()
@@ -207,13 +193,7 @@ def compensate_commands(c: Calibration, data: Measurements) -> Commands:
         at = replace_readings(start, trial)
         error, J = _pose_error(c, at, wanted)
         inversion.accept(rows, trial, error, J)
-    return _summarise_commands(
-        c,
-        start,
-        wanted,
-        before,
-        inversion,
-    )
+    return _summarise_commands(c, start, wanted, before, inversion)
 
 
 def _summarise_commands(
@@ -258,12 +238,7 @@ def correct(
     """
     from warnings import warn
 
-    data = read_measurements(
-        targets,
-        c.robot.prismatic,
-        positions=False,
-        once=False,
-    )
+    data = read_measurements(targets, c.robot.prismatic, positions=False, once=False)
     file = ""
     if isinstance(targets, (str, PathLike)):
         file = Path(targets).name
@@ -275,13 +250,7 @@ def correct(
     for note in notes:
         warn(note, stacklevel=2)
     figures = commands.figures()
-    return build_commands_table(
-        c,
-        data,
-        commands.q,
-        commands.wanted,
-        figures,
-    )
+    return build_commands_table(c, data, commands.q, commands.wanted, figures)
 
 
 def correct_measurements(
@@ -336,11 +305,7 @@ def build_commands_table(
 
 
 def refuse_large_changes(
-    c: Calibration,
-    commands: Commands,
-    data: Measurements,
-    bound: tuple[float, float],
-    file: str,
+    c: Calibration, commands: Commands, data: Measurements, bound: tuple[float, float], file: str
 ) -> None:
     """Raise DataError with the first row that would be changed by more than the bound (rad, mm);
     `file`: empty for a DataFrame."""

@@ -71,11 +71,7 @@ def restrict_to_form(c: Calibration, form: str) -> Calibration:
     carried = list(map(carries, c.terms))
     places = np.flatnonzero(carried).tolist()
     estimates = c.theta[places]
-    return _select_terms(
-        c,
-        places,
-        estimates,
-    )
+    return _select_terms(c, places, estimates)
 
 
 def list_left_out(c: Calibration, form: str) -> list[Part]:
@@ -92,13 +88,7 @@ def _select_terms(c: Calibration, places: Sequence[int], theta: Array) -> Calibr
     rows = list(places)
     kept = tuple(k for k, place in enumerate(places) if place in c.kept)
     model = part_of(c.model, lambda term: term.key in carried)
-    return replace(
-        c,
-        model=model,
-        theta=theta,
-        factor=c.factor[rows],
-        kept=kept,
-    )
+    return replace(c, model=model, theta=theta, factor=c.factor[rows], kept=kept)
 
 
 def fix_members(cause: Cause, target: int, group: int) -> Cause:
@@ -115,10 +105,7 @@ def fix_members(cause: Cause, target: int, group: int) -> Cause:
     right = fix_members(cause.right, target, group)
     if isinstance(left, Number) and isinstance(right, Number):
         operate = OPERATORS[cause.operator]
-        number = operate(
-            left.number,
-            right.number,
-        )
+        number = operate(left.number, right.number)
         return Number(number)
     return Combined(cause.operator, left, right)
 
@@ -147,10 +134,7 @@ def split_parts(c: Calibration, target: int = 0, group: int = 0) -> tuple[list[P
             else:
                 moving.append(bound)
         name = owner[term.key]
-        for screws, parts in (
-            (fixed, constant),
-            (moving, varying),
-        ):
+        for screws, parts in ((fixed, constant), (moving, varying)):
             if screws:
                 some = replace(term, screws=tuple(screws))
                 parts.append(Part(name, some, value, error))
@@ -199,13 +183,7 @@ def build_constant_chain(c: Calibration, group: int = 0) -> ConstantChain:
         nominal = transform(None, c.tools[k])
         targets[name] = nominal @ offset
     source = f"calibrated by modelsel, study {c.study}"
-    robot = Robot(
-        c.robot.name,
-        source,
-        tuple(joints),
-        c.robot.last,
-        c.robot.gravity,
-    )
+    robot = Robot(c.robot.name, source, tuple(joints), c.robot.last, c.robot.gravity)
     return ConstantChain(robot, targets)
 
 

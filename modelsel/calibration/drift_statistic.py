@@ -76,11 +76,7 @@ def compute_expected_rms(spread: Array, sigma: float) -> float:
 def standardise_residual(residual: Array, spread: Array, sigma: float) -> Array:
     """Return lengths (m,) of residuals (m, 3) in standard deviations of each row."""
     noise = sigma**2 * np.eye(3)
-    parameters = np.einsum(
-        "mcr,mdr->mcd",
-        spread,
-        spread,
-    )
+    parameters = np.einsum("mcr,mdr->mcd", spread, spread)
     covariance = noise + parameters
     factor = np.linalg.cholesky(covariance)
     columns = residual[:, :, None]

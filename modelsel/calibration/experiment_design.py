@@ -147,10 +147,7 @@ class _Pair:
         """Return the probability that the true rival is named with what is measured now."""
         size = self.left(self.base)
         left = self.left(slice(None))
-        probability = _naming_probability(
-            np.array(size),
-            np.array(left),
-        )
+        probability = _naming_probability(np.array(size), np.array(left))
         return float(probability)
 
     def with_each(self) -> tuple[Array, Array]:
@@ -325,10 +322,7 @@ def compute_indices(p: Pool, some: Sequence[Term], rows: Sequence[int]) -> dict[
     count = len(information)
     added = X[configurations].reshape(-1, count)
     total = information + added.T @ added
-    indices = _indices(
-        total,
-        p.configurations + len(rows),
-    )
+    indices = _indices(total, p.configurations + len(rows))
     figures = {}
     for criterion, value in indices.items():
         figures[criterion] = float(value)
@@ -344,13 +338,7 @@ def choose_for_parameters(p: Pool, some: Sequence[Term], count: int, criterion: 
 
     def best(inner: Array, blocked: Sequence[int]) -> int:
         configurations = known + len(blocked) + 1
-        value = _evaluate_additions(
-            inner,
-            X,
-            gains,
-            criterion,
-            configurations,
-        )
+        value = _evaluate_additions(inner, X, gains, criterion, configurations)
         value[list(blocked)] = -np.inf
         return int(np.argmax(value))
 

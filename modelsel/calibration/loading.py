@@ -139,11 +139,7 @@ def _restore_floor(record: NoiseFloorRecord) -> Floor:
     freedom = np.inf
     if record.freedom is not None:
         freedom = record.freedom
-    return Floor(
-        record.coordinate_mm,
-        record.source,
-        freedom,
-    )
+    return Floor(record.coordinate_mm, record.source, freedom)
 
 
 def _restore_refits(record: CalibrationRecord, model: Model) -> Refits | None:
@@ -168,12 +164,7 @@ def _check_estimates(record: CalibrationRecord, model: Model) -> None:
 def _check_standard_errors(record: CalibrationRecord, standard_errors: Array) -> None:
     """Raise ValueError where the standard errors are not those of the covariance factor."""
     stored = [estimate.standard_error for estimate in record.estimates]
-    agree = np.allclose(
-        stored,
-        standard_errors,
-        rtol=RELATIVE_TOLERANCE,
-        atol=0,
-    )
+    agree = np.allclose(stored, standard_errors, rtol=RELATIVE_TOLERANCE, atol=0)
     if not agree:
         raise ValueError("its standard errors are not those of its covariance_factor")
 
@@ -182,10 +173,7 @@ def _check_screws(record: CalibrationRecord, model: Model) -> None:
     """Raise ValueError where a screw is at a frame, or of a target, group or value, that the file
     does not have."""
     frames = len(record.robot.joints) + 1
-    counts = {
-        "target": len(record.targets),
-        "group": len(record.groups),
-    }
+    counts = {"target": len(record.targets), "group": len(record.groups)}
     screws = [screw for term in model.terms for screw in term.screws]
     needs = set[str]()
     for screw in screws:

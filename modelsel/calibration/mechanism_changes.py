@@ -209,14 +209,7 @@ def _compare_pair(motions: Motions, pair: _Pair, moved: bool, count: int) -> Mec
         what = "changed"
     quantile = two_sided_quantile(SIGNIFICANCE / count)
     detectable = (quantile + POWER_QUANTILE) * error
-    return MechanismChange(
-        pair.label,
-        what,
-        before,
-        after,
-        p,
-        detectable,
-    )
+    return MechanismChange(pair.label, what, before, after, p, detectable)
 
 
 def _judge_single(motions: Motions, campaign: int, name: str) -> MechanismChange:
@@ -236,14 +229,7 @@ def _judge_single(motions: Motions, campaign: int, name: str) -> MechanismChange
         before = size
     else:
         after = size
-    return MechanismChange(
-        name,
-        what,
-        before,
-        after,
-        None,
-        detectable,
-    )
+    return MechanismChange(name, what, before, after, None, detectable)
 
 
 def _unit(vector: Array) -> Array:

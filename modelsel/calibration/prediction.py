@@ -21,12 +21,7 @@ BLOCK_ROWS = 512
 def compute_pose(problem: Problem, terms: tuple[Term, ...], theta: Array) -> Pose:
     """Compute the exact chain of all rows at parameters theta, in frame 0."""
     rows = slice(0, len(problem))
-    twist = twist_of(
-        problem,
-        terms,
-        theta,
-        rows,
-    )
+    twist = twist_of(problem, terms, theta, rows)
     return problem.pose(rows, twist)
 
 
@@ -35,11 +30,7 @@ def to_tracker_frame(problem: Problem, points: Array) -> Array:
     rotations, translations = problem.placement
     group = problem.data.group
     t = translations[group]
-    rotated = np.einsum(
-        "mij,mj->mi",
-        rotations[group],
-        points,
-    )
+    rotated = np.einsum("mij,mj->mi", rotations[group], points)
     return np.asarray(rotated + t)
 
 
@@ -66,12 +57,7 @@ def propagate_uncertainty(calibration: Calibration, problem: Problem) -> Array:
         twist = twist_of(problem, terms, theta, rows)
         pose = problem.pose(rows, twist)
         field = field_of(problem, pose, rows)
-        columns = compute_columns(
-            problem,
-            field,
-            terms,
-            rows,
-        )
+        columns = compute_columns(problem, field, terms, rows)
         positions = columns[:, :3]
         factors[rows] = np.einsum("pcm,pr->mcr", positions, factor)
     return factors

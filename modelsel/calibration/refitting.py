@@ -76,10 +76,7 @@ class Refits:
         estimation["whole"], held_out["whole"] = self.whole
         if "nominal" not in held_out or form not in held_out:
             return None
-        for rms, rows in (
-            (held_out, "held out"),
-            (estimation, "on the rows that were fitted"),
-        ):
+        for rms, rows in ((held_out, "held out"), (estimation, "on the rows that were fitted")):
             nominal = rms["nominal"]
             own = rms[form]
             whole = rms["whole"]
@@ -162,20 +159,14 @@ def refit_forms(split: Split, fitted: Fit, known: Sequence[Evaluation] = ()) -> 
         order = np.argsort(carried)
         theta = best.fit.theta[some]
         alone[form] = Refit(
-            tuple(sorted(carried)),
-            theta[order],
-            best.estimation.rms_mm,
-            best.held_out.rms_mm,
+            tuple(sorted(carried)), theta[order], best.estimation.rms_mm, best.held_out.rms_mm
         )
     left = fitted.residuals(split.problem)
     side = split.estimation
     outlying = split.outlying
     estimation = summarise_errors(left[side], outlying[side])
     held_out = summarise_errors(left[~side], outlying[~side])
-    whole = (
-        estimation.rms_mm,
-        held_out.rms_mm,
-    )
+    whole = (estimation.rms_mm, held_out.rms_mm)
     mean_celsius = None
     if any(TEMPERATURE in mechanism.names() for mechanism in fitted.model.mechanisms):
         warm = split.problem.data.covariates.get(TEMPERATURE)
@@ -223,10 +214,7 @@ def refits_of(record: RefitsRecord, model: Model) -> Refits:
     for form, stored in record.alone.items():
         alone[form] = _restore_refit(form, stored, model)
     whole = record.whole
-    errors = (
-        whole.estimation_rms_mm,
-        whole.held_out_rms_mm,
-    )
+    errors = (whole.estimation_rms_mm, whole.held_out_rms_mm)
     return Refits(alone, errors, record.mean_celsius)
 
 
@@ -247,9 +235,4 @@ def _restore_refit(form: str, record: RefitRecord, model: Model) -> Refit:
     if stored != symbols or not all(map(carries, terms)):
         raise ValueError(f"what its refits carry alone ({form}) are other terms")
     values = [estimate.value for estimate in estimates]
-    return Refit(
-        tuple(places),
-        np.array(values),
-        record.estimation_rms_mm,
-        record.held_out_rms_mm,
-    )
+    return Refit(tuple(places), np.array(values), record.estimation_rms_mm, record.held_out_rms_mm)

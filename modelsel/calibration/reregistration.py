@@ -93,10 +93,7 @@ def _weighted_step(free: Array, residual: Array, weight: Array) -> Array:
 def _cauchy_weights(residual: Array) -> Array:
     """Return weights (m,) that fall beyond three median lengths of the residual (m, 3)."""
     size = np.linalg.norm(residual, axis=1)
-    scale = compute_scale(
-        size,
-        MIN_SCALE_MM,
-    )
+    scale = compute_scale(size, MIN_SCALE_MM)
     return compute_cauchy_weights(size, scale)
 
 
@@ -109,11 +106,7 @@ def _place(start: Problem, R: Array, t: Array, offsets: Array) -> Problem:
     t_of_groups = np.tile(t, (groups, 1))
     position = start.data.position - offsets
     data = replace(start.data, position=position)
-    return replace(
-        start,
-        placement=(R_of_groups, t_of_groups),
-        data=data,
-    )
+    return replace(start, placement=(R_of_groups, t_of_groups), data=data)
 
 
 def _placement_shift(start: Problem, R: Array, t: Array, middle: Array) -> tuple[float, float]:

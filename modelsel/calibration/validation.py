@@ -84,11 +84,7 @@ def expected_noise(c: Calibration) -> tuple[float, float]:
     held_out = _held_out_noise(c)
     if _is_overstated(c):
         floor = held_out
-    sigma = max(
-        floor,
-        held_out,
-        MIN_UNCERTAINTY,
-    )
+    sigma = max(floor, held_out, MIN_UNCERTAINTY)
     return sigma, c.floor.freedom
 
 
@@ -121,13 +117,7 @@ def _list_doubts(c: Calibration, data: Measurements, residual: Array, found: Lac
         doubts.append(_describe_overstatement(c))
     elif found.far and found.factor < 1:
         sigma, _ = expected_noise(c)
-        stated = describe_lack(
-            "The calibration",
-            sigma,
-            left,
-            found,
-            model="new data leave",
-        )
+        stated = describe_lack("The calibration", sigma, left, found, model="new data leave")
         mistake = name_likeliest_mistake(1 / found.factor, STATED_KEYS)
         doubts.append(f"{stated} {mistake}")
     if data.sigma is not None:
@@ -196,12 +186,7 @@ def _add_new_targets(c: Calibration, data: Measurements) -> Calibration:
     if rotations is not None:
         identities = np.tile(np.eye(3), (count, 1, 1))
         rotations = np.concatenate([rotations, identities])
-    return replace(
-        c,
-        targets=(*c.targets, *names),
-        tools=tools,
-        tool_rotations=rotations,
-    )
+    return replace(c, targets=(*c.targets, *names), tools=tools, tool_rotations=rotations)
 
 
 def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
@@ -234,10 +219,7 @@ def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
     if not free_setup and p <= MAX_P:
         rows = np.isin(np.arange(len(size)), beyond)
         doubts += describe_slips(
-            problem,
-            lambda other: other.data.position - predict(c, other),
-            rows,
-            expected,
+            problem, lambda other: other.data.position - predict(c, other), rows, expected
         )
     mean_square = np.square(residual).sum(1).mean()
     order = np.argsort(-size[beyond], kind="stable")
@@ -260,11 +242,7 @@ def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
 def _register_data(c: Calibration, data: Measurements) -> Registration:
     """Register the arm to new data as one group, whatever groups these have."""
     group = np.zeros(len(data), np.intp)
-    one_group = replace(
-        data,
-        groups=c.groups[:1],
-        group=group,
-    )
+    one_group = replace(data, groups=c.groups[:1], group=group)
     completed = _add_new_targets(c, data)
     problem = completed.problem(one_group)
     return register_again(c, problem)
@@ -338,10 +316,7 @@ def _locate_errors(data: Measurements, verdict: Verdict) -> str:
             continue
         high = float(squares[above].mean())
         low = float(squares[below].mean())
-        for ratio, side in (
-            (high / low, "above"),
-            (low / high, "below"),
-        ):
+        for ratio, side in ((high / low, "above"), (low / high, "below")):
             if ratio > largest:
                 largest = ratio
                 words = f", most of it where q{j} is {side} {middle:.3g}"

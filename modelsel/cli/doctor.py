@@ -37,11 +37,7 @@ def doctor_command(as_json: bool) -> None:
 
 
 def _check(what: str, ok: bool, says: str) -> dict[str, Any]:
-    return {
-        "what": what,
-        "ok": ok,
-        "says": says,
-    }
+    return {"what": what, "ok": ok, "says": says}
 
 
 def _libraries() -> list[dict[str, Any]]:

@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     help="Robot to show or check them on; default puma760, for --test every built-in one.",
 )
 @click.option(
-    "--new",
-    help="Write a package to start from, with a mechanism of this name, into a new folder.",
+    "--new", help="Write a package to start from, with a mechanism of this name, into a new folder."
 )
 @click.option("--test", help="Check a module's mechanisms (its name or file) against the laws.")
 @click.option("--json", "as_json", is_flag=True)

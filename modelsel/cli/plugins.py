@@ -49,10 +49,7 @@ def _render(file: str, name: str, module: str) -> str:
     path = folder.joinpath(TEMPLATES, file + SUFFIX)
     text = path.read_text(encoding="utf-8")
     template = Template(text)
-    return template.substitute(
-        name=name,
-        module=module,
-    )
+    return template.substitute(name=name, module=module)
 
 
 def load_plugin(where: str) -> Registry:

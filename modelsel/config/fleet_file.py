@@ -121,12 +121,7 @@ def read_fleet(path: Path) -> Fleet:
         problems.append('no studies: give studies = ["*/study.toml"], [[study]] or [[parts]].')
     if problems:
         raise StudyError(*(f"{path.name}: {problem}" for problem in problems))
-    return Fleet(
-        file.name,
-        tuple(tasks),
-        tuple(file.parts),
-        folder,
-    )
+    return Fleet(file.name, tuple(tasks), tuple(file.parts), folder)
 
 
 def _find_name_problems(names: list[str]) -> list[str]:

@@ -109,18 +109,8 @@ def build_columns(
     if len(parts) > 1:
         XT = np.concatenate(parts, axis=1)
     most = _compute_largest(problem, distinct)
-    grams = _build_blocks(
-        mechanisms,
-        XT,
-        slices,
-        most,
-    )
-    return Columns(
-        XT=XT,
-        slices=tuple(slices),
-        grams=tuple(grams),
-        signs=tuple(signs),
-    )
+    grams = _build_blocks(mechanisms, XT, slices, most)
+    return Columns(XT=XT, slices=tuple(slices), grams=tuple(grams), signs=tuple(signs))
 
 
 def _build_blocks(
@@ -148,13 +138,7 @@ def _build_blocks(
                 terms = mechanisms[g].terms
                 roots.append(_compute_root(terms, norm))
             root = np.stack(roots)
-        yield Block(
-            which=which,
-            index=index,
-            gram=gram,
-            most=most[index],
-            root=root,
-        )
+        yield Block(which=which, index=index, gram=gram, most=most[index], root=root)
 
 
 def compute_grams(XT: Array, index: Index) -> Array:

@@ -161,11 +161,7 @@ def _drop_equal_constants(problem: Problem, mechanisms: Sequence[Mechanism]) -> 
         for term in m.terms:
             for screw in term.screws:
                 values = np.asarray(problem.cause(screw.cause))
-                key += [
-                    screw.frame,
-                    screw.axis,
-                    values.tobytes(),
-                ]
+                key += [screw.frame, screw.axis, values.tobytes()]
         distinct.setdefault(tuple(key), m)
     return list(distinct.values())
 

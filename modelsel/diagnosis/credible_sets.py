@@ -199,12 +199,7 @@ def include_candidate(
     kept = named.entries[: LISTED - 1]
     dropped = named.entries[LISTED - 1 :]
     more = max(named.more - 1, 0) + len(dropped)
-    return replace(
-        named,
-        entries=(*kept, entry),
-        verdict=NOT_TOLD_APART,
-        more=more,
-    )
+    return replace(named, entries=(*kept, entry), verdict=NOT_TOLD_APART, more=more)
 
 
 def compute_own_evidence(seen: Scan, named: CredibleSet, g: int, response: Array) -> float:

@@ -93,11 +93,3 @@ def _locate(candidate: Candidate) -> tuple[Place, Causes] | None:
     if len(places) != 1 or len(causes) > 2:
         return None
     return places.pop(), tuple(causes)
-
-
-def select_strongest_causes(whole: ErrorMap, most: int) -> tuple[int, ...]:
-    """Select at most `most` causes whose best cells stand out most.
-
-    Returns their indices in the map's order."""
-    best = np.nanmax(np.where(np.isnan(whole.f), 0.0, whole.f), axis=0)
-    return tuple(sorted(np.argsort(-best, kind="stable")[:most].tolist()))

@@ -185,12 +185,7 @@ def compute_null_evidence(
     `find_largest_shares`."""
     if not largest:
         return np.full(share.whole.shape[1], -np.inf)
-    at_ratio = _NullEvidence(
-        seen,
-        log_prior,
-        share,
-        largest,
-    )
+    at_ratio = _NullEvidence(seen, log_prior, share, largest)
     first_ratio = float(RATIOS[0])
     first = at_ratio.compute(first_ratio)
     best = first.copy()

@@ -135,32 +135,13 @@ def find_better_curve(
 
     `response` (N,) has the effects `now` put back, and Q does not hold them."""
     first = score_each(curve, Q, response)
-    present, _ = chain_effects(
-        curve,
-        Q,
-        response,
-        given=now,
-        allowed=curve.free,
-        first=first,
-    )
-    waves = chain_effects(
-        curve,
-        Q,
-        response,
-        given=None,
-        allowed=~curve.free,
-        first=first,
-    )
+    present, _ = chain_effects(curve, Q, response, given=now, allowed=curve.free, first=first)
+    waves = chain_effects(curve, Q, response, given=None, allowed=~curve.free, first=first)
     trials = [waves]
     free_functions = curve.which[curve.free]
     for g in free_functions.tolist():
         function_and_rest = chain_effects(
-            curve,
-            Q,
-            response,
-            given=[g],
-            allowed=curve.free,
-            first=first,
+            curve, Q, response, given=[g], allowed=curve.free, first=first
         )
         trials.append(function_and_rest)
     value, best = max(trials, key=lambda trial: trial[0])

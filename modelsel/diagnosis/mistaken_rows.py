@@ -50,11 +50,7 @@ class Slip:
 
     def correct(self, problem: Problem) -> Problem:
         """Correct every row of a problem."""
-        data = replace(
-            problem.data,
-            q=self.q,
-            position=self.position,
-        )
+        data = replace(problem.data, q=self.q, position=self.position)
         return replace(problem, data=data)
 
 
@@ -77,12 +73,7 @@ def _generate_slips(problem: Problem) -> Iterator[Slip]:
         if other_axis:
             words = f"{axis} and {other_axis} exchanged"
             remedy = f"exchange {axis} and {other_axis}"
-        yield Slip(
-            words=f"given with {words}",
-            remedy=remedy,
-            q=q,
-            position=x @ change.T,
-        )
+        yield Slip(words=f"given with {words}", remedy=remedy, q=q, position=x @ change.T)
     for factor, unit_name, other_unit in (
         (1 / DEGREE, "radians", "degrees"),
         (DEGREE, "degrees", "radians"),
@@ -223,11 +214,7 @@ def _find_slipped_rows(
     current = _correct_rows(problem, slip, marked, registered, per_group)
     given = problem.data
     for _ in range(MAX_ROUNDS):
-        data_as_given = replace(
-            current.data,
-            q=given.q,
-            position=given.position,
-        )
+        data_as_given = replace(current.data, q=given.q, position=given.position)
         as_given = replace(current, data=data_as_given)
         plain = compute_lengths(residuals(as_given))
         all_corrected = slip.correct(current)

@@ -71,12 +71,7 @@ def find_gross_outliers(problem: Problem, base: Model) -> Mask:
     if keep >= rows:
         return np.zeros(rows, bool)
     measured = problem.measured
-    inside, size = _concentrate(
-        X,
-        residual,
-        measured,
-        keep,
-    )
+    inside, size = _concentrate(X, residual, measured, keep)
     seen = None
     if measured is not None:
         seen = measured[inside]

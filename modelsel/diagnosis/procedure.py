@@ -71,13 +71,7 @@ def diagnose(
     used = np.ones(rows, bool)
     if estimation is not None:
         used = np.asarray(estimation, bool)
-    split = Split(
-        problem,
-        used,
-        np.zeros(rows, bool),
-        np.zeros(rows, np.intp),
-        known_sigma=False,
-    )
+    split = Split(problem, used, np.zeros(rows, bool), np.zeros(rows, np.intp), known_sigma=False)
     mechanisms = [mechanism(name, problem.robot, registry) for name in base]
     _, diagnosis, _ = diagnose_split(
         split,
@@ -120,14 +114,7 @@ def diagnose_split(
     too. Of more than `options.max_rows` estimation rows, configurations drawn by the seed are
     scanned; outliers are judged in all rows. Returns the split with its outliers marked, the
     diagnosis, and the candidates."""
-    inquiry = _Inquiry(
-        base,
-        everything,
-        seed,
-        cells,
-        say,
-        options,
-    )
+    inquiry = _Inquiry(base, everything, seed, cells, say, options)
     if split.estimation.sum() <= options.max_rows:
         return _alternate(split, inquiry)
     drawn = _draw_configurations(split, seed, options.max_rows)
@@ -152,14 +139,7 @@ class _Inquiry(NamedTuple):
         """Search for effects in a training problem, with the study's random stream of naming."""
         rng = generator(self.seed, "naming")
         base_fit = fit(problem, self.base)
-        return run_stepwise_search(
-            problem,
-            self.base,
-            base_fit,
-            found,
-            rng,
-            self.say,
-        )
+        return run_stepwise_search(problem, self.base, base_fit, found, rng, self.say)
 
 
 def _alternate(split: Split, inquiry: _Inquiry) -> tuple[Split, Diagnosis, tuple[Candidate, ...]]:
@@ -173,11 +153,7 @@ def _alternate(split: Split, inquiry: _Inquiry) -> tuple[Split, Diagnosis, tuple
         split = replace(split, outlying=_expand_mask(split.estimation, outlying))
         kept = split.training()
         found = build_candidates(
-            kept,
-            inquiry.base,
-            inquiry.everything,
-            inquiry.cells,
-            inquiry.options,
+            kept, inquiry.base, inquiry.everything, inquiry.cells, inquiry.options
         )
         inquiry.say(f"naming: {len(found)} candidates")
         diagnosis = inquiry.search(kept, found)
@@ -192,11 +168,7 @@ def _alternate(split: Split, inquiry: _Inquiry) -> tuple[Split, Diagnosis, tuple
 
 
 def _reconsider_outliers(
-    training: Problem,
-    inquiry: _Inquiry,
-    found: tuple[Candidate, ...],
-    outlying: Mask,
-    again: Mask,
+    training: Problem, inquiry: _Inquiry, found: tuple[Candidate, ...], outlying: Mask, again: Mask
 ) -> Mask:
     """Reconsider outliers with all rows in the search.
 
@@ -220,12 +192,7 @@ def _find_outliers(problem: Problem, diagnosis: Diagnosis, outlying: Mask) -> Ma
     measured = problem.measured
     if measured is not None:
         measured = measured[~outlying]
-    return find_far_rows(
-        size,
-        size[~outlying],
-        _choose_threshold(diagnosis),
-        measured,
-    )
+    return find_far_rows(size, size[~outlying], _choose_threshold(diagnosis), measured)
 
 
 def _find_outliers_everywhere(split: Split, sample: Split, diagnosis: Diagnosis) -> Mask:
@@ -238,12 +205,7 @@ def _find_outliers_everywhere(split: Split, sample: Split, diagnosis: Diagnosis)
     measured = problem.measured
     if measured is not None:
         measured = measured[used]
-    is_far = find_far_rows(
-        size,
-        size[used],
-        _choose_threshold(diagnosis),
-        measured,
-    )
+    is_far = find_far_rows(size, size[used], _choose_threshold(diagnosis), measured)
     outlying = split.estimation & is_far
     share = outlying[split.estimation].mean()
     if share <= MAX_OUTLIER_SHARE:
@@ -305,9 +267,7 @@ def _run_fold(
 ) -> _Fold:
     outside = fold == k
     rest = replace(
-        split,
-        estimation=split.estimation & ~outside,
-        outlying=np.zeros(len(fold), bool),
+        split, estimation=split.estimation & ~outside, outlying=np.zeros(len(fold), bool)
     )
     inside, diagnosis, _ = diagnose_split(rest, base, everything, seed, cells)
     problem = split.problem.take(outside)
@@ -333,13 +293,7 @@ def run_nested_folds(
     fold[rows] = assign_folds(estimation, folds, generator(seed, "nested"))
     count = int(fold.max()) + 1
     run = partial(
-        _run_fold,
-        split=split,
-        base=base,
-        everything=everything,
-        seed=seed,
-        cells=cells,
-        fold=fold,
+        _run_fold, split=split, base=base, everything=everything, seed=seed, cells=cells, fold=fold
     )
     workers = min(count, os.cpu_count() or 1)
     with ProcessPoolExecutor(max_workers=workers) as pool:

@@ -124,9 +124,7 @@ def _find_change(
         if frozenset(trial) in visited:
             continue
         return _Change(
-            effect=g,
-            trial=trial,
-            words=_describe_change(search, chosen, trial, g, better),
+            effect=g, trial=trial, words=_describe_change(search, chosen, trial, g, better)
         )
     for trial, words in search.generate_better_curves(chosen, view):
         if frozenset(trial) not in visited:

@@ -131,12 +131,7 @@ def draw_flips(
         strength = seen.strength(flipped)
         share = normalise_strength(strength, total)
         largest = find_largest_shares(seen, share)
-        evidence = compute_null_evidence(
-            seen,
-            log_prior,
-            share,
-            largest,
-        )
+        evidence = compute_null_evidence(seen, log_prior, share, largest)
         smallest_p = compute_smallest_p(largest, seen.freedom)
         yield evidence, smallest_p
 

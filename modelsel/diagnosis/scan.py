@@ -198,13 +198,7 @@ def _build(cols: Columns, Q: Array, lefts: Sequence[Array], freedom: int) -> Sca
             W, weights = _separate_by_prior(W, left, block.root)
         bucket = Bucket(block, left, W, weights)
         buckets.append(bucket)
-    return Scan(
-        columns=cols,
-        Q=Q,
-        buckets=tuple(buckets),
-        sizes=sizes,
-        freedom=freedom,
-    )
+    return Scan(columns=cols, Q=Q, buckets=tuple(buckets), sizes=sizes, freedom=freedom)
 
 
 def _whiten(block: Block, left: Array) -> tuple[Array, Array]:

@@ -107,11 +107,7 @@ def describe_amount(terms: Sequence[Term], estimate: Array, error: Array) -> str
         return _describe_free_function(terms, estimate)
     amounts = []
     for term, value, sigma in zip(terms, estimate, error, strict=True):
-        amount = format_quantity(
-            float(value),
-            float(sigma),
-            term.unit,
-        )
+        amount = format_quantity(float(value), float(sigma), term.unit)
         amounts.append(f"{term.symbol} = {amount}")
     return ", ".join(amounts)
 
@@ -284,11 +280,7 @@ def describe_effect(effect: Effect) -> str:
     """Describe one finding in one sentence."""
     candidate = effect.candidate
     what = describe_candidate(candidate, effect.estimate)
-    amount = describe_amount(
-        candidate.mechanism.terms,
-        effect.estimate,
-        effect.standard_error,
-    )
+    amount = describe_amount(candidate.mechanism.terms, effect.estimate, effect.standard_error)
     if effect.named.verdict == FOUND:
         standing = _describe_probability(effect)
     else:

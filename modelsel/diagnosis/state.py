@@ -149,28 +149,14 @@ class Search:
         self.rng = rng
         self.columns: Columns = build_columns(problem, found, base_fit.at())
         self.log_prior = np.log([c.prior for c in found])
-        self.curves = collect_curves(
-            found,
-            self.columns,
-            self.log_prior,
-        )
-        self.first = build_view(
-            problem,
-            self.columns,
-            base,
-            base_fit,
-        )
+        self.curves = collect_curves(found, self.columns, self.log_prior)
+        self.first = build_view(problem, self.columns, base, base_fit)
         # candidates that the base has already: what a refit leaks of them is no cause
         self.dead = np.flatnonzero(self.first.scan.sizes == 0)
         is_large = self.columns.XT.size >= LARGE_STUDY
         self.flip_draws = FLIP_DRAWS[is_large]
         null_draws = NULL_DRAWS[is_large]
-        self.null, self.smallest_p = draw_null(
-            self.first.scan,
-            self.log_prior,
-            null_draws,
-            rng,
-        )
+        self.null, self.smallest_p = draw_null(self.first.scan, self.log_prior, null_draws, rng)
         self.bound = float(np.quantile(self.null, 1 - LEVEL))
         self._renamed: WeakKeyDictionary[View, dict[int, Renamed]] = WeakKeyDictionary()
 
@@ -181,12 +167,7 @@ class Search:
         candidates = [self.found[g] for g in chosen]
         model = extend_model(self.base, candidates)
         fitted = fit_shrunk(self.problem, model, start, step_mm)
-        return build_view(
-            self.problem,
-            self.columns,
-            model,
-            fitted,
-        )
+        return build_view(self.problem, self.columns, model, fitted)
 
     def try_fit(
         self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM
@@ -227,12 +208,7 @@ class Search:
         """Name what explains most of the residual.
 
         `known` candidates have had their turn (what the fit drops of them is no cause)."""
-        return name_effect(
-            view.scan,
-            self.found,
-            view.residual,
-            without=self._exclude(known),
-        )
+        return name_effect(view.scan, self.found, view.residual, without=self._exclude(known))
 
     def _exclude(self, known: Sequence[int]) -> Index:
         return np.union1d(self.dead, np.array(known, dtype=np.intp))
@@ -248,14 +224,7 @@ class Search:
         p = []
         for unit in self.expand_partitions(view):
             adjusted = adjust_residual(view.scan.Q, view.residual, unit)
-            flips = draw_flips(
-                view.scan,
-                log_prior,
-                adjusted,
-                unit,
-                self.flip_draws,
-                self.rng,
-            )
+            flips = draw_flips(view.scan, log_prior, adjusted, unit, self.flip_draws, self.rng)
             p.append(compute_flip_p(flips, observed, self.flip_draws, LEVEL))
         return max(p)
 
@@ -300,33 +269,19 @@ class Search:
         for unit in self.expand_partitions(view):
             adjusted = adjust_residual(view.scan.Q, view.residual, unit)
             on_base = draw_flips(
-                first.scan,
-                self.log_prior,
-                adjusted[:rows],
-                unit[:rows],
-                self.flip_draws,
-                self.rng,
+                first.scan, self.log_prior, adjusted[:rows], unit[:rows], self.flip_draws, self.rng
             )
             base = list(on_base)
             flips = base
             if view is not first and view.scan.sizes.any():
                 on_view = draw_flips(
-                    view.scan,
-                    self.log_prior,
-                    adjusted,
-                    unit,
-                    self.flip_draws,
-                    self.rng,
+                    view.scan, self.log_prior, adjusted, unit, self.flip_draws, self.rng
                 )
                 flips = list(on_view)
             evidences = np.concatenate([evidence for evidence, _ in flips])
             nulls.append(np.sort(evidences))
             smallest = np.concatenate([least for _, least in base])
-            p_by_signs = compute_familywise_p(
-                first.scan,
-                first.residual,
-                np.sort(smallest),
-            )
+            p_by_signs = compute_familywise_p(first.scan, first.residual, np.sort(smallest))
             p = np.maximum(p, p_by_signs)
         return nulls, p
 
@@ -336,21 +291,9 @@ class Search:
         if g in answers:
             return answers[g]
         scan, response = view.scan_without(self.found[g])
-        renamed = rename_effect(
-            scan,
-            self.found,
-            g,
-            response,
-            without=self.dead,
-        )
+        renamed = rename_effect(scan, self.found, g, response, without=self.dead)
         evidence = compute_own_evidence(scan, renamed, g, response)
-        named = include_candidate(
-            renamed,
-            scan,
-            self.found,
-            g,
-            response,
-        )
+        named = include_candidate(renamed, scan, self.found, g, response)
         answers[g] = Renamed(named, evidence)
         return answers[g]
 
@@ -367,13 +310,7 @@ class Search:
             effects = [self.found[g] for g in now]
             D, response = view.release(*effects)
             Q = view.Q - D @ (D.T @ view.Q)
-            best = find_better_curve(
-                curve,
-                Q,
-                response,
-                now,
-                MIN_LOG_ODDS,
-            )
+            best = find_better_curve(curve, Q, response, now, MIN_LOG_ODDS)
             if best is None:
                 continue
             rest = [g for g in chosen if g not in now]

@@ -71,13 +71,7 @@ def run_stepwise_search(
     One effect is named at a time, on a training problem."""
     if not found:
         return _build_empty(base, base_fit)
-    search = Search(
-        problem,
-        base,
-        found,
-        rng,
-        base_fit,
-    )
+    search = Search(problem, base, found, rng, base_fit)
     progress = _Progress([], search.first)
     remainder = _add_effects(search, progress, say)
     return _conclude(search, progress, remainder)
@@ -165,13 +159,7 @@ def _add_effect(search: Search, progress: _Progress, new: int, say: Say) -> None
         progress.tried.add(frozenset(trial))
         return
     steps: list[str] = []
-    settled, settled_view = settle_names(
-        search,
-        trial,
-        view,
-        progress.view,
-        steps,
-    )
+    settled, settled_view = settle_names(search, trial, view, progress.view, steps)
     goes_in_circle = frozenset(settled) in progress.tried
     if goes_in_circle:
         settled = trial
@@ -200,11 +188,7 @@ def _identify_all(search: Search, progress: _Progress) -> bool:
     """Identify every effect again; returns whether the set of effects changed."""
     before = set(progress.chosen)
     progress.chosen, progress.view = settle_names(
-        search,
-        progress.chosen,
-        progress.view,
-        None,
-        progress.path,
+        search, progress.chosen, progress.view, None, progress.path
     )
     after = set(progress.chosen)
     progress.tried.add(frozenset(after))

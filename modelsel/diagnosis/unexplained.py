@@ -217,11 +217,7 @@ def estimate_floor(evaluation: Evaluation, split: Split) -> Floor:
         counted = measured[used][:, :3]
         mean = square.sum() / counted.sum()
     variance = mean * fitted.rows / fitted.freedom
-    return Floor(
-        coordinate_mm=float(np.sqrt(variance)),
-        source="estimated",
-        freedom=fitted.freedom,
-    )
+    return Floor(coordinate_mm=float(np.sqrt(variance)), source="estimated", freedom=fitted.freedom)
 
 
 def predict_remainder(
@@ -239,8 +235,5 @@ def predict_remainder(
         counts = np.bincount(code[rows])
         rows = rows & (code == counts.argmax())
     return estimate_predictability(
-        data.take(rows),
-        last.residual[rows][:, :3],
-        split.problem.robot.prismatic,
-        rng,
+        data.take(rows), last.residual[rows][:, :3], split.problem.robot.prismatic, rng
     )

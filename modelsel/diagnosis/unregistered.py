@@ -212,9 +212,7 @@ def _generate_cells(problem: Problem, adjacent_only: bool) -> Iterator[Unregiste
             if adjacent_only and not _is_adjacent(frame, causing):
                 continue
             yield Unregistered(
-                mechanism=_build_cell(place, causes),
-                kind=_classify(causes),
-                weight=1.0,
+                mechanism=_build_cell(place, causes), kind=_classify(causes), weight=1.0
             )
 
 
@@ -297,10 +295,7 @@ def _build_pitch_wave(joint: int, count: float, travel: float) -> Mechanism:
     angle = factor * q(joint, "mm")
     sine = Screw(joint, "tz", sin(angle))
     cosine = Screw(joint, "tz", cos(angle))
-    terms = (
-        Term("ms", (sine,)),
-        Term("mc", (cosine,)),
-    )
+    terms = (Term("ms", (sine,)), Term("mc", (cosine,)))
     length = travel / count
     return Mechanism(
         name=f"{joint} tz {count:g} waves",

@@ -128,13 +128,7 @@ class Ensemble:
             origin_x = -origin_left[:, :3]
         count = len(gauges.features)
         change = add_feature_changes(count, self.terms, theta)
-        predicted = predict_readings(
-            gauges,
-            problem.fixtures,
-            change,
-            x,
-            origin_x,
-        )
+        predicted = predict_readings(gauges, problem.fixtures, change, x, origin_x)
         left[:, :3] = problem.readings - predicted
         return left * problem.components_measured.T
 
@@ -184,13 +178,7 @@ class Ensemble:
             target_of_rows = data.target[rows]
             tool_rotation = tool_rotation[target_of_rows]
         entries = whole.reshape(frames, 6, D * m)
-        at = pose(
-            problem.robot,
-            data.q[rows],
-            problem.tool[rows],
-            entries,
-            tool_rotation,
-        )
+        at = pose(problem.robot, data.q[rows], problem.tool[rows], entries, tool_rotation)
         target = at.target.reshape(3, D, m)
         rotation = at.rotation.reshape(3, 3, D, m)
         rotations, origins = problem.placement

@@ -262,27 +262,14 @@ def directions(problem: Problem, pose: Pose, rows: slice) -> Array:
     turned = np.einsum("mij,jm->im", R[group], pose.target)
     x = turned + t[group].T
     unchanged = np.zeros((len(gauges.features), len(FIXTURE_AXES)))
-    G, _ = reading_gradients(
-        gauges,
-        problem.fixtures,
-        unchanged,
-        x,
-        None,
-    )
+    G, _ = reading_gradients(gauges, problem.fixtures, unchanged, x, None)
     return G
 
 
 def compute_columns(problem: Problem, field: Array, terms: Sequence[Term], rows: slice) -> Array:
     """Compute the columns (p, c, rows) of terms from a screw field."""
     out = np.empty((len(terms), *field.shape[2:]))
-    _write_products(
-        problem,
-        field,
-        terms,
-        rows,
-        out,
-        Workspace(),
-    )
+    _write_products(problem, field, terms, rows, out, Workspace())
     return out
 
 
@@ -326,13 +313,7 @@ def _reading_residuals(problem: Problem, terms: Sequence[Term], theta: Array) ->
     if problem.origin is not None:
         origin_residual = residuals(problem.origin, terms, theta)
         origin_x = -origin_residual[:, :3].T
-    predicted = predict_readings(
-        gauges,
-        problem.fixtures,
-        change,
-        x,
-        origin_x,
-    )
+    predicted = predict_readings(gauges, problem.fixtures, change, x, origin_x)
     out[:, :3] = (problem.readings - predicted).T
     measured = np.where(problem.components_measured, out, 0.0)
     return np.asarray(measured)

@@ -86,12 +86,7 @@ def identify(reduction: Reduction) -> Identified:
     triangle = reduction.R[:p, :p]
     columns, scale = independent(triangle)
     representatives = tuple(columns)
-    return Identified(
-        kept=representatives,
-        scale=scale,
-        triangle=triangle,
-        exact=representatives,
-    )
+    return Identified(kept=representatives, scale=scale, triangle=triangle, exact=representatives)
 
 
 def without(identified: Identified, lost: set[int]) -> Identified:

@@ -87,11 +87,7 @@ def from_repeats(data: Measurements) -> Floor | None:
     targets = len(data.targets)
     blocks = data.block * targets
     key = blocks + data.target
-    _, member, count = np.unique(
-        key,
-        return_inverse=True,
-        return_counts=True,
-    )
+    _, member, count = np.unique(key, return_inverse=True, return_counts=True)
     kinds = len(count)
     spread = _reading_spread(data.q, member, kinds)
     has_moved = spread > SAME_READING
@@ -170,11 +166,7 @@ def _paired_positions(data: Measurements, first: int, second: int) -> tuple[Arra
     rows = np.flatnonzero(at_first)
     others = np.flatnonzero(at_second)
     configuration = data.configuration
-    _, i, j = np.intersect1d(
-        configuration[rows],
-        configuration[others],
-        return_indices=True,
-    )
+    _, i, j = np.intersect1d(configuration[rows], configuration[others], return_indices=True)
     position = data.position
     return position[rows[i]], position[others[j]]
 

@@ -79,10 +79,7 @@ class FeatureOfRows:
     def take(self, rows: NDArray[np.bool_]) -> FeatureOfRows:
         """Return the features of some rows."""
         return FeatureOfRows(
-            self.centre[rows],
-            self.axes[rows],
-            self.length[rows],
-            self.change[..., rows, :],
+            self.centre[rows], self.axes[rows], self.length[rows], self.change[..., rows, :]
         )
 
 

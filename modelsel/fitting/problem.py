@@ -80,12 +80,7 @@ class Problem:
         data = self.data.take(index)
         state = self.state.take(index, data)
         whitening = self.whitening.take(index)
-        return replace(
-            self,
-            data=data,
-            whitening=whitening,
-            _state=state,
-        )
+        return replace(self, data=data, whitening=whitening, _state=state)
 
     def unweighted(self) -> Problem:
         """Return the problem with unit weights: residuals in mm and rad."""
@@ -96,13 +91,7 @@ class Problem:
         tool_rotation = self.tool_rotations
         if tool_rotation is not None:
             tool_rotation = tool_rotation[self.data.target[rows]]
-        return pose(
-            self.robot,
-            self.data.q[rows],
-            self.tool[rows],
-            twist,
-            tool_rotation,
-        )
+        return pose(self.robot, self.data.q[rows], self.tool[rows], twist, tool_rotation)
 
     # -- what is measured
     # ----------------------------------------------------------------------------------------------
@@ -179,12 +168,7 @@ class Problem:
     def plain_points(self) -> Problem:
         """Return the same rows as points alone, unweighted: without orientations and what rows
         that are no points measure."""
-        data = replace(
-            self.data,
-            rotation=None,
-            sigma_rotation=None,
-            gauges=None,
-        )
+        data = replace(self.data, rotation=None, sigma_rotation=None, gauges=None)
         return replace(self, data=data, tool_rotations=None, whitening=UNIT)
 
     @cached_property
@@ -231,13 +215,7 @@ class Problem:
     @property
     def _bound(self) -> Bound:
         """What the state variables depend on."""
-        return (
-            self.robot,
-            self.data,
-            self.tools,
-            self.placement,
-            self.tracker,
-        )
+        return (self.robot, self.data, self.tools, self.placement, self.tracker)
 
     def names(self) -> dict[str, str]:
         """Return every name that a cause may use on these data, with its unit."""

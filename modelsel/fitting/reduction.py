@@ -176,10 +176,7 @@ def reduce_problem(
 
 
 def _triangle(
-    problem: Problem,
-    terms: Sequence[Term],
-    at: Linearisation | None,
-    only: Sequence[int] | None,
+    problem: Problem, terms: Sequence[Term], at: Linearisation | None, only: Sequence[int] | None
 ) -> Array:
     """Reduce a problem by whichever way is the least work."""
     p = len(terms)

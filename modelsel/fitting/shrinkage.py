@@ -201,23 +201,11 @@ def fit_shrunk(
     if not groups:
         return fit(problem, model, start=theta, step_mm=step_mm, held=held)
     precision = _first_precision(problem, model, groups, start)
-    fitted = fit(
-        problem,
-        model,
-        precision=precision,
-        start=theta,
-        step_mm=step_mm,
-        held=held,
-    )
+    fitted = fit(problem, model, precision=precision, start=theta, step_mm=step_mm, held=held)
     for _ in range(2):
         previous, precision = precision, variances(fitted, groups)
         fitted = fit(
-            problem,
-            model,
-            precision=precision,
-            start=fitted.theta,
-            step_mm=step_mm,
-            held=held,
+            problem, model, precision=precision, start=fitted.theta, step_mm=step_mm, held=held
         )
         if np.allclose(precision, previous, rtol=REFIT_TOLERANCE):
             break

@@ -68,14 +68,7 @@ class StateVariables:
         """Return the variables of some rows, `data` those rows' measurements; values come along,
         causes do not."""
         values = {name: column[index] for name, column in self._values.items()}
-        return StateVariables(
-            self.robot,
-            data,
-            self.tools,
-            self.placement,
-            self.tracker,
-            values,
-        )
+        return StateVariables(self.robot, data, self.tools, self.placement, self.tracker, values)
 
     def names(self) -> dict[str, str]:
         """Return every name that a cause may use, with its unit."""

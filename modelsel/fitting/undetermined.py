@@ -34,11 +34,7 @@ def describe_unidentifiable(
     without_effect = [symbols[j] for j in identified.zero]
     without_direction = [symbols[j] for j in identified.still]
     entangled = [_entangled(group, identified, symbols) for group in groups]
-    out = [
-        *_without_effect(without_effect),
-        *entangled,
-        *_without_direction(without_direction),
-    ]
+    out = [*_without_effect(without_effect), *entangled, *_without_direction(without_direction)]
     held = identified.held
     if held is not None:
         length = symbols[held]

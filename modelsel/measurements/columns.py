@@ -99,10 +99,7 @@ def _refuse_wrong_cells(
     if DECIMAL_COMMA.fullmatch(cell.strip()):
         remedy += " Numbers need a decimal point, not a comma."
     raise table.where.refuse(
-        f"expected {expected}, found {content}.",
-        row=row,
-        column=name,
-        remedy=remedy,
+        f"expected {expected}, found {content}.", row=row, column=name, remedy=remedy
     )
 
 
@@ -149,10 +146,7 @@ def read_quantity(table: Table, stem: str, units: Sequence[str], rows: Mask | No
         unit = units[names.index(present[0])]
         return read_numbers(table, present[0], -LARGEST, LARGEST, rows) * UNITS[unit]
     if present:
-        raise where.refuse(
-            f"{' and '.join(present)} are both there.",
-            remedy="Keep one of them.",
-        )
+        raise where.refuse(f"{' and '.join(present)} are both there.", remedy="Keep one of them.")
     wanted = " or ".join(names)
     if stem in table:
         raise where.refuse(

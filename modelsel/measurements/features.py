@@ -77,11 +77,7 @@ class KindColumns:
         features = np.asarray(self.feature)
         feature = features[rows].tolist()
         length = self.length[rows]
-        return KindColumns(
-            kind,
-            feature,
-            length,
-        )
+        return KindColumns(kind, feature, length)
 
 
 def collect_features(columns: KindColumns) -> tuple[NDArray[np.intp], tuple[Feature, ...]]:
@@ -101,11 +97,7 @@ def collect_features(columns: KindColumns) -> tuple[NDArray[np.intp], tuple[Feat
         free = FREE_NUMBERS[kind]
         if kind == "ball-bar" and has_no_length:
             free = (*free, "length")
-        feature = Feature(
-            name,
-            kind,
-            free=free,
-        )
+        feature = Feature(name, kind, free=free)
         features.append(feature)
     row_numbers = [numbers[name] for name in columns.feature]
     index = np.array(row_numbers, dtype=np.intp)

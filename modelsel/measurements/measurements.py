@@ -224,11 +224,7 @@ class Measurements:
         first_rows = distances[first]
         start = origin.take(first_rows)
         count = len(features)
-        begin = KindColumns(
-            ["distance"] * count,
-            names[features],
-            np.full(count, np.nan),
-        )
+        begin = KindColumns(["distance"] * count, names[features], np.full(count, np.nan))
         begins = add_kind_columns(start.to_frame(), begin)
         begins = begins.dropna(axis="columns", how="all")
         joined = pd.concat([out, begins])
@@ -246,11 +242,7 @@ class Measurements:
     def _repr_html_(self) -> str:
         """Show the number of rows and the first of them, for a notebook."""
         frame = self.to_frame()
-        table = frame.to_html(
-            max_rows=6,
-            max_cols=10,
-            float_format="%.4g",
-        )
+        table = frame.to_html(max_rows=6, max_cols=10, float_format="%.4g")
         return f"<p>{self!r}</p>{table}"
 
 
@@ -357,12 +349,7 @@ def _add_kinds(data: Measurements, kinds: KindColumns) -> Measurements:
     index, features = collect_features(kinds)
     numbers = [KINDS.index(word) for word in kinds.kind]
     kind = np.array(numbers, dtype=np.intp)
-    gauges = Gauges(
-        kind,
-        index,
-        kinds.length,
-        features,
-    )
+    gauges = Gauges(kind, index, kinds.length, features)
     return _split_off_origins(data, gauges)
 
 

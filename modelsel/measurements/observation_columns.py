@@ -237,11 +237,7 @@ def _fill_rows(sigma: Array) -> Array:
     given = np.where(is_given, sigma, -np.inf)
     largest = given.max(axis=1)
     filling = largest[:, None]
-    return np.where(
-        is_given,
-        sigma,
-        filling,
-    )
+    return np.where(is_given, sigma, filling)
 
 
 def read_quaternions(table: Table, kinds: KindColumns) -> tuple[Array | None, Array | None]:
@@ -336,9 +332,5 @@ def _complete_feature(feature: Feature, known: KnownFeature) -> Feature:
     if known.zero or is_unknown_bar:
         free = (*free, "length")
     return replace(
-        feature,
-        position=known.position,
-        normal=known.normal,
-        length=known.length,
-        free=free,
+        feature, position=known.position, normal=known.normal, length=known.length, free=free
     )

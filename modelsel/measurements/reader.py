@@ -96,10 +96,7 @@ def read_measurements(
     data = _select_rows(content, keep, prismatic)
     units = _find_reading_units(table, prismatic)
     return replace(
-        data,
-        notes=(*content.notes, *notes, *data.notes),
-        where=table.where,
-        units=units,
+        data, notes=(*content.notes, *notes, *data.notes), where=table.where, units=units
     )
 
 

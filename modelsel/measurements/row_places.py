@@ -53,13 +53,7 @@ class Where:
             line = 1 if number is None else number
             return DataError(what, file=self.file, line=line, column=column, remedy=remedy)
         place = self.file or "DataFrame"
-        return DataError(
-            what,
-            file=place,
-            row=number,
-            column=column,
-            remedy=remedy,
-        )
+        return DataError(what, file=place, row=number, column=column, remedy=remedy)
 
     def named(self, row: int) -> str:
         """Name a row: line 3, or row 1."""

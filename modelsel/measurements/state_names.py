@@ -114,12 +114,7 @@ class StateFamily:
             frames = range(2, robot.n + 2)
         indices = product(joints, frames, axes)
         for joint, frame, axis in indices:
-            variable = StateVariable(
-                self.kind,
-                joint,
-                axis,
-                frame,
-            )
+            variable = StateVariable(self.kind, joint, axis, frame)
             if variable.exists(robot):
                 yield variable
 

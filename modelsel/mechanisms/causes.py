@@ -338,17 +338,10 @@ class _Formula:
         if name in self.units:
             return Named(name, self.units[name])
         hint = suggest(name, self.units)
-        raise StudyError(
-            f'{self.where}: unknown name "{name}" in "{self.text}". {hint}',
-        )
+        raise StudyError(f'{self.where}: unknown name "{name}" in "{self.text}". {hint}')
 
 
-OPERATORS: dict[type[ast.operator], str] = {
-    ast.Add: "+",
-    ast.Sub: "-",
-    ast.Mult: "*",
-    ast.Div: "/",
-}
+OPERATORS: dict[type[ast.operator], str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
 
 
 @cache_hash

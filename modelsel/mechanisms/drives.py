@@ -46,10 +46,7 @@ def wave_terms(joint: int, count: float, axis: str, symbol: str) -> tuple[Term, 
         angle = float(count) * angle
     sine = Screw(joint, axis, sin(angle))
     cosine = Screw(joint, axis, cos(angle))
-    return (
-        Term(f"{symbol}s", (sine,), RUNOUT),
-        Term(f"{symbol}c", (cosine,), RUNOUT),
-    )
+    return (Term(f"{symbol}s", (sine,), RUNOUT), Term(f"{symbol}c", (cosine,), RUNOUT))
 
 
 def gear_eccentricity(robot: Robot, joint: int) -> Mechanism:
@@ -194,11 +191,7 @@ def _last_move(robot: Robot, joint: int) -> Screw:
     unit = robot.unit(joint)
     direction = Named(f"approach{joint}")
     size = Named(f"move{joint}", unit)
-    return Screw(
-        joint,
-        axis,
-        direction * size,
-    )
+    return Screw(joint, axis, direction * size)
 
 
 def read_too_early(robot: Robot) -> Mechanism:

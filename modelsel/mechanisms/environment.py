@@ -66,12 +66,7 @@ def growth_screws(robot: Robot, link: int, reference: float = REFERENCE) -> tupl
     shift = before[:3, 3]
     length = rotation.T @ shift
     rise = temperature_rise(reference)
-    return _along(
-        robot,
-        length,
-        link + 1,
-        rise,
-    )
+    return _along(robot, length, link + 1, rise)
 
 
 def growing_links(robot: Robot) -> tuple[int, ...]:

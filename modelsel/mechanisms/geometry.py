@@ -42,12 +42,7 @@ def _term(frame: int, axis: str, usual: float, cause: Cause = ONE, label: str = 
     symbol = letter(frame, axis) + label
     kind = axis[0]
     screw = Screw(frame, axis, cause)
-    return Term(
-        symbol,
-        (screw,),
-        SIZE[kind],
-        usual=usual,
-    )
+    return Term(symbol, (screw,), SIZE[kind], usual=usual)
 
 
 def build_setup(

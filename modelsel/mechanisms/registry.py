@@ -68,9 +68,7 @@ BUILTIN: Registry = {
     "encoder-eccentricity": PerJoint(drives.encoder_eccentricity, drives.revolute_joints),
     "encoder-scale": PerJoint(drives.encoder_scale, drives.all_joints),
     "gear-ripple": Scanned(
-        drives.gear_ripple,
-        lambda robot, joint: drives.WAVES,
-        drives.revolute_joints,
+        drives.gear_ripple, lambda robot, joint: drives.WAVES, drives.revolute_joints
     ),
     "axis-wobble": Scanned(drives.axis_wobble, lambda robot, joint: (1, 2), drives.revolute_joints),
     "joint-compliance": Scanned(
@@ -203,9 +201,7 @@ def _build_scanned(
             built.append(mechanism)
     if not built and constant is not None:
         stem, _, _ = name.partition(":")
-        raise StudyError(
-            f'"{name}": {constant} is not among the constants of {stem}.',
-        )
+        raise StudyError(f'"{name}": {constant} is not among the constants of {stem}.')
     return tuple(built)
 
 

@@ -303,14 +303,7 @@ def mechanism_from_record(record: MechanismRecord) -> Mechanism:
     are not the stored ones."""
     name = record.name
     terms = tuple(_restore_term(term, name) for term in record.terms)
-    return Mechanism(
-        name,
-        terms,
-        record.sentence,
-        record.equation,
-        record.source,
-        record.contrary,
-    )
+    return Mechanism(name, terms, record.sentence, record.equation, record.source, record.contrary)
 
 
 def _restore_term(record: TermRecord, mechanism: str) -> Term:
@@ -323,13 +316,7 @@ def _restore_term(record: TermRecord, mechanism: str) -> Term:
     if record.size is not None:
         lower, upper = record.size
         size = (lower, upper)
-    term = Term(
-        record.symbol,
-        tuple(screws),
-        size,
-        record.sign,
-        record.usual,
-    )
+    term = Term(record.symbol, tuple(screws), size, record.sign, record.usual)
     printed = [str(screw.cause) for screw in screws]
     stored = [screw_record.prints for screw_record in record.screws]
     if term.unit != record.unit or printed != stored:

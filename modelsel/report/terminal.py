@@ -89,16 +89,7 @@ def _new_table(title: str, first: str, columns: Sequence[str], last: str = "") -
     return table
 
 
-LADDER_COLUMNS = (
-    "parameters",
-    "rank",
-    "mean",
-    "worst",
-    "held-out mean",
-    "worst",
-    "CV rms",
-    "AICc",
-)
+LADDER_COLUMNS = ("parameters", "rank", "mean", "worst", "held-out mean", "worst", "CV rms", "AICc")
 
 
 def _ladder_table(record: StudyRecord) -> Table:

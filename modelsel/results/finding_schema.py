@@ -86,9 +86,7 @@ class FindingRecord(StrictRecord):
     """One decision of the search."""
 
     sentence: Text = Field(description="for people")
-    verdict: Text = Field(
-        description="`found`, `cannot be told apart`, `below detection limit`",
-    )
+    verdict: Text = Field(description="`found`, `cannot be told apart`, `below detection limit`")
     p_value: Number = Field(description="family-wise over the whole scan; found at 0.05 or less")
     rows: list[Whole] | None = Field(
         None,
@@ -97,12 +95,12 @@ class FindingRecord(StrictRecord):
     credible_set: Annotated[list[EntryRecord], Field(min_length=1)] = Field(
         description="most probable first, to 0.95 or 20 entries: `mechanism` (null for a cell of the map), "
         "`probability`, `alike` (moves the target as the first does), `screws` (`frame axis cause`, and `values` at "
-        "every estimation row where the cause uses a derived name)",
+        "every estimation row where the cause uses a derived name)"
     )
     more_entries: Whole = Field(description="how many are not listed")
     estimate: list[EstimateRecord] = Field(description="`symbol value standard_error unit`")
     gain: GainRecord = Field(
-        description="`held_out_rms_before_mm held_out_rms_after_mm interval_mm`",
+        description="`held_out_rms_before_mm held_out_rms_after_mm interval_mm`"
     )
 
     @property

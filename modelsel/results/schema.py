@@ -152,15 +152,15 @@ class StudyRecord(StrictRecord):
     robot: Text = Field(description="the robot's name")
     seed: Whole = Field(description="every random choice derives from it")
     provenance: ProvenanceRecord = Field(
-        description="`modelsel numpy scipy` versions, `data_sha256`, `study_sha256`",
+        description="`modelsel numpy scipy` versions, `data_sha256`, `study_sha256`"
     )
     verdict: Texts = Field(description="the sentences of the first page")
     configurations: ConfigurationsRecord = Field(
-        description="`estimation`, `held_out`, `estimation_rows` (0-based rows of the file)",
+        description="`estimation`, `held_out`, `estimation_rows` (0-based rows of the file)"
     )
     noise_floor: NoiseFloorRecord = Field(
         description="`coordinate_mm`, `source`: stated, instrument, repeats, target pairs, estimated; with rows of "
-        "other kinds than points also `mean_mm`, the mean length of a row's noise",
+        "other kinds than points also `mean_mm`, the mean length of a row's noise"
     )
     registration: RegistrationRecord | None = Field(
         None,
@@ -178,48 +178,48 @@ class StudyRecord(StrictRecord):
         description="a list from the nominal to the chosen model: `mechanisms`, `parameters`, `rank`, `estimation` and "
         "`held_out` (each `mean_mm rms_mm p95_mm max_mm rows left_out mean_all_mm`), `cv_rms_mm cv_mean_mm aicc bic "
         "aic gcv ebic log_predictive_density`; with a stated noise floor AIC, AICc, BIC and EBIC are those of a known "
-        "σ, in every row; EBIC (table of subsets) counts all groups that were scanned",
+        "σ, in every row; EBIC (table of subsets) counts all groups that were scanned"
     )
     candidates: CandidatesRecord = Field(
         description="the table of subsets: `compared`, `choice` (one standard error), `considered`, `set_aside`, "
         "`best` (as the ladder, with `weight` and `note`); above sixteen mechanisms also `search` (`mechanisms "
-        "criterion nodes proven may_be_beaten_by best`)",
+        "criterion nodes proven may_be_beaten_by best`)"
     )
     findings: list[FindingRecord] = Field(description="a list, below")
     nothing_else: NothingElseRecord = Field(
         description="`sentence`, `detection_limit_mm` (rms displacement per row beyond the base), `predictable` "
         "(`share`, `p`: could a smooth function predict the rest); `lack_of_fit` (`f p floor_mm unexplained_mm low_mm "
-        "high_mm`: the chosen model against a noise floor that is known without it; null where there is none)",
+        "high_mm`: the chosen model against a noise floor that is known without it; null where there is none)"
     )
     nested_cv: NestedRecord | None = Field(
-        description="`folds`, `geometric`, `chosen` (errors), `named_in_folds` (name: folds); null where not asked",
+        description="`folds`, `geometric`, `chosen` (errors), `named_in_folds` (name: folds); null where not asked"
     )
     chosen: ChosenRecord = Field(
         description="`mechanisms`, `cells` (screws without a registered name)"
     )
     path: Texts = Field(description="what the search did, step by step")
     error_map: ErrorMapRecord = Field(
-        description="`places`, `causes`, `f` and `p_family_wise` of each cell beyond the base",
+        description="`places`, `causes`, `f` and `p_family_wise` of each cell beyond the base"
     )
     outliers: list[Whole] = Field(description="rows set aside, 0-based")
     unidentifiable: list[UnidentifiableRecord] = Field(description="`sentence`, `parameters`")
     warnings: list[WarningRecord] = Field(description="`code`, `sentence`")
     sampling: SamplingRecord | None = Field(
         description="`effective_samples r_hat tau converged acceptance steps walkers sampled sentence quantiles "
-        "importance trace`; null where left out",
+        "importance trace`; null where left out"
     )
     parameters: list[ParameterRecord] = Field(
         description="of each: `symbol mechanism unit estimate standard_error bootstrap_error posterior_error low high "
         "mean_mm max_mm configurations differ`; `low` and `high` bound its "
-        "[95 % interval](../explanation/statistics.md#how-sure-it-is)",
+        "[95 % interval](../explanation/statistics.md#how-sure-it-is)"
     )
     correlation: CorrelationRecord = Field(
-        description="`symbols`, `matrix`, `pairs` (`a b r sentence`), `clusters`",
+        description="`symbols`, `matrix`, `pairs` (`a b r sentence`), `clusters`"
     )
     significance: list[SignificanceRecord] = Field(
         description="of each mechanism: `mechanism parameters mean_mm max_mm f p log10_evidence cv_rms_mm "
         "cv_rms_without_mm held_out_rms_mm held_out_rms_without_mm catalogue stability`; `p` is nominal and "
-        "`stability` takes the names as given; null for free functions, which are shrunk",
+        "`stability` takes the names as given; null for free functions, which are shrunk"
     )
 
     @property

@@ -94,11 +94,7 @@ class StudyRun:
             "estimation": self.split.estimation,
             "outlier": self.split.outlying,
         }
-        models = {
-            "nominal": self.models.ladder[0],
-            "base": self.base,
-            "chosen": self.models.chosen,
-        }
+        models = {"nominal": self.models.ladder[0], "base": self.base, "chosen": self.models.chosen}
         for name, model in models.items():
             parts = PARTS[: model.residual.shape[1]]
             columns |= {f"{name}_{part}": model.residual[:, k] for k, part in enumerate(parts)}

@@ -50,9 +50,7 @@ def write_verdict(
 
 
 def complete_verdict(
-    sentences: tuple[str, str, str],
-    orientation: tuple[float, float] | None,
-    hopeless: str | None,
+    sentences: tuple[str, str, str], orientation: tuple[float, float] | None, hopeless: str | None
 ) -> tuple[str, ...]:
     """Add to the three sentences the rms of the orientation error before and after [rad], where it was measured.
 

@@ -64,13 +64,7 @@ def _find_common_normal(N: Array) -> _CommonNormal:
     else:
         phi = float(np.arctan2(axis[0], -axis[1]))
         alpha = float(np.arctan2(sine, axis[2]))
-        across = np.array(
-            [
-                -np.sin(phi),
-                np.cos(phi),
-                0.0,
-            ]
-        )
+        across = np.array([-np.sin(phi), np.cos(phi), 0.0])
         e = float(-(origin @ across) / sine)
         d = float(z - e * axis[2])
     cosine = np.cos(phi)
@@ -78,18 +72,8 @@ def _find_common_normal(N: Array) -> _CommonNormal:
     to_normal = rotation_matrix(2, phi)
     to_second_axis = to_normal @ rotation_matrix(0, alpha)
     rest = to_second_axis.T @ N[:3, :3]
-    psi = np.arctan2(
-        rest[1, 0],
-        rest[0, 0],
-    )
-    return _CommonNormal(
-        phi,
-        d,
-        a,
-        float(alpha),
-        float(psi),
-        e,
-    )
+    psi = np.arctan2(rest[1, 0], rest[0, 0])
+    return _CommonNormal(phi, d, a, float(alpha), float(psi), e)
 
 
 def compute_dh_rows(robot: Robot, modified: bool) -> DhRows:
@@ -118,10 +102,7 @@ def compute_dh_rows(robot: Robot, modified: bool) -> DhRows:
         shifts.append(shift)
         before = after
     return DhRows(
-        base=robot.joints[0].before,
-        rows=tuple(rows),
-        shift=tuple(shifts),
-        nearly=tuple(nearly),
+        base=robot.joints[0].before, rows=tuple(rows), shift=tuple(shifts), nearly=tuple(nearly)
     )
 
 
@@ -129,10 +110,7 @@ def dh_table(robot: Robot, modified: bool) -> dict[str, Any]:
     """Return a robot as the table of a robot file in DH rows, which `robot_from_table` reads;
     masses and limits move along."""
     dh = compute_dh_rows(robot, modified)
-    table: dict[str, Any] = {
-        "name": robot.name,
-        "source": robot.source,
-    }
+    table: dict[str, Any] = {"name": robot.name, "source": robot.source}
     if robot.gravity is not None:
         table["gravity"] = list(robot.gravity)
     if robot.usual != Robot.usual:
@@ -170,10 +148,7 @@ def _joint_table(
         if joint.prismatic:
             key, scale = "limits_mm", 1.0
         low, high = joint.limits
-        table[key] = [
-            float(low * scale),
-            float(high * scale),
-        ]
+        table[key] = [float(low * scale), float(high * scale)]
     if joint.mass is not None:
         com = inverse(shift) @ [*joint.com, 1.0]
         table["mass_kg"] = joint.mass

@@ -65,29 +65,16 @@ def _read_transform(
         return np.eye(4), np.eye(4)
     form = given[0]
     if form == "transform_mm":
-        before = _read_matrix(
-            read,
-            f"{place}.transform_mm",
-            row["transform_mm"],
-        )
+        before = _read_matrix(read, f"{place}.transform_mm", row["transform_mm"])
         return before, np.eye(4)
     if form == "xyz_mm":
         return _read_origin(read, place, row)
-    return _read_dh(
-        read,
-        f"{place}.dh",
-        row["dh"],
-        modified,
-    )
+    return _read_dh(read, f"{place}.dh", row["dh"], modified)
 
 
 def _read_matrix(read: Reader, place: str, value: Any) -> Array:
     """Return the transform (4, 4) of its upper three rows."""
-    N = read.array(
-        place,
-        value,
-        shape=(3, 4),
-    )
+    N = read.array(place, value, shape=(3, 4))
     R = N[:, :3]
     deviates = False
     if N.any():
@@ -102,20 +89,10 @@ def _read_matrix(read: Reader, place: str, value: Any) -> Array:
 
 def _read_origin(read: Reader, place: str, row: Mapping[str, Any]) -> tuple[Array, Array]:
     """Return the transforms before and after a joint given as in a URDF: xyz, rpy, axis."""
-    rpy = read.array(
-        f"{place}.rpy_deg",
-        row.get("rpy_deg", (0, 0, 0)),
-        shape=(3,),
-    )
-    offset = read.array(
-        f"{place}.xyz_mm",
-        row["xyz_mm"],
-        shape=(3,),
-    )
+    rpy = read.array(f"{place}.rpy_deg", row.get("rpy_deg", (0, 0, 0)), shape=(3,))
+    offset = read.array(f"{place}.xyz_mm", row["xyz_mm"], shape=(3,))
     axis = read.direction(
-        f"{place}.axis",
-        row.get("axis", (0, 0, 1)),
-        problem="the axis has no length",
+        f"{place}.axis", row.get("axis", (0, 0, 1)), problem="the axis has no length"
     )
     to_axis = np.eye(4)
     if axis is not None:
@@ -134,10 +111,7 @@ def _read_dh(read: Reader, place: str, row: Any, modified: bool) -> tuple[Array,
     read.check_keys(place, row, set(DH_KEYS))
     values = []
     for key in DH_KEYS:
-        value = read.number(
-            f"{place}.{key}",
-            row.get(key, 0),
-        )
+        value = read.number(f"{place}.{key}", row.get(key, 0))
         values.append(value)
     theta, d, a, alpha = values
     R_theta = rotation_matrix(2, np.radians(theta))
@@ -154,35 +128,14 @@ def _read_dh(read: Reader, place: str, row: Any, modified: bool) -> tuple[Array,
 
 
 def _read_joint(read: Reader, place: str, row: Mapping[str, Any], before: Array) -> Joint:
-    kind = read.word(
-        f"{place}.kind",
-        row.get("kind", "revolute"),
-        JOINT_KINDS,
-    )
+    kind = read.word(f"{place}.kind", row.get("kind", "revolute"), JOINT_KINDS)
     prismatic = kind == "prismatic"
-    limits = _read_limits(
-        read,
-        place,
-        row,
-        prismatic,
-    )
+    limits = _read_limits(read, place, row, prismatic)
     mass = None
     if "mass_kg" in row:
-        mass = read.number(
-            f"{place}.mass_kg",
-            row["mass_kg"],
-        )
-    com = read.vector(
-        f"{place}.com_mm",
-        row.get("com_mm", (0, 0, 0)),
-    )
-    return Joint(
-        before,
-        prismatic,
-        limits,
-        mass,
-        com,
-    )
+        mass = read.number(f"{place}.mass_kg", row["mass_kg"])
+    com = read.vector(f"{place}.com_mm", row.get("com_mm", (0, 0, 0)))
+    return Joint(before, prismatic, limits, mass, com)
 
 
 def _read_limits(
@@ -193,17 +146,10 @@ def _read_limits(
         key, scale = "limits_mm", 1
     if key not in row:
         return None
-    limits = read.array(
-        f"{place}.{key}",
-        row[key],
-        shape=(2,),
-    )
+    limits = read.array(f"{place}.{key}", row[key], shape=(2,))
     low, high = limits * scale
     if not low < high:
-        read.report(
-            f"{place}.{key}",
-            "the lower limit must be below the upper one",
-        )
+        read.report(f"{place}.{key}", "the lower limit must be below the upper one")
     return float(low), float(high)
 
 
@@ -238,36 +184,18 @@ def _read_chain(
 ) -> tuple[tuple[Joint, ...], Array]:
     """Return the joints and the transform (4, 4) from the last of them to the flange."""
     convention = table.get("convention", "standard")
-    word = read.word(
-        "convention",
-        convention,
-        DH_CONVENTIONS,
-    )
+    word = read.word("convention", convention, DH_CONVENTIONS)
     modified = word == "modified"
     pending = np.eye(4)
     # frame 0 to where the first row starts: calibrated rows need it
     if "base_mm" in table:
-        pending = _read_matrix(
-            read,
-            "base_mm.transform_mm",
-            table["base_mm"],
-        )
+        pending = _read_matrix(read, "base_mm.transform_mm", table["base_mm"])
     joints = []
     for k, row in enumerate(rows, 1):
         place = f"joint {k}"
         read.check_keys(place, row, JOINT_KEYS)
-        before, after = _read_transform(
-            read,
-            place,
-            row,
-            modified,
-        )
-        joint = _read_joint(
-            read,
-            place,
-            row,
-            pending @ before,
-        )
+        before, after = _read_transform(read, place, row, modified)
+        joint = _read_joint(read, place, row, pending @ before)
         joints.append(joint)
         pending = after
     last = table.get("last")
@@ -277,12 +205,7 @@ def _read_chain(
         read.report("last", "expected a table [last]")
         return tuple(joints), pending
     read.check_keys("last", last, JOINT_KEYS)
-    before, after = _read_transform(
-        read,
-        "last",
-        last,
-        modified,
-    )
+    before, after = _read_transform(read, "last", last, modified)
     to_flange = pending @ before @ after
     return tuple(joints), to_flange
 

@@ -36,12 +36,7 @@ def place_masses(robot: Robot, at: Pose, q: Array) -> tuple[Array, Array]:
     masses = []
     centres = []
     for k, joint in enumerate(robot.joints):
-        centre = _centre_of_mass(
-            robot,
-            at,
-            q,
-            k,
-        )
+        centre = _centre_of_mass(robot, at, q, k)
         masses.append(joint.mass or 0.0)
         centres.append(centre)
     return np.array(masses), np.stack(centres)
@@ -60,11 +55,7 @@ def _centre_of_mass(robot: Robot, at: Pose, q: Array, k: int) -> Array:
     else:
         R = rotate_frame(R, 2, readings)
     com = np.array(joint.com)
-    offset = np.einsum(
-        "ijm,j->im",
-        R,
-        com,
-    )
+    offset = np.einsum("ijm,j->im", R, com)
     return np.asarray(origin + offset)
 
 
@@ -79,15 +70,8 @@ def compute_joint_moments(robot: Robot, at: Pose, q: Array) -> Array:
         beyond = masses[j:, None, None]
         weights = beyond * G * direction
         levers = positions[j:] - at.origins[j]
-        total = _sum_of_moments(
-            levers / 1e3,
-            weights,
-        )
-        moments[j] = np.einsum(
-            "aim,im->am",
-            at.axes[j, :3],
-            total,
-        )
+        total = _sum_of_moments(levers / 1e3, weights)
+        moments[j] = np.einsum("aim,im->am", at.axes[j, :3], total)
         if joint.prismatic:
             force = at.axes[j, 2] * weights.sum(0)
             moments[j, 2] = force.sum(0)
@@ -96,14 +80,8 @@ def compute_joint_moments(robot: Robot, at: Pose, q: Array) -> Array:
 
 def _sum_of_moments(levers: Array, weights: Array) -> Array:
     """Sum the moments (3, m) of weights (b, 3, 1) at levers (b, 3, m)."""
-    forces = np.broadcast_to(
-        weights,
-        levers.shape,
-    )
-    moments = cross_product(
-        levers.transpose(1, 0, 2),
-        forces.transpose(1, 0, 2),
-    )
+    forces = np.broadcast_to(weights, levers.shape)
+    moments = cross_product(levers.transpose(1, 0, 2), forces.transpose(1, 0, 2))
     total = moments.sum(1)
     return np.asarray(total)
 
@@ -111,11 +89,7 @@ def _sum_of_moments(levers: Array, weights: Array) -> Array:
 def compute_joint_torques(robot: Robot, at: Pose, q: Array) -> Array:
     """Compute the gravity torque about each joint's axis, (n, m) [N m] (force [N] along the axis of
     a prismatic joint)."""
-    moments = compute_joint_moments(
-        robot,
-        at,
-        q,
-    )
+    moments = compute_joint_moments(robot, at, q)
     torques = moments[:, 2]
     return np.asarray(torques)
 
@@ -128,24 +102,14 @@ def compute_unit_moments(robot: Robot, at: Pose) -> dict[tuple[int, int], Array]
     target = at.target[None]
     bodies = np.concatenate([frames, target])
     direction = np.array(robot.gravity)[:, None]
-    pull = np.broadcast_to(
-        G * direction,
-        at.target.shape,
-    )
+    pull = np.broadcast_to(G * direction, at.target.shape)
     moments = {}
     for j, joint in enumerate(robot.joints):
         axes = at.axes[j, :3]
         for k in range(j + 1, robot.n + 1):
             lever = bodies[k] - at.origins[j]
-            in_base = cross_product(
-                lever / 1e3,
-                pull,
-            )
-            moment = np.einsum(
-                "aim,im->am",
-                axes,
-                in_base,
-            )
+            in_base = cross_product(lever / 1e3, pull)
+            moment = np.einsum("aim,im->am", axes, in_base)
             if joint.prismatic:
                 force = axes[2] * pull
                 moment[2] = force.sum(0)
@@ -160,21 +124,14 @@ def compute_base_moment(robot: Robot, at: Pose, q: Array) -> Array:
     of_bodies = masses[:, None, None] * G
     weights = of_bodies * direction[None, :, None]
     levers = positions / 1e3
-    return _sum_of_moments(
-        levers,
-        weights,
-    )
+    return _sum_of_moments(levers, weights)
 
 
 def _draw_sample(robot: Robot) -> tuple[Array, Pose]:
     """Draw joint readings (64, n) within the limits, the same every time, and their pose."""
     rng = np.random.default_rng(0)
     q = robot.draw(rng, 64)
-    at = pose(
-        robot,
-        q,
-        PROBE_TOOL,
-    )
+    at = pose(robot, q, PROBE_TOOL)
     return q, at
 
 
@@ -234,11 +191,7 @@ def _fixed_frames_beyond(robot: Robot, joint: int) -> list[int]:
     q = robot.draw(rng, 8)
     first = joint + 1
     q[:, :first] = 0.0
-    at = pose(
-        robot,
-        q,
-        PROBE_TOOL,
-    )
+    at = pose(robot, q, PROBE_TOOL)
     motion = np.ptp(at.origins, axis=2)
     largest = motion.max(axis=1)
     fixed = [k for k in range(first, robot.n) if largest[k] < STILL]
@@ -272,11 +225,7 @@ def find_arm_pair(robot: Robot) -> ArmPair | None:
         is_unit = abs(abs(first) - 1) < STILL
         if not (stays and is_unit):
             continue
-        pair = _measure_pair(
-            robot,
-            j,
-            round(first),
-        )
+        pair = _measure_pair(robot, j, round(first))
         if pair is not None:
             return pair
     return None
@@ -292,17 +241,11 @@ def _measure_pair(robot: Robot, j: int, parallel: int) -> ArmPair | None:
     target = at.target[None]
     origins = np.concatenate([frames, target])
     direction = np.array(robot.gravity)[:, None]
-    pull = np.broadcast_to(
-        direction,
-        at.target.shape,
-    )
+    pull = np.broadcast_to(direction, at.target.shape)
 
     def lever(start: int, end: int) -> Array:
         offset = origins[end] - origins[start]
-        moment = cross_product(
-            offset,
-            pull,
-        )
+        moment = cross_product(offset, pull)
         about_axis = at.axes[j, 2] * moment
         total = about_axis.sum(0)
         return np.asarray(total)

@@ -124,11 +124,7 @@ class Robot:
         """Draw m joint readings (m, n), uniform within the joints' ranges."""
         ranges = [joint.range for joint in self.joints]
         low, high = np.array(ranges).T
-        return rng.uniform(
-            low,
-            high,
-            size=(m, self.n),
-        )
+        return rng.uniform(low, high, size=(m, self.n))
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,13 +144,7 @@ class Pose:
         """Compute the screw field (n+1, 6, 3, m): mm of the target per unit screw (tx ty tz: axis;
         rx ry rz: axis x lever)."""
         field = self.axes.copy()
-        fill_screw_field(
-            field,
-            self.origins,
-            self.target,
-            True,
-            Workspace(),
-        )
+        fill_screw_field(field, self.origins, self.target, True, Workspace())
         return field
 
 
@@ -165,13 +155,7 @@ def cross_product(a: Array, b: Array) -> Array:
     x = ay * bz - az * by
     y = az * bx - ax * bz
     z = ax * by - ay * bx
-    return np.stack(
-        [
-            x,
-            y,
-            z,
-        ]
-    )
+    return np.stack([x, y, z])
 
 
 def rotate_frame(R: Array, axis: int, angle: Array) -> Array:
@@ -224,50 +208,24 @@ class _Walk:
         origin = self.origins[frame]
         offset = self.offset(frame) or ((0, 0.0),)
         (first, weight), *others = offset
-        np.multiply(
-            axes[first],
-            weight,
-            out=origin,
-        )
+        np.multiply(axes[first], weight, out=origin)
         origin += previous_origin
-        add_weighted(
-            origin,
-            axes,
-            others,
-            self.scratch[0],
-        )
+        add_weighted(origin, axes, others, self.scratch[0])
         if self.twist is None:
             return axes[:3], origin
-        return apply_error_transform(
-            axes,
-            origin,
-            self.twist[frame],
-            self.space,
-        )
+        return apply_error_transform(axes, origin, self.twist[frame], self.space)
 
     def turn(self, R: Array, turn: Array, frame: int) -> None:
         """Write the axes of a frame: R after its revolute joint and the next fixed rotation."""
         fixed = self.robot.fixed[frame]
         if not fixed.moves:
             rotate_about_axis(R, 2, turn, AXES_IN_PLACE, self.rotated, self.scratch)
-            rotate_by_fixed(
-                self.rotated,
-                fixed.columns,
-                self.axes[frame],
-                self.scratch[0],
-            )
+            rotate_by_fixed(self.rotated, fixed.columns, self.axes[frame], self.scratch[0])
             return
         target = self.axes[frame, :3]
         is_contiguous = target.flags.c_contiguous
         turned = target if is_contiguous else self.rotated
-        rotate_about_axis(
-            R,
-            2,
-            turn,
-            fixed.moves,
-            turned,
-            self.scratch,
-        )
+        rotate_about_axis(R, 2, turn, fixed.moves, turned, self.scratch)
         if not is_contiguous:
             target[:] = turned
 
@@ -291,35 +249,16 @@ def walk(
     scratch = space.array("scratch", 2, 3, m)
     rotated = space.array("spun", 3, 3, m)
     axes, origins = into
-    chain = _Walk(
-        robot,
-        tool,
-        axes,
-        origins,
-        twist,
-        space,
-        scratch,
-        rotated,
-    )
+    chain = _Walk(robot, tool, axes, origins, twist, space, scratch, rotated)
     start_axes, origin = start
-    rotate_by_fixed(
-        start_axes,
-        robot.fixed[0].columns,
-        axes[0],
-        scratch[0],
-    )
+    rotate_by_fixed(start_axes, robot.fixed[0].columns, axes[0], scratch[0])
     R, origin = chain.settle(0, origin)
     for k, joint in enumerate(robot.joints):
         frame = k + 1
         if joint.prismatic:
             travel = R[2] * q[:, k]
             origin = origin + travel
-            rotate_by_fixed(
-                R,
-                robot.fixed[frame].columns,
-                axes[frame],
-                scratch[0],
-            )
+            rotate_by_fixed(R, robot.fixed[frame].columns, axes[frame], scratch[0])
         else:
             chain.turn(R, turns[k], frame)
         R, origin = chain.settle(frame, origin)
@@ -342,49 +281,26 @@ def pose(
     m = len(q)
     axes = np.empty((frames, 6, 3, m))
     origins = np.empty((frames, 3, m))
-    R, target = walk(
-        robot,
-        q,
-        tool,
-        into=(axes, origins),
-        twist=twist,
-    )
+    R, target = walk(robot, q, tool, into=(axes, origins), twist=twist)
     if twist is None:
         axes[:, 3:] = axes[:, :3]
     columns = R.swapaxes(0, 1)
     rotation = np.ascontiguousarray(columns)
     if tool_rotation is not None:
-        rotation = np.einsum(
-            "ijm,mjk->ikm",
-            rotation,
-            tool_rotation,
-        )
-    return Pose(
-        target.copy(),
-        rotation,
-        axes,
-        origins,
-    )
+        rotation = np.einsum("ijm,mjk->ikm", rotation, tool_rotation)
+    return Pose(target.copy(), rotation, axes, origins)
 
 
 def forward(robot: Robot, q: Array, tool: Array) -> Array:
     """Compute nominal target positions (m, 3) in frame 0 [mm]."""
-    at = _nominal_pose(
-        robot,
-        q,
-        tool,
-    )
+    at = _nominal_pose(robot, q, tool)
     return at.target.T
 
 
 def screw_field(robot: Robot, q: Array, tool: Array) -> Array:
     """Compute the nominal screw field (m, n+1, 6, 3): displacement of the target in frame 0, mm per
     mm and mm per rad."""
-    at = _nominal_pose(
-        robot,
-        q,
-        tool,
-    )
+    at = _nominal_pose(robot, q, tool)
     field = at.displacement()
     return field.transpose(3, 0, 1, 2)
 
@@ -392,8 +308,4 @@ def screw_field(robot: Robot, q: Array, tool: Array) -> Array:
 def _nominal_pose(robot: Robot, q: Array, tool: Array) -> Pose:
     readings = np.asarray(q, float)
     offset = np.asarray(tool, float)
-    return pose(
-        robot,
-        np.atleast_2d(readings),
-        offset,
-    )
+    return pose(robot, np.atleast_2d(readings), offset)

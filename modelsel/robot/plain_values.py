@@ -8,22 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from .._json import PAIR, TRIPLE, Each, Maybe
 from .._names import MAX_TEXT_LENGTH, find_name_problem
 from .._typing import LARGEST, Array
 from .kinematics import Joint, Robot
 
 # a stored rotation, or a direction, differs from one by less
 ROTATION_TOLERANCE = 1e-6
-# shapes of the stored values
-ROTATION, TRANSFORM = Each(TRIPLE, 3), Each(Each(float, 4), 3)
-JOINT = {
-    "before_mm": TRANSFORM,
-    "prismatic": bool,
-    "limits": Maybe(PAIR),
-    "mass_kg": Maybe(float),
-    "com_mm": TRIPLE,
-}
 
 
 def check_robot_name(robot: Robot) -> None:
@@ -105,11 +95,7 @@ def _gravity_from_record(direction: Sequence[float] | None) -> tuple[float, floa
     if abs(length - 1) > ROTATION_TOLERANCE:
         raise ValueError("the direction of gravity is not of length one")
     x, y, z = direction
-    return (
-        float(x),
-        float(y),
-        float(z),
-    )
+    return (float(x), float(y), float(z))
 
 
 def _usual_from_record(pair: Sequence[float]) -> tuple[float, float]:
@@ -126,12 +112,7 @@ def rigid_transform(rows: Sequence[Sequence[float]]) -> Array:
     upper = bounded_array(rows)
     R = check_rotation(upper[:, :3])
     offset = upper[:, 3]
-    return np.vstack(
-        [
-            np.column_stack([R, offset]),
-            [0, 0, 0, 1],
-        ]
-    )
+    return np.vstack([np.column_stack([R, offset]), [0, 0, 0, 1]])
 
 
 def check_rotation(rows: Array | Sequence[Sequence[float]]) -> Array:

@@ -53,10 +53,7 @@ def inverse(T: Array) -> Array:
     R = T[:3, :3]
     R_inverse = R.T
     offset = T[:3, 3]
-    return transform(
-        R_inverse,
-        -R_inverse @ offset,
-    )
+    return transform(R_inverse, -R_inverse @ offset)
 
 
 def from_rpy(roll: float, pitch: float, yaw: float) -> Array:
@@ -76,14 +73,8 @@ def to_rpy(R: Array) -> tuple[float, float, float]:
         yaw = float(np.arctan2(y, x))
     backwards = rotation_matrix(2, -yaw)
     rest = backwards @ R
-    pitch = np.arctan2(
-        -rest[2, 0],
-        rest[0, 0],
-    )
-    roll = np.arctan2(
-        -rest[1, 2],
-        rest[1, 1],
-    )
+    pitch = np.arctan2(-rest[2, 0], rest[0, 0])
+    roll = np.arctan2(-rest[1, 2], rest[1, 1])
     return float(roll), float(pitch), yaw
 
 
@@ -95,13 +86,7 @@ def align_z(axis: ArrayLike) -> Array:
     x, y, z = u
     if z < -1 + 1e-12:
         return rotation_matrix(0, np.pi)
-    K = np.array(
-        [
-            [0, 0, x],
-            [0, 0, y],
-            [-x, -y, 0],
-        ]
-    )
+    K = np.array([[0, 0, x], [0, 0, y], [-x, -y, 0]])
     squared = K @ K / (1 + z)
     R = np.eye(3) + K + squared
     return np.asarray(R)
@@ -113,22 +98,14 @@ def nearest_rotation(A: Array) -> Array:
     U, _, Vt = np.linalg.svd(A)
     product = U @ Vt
     determinant = np.linalg.det(product)
-    signs = [
-        1,
-        1,
-        np.sign(determinant),
-    ]
+    signs = [1, 1, np.sign(determinant)]
     nearest = U @ np.diag(signs) @ Vt
     return np.asarray(nearest)
 
 
 def from_quaternion(wxyz: Array) -> Array:
     """Convert quaternions (m, 4), given as w x y z and normalised here, to rotations (m, 3, 3)."""
-    length = np.linalg.norm(
-        wxyz,
-        axis=1,
-        keepdims=True,
-    )
+    length = np.linalg.norm(wxyz, axis=1, keepdims=True)
     w, x, y, z = (wxyz / length).T
     xx = x * x
     yy = y * y
@@ -141,21 +118,9 @@ def from_quaternion(wxyz: Array) -> Array:
     zw = z * w
     R = np.array(
         [
-            [
-                1 - 2 * (yy + zz),
-                2 * (xy - zw),
-                2 * (xz + yw),
-            ],
-            [
-                2 * (xy + zw),
-                1 - 2 * (xx + zz),
-                2 * (yz - xw),
-            ],
-            [
-                2 * (xz - yw),
-                2 * (yz + xw),
-                1 - 2 * (xx + yy),
-            ],
+            [1 - 2 * (yy + zz), 2 * (xy - zw), 2 * (xz + yw)],
+            [2 * (xy + zw), 1 - 2 * (xx + zz), 2 * (yz - xw)],
+            [2 * (xz - yw), 2 * (yz + xw), 1 - 2 * (xx + yy)],
         ]
     )
     return np.moveaxis(R, -1, 0)

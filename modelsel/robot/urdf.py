@@ -68,11 +68,7 @@ def _find_gravity(root: ET.Element, base: str, where: str) -> tuple[float, float
         if turns and is_tilted:
             return None
     is_small = np.abs(g) < UPRIGHT_TOLERANCE
-    g = np.where(
-        is_small,
-        0.0,
-        g,
-    )
+    g = np.where(is_small, 0.0, g)
     direction = g / np.linalg.norm(g)
     x, y, z = direction.tolist()
     return x, y, z
@@ -89,11 +85,7 @@ def _read_body(link: ET.Element | None, place: Array) -> tuple[float, Array] | N
     element = inertial.find("mass")
     if element is None:
         return None
-    values = read_vector(
-        element,
-        "value",
-        default=(0.0,),
-    )
+    values = read_vector(element, "value", default=(0.0,))
     mass = float(values[0])
     centre = place @ read_origin(inertial)
     return mass, centre[:3, 3]
@@ -134,12 +126,7 @@ def _sum_weights(root: ET.Element, start: str, stop: set[str]) -> tuple[float, A
 def read_urdf(path: Path, base: str | None = None, tip: str | None = None) -> Robot:
     """Read a robot from a URDF file. Raises StudyError."""
     text = read_text(path, "the URDF")
-    return read_urdf_text(
-        text,
-        path.name,
-        base,
-        tip,
-    )
+    return read_urdf_text(text, path.name, base, tip)
 
 
 def read_urdf_text(text: str, where: str, base: str | None = None, tip: str | None = None) -> Robot:
@@ -164,12 +151,7 @@ def read_urdf_text(text: str, where: str, base: str | None = None, tip: str | No
 
 def _read_chain(root: ET.Element, where: str, base: str | None, tip: str | None) -> Robot:
     check_tree(root, where)
-    chain = find_chain(
-        root,
-        where,
-        base,
-        tip,
-    )
+    chain = find_chain(root, where, base, tip)
     moving = set(list_moving_names(chain))
     pending = np.eye(4)
     joints = []
@@ -183,18 +165,8 @@ def _read_chain(root: ET.Element, where: str, base: str | None, tip: str | None)
         axis = _check_axis(element, place)
         to_axis = transform(align_z(axis))
         limits = _read_limits(element, place)
-        weights = _sum_weights(
-            root,
-            child_of(element),
-            moving,
-        )
-        joint = _build_joint(
-            element,
-            pending,
-            to_axis,
-            limits,
-            weights,
-        )
+        weights = _sum_weights(root, child_of(element), moving)
+        joint = _build_joint(element, pending, to_axis, limits, weights)
         joints.append(joint)
         pending = inverse(to_axis)
     robot_name = str(root.get("name", Path(where).stem))

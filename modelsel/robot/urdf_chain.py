@@ -73,12 +73,7 @@ def find_chain(root: ET.Element, where: str, base: str | None, tip: str | None) 
     if base is None:
         roots = [link for link in joints_on if link not in children]
         base = _find_root(roots, where)
-    paths = _list_paths(
-        joints_on,
-        base,
-        tip,
-        where,
-    )
+    paths = _list_paths(joints_on, base, tip, where)
     if not paths:
         raise StudyError(
             f'{where}: no chain leads from "{base}" to "{tip}": the tip must hang on the base.'
@@ -122,10 +117,7 @@ def _list_paths(
             paths.append(path)
         for joint in joints_on.get(link, []):
             child = child_of(joint)
-            longer = [
-                *path,
-                joint,
-            ]
+            longer = [*path, joint]
             stack.append((child, longer))
     return paths
 
@@ -144,12 +136,7 @@ def _choose_path(paths: Sequence[list[ET.Element]], moving: int, where: str) -> 
         furthest = max(map(len, arm))
         ends += [path for path in arm if len(path) == furthest]
     places = [_find_end_place(path) for path in ends]
-    same_place = np.allclose(
-        places,
-        places[0],
-        rtol=0,
-        atol=1e-9,
-    )
+    same_place = np.allclose(places, places[0], rtol=0, atol=1e-9)
     if same_place and len(arms) == 1:
         return ends[0]
     described = []

@@ -42,16 +42,8 @@ def read_origin(element: ET.Element) -> Array:
     """Return the transform (4, 4) [mm] of an element's <origin>."""
     origin = element.find("origin")
     zeros = (0.0, 0.0, 0.0)
-    roll, pitch, yaw = read_vector(
-        origin,
-        "rpy",
-        zeros,
-    )
-    metres = read_vector(
-        origin,
-        "xyz",
-        zeros,
-    )
+    roll, pitch, yaw = read_vector(origin, "rpy", zeros)
+    metres = read_vector(origin, "xyz", zeros)
     R = from_rpy(roll, pitch, yaw)
     return transform(R, metres * 1e3)
 
@@ -59,11 +51,7 @@ def read_origin(element: ET.Element) -> Array:
 def read_axis(joint: ET.Element) -> Array:
     """Return the axis of a joint in its own frame, not normalised."""
     axis = joint.find("axis")
-    return read_vector(
-        axis,
-        "xyz",
-        default=(1.0, 0.0, 0.0),
-    )
+    return read_vector(axis, "xyz", default=(1.0, 0.0, 0.0))
 
 
 def read_joint_name(joint: ET.Element) -> str:

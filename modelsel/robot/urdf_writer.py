@@ -18,12 +18,7 @@ from .rigid import align_z, to_rpy, transform
 
 def _add_fixed(root: ET.Element, parent: str, child: str, place: Array) -> None:
     """Add a link that hangs on another by a fixed joint."""
-    joint = ET.SubElement(
-        root,
-        "joint",
-        name=f"{parent}-{child}",
-        type="fixed",
-    )
+    joint = ET.SubElement(root, "joint", name=f"{parent}-{child}", type="fixed")
     _add_origin(joint, place)
     ET.SubElement(joint, "parent", link=parent)
     ET.SubElement(joint, "child", link=child)
@@ -34,12 +29,7 @@ def _add_origin(joint: ET.Element, place: Array) -> None:
     R = place[:3, :3]
     offset = place[:3, 3]
     angles = [repr(angle) for angle in to_rpy(R)]
-    ET.SubElement(
-        joint,
-        "origin",
-        xyz=_format_metres(offset),
-        rpy=" ".join(angles),
-    )
+    ET.SubElement(joint, "origin", xyz=_format_metres(offset), rpy=" ".join(angles))
 
 
 def _format_metres(lengths: Iterable[float]) -> str:
@@ -57,11 +47,7 @@ def _make_comment(note: str) -> Any:
     line = one_line(note)
     text = escape(line)
     # two hyphens close a comment
-    spaced = re.sub(
-        "-(?=-)",
-        "- ",
-        text,
-    )
+    spaced = re.sub("-(?=-)", "- ", text)
     return ET.Comment(f" {spaced} ")
 
 
@@ -85,22 +71,12 @@ def write_urdf(
         ET.SubElement(root, "link", name="world")
         up = -np.array(robot.gravity)
         to_upright = align_z(up).T
-        _add_fixed(
-            root,
-            "world",
-            "base",
-            transform(to_upright),
-        )
+        _add_fixed(root, "world", "base", transform(to_upright))
     for k, joint in enumerate(robot.joints, 1):
         _add_joint(root, k, joint)
         _add_link(root, k, joint)
     last_link = f"link{robot.n}"
-    _add_fixed(
-        root,
-        last_link,
-        "flange",
-        robot.last,
-    )
+    _add_fixed(root, last_link, "flange", robot.last)
     for name, place in tips.items():
         _add_fixed(root, "flange", name, place)
     for name, place in frames.items():
@@ -116,12 +92,7 @@ def _add_joint(root: ET.Element, number: int, joint: Joint) -> None:
         kind = "prismatic"
     elif joint.limits is None:
         kind = "continuous"
-    element = ET.SubElement(
-        root,
-        "joint",
-        name=f"joint{number}",
-        type=kind,
-    )
+    element = ET.SubElement(root, "joint", name=f"joint{number}", type=kind)
     _add_origin(element, joint.before)
     parent = "base" if number == 1 else f"link{number - 1}"
     child = f"link{number}"
@@ -134,14 +105,7 @@ def _add_joint(root: ET.Element, number: int, joint: Joint) -> None:
     low, high = joint.limits
     lower = float(low / scale)
     upper = float(high / scale)
-    ET.SubElement(
-        element,
-        "limit",
-        lower=repr(lower),
-        upper=repr(upper),
-        effort="0",
-        velocity="0",
-    )
+    ET.SubElement(element, "limit", lower=repr(lower), upper=repr(upper), effort="0", velocity="0")
 
 
 def _add_link(root: ET.Element, number: int, joint: Joint) -> None:
@@ -149,18 +113,9 @@ def _add_link(root: ET.Element, number: int, joint: Joint) -> None:
     if joint.mass is None:
         return
     inertial = ET.SubElement(link, "inertial")
-    ET.SubElement(
-        inertial,
-        "origin",
-        xyz=_format_metres(joint.com),
-        rpy="0 0 0",
-    )
+    ET.SubElement(inertial, "origin", xyz=_format_metres(joint.com), rpy="0 0 0")
     mass = float(joint.mass)
-    ET.SubElement(
-        inertial,
-        "mass",
-        value=repr(mass),
-    )
+    ET.SubElement(inertial, "mass", value=repr(mass))
     moments = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     zeros = dict.fromkeys(moments, "0")
     ET.SubElement(inertial, "inertia", zeros)

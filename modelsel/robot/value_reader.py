@@ -35,20 +35,14 @@ class Reader:
             if key in known:
                 continue
             suggestion = suggest(key, known)
-            self.report(
-                place,
-                f'unknown key "{key}". {suggestion}',
-            )
+            self.report(place, f'unknown key "{key}". {suggestion}')
 
     def word(self, place: str, value: Any, choices: tuple[str, str]) -> str:
         """Return one of two words; the first, and a problem noted, for any other value."""
         if value in choices:
             return str(value)
         first, second = choices
-        self.report(
-            place,
-            f'expected "{first}" or "{second}", found "{value}"',
-        )
+        self.report(place, f'expected "{first}" or "{second}", found "{value}"')
         return first
 
     def array(self, place: str, value: Any, shape: tuple[int, ...]) -> Array:
@@ -70,28 +64,17 @@ class Reader:
         if has_shape and np.isfinite(array).all():
             expected += f" below {LARGEST:g}"
         found = str(value)[:120]
-        self.report(
-            place,
-            f"expected {expected}, found {found}",
-        )
+        self.report(place, f"expected {expected}, found {found}")
         return np.zeros(shape)
 
     def number(self, place: str, value: Any) -> float:
         """Return a finite number; 0, and a problem noted, for any other value."""
-        number = self.array(
-            place,
-            value,
-            shape=(),
-        )
+        number = self.array(place, value, shape=())
         return float(number)
 
     def vector(self, place: str, value: Any) -> tuple[float, float, float]:
         """Return three finite numbers; zeros, and a problem noted, for any other value."""
-        array = self.array(
-            place,
-            value,
-            shape=(3,),
-        )
+        array = self.array(place, value, shape=(3,))
         x, y, z = array.tolist()
         return x, y, z
 

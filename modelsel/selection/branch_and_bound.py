@@ -345,11 +345,7 @@ def _solve_members(A: Array, b: Array, members: Index) -> Array:
         return coefficients
     gram = A[np.ix_(members, members)]
     products = b[members]
-    solution = np.linalg.lstsq(
-        gram,
-        products,
-        rcond=ROUNDING,
-    )
+    solution = np.linalg.lstsq(gram, products, rcond=ROUNDING)
     coefficients[members] = solution[0]
     return coefficients
 

@@ -205,13 +205,7 @@ def _search(space: _Space, options: SearchOptions) -> tuple[Subsets, Certified |
     if count <= MAX_EXHAUSTIVE:
         subsets = sweep_subsets(folded, base, groups)
     else:
-        certified = find_best_subset(
-            folded.total,
-            base,
-            groups,
-            options,
-            sigma=space.sigma,
-        )
+        certified = find_best_subset(folded.total, base, groups, options, sigma=space.sigma)
         best = certified.members
         single = np.eye(count, dtype=bool)
         none = np.zeros(count, bool)
@@ -252,14 +246,7 @@ def _score(space: _Space, subsets: Subsets) -> _Scores:
         lowest[criterion] = int(np.argmin(value))
     weight = _weigh(space, subsets, listed)
     return _Scores(
-        total,
-        deviation,
-        weight,
-        listed,
-        best,
-        int(smallest[place]),
-        lowest[bic],
-        lowest[aicc],
+        total, deviation, weight, listed, best, int(smallest[place]), lowest[bic], lowest[aicc]
     )
 
 
@@ -279,12 +266,7 @@ def _weigh(space: _Space, subsets: Subsets, listed: Mask) -> Array:
     """Compute the posterior weights (S,) of the listed subsets."""
     rank = int(subsets.rank[0])
     evidence = log_evidence(
-        subsets.rss,
-        float(subsets.rss[0]),
-        space.rows,
-        rank,
-        subsets.rank - rank,
-        space.sigma,
+        subsets.rss, float(subsets.rss[0]), space.rows, rank, subsets.rank - rank, space.sigma
     )
     score = -2 * (evidence + _log_prior(subsets.members))
     return normalise_weights(np.where(listed, score, np.inf))

@@ -76,11 +76,7 @@ def gcv(rss: ArrayLike, n: int, rank: ArrayLike) -> Array:
     divisor = np.where(unsaturated, room, 1)
     divisor = divisor**2
     value = n * rss / divisor
-    return np.where(
-        unsaturated,
-        value,
-        np.inf,
-    )
+    return np.where(unsaturated, value, np.inf)
 
 
 def ebic(

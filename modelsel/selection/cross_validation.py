@@ -51,11 +51,7 @@ class FoldedData:
         prior = self.prior
         if prior is not None:
             prior = prior[:, chosen]
-        return FoldedData(
-            blocks,
-            self.rows,
-            prior,
-        )
+        return FoldedData(blocks, self.rows, prior)
 
     @cached_property
     def total(self) -> Reduction:
@@ -197,10 +193,7 @@ def _add_to_folds(reductions: list[Reduction], design: Array, fold_of: Index) ->
 
 
 def fold_by_unit(
-    problem: Problem,
-    terms: Sequence[Term],
-    unit: Index,
-    at: Linearisation | None = None,
+    problem: Problem, terms: Sequence[Term], unit: Index, at: Linearisation | None = None
 ) -> Iterator[FoldedData]:
     """Reduce a design with a fold per unit (m,), a configuration or a group, in order.
 
@@ -227,13 +220,7 @@ def fold_by_unit(
             design = whiten(part, design)
         numbers = unit[rows] - first
         starts = edges[first : last + 1]
-        yield _fold_units(
-            problem,
-            design,
-            rows,
-            numbers,
-            starts,
-        )
+        yield _fold_units(problem, design, rows, numbers, starts)
         first = last
 
 
@@ -334,13 +321,7 @@ def cross_validate(
     quadratic = np.einsum("kh,kh->k", residual, held_out)
     by_prior = 0 if prior is None else len(prior)
     return CrossValidation(
-        without,
-        np.square(held_out).sum(1),
-        folded.rows,
-        rss,
-        gram,
-        quadratic,
-        by_prior,
+        without, np.square(held_out).sum(1), folded.rows, rss, gram, quadratic, by_prior
     )
 
 

@@ -125,15 +125,7 @@ def evaluate(
         folds = split.training_folds()
         with suppress(NotEstimable):
             validation, length = _cross_validate(training, fitted, folds)
-    return build_evaluation(
-        split,
-        tuple(names),
-        fitted,
-        errors,
-        validation,
-        length,
-        residual,
-    )
+    return build_evaluation(split, tuple(names), fitted, errors, validation, length, residual)
 
 
 def _cross_validate(
@@ -147,13 +139,7 @@ def _cross_validate(
     folded = fold(training, terms, folds_of, at, kept)
     validation = cross_validate(folded, kept, fitted.prior)
     without = validation.without
-    residual = held_out_residuals(
-        training,
-        terms,
-        folds_of,
-        without,
-        at,
-    )
+    residual = held_out_residuals(training, terms, folds_of, without, at)
     length = np.linalg.norm(residual, axis=1)
     return validation, length
 
@@ -316,9 +302,7 @@ class RowResampling:
 
     @staticmethod
     def prepare(
-        block: Index,
-        rng: np.random.Generator,
-        options: ResamplingOptions = ResamplingOptions(),
+        block: Index, rng: np.random.Generator, options: ResamplingOptions = ResamplingOptions()
     ) -> RowResampling:
         """Draw configurations with replacement; `block` (m,) is every row's configuration."""
         blocks, unit = np.unique(block, return_inverse=True)
@@ -345,11 +329,7 @@ def estimate_gain(
 
     The interval is that of a paired bootstrap of whole configurations; `block` (m,) is every row's
     configuration."""
-    rows = RowResampling.prepare(
-        block,
-        rng,
-        options,
-    )
+    rows = RowResampling.prepare(block, rng, options)
     return bootstrap_gain(before, after, rows)
 
 
@@ -384,11 +364,7 @@ def compare_held_out(
     if few or not first.mean() > 0:
         return 1.0, 1.0
     test = mannwhitneyu(
-        second,
-        first,
-        alternative="greater",
-        method="asymptotic",
-        use_continuity=False,
+        second, first, alternative="greater", method="asymptotic", use_continuity=False
     )
     ratio = second.mean() / first.mean()
     p = float(test.pvalue)

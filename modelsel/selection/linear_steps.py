@@ -140,11 +140,7 @@ def _lengths(
             if validation is None or not len(index):
                 continue
             residual = held_out_residuals(
-                training,
-                fitted.terms,
-                folds,
-                validation.without,
-                fitted.at(),
+                training, fitted.terms, folds, validation.without, fitted.at()
             )
             length = np.linalg.norm(residual, axis=1)
             held_out[k, index] = length
@@ -168,12 +164,4 @@ def _evaluation(
     )
     components = split.problem.components
     no_residual = np.zeros((0, components))
-    return build_evaluation(
-        split,
-        names,
-        fitted,
-        errors,
-        validation,
-        held_out,
-        no_residual,
-    )
+    return build_evaluation(split, names, fitted, errors, validation, held_out, no_residual)

@@ -150,13 +150,7 @@ def _split(problem: Problem, folds: int, seed: int, estimation: Mask | None) -> 
     outlying = np.zeros(rows, bool)
     fold = np.full(rows, -1, dtype=np.intp)
     fold[inside] = assign_folds(data, folds, rng)
-    return Split(
-        problem,
-        inside,
-        outlying,
-        fold,
-        known_sigma=False,
-    )
+    return Split(problem, inside, outlying, fold, known_sigma=False)
 
 
 def _compare_to_best(
@@ -187,10 +181,7 @@ def _compare_to_best(
 
 def _influence(length: Array, configuration: Index) -> Array:
     """Compute the influence (G,) of every configuration on the rms of the lengths (m,) [mm]."""
-    _, unit = np.unique(
-        configuration,
-        return_inverse=True,
-    )
+    _, unit = np.unique(configuration, return_inverse=True)
     rows = len(length)
     square = np.square(length)
     mean_square = square.mean()

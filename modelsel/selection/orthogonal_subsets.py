@@ -35,11 +35,7 @@ class OrthogonalSubsets:
 
     def take(self, rows: Mask) -> OrthogonalSubsets:
         """Select some subsets."""
-        return OrthogonalSubsets(
-            self.rank[rows],
-            self.rss[rows],
-            self.held_out[rows],
-        )
+        return OrthogonalSubsets(self.rank[rows], self.rss[rows], self.held_out[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,24 +54,14 @@ class _Nodes:
 
     def take(self, nodes: Index) -> _Nodes:
         """Select nodes, each as often as it is named."""
-        return _Nodes(
-            self.T[nodes],
-            self.E[nodes],
-            self.rank[nodes],
-            self.sure[nodes],
-        )
+        return _Nodes(self.T[nodes], self.E[nodes], self.rank[nodes], self.sure[nodes])
 
     def leave_out(self, width: int) -> _Nodes:
         """Leave the first `width` columns out."""
         T = self.T[..., width:]
         E = self.E[..., width:]
         R = _triangulate(T)
-        return _Nodes(
-            R,
-            E,
-            self.rank,
-            self.sure,
-        )
+        return _Nodes(R, E, self.rank, self.sure)
 
     def keep(self) -> _Nodes:
         """Keep the first column, or leave it out where it depends on those before it."""
@@ -97,10 +83,7 @@ def order_groups(groups: Sequence[Sequence[int]]) -> list[int]:
     """Order the groups for the walk: large ones nearest the root, where there are few nodes."""
     sizes = [len(group) for group in groups]
     places = range(len(groups))
-    return sorted(
-        places,
-        key=lambda g: -sizes[g],
-    )
+    return sorted(places, key=lambda g: -sizes[g])
 
 
 def project_base(folded: FoldedData, base: Sequence[int], columns: Sequence[int]) -> Projection:
@@ -126,20 +109,12 @@ def project_base(folded: FoldedData, base: Sequence[int], columns: Sequence[int]
     for k, block in enumerate(blocks):
         others = np.delete(blocks, k, axis=0)
         training = others.reshape(-1, width)
-        R, absent = _reduce_training(
-            training,
-            prior,
-            size,
-        )
+        R, absent = _reduce_training(training, prior, size)
         residual = _predict_fold(block, R, absent)
         T[k] = R[b:, b:]
         E.append(residual)
     # all rows are the last entry
-    R, _ = _reduce_training(
-        everything,
-        prior,
-        size,
-    )
+    R, _ = _reduce_training(everything, prior, size)
     T[folds] = R[b:, b:]
     return T, E
 
@@ -175,11 +150,7 @@ def _predict_fold(block: Array, R: Array, absent: Mask) -> Array:
     length = np.maximum(norm, TINY)
     unit = np.where(absent, np.inf, length)
     scaled = base / unit
-    solution = np.linalg.lstsq(
-        scaled,
-        rest,
-        rcond=ZERO_COLUMN,
-    )
+    solution = np.linalg.lstsq(scaled, rest, rcond=ZERO_COLUMN)
     through = solution[0]
     own = block[:, :b] / unit
     predicted = own @ through
@@ -221,11 +192,7 @@ def refine_subsets(
     sure = np.ones((1, folds), bool)
     root = _Nodes(T[None], E_root[None], rank, sure)
     count = len(members)
-    subsets = OrthogonalSubsets(
-        np.empty(count, np.intp),
-        np.empty(count),
-        np.empty((count, folds)),
-    )
+    subsets = OrthogonalSubsets(np.empty(count, np.intp), np.empty(count), np.empty((count, folds)))
     # subsets that begin alike share a batch
     alike_first = np.arange(count)
     if members.shape[1]:
@@ -260,11 +227,7 @@ def _scale_columns(folded: FoldedData, base: Sequence[int], columns: Sequence[in
     largest = norms.max(initial=0)
     smallest = ZERO_COLUMN * largest
     nonzero = norm > smallest
-    norm = np.where(
-        nonzero,
-        norm,
-        np.inf,
-    )
+    norm = np.where(nonzero, norm, np.inf)
     return np.append(norm, 1.0)
 
 
@@ -294,17 +257,9 @@ def _walk(root: _Nodes, sizes: Sequence[int], members: Mask) -> OrthogonalSubset
     residual = nodes.E[:, :, :, 0]
     squares = np.square(residual)
     held_out = squares.sum(2)
-    held_out = np.where(
-        nodes.sure,
-        held_out,
-        np.nan,
-    )
+    held_out = np.where(nodes.sure, held_out, np.nan)
     corner = nodes.T[node, -1, 0, 0]
-    return OrthogonalSubsets(
-        nodes.rank[node],
-        np.square(corner),
-        held_out[node],
-    )
+    return OrthogonalSubsets(nodes.rank[node], np.square(corner), held_out[node])
 
 
 def _join(first: _Nodes, second: _Nodes) -> _Nodes:
@@ -312,12 +267,7 @@ def _join(first: _Nodes, second: _Nodes) -> _Nodes:
     E = np.concatenate([first.E, second.E])
     rank = np.concatenate([first.rank, second.rank])
     sure = np.concatenate([first.sure, second.sure])
-    return _Nodes(
-        T,
-        E,
-        rank,
-        sure,
-    )
+    return _Nodes(T, E, rank, sure)
 
 
 def _triangulate(matrix: Array) -> Array:
@@ -329,7 +279,4 @@ def _triangulate(matrix: Array) -> Array:
         return R
     shape = (*leading, missing, width)
     zeros = np.zeros(shape)
-    return np.concatenate(
-        [R, zeros],
-        axis=-2,
-    )
+    return np.concatenate([R, zeros], axis=-2)

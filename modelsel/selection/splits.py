@@ -63,12 +63,7 @@ def _features(data: Measurements, first: Index, prismatic: tuple[bool, ...]) -> 
             waves = [q, q * q]
         else:
             double = 2 * q
-            waves = [
-                np.sin(q),
-                np.cos(q),
-                np.sin(double),
-                np.cos(double),
-            ]
+            waves = [np.sin(q), np.cos(q), np.sin(double), np.cos(double)]
         harmonics = np.stack(waves, 1)
         parts.append(harmonics)
     for values in data.covariates.values():
@@ -139,17 +134,11 @@ def _find_swap(features: Array, inside: Mask, weight: Index) -> tuple[int, int] 
     unequal = weight_out[:, None] != weight_in[None, :]
     ratio[unequal] = 0.0
     largest = int(ratio.argmax())
-    i, j = np.unravel_index(
-        largest,
-        ratio.shape,
-    )
+    i, j = np.unravel_index(largest, ratio.shape)
     least = 1 + MIN_INCREASE
     if ratio[i, j] <= least:
         return None
-    return (
-        int(leaving[i]),
-        int(joining[j]),
-    )
+    return (int(leaving[i]), int(joining[j]))
 
 
 def assign_folds(

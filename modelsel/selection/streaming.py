@@ -95,12 +95,7 @@ class Stream:
         for _ in range(folds):
             reduction = Reduction.empty(count)
             reductions.append(reduction)
-        return Stream(
-            tuple(terms),
-            tuple(reductions),
-            at,
-            by,
-        )
+        return Stream(tuple(terms), tuple(reductions), at, by)
 
     def add(self, configurations: Problem) -> Stream:
         """Add the configurations of a problem."""
@@ -235,26 +230,14 @@ class Parts(Source):
     ) -> Reduction:
         """Reduce all parts, merged in file order: independent of the number of workers."""
         source = self.alone()
-        work = partial(
-            _reduce_part,
-            source,
-            tuple(terms),
-            at,
-            only,
-        )
+        work = partial(_reduce_part, source, tuple(terms), at, only)
         reductions = self.map(work, self.parts)
         return merged(reductions)
 
     def stream(self, terms: Sequence[Term], theta: Array, folds: int) -> Stream:
         """Reduce all parts fold by fold, linearised at theta (p,)."""
         source = self.alone()
-        work = partial(
-            _stream_part,
-            source,
-            tuple(terms),
-            theta,
-            folds,
-        )
+        work = partial(_stream_part, source, tuple(terms), theta, folds)
         streams: Iterable[Stream] = self.map(work, self.parts)
         return reduce(Stream.merge, streams)
 
@@ -267,23 +250,14 @@ def _reduce_part(
     part: Part,
 ) -> Reduction:
     problem = source.problem(part)
-    return reduce_problem(
-        problem,
-        terms,
-        at,
-        only,
-    )
+    return reduce_problem(problem, terms, at, only)
 
 
 def _stream_part(
     source: Parts, terms: tuple[Term, ...], theta: Array, folds: int, part: Part
 ) -> Stream:
     problem = source.problem(part)
-    stream = Stream.empty(
-        terms,
-        folds,
-        theta,
-    )
+    stream = Stream.empty(terms, folds, theta)
     return stream.add(problem)
 
 

@@ -108,13 +108,7 @@ def sweep_subsets(
         validated[:, :-1],
         leaves.pivot.min(1),
     )
-    return _refine_doubtful(
-        folded,
-        base,
-        groups,
-        subsets,
-        projection,
-    )
+    return _refine_doubtful(folded, base, groups, subsets, projection)
 
 
 def _root(
@@ -155,14 +149,7 @@ def _root(
     members = np.zeros((1, groups), bool)
     gained = np.zeros((1, folds))
     pivot = np.ones((1, folds))
-    root = _Nodes(
-        0,
-        S[:, :, None],
-        W[:, :, None],
-        members,
-        gained,
-        pivot,
-    )
+    root = _Nodes(0, S[:, :, None], W[:, :, None], members, gained, pivot)
     return root, first
 
 
@@ -214,14 +201,7 @@ def _branch(nodes: _Nodes, group: int, first: Array) -> _Nodes:
     members = np.concatenate([without_group, with_group])
     gained = np.concatenate([nodes.gained, gained_with])
     pivot = np.concatenate([nodes.pivot, pivot_with])
-    return _Nodes(
-        depth,
-        S,
-        W,
-        members,
-        gained,
-        pivot,
-    )
+    return _Nodes(depth, S, W, members, gained, pivot)
 
 
 def _sweep(S: Array, W: Array, first: Array) -> tuple[Array, Array, Array, Array]:
@@ -265,14 +245,7 @@ def _gather(leaves: Sequence[_Nodes], order: Sequence[int]) -> _Nodes:
     members = members[place]
     gained = gained[place]
     pivot = pivot[place]
-    return _Nodes(
-        depth,
-        S,
-        W,
-        members,
-        gained,
-        pivot,
-    )
+    return _Nodes(depth, S, W, members, gained, pivot)
 
 
 def _refine_doubtful(
@@ -312,13 +285,7 @@ def _refine_doubtful(
     if not len(doubtful):
         return subsets
     members = subsets.members[doubtful]
-    refined = refine_subsets(
-        folded,
-        base,
-        groups,
-        members,
-        projection,
-    )
+    refined = refine_subsets(folded, base, groups, members, projection)
     swept_rank = subsets.rank[doubtful]
     same_rank = refined.rank == swept_rank
     same_rank = same_rank | skipped[doubtful]
@@ -341,12 +308,7 @@ def _replace_rows(subsets: Subsets, rows: Index, refined: OrthogonalSubsets) -> 
     rss[rows] = np.maximum(refined.rss, saturated)
     rank[rows] = refined.rank
     held_out[rows] = refined.held_out
-    return replace(
-        subsets,
-        rss=rss,
-        rank=rank,
-        held_out=held_out,
-    )
+    return replace(subsets, rss=rss, rank=rank, held_out=held_out)
 
 
 def evaluate_subsets(
@@ -358,17 +320,7 @@ def evaluate_subsets(
     refined = refine_subsets(folded, base, groups, members)
     finite = np.isfinite(refined.held_out)
     determined = finite.all(1, keepdims=True)
-    held_out = np.where(
-        determined,
-        refined.held_out,
-        np.inf,
-    )
+    held_out = np.where(determined, refined.held_out, np.inf)
     count = len(members)
     pivot = np.ones(count)
-    return Subsets(
-        members,
-        refined.rss,
-        refined.rank,
-        held_out,
-        pivot,
-    )
+    return Subsets(members, refined.rss, refined.rank, held_out, pivot)

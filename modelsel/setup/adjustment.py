@@ -78,25 +78,13 @@ def normal_equations(sight: Sight, at: Placed, weight: Array) -> tuple[Array, Ar
     H = np.zeros((unknowns, unknowns))
     g = np.zeros(unknowns)
     for group, target, rows in sight.pairs():
-        J = _compute_jacobian(
-            sight,
-            at,
-            group,
-            target,
-            rows,
-            with_turns,
-        )
+        J = _compute_jacobian(sight, at, group, target, rows, with_turns)
         of_rows = np.sqrt(weight[rows])
         root = of_rows[:, None]
         A = J * root[:, :, None]
         A = A.reshape(-1, J.shape[2])
         b = residuals[rows] * root
-        own = _columns_of(
-            sight,
-            with_turns,
-            group,
-            target,
-        )
+        own = _columns_of(sight, with_turns, group, target)
         block = np.ix_(own, own)
         H[block] += A.T @ A
         g[own] += A.T @ b.ravel()
@@ -112,11 +100,7 @@ def _compute_jacobian(
     on_flange = RF @ at.tools[target]
     from_origin = sight.o[rows] @ R.T
     arm = on_flange + from_origin
-    turning_point = compute_turning_point(
-        sight,
-        at,
-        group,
-    )
+    turning_point = compute_turning_point(sight, at, group)
     lever = arm - turning_point
     residuals = 6 if with_turns else 3
     unknowns = 12 if with_turns else 9
@@ -147,18 +131,10 @@ def _take_step(sight: Sight, at: Placed, step: Array) -> Placed:
     W = Rotation.from_rotvec(turn).as_matrix()
     turning_points = []
     for g in range(G):
-        turning_point = compute_turning_point(
-            sight,
-            at,
-            g,
-        )
+        turning_point = compute_turning_point(sight, at, g)
         turning_points.append(turning_point)
     middle = np.array(turning_points)
-    turned_middle = np.einsum(
-        "gij,gj->gi",
-        W,
-        middle,
-    )
+    turned_middle = np.einsum("gij,gj->gi", W, middle)
     R = [nearest_rotation(product) for product in W @ at.R]
     turned = at.turned
     if turned is not None and len(of_turns):
@@ -195,10 +171,7 @@ class _Objective:
         if self.scale is None:
             loss = self.weight * square
         else:
-            loss, _ = compute_redescending_loss(
-                square,
-                self.scale,
-            )
+            loss, _ = compute_redescending_loss(square, self.scale)
         offset = self._offset(at)
         penalty = self.prior @ offset**2
         total = loss.sum() + penalty
@@ -217,15 +190,8 @@ class _Objective:
         if self.scale is not None:
             residuals = compute_residuals(sight, at)
             square = np.square(residuals).sum(1)
-            _, weight = compute_redescending_loss(
-                square,
-                self.scale,
-            )
-        H, g = normal_equations(
-            sight,
-            at,
-            weight,
-        )
+            _, weight = compute_redescending_loss(square, self.scale)
+        H, g = normal_equations(sight, at, weight)
         count = len(self.prior)
         tools = 6 * sight.groups + np.arange(count)
         H[tools, tools] += self.prior
@@ -237,19 +203,9 @@ class _Objective:
         """Minimise from a start."""
 
         def move(placed: Placed, step: Array) -> Placed:
-            return _take_step(
-                self.sight,
-                placed,
-                step,
-            )
+            return _take_step(self.sight, placed, step)
 
-        return minimise(
-            at,
-            self.cost,
-            self.equations,
-            move,
-            tolerance,
-        )
+        return minimise(at, self.cost, self.equations, move, tolerance)
 
 
 def refine_robustly(sight: Sight, at: Placed) -> Placed:
@@ -262,12 +218,7 @@ def refine_robustly(sight: Sight, at: Placed) -> Placed:
         if median > STALLED * before:
             break
         before = median
-        objective = _Objective(
-            sight,
-            scale=LOSS * median,
-            weight=ones,
-            sigma=median / MEDIAN_3,
-        )
+        objective = _Objective(sight, scale=LOSS * median, weight=ones, sigma=median / MEDIAN_3)
         at = objective.minimise(at, COARSE)
     return at
 
@@ -280,10 +231,7 @@ def refine_without_gross_rows(sight: Sight, at: Placed) -> tuple[Placed, Mask]:
         median = float(compute_trimmed_median(misfits, sight.unknowns))
         good = misfits <= GROSS * median
         objective = _Objective(
-            sight,
-            scale=None,
-            weight=good.astype(float),
-            sigma=median / MEDIAN_3,
+            sight, scale=None, weight=good.astype(float), sigma=median / MEDIAN_3
         )
         at = objective.minimise(at, CONVERGED)
     return at, good

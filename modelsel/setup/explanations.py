@@ -34,10 +34,7 @@ class Explanation(NamedTuple):
 def compute_left(problem: Problem) -> float:
     """Compute the median distance that is left [mm]."""
     residual = residuals(problem)
-    distance = np.linalg.norm(
-        residual,
-        axis=1,
-    )
+    distance = np.linalg.norm(residual, axis=1)
     return float(np.median(distance))
 
 
@@ -47,10 +44,7 @@ def compute_explained(problem: Problem) -> float:
     left = compute_left(problem)
     x = problem.data.position
     middle = np.median(x, axis=0)
-    distance = np.linalg.norm(
-        x - middle,
-        axis=1,
-    )
+    distance = np.linalg.norm(x - middle, axis=1)
     spread = float(np.median(distance))
     is_small = left <= MAX_SPREAD_SHARE * spread
     return left if is_small else np.inf
@@ -59,17 +53,10 @@ def compute_explained(problem: Problem) -> float:
 def try_registration(problem: Problem, sure: bool = True) -> Problem | None:
     """Register a problem anew, with the target anywhere near the flange; None where the rows do not
     determine it (`sure`: or determine it poorly)."""
-    bare = replace(
-        problem,
-        tools=np.zeros_like(problem.tools),
-    )
+    bare = replace(problem, tools=np.zeros_like(problem.tools))
     every_row = np.ones(len(problem), bool)
     try:
-        registered = register(
-            bare,
-            every_row,
-            per_group=False,
-        )
+        registered = register(bare, every_row, per_group=False)
     except (DataError, NotEstimable):
         return None
     is_refused = sure and _is_weak(registered)
@@ -80,10 +67,7 @@ def _is_weak(problem: Problem) -> bool:
     """Return whether the rows of a registered problem determine its placement poorly."""
     every_row = np.ones(len(problem), bool)
     notes = note_undetermined(
-        problem,
-        every_row,
-        per_group=False,
-        usual=np.zeros_like(problem.tools),
+        problem, every_row, per_group=False, usual=np.zeros_like(problem.tools)
     )
     codes = [note.code for note in notes]
     return "registration-weak" in codes
@@ -102,21 +86,14 @@ def apply_correction(problem: Problem, mistake: Mistake) -> Problem:
     """Apply the correction of a mistake."""
     data = problem.data
     turned = data.q @ mistake.A.T
-    corrected = replace(
-        data,
-        q=turned + mistake.c,
-        position=data.position @ mistake.B.T,
-    )
+    corrected = replace(data, q=turned + mistake.c, position=data.position @ mistake.B.T)
     return replace(problem, data=corrected)
 
 
 def find_least_left(explanations: Sequence[Explanation]) -> float:
     """Find the least median distance [mm] that any of the mistakes leaves; infinite without one."""
     distances = [left for _, left in explanations]
-    return min(
-        distances,
-        default=np.inf,
-    )
+    return min(distances, default=np.inf)
 
 
 def select_best(tried: Sequence[Explanation], limit: float) -> list[Explanation]:
@@ -141,29 +118,14 @@ def move_tool(problem: Problem) -> Explanation:
     """Move the target on the flange to where most rows have it (median)."""
     R, t = problem.placement
     group = problem.data.group
-    at = pose(
-        problem.robot,
-        problem.data.q,
-        np.zeros(3),
-    )
+    at = pose(problem.robot, problem.data.q, np.zeros(3))
     axes = at.axes[-1, :3]
     offset_of_row = problem.data.position - t[group]
-    base = np.einsum(
-        "mji,mj->mi",
-        R[group],
-        offset_of_row,
-    )
-    on_flange = np.einsum(
-        "aim,mi->ma",
-        axes,
-        base - at.target.T,
-    )
+    base = np.einsum("mji,mj->mi", R[group], offset_of_row)
+    on_flange = np.einsum("aim,mi->ma", axes, base - at.target.T)
     offset = np.median(on_flange, axis=0)
     targets = len(problem.tools)
-    moved = replace(
-        problem,
-        tools=np.tile(offset, (targets, 1)),
-    )
+    moved = replace(problem, tools=np.tile(offset, (targets, 1)))
     target = "the target"
     if targets > 1:
         first = problem.data.target[0]

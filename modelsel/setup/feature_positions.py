@@ -54,11 +54,7 @@ def place_features(problem: Problem, use: Mask) -> Problem:
         is_unmeasured = not len(rows) and feature.free
         if feature.kind == "distance" or is_unmeasured:
             continue
-        place = _find_place(
-            feature,
-            x[rows],
-            gauges.length[rows],
-        )
+        place = _find_place(feature, x[rows], gauges.length[rows])
         fixtures.centre[k] = place.centre
         fixtures.axes[k] = place.axes
         fixtures.length[k] = place.length
@@ -90,11 +86,7 @@ def _find_place(feature: Feature, x: Array, length: Array) -> _Place:
     if feature.position is not None:
         centre = np.array(feature.position)
     if feature.kind == "same-point":
-        return _Place(
-            centre,
-            axes=np.eye(3),
-            length=0.0,
-        )
+        return _Place(centre, axes=np.eye(3), length=0.0)
     if feature.normal is None:
         centred = x - x.mean(0)
         _, _, directions = np.linalg.svd(centred)
@@ -126,13 +118,7 @@ def _find_anchor(feature: Feature, x: Array, reading: Array) -> _Place:
     known = feature.length or 0.0
     is_open = "length" in feature.free
     if feature.position is None:
-        position = _solve_anchor(
-            feature,
-            x,
-            reading,
-            known,
-            is_open,
-        )
+        position = _solve_anchor(feature, x, reading, known, is_open)
     else:
         position = np.array(feature.position)
     offset = known
@@ -141,22 +127,13 @@ def _find_anchor(feature: Feature, x: Array, reading: Array) -> _Place:
     free_of_place = set(feature.free) - {"length"}
     if not free_of_place:
         return _Place(position, np.eye(3), offset)
-    position, offset = _refine_anchor(
-        position,
-        offset,
-        x,
-        reading,
-        is_open,
-    )
+    position, offset = _refine_anchor(position, offset, x, reading, is_open)
     return _Place(position, np.eye(3), offset)
 
 
 def _compute_offset(position: Array, x: Array, reading: Array) -> float:
     """Compute the median of the distances from an anchor beyond the readings [mm]."""
-    distance = np.linalg.norm(
-        x - position,
-        axis=1,
-    )
+    distance = np.linalg.norm(x - position, axis=1)
     beyond = distance - reading
     return float(np.median(beyond))
 
@@ -183,11 +160,7 @@ def _solve_anchor(feature: Feature, x: Array, reading: Array, known: float, is_o
     design = np.column_stack(columns)
     squared_distance = np.square(near).sum(1)
     squared_length = np.square(full)
-    solution, *_ = np.linalg.lstsq(
-        design,
-        squared_distance - squared_length,
-        rcond=None,
-    )
+    solution, *_ = np.linalg.lstsq(design, squared_distance - squared_length, rcond=None)
     return np.asarray(middle + solution[:3])
 
 
@@ -199,20 +172,13 @@ def _refine_anchor(
 
     def compute_gaps(p: Array) -> Array:
         length = p[3] if is_open else offset
-        distance = np.linalg.norm(
-            x - p[:3],
-            axis=1,
-        )
+        distance = np.linalg.norm(x - p[:3], axis=1)
         gap = distance - length - reading
         return np.asarray(gap)
 
     start = np.append(position, offset) if is_open else position
     solution = least_squares(
-        compute_gaps,
-        start,
-        loss="soft_l1",
-        f_scale=ARM_ERROR_MM,
-        x_scale="jac",
+        compute_gaps, start, loss="soft_l1", f_scale=ARM_ERROR_MM, x_scale="jac"
     )
     fitted = solution.x
     if is_open:

@@ -61,12 +61,7 @@ def split_independent(sight: Sight) -> Iterator[Part]:
     """Split the rows into parts that share neither a group nor a target."""
     G = sight.groups
     T = len(sight.usual)
-    pairs = np.column_stack(
-        [
-            sight.group,
-            G + sight.target,
-        ]
-    )
+    pairs = np.column_stack([sight.group, G + sight.target])
     label = connected_components(G + T, pairs)
     of_group = label[:G]
     of_target = label[G:]
@@ -83,8 +78,4 @@ def split_independent(sight: Sight) -> Iterator[Part]:
             usual=sight.usual[targets],
             target=np.searchsorted(targets, part.target),
         )
-        yield Part(
-            renumbered,
-            groups,
-            targets,
-        )
+        yield Part(renumbered, groups, targets)

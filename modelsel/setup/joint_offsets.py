@@ -44,12 +44,7 @@ def fit_each_zero(problem: Problem, set_up: bool) -> Iterator[tuple[Mistake, Arm
     """Fit every joint's zero, off by any angle, one at a time."""
     for j, slides in enumerate(problem.robot.prismatic):
         nominal = build_nominal_arm(problem)
-        arm = fit_offsets(
-            problem,
-            nominal,
-            [j],
-            set_up,
-        )
+        arm = fit_offsets(problem, nominal, [j], set_up)
         fitted = [arm]
         if not slides:
             peaks = _find_peaks(problem, j, set_up)
@@ -76,13 +71,7 @@ def _find_peaks(problem: Problem, j: int, set_up: bool) -> list[Arm]:
     if set_up:
         mistakes = []
         for arm in arms:
-            mistake = Mistake(
-                words="",
-                look="",
-                A=np.eye(n),
-                c=arm.zeros,
-                B=np.eye(3),
-            )
+            mistake = Mistake(words="", look="", A=np.eye(n), c=arm.zeros, B=np.eye(3))
             mistakes.append(mistake)
         misfit, _ = score_linearly(problem, mistakes)
     else:
@@ -116,23 +105,11 @@ def fit_several(
     zeros = [[j] for j in range(n)]
     of_zeros = [arm for arm in first if not arm.links.any()]
     resting = _fit_resting(problem)
-    best = _fit_best(
-        problem,
-        good,
-        of_zeros,
-        zeros,
-        resting,
-    )
+    best = _fit_best(problem, good, of_zeros, zeros, resting)
     is_bad = best.compute_misfit(problem) > good
     if is_bad and links:
         frames = [_link_numbers(n, j) for j in range(1, n)]
-        best = _fit_best(
-            problem,
-            good,
-            first,
-            [*zeros, *frames],
-            [],
-        )
+        best = _fit_best(problem, good, first, [*zeros, *frames], [])
     misfit = best.compute_misfit(problem)
     if misfit <= good:
         yield from _describe(problem, best)
@@ -155,12 +132,7 @@ def _fit_best(
     starts = sorted(first or [nominal], key=compute_misfit)
     extended = []
     for start in starts[:PEAKS]:
-        arm = _add_offsets(
-            problem,
-            good,
-            start,
-            groups,
-        )
+        arm = _add_offsets(problem, good, start, groups)
         extended.append(arm)
     return min([*extended, *others], key=compute_misfit)
 
@@ -185,12 +157,7 @@ def _add_offsets(problem: Problem, good: float, arm: Arm, groups: Sequence[list[
         present = [k for group in taken for k in group]
         fitted = []
         for group in offered:
-            extended = fit_offsets(
-                problem,
-                arm,
-                [*present, *group],
-                True,
-            )
+            extended = fit_offsets(problem, arm, [*present, *group], True)
             fitted.append(extended)
         misfits = [a.compute_misfit(problem) for a in fitted]
         best = int(np.argmin(misfits))

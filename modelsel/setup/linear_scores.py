@@ -35,20 +35,13 @@ def score_linearly(problem: Problem, joints: Sequence[Mistake]) -> tuple[Array, 
     largest = float(size.max())
     span = max(largest, MIN_SPAN_MM)
     ones = np.ones((len(x), 1))
-    row = np.concatenate(
-        [x / span, ones],
-        axis=1,
-    )
+    row = np.concatenate([x / span, ones], axis=1)
     misfits = []
     scales = []
     for start in range(0, len(joints), BLOCK):
         block = joints[start : start + BLOCK]
         o, F = _compute_flanges(problem, block)
-        misfit, scale = _fit_affine_maps(
-            row,
-            o,
-            F,
-        )
+        misfit, scale = _fit_affine_maps(row, o, F)
         misfits.append(misfit)
         scales.append(scale / span)
     return np.concatenate(misfits), np.concatenate(scales)
@@ -63,11 +56,7 @@ def _compute_flanges(problem: Problem, joints: Sequence[Mistake]) -> tuple[Array
     for joint in joints:
         turned = problem.data.q @ joint.A.T
         readings.append(turned + joint.c)
-    flange = pose(
-        problem.robot,
-        np.concatenate(readings),
-        np.zeros(3),
-    )
+    flange = pose(problem.robot, np.concatenate(readings), np.zeros(3))
     axes = flange.axes[-1, :3]
     rotation = axes.transpose(2, 1, 0)
     position = flange.target.T
@@ -80,11 +69,7 @@ def _solve_weighted(weighted: Array, design: Array, response: Array, rcond: floa
     """Solve the normal equations of stacked weighted least squares, `weighted` the transposed design
     times the weights."""
     normal = weighted @ design
-    inverse = np.linalg.pinv(
-        normal,
-        rcond=rcond,
-        hermitian=True,
-    )
+    inverse = np.linalg.pinv(normal, rcond=rcond, hermitian=True)
     return np.asarray(inverse @ (weighted @ response))
 
 
@@ -97,10 +82,7 @@ def _measure_maps(row: Array, maps: Array, t: Array) -> tuple[Array, Array]:
     of_axes = maps.reshape(count, 4, 3, 4)
     linear = of_axes[:, :3] @ with_target[:, None]
     linear = linear[..., 0]
-    distance = np.linalg.norm(
-        row[:, :3] @ linear,
-        axis=2,
-    )
+    distance = np.linalg.norm(row[:, :3] @ linear, axis=2)
     determinant = np.linalg.det(linear)
     root = np.cbrt(determinant)
     return np.median(distance, axis=1), root
@@ -116,42 +98,19 @@ def _fit_affine_maps(row: Array, o: Array, F: Array) -> tuple[Array, Array]:
     for _ in range(REWEIGHTINGS):
         # the map for the flange's position, and for every axis of the flange
         weighted = weight[:, None] * row.T
-        maps = _solve_weighted(
-            weighted,
-            row,
-            y,
-            rcond=1e-12,
-        )
+        maps = _solve_weighted(weighted, row, y, rcond=1e-12)
         rest = y - row @ maps
         rest = rest.reshape(count, m, 3, 4)
         o_rest = rest[..., :1].reshape(count, 3 * m, 1)
         F_rest = rest[..., 1:].reshape(count, 3 * m, 3)
         # the target that leaves least beyond the maps
-        of_coordinates = np.repeat(
-            weight,
-            3,
-            axis=1,
-        )
+        of_coordinates = np.repeat(weight, 3, axis=1)
         weighted = of_coordinates[:, None] * F_rest.transpose(0, 2, 1)
-        t = -_solve_weighted(
-            weighted,
-            F_rest,
-            o_rest,
-            rcond=1e-9,
-        )
+        t = -_solve_weighted(weighted, F_rest, o_rest, rcond=1e-9)
         left = o_rest + F_rest @ t
-        distance = np.linalg.norm(
-            left.reshape(count, m, 3),
-            axis=2,
-        )
+        distance = np.linalg.norm(left.reshape(count, m, 3), axis=2)
         median = np.median(distance, axis=1)
-        scale = np.maximum(
-            MEDIANS * median,
-            MIN_SCALE_MM,
-        )
-        weight = compute_redescending_weights(
-            distance,
-            scale[:, None],
-        )
+        scale = np.maximum(MEDIANS * median, MIN_SCALE_MM)
+        weight = compute_redescending_weights(distance, scale[:, None])
     spread, root = _measure_maps(row, maps, t)
     return median / np.maximum(spread, 1e-9), root

@@ -72,11 +72,7 @@ def describe_orientation_mistake(problem: Problem, use: Mask, registered: bool) 
         group = sample.data.group[0]
         trackers = [R[group]]
     for tracker in trackers:
-        sentence = _describe_best(
-            seen,
-            flange,
-            tracker,
-        )
+        sentence = _describe_best(seen, flange, tracker)
         if sentence is not None:
             return sentence
     return None
@@ -87,11 +83,7 @@ def _thin(rows: Index) -> Index:
     if not count:
         return rows
     chosen = min(count, MAX_ROWS)
-    spread = np.linspace(
-        0,
-        count - 1,
-        chosen,
-    )
+    spread = np.linspace(0, count - 1, chosen)
     places = np.unique(spread.astype(int))
     return np.asarray(rows[places])
 
@@ -99,21 +91,13 @@ def _thin(rows: Index) -> Index:
 def _describe_best(seen: Array, flange: Array, tracker: Array | None) -> str | None:
     """Describe the mistakes that explain the orientations best; None where nothing needs or gives an
     explanation."""
-    before = _compute_angle(
-        seen,
-        flange,
-        tracker,
-    )
+    before = _compute_angle(seen, flange, tracker)
     if before is None or before < GOOD_ANGLE:
         return None
     limit = min(GOOD_ANGLE, before / MIN_IMPROVEMENT)
     guesses = []
     for corrected, words, look in _generate_corrections(seen):
-        angle = _compute_angle(
-            corrected,
-            flange,
-            tracker,
-        )
+        angle = _compute_angle(corrected, flange, tracker)
         if angle is not None and angle < limit:
             guess = _Guess(angle, words, look)
             guesses.append(guess)
@@ -142,11 +126,7 @@ def _rotate_by_positions(problem: Problem) -> Array | None:
     points = problem.plain_points()
     every_row = np.ones(len(points), bool)
     try:
-        registered = register(
-            points,
-            every_row,
-            per_group=False,
-        )
+        registered = register(points, every_row, per_group=False)
     except (DataError, NotEstimable):
         return None
     R, _ = registered.placement
@@ -178,21 +158,13 @@ def _compute_angle(seen: Array, flange: Array, tracker: Array | None) -> float |
     P = _fit_tracker(seen, flange) if tracker is None else tracker
     if P is None:
         return None
-    each = np.einsum(
-        "mji,kj,mkl->mil",
-        flange,
-        P,
-        seen,
-    )
+    each = np.einsum("mji,kj,mkl->mil", flange, P, seen)
     weight = np.ones(len(each))
     for _ in range(REWEIGHTINGS):
         mean = np.einsum("m,mij->ij", weight, each)
         T = nearest_rotation(mean)
         off_mean = np.einsum("ji,mjk->mik", T, each)
-        angle = np.linalg.norm(
-            rotation_vector(off_mean),
-            axis=1,
-        )
+        angle = np.linalg.norm(rotation_vector(off_mean), axis=1)
         scale = compute_scale(angle, MIN_SCALE)
         weight = compute_cauchy_weights(angle, scale)
     return float(np.median(angle))
@@ -211,20 +183,12 @@ def _fit_tracker(seen: Array, flange: Array) -> Array | None:
     count = is_trusted.sum()
     if not count:
         return None
-    rank = np.linalg.matrix_rank(
-        b[is_trusted],
-        tol=ONE_AXIS * np.sqrt(count),
-    )
+    rank = np.linalg.matrix_rank(b[is_trusted], tol=ONE_AXIS * np.sqrt(count))
     if rank < 2:
         return None
     weight = is_trusted.astype(float)
     for _ in range(REWEIGHTINGS):
-        covariance = np.einsum(
-            "m,mi,mj->ij",
-            weight,
-            a,
-            b,
-        )
+        covariance = np.einsum("m,mi,mj->ij", weight, a, b)
         P = nearest_rotation(covariance)
         rest = a - b @ P.T
         size = np.linalg.norm(rest, axis=1)
@@ -236,14 +200,6 @@ def _fit_tracker(seen: Array, flange: Array) -> Array | None:
 
 def _rotate_between(rotations: Array, k: int) -> Array:
     """Compute (m, 3) rotation vectors from the row k further on to every row."""
-    earlier = np.roll(
-        rotations,
-        -k,
-        axis=0,
-    )
-    turned = np.einsum(
-        "mij,mkj->mik",
-        earlier,
-        rotations,
-    )
+    earlier = np.roll(rotations, -k, axis=0)
+    turned = np.einsum("mij,mkj->mik", earlier, rotations)
     return rotation_vector(turned)

@@ -62,10 +62,6 @@ def _solve(H: Array, g: Array, damping: float) -> Array:
     size = np.sqrt(np.maximum(diagonal, TINY))
     scaled = H / np.outer(size, size)
     identity = np.eye(len(H))
-    solution, *_ = np.linalg.lstsq(
-        scaled + damping * identity,
-        g / size,
-        rcond=1e-15,
-    )
+    solution, *_ = np.linalg.lstsq(scaled + damping * identity, g / size, rcond=1e-15)
     step = solution / size
     return np.asarray(step)

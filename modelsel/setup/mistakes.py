@@ -92,26 +92,14 @@ def _describe_stated(sample: Problem, links: bool) -> str | None:
     """Describe the mistake where the study states the tracker's frame and the target: with these as
     they are, or else with these found."""
     before = compute_left(sample)
-    found = _explain_stated(
-        sample,
-        before,
-        links,
-    )
+    found = _explain_stated(sample, before, links)
     if found:
         return _describe(before, found)
     sample = try_registration(sample, sure=False) or sample
-    found = _explain_registered(
-        sample,
-        before,
-        links,
-    )
+    found = _explain_registered(sample, before, links)
     if not found:
         return None
-    return _describe(
-        before,
-        found,
-        REGISTRATION,
-    )
+    return _describe(before, found, REGISTRATION)
 
 
 def _explain_stated(problem: Problem, before: float, links: bool) -> list[Explanation]:
@@ -158,17 +146,9 @@ def _explain_registered(problem: Problem, before: float, links: bool) -> list[Ex
     limit = before / MIN_IMPROVEMENT
     far = FAR_SHARE * problem.reach_mm
     tried = _try_mistakes(problem, 1)
-    offsets = _fit_offsets(
-        problem,
-        True,
-        links,
-    )
+    offsets = _fit_offsets(problem, True, links)
     simple = find_least_left(select_best(tried, limit))
-    tried += _assess_offsets(
-        problem,
-        offsets,
-        simple,
-    )
+    tried += _assess_offsets(problem, offsets, simple)
     best = select_best(tried, limit)
     configurations = len(np.unique(problem.data.block))
     has_few = configurations < 2 * MIN_CONFIGURATIONS
@@ -238,20 +218,11 @@ def _try_mistakes(problem: Problem, count: int) -> list[Explanation]:
     joints = _list_combinations(problem, count)
     score, factor = score_linearly(problem, joints)
     most = EQUAL_FACTOR * score.min()
-    parts = np.where(
-        score <= most,
-        [mistake.parts for mistake in joints],
-        np.inf,
-    )
+    parts = np.where(score <= most, [mistake.parts for mistake in joints], np.inf)
     likeliest = np.lexsort((score, parts))
     explanations = []
     for k in likeliest[:MAX_REGISTERED]:
-        tried = _generate_with_positions(
-            problem,
-            joints[k],
-            float(factor[k]),
-            count,
-        )
+        tried = _generate_with_positions(problem, joints[k], float(factor[k]), count)
         for mistake in tried:
             corrected = apply_correction(problem, mistake)
             registered = try_registration(corrected)
@@ -267,12 +238,7 @@ def _list_combinations(problem: Problem, count: int) -> list[Mistake]:
     n = problem.robot.n
     singles = list(list_joint_mistakes(problem.robot))
     if count == 1:
-        nothing = replace(
-            NOTHING,
-            A=np.eye(n),
-            c=np.zeros(n),
-            parts=0,
-        )
+        nothing = replace(NOTHING, A=np.eye(n), c=np.zeros(n), parts=0)
         return [nothing, *singles]
     pairs = []
     for first, second in combinations(singles, 2):

@@ -60,11 +60,7 @@ class Arm:
     def compute_residuals(self, problem: Problem) -> tuple[Pose, Array]:
         """Compute (the chain at the rows' readings, (m, 3) measured minus predicted positions)."""
         arm = self.robot(problem.robot)
-        at = pose(
-            arm,
-            problem.data.q + self.zeros,
-            self.tool,
-        )
+        at = pose(arm, problem.data.q + self.zeros, self.tool)
         x = problem.data.position
         base = at.target.T
         predicted = base @ self.R.T
@@ -75,10 +71,7 @@ class Arm:
     def compute_misfit(self, problem: Problem) -> float:
         """Compute the median distance that is left [mm]."""
         _, residual = self.compute_residuals(problem)
-        distance = np.linalg.norm(
-            residual,
-            axis=1,
-        )
+        distance = np.linalg.norm(residual, axis=1)
         return float(np.median(distance))
 
     def has_right_angles(self) -> bool:
@@ -111,12 +104,7 @@ class Arm:
     def offsets(self) -> Array:
         """Concatenate the zeros and the lengths of the links, (4 n,)."""
         lengths = self.links.ravel()
-        return np.concatenate(
-            [
-                self.zeros,
-                lengths,
-            ]
-        )
+        return np.concatenate([self.zeros, lengths])
 
 
 def build_nominal_arm(problem: Problem) -> Arm:
@@ -146,21 +134,11 @@ def _compute_jacobian(problem: Problem, arm: Arm, at: Pose) -> Array:
         zeros.append(field[j, motion])
     links = at.axes[:n, :3]
     # (3 + 4 n, 3, m)
-    in_base = np.concatenate(
-        [
-            at.axes[n, :3],
-            np.stack(zeros),
-            links.reshape(3 * n, 3, -1),
-        ]
-    )
+    in_base = np.concatenate([at.axes[n, :3], np.stack(zeros), links.reshape(3 * n, 3, -1)])
     middle = np.median(y, axis=0)
     turn = -cross_matrices(y - middle)
     shift = np.tile(np.eye(3), (len(y), 1, 1))
-    of_arm = np.einsum(
-        "ij,kjm->mik",
-        arm.R,
-        in_base,
-    )
+    of_arm = np.einsum("ij,kjm->mik", arm.R, in_base)
     return np.concatenate([turn, shift, of_arm], axis=2)
 
 
@@ -204,18 +182,8 @@ class _Objective:
         self.usual = problem.tools[target]
         is_stated = self.usual.any()
         tool_mm = STATED_MM if is_stated else USUAL_MM
-        zero_sigma = np.where(
-            problem.robot.prismatic,
-            LENGTH_SIGMA_MM,
-            ZERO_SIGMA,
-        )
-        sigma = np.concatenate(
-            [
-                np.full(3, tool_mm),
-                zero_sigma,
-                np.full(3 * n, LENGTH_SIGMA_MM),
-            ]
-        )
+        zero_sigma = np.where(problem.robot.prismatic, LENGTH_SIGMA_MM, ZERO_SIGMA)
+        sigma = np.concatenate([np.full(3, tool_mm), zero_sigma, np.full(3 * n, LENGTH_SIGMA_MM)])
         of_set_up = np.zeros(SET_UP)
         of_offsets = (median / MEDIAN_3 / sigma) ** 2
         self.prior = np.concatenate([of_set_up, of_offsets])
@@ -224,22 +192,13 @@ class _Objective:
         """Compute (9 + 4 n,) offsets of the unknowns from where they are expected."""
         of_set_up = np.zeros(SET_UP)
         of_tool = arm.tool - self.usual
-        return np.concatenate(
-            [
-                of_set_up,
-                of_tool,
-                arm.offsets(),
-            ]
-        )
+        return np.concatenate([of_set_up, of_tool, arm.offsets()])
 
     def cost(self, arm: Arm) -> float:
         """Compute the redescending loss and the prior's squares."""
         _, residual = arm.compute_residuals(self.problem)
         square = np.square(residual).sum(1)
-        loss, _ = compute_redescending_loss(
-            square,
-            self.scale,
-        )
+        loss, _ = compute_redescending_loss(square, self.scale)
         total = loss.sum()
         offset = self._offset(arm)
         penalty = self.prior @ offset**2
@@ -255,19 +214,8 @@ class _Objective:
         _, weight = compute_redescending_loss(square, self.scale)
         prior = self.prior[free]
         offset = self._offset(arm)
-        H = np.einsum(
-            "m,mik,mil->kl",
-            weight,
-            J,
-            J,
-            optimize=True,
-        )
-        g = np.einsum(
-            "m,mik,mi->k",
-            weight,
-            J,
-            residual,
-        )
+        H = np.einsum("m,mik,mil->kl", weight, J, J, optimize=True)
+        g = np.einsum("m,mik,mi->k", weight, J, residual)
         return H + np.diag(prior), g - prior * offset[free]
 
     def move(self, arm: Arm, step: Array) -> Arm:
@@ -276,11 +224,7 @@ class _Objective:
         unknowns = TARGET + 4 * n
         whole = np.zeros(unknowns)
         whole[self.free] = step
-        return _take_step(
-            self.problem,
-            arm,
-            whole,
-        )
+        return _take_step(self.problem, arm, whole)
 
 
 def fit_offsets(problem: Problem, arm: Arm, free: Sequence[int], set_up: bool) -> Arm:
@@ -298,13 +242,7 @@ def fit_offsets(problem: Problem, arm: Arm, free: Sequence[int], set_up: bool) -
             break
         before = median
         objective = _Objective(problem, indices, median)
-        arm = minimise(
-            arm,
-            objective.cost,
-            objective.equations,
-            objective.move,
-            COARSE,
-        )
+        arm = minimise(arm, objective.cost, objective.equations, objective.move, COARSE)
     return arm
 
 
@@ -319,12 +257,6 @@ def place_arm(problem: Problem, arm: Arm) -> Arm:
         rest = x - y @ R.T - t
         distance = np.linalg.norm(rest, axis=1)
         median = float(np.median(distance))
-        scale = max(
-            LOSS * median,
-            MIN_MEDIAN_MM,
-        )
-        weight = compute_redescending_weights(
-            distance,
-            scale,
-        )
+        scale = max(LOSS * median, MIN_MEDIAN_MM)
+        weight = compute_redescending_weights(distance, scale)
     return replace(arm, R=R, t=t)

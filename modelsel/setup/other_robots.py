@@ -52,29 +52,18 @@ def compute_registered_misfit(problem: Problem) -> float:
 def _compute_median(problem: Problem) -> float:
     residual = residuals(problem)
     offset = residual[:, :3]
-    distance = np.linalg.norm(
-        offset,
-        axis=1,
-    )
+    distance = np.linalg.norm(offset, axis=1)
     return float(np.median(distance))
 
 
 def sample_positions(problem: Problem, use: Mask, one_group: bool = True) -> Problem | None:
     """Sample at most MAX_ROWS measured positions of one target (and of `one_group`), spread over the
     rows `use` (mask); None where there are too few configurations."""
-    rows = select_most_frequent(
-        problem,
-        use,
-        one_group,
-    )
+    rows = select_most_frequent(problem, use, one_group)
     count = len(rows)
     if count:
         chosen = min(count, MAX_ROWS)
-        spread = np.linspace(
-            0,
-            count - 1,
-            chosen,
-        )
+        spread = np.linspace(0, count - 1, chosen)
         places = spread.astype(int)
         rows = rows[np.unique(places)]
     configurations = _count_configurations(problem, rows)
@@ -111,10 +100,7 @@ def _count_configurations(problem: Problem, rows: Index) -> int:
 
 
 def describe_other_robot(
-    problem: Problem,
-    use: Mask,
-    robots: Callable[[], Mapping[str, Robot]],
-    always: bool = False,
+    problem: Problem, use: Mask, robots: Callable[[], Mapping[str, Robot]], always: bool = False
 ) -> str | None:
     """Describe which of other `robots` fits the rows `use` (mask) of a problem better than its own,
     with the median distance before and after, tracker and target found for each.
@@ -179,11 +165,7 @@ def describe_shifted_rows(
 def _shift_positions(problem: Problem, k: int) -> Problem:
     """Give every row the position k rows further down, without the rows that have none."""
     count = len(problem)
-    position = np.roll(
-        problem.data.position,
-        -k,
-        axis=0,
-    )
+    position = np.roll(problem.data.position, -k, axis=0)
     data = replace(problem.data, position=position)
     shifted = replace(problem, data=data)
     source = np.arange(count) + k

@@ -61,15 +61,8 @@ class Sight:
     @property
     def prior_sigma(self) -> Array:
         """(T, 1) prior standard deviation of every target's coordinates [mm]."""
-        is_stated = self.usual.any(
-            axis=1,
-            keepdims=True,
-        )
-        sigma = np.where(
-            is_stated,
-            STATED_MM,
-            USUAL_MM,
-        )
+        is_stated = self.usual.any(axis=1, keepdims=True)
+        sigma = np.where(is_stated, STATED_MM, USUAL_MM)
         return np.asarray(sigma)
 
     def take(self, rows: Index) -> Sight:
@@ -100,11 +93,7 @@ class Sight:
     def points(self, tools: Array) -> Array:
         """Compute (m, 3) nominal positions of the targets in frame 0 for offsets (T, 3) [mm]."""
         offset = tools[self.target]
-        rotated = np.einsum(
-            "mij,mj->mi",
-            self.F,
-            offset,
-        )
+        rotated = np.einsum("mij,mj->mi", self.F, offset)
         points = self.o + rotated
         return np.asarray(points)
 
@@ -112,10 +101,7 @@ class Sight:
         """Compute (3,) the median of a group's measured points [mm]."""
         in_group = self.group == group
         points = self.x[in_group]
-        median = np.median(
-            points,
-            axis=0,
-        )
+        median = np.median(points, axis=0)
         return np.asarray(median)
 
 
@@ -137,35 +123,21 @@ def compute_residuals(sight: Sight, at: Placed) -> Array:
     group = sight.group
     R = at.R[group]
     t = at.t[group]
-    predicted = np.einsum(
-        "mij,mj->mi",
-        R,
-        sight.points(at.tools),
-    )
+    predicted = np.einsum("mij,mj->mi", R, sight.points(at.tools))
     position: Array = sight.x - predicted - t
     if sight.seen is None or at.turned is None:
         return position
     of_target = at.turned[sight.target]
     turned = R @ sight.F @ of_target
-    deviation = np.einsum(
-        "mij,mkj->mik",
-        sight.seen,
-        turned,
-    )
+    deviation = np.einsum("mij,mkj->mik", sight.seen, turned)
     rotation = rotation_vector(deviation)
-    return np.concatenate(
-        [position, LEVER_MM * rotation],
-        axis=1,
-    )
+    return np.concatenate([position, LEVER_MM * rotation], axis=1)
 
 
 def compute_misfits(sight: Sight, at: Placed) -> Array:
     """Compute (m,) lengths of the residuals."""
     residuals = compute_residuals(sight, at)
-    lengths = np.linalg.norm(
-        residuals,
-        axis=1,
-    )
+    lengths = np.linalg.norm(residuals, axis=1)
     return np.asarray(lengths)
 
 
@@ -175,15 +147,8 @@ def compute_trimmed_median(size: Array, unknowns: int) -> Array:
     m = size.shape[-1]
     beyond_exact = (3 * m + unknowns + 1) // 6
     k = min(beyond_exact, m - 1)
-    sorted_up_to_k = np.partition(
-        size,
-        k,
-        axis=-1,
-    )
-    median = np.maximum(
-        sorted_up_to_k[..., k],
-        MIN_MEDIAN_MM,
-    )
+    sorted_up_to_k = np.partition(size, k, axis=-1)
+    median = np.maximum(sorted_up_to_k[..., k], MIN_MEDIAN_MM)
     return np.asarray(median)
 
 
@@ -199,23 +164,14 @@ def fit_rigid_transform(x: Array, y: Array, weight: Array) -> tuple[Array, Array
     y_mean = np.einsum("...k,...ki->...i", w, y)
     x_centred = x - x_mean[..., None, :]
     y_centred = y - y_mean[..., None, :]
-    covariance = np.einsum(
-        "...k,...ki,...kj->...ij",
-        w,
-        x_centred,
-        y_centred,
-    )
+    covariance = np.einsum("...k,...ki,...kj->...ij", w, x_centred, y_centred)
     U, _, Vt = np.linalg.svd(covariance)
     handedness = np.linalg.det(U @ Vt)
     reflection = np.ones(U.shape[:-1])
     reflection[..., 2] = np.sign(handedness)
     reflected = U * reflection[..., None, :]
     R = reflected @ Vt
-    rotated_mean = np.einsum(
-        "...ij,...j->...i",
-        R,
-        y_mean,
-    )
+    rotated_mean = np.einsum("...ij,...j->...i", R, y_mean)
     return R, x_mean - rotated_mean
 
 
@@ -230,10 +186,7 @@ def fit_placements(sight: Sight, tools: Array) -> Placed:
     for g in np.unique(sight.group):
         in_group = sight.group == g
         rows = np.flatnonzero(in_group)
-        R[g], t[g] = _fit_robustly(
-            sight.x[rows],
-            y[rows],
-        )
+        R[g], t[g] = _fit_robustly(sight.x[rows], y[rows])
     return Placed(R, t, tools)
 
 
@@ -243,22 +196,11 @@ def _fit_robustly(x: Array, y: Array) -> tuple[Array, Array]:
     irrationals = np.sqrt([5.0, 2.0, 3.0, 7.0])
     shares = np.outer(np.arange(SUBSETS) + 0.5, irrationals) % 1.0
     fours = (shares * m).astype(int)
-    of_all = fit_rigid_transform(
-        x[None],
-        y[None],
-        np.ones((1, m)),
-    )
-    of_fours = fit_rigid_transform(
-        x[fours],
-        y[fours],
-        np.ones(fours.shape),
-    )
+    of_all = fit_rigid_transform(x[None], y[None], np.ones((1, m)))
+    of_fours = fit_rigid_transform(x[fours], y[fours], np.ones(fours.shape))
     Rs, ts = (np.concatenate(fits) for fits in zip(of_all, of_fours, strict=True))
     rotated = y @ Rs.transpose(0, 2, 1)
-    distances = np.linalg.norm(
-        x - rotated - ts[:, None],
-        axis=2,
-    )
+    distances = np.linalg.norm(x - rotated - ts[:, None], axis=2)
     medians = compute_trimmed_median(distances, 6)
     best = int(medians.argmin())
     R = Rs[best]
@@ -266,13 +208,7 @@ def _fit_robustly(x: Array, y: Array) -> tuple[Array, Array]:
     near = distances[best]
     for _ in range(MAX_ROUNDS):
         scale = LOSS * compute_trimmed_median(near, 6)
-        weight = compute_redescending_weights(
-            near,
-            scale,
-        )
+        weight = compute_redescending_weights(near, scale)
         R, t = fit_rigid_transform(x, y, weight)
-        near = np.linalg.norm(
-            x - y @ R.T - t,
-            axis=1,
-        )
+        near = np.linalg.norm(x - y @ R.T - t, axis=1)
     return R, t

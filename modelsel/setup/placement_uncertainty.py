@@ -22,17 +22,9 @@ def compute_uncertainty(sight: Sight, at: Placed, good: Mask) -> tuple[Array, Ar
     """Compute the standard deviations that the good rows (mask) leave, with targets expected as
     usual: ((G,) of the least certain turn of each placement [rad], (T,) of the least certain
     direction of each target [mm])."""
-    sigma = _estimate_sigma(
-        sight,
-        at,
-        good,
-    )
+    sigma = _estimate_sigma(sight, at, good)
     weight = good.astype(float)
-    H, _ = normal_equations(
-        sight,
-        at,
-        weight,
-    )
+    H, _ = normal_equations(sight, at, weight)
     H = H / sigma**2
     G = sight.groups
     T = len(at.tools)
@@ -65,16 +57,10 @@ def _estimate_sigma(sight: Sight, at: Placed, good: Mask) -> float:
     squares = np.square(residuals[good])
     square = float(squares.mean())
     largest = MAX_MISFIT * moves
-    square = min(
-        square,
-        largest**2,
-    )
+    square = min(square, largest**2)
     usual = USUAL_ERROR * moves
     rows = good.sum()
-    rows_per_error = max(
-        rows / INDEPENDENT_ROWS,
-        1.0,
-    )
+    rows_per_error = max(rows / INDEPENDENT_ROWS, 1.0)
     shared = usual**2 * rows_per_error
     sigma = float(np.sqrt(square + shared))
     return max(sigma, MIN_MEDIAN_MM)
@@ -82,10 +68,7 @@ def _estimate_sigma(sight: Sight, at: Placed, good: Mask) -> float:
 
 def _compute_rms_distance(points: Array) -> float:
     """Compute the root mean square distance of points (k, 3) from their median."""
-    middle = np.median(
-        points,
-        axis=0,
-    )
+    middle = np.median(points, axis=0)
     offset = points - middle
     square = np.square(offset).sum(1)
     mean = square.mean()
@@ -98,10 +81,7 @@ def _invert(H: Array) -> Array:
     size = np.sqrt(np.maximum(diagonal, TINY))
     scaled = H / np.outer(size, size)
     value, vector = np.linalg.eigh(scaled)
-    bounded = np.maximum(
-        value,
-        NULL_EIGENVALUE,
-    )
+    bounded = np.maximum(value, NULL_EIGENVALUE)
     whitened = vector / np.sqrt(bounded)
     root = whitened / size[:, None]
     inverse = root @ root.T
@@ -113,8 +93,5 @@ def _compute_largest_sigma(covariance: Array, start: int) -> float:
     end = start + 3
     block = covariance[start:end, start:end]
     variances = np.linalg.eigvalsh(block)
-    largest = max(
-        variances[-1],
-        0.0,
-    )
+    largest = max(variances[-1], 0.0)
     return float(np.sqrt(largest))

@@ -53,32 +53,17 @@ def register(problem: Problem, use: Mask, per_group: bool) -> Problem:
         return _register_points(problem, points, per_group)
     selected = problem.take(use)
     group, count = number_groups(selected, per_group)
-    _require_configurations(
-        selected,
-        group,
-        count,
-        per_group,
-    )
+    _require_configurations(selected, group, count, per_group)
     R = np.tile(np.eye(3), (count, 1, 1))
     t = np.zeros((count, 3))
     tools = problem.tools.copy()
     turned = None
     if problem.tool_rotations is not None:
         turned = problem.tool_rotations.copy()
-    sight = build_sight(
-        selected,
-        group,
-        count,
-    )
+    sight = build_sight(selected, group, count)
     for part in split_independent(sight):
         at, good = _find_placement(part.sight)
-        _require_known_turns(
-            part,
-            at,
-            good,
-            selected,
-            per_group,
-        )
+        _require_known_turns(part, at, good, selected, per_group)
         R[part.groups] = at.R
         t[part.groups] = at.t
         tools[part.targets] = at.tools
@@ -86,12 +71,7 @@ def register(problem: Problem, use: Mask, per_group: bool) -> Problem:
             turned[part.targets] = at.turned
     groups = len(problem.data.groups)
     placed = np.arange(count) if per_group else np.zeros(groups, np.intp)
-    return replace(
-        problem,
-        placement=(R[placed], t[placed]),
-        tools=tools,
-        tool_rotations=turned,
-    )
+    return replace(problem, placement=(R[placed], t[placed]), tools=tools, tool_rotations=turned)
 
 
 def _register_points(problem: Problem, use: Mask, per_group: bool) -> Problem:
@@ -135,25 +115,12 @@ def note_undetermined(
         use = use & gauges.of("point")
     selected = problem.take(use)
     group, count = number_groups(selected, per_group)
-    sight = build_sight(
-        selected,
-        group,
-        count,
-    )
+    sight = build_sight(selected, group, count)
     expected = replace(sight, usual=usual)
     notes: list[Note] = []
     for part in split_independent(expected):
-        at = _read_placement(
-            selected,
-            part,
-            group,
-        )
-        notes += _note_weak_part(
-            part,
-            at,
-            selected,
-            per_group,
-        )
+        at = _read_placement(selected, part, group)
+        notes += _note_weak_part(part, at, selected, per_group)
     return tuple(notes)
 
 
@@ -163,19 +130,11 @@ def _note_weak_part(part: Part, at: Placed, problem: Problem, per_group: bool) -
     misfits = compute_misfits(sight, at)
     median = compute_trimmed_median(misfits, sight.unknowns)
     good = misfits <= GROSS * median
-    turn, place = compute_uncertainty(
-        sight,
-        at,
-        good,
-    )
+    turn, place = compute_uncertainty(sight, at, good)
     for k in np.flatnonzero(turn > REPORTED_TURN):
         g = int(part.groups[k])
         yield _note_weak_turn(
-            sight,
-            at,
-            int(k),
-            float(turn[k]),
-            name=name_group(problem, g, per_group),
+            sight, at, int(k), float(turn[k]), name=name_group(problem, g, per_group)
         )
     weak = part.targets[place > REPORTED_MM]
     if len(weak):
@@ -196,12 +155,7 @@ def _read_placement(problem: Problem, part: Part, group: Index) -> Placed:
     if rotations is not None:
         turned = rotations[part.targets]
     R, t = problem.placement
-    return Placed(
-        R[placed],
-        t[placed],
-        problem.tools[part.targets],
-        turned,
-    )
+    return Placed(R[placed], t[placed], problem.tools[part.targets], turned)
 
 
 def _find_placement(sight: Sight) -> tuple[Placed, Mask]:
@@ -236,11 +190,7 @@ def _thin(sight: Sight) -> Sight:
     chosen = []
     for rows in pairs:
         count = len(rows)
-        spread = np.linspace(
-            0,
-            count - 1,
-            min(count, most),
-        )
+        spread = np.linspace(0, count - 1, min(count, most))
         places = spread.astype(int)
         chosen.append(rows[places])
     kept = np.concatenate(chosen)
@@ -252,10 +202,7 @@ def _compute_extent(sight: Sight) -> float:
     middles = [sight.middle(g) for g in range(sight.groups)]
     middle = np.array(middles)
     of_rows = middle[sight.group]
-    distance = np.linalg.norm(
-        sight.x - of_rows,
-        axis=1,
-    )
+    distance = np.linalg.norm(sight.x - of_rows, axis=1)
     median = np.median(distance)
     return float(median)
 
@@ -273,10 +220,7 @@ def _compute_losses(sight: Sight, tried: list[Placed]) -> Array:
     sigma = scale / MEDIAN_3
     prior = np.array(penalties) * sigma**2
     cut_off = GROSS * scale
-    bounded = np.minimum(
-        np.square(size),
-        cut_off**2,
-    )
+    bounded = np.minimum(np.square(size), cut_off**2)
     losses = bounded.sum(1) + prior
     return np.asarray(losses)
 
@@ -306,10 +250,7 @@ def _describe_shape(sight: Sight, at: Placed, g: int) -> str:
     in_group = sight.group == g
     x = sight.x[in_group]
     middle = np.median(x, axis=0)
-    singular = np.linalg.svd(
-        x - middle,
-        compute_uv=False,
-    )
+    singular = np.linalg.svd(x - middle, compute_uv=False)
     extent = singular / np.sqrt(len(x))
     longest, across = extent[0], extent[1]
     misfits = compute_misfits(sight, at)
@@ -342,21 +283,13 @@ def _require_known_turns(
     part: Part, at: Placed, good: Mask, problem: Problem, per_group: bool
 ) -> None:
     """Raise NotEstimable where the rows leave a placement's turn open."""
-    turn, _ = compute_uncertainty(
-        part.sight,
-        at,
-        good,
-    )
+    turn, _ = compute_uncertainty(part.sight, at, good)
     k = int(turn.argmax())
     least_certain = turn[k]
     if least_certain <= MAX_TURN:
         return
     g = int(part.groups[k])
-    name = name_group(
-        problem,
-        g,
-        per_group,
-    )
+    name = name_group(problem, g, per_group)
     degrees = np.degrees(least_certain)
     known = f"to {degrees:.0f} degrees only (one standard deviation)"
     if least_certain > np.pi:

@@ -88,23 +88,11 @@ REGISTER = replace(
 def _change_readings(words: str, look: str, A: Array, c: Array | None = None) -> Mistake:
     if c is None:
         c = np.zeros(len(A))
-    return Mistake(
-        words,
-        look,
-        A,
-        c,
-        B=np.eye(3),
-    )
+    return Mistake(words, look, A, c, B=np.eye(3))
 
 
 def _change_positions(words: str, look: str, B: Array, joints: int) -> Mistake:
-    return Mistake(
-        words,
-        look,
-        A=np.eye(joints),
-        c=np.zeros(joints),
-        B=B,
-    )
+    return Mistake(words, look, A=np.eye(joints), c=np.zeros(joints), B=B)
 
 
 def list_joint_mistakes(robot: Robot) -> Iterator[Mistake]:
@@ -151,12 +139,7 @@ def _generate_zeros(j: int, n: int) -> Iterator[Mistake]:
     for degrees in RIGHT_ANGLES:
         change = "added to" if degrees > 0 else "subtracted from"
         zeros = identity[j] * degrees * DEGREE
-        yield _change_readings(
-            f"{abs(degrees)}° is {change} q{j + 1}",
-            look,
-            identity,
-            zeros,
-        )
+        yield _change_readings(f"{abs(degrees)}° is {change} q{j + 1}", look, identity, zeros)
 
 
 def _exchange_columns(j: int, k: int, n: int) -> Mistake:
@@ -177,11 +160,7 @@ def _generate_couplings(j: int, n: int) -> Iterator[Mistake]:
         A = np.eye(n)
         A[j, j - 1] = sign
         change = "added to" if sign > 0 else "subtracted from"
-        yield _change_readings(
-            f"q{j} is {change} q{j + 1}",
-            look,
-            A,
-        )
+        yield _change_readings(f"q{j} is {change} q{j + 1}", look, A)
 
 
 def _generate_angle_units(turns: Sequence[bool]) -> Iterator[Mistake]:
@@ -212,11 +191,7 @@ def list_reversed_joints(n: int) -> Iterator[Mistake]:
             sign[list(joints)] = -1.0
             numbers = [str(j + 1) for j in joints]
             names = sentence_list(numbers)
-            reversal = _change_readings(
-                f"joints {names} turn the other way",
-                look,
-                np.diag(sign),
-            )
+            reversal = _change_readings(f"joints {names} turn the other way", look, np.diag(sign))
             yield replace(reversal, parts=size)
 
 
@@ -224,20 +199,10 @@ def list_position_mistakes(n: int, framed: bool) -> Iterator[Mistake]:
     """List mistakes of the positions: units and handedness; axis by axis where the positions are
     said to be in the robot's own frame (`framed`)."""
     for unit in SCALES:
-        yield _change_positions(
-            f"the positions {unit.words}",
-            unit.look,
-            np.eye(3) * unit.scale,
-            n,
-        )
+        yield _change_positions(f"the positions {unit.words}", unit.look, np.eye(3) * unit.scale, n)
     if not framed:
         words, look = MIRRORED
-        yield _change_positions(
-            f"the positions {words}",
-            look,
-            -np.eye(3),
-            n,
-        )
+        yield _change_positions(f"the positions {words}", look, -np.eye(3), n)
         return
     for axis, other, B in list_axis_changes():
         words = f"{axis} has the opposite sign"

@@ -74,16 +74,8 @@ def turn_about_lines(sight: Sight, at: Placed) -> Iterator[Placed]:
     for angle in (np.pi / 2, np.pi, -np.pi / 2):
         turn = Rotation.from_rotvec(angle * axes)
         W = turn.as_matrix()
-        offset = np.einsum(
-            "gij,gj->gi",
-            W,
-            from_middle,
-        )
-        turned = replace(
-            at,
-            R=W @ at.R,
-            t=middle + offset,
-        )
+        offset = np.einsum("gij,gj->gi", W, from_middle)
+        turned = replace(at, R=W @ at.R, t=middle + offset)
         yield _add_target_rotations(sight, turned)
 
 
@@ -91,10 +83,7 @@ def _find_line(points: Array) -> Array:
     """Find the unit direction (3,) of points (k, 3) that are nearly a line; zero where they are
     not."""
     centred = points - np.median(points, axis=0)
-    _, extent, directions = np.linalg.svd(
-        centred,
-        full_matrices=False,
-    )
+    _, extent, directions = np.linalg.svd(centred, full_matrices=False)
     is_thin = extent[1] < THIN * extent[0]
     line = directions[0] * is_thin
     return np.asarray(line)
@@ -104,12 +93,7 @@ def _add_target_rotations(sight: Sight, at: Placed) -> Placed:
     """Add the mean rotation of every target frame on the flange, where orientations are measured."""
     if sight.seen is None:
         return at
-    each = np.einsum(
-        "mji,mkj,mkl->mil",
-        sight.F,
-        at.R[sight.group],
-        sight.seen,
-    )
+    each = np.einsum("mji,mkj,mkl->mil", sight.F, at.R[sight.group], sight.seen)
     rotations = []
     for k in range(len(at.tools)):
         of_target = each[sight.target == k]
@@ -125,10 +109,7 @@ def _average_rotations(each: Array) -> Array:
     for _ in range(REWEIGHTINGS):
         total = np.einsum("k,kij->ij", weight, each)
         R = nearest_rotation(total)
-        deviation = np.linalg.norm(
-            each - R,
-            axis=(1, 2),
-        )
+        deviation = np.linalg.norm(each - R, axis=(1, 2))
         scale = compute_scale(deviation, MIN_SCALE)
         weight = compute_redescending_weights(deviation, scale)
     return R
@@ -142,11 +123,7 @@ def _fill_targets(M: Array, sight: Sight, start: int, columns: Array) -> None:
     coordinates = np.arange(3)
     first = start + 3 * sight.target
     offsets = first[:, None, None] + coordinates
-    M[
-        rows[:, None, None],
-        coordinates[:, None],
-        offsets,
-    ] = columns
+    M[rows[:, None, None], coordinates[:, None], offsets] = columns
 
 
 def _fill_places(M: Array, sight: Sight) -> None:
@@ -154,11 +131,7 @@ def _fill_places(M: Array, sight: Sight) -> None:
     rows = np.arange(len(M))
     first = 3 * sight.group
     for a in range(3):
-        M[
-            rows,
-            a,
-            first + a,
-        ] = 1.0
+        M[rows, a, first + a] = 1.0
 
 
 def _fill_maps(M: Array, sight: Sight, scaled: Array) -> None:
@@ -171,11 +144,7 @@ def _fill_maps(M: Array, sight: Sight, scaled: Array) -> None:
     first = 12 * sight.group[:, None]
     for a in range(3):
         columns = first + 4 * a + np.arange(4)
-        M[
-            rows,
-            a,
-            columns,
-        ] = row
+        M[rows, a, columns] = row
 
 
 def _start_from_affine_map(sight: Sight) -> Placed:
@@ -194,16 +163,8 @@ def _start_from_affine_map(sight: Sight) -> Placed:
     unknowns = of_targets + 3 * targets
     M = np.zeros((m, 3, unknowns))
     _fill_maps(M, sight, centred / span)
-    _fill_targets(
-        M,
-        sight,
-        of_targets,
-        -sight.F,
-    )
-    solution = _solve_robustly(
-        M,
-        sight.points(sight.usual),
-    )
+    _fill_targets(M, sight, of_targets, -sight.F)
+    solution = _solve_robustly(M, sight.points(sight.usual))
     maps = solution[:of_targets].reshape(groups, 3, 4)
     offsets = solution[of_targets:]
     R = np.empty((groups, 3, 3))
@@ -212,11 +173,7 @@ def _start_from_affine_map(sight: Sight) -> Placed:
         to_base = nearest_rotation(affine[:, :3] / span)
         R[g] = to_base.T
         t[g] = middle[g] - R[g] @ affine[:, 3]
-    return Placed(
-        R,
-        t,
-        tools=sight.usual + offsets.reshape(targets, 3),
-    )
+    return Placed(R, t, tools=sight.usual + offsets.reshape(targets, 3))
 
 
 def _find_pivots(sight: Sight) -> Array:
@@ -227,12 +184,7 @@ def _find_pivots(sight: Sight) -> Array:
     unknowns = of_targets + 3 * targets
     M = np.zeros((len(sight.x), 3, unknowns))
     _fill_places(M, sight)
-    _fill_targets(
-        M,
-        sight,
-        of_targets,
-        -sight.F,
-    )
+    _fill_targets(M, sight, of_targets, -sight.F)
     expected = sight.points(sight.usual)
     solution = _solve_robustly(M, expected)
     offsets = solution[of_targets:]
@@ -258,25 +210,12 @@ def _start_from_orientations(sight: Sight) -> Placed | None:
     unknowns = of_targets + 3 * targets
     M = np.zeros((len(sight.x), 3, unknowns))
     _fill_places(M, sight)
-    _fill_targets(
-        M,
-        sight,
-        of_targets,
-        of_row @ sight.F,
-    )
-    rotated = np.einsum(
-        "mij,mj->mi",
-        of_row,
-        sight.points(sight.usual),
-    )
+    _fill_targets(M, sight, of_targets, of_row @ sight.F)
+    rotated = np.einsum("mij,mj->mi", of_row, sight.points(sight.usual))
     solution = _solve_robustly(M, sight.x - rotated)
     b = solution[:of_targets]
     offsets = solution[of_targets:]
-    return Placed(
-        R,
-        t=b.reshape(groups, 3),
-        tools=sight.usual + offsets.reshape(targets, 3),
-    )
+    return Placed(R, t=b.reshape(groups, 3), tools=sight.usual + offsets.reshape(targets, 3))
 
 
 def _fit_hand_eye(sight: Sight, g: int) -> Array | None:
@@ -284,16 +223,8 @@ def _fit_hand_eye(sight: Sight, g: int) -> Array | None:
     rotations between them have one axis."""
     seen = np.asarray(sight.seen)
     first, second = _pair_rows(sight, g)
-    seen_turns = np.einsum(
-        "mij,mkj->mik",
-        seen[first],
-        seen[second],
-    )
-    flange_turns = np.einsum(
-        "mij,mkj->mik",
-        sight.F[first],
-        sight.F[second],
-    )
+    seen_turns = np.einsum("mij,mkj->mik", seen[first], seen[second])
+    flange_turns = np.einsum("mij,mkj->mik", sight.F[first], sight.F[second])
     a = rotation_vector(seen_turns)
     b = rotation_vector(flange_turns)
     angle = np.linalg.norm(b, axis=1)
@@ -304,17 +235,9 @@ def _fit_hand_eye(sight: Sight, g: int) -> Array | None:
         return None
     weight = is_trusted.astype(float)
     for _ in range(REWEIGHTINGS):
-        covariance = np.einsum(
-            "m,mi,mj->ij",
-            weight,
-            a,
-            b,
-        )
+        covariance = np.einsum("m,mi,mj->ij", weight, a, b)
         R = nearest_rotation(covariance)
-        size = np.linalg.norm(
-            a - b @ R.T,
-            axis=1,
-        )
+        size = np.linalg.norm(a - b @ R.T, axis=1)
         scale = compute_scale(size, MIN_SCALE)
         weight = is_trusted * compute_cauchy_weights(size, scale)
     return R
@@ -346,11 +269,7 @@ def _solve_robustly(M: Array, y: Array) -> Array:
         of_rows = weight[:, None]
         design = M * of_rows[:, None]
         response = y * of_rows
-        solution, *_ = np.linalg.lstsq(
-            design.reshape(-1, unknowns),
-            response.ravel(),
-            rcond=1e-9,
-        )
+        solution, *_ = np.linalg.lstsq(design.reshape(-1, unknowns), response.ravel(), rcond=1e-9)
         rest = M @ solution - y
         distance = np.linalg.norm(rest, axis=1)
         scale = compute_scale(distance, MIN_SCALE_MM)

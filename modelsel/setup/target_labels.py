@@ -48,12 +48,7 @@ def describe_swapped_labels(
     points = problem.take(use).plain_points()
     given = points.data.target
     before = _compute_mean(points, given)
-    left, label = _find_labels(
-        points,
-        before,
-        registered,
-        per_group,
-    )
+    left, label = _find_labels(points, before, registered, per_group)
     if registered:
         label = _prefer_given(given, label)
     is_other = label != given
@@ -122,11 +117,7 @@ def _generate_starts(problem: Problem, before: float) -> Iterator[Index]:
         middle = np.median(data.row)
         is_late = data.row > middle
         exchanged = names.sum() - given
-        yield np.where(
-            is_late,
-            exchanged,
-            given,
-        )
+        yield np.where(is_late, exchanged, given)
 
 
 def _settle_labels(problem: Problem, label: Index, registered: bool, per_group: bool) -> _Labelling:
@@ -135,12 +126,7 @@ def _settle_labels(problem: Problem, label: Index, registered: bool, per_group: 
     is_given = (label == problem.data.target).all()
     at = problem
     if not is_given:
-        at = _relabel(
-            problem,
-            label,
-            registered,
-            per_group,
-        )
+        at = _relabel(problem, label, registered, per_group)
     best = _compute_mean(at, label)
     for _ in range(MAX_ROUNDS):
         distances = _compute_distances(at)
@@ -149,12 +135,7 @@ def _settle_labels(problem: Problem, label: Index, registered: bool, per_group: 
         again = names[nearest]
         if (again == label).all():
             break
-        relabelled = _relabel(
-            problem,
-            again,
-            registered,
-            per_group,
-        )
+        relabelled = _relabel(problem, again, registered, per_group)
         left = _compute_mean(relabelled, again)
         if left >= best:
             break
@@ -192,29 +173,14 @@ def _compute_distances(problem: Problem) -> Array:
     distances = np.empty(shape)
     R, t = problem.placement
     for rows in problem.blocks():
-        flange = pose(
-            problem.robot,
-            problem.data.q[rows],
-            np.zeros(3),
-        )
+        flange = pose(problem.robot, problem.data.q[rows], np.zeros(3))
         axes = flange.axes[-1, :3]
         rotation = axes.transpose(2, 1, 0)
         group = problem.data.group[rows]
         position = problem.data.position[rows]
-        base = np.einsum(
-            "mji,mj->mi",
-            R[group],
-            position - t[group],
-        )
-        offsets = np.einsum(
-            "mij,tj->mti",
-            rotation,
-            problem.tools,
-        )
+        base = np.einsum("mji,mj->mi", R[group], position - t[group])
+        offsets = np.einsum("mij,tj->mti", rotation, problem.tools)
         origin = flange.target.T
         places = origin[:, None] + offsets
-        distances[rows] = np.linalg.norm(
-            base[:, None] - places,
-            axis=2,
-        )
+        distances[rows] = np.linalg.norm(base[:, None] - places, axis=2)
     return distances

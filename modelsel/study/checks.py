@@ -146,13 +146,7 @@ def check_chosen_model(
     if not is_mistaken:
         new_notes += _check_tolerances(split, chosen.fit)
     known_notes = [*notes, *new_notes]
-    hopeless = _describe_hopeless_fit(
-        split,
-        chosen,
-        floor,
-        known_notes,
-        register,
-    )
+    hopeless = _describe_hopeless_fit(split, chosen, floor, known_notes, register)
     if hopeless is not None:
         note = Note(HOPELESS_FIT, hopeless)
         return (*new_notes, note)

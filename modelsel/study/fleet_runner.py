@@ -259,14 +259,7 @@ def _read_row(name: str, folder: Path) -> Row:
 
 def _make_failed_row(name: str, why: str, code: int) -> Row:
     row: Row = dict.fromkeys(SUMMARY_COLUMNS)
-    row |= {
-        "name": name,
-        "state": "failed",
-        "found": "",
-        "warnings": "",
-        "why": why,
-        "exit": code,
-    }
+    row |= {"name": name, "state": "failed", "found": "", "warnings": "", "why": why, "exit": code}
     return row
 
 
@@ -339,12 +332,7 @@ def _find_files_of_set(table: PartsTable, folder: Path) -> list[Path]:
 
 def map_on_workers(client: Any, work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
     """Map work over the items on the workers, results in the items' order; re-raise its errors."""
-    futures = client.map(
-        work,
-        items,
-        pure=False,
-        retries=0,
-    )
+    futures = client.map(work, items, pure=False, retries=0)
     results = client.gather(futures)
     return list(results)
 

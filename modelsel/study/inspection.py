@@ -20,7 +20,7 @@ from ..mechanisms.geometry import build_setup, geometric
 from ..notices import SETUP_MISTAKE, list_alarms
 from ..results.placements import describe_placements, locate_placements
 from ..results.schema import RegistrationRecord
-from ..robot.kinematics import Joint, Robot
+from ..robot.kinematics import Robot
 from ..setup.feature_positions import place_features
 from ..setup.mistakes import MIN_CONFIGURATIONS
 from ..setup.registration import register
@@ -31,18 +31,6 @@ MAX_LISTED_FEATURES = 6
 MAX_LISTED_GROUPS = 8
 ASSUMED_TOOL_MM = (0.0, 0.0, 100.0)  # nominal target, for what the configurations determine
 MIN_MOTION = 1e-6  # rad or mm: a joint with a smaller range does not move
-
-
-def _format_limits(joint: Joint) -> str:
-    if joint.limits is None:
-        return "not known"
-    limits = np.array(joint.limits)
-    unit = "mm"
-    if not joint.prismatic:
-        limits = np.degrees(limits)
-        unit = "deg"
-    low, high = limits
-    return f"{low:.4g} to {high:.4g} {unit}"
 
 
 def inspect_measurements(robot: Robot, data: Measurements) -> dict[str, Any]:
@@ -77,11 +65,7 @@ def _count_kinds(data: Measurements) -> dict[str, Any]:
     features = []
     for k, feature in enumerate(gauges.features):
         is_of_feature = gauges.feature == k
-        counted = {
-            "name": feature.name,
-            "kind": feature.kind,
-            "rows": int(is_of_feature.sum()),
-        }
+        counted = {"name": feature.name, "kind": feature.kind, "rows": int(is_of_feature.sum())}
         features.append(counted)
     return {"kinds": present, "features": features}
 

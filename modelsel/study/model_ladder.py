@@ -147,9 +147,7 @@ def evaluate_ladder(
     return [nominal, *others, chosen]
 
 
-def _identify(
-    evaluation: Evaluation,
-) -> tuple[tuple[str, ...], frozenset[tuple[Screw, ...]]]:
+def _identify(evaluation: Evaluation) -> tuple[tuple[str, ...], frozenset[tuple[Screw, ...]]]:
     """Return what makes two models of a ladder the same: their names and what these stand for."""
     terms = evaluation.fit.terms
     screws = frozenset(term.screws for term in terms)

@@ -215,14 +215,7 @@ def compare_candidates(
     offered, set_aside = choose_strongest(candidates, single_f, named, most)
     if not offered:
         return None
-    return compare_subsets(
-        split,
-        base.fit,
-        offered,
-        base.names,
-        set_aside,
-        count,
-    )
+    return compare_subsets(split, base.fit, offered, base.names, set_aside, count)
 
 
 def find_data_faults(
@@ -230,12 +223,7 @@ def find_data_faults(
 ) -> tuple[Fault, ...]:
     """Return the faults among the outlying rows that no note of the preparation reports already."""
     rng = generator(study.seed, "null")
-    faults = find_misplaced_rows(
-        split.problem,
-        split.outlying,
-        chosen.fit,
-        rng,
-    )
+    faults = find_misplaced_rows(split.problem, split.outlying, chosen.fit, rng)
     return drop_known_faults(faults, notes)
 
 
@@ -255,11 +243,7 @@ def measure_gain(split: Split, draws: RowResampling, before: Evaluation, after: 
     held_out = ~split.estimation & ~split.outlying
     residual_before = before.residual[held_out]
     residual_after = after.residual[held_out]
-    return bootstrap_gain(
-        residual_before[:, :3],
-        residual_after[:, :3],
-        draws,
-    )
+    return bootstrap_gain(residual_before[:, :3], residual_after[:, :3], draws)
 
 
 def measure_findings(

@@ -245,10 +245,7 @@ def _estimate_learning(
 
 
 def tabulate_configurations(
-    calibration: Calibration,
-    possible: Measurements,
-    rows: Sequence[int],
-    units: Sequence[str] = (),
+    calibration: Calibration, possible: Measurements, rows: Sequence[int], units: Sequence[str] = ()
 ) -> dict[str, Array]:
     """Return the chosen configurations as columns of a measurements file without positions.
 

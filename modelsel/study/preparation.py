@@ -45,10 +45,7 @@ METRES = 0.01  # of the arm's reach: coordinates so small (median length) look l
 
 
 def prepare(
-    study: Study,
-    robot: Robot,
-    data: Measurements,
-    labels: NDArray[np.object_] | None = None,
+    study: Study, robot: Robot, data: Measurements, labels: NDArray[np.object_] | None = None
 ) -> tuple[Split, Floor | None, tuple[Note, ...]]:
     """Prepare measurements for a study.
 
@@ -106,10 +103,7 @@ def _set_up(study: Study, robot: Robot, data: Measurements) -> Problem:
     """Return the problem with the nominal targets and the tracker's position."""
     x, y, z = study.noise.tracker_mm
     tools = arrange_tools(study.robot, data)
-    return replace(
-        Problem(robot, data, tools),
-        tracker=(x, y, z),
-    )
+    return replace(Problem(robot, data, tools), tracker=(x, y, z))
 
 
 def arrange_tools(table: RobotTable, data: Measurements) -> Array:
@@ -138,12 +132,7 @@ def read_instrument(noise: NoiseTable) -> Instrument | None:
     if not noise.instrument:
         return None
     x, y, z = noise.tracker_mm
-    return Instrument(
-        noise.range_mm,
-        noise.range_ppm,
-        noise.angle_urad,
-        (x, y, z),
-    )
+    return Instrument(noise.range_mm, noise.range_ppm, noise.angle_urad, (x, y, z))
 
 
 def _register(study: Study, problem: Problem, estimation: Mask) -> tuple[Problem, list[Note]]:

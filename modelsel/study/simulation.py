@@ -61,12 +61,7 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
         tools = arrange_tools(study.robot, rows)
         return simulate_readings(robot, tools, effects, data=rows, noise_mm=noise_mm, rng=rng)
     simulate = partial(
-        simulate_points,
-        robot,
-        effects=effects,
-        at=configurations,
-        noise_mm=noise_mm,
-        rng=rng,
+        simulate_points, robot, effects=effects, at=configurations, noise_mm=noise_mm, rng=rng
     )
     table = study.robot
     if table.tools_mm:
@@ -83,12 +78,7 @@ def _read_configurations(study: Study, folder: Path, robot: Robot) -> Measuremen
     if isinstance(source, Path) and not source.is_file():
         return None
     columns = study.measurements.columns
-    return read_measurements(
-        source,
-        robot.prismatic,
-        columns,
-        positions=False,
-    )
+    return read_measurements(source, robot.prismatic, columns, positions=False)
 
 
 def _take_one_row_each(data: Measurements) -> Measurements:
@@ -97,12 +87,7 @@ def _take_one_row_each(data: Measurements) -> Measurements:
     rows = data.take(first)
     count = len(rows)
     target = np.zeros(count, np.intp)
-    return replace(
-        rows,
-        target=target,
-        targets=("target",),
-        gauges=None,
-    )
+    return replace(rows, target=target, targets=("target",), gauges=None)
 
 
 def _parse_effects(study: Study, robot: Robot, data: Measurements) -> Effects:
@@ -295,9 +280,4 @@ def _check_kinds(gauges: Gauges) -> None:
 
 def _drop_uncertainties(data: Measurements) -> Measurements:
     """Return measurements without uncertainties and orientations."""
-    return replace(
-        data,
-        sigma=None,
-        rotation=None,
-        sigma_rotation=None,
-    )
+    return replace(data, sigma=None, rotation=None, sigma_rotation=None)

@@ -103,11 +103,7 @@ def run_bootstrap(parts: Iterable[FoldedData], fitted: Fit, rng: np.random.Gener
     units[kept] = np.square(variance) / squared
     squares = np.square(draws)
     errors = np.sqrt(squares.mean(0))
-    return Bootstrap(
-        errors,
-        draws,
-        units,
-    )
+    return Bootstrap(errors, draws, units)
 
 
 def _draw_steps(scores: Array, rng: np.random.Generator) -> Array:
@@ -155,13 +151,7 @@ def _correct_leverage(
     values = np.maximum(values, MIN_FREEDOM)
     inverse_root = 1 / np.sqrt(values)
     root = np.where(free, inverse_root, 0.0)
-    corrected = np.einsum(
-        "kab,kb,kcb,kc->ka",
-        vectors,
-        root,
-        vectors,
-        residual,
-    )
+    corrected = np.einsum("kab,kb,kcb,kc->ka", vectors, root, vectors, residual)
     return Q, corrected
 
 

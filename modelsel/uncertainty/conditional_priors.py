@@ -72,23 +72,14 @@ class ConditionalPrior:
     @cached_property
     def _diagonal(self) -> Array:
         matrices = self.root
-        return np.diagonal(
-            matrices,
-            0,
-            1,
-            2,
-        )
+        return np.diagonal(matrices, 0, 1, 2)
 
     def log_volume(self, value: Array) -> Array:
         """Compute the logarithm (W,) of the determinant of that change of units, up to a constant,
         at values (W,) of the inner constant."""
         constant = self.constant
         below, share = constant.interpolate(value)
-        diagonal = _interpolate(
-            self._diagonal,
-            below,
-            share[:, None],
-        )
+        diagonal = _interpolate(self._diagonal, below, share[:, None])
         logarithm = np.log(diagonal)
         log_det = logarithm.sum(1)
         return np.asarray(log_det)
@@ -176,11 +167,7 @@ def build_conditionals(
 
 
 def _changes(
-    problem: Problem,
-    at: Linearisation,
-    constant: Constant,
-    index: Sequence[int],
-    rows: int,
+    problem: Problem, at: Linearisation, constant: Constant, index: Sequence[int], rows: int
 ) -> Iterator[Array]:
     """Yield, at every grid point, how the columns (rows, k) of the terms `index` depart from the
     model's."""

@@ -72,12 +72,7 @@ class MarginalLikelihood:
             density = scale_term - prior_cost
             density = density - half_cost
         else:
-            residual, weight = self._minimise_student(
-                residual,
-                log_s,
-                inverse,
-                nu,
-            )
+            residual, weight = self._minimise_student(residual, log_s, inverse, nu)
             scaled = residual * inverse
             prior_cost = self._prior_cost(scaled)
             distance = self._distance(scaled)
@@ -114,11 +109,7 @@ class MarginalLikelihood:
             prior = np.ones((len(data), 1))
             factor: Array = np.concatenate([data, prior], 1)
             precision = factor * precision
-        information = np.einsum(
-            "wt,tij->wij",
-            precision,
-            self.grams,
-        )
+        information = np.einsum("wt,tij->wij", precision, self.grams)
         return np.asarray(information)
 
     def _minimise(
@@ -172,11 +163,7 @@ class MarginalLikelihood:
         measured = self._measured
         data = scaled[:, :measured]
         squares = np.square(data)
-        by_point = squares.reshape(
-            walkers,
-            self.coordinates,
-            self.configurations,
-        )
+        by_point = squares.reshape(walkers, self.coordinates, self.configurations)
         distance = by_point.sum(1)
         return np.asarray(distance)
 

@@ -96,11 +96,7 @@ def _normal_scores(chain: Array) -> Array:
     count_plus = len(flat) + 0.25
     scores = np.empty_like(flat)
     for j, values in enumerate(flat.T):
-        _, inverse, count = np.unique(
-            values,
-            return_inverse=True,
-            return_counts=True,
-        )
+        _, inverse, count = np.unique(values, return_inverse=True, return_counts=True)
         last = np.cumsum(count)
         rank = last - (count - 1) / 2
         numerator = rank[inverse] - 0.375

@@ -84,11 +84,7 @@ def assign_components(problem: Problem, instrument: Instrument | None = None) ->
         units.append(STATED)
         factor = np.append(factor, 1.0)
     return Components(
-        problem,
-        np.array(component, dtype=np.intp),
-        tuple(names),
-        tuple(units),
-        factor,
+        problem, np.array(component, dtype=np.intp), tuple(names), tuple(units), factor
     )
 
 
@@ -107,12 +103,7 @@ def align_with_beam(problem: Problem, instrument: Instrument) -> Problem:
     weight = matrices[:, :3, :3]
     information = np.einsum("mji,mjk->mik", weight, weight)
     covariance = np.linalg.inv(information)
-    variance = np.einsum(
-        "mai,mij,maj->ma",
-        basis,
-        covariance,
-        basis,
-    )
+    variance = np.einsum("mai,mij,maj->ma", basis, covariance, basis)
     sigma = np.sqrt(variance)
     aligned = matrices.copy()
     aligned[:, :3, :3] = basis / sigma[:, :, None]
@@ -131,10 +122,7 @@ def _beam_basis(line: Array) -> Array:
     length = np.linalg.norm(across, axis=1)
     across /= length[:, None]
     third = np.cross(along, across)
-    return np.stack(
-        [along, across, third],
-        axis=1,
-    )
+    return np.stack([along, across, third], axis=1)
 
 
 def merge_components(noise: Components) -> Components:
@@ -142,13 +130,7 @@ def merge_components(noise: Components) -> Components:
     component = np.zeros_like(noise.component)
     units = noise.units[:1]
     factor = noise.factor[:1]
-    return Components(
-        noise.problem,
-        component,
-        (SINGLE,),
-        units,
-        factor,
-    )
+    return Components(noise.problem, component, (SINGLE,), units, factor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,14 +227,7 @@ def _constant(
         variants.append(variant)
     tables = _tabulate(problem, mechanism, variants, place)
     name = mechanism.name
-    return Constant(
-        f"constant of {name}",
-        name,
-        low,
-        high,
-        held,
-        tables,
-    )
+    return Constant(f"constant of {name}", name, low, high, held, tables)
 
 
 def _number_names(constants: Sequence[Constant]) -> tuple[Constant, ...]:
@@ -283,10 +258,7 @@ def _held_value(
 
 
 def _tabulate(
-    problem: Problem,
-    mechanism: Mechanism,
-    variants: Sequence[Mechanism],
-    place: dict[TermKey, int],
+    problem: Problem, mechanism: Mechanism, variants: Sequence[Mechanism], place: dict[TermKey, int]
 ) -> tuple[Table, ...]:
     """Tabulate how the causes of every screw of a mechanism change over its variants."""
     tables = []

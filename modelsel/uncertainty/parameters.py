@@ -113,12 +113,7 @@ def bootstrap_parameters(split: Split, fitted: Fit, rng: np.random.Generator) ->
     grouped = p <= GROUP_LEVEL
     unit = data.group if grouped else data.block
     at = fitted.at()
-    parts = fold_by_unit(
-        training,
-        fitted.terms,
-        unit,
-        at,
-    )
+    parts = fold_by_unit(training, fitted.terms, unit, at)
     boot = run_bootstrap(parts, fitted, rng)
     return replace(boot, grouped=grouped)
 
@@ -183,11 +178,7 @@ def add_posterior(
     described = []
     for parameter in parameters:
         error = spread[parameter.symbol]
-        errors = (
-            parameter.standard_error,
-            parameter.bootstrap_error,
-            error,
-        )
+        errors = (parameter.standard_error, parameter.bootstrap_error, error)
         differ = _differ(errors, parameter.configurations)
         changed = replace(parameter, posterior_error=error, differ=differ)
         described.append(changed)
@@ -307,12 +298,7 @@ def correlate_parameters(fitted: Fit) -> Correlation:
         pair = _describe_pair(names[j], names[i], r)
         pairs.append(pair)
     clusters = _cluster(names, joined)
-    return Correlation(
-        names,
-        matrix,
-        tuple(pairs),
-        clusters,
-    )
+    return Correlation(names, matrix, tuple(pairs), clusters)
 
 
 def _find_strong(matrix: Array, determined: Mask) -> list[tuple[int, int]]:
@@ -326,10 +312,7 @@ def _find_strong(matrix: Array, determined: Mask) -> list[tuple[int, int]]:
     for i, j in np.argwhere(strong):
         pair = (int(i), int(j))
         pairs.append(pair)
-    return sorted(
-        pairs,
-        key=lambda pair: -abs(matrix[pair]),
-    )
+    return sorted(pairs, key=lambda pair: -abs(matrix[pair]))
 
 
 def _describe_pair(a: str, b: str, r: float) -> Pair:

@@ -97,11 +97,7 @@ class Posterior:
         theta = self.theta + step
         share = 1 / count
         weight = np.full(count, share)
-        return Draws(
-            theta,
-            sigma,
-            weight,
-        )
+        return Draws(theta, sigma, weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,12 +136,7 @@ def linear_posterior(fitted: Fit) -> Posterior:
     cost = fitted.rss + prior_cost
     by_data = fitted.found.rank - fitted.by_prior
     freedom = fitted.rows - by_data
-    return Posterior(
-        fitted.theta,
-        fitted.factor,
-        cost,
-        freedom,
-    )
+    return Posterior(fitted.theta, fitted.factor, cost, freedom)
 
 
 def weight_draws(problem: Problem, fitted: Fit, draws: Draws, max_rows: int = MAX_ROWS) -> Draws:
@@ -178,11 +169,7 @@ def weight_draws(problem: Problem, fitted: Fit, draws: Draws, max_rows: int = MA
     largest = log_weight.max()
     weight = np.exp(log_weight - largest)
     share = weight / weight.sum()
-    return Draws(
-        theta,
-        draws.sigma,
-        np.asarray(share),
-    )
+    return Draws(theta, draws.sigma, np.asarray(share))
 
 
 def _exact_cost(problem: Problem, fitted: Fit, theta: Array) -> Array:

@@ -108,11 +108,7 @@ class Sampling:
     @property
     def quantiles(self) -> Array:
         """(d, 3) quantiles of the chain at 2.5, 50 and 97.5 %."""
-        quantiles = np.quantile(
-            self.chain,
-            PROBABILITIES,
-            axis=(0, 1),
-        )
+        quantiles = np.quantile(self.chain, PROBABILITIES, axis=(0, 1))
         return np.asarray(quantiles.T)
 
     @property
@@ -283,12 +279,7 @@ def _burn_in(tau: Array, thin: int, stored: int) -> int:
 
 
 def _finish(
-    walk: _Walk,
-    tau: Array,
-    agreement: Array,
-    converged: bool,
-    importance: Importance,
-    what: str,
+    walk: _Walk, tau: Array, agreement: Array, converged: bool, importance: Importance, what: str
 ) -> Sampling:
     log_posterior = walk.log_posterior
     burnt = _burn_in(tau, walk.thin, len(walk.chain))
@@ -384,10 +375,7 @@ class _Walk:
         """Run so many more steps."""
         self.sampler.reset()
         after = self.sampler.run_mcmc(
-            self.position,
-            steps // self.thin,
-            thin_by=self.thin,
-            skip_initial_state_check=True,
+            self.position, steps // self.thin, thin_by=self.thin, skip_initial_state_check=True
         )
         self.parts.append(self.sampler.get_chain())
         self.densities.append(self.sampler.get_log_prob())

@@ -171,13 +171,7 @@ def _displace(
             total[g] += size.sum()
             largest[g] = max(largest[g], size.max())
     mean = total / len(problem)
-    return list(
-        zip(
-            mean.tolist(),
-            largest.tolist(),
-            strict=True,
-        )
-    )
+    return list(zip(mean.tolist(), largest.tolist(), strict=True))
 
 
 def compare_nested(
@@ -212,14 +206,7 @@ def compare_nested(
         return f, p, None
     rank = round(fitted.rows - freedom - count)
     rss = fitted.rss + increase
-    evidence = log_evidence(
-        fitted.rss,
-        rss,
-        fitted.rows,
-        rank,
-        round(count),
-        known,
-    )
+    evidence = log_evidence(fitted.rss, rss, fitted.rows, rank, round(count), known)
     log10_evidence = evidence / np.log(10)
     return f, p, float(log10_evidence)
 
@@ -274,22 +261,14 @@ class _ReducedModels:
         fitted = self.fitted
         kept = fitted.found.kept
         plain = replace(held, whitening=whitening)
-        reduction = reduce_problem(
-            plain,
-            fitted.terms,
-            fitted.at(),
-            kept,
-        )
+        reduction = reduce_problem(plain, fitted.terms, fitted.at(), kept)
         return reduction.R
 
     def bundles(self, count: int) -> FoldedData:
         """Return a fold per configuration; of more than `count`, per bundle of them, whose halves
         have the same answer."""
         data = self.training.data
-        _, configuration = np.unique(
-            data.block,
-            return_inverse=True,
-        )
+        _, configuration = np.unique(data.block, return_inverse=True)
         number = configuration.reshape(-1)
         bundle = number % count
         return self._fold(self.training, bundle)

@@ -34,11 +34,7 @@ def count_determined(fitted: Fit, terms: Sequence[int]) -> float:
     rest = [k for k in kept if k not in terms]
     spent = 0.0
     if rest:
-        full = with_prior(
-            reduction,
-            fitted.root,
-            fitted.theta,
-        )
+        full = with_prior(reduction, fitted.root, fitted.theta)
         _, factor, _ = solve(full, rest)
         columns = reduction.R[:-1, rest]
         influence = np.square(columns @ factor)
@@ -183,9 +179,4 @@ class _HalfSamples:
         squares = np.square(residual)
         square_sum = float(squares.sum())
         variance = square_sum / freedom
-        return _HalfSolution(
-            beta,
-            covariance,
-            variance,
-            freedom,
-        )
+        return _HalfSolution(beta, covariance, variance, freedom)

@@ -200,16 +200,7 @@ def build_log_posterior(
     others += [constant.name for constant in constants]
     names += others
     units += ["1"] * len(others)
-    return LogPosterior(
-        fitted,
-        noise,
-        sampled,
-        tuple(names),
-        tuple(units),
-        tail,
-        constants,
-        exact,
-    )
+    return LogPosterior(fitted, noise, sampled, tuple(names), tuple(units), tail, constants, exact)
 
 
 def _choose_coefficients(

@@ -737,11 +737,7 @@ def test_what_a_study_knows_of_features_is_checked(tmp_path) -> None:
         "length_mm stands in its rows already; give it once.",
     ]
     with pytest.raises(StudyError, match="say how a tracker measures points"):
-        prepare(
-            study(40, noise=INSTRUMENT),
-            PUMA,
-            replace(made(c, tmp_path), sigma=None),
-        )
+        prepare(study(40, noise=INSTRUMENT), PUMA, replace(made(c, tmp_path), sigma=None))
     both = study(40, noise={**INSTRUMENT, "floor_mm": 0.1})
     _, floor, _ = prepare(both, PUMA, replace(made(c, tmp_path), sigma=None))
     assert (floor.coordinate_mm, floor.source) == (0.1, "stated")

@@ -54,7 +54,7 @@ BREACHES = {
         floor_problems,
         {
             "fitting/noise.py": "from typing import TYPE_CHECKING\n"
-            "if TYPE_CHECKING:\n    from ..selection import subsets",
+            "if TYPE_CHECKING:\n    from ..selection import subsets"
         },
         "selection.subsets from",
     ),

@@ -338,11 +338,7 @@ def test_nearly_dependent_columns_are_told_apart(rng) -> None:
     found = sweep_subsets(folded, [0, 1], [[2, 3], [4, 5], [6]])
     assert found.rank.tolist() == [2 + members @ [2, 2, 1] for members in found.members.astype(int)]
     for members, held_out in zip(found.members, found.held_out, strict=True):
-        columns = [
-            0,
-            1,
-            *(c for g in np.flatnonzero(members) for c in ([2, 3], [4, 5], [6])[g]),
-        ]
+        columns = [0, 1, *(c for g in np.flatnonzero(members) for c in ([2, 3], [4, 5], [6])[g])]
         for k in range(5):
             beta = np.linalg.lstsq(X[fold_of != k][:, columns], y[fold_of != k], rcond=1e-12)[0]
             left = y[fold_of == k] - X[fold_of == k][:, columns] @ beta

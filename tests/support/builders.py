@@ -130,10 +130,5 @@ def study_with(
         if value is not None
     }
     return Study(
-        name="test",
-        seed=seed,
-        robot=robot,
-        measurements="none.csv",
-        split=split,
-        noise=noise or {},
+        name="test", seed=seed, robot=robot, measurements="none.csv", split=split, noise=noise or {}
     )

@@ -81,10 +81,7 @@ def export(c: Calibration, form: str) -> Exported:
 
 def _check_names(c: Calibration) -> None:
     """Raise StudyError with every name that cannot be written."""
-    names = [
-        ("study", c.study),
-        ("robot", c.robot.name),
-    ]
+    names = [("study", c.study), ("robot", c.robot.name)]
     names += [("target", target) for target in c.targets]
     names += [("group", group) for group in c.groups]
     problems = []
@@ -193,12 +190,7 @@ def to_table(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     remarks.append(
         f"interpolated linearly: {rms * 1e3:.2g} µm rms, {most * 1e3:.2g} µm at most{jump}"
     )
-    return Exported(
-        text,
-        most,
-        len(at),
-        notes=tuple(remarks),
-    )
+    return Exported(text, most, len(at), notes=tuple(remarks))
 
 
 Writer = Callable[["Calibration", Sequence[str]], Exported]

@@ -47,12 +47,7 @@ def measure_chain(
         errors = np.linalg.norm(difference, axis=1)
         worst = max(worst, float(errors.max()))
     configurations = len(at) * len(c.targets)
-    return Exported(
-        text,
-        worst,
-        configurations,
-        notes=notes,
-    )
+    return Exported(text, worst, configurations, notes=notes)
 
 
 def to_urdf(c: Calibration, notes: Sequence[str] = ()) -> Exported:
@@ -68,21 +63,11 @@ def to_urdf(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     if c.registered:
         trackers["tracker"] = inverse(transform(R, t))
     robot, bounded = _bound_slides(made.robot, c.ranges)
-    text = write_urdf(
-        robot,
-        tips,
-        trackers,
-        [made.robot.source, *notes, *bounded],
-    )
+    text = write_urdf(robot, tips, trackers, [made.robot.source, *notes, *bounded])
 
     def read(text: str, target: int) -> Callable[[Array], Array]:
         link = links[c.targets[target]]
-        back = read_urdf_text(
-            text,
-            "the export",
-            "base",
-            link,
-        )
+        back = read_urdf_text(text, "the export", "base", link)
         origin = np.zeros(3)
         return lambda q: forward(back, q, origin)
 
@@ -153,12 +138,7 @@ def to_dh(c: Calibration, modified: bool, notes: Sequence[str]) -> Exported:
         offset = _target_offset(made, name)
         return lambda q: forward(back, q, offset)
 
-    return measure_chain(
-        c,
-        text,
-        read,
-        tuple(nearly),
-    )
+    return measure_chain(c, text, read, tuple(nearly))
 
 
 def _target_offset(made: ConstantChain, target: str) -> Array:

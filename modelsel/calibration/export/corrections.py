@@ -97,11 +97,7 @@ def _parse_csv(text: str, c: Calibration, target: str) -> list[Part]:
             bump = Bump(name, knot, width)
             cause = _restore_bump(cause, bump)
         frame = int(row["frame"])
-        screw = Screw(
-            frame,
-            row["axis"],
-            cause,
-        )
+        screw = Screw(frame, row["axis"], cause)
         term = Term(row["symbol"], (screw,))
         value = float(row["value"])
         part = Part("", term, value, 0.0)

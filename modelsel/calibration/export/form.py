@@ -71,8 +71,4 @@ def measure_whole(c: Calibration, text: str, read: Callable[[str, int], list[Par
         errors = np.linalg.norm(difference, axis=1)
         worst = max(worst, float(errors.max()))
     configurations = len(at) * len(c.targets)
-    return Exported(
-        text,
-        worst,
-        configurations,
-    )
+    return Exported(text, worst, configurations)

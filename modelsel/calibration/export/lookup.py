@@ -59,10 +59,7 @@ def build_tables(
         value = at.value(name)
         least = float(value.min())
         largest = float(value.max())
-        ranges[name] = (
-            min(low, least),
-            max(high, largest),
-        )
+        ranges[name] = (min(low, least), max(high, largest))
     own: dict[tuple[int, str, tuple[str, ...]], list[tuple[Part, int]]] = {}
     over = []
     for part in varying:
@@ -84,14 +81,7 @@ def build_tables(
     for (frame, axis, along), parts in own.items():
         radius = lever if axis[0] == "r" else 1.0
         fine = MAX_INTERPOLATION_MM / radius
-        table = _refine_grid(
-            ranges,
-            frame,
-            axis,
-            along,
-            parts,
-            fine,
-        )
+        table = _refine_grid(ranges, frame, axis, along, parts, fine)
         tables.append(table)
     return tables, over
 
@@ -103,13 +93,7 @@ def build_constant_tables(entries: Array) -> list[Table]:
     frames, axes = np.nonzero(entries)
     places = zip(frames.tolist(), axes.tolist(), strict=True)
     for frame, axis in places:
-        table = Table(
-            frame + 1,
-            AXES[axis],
-            (),
-            (),
-            entries[frame, axis],
-        )
+        table = Table(frame + 1, AXES[axis], (), (), entries[frame, axis])
         tables.append(table)
     return tables
 
@@ -156,13 +140,7 @@ def _refine_grid(
         if error.max() < fine:
             break
         count = 2 * count - 1
-    return Table(
-        frame,
-        axis,
-        names,
-        tuple(grid),
-        values,
-    )
+    return Table(frame, axis, names, tuple(grid), values)
 
 
 def write_tables(made: Sequence[Table]) -> str:
@@ -179,14 +157,7 @@ def write_tables(made: Sequence[Table]) -> str:
                 state += [name, f"{value:.10g}"]
             empty = [""] * (4 - len(state))
             correction = f"{table.values[index]:.8g}"
-            row = [
-                k,
-                table.frame,
-                table.axis,
-                *state,
-                *empty,
-                correction,
-            ]
+            row = [k, table.frame, table.axis, *state, *empty, correction]
             writer.writerow(row)
     return stream.getvalue()
 

@@ -43,11 +43,7 @@ def load_program() -> str:
 def write_module(data: dict[str, Any]) -> str:
     """Write the module's text: the program, then its data as one literal of plain ASCII, so that no
     letter in it changes how the lines are read."""
-    literal = pformat(
-        data,
-        width=130,
-        sort_dicts=False,
-    )
+    literal = pformat(data, width=130, sort_dicts=False)
     escaped = literal.encode("ascii", "backslashreplace")
     ascii_literal = escaped.decode()
     program = load_program()
@@ -144,12 +140,7 @@ def to_python(c: Calibration, notes: Sequence[str] = ()) -> Exported:
         given = {}
         for name in there["needs"]:
             given[name] = at.value(name)
-        _, calibrated = predict_both(
-            there,
-            at.data.q,
-            c.targets[t],
-            given,
-        )
+        _, calibrated = predict_both(there, at.data.q, c.targets[t], given)
         return calibrated
 
     worst = 0.0
@@ -161,8 +152,4 @@ def to_python(c: Calibration, notes: Sequence[str] = ()) -> Exported:
         errors = np.linalg.norm(difference, axis=1)
         worst = max(worst, float(errors.max()))
     configurations = len(at) * len(c.targets)
-    return Exported(
-        text,
-        worst,
-        configurations,
-    )
+    return Exported(text, worst, configurations)

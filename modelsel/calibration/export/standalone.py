@@ -195,23 +195,13 @@ def predict_both(
 
 def position(q: Any, /, target: str | None = None, **given: Any) -> Array:
     """Return where the calibrated arm has the target, (m, 3) mm."""
-    _, calibrated = predict_both(
-        DATA,
-        q,
-        target,
-        given,
-    )
+    _, calibrated = predict_both(DATA, q, target, given)
     return calibrated
 
 
 def correction(q: Any, /, target: str | None = None, **given: Any) -> Array:
     """Return the calibrated minus the nominal position, (m, 3) mm."""
-    nominal, calibrated = predict_both(
-        DATA,
-        q,
-        target,
-        given,
-    )
+    nominal, calibrated = predict_both(DATA, q, target, given)
     return np.asarray(calibrated - nominal)
 
 

@@ -118,13 +118,7 @@ def _draw_points(ax: Any, panel: _Panel) -> None:
         alpha=0.7,
     )
     ax.scatter(
-        x,
-        panel.after,
-        s=2 + 6 * panel.weight,
-        marker="o",
-        color=AFTER,
-        linewidths=0,
-        alpha=0.45,
+        x, panel.after, s=2 + 6 * panel.weight, marker="o", color=AFTER, linewidths=0, alpha=0.45
     )
 
 

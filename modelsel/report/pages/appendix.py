@@ -64,10 +64,7 @@ def write_provenance_page(source: Source) -> list[Block]:
         *list_provenance(record),
     ]
     columns = [("what", "left"), ("value", "left")]
-    blocks = [
-        make_heading("Provenance", opens=False),
-        make_table(columns, rows, "", [0.0, 1.0]),
-    ]
+    blocks = [make_heading("Provenance", opens=False), make_table(columns, rows, "", [0.0, 1.0])]
     if record.path:
         blocks += [make_heading("How the model grew", 2), make_text(_path_sentence(record.path))]
     reproducibility = (

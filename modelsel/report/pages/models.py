@@ -32,13 +32,7 @@ def write_models_page(source: Source) -> list[Block]:
 
 def _write_ladder(record: StudyRecord) -> list[Block]:
     rows = [
-        [
-            label,
-            str(rung.parameters),
-            str(rung.rank),
-            *list_errors(rung),
-            format_mm(rung.cv_rms_mm),
-        ]
+        [label, str(rung.parameters), str(rung.rank), *list_errors(rung), format_mm(rung.cv_rms_mm)]
         for label, rung in zip(label_ladder(record), record.ladder, strict=True)
     ]
     columns = [("model", "left"), *((name, "right") for name in LADDER_COLUMNS)]
@@ -70,10 +64,7 @@ def _write_subsets(candidates: CandidatesRecord) -> list[Block]:
         make_heading("The table of subsets", 2),
         make_text(explanation + _search_sentence(candidates)),
         make_table(
-            columns,
-            rows,
-            caption + _set_aside_sentence(candidates),
-            [1.4, 0.0, 0.0, 0.0, 0.0, 0.8],
+            columns, rows, caption + _set_aside_sentence(candidates), [1.4, 0.0, 0.0, 0.0, 0.0, 0.8]
         ),
     ]
 
