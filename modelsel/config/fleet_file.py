@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from .._names import find_name_problem
 from .._text import parse_toml, read_text
 from ..exceptions import StudyError, suggest
-from .messages import describe_error, format_place, to_toml_values
+from .messages import describe_value_problem, format_place, to_toml_values
 from .study_file import Study, find_data, read_study
 from .study_tables import FileName, Name, Vector
 
@@ -195,14 +195,11 @@ def _change_study(study: Study, entry: StudyTable, folder: Path, study_folder: P
 
 def _describe_problem(error: Any) -> str:
     """Describe a problem of pydantic's by its place in the fleet file."""
-    kind = error["type"]
     location = error["loc"]
     place = format_place(location)
-    if kind == "missing":
-        return f"{place} is missing."
-    if kind != "extra_forbidden":
-        description = describe_error(error)
-        return f"{place}: {description}."
+    problem = describe_value_problem(error, place)
+    if problem is not None:
+        return problem
     tables: dict[str, type[_Table]] = {"study": StudyTable, "parts": PartsTable}
     first, *inner = location
     table: type[_Table] = FleetFile

@@ -53,6 +53,15 @@ def describe_error(error: Any) -> str:
     return f"{message}, found {found!r}"
 
 
+def describe_value_problem(error: Any, place: str) -> str | None:
+    """Describe a value that is missing or wrong, by its place; None for a key that is unknown."""
+    if error["type"] == "missing":
+        return f"{place} is missing."
+    if error["type"] == "extra_forbidden":
+        return None
+    return f"{place}: {describe_error(error)}."
+
+
 def format_place(location: Sequence[Any]) -> str:
     """Write a place in a file: its keys, and items of arrays counted from 1."""
     words = []

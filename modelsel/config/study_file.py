@@ -13,7 +13,7 @@ from pydantic import BaseModel, Field, ValidationError
 from .._text import parse_toml, read_text
 from ..exceptions import StudyError, suggest
 from ..measurements.table import Source
-from .messages import describe_error, format_place, to_toml_values
+from .messages import describe_value_problem, format_place, to_toml_values
 from .study_tables import (
     ComparisonTable,
     EffectTable,
@@ -102,14 +102,11 @@ def _is_union_tag(part: Any) -> bool:
 
 def _describe_problem(error: Any) -> str:
     """Describe a problem of pydantic's by its place in the study file."""
-    kind = error["type"]
     location = [part for part in error["loc"] if not _is_union_tag(part)]
     place = format_place(location)
-    if kind == "missing":
-        return f"{place} is missing."
-    if kind != "extra_forbidden":
-        description = describe_error(error)
-        return f"{place}: {description}."
+    problem = describe_value_problem(error, place)
+    if problem is not None:
+        return problem
     *table_location, key = location
     known_keys = _list_known_keys(table_location)
     hint = suggest(str(key), known_keys)

@@ -14,7 +14,7 @@ from ..fitting.problem import Problem
 from ..robot.rigid import from_quaternion, nearest_rotation, rotation_vector, to_quaternion
 from .other_robots import select_most_frequent
 from .registration import register
-from .robust_weights import compute_cauchy_weights, compute_scale
+from .robust_weights import compute_cauchy_weights, compute_scale, fit_rotation_robustly
 
 # rows that are examined, spread over the file, and configurations that are needed
 MAX_ROWS = 200
@@ -186,16 +186,7 @@ def _fit_tracker(seen: Array, flange: Array) -> Array | None:
     rank = np.linalg.matrix_rank(b[is_trusted], tol=ONE_AXIS * np.sqrt(count))
     if rank < 2:
         return None
-    weight = is_trusted.astype(float)
-    for _ in range(REWEIGHTINGS):
-        covariance = np.einsum("m,mi,mj->ij", weight, a, b)
-        P = nearest_rotation(covariance)
-        rest = a - b @ P.T
-        size = np.linalg.norm(rest, axis=1)
-        scale = compute_scale(size, MIN_SCALE)
-        robust = compute_cauchy_weights(size, scale)
-        weight = is_trusted * robust
-    return P
+    return fit_rotation_robustly(a, b, is_trusted)
 
 
 def _rotate_between(rotations: Array, k: int) -> Array:

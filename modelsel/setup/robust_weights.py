@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from .._typing import Array
+from .._typing import Array, Mask
+from ..robot.rigid import nearest_rotation
 
 # medians of the residuals' lengths beyond which a row counts less and less
 MEDIANS = 3.0
+# rounds of reweighting of a rotation, and the least scale of its residuals [rad]
+ROTATION_ROUNDS = 12
+MIN_ROTATION_SCALE = 1e-9
 
 
 def compute_scale(size: Array, least: float) -> float:
@@ -41,3 +45,17 @@ def compute_redescending_loss(square: Array, scale: float) -> tuple[Array, Array
     losses = square / influence
     weights = 1 / influence**2
     return losses, weights
+
+
+def fit_rotation_robustly(a: Array, b: Array, is_trusted: Mask) -> Array:
+    """Fit the rotation R (3, 3) with a = R b to vectors a, b (m, 3) [rad] with Cauchy weights.
+
+    Rows that are not trusted do not count."""
+    weight = is_trusted.astype(float)
+    for _ in range(ROTATION_ROUNDS):
+        covariance = np.einsum("m,mi,mj->ij", weight, a, b)
+        R = nearest_rotation(covariance)
+        size = np.linalg.norm(a - b @ R.T, axis=1)
+        scale = compute_scale(size, MIN_ROTATION_SCALE)
+        weight = is_trusted * compute_cauchy_weights(size, scale)
+    return R

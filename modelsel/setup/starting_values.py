@@ -15,7 +15,12 @@ import numpy as np
 from .._typing import Array, Index
 from ..robot.rigid import nearest_rotation, rotation_vector
 from .placement import Placed, Sight, fit_placements
-from .robust_weights import compute_cauchy_weights, compute_redescending_weights, compute_scale
+from .robust_weights import (
+    compute_cauchy_weights,
+    compute_redescending_weights,
+    compute_scale,
+    fit_rotation_robustly,
+)
 
 REWEIGHTINGS = 12
 # angle [rad] between two orientations beyond which the axis of their rotation is not trusted
@@ -233,14 +238,7 @@ def _fit_hand_eye(sight: Sight, g: int) -> Array | None:
     rank = np.linalg.matrix_rank(b[is_trusted], tol=least)
     if rank < 2:
         return None
-    weight = is_trusted.astype(float)
-    for _ in range(REWEIGHTINGS):
-        covariance = np.einsum("m,mi,mj->ij", weight, a, b)
-        R = nearest_rotation(covariance)
-        size = np.linalg.norm(a - b @ R.T, axis=1)
-        scale = compute_scale(size, MIN_SCALE)
-        weight = is_trusted * compute_cauchy_weights(size, scale)
-    return R
+    return fit_rotation_robustly(a, b, is_trusted)
 
 
 def _pair_rows(sight: Sight, g: int) -> tuple[Index, Index]:

@@ -10,20 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..._typing import Array
+from ...fitting.problem import Problem
 from ...robot.dh import compute_dh_rows, format_dh_file
 from ...robot.files import robot_from_table
 from ...robot.kinematics import Robot, forward
 from ...robot.rigid import inverse, transform
 from ...robot.urdf import read_urdf_text
 from ...robot.urdf_writer import write_urdf
-from ..constant_part import (
-    ConstantChain,
-    build_constant_chain,
-    compute_points,
-    sample_workspace,
-    split_parts,
-)
-from .form import Exported
+from ..constant_part import ConstantChain, build_constant_chain, compute_points, split_parts
+from .form import Exported, measure_export
 
 if TYPE_CHECKING:
     from ..calibration import Calibration
@@ -37,17 +32,13 @@ def measure_chain(
 ) -> Exported:
     """Measure an exported chain: `read` gives, of the file's text, the target's position in frame 0
     at joint readings."""
-    worst = 0.0
-    for t in range(len(c.targets)):
-        at = sample_workspace(c, t)
-        constant, _ = split_parts(c, t)
-        wanted = compute_points(at, constant)
-        predict = read(text, t)
-        difference = predict(at.data.q) - wanted
-        errors = np.linalg.norm(difference, axis=1)
-        worst = max(worst, float(errors.max()))
-    configurations = len(at) * len(c.targets)
-    return Exported(text, worst, configurations, notes=notes)
+
+    def compute_difference(target: int, at: Problem) -> Array:
+        constant, _ = split_parts(c, target)
+        predict = read(text, target)
+        return predict(at.data.q) - compute_points(at, constant)
+
+    return measure_export(c, text, compute_difference, notes)
 
 
 def to_urdf(c: Calibration, notes: Sequence[str] = ()) -> Exported:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..._typing import Array
+from ...fitting.problem import Problem
 from ..constant_part import Part, compute_points, sample_workspace
 from ..prediction import compute_pose
 
@@ -59,16 +61,31 @@ def describe_left_out(some: Sequence[Part]) -> tuple[str, ...]:
     return tuple(sentences)
 
 
+def measure_export(
+    c: Calibration,
+    text: str,
+    compute_difference: Callable[[int, Problem], Array],
+    notes: tuple[str, ...] = (),
+) -> Exported:
+    """Measure an exported text over the workspace of every target.
+
+    `compute_difference` gives, of a target's number and its configurations, where the text has the
+    target minus where it should be (m, 3) mm."""
+    worst = 0.0
+    configurations = 0
+    for target in range(len(c.targets)):
+        at = sample_workspace(c, target)
+        errors = np.linalg.norm(compute_difference(target, at), axis=1)
+        worst = max(worst, float(errors.max()))
+        configurations += len(at)
+    return Exported(text, worst, configurations, notes=notes)
+
+
 def measure_whole(c: Calibration, text: str, read: Callable[[str, int], list[Part]]) -> Exported:
     """Measure exported screws, put back into the nominal chain."""
-    worst = 0.0
-    for t in range(len(c.targets)):
-        at = sample_workspace(c, t)
-        pose = compute_pose(at, c.terms, c.theta)
-        wanted = pose.target.T
-        parts = read(text, t)
-        difference = compute_points(at, parts) - wanted
-        errors = np.linalg.norm(difference, axis=1)
-        worst = max(worst, float(errors.max()))
-    configurations = len(at) * len(c.targets)
-    return Exported(text, worst, configurations)
+
+    def compute_difference(target: int, at: Problem) -> Array:
+        wanted = compute_pose(at, c.terms, c.theta).target.T
+        return compute_points(at, read(text, target)) - wanted
+
+    return measure_export(c, text, compute_difference)

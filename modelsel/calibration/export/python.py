@@ -19,9 +19,9 @@ from ...fitting.design import PLACE
 from ...fitting.problem import Problem
 from ...measurements.state_names import is_state_name
 from ...mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
-from ..constant_part import constant_entries, sample_workspace, split_parts
+from ..constant_part import constant_entries, split_parts
 from ..prediction import compute_pose, to_tracker_frame
-from .form import Exported
+from .form import Exported, measure_export
 from .standalone import predict_both
 
 if TYPE_CHECKING:
@@ -143,13 +143,8 @@ def to_python(c: Calibration, notes: Sequence[str] = ()) -> Exported:
         _, calibrated = predict_both(there, at.data.q, c.targets[t], given)
         return calibrated
 
-    worst = 0.0
-    for t in range(len(c.targets)):
-        at = sample_workspace(c, t)
+    def compute_difference(target: int, at: Problem) -> Array:
         pose = compute_pose(at, c.terms, c.theta)
-        wanted = to_tracker_frame(at, pose.target.T)
-        difference = run(t, at) - wanted
-        errors = np.linalg.norm(difference, axis=1)
-        worst = max(worst, float(errors.max()))
-    configurations = len(at) * len(c.targets)
-    return Exported(text, worst, configurations)
+        return run(target, at) - to_tracker_frame(at, pose.target.T)
+
+    return measure_export(c, text, compute_difference)
