@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +27,7 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Applied, Cause, Named, cos, q, sin, torque
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load_robot
-from modelsel.robot.kinematics import forward
+from modelsel.robot.kinematics import Robot, forward
 
 NOISE = 0.05  # mm per coordinate
 ONE = np.array([[0.0, 0.0, 100.0]])
@@ -64,7 +64,7 @@ class Campaign:
 
 def _eighteen(rng: np.random.Generator, angles: Array) -> dict[str, Array]:
     """Temperatures that drift, motor currents and loads: 18 columns of one configuration each."""
-    m, n = angles.shape
+    m = len(angles)
     clock = np.linspace(0, 1, m)
     columns = {
         f"temperature_{k}_C": 20 + 3 * k * (1 - np.exp(-3 * clock)) + rng.normal(0, 0.3, m)
@@ -141,7 +141,7 @@ def write(name: str, folder: Path, seed: int = 1) -> Path:
 
 
 def _measure(
-    robot: object,
+    robot: Robot,
     what: Campaign,
     angles: Array,
     tools: Array,
@@ -150,7 +150,7 @@ def _measure(
     rng: np.random.Generator,
 ) -> Array:
     """Measure (m, 3) positions of the arm with its errors, by the exact chain, with noise."""
-    nominal = np.empty((len(angles), 3))
+    nominal: Array = np.empty((len(angles), 3))
     for t, tool in enumerate(tools):
         nominal[target == t] = forward(robot, angles[target == t], tool)
     data = build_measurements(
