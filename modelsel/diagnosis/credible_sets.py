@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from math import sqrt
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from .._linalg import TINY
 from .._typing import Array, Index
 from .candidates import Candidate
 from .evidence import compute_factors, sum_evidence
-from .scan import Scan
+from .scan import Displacement, Response, Scan
 
 # posterior probability that a set holds, and entries of it that are listed
 CREDIBLE = 0.95
@@ -75,7 +76,7 @@ class _Question:
 
     scan: Scan
     candidates: Sequence[Candidate]
-    response: Array
+    response: Response
     factors: Array
     log_prior: Array
 
@@ -108,21 +109,21 @@ class _Question:
 
     def _build_entries(self, listed: Index, probability: Array) -> tuple[Entry, ...]:
         strongest = int(listed[0])
-        first = compute_displacement(self.scan, strongest, self.response)
+        first = self.scan.displace(strongest, self.response)
         entries = []
         for g in listed.tolist():
             entry = self._build_entry(g, probability, first)
             entries.append(entry)
         return tuple(entries)
 
-    def _build_entry(self, g: int, probability: Array, first: Array) -> Entry:
-        displacement = compute_displacement(self.scan, g, self.response)
+    def _build_entry(self, g: int, probability: Array, first: Displacement) -> Entry:
+        displacement = self.scan.displace(g, self.response)
         cosine = compute_cosine(first, displacement)
         return Entry(
             candidate=self.candidates[g],
             probability=float(probability[g]),
             alike=cosine > ALIKE,
-            estimate=fit_candidate_alone(self.scan, g, self.response),
+            estimate=self.scan.fit_alone(g, self.response),
             place=g,
         )
 
@@ -134,7 +135,7 @@ def _judge(entries: Sequence[Entry]) -> str:
     return NOT_TOLD_APART
 
 
-def _ask(seen: Scan, candidates: Sequence[Candidate], response: Array) -> _Question:
+def _ask(seen: Scan, candidates: Sequence[Candidate], response: Response) -> _Question:
     return _Question(
         scan=seen,
         candidates=candidates,
@@ -145,7 +146,7 @@ def _ask(seen: Scan, candidates: Sequence[Candidate], response: Array) -> _Quest
 
 
 def name_effect(
-    seen: Scan, candidates: Sequence[Candidate], response: Array, without: Index | None = None
+    seen: Scan, candidates: Sequence[Candidate], response: Response, without: Index | None = None
 ) -> CredibleSet:
     """Name what explains a response (N,) that the model's basis has been projected off.
 
@@ -155,7 +156,7 @@ def name_effect(
 
 
 def rename_effect(
-    seen: Scan, candidates: Sequence[Candidate], g: int, response: Array, without: Index
+    seen: Scan, candidates: Sequence[Candidate], g: int, response: Response, without: Index
 ) -> CredibleSet:
     """Name candidate g again, given all other effects, among the explanations of the same effect.
 
@@ -163,8 +164,8 @@ def rename_effect(
     but unrelated to g are set aside until g is the most probable, or none is left."""
     question = _ask(seen, candidates, response)
     named = question.answer(without)
-    displacement = compute_displacement(seen, g, response)
-    if not np.any(displacement):
+    displacement = seen.displace(g, response)
+    if displacement.dot(displacement) <= 0:
         return named  # the other effects absorb it completely
     aside = without.tolist()
     for _ in range(MAX_PASSES):
@@ -181,7 +182,7 @@ def rename_effect(
 
 
 def include_candidate(
-    named: CredibleSet, seen: Scan, candidates: Sequence[Candidate], g: int, response: Array
+    named: CredibleSet, seen: Scan, candidates: Sequence[Candidate], g: int, response: Response
 ) -> CredibleSet:
     """Include candidate g, which is in the model, in its own credible set.
 
@@ -193,7 +194,7 @@ def include_candidate(
         candidate=candidates[g],
         probability=float(np.exp(named.log_probability[g])),
         alike=False,
-        estimate=fit_candidate_alone(seen, g, response),
+        estimate=seen.fit_alone(g, response),
         place=g,
     )
     kept = named.entries[: LISTED - 1]
@@ -202,11 +203,11 @@ def include_candidate(
     return replace(named, entries=(*kept, entry), verdict=NOT_TOLD_APART, more=more)
 
 
-def compute_own_evidence(seen: Scan, named: CredibleSet, g: int, response: Array) -> float:
+def compute_own_evidence(seen: Scan, named: CredibleSet, g: int, response: Response) -> float:
     """Compute the log evidence of candidate g and the listed explanations of the same effect.
 
     What else may be left in the response does not count."""
-    displacement = compute_displacement(seen, g, response)
+    displacement = seen.displace(g, response)
     probability = np.exp(named.log_probability[g])
     for entry in named.entries:
         if entry.place == g:
@@ -218,28 +219,12 @@ def compute_own_evidence(seen: Scan, named: CredibleSet, g: int, response: Array
     return named.evidence + log_probability
 
 
-def _is_related(seen: Scan, entry: Entry, displacement: Array, response: Array) -> bool:
-    other = compute_displacement(seen, entry.place, response)
+def _is_related(seen: Scan, entry: Entry, displacement: Displacement, response: Response) -> bool:
+    other = seen.displace(entry.place, response)
     return compute_cosine(displacement, other) > RELATED
 
 
-def fit_candidate_alone(seen: Scan, g: int, response: Array) -> Array:
-    """Compute (k,) least-squares terms of candidate g, fitted alone beyond the model."""
-    bucket = next(b for b in seen.buckets if g in b.block.which)
-    row = int(np.flatnonzero(bucket.block.which == g)[0])
-    W = bucket.W[row]
-    columns = seen.columns.XT[bucket.block.index[row]]
-    return np.asarray(W.T @ (W @ (columns @ response[: columns.shape[1]])))
-
-
-def compute_displacement(seen: Scan, g: int, response: Array) -> Array:
-    """Compute (N,) whitened displacements by candidate g, fitted alone beyond the model."""
-    terms = fit_candidate_alone(seen, g, response)
-    raw = seen.columns.sum_of(terms, g, len(response))
-    return np.asarray(raw - seen.Q @ (seen.Q.T @ raw))
-
-
-def compute_cosine(a: Array, b: Array) -> float:
-    """Compute the cosine between two displacements; 0 where one vanishes."""
-    size = np.linalg.norm(a) * np.linalg.norm(b)
-    return float(a @ b / size) if size > 0 else 0.0
+def compute_cosine(a: Displacement, b: Displacement) -> float:
+    """Compute the cosine between two displacements beyond the model; 0 where one vanishes."""
+    size = a.dot(a) * b.dot(b)
+    return a.dot(b) / sqrt(size) if size > 0 else 0.0

@@ -24,12 +24,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._linalg import TINY
 from .._typing import Array, Index
-from .candidate_columns import CACHED_NUMBERS, split_range
-from .scan import Bucket, Scan, Strength
+from .scan import Beyond, Response, Scan, Strength
+from .screw_columns import split_range
 
 # ratios ρ = v / σ² over which the evidence is maximised
 RATIOS = np.logspace(0.5, 5.0, 8)
@@ -55,7 +54,7 @@ def normalise_strength(strength: Strength, total: Array) -> Strength:
     return Strength(whole, strength.root / np.sqrt(total), strength.smooth / total)
 
 
-def _compute_prices(seen: Scan, ratio: float) -> tuple[Array, Array]:
+def _compute_prices(seen: Beyond, ratio: float) -> tuple[Array, Array]:
     """Compute what every candidate's freedom costs at ρ = `ratio`.
 
     Returns the price (G,) in log evidence, and the weight (F, K) with which every direction of a
@@ -74,7 +73,7 @@ def _compute_smooth_share(share: Strength, weights: Array) -> Array:
 
 
 def compute_log_bayes_factors(
-    seen: Scan, share: Strength, ratio: float, out: Array | None = None
+    seen: Beyond, share: Strength, ratio: float, out: Array | None = None
 ) -> Array:
     """Compute (G, B) log Bayes factors of every candidate at ρ = `ratio` against no effect.
 
@@ -95,7 +94,7 @@ def compute_log_bayes_factors(
     return out
 
 
-def _compute_log_sign_factors(seen: Scan, share: Strength, shrink: float) -> Array:
+def _compute_log_sign_factors(seen: Beyond, share: Strength, shrink: float) -> Array:
     """Compute (S, B) what a sign adds to the log Bayes factors of candidates with a signed term.
 
     The prior has its half of that sign only, where it is twice as dense, and the data leave the
@@ -113,12 +112,12 @@ def _compute_log_sign_factors(seen: Scan, share: Strength, shrink: float) -> Arr
     return np.asarray(kind(np.log(2)) + log_ndtr((normal * share.root).astype(kind)))
 
 
-def compute_factors(seen: Scan, response: Array) -> Array:
-    """Compute (ratios, G) log Bayes factors of every candidate alone for a response (N,).
+def compute_factors(seen: Beyond, response: Response) -> Array:
+    """Compute (ratios, G) log Bayes factors of every candidate alone for a response.
 
     They are -inf for a candidate that would have to be large to explain it."""
     strength, is_small = seen.judge(response)
-    share = normalise_strength(strength, np.square(response).sum(keepdims=True))
+    share = normalise_strength(strength, np.array([response.square]))
     by_ratio = [compute_log_bayes_factors(seen, share, float(ratio))[:, 0] for ratio in RATIOS]
     return np.where(is_small, by_ratio, -np.inf)
 
@@ -142,7 +141,7 @@ class _NullEvidence:
     No candidate's Bayes factor grows by more than that of the largest share of its size, so neither
     does the sum: where that cannot exceed the best so far, the ratio need not be computed."""
 
-    def __init__(self, seen: Scan, log_prior: Array, share: Strength, largest: LargestShares):
+    def __init__(self, seen: Beyond, log_prior: Array, share: Strength, largest: LargestShares):
         self.seen, self.share, self.sizes = seen, share, tuple(largest)
         self.prior = log_prior.astype(share.whole.dtype)[:, None]
         self.space = np.empty_like(share.whole)
@@ -177,7 +176,7 @@ class _NullEvidence:
 
 
 def compute_null_evidence(
-    seen: Scan, log_prior: Array, share: Strength, largest: LargestShares
+    seen: Beyond, log_prior: Array, share: Strength, largest: LargestShares
 ) -> Array:
     """Compute the evidence (B,) of many responses, in their precision.
 
@@ -212,44 +211,26 @@ def draw_null(
 
     Returns sorted evidences (draws,), and sorted smallest p-values (draws,) of single candidates.
 
-    In single precision, which is ample where nothing stands out; every basis is computed once, so
-    that a draw costs one matrix product."""
+    Products are in single precision, which is ample where nothing stands out: a share is then off
+    by some 1e-5 of itself."""
     if not seen.by_size:
         return np.full(draws, np.nan), np.ones(draws)
-    rows = seen.columns.XT.shape[1]
-    bases = [_build_bases(bucket, seen.columns.XT) for bucket in seen.buckets]
+    rows = seen.columns.rows
     evidences, smallest = [], []
-    for drawn in split_range(draws, int(MAX_DRAWN_NUMBERS / max(seen.columns.groups, 1))):
+    for drawn in split_range(draws, int(MAX_DRAWN_NUMBERS / max(seen.columns.groups, rows))):
         noise = rng.standard_normal((rows, drawn.stop - drawn.start))
         residual = (noise - seen.Q @ (seen.Q.T @ noise)).astype(np.float32)
         for piece in split_range(residual.shape[1], PIECE):
             part = np.ascontiguousarray(residual[:, piece])
-            share = _compute_shares(seen, bases, part)
+            strength = seen.strength(seen.columns.dot(part))
+            share = normalise_strength(strength, np.square(part).sum(0))
             largest = find_largest_shares(seen, share)
             evidences.append(compute_null_evidence(seen, log_prior, share, largest))
             smallest.append(compute_smallest_p(largest, seen.freedom))
     return np.sort(np.concatenate(evidences)), np.sort(np.concatenate(smallest))
 
 
-def _build_bases(bucket: Bucket, XT: Array) -> Array:
-    """Build (n · k, N) orthonormal columns of a bucket's candidates, in single precision."""
-    index = bucket.block.index
-    bases = np.empty((*index.shape, XT.shape[1]), np.float32)
-    for piece in split_range(len(index), CACHED_NUMBERS // (index.shape[1] * XT.shape[1])):
-        bases[piece] = np.matmul(bucket.W[piece], XT[index[piece]])
-    return bases.reshape(-1, XT.shape[1])
-
-
-def _compute_shares(seen: Scan, bases: list[Array], responses: NDArray[np.float32]) -> Strength:
-    """Compute the shares of responses (N, B) that every candidate explains."""
-    products = [
-        (Z @ responses).reshape(*bucket.block.index.shape, -1)
-        for Z, bucket in zip(bases, seen.buckets, strict=True)
-    ]
-    return normalise_strength(seen.gather(products), np.square(responses).sum(0))
-
-
-def find_largest_shares(seen: Scan, share: Strength) -> LargestShares:
+def find_largest_shares(seen: Beyond, share: Strength) -> LargestShares:
     """Find the largest share (B,) among the candidates of every size, of at least one direction."""
     return {size: share.whole[which].max(0) for size, which in seen.by_size.items()}
 
@@ -281,23 +262,22 @@ def _compute_tail(share: Array, size: Array | float, freedom: int) -> Array:
     return np.asarray(tail)
 
 
-def compute_familywise_p(seen: Scan, response: Array, smallest: Array) -> Array:
+def compute_familywise_p(seen: Beyond, response: Response, smallest: Array) -> Array:
     """Compute (G,) family-wise p-values of every candidate alone.
 
     `smallest`: the sorted smallest p-values of the null."""
-    strength = seen.strength(response[:, None]).whole[:, 0]
-    share = strength / float(response @ response)
+    share = seen.strength(response.column).whole[:, 0] / response.square
     single = np.where(seen.sizes > 0, _compute_tail(share, seen.sizes, seen.freedom), 1.0)
     as_small = np.searchsorted(smallest, single, side="right")
     return np.asarray((1 + as_small) / (len(smallest) + 1))
 
 
-def compute_single_f(seen: Scan, response: Array) -> Array:
+def compute_single_f(seen: Beyond, response: Response) -> Array:
     """Compute (G,) the F statistic of every candidate alone beyond the model.
 
     It is 0 for one that adds nothing, and finite where one explains all."""
-    strength = seen.strength(response[:, None]).whole[:, 0]
-    total, size = float(response @ response), seen.sizes
+    strength = seen.strength(response.column).whole[:, 0]
+    total, size = response.square, seen.sizes
     rest = np.maximum(total - strength, max(np.finfo(float).eps * total, TINY))
     left = np.maximum(seen.freedom - size, 1)
     f = strength / np.maximum(size, 1) / rest * left

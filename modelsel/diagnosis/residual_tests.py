@@ -128,7 +128,7 @@ def draw_flips(
         explained = seen.Q @ (seen.Q.T @ flipped)
         flipped -= explained
         total = np.square(flipped).sum(0)
-        strength = seen.strength(flipped)
+        strength = seen.strength(seen.columns.dot(flipped))
         share = normalise_strength(strength, total)
         largest = find_largest_shares(seen, share)
         evidence = compute_null_evidence(seen, log_prior, share, largest)

@@ -30,9 +30,9 @@ from .credible_sets import (
     rename_effect,
 )
 from .evidence import compute_familywise_p, draw_null
-from .joint_curves import collect_curves, find_better_curve
+from .joint_curves import collect_curves, find_better_curve, see_rest
 from .residual_tests import FLIP_DRAWS, adjust_residual, compute_flip_p, draw_flips, partition_rows
-from .scan import Scan, build_scan, build_scan_without, compute_basis
+from .scan import Response, Scan, build_scan, build_scan_without, compute_basis
 
 # largest family-wise p-value of an effect
 LEVEL = 0.05
@@ -56,9 +56,10 @@ class View:
     """A fitted model as projections, with every candidate beyond it.
 
     Orthonormal Q (N, r) and R (r, r) with A[:, kept] = Q R; all columns A (N, p); the fit's residual
-    `raw` (N,) and its part `residual` (N,) off the model. The prior's rows of shrunk terms stand
-    below the rows of the data. `kept`: the columns that do not depend on others; geometry takes
-    whatever it can, so the prior of its usual sizes has no say."""
+    `raw` (N,), its coordinates `along` (r,) in Q, and its part `residual` (N,) off the model, which
+    the candidates see as `response`. The prior's rows of shrunk terms stand below the rows of the
+    data. `kept`: the columns that do not depend on others; geometry takes whatever it can, so the
+    prior of its usual sizes has no say."""
 
     model: Model
     fitted: Fit
@@ -67,8 +68,10 @@ class View:
     Q: Array
     R: Array
     raw: Array
+    along: Array
     residual: Array
     scan: Scan
+    response: Response
 
     def mask_terms(self, *effects: Candidate) -> Mask:
         """Mask (p,) of the terms that these effects alone bring into the model."""
@@ -78,22 +81,25 @@ class View:
         shared = {term.key for m in others for term in m.terms}
         return np.array([t.key in own - shared for t in self.model.terms])
 
-    def release(self, *effects: Candidate) -> tuple[Array, Array]:
-        """Take effects out of the model without a refit: (D, response).
+    def release(self, *effects: Candidate) -> tuple[Array, Response]:
+        """Take effects out of the model without a refit: (returned, response).
 
-        D (N, d): the directions that only they bring, Q R⁻ᵀ E with E their columns of the identity;
-        response (N,): the residual with the effects put back."""
+        `returned` (r, d): the directions that only they bring, in the coordinates of Q, R⁻ᵀ E with E
+        their columns of the identity; response: the residual with the effects put back."""
         own = self.mask_terms(*effects)
         positions = [i for i, column in enumerate(self.kept) if own[column]]
         E = np.eye(len(self.kept))[:, positions]
-        D = self.Q @ compute_basis(np.asarray(np.linalg.solve(self.R.T, E)))
+        returned = compute_basis(np.asarray(np.linalg.solve(self.R.T, E)))
         effect = self.A[:, own] @ self.fitted.theta[own]
-        return D, self.residual + D @ (D.T @ (self.raw + effect))
+        put_back = returned.T @ (self.along + self.Q.T @ effect)
+        products = self.response.products + self.scan.inside @ (returned @ put_back)
+        square = self.response.square + float(put_back @ put_back)
+        return returned, Response(products, square)
 
-    def scan_without(self, candidate: Candidate) -> tuple[Scan, Array]:
+    def scan_without(self, candidate: Candidate) -> tuple[Scan, Response]:
         """Scan from the model without one effect: (scan, residual with that effect put back)."""
-        D, response = self.release(candidate)
-        return build_scan_without(self.scan, D), response
+        returned, response = self.release(candidate)
+        return build_scan_without(self.scan, returned), response
 
 
 def build_view(problem: Problem, columns: Columns, model: Model, fitted: Fit) -> View:
@@ -105,7 +111,9 @@ def build_view(problem: Problem, columns: Columns, model: Model, fitted: Fit) ->
         raw = np.concatenate([raw, -root @ fitted.theta])
     kept = fitted.representatives
     Q, R = np.linalg.qr(A[:, list(kept)])
-    residual = raw - Q @ (Q.T @ raw)
+    along = Q.T @ raw
+    residual = raw - Q @ along
+    scan = build_scan(columns, Q)
     return View(
         model=model,
         fitted=fitted,
@@ -114,8 +122,10 @@ def build_view(problem: Problem, columns: Columns, model: Model, fitted: Fit) ->
         Q=Q,
         R=R,
         raw=raw,
+        along=along,
         residual=residual,
-        scan=build_scan(columns, Q),
+        scan=scan,
+        response=scan.see(residual),
     )
 
 
@@ -153,7 +163,7 @@ class Search:
         self.first = build_view(problem, self.columns, base, base_fit)
         # candidates that the base has already: what a refit leaks of them is no cause
         self.dead = np.flatnonzero(self.first.scan.sizes == 0)
-        is_large = self.columns.XT.size >= LARGE_STUDY
+        is_large = self.columns.screws.size >= LARGE_STUDY
         self.flip_draws = FLIP_DRAWS[is_large]
         null_draws = NULL_DRAWS[is_large]
         self.null, self.smallest_p = draw_null(self.first.scan, self.log_prior, null_draws, rng)
@@ -208,7 +218,7 @@ class Search:
         """Name what explains most of the residual.
 
         `known` candidates have had their turn (what the fit drops of them is no cause)."""
-        return name_effect(view.scan, self.found, view.residual, without=self._exclude(known))
+        return name_effect(view.scan, self.found, view.response, without=self._exclude(known))
 
     def _exclude(self, known: Sequence[int]) -> Index:
         return np.union1d(self.dead, np.array(known, dtype=np.intp))
@@ -265,7 +275,7 @@ class Search:
         first = self.first
         rows = len(first.residual)
         nulls = [self.null]
-        p = compute_familywise_p(first.scan, first.residual, self.smallest_p)
+        p = compute_familywise_p(first.scan, first.response, self.smallest_p)
         for unit in self.expand_partitions(view):
             adjusted = adjust_residual(view.scan.Q, view.residual, unit)
             on_base = draw_flips(
@@ -281,7 +291,7 @@ class Search:
             evidences = np.concatenate([evidence for evidence, _ in flips])
             nulls.append(np.sort(evidences))
             smallest = np.concatenate([least for _, least in base])
-            p_by_signs = compute_familywise_p(first.scan, first.residual, np.sort(smallest))
+            p_by_signs = compute_familywise_p(first.scan, first.response, np.sort(smallest))
             p = np.maximum(p, p_by_signs)
         return nulls, p
 
@@ -308,9 +318,9 @@ class Search:
             if not now:
                 continue
             effects = [self.found[g] for g in now]
-            D, response = view.release(*effects)
-            Q = view.Q - D @ (D.T @ view.Q)
-            best = find_better_curve(curve, Q, response, now, MIN_LOG_ODDS)
+            returned, response = view.release(*effects)
+            start = see_rest(curve, view.scan, returned, response)
+            best = find_better_curve(start, now, MIN_LOG_ODDS)
             if best is None:
                 continue
             rest = [g for g in chosen if g not in now]

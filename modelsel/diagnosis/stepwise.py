@@ -292,7 +292,7 @@ def _conclude(search: Search, progress: _Progress, remainder: _Remainder) -> Dia
         left_p=remainder.p,
         held_back=remainder.held_back,
         bound=search.bound,
-        single_f=compute_single_f(search.first.scan, search.first.residual),
+        single_f=compute_single_f(search.first.scan, search.first.response),
         map_p=map_p,
     )
 
