@@ -69,6 +69,11 @@ class Columns:
         return self.screws.rows
 
     @cached_property
+    def signed(self) -> Index:
+        """Candidates (S,) with a term that physics gives a sign."""
+        return find_signed(self.signs)
+
+    @cached_property
     def home(self) -> tuple[tuple[int, int], ...]:
         """Block and row therein of every candidate."""
         places = {
@@ -92,6 +97,11 @@ class Columns:
     def expand(self, g: int) -> Array:
         """Compute the columns (k, N) of candidate g."""
         return self.screws.expand(self.slices[g])
+
+
+def find_signed(signs: Sequence[Array]) -> Index:
+    """Find the candidates (S,) with a term that physics gives a sign."""
+    return np.flatnonzero([own.any() for own in signs])
 
 
 def build_columns(

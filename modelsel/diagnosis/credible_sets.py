@@ -68,17 +68,28 @@ class CredibleSet:
 
 
 @dataclass(frozen=True, eq=False)
-class _Question:
-    """What a credible set is asked for.
+class Question:
+    """What credible sets of one response are asked for.
 
-    The scan, the candidates, the response (N,) that the model's basis has been projected off, the
-    log Bayes factors (ratios, G) and the log priors (G,)."""
+    The scan, the candidates, the response that the model's basis has been projected off, the log
+    Bayes factors (ratios, G) and the log priors (G,); displacements are computed once each."""
 
     scan: Scan
     candidates: Sequence[Candidate]
     response: Response
     factors: Array
     log_prior: Array
+    _displaced: dict[int, Displacement] = field(default_factory=dict, repr=False)
+
+    def displace(self, g: int) -> Displacement:
+        """Compute what candidate g, fitted alone, does to the target."""
+        if g not in self._displaced:
+            self._displaced[g] = self.scan.displace(g, self.response)
+        return self._displaced[g]
+
+    def is_related(self, g: int, other: int) -> bool:
+        """Return whether two candidates explain the same effect."""
+        return compute_cosine(self.displace(g), self.displace(other)) > RELATED
 
     def answer(self, without: Index | None) -> CredibleSet:
         """Build the credible set, leaving out the candidates `without`."""
@@ -109,7 +120,7 @@ class _Question:
 
     def _build_entries(self, listed: Index, probability: Array) -> tuple[Entry, ...]:
         strongest = int(listed[0])
-        first = self.scan.displace(strongest, self.response)
+        first = self.displace(strongest)
         entries = []
         for g in listed.tolist():
             entry = self._build_entry(g, probability, first)
@@ -117,8 +128,7 @@ class _Question:
         return tuple(entries)
 
     def _build_entry(self, g: int, probability: Array, first: Displacement) -> Entry:
-        displacement = self.scan.displace(g, self.response)
-        cosine = compute_cosine(first, displacement)
+        cosine = compute_cosine(first, self.displace(g))
         return Entry(
             candidate=self.candidates[g],
             probability=float(probability[g]),
@@ -135,8 +145,9 @@ def _judge(entries: Sequence[Entry]) -> str:
     return NOT_TOLD_APART
 
 
-def _ask(seen: Scan, candidates: Sequence[Candidate], response: Response) -> _Question:
-    return _Question(
+def ask(seen: Scan, candidates: Sequence[Candidate], response: Response) -> Question:
+    """Ask what explains a response that the model's basis has been projected off."""
+    return Question(
         scan=seen,
         candidates=candidates,
         response=response,
@@ -145,35 +156,19 @@ def _ask(seen: Scan, candidates: Sequence[Candidate], response: Response) -> _Qu
     )
 
 
-def name_effect(
-    seen: Scan, candidates: Sequence[Candidate], response: Response, without: Index | None = None
-) -> CredibleSet:
-    """Name what explains a response (N,) that the model's basis has been projected off.
-
-    `without`: indices of candidates to leave out."""
-    question = _ask(seen, candidates, response)
-    return question.answer(without)
-
-
-def rename_effect(
-    seen: Scan, candidates: Sequence[Candidate], g: int, response: Response, without: Index
-) -> CredibleSet:
+def rename_effect(question: Question, g: int, without: Index) -> CredibleSet:
     """Name candidate g again, given all other effects, among the explanations of the same effect.
 
     What else may be left in the response belongs to another effect: explanations that are listed
     but unrelated to g are set aside until g is the most probable, or none is left."""
-    question = _ask(seen, candidates, response)
     named = question.answer(without)
-    displacement = seen.displace(g, response)
+    displacement = question.displace(g)
     if displacement.dot(displacement) <= 0:
         return named  # the other effects absorb it completely
     aside = without.tolist()
     for _ in range(MAX_PASSES):
-        unrelated = [
-            entry.place
-            for entry in named.entries
-            if entry.place != g and not _is_related(seen, entry, displacement, response)
-        ]
+        places = [entry.place for entry in named.entries if entry.place != g]
+        unrelated = [place for place in places if not question.is_related(g, place)]
         if not unrelated or named.top == g:
             break
         aside += unrelated
@@ -181,9 +176,7 @@ def rename_effect(
     return named
 
 
-def include_candidate(
-    named: CredibleSet, seen: Scan, candidates: Sequence[Candidate], g: int, response: Response
-) -> CredibleSet:
+def include_candidate(question: Question, named: CredibleSet, g: int) -> CredibleSet:
     """Include candidate g, which is in the model, in its own credible set.
 
     Where a search that went in a circle stopped at a name that its set does not list, the data do
@@ -191,10 +184,10 @@ def include_candidate(
     if named.contains(g):
         return named
     entry = Entry(
-        candidate=candidates[g],
+        candidate=question.candidates[g],
         probability=float(np.exp(named.log_probability[g])),
         alike=False,
-        estimate=seen.fit_alone(g, response),
+        estimate=question.scan.fit_alone(g, question.response),
         place=g,
     )
     kept = named.entries[: LISTED - 1]
@@ -203,25 +196,17 @@ def include_candidate(
     return replace(named, entries=(*kept, entry), verdict=NOT_TOLD_APART, more=more)
 
 
-def compute_own_evidence(seen: Scan, named: CredibleSet, g: int, response: Response) -> float:
+def compute_own_evidence(question: Question, named: CredibleSet, g: int) -> float:
     """Compute the log evidence of candidate g and the listed explanations of the same effect.
 
     What else may be left in the response does not count."""
-    displacement = seen.displace(g, response)
     probability = np.exp(named.log_probability[g])
     for entry in named.entries:
-        if entry.place == g:
-            continue
-        if _is_related(seen, entry, displacement, response):
+        if entry.place != g and question.is_related(g, entry.place):
             probability += entry.probability
     positive = max(probability, TINY)
     log_probability = float(np.log(positive))
     return named.evidence + log_probability
-
-
-def _is_related(seen: Scan, entry: Entry, displacement: Displacement, response: Response) -> bool:
-    other = seen.displace(entry.place, response)
-    return compute_cosine(displacement, other) > RELATED
 
 
 def compute_cosine(a: Displacement, b: Displacement) -> float:

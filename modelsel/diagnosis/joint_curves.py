@@ -15,7 +15,7 @@ import numpy as np
 
 from .._typing import Array, Index, Mask
 from ..fitting.splines import spline
-from .candidate_columns import Block, Columns
+from .candidate_columns import Block, Columns, find_signed
 from .candidates import Candidate
 from .evidence import compute_factors
 from .scan import Beyond, Bucket, Response, Scan, build_buckets
@@ -58,6 +58,7 @@ class Curve:
     gram: Array
     blocks: tuple[Block, ...]
     signs: tuple[Array, ...]
+    signed: Index
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +84,7 @@ class _Rest:
     def score(self) -> Array:
         """Log prior + log Bayes factor (k,) of every candidate alone."""
         buckets, sizes = self.buckets
-        seen = Beyond(self.curve.signs, buckets, sizes, self.freedom)
+        seen = Beyond(self.curve.signs, self.curve.signed, buckets, sizes, self.freedom)
         factors = compute_factors(seen, Response(self.products, self.square))
         return np.asarray(self.curve.log_prior + factors.max(0))
 
@@ -93,11 +94,12 @@ class _Rest:
         W = _whiten_all(self.left[np.ix_(own, own)], np.diag(self.curve.gram)[own])
         shared = self.left[:, own] @ W.T
         explained = W @ self.products[own]
+        left_over = self.square - float(explained @ explained)
         return _Rest(
             curve=self.curve,
             left=self.left - shared @ shared.T,
             products=self.products - shared @ explained,
-            square=self.square - float(explained @ explained),
+            square=max(left_over, ROUNDING * self.square),
             freedom=self.freedom - len(W),
         )
 
@@ -147,6 +149,7 @@ def _build_curve(cols: Columns, which: Index, log_prior: Array, free: Mask) -> C
                     root=None if block.root is None else block.root[inside],
                 )
             )
+    signs = tuple(cols.signs[g] for g in which)
     return Curve(
         which=which,
         log_prior=log_prior,
@@ -155,7 +158,8 @@ def _build_curve(cols: Columns, which: Index, log_prior: Array, free: Mask) -> C
         slices=tuple(np.searchsorted(index, cols.slices[g]) for g in which),
         gram=X @ X.T,
         blocks=tuple(blocks),
-        signs=tuple(cols.signs[g] for g in which),
+        signs=signs,
+        signed=find_signed(signs),
     )
 
 

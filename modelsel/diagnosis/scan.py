@@ -24,6 +24,8 @@ from .sign_constraints import Sides, build_sides, compute_least_of_sign
 # adds up in candidates of many columns, which need ten times as much
 ABSORBED = 1e-5
 FEW_COLUMNS = 4
+# norm up to which a column moves nothing: single precision has to hold its inverse
+NO_COLUMN = 1e-30
 # prior variance of a smooth function's direction, relative to its largest: from which it counts at
 # all, and from which it shows in the function's size
 FAINT_WEIGHT = 1e-7
@@ -90,10 +92,12 @@ class Displacement(NamedTuple):
 class Beyond:
     """What candidates are beyond a model.
 
-    `signs`, (k,) for each candidate: the signs that physics allows its terms; `sizes` (G,):
-    directions of each beyond the model; `freedom`: coordinates less the model's rank."""
+    `signs`, (k,) for each candidate: the signs that physics allows its terms; `signed` (S,):
+    candidates with such a term; `sizes` (G,): directions of each beyond the model; `freedom`:
+    coordinates less the model's rank."""
 
     signs: tuple[Array, ...]
+    signed: Index
     buckets: tuple[Bucket, ...]
     sizes: Array
     freedom: int
@@ -112,11 +116,6 @@ class Beyond:
             padded[start : start + len(which), : weights.shape[1]] = weights
             start += len(which)
         return np.concatenate([np.zeros(0, np.intp), *(which for which, _ in weighted)]), padded
-
-    @cached_property
-    def signed(self) -> Index:
-        """Candidates (S,) with a term that physics gives a sign."""
-        return np.flatnonzero([signs.any() for signs in self.signs])
 
     @cached_property
     def sides(self) -> tuple[Sides, ...]:
@@ -236,7 +235,15 @@ def build_scan(cols: Columns, Q: Array) -> Scan:
     rows, rank = Q.shape
     buckets, sizes = build_buckets(cols.grams, lefts)
     return Scan(
-        cols.signs, buckets, sizes, rows - rank, cols, Q, inside, returned=np.zeros((rank, 0))
+        signs=cols.signs,
+        signed=cols.signed,
+        buckets=buckets,
+        sizes=sizes,
+        freedom=rows - rank,
+        columns=cols,
+        Q=Q,
+        inside=inside,
+        returned=np.zeros((rank, 0)),
     )
 
 
@@ -278,12 +285,13 @@ def _whiten(block: Block, left: Array) -> tuple[Array, Array]:
 
     `left`: the Gram matrices there. Returns also the number (n,) of directions that are left; the
     rows of the others are zero."""
-    norm = np.sqrt(np.maximum(np.einsum("nkk->nk", block.gram), TINY))
-    value, vector = np.linalg.eigh(left / norm[:, :, None] / norm[:, None, :])
+    norm = np.sqrt(np.maximum(np.einsum("nkk->nk", block.gram), 0))
+    unit = np.where(norm > NO_COLUMN, 1 / np.maximum(norm, NO_COLUMN), 0)
+    value, vector = np.linalg.eigh(left * unit[:, :, None] * unit[:, None, :])
     least = ABSORBED if block.gram.shape[1] <= FEW_COLUMNS else 10 * ABSORBED
     is_left = value > least
     scale = np.where(is_left, 1 / np.sqrt(np.where(is_left, value, 1)), 0)
-    W = scale[:, :, None] * vector.swapaxes(1, 2) / norm[:, None, :]
+    W = scale[:, :, None] * vector.swapaxes(1, 2) * unit[:, None, :]
     return W, is_left.sum(1)
 
 

@@ -56,11 +56,12 @@ class _RowBlock:
     causes: tuple[Cause, ...]
     kept: Array | None
 
-    def evaluate_causes(self) -> Array:
-        """Return the causes (u, m) of the rows."""
+    def evaluate_causes(self, which: Index | None = None) -> Array:
+        """Return all causes (u, m) of the rows, or those `which` are asked for."""
         if self.kept is not None:
-            return self.kept
-        return _evaluate(self.problem, self.causes)
+            return self.kept if which is None else self.kept[which]
+        causes = self.causes if which is None else [self.causes[k] for k in which]
+        return _evaluate(self.problem, causes)
 
     def arrange(self, values: NDArray[Any]) -> NDArray[Any]:
         """Arrange values (N, B) of all coordinates as (m, c, B) of this block's rows."""
@@ -123,20 +124,16 @@ class ScrewColumns:
         first, last = self.starts[columns], self.starts[columns + 1]
         most = int((last - first).max(initial=0))
         for block in self.blocks:
-            causes = block.evaluate_causes()
-            own = np.zeros((len(columns), *block.fields.shape[::2][::-1]))
+            m, _, c = block.fields.shape
+            own = np.zeros((len(columns), c, m))
             for step in range(most):
                 has = np.flatnonzero(first + step < last)
                 _, number, cause = self.pairs[:, first[has] + step]
                 moved = block.fields[:, number].transpose(1, 2, 0)
-                own[has] += moved * causes[cause][:, None]
+                own[has] += moved * block.evaluate_causes(cause)[:, None]
             flat = own.reshape(len(columns), -1)
             out[:, block.coordinates] = flat if block.measured is None else flat[:, block.measured]
         return out
-
-    def sum_of(self, columns: Index, weights: Array) -> Array:
-        """Sum up (N, ...) some columns times weights (k, ...)."""
-        return np.asarray(self.expand(columns).T @ weights)
 
     def mean_squares(self, problem: Problem, causes: Iterable[Cause]) -> dict[Cause, float]:
         """Compute the mean square of causes over the rows of the problem."""

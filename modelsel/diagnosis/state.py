@@ -22,13 +22,7 @@ from ..fitting.shrinkage import fit_shrunk
 from .candidate_columns import Columns, build_columns, flatten_measured, stack_design
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
-from .credible_sets import (
-    CredibleSet,
-    compute_own_evidence,
-    include_candidate,
-    name_effect,
-    rename_effect,
-)
+from .credible_sets import CredibleSet, ask, compute_own_evidence, include_candidate, rename_effect
 from .evidence import compute_familywise_p, draw_null
 from .joint_curves import collect_curves, find_better_curve, see_rest
 from .residual_tests import FLIP_DRAWS, adjust_residual, compute_flip_p, draw_flips, partition_rows
@@ -218,7 +212,8 @@ class Search:
         """Name what explains most of the residual.
 
         `known` candidates have had their turn (what the fit drops of them is no cause)."""
-        return name_effect(view.scan, self.found, view.response, without=self._exclude(known))
+        question = ask(view.scan, self.found, view.response)
+        return question.answer(self._exclude(known))
 
     def _exclude(self, known: Sequence[int]) -> Index:
         return np.union1d(self.dead, np.array(known, dtype=np.intp))
@@ -301,9 +296,10 @@ class Search:
         if g in answers:
             return answers[g]
         scan, response = view.scan_without(self.found[g])
-        renamed = rename_effect(scan, self.found, g, response, without=self.dead)
-        evidence = compute_own_evidence(scan, renamed, g, response)
-        named = include_candidate(renamed, scan, self.found, g, response)
+        question = ask(scan, self.found, response)
+        renamed = rename_effect(question, g, without=self.dead)
+        evidence = compute_own_evidence(question, renamed, g)
+        named = include_candidate(question, renamed, g)
         answers[g] = Renamed(named, evidence)
         return answers[g]
 

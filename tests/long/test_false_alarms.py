@@ -350,7 +350,9 @@ def test_signs_under_equal_noise_are_the_exact_null(rng) -> None:
         )
         u = np.tile(2.0 * rng.integers(0, 2, (M, 30)) - 1, (3, 1)) * e[:, None]
         u -= first.Q @ (first.Q.T @ u)
-        share = normalise_strength(first.scan.strength(u), np.square(u).sum(0))
+        share = normalise_strength(
+            first.scan.strength(first.scan.columns.dot(u)), np.square(u).sum(0)
+        )
         largest = find_largest_shares(first.scan, share)
         flips.append(compute_null_evidence(first.scan, log_prior, share, largest))
     assert ks_2samp(exact, np.concatenate(flips)).pvalue > CHANCE
