@@ -25,6 +25,7 @@ from .candidates import Candidate
 from .credible_sets import CredibleSet, ask, compute_own_evidence, include_candidate, rename_effect
 from .evidence import compute_familywise_p, draw_null
 from .joint_curves import collect_curves, find_better_curve, see_rest
+from .options import DEFAULT_OPTIONS
 from .residual_tests import FLIP_DRAWS, adjust_residual, compute_flip_p, draw_flips, partition_rows
 from .scan import Response, Scan, build_scan, build_scan_without, compute_basis
 
@@ -146,12 +147,13 @@ class Search:
         found: tuple[Candidate, ...],
         rng: np.random.Generator,
         base_fit: Fit,
+        memory_mb: float = DEFAULT_OPTIONS.memory_mb,
     ):
         self.problem = problem
         self.base = base
         self.found = found
         self.rng = rng
-        self.columns: Columns = build_columns(problem, found, base_fit.at())
+        self.columns: Columns = build_columns(problem, found, base_fit.at(), memory_mb)
         self.log_prior = np.log([c.prior for c in found])
         self.curves = collect_curves(found, self.columns, self.log_prior)
         self.first = build_view(problem, self.columns, base, base_fit)
