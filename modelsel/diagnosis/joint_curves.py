@@ -135,7 +135,6 @@ def collect_curves(found: Sequence[Candidate], cols: Columns, log_prior: Array) 
 
 def _build_curve(cols: Columns, which: Index, log_prior: Array, free: Mask) -> Curve:
     index = np.unique(np.concatenate([cols.slices[g] for g in which]))
-    X = cols.screws.expand(index)
     blocks = []
     for block in cols.grams:
         inside = np.flatnonzero(np.isin(block.which, which))
@@ -156,7 +155,7 @@ def _build_curve(cols: Columns, which: Index, log_prior: Array, free: Mask) -> C
         free=free,
         index=index,
         slices=tuple(np.searchsorted(index, cols.slices[g]) for g in which),
-        gram=X @ X.T,
+        gram=cols.screws.gram(index),
         blocks=tuple(blocks),
         signs=signs,
         signed=find_signed(signs),

@@ -227,7 +227,17 @@ def _has_small_terms(bucket: Bucket, z: Array) -> Mask:
 
 def build_scan(cols: Columns, Q: Array) -> Scan:
     """Project every candidate off the model's orthonormal basis Q (N, r)."""
-    inside = cols.dot(Q)
+    return _build(cols, Q, cols.dot(Q))
+
+
+def scan_residual(cols: Columns, Q: Array, residual: Array) -> tuple[Scan, Response]:
+    """Project every candidate off the model's basis Q (N, r), and see what the model leaves (N,)."""
+    products = cols.dot(np.column_stack([Q, residual]))
+    response = Response(products[:, -1].copy(), float(residual @ residual))
+    return _build(cols, Q, np.ascontiguousarray(products[:, :-1])), response
+
+
+def _build(cols: Columns, Q: Array, inside: Array) -> Scan:
     lefts = []
     for block in cols.grams:
         own = inside[block.index]

@@ -27,7 +27,7 @@ from ..robot.rigid import AXES
 # rows whose fields, causes and products stay in a core's cache together
 CACHED_ROWS = 512
 # share of the memory of a diagnosis that the values of the causes may take
-CAUSES_SHARE = 0.5
+CAUSES_SHARE = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +62,14 @@ class _RowBlock:
             return self.kept if which is None else self.kept[which]
         causes = self.causes if which is None else [self.causes[k] for k in which]
         return _evaluate(self.problem, causes)
+
+    @property
+    def mask(self) -> Array:
+        """Which components are measured (c, m), as ones and zeros."""
+        m, _, c = self.fields.shape
+        flat = np.zeros(c * m)
+        flat[self.measured] = 1.0
+        return flat.reshape(c, m)
 
     def arrange(self, values: NDArray[Any]) -> NDArray[Any]:
         """Arrange values (N, B) of all coordinates as (m, c, B) of this block's rows."""
@@ -121,19 +129,37 @@ class ScrewColumns:
     def expand(self, columns: Index) -> Array:
         """Compute some columns (k, N) in full."""
         out = np.zeros((len(columns), self.rows))
-        first, last = self.starts[columns], self.starts[columns + 1]
-        most = int((last - first).max(initial=0))
         for block in self.blocks:
-            m, _, c = block.fields.shape
-            own = np.zeros((len(columns), c, m))
-            for step in range(most):
-                has = np.flatnonzero(first + step < last)
-                _, number, cause = self.pairs[:, first[has] + step]
-                moved = block.fields[:, number].transpose(1, 2, 0)
-                own[has] += moved * block.evaluate_causes(cause)[:, None]
-            flat = own.reshape(len(columns), -1)
+            whole = slice(0, len(block.fields))
+            flat = self._expand_rows(block, columns, whole).reshape(len(columns), -1)
             out[:, block.coordinates] = flat if block.measured is None else flat[:, block.measured]
         return out
+
+    def gram(self, columns: Index) -> Array:
+        """Compute the products (k, k) of some columns, rows by rows."""
+        total = np.zeros((len(columns), len(columns)))
+        for block in self.blocks:
+            for rows in split_range(len(block.fields), CACHED_ROWS):
+                X = self._expand_rows(block, columns, rows)
+                if block.measured is not None:
+                    X *= block.mask[:, rows]
+                X = X.reshape(len(columns), -1)
+                total += X @ X.T
+        return total
+
+    def _expand_rows(self, block: _RowBlock, columns: Index, rows: slice) -> Array:
+        """Compute some columns (k, c, m) at some rows of a block."""
+        fields = block.fields[rows]
+        m, _, c = fields.shape
+        own = np.zeros((len(columns), c, m))
+        first, last = self.starts[columns], self.starts[columns + 1]
+        most = int((last - first).max(initial=0))
+        for step in range(most):
+            has = np.flatnonzero(first + step < last)
+            _, number, cause = self.pairs[:, first[has] + step]
+            moved = fields[:, number].transpose(1, 2, 0)
+            own[has] += moved * block.evaluate_causes(cause)[:, None, rows]
+        return own
 
     def mean_squares(self, problem: Problem, causes: Iterable[Cause]) -> dict[Cause, float]:
         """Compute the mean square of causes over the rows of the problem."""

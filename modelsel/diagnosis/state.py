@@ -27,7 +27,7 @@ from .evidence import compute_familywise_p, draw_null
 from .joint_curves import collect_curves, find_better_curve, see_rest
 from .options import DEFAULT_OPTIONS
 from .residual_tests import FLIP_DRAWS, adjust_residual, compute_flip_p, draw_flips, partition_rows
-from .scan import Response, Scan, build_scan, build_scan_without, compute_basis
+from .scan import Response, Scan, build_scan_without, compute_basis, scan_residual
 
 # largest family-wise p-value of an effect
 LEVEL = 0.05
@@ -108,7 +108,7 @@ def build_view(problem: Problem, columns: Columns, model: Model, fitted: Fit) ->
     Q, R = np.linalg.qr(A[:, list(kept)])
     along = Q.T @ raw
     residual = raw - Q @ along
-    scan = build_scan(columns, Q)
+    scan, response = scan_residual(columns, Q, residual)
     return View(
         model=model,
         fitted=fitted,
@@ -120,7 +120,7 @@ def build_view(problem: Problem, columns: Columns, model: Model, fitted: Fit) ->
         along=along,
         residual=residual,
         scan=scan,
-        response=scan.see(residual),
+        response=response,
     )
 
 
@@ -273,22 +273,25 @@ class Search:
         rows = len(first.residual)
         nulls = [self.null]
         p = compute_familywise_p(first.scan, first.response, self.smallest_p)
+        is_beyond = view is not first and bool(view.scan.sizes.any())
         for unit in self.expand_partitions(view):
             adjusted = adjust_residual(view.scan.Q, view.residual, unit)
             on_base = draw_flips(
                 first.scan, self.log_prior, adjusted[:rows], unit[:rows], self.flip_draws, self.rng
             )
-            base = list(on_base)
-            flips = base
-            if view is not first and view.scan.sizes.any():
+            evidences, smallest = [], []
+            for chance in on_base:
+                smallest.append(chance.smallest_p)
+                if not is_beyond:
+                    evidences.append(chance.evidence)
+            if is_beyond:
                 on_view = draw_flips(
                     view.scan, self.log_prior, adjusted, unit, self.flip_draws, self.rng
                 )
-                flips = list(on_view)
-            evidences = np.concatenate([evidence for evidence, _ in flips])
-            nulls.append(np.sort(evidences))
-            smallest = np.concatenate([least for _, least in base])
-            p_by_signs = compute_familywise_p(first.scan, first.response, np.sort(smallest))
+                evidences = [chance.evidence for chance in on_view]
+            nulls.append(np.sort(np.concatenate(evidences)))
+            least = np.sort(np.concatenate(smallest))
+            p_by_signs = compute_familywise_p(first.scan, first.response, least)
             p = np.maximum(p, p_by_signs)
         return nulls, p
 
