@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from builders import drawn, seeds
 
+from modelsel import _workers
 from modelsel.diagnosis import screw_columns
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidates import build_candidates
@@ -67,6 +68,19 @@ def test_products_do_not_depend_on_the_memory_that_is_allowed(
     assert np.array_equal(kept.expand(np.arange(5)), evaluated.expand(np.arange(5)))
     monkeypatch.setattr(screw_columns, "CACHED_ROWS", 7)
     np.testing.assert_allclose(evaluated.dot(V), kept.dot(V), rtol=1e-12, atol=1e-9)
+
+
+def test_products_do_not_depend_on_the_number_of_cores(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    screws, X = columns_of(drawn("puma760", rng, 1100))
+    V = rng.normal(size=(len(X), 3))
+    monkeypatch.setattr(screw_columns, "MANY_PRODUCTS", 0)
+    results = []
+    for cores in (1, 2):
+        monkeypatch.setattr(_workers, "count_cores", lambda cores=cores: cores)
+        results.append(screws.dot(V))
+    assert np.array_equal(*results)
 
 
 @seeds(3, 4)
