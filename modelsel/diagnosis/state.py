@@ -13,6 +13,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from .._linalg import orthonormalise
 from .._typing import Array, Index, Mask
 from ..exceptions import NotEstimable
 from ..fitting.design import Model
@@ -100,12 +101,13 @@ class View:
 def build_view(problem: Problem, columns: Columns, model: Model, fitted: Fit) -> View:
     """Build the projections of a fitted model and scan every candidate beyond it."""
     A, raw = stack_design(problem, model.terms, fitted.at())
-    if fitted.precision is not None:
-        root = prior_root(fitted.terms, fitted.precision)
-        A = np.vstack([A, root])
-        raw = np.concatenate([raw, -root @ fitted.theta])
+    root = prior_root(fitted.terms, fitted.precision)
+    A = np.vstack([A, root])
+    raw = np.concatenate([raw, -root @ fitted.theta])
     kept = fitted.representatives
-    Q, R = np.linalg.qr(A[:, list(kept)])
+    reduced = np.vstack([fitted.reduction.R[:-1, :-1], root])
+    triangle = np.asarray(np.linalg.qr(reduced[:, list(kept)], mode="r"))
+    Q, R = orthonormalise(A[:, list(kept)], triangle)
     along = Q.T @ raw
     residual = raw - Q @ along
     scan, response = scan_residual(columns, Q, residual)
