@@ -262,11 +262,11 @@ class Search:
             partitions.append(partition)
         return partitions
 
-    def draw_final_nulls(self, view: View) -> tuple[list[Array], Array]:
-        """Draw the nulls that the final effects are held against.
+    def draw_final_nulls(self, view: View, weakest: float) -> tuple[list[Array], Array]:
+        """Draw the nulls that the final effects are held against, the `weakest` of that evidence.
 
-        Returns sorted evidences of each null, and family-wise p-values (G,) of every candidate
-        alone on the base.
+        Returns sorted evidences of each null, or bounds of them below the weakest effect's, and
+        family-wise p-values (G,) of every candidate alone on the base.
 
         The nulls are equal normal noise, and the signs of what `view` leaves; a p-value is the
         largest by any of them. Where the model of `view` has every candidate already, evidences
@@ -285,12 +285,12 @@ class Search:
             for chance in on_base:
                 smallest.append(chance.smallest_p)
                 if not is_beyond:
-                    evidences.append(chance.evidence)
+                    evidences.append(chance.below(weakest))
             if is_beyond:
                 on_view = draw_flips(
                     view.scan, self.log_prior, adjusted, unit, self.flip_draws, self.rng
                 )
-                evidences = [chance.evidence for chance in on_view]
+                evidences = [chance.below(weakest) for chance in on_view]
             nulls.append(np.sort(np.concatenate(evidences)))
             least = np.sort(np.concatenate(smallest))
             p_by_signs = compute_familywise_p(first.scan, first.response, least)

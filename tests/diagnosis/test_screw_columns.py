@@ -138,5 +138,10 @@ def test_the_evidence_of_chance_stays_below_its_bound(rng: np.random.Generator) 
     chance = Chance(seen, log_prior, cols.dot(y), np.square(y).sum(0))
     assert (chance.evidence <= chance.most).all()
     assert (chance.most - chance.evidence).min() < 12  # and the bound is worth something
+    for level in (-np.inf, float(np.median(chance.evidence)), np.inf):
+        below = chance.below(level)
+        assert ((below >= level) == (chance.evidence >= level)).all()
+        exact = chance.evidence >= level
+        assert below[exact] == pytest.approx(chance.evidence[exact])
     single = Response(cols.dot(y[:, 3]), float(y[:, 3] @ y[:, 3]))
     assert single.column.shape == (cols.screws.count, 1)
