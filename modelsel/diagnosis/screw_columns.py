@@ -184,7 +184,8 @@ class ScrewColumns:
         known = self.blocks[0].causes
         total = np.zeros(len(known))
         for block in self.blocks:
-            total += np.square(block.evaluate_causes()).sum(1)
+            causes = block.evaluate_causes()
+            total += np.einsum("um,um->u", causes, causes)
         out = dict(zip(known, (total / len(problem)).tolist(), strict=True))
         for cause in causes:
             if cause not in out:
