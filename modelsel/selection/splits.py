@@ -35,10 +35,10 @@ def split_configurations(
     does (Fedorov 1972)."""
     block, first = order_units(data.block, data.progress)
     blocks = len(first)
-    pairs = np.stack([block, data.configuration])
-    configurations = np.unique(pairs, axis=1)
-    block_of = configurations[0]
-    weight = np.bincount(block_of)
+    # the rows of a configuration are in one block
+    block_of = np.full(int(data.configuration.max()) + 1, -1)
+    block_of[data.configuration] = block
+    weight = np.bincount(block_of[block_of >= 0])
     order = rng.permutation(blocks)
     # configurations of the blocks drawn so far
     drawn_weight = weight[order]
