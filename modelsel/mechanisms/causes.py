@@ -364,9 +364,11 @@ class Bump(Cause):
     def shape(self, values: Array) -> Array:
         """Evaluate the spline at values of its variable."""
         u = np.abs(values - self.centre) / self.width
-        near = (4 - 6 * u**2 + 3 * u**3) / 6
-        far = np.maximum(2 - u, 0) ** 3 / 6
-        return np.where(u < 1, near, far)
+        outer = np.maximum(2 - u, 0)
+        inner = np.maximum(1 - u, 0)
+        # products, not powers: numpy's third power takes ten times as long
+        cubes = outer * outer * outer - 4 * inner * inner * inner
+        return np.asarray(cubes / 6)
 
     @property
     def unit(self) -> str:
