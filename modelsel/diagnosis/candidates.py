@@ -145,8 +145,7 @@ def _select_applicable(
     applicable = []
     for m in mechanisms:
         has_causes = m.names() <= available
-        is_present = collect_screws(m) <= present
-        if has_causes and not is_present:
+        if has_causes and not collect_screws(m) <= present:
             applicable.append(m)
     return _drop_equal_constants(problem, applicable)
 
@@ -155,15 +154,39 @@ def _drop_equal_constants(problem: Problem, mechanisms: Sequence[Mechanism]) -> 
     """Keep one of a scanned mechanism's constants that do the same on these rows.
 
     For example, steps between the same two configurations do."""
-    distinct: dict[tuple[object, ...], Mechanism] = {}
+    constants = Counter(m.name for m in mechanisms)
+    probe = np.random.default_rng(0).normal(size=len(problem))
+    earlier: dict[tuple[object, ...], list[Mechanism]] = {}
+    kept = []
     for m in mechanisms:
-        key: list[object] = [m.name]
-        for term in m.terms:
-            for screw in term.screws:
-                values = np.asarray(problem.cause(screw.cause))
-                key += [screw.frame, screw.axis, values.tobytes()]
-        distinct.setdefault(tuple(key), m)
-    return list(distinct.values())
+        if constants[m.name] > 1:
+            key = _build_key(problem, m, probe)
+            alike = earlier.setdefault(key, [])
+            values = _evaluate_causes(problem, m) if alike else []
+            if any(_evaluate_causes(problem, other) == values for other in alike):
+                continue
+            alike.append(m)
+        kept.append(m)
+    return kept
+
+
+def _build_key(problem: Problem, mechanism: Mechanism, probe: Array) -> tuple[object, ...]:
+    """Build a key that two constants of a mechanism share where they do the same on all rows.
+
+    `probe` (m,) turns the values of a cause into one number, so that none are kept."""
+    key: list[object] = [mechanism.name]
+    for term in mechanism.terms:
+        for screw in term.screws:
+            values = np.atleast_1d(screw.cause.of(problem.state))
+            product = values @ probe[: len(values)]
+            key += [screw.frame, screw.axis, product.tobytes()]
+    return tuple(key)
+
+
+def _evaluate_causes(problem: Problem, mechanism: Mechanism) -> list[bytes]:
+    """Evaluate the causes of a mechanism's screws at all rows, one after the other."""
+    causes = [screw.cause for term in mechanism.terms for screw in term.screws]
+    return [np.asarray(cause.of(problem.state)).tobytes() for cause in causes]
 
 
 def _find_one_sided(mechanisms: Sequence[Mechanism]) -> dict[Screws, tuple[Mechanism, ...]]:

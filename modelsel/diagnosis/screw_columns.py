@@ -166,7 +166,8 @@ class ScrewColumns:
         known = self.blocks[0].causes
         total = np.zeros(len(known))
         for block in self.blocks:
-            total += np.square(block.evaluate_causes()).sum(1)
+            values = block.evaluate_causes()
+            total += np.einsum("um,um->u", values, values)
         out = dict(zip(known, (total / len(problem)).tolist(), strict=True))
         for cause in causes:
             if cause not in out:
