@@ -363,12 +363,16 @@ class Bump(Cause):
 
     def shape(self, values: Array) -> Array:
         """Evaluate the spline at values of its variable."""
-        u = np.abs(values - self.centre) / self.width
-        outer = np.maximum(2 - u, 0)
+        distance = np.abs(values - self.centre)
+        # of a turn's many splines, four are not zero at a value
+        near = distance < 2 * self.width
+        u = distance[near] / self.width
+        outer = 2 - u
         inner = np.maximum(1 - u, 0)
+        out = np.zeros(distance.shape)
         # products, not powers: numpy's third power takes ten times as long
-        cubes = outer * outer * outer - 4 * inner * inner * inner
-        return np.asarray(cubes / 6)
+        out[near] = (outer * outer * outer - 4 * inner * inner * inner) / 6
+        return out
 
     @property
     def unit(self) -> str:
