@@ -184,8 +184,8 @@ class ScrewColumns:
         known = self.blocks[0].causes
         total = np.zeros(len(known))
         for block in self.blocks:
-            causes = block.evaluate_causes()
-            total += np.einsum("um,um->u", causes, causes)
+            values = block.evaluate_causes()
+            total += np.einsum("um,um->u", values, values)
         out = dict(zip(known, (total / len(problem)).tolist(), strict=True))
         for cause in causes:
             if cause not in out:
