@@ -3,6 +3,8 @@ cross-validation."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from .._typing import Array, Index, Mask
@@ -15,6 +17,8 @@ MAX_EXCHANGES = 40
 MAX_EXCHANGED_BLOCKS = 20_000
 # blocks that are tried for leaving, and for joining, at every exchange
 CANDIDATES = 32
+# exchanges after which the information is worked out anew, so that rounding does not add up
+MAX_UPDATES = 50
 # factor by which an exchange must raise the determinant, beyond one
 MIN_INCREASE = 1e-6
 
@@ -83,62 +87,85 @@ def _features(data: Measurements, first: Index, prismatic: tuple[bool, ...]) -> 
 
 def _exchange(features: Array, inside: Mask, weight: Index) -> None:
     """Exchange blocks in place until no swap of equal numbers of configurations raises the
-    determinant of the (slightly regularised) information."""
+    determinant of the (slightly regularised) information.
+
+    Every exchange updates the information; after MAX_UPDATES of them it is worked out anew."""
     size = int(np.sqrt(inside.sum()))
     exchanges = MAX_EXCHANGES * max(1, size)
-    for _ in range(exchanges):
-        swap = _find_swap(features, inside, weight)
+    for number in range(exchanges):
+        if number % MAX_UPDATES == 0:
+            information = _Information.of(features, inside)
+        swap = information.find_swap(inside, weight)
         if swap is None:
             return
         leaving, joining = swap
         inside[leaving] = False
         inside[joining] = True
+        information.exchange(leaving, joining)
 
 
-def _find_swap(features: Array, inside: Mask, weight: Index) -> tuple[int, int] | None:
-    """Find the exchange that raises the determinant most: (block leaving, block joining).
+@dataclass(eq=False)
+class _Information:
+    """What the chosen blocks tell: `inverse` (d, d) of the information of features (blocks, d), and
+    every block's leverage x_iᵀ C x_i (blocks,)."""
 
-    With C the inverse information, d_ij = x_iᵀ C x_j, a swap of i for j multiplies the determinant
-    by (1 + d_jj)(1 − d_ii) + d_ij²."""
-    width = features.shape[1]
-    X = features[inside]
-    information = X.T @ X
-    regularisation = 1e-6 * np.eye(width)
-    information = information + regularisation
-    C = np.linalg.inv(information)
-    # blocks that may leave and join, nearest to an exchange first
-    out = np.flatnonzero(inside)
-    into = np.flatnonzero(~inside)
-    features_out = features[out]
-    features_in = features[into]
-    projected_out = features_out @ C
-    projected_in = features_in @ C
-    leave = np.einsum("id,id->i", projected_out, features_out)
-    enter = np.einsum("id,id->i", projected_in, features_in)
-    keep = np.argsort(leave)
-    keep = keep[:CANDIDATES]
-    join = np.argsort(-enter)
-    join = join[:CANDIDATES]
-    leaving = out[keep]
-    joining = into[join]
-    candidates = features[joining]
-    projected = projected_out[keep]
-    cross = projected @ candidates.T
-    # how much each exchange multiplies the determinant
-    gained = 1 + enter[join]
-    lost = 1 - leave[keep]
-    ratio = gained[None, :] * lost[:, None]
-    ratio = ratio + cross**2
-    weight_out = weight[leaving]
-    weight_in = weight[joining]
-    unequal = weight_out[:, None] != weight_in[None, :]
-    ratio[unequal] = 0.0
-    largest = int(ratio.argmax())
-    i, j = np.unravel_index(largest, ratio.shape)
-    least = 1 + MIN_INCREASE
-    if ratio[i, j] <= least:
-        return None
-    return (int(leaving[i]), int(joining[j]))
+    features: Array
+    inverse: Array
+    leverage: Array
+
+    @staticmethod
+    def of(features: Array, inside: Mask) -> _Information:
+        """Work out the information of the blocks inside."""
+        X = features[inside]
+        regularisation = 1e-6 * np.eye(X.shape[1])
+        inverse = np.asarray(np.linalg.inv(X.T @ X + regularisation), dtype=float)
+        leverage = np.einsum("id,id->i", features @ inverse, features)
+        return _Information(features, inverse, leverage)
+
+    def find_swap(self, inside: Mask, weight: Index) -> tuple[int, int] | None:
+        """Find the exchange that raises the determinant most: (block leaving, block joining).
+
+        With C the inverse information, d_ij = x_iᵀ C x_j, a swap of i for j multiplies the
+        determinant by (1 + d_jj)(1 − d_ii) + d_ij²."""
+        # blocks that may leave and join, nearest to an exchange first
+        leaving = _find_smallest(self.leverage, inside)
+        joining = _find_smallest(-self.leverage, ~inside)
+        cross = self.features[leaving] @ self.inverse @ self.features[joining].T
+        # how much each exchange multiplies the determinant
+        gained = 1 + self.leverage[joining]
+        lost = 1 - self.leverage[leaving]
+        ratio = gained[None, :] * lost[:, None]
+        ratio = ratio + cross**2
+        weight_out = weight[leaving]
+        weight_in = weight[joining]
+        unequal = weight_out[:, None] != weight_in[None, :]
+        ratio[unequal] = 0.0
+        largest = int(ratio.argmax())
+        i, j = np.unravel_index(largest, ratio.shape)
+        least = 1 + MIN_INCREASE
+        if ratio[i, j] <= least:
+            return None
+        return (int(leaving[i]), int(joining[j]))
+
+    def exchange(self, leaving: int, joining: int) -> None:
+        """Update for one block that leaves and one that joins."""
+        for block, sign in ((joining, 1.0), (leaving, -1.0)):
+            direction = self.inverse @ self.features[block]
+            along = self.features @ direction
+            scale = sign / (1 + sign * along[block])
+            self.inverse -= scale * np.outer(direction, direction)
+            self.leverage -= scale * along**2
+
+
+def _find_smallest(values: Array, mask: Mask) -> Index:
+    """Find up to CANDIDATES places inside a mask with the smallest values, in their order."""
+    places = np.flatnonzero(mask)
+    of_places = values[places]
+    if len(places) > CANDIDATES:
+        nearest = np.argpartition(of_places, CANDIDATES)[:CANDIDATES]
+        places, of_places = places[nearest], of_places[nearest]
+    order = np.argsort(of_places)
+    return places[order]
 
 
 def assign_folds(
