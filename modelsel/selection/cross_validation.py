@@ -25,9 +25,6 @@ from ..mechanisms.terms import Term
 from ..robot._kernels import Workspace
 from .moments import Coordinates, LinearRows, Moments, measure_moments
 
-# terms, point of linearisation, positions of the terms that are wanted
-Point = tuple[Sequence[Term], Linearisation | None, Sequence[int] | None]
-
 
 @dataclass(frozen=True, eq=False)
 class FoldedData:
@@ -99,26 +96,11 @@ def fold(
 
     `fold_of` (m,): the rows' folds; `at`: where the model is linearised; `only`: the terms that are
     wanted, the other columns are zero where there are many rows."""
-    point = (terms, at, only)
-    points = [point]
-    folded = fold_models(problem, points, fold_of)
-    return folded[0]
-
-
-def fold_models(problem: Problem, points: Sequence[Point], fold_of: Index) -> list[FoldedData]:
-    """Reduce the designs of several models fold by fold (`fold`), in one pass over the rows.
-
-    A block's causes are evaluated once for all models."""
-    last = fold_of.max()
-    folds = int(last) + 1
+    folds = int(fold_of.max()) + 1
     rows_of = problem.counted(fold_of, folds)
     if len(problem) > BLOCK:
-        return _fold_blockwise(problem, points, fold_of, rows_of)
-    folded = []
-    for terms, at, _ in points:
-        data = _fold_at_once(problem, terms, at, fold_of, rows_of)
-        folded.append(data)
-    return folded
+        return _fold_blockwise(problem, terms, at, only, fold_of, rows_of)
+    return _fold_at_once(problem, terms, at, fold_of, rows_of)
 
 
 def _fold_at_once(
@@ -143,42 +125,28 @@ def _fold_at_once(
 
 
 def _fold_blockwise(
-    problem: Problem, points: Sequence[Point], fold_of: Index, rows_of: Index
-) -> list[FoldedData]:
-    """Reduce several designs block of rows by block of rows, the wanted columns only."""
-    wanted = []
-    reductions = []
-    for terms, _, only in points:
-        count = len(terms)
-        columns = range(count) if only is None else only
-        empty = Reduction.empty(len(columns))
-        wanted.append([*columns, count])
-        reductions.append([empty] * len(rows_of))
-    spaces = [Workspace() for _ in points]
+    problem: Problem,
+    terms: Sequence[Term],
+    at: Linearisation | None,
+    only: Sequence[int] | None,
+    fold_of: Index,
+    rows_of: Index,
+) -> FoldedData:
+    """Reduce a design block of rows by block of rows, the wanted columns only."""
+    count = len(terms)
+    columns = range(count) if only is None else only
+    wanted = [*columns, count]
+    reductions = [Reduction.empty(len(columns))] * len(rows_of)
+    space = Workspace()
     order = np.argsort(fold_of, kind="stable")
     for start in range(0, len(problem), STREAM):
-        stop = start + STREAM
-        rows = order[start:stop]
-        folds = fold_of[rows]
+        rows = order[start : start + STREAM]
         part = problem.take(rows)
-        for k, (terms, at, _) in enumerate(points):
-            space = spaces[k]
-            design = assemble(part, terms, at, space=space)
-            design = whiten(part, design)
-            chosen = design[wanted[k]]
-            _add_to_folds(reductions[k], chosen, folds)
-    folded = []
-    for k, (terms, _, _) in enumerate(points):
-        parts = []
-        columns = wanted[k]
-        width = len(terms) + 1
-        for reduction in reductions[k]:
-            R = reduction.R
-            R = scatter_columns(R, columns, width)
-            parts.append(R)
-        data = pad_blocks(parts, rows_of)
-        folded.append(data)
-    return folded
+        design = assemble(part, terms, at, space=space)
+        design = whiten(part, design)
+        _add_to_folds(reductions, design[wanted], fold_of[rows])
+    parts = [scatter_columns(reduction.R, wanted, count + 1) for reduction in reductions]
+    return pad_blocks(parts, rows_of)
 
 
 def _add_to_folds(reductions: list[Reduction], design: Array, fold_of: Index) -> None:
@@ -319,9 +287,14 @@ def cross_validate_fit(rows: LinearRows, fitted: Fit, fold_of: Index) -> CrossVa
     some fold."""
     coordinates = Coordinates.of(fitted)
     moments = measure_moments(rows, coordinates, fold_of)
+    counts = rows.problem.counted(fold_of, len(moments.square))
+    return validate_moments(moments, coordinates, counts)
+
+
+def validate_moments(moments: Moments, coordinates: Coordinates, counts: Index) -> CrossValidation:
+    """Cross-validate a fit from the moments of its folds, of so many measured coordinates (K,)."""
     change = moments.shift()
     without = coordinates.coefficients(change)
-    counts = rows.problem.counted(fold_of, len(change))
     return _validate(moments, change, without, counts, coordinates.rss, len(coordinates.prior))
 
 

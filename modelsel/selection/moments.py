@@ -21,6 +21,8 @@ from ..fitting.linearisation import Linearisation
 from ..fitting.problem import BLOCK, Problem
 from ..mechanisms.terms import Term
 
+# numbers of a design that are kept for a second pass (32 MB)
+MAX_KEPT = 4_000_000
 # 1 − largest eigenvalue of Q_kᵀQ_k below which the model is not estimable without the fold
 DEPENDENT = 1e-9
 # a margin above it, of which a Cholesky factor tells without eigenvalues
@@ -31,22 +33,22 @@ CLEARLY_ESTIMABLE = 1e-6
 class LinearRows:
     """The rows of a problem [columns | residual], linear about a point, in mm and rad.
 
-    They are made block by block whenever they are asked for; a single block is kept."""
+    They are made block by block whenever they are asked for; few are kept."""
 
     problem: Problem
     terms: Sequence[Term]
     at: Linearisation | None = None
 
-    @cached_property
-    def _only(self) -> Array:
-        return assemble(self.problem, self.terms, self.at)
-
     def parts(self) -> Iterator[tuple[slice, Problem, Array]]:
         """Yield (rows, their problem, block (p+1, c, rows))."""
-        count = len(self.problem)
-        if count <= BLOCK:
-            yield slice(0, count), self.problem, self._only
-            return
+        numbers = len(self.problem) * self.problem.components * (len(self.terms) + 1)
+        yield from self._kept if numbers <= MAX_KEPT else self._make()
+
+    @cached_property
+    def _kept(self) -> list[tuple[slice, Problem, Array]]:
+        return list(self._make())
+
+    def _make(self) -> Iterator[tuple[slice, Problem, Array]]:
         for rows, part in self.problem.parts():
             yield rows, part, assemble(part, self.terms, self.at)
 
@@ -55,12 +57,17 @@ class LinearRows:
 
         `without` (K, p): the coefficients fitted without each fold."""
         residual = np.empty((len(self.problem), 3))
-        by_term = np.ascontiguousarray(without.T)
         for rows, _, block in self.parts():
-            delta = by_term[:, fold_of[rows]]
-            predicted = np.einsum("pcm,pm->cm", block[:-1, :3], delta)
-            residual[rows] = (block[-1, :3] - predicted).T
+            residual[rows] = hold_out(block, fold_of[rows], without)
         return residual
+
+
+def hold_out(block: Array, fold_of: Index, without: Array) -> Array:
+    """Compute the residuals (m, 3) [mm] of a block (p+1, c, m) under the fits without its rows'
+    folds; `without` (K, p)."""
+    delta = np.ascontiguousarray(without.T)[:, fold_of]
+    predicted = np.einsum("pcm,pm->cm", block[:-1, :3], delta)
+    return np.asarray((block[-1, :3] - predicted).T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,20 +215,24 @@ def measure_moments(
     width = coordinates.rank + 1
     products = np.zeros((int(fold_of.max()) + 1, width, width))
     for places, part, block in rows.parts():
-        values = _transform(part, block, coordinates, weighted)
-        folds = fold_of[places]
-        for k in np.unique(folds):
-            chosen = values[:, :components, folds == k].reshape(width, -1)
-            products[k] += chosen @ chosen.T
+        values = transform(block, coordinates.map)
+        if weighted:
+            values = part.whitening.apply(values)
+        add_products(products, values[:, :components], fold_of[places])
     return Moments.of(products)
 
 
-def _transform(part: Problem, block: Array, coordinates: Coordinates, weighted: bool) -> Array:
-    """Turn a block (p+1, c, rows) into [Q | e] (r+1, c, rows)."""
-    _, components, count = block.shape
-    flat = coordinates.map.T @ block.reshape(len(block), -1)
-    values = flat.reshape(-1, components, count)
-    return part.whitening.apply(values) if weighted else values
+def transform(block: Array, columns: Array) -> Array:
+    """Combine a block's columns (p+1, c, rows) by a matrix (p+1, r+1): (r+1, c, rows)."""
+    flat = columns.T @ block.reshape(len(block), -1)
+    return np.asarray(flat.reshape(-1, *block.shape[1:]))
+
+
+def add_products(products: Array, values: Array, fold_of: Index) -> None:
+    """Add the products of values (r+1, c, rows) to those (K, r+1, r+1) of their rows' folds."""
+    for k in np.unique(fold_of):
+        chosen = values[:, :, fold_of == k].reshape(len(values), -1)
+        products[k] += chosen @ chosen.T
 
 
 def rows_by_unit(
@@ -242,7 +253,8 @@ def rows_by_unit(
         last = max(fitting, first + 1)
         part = problem.take(order[edges[first] : edges[last]])
         block = assemble(part, fitted.terms, fitted.at())
-        values = _transform(part, block, coordinates, weighted=True).transpose(2, 1, 0)
+        values = transform(block, coordinates.map)
+        values = part.whitening.apply(values).transpose(2, 1, 0)
         for k in range(first, last):
             start, stop = edges[k : k + 2] - edges[first]
             own = values[start:stop].reshape(-1, width)
