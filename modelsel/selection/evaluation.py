@@ -18,6 +18,7 @@ from ..fitting.design import Model
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
+from ..fitting.state_variables import MAX_ROWS_KEPT
 from .criteria import aic, aicc, bic, gcv
 from .cross_validation import CrossValidation, cross_validate_fit
 from .moments import LinearRows
@@ -48,14 +49,15 @@ class Split:
         return inside & good
 
     def training(self) -> Problem:
-        """Return the problem of the rows that models are fitted to; it keeps what it evaluates."""
-        return self._training
+        """Return the problem of the rows that models are fitted to.
+
+        Where these are few enough to keep causes of, it is the same one each time."""
+        few = self.used.sum() <= MAX_ROWS_KEPT
+        return self._training if few else self.problem.take(self.used)
 
     @cached_property
     def _training(self) -> Problem:
-        rows = self.used
-        problem = self.problem
-        return problem.take(rows)
+        return self.problem.take(self.used)
 
     def training_folds(self) -> Index:
         """Return the folds of the training rows, numbered without gaps."""
