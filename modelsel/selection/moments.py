@@ -91,9 +91,13 @@ class Coordinates:
 
     @staticmethod
     def of(fitted: Fit) -> Coordinates:
-        """Return the coordinates of a fit, linear about its solution."""
+        """Return the coordinates of a fit, linear about its solution.
+
+        Each points against its column: what is drawn in them must not hang on the way in which a
+        factorisation turned them."""
         kept = list(fitted.found.kept)
         factor = fitted.factor[kept]
+        factor = -factor * np.sign(np.diagonal(factor))
         triangle = fitted.reduction.R
         data = triangle[:, kept] @ factor
         root = fitted.root

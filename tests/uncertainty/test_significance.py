@@ -305,6 +305,23 @@ def test_shrunk_parameters_have_their_prior_in_the_bootstrap(rng: np.random.Gene
     assert np.allclose(found.errors, linear_posterior(fitted).spread, rtol=0.25)
 
 
+def test_draws_do_not_hang_on_the_factorisation(rng: np.random.Generator) -> None:
+    """Another sign of the factor's columns is the same covariance, and gives the same draws."""
+    model = Model((one(1, "tx"), one(1, "rz"), one(2, "rz", sin(q(1)))))
+    problem = planted(drawn(ARM, rng, 30), model.terms, np.zeros(3), rng, 0.1)
+    fitted = fit(problem, model, precision=np.array([0.0, 0.0, 1e4]))
+    turned = replace(fitted, factor=fitted.factor * [1.0, -1.0, 1.0])
+    once, again = (
+        run_bootstrap(
+            fold_by_unit(problem, model.terms, problem.data.block, fitted.at()),
+            f,
+            np.random.default_rng(2),
+        )
+        for f in (fitted, turned)
+    )
+    np.testing.assert_allclose(again.draws, once.draws, atol=1e-12)
+
+
 # -- correlation
 # -----------------------------------------------------------------------------------------------------------
 
