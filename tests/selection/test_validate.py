@@ -7,7 +7,8 @@ import pytest
 from builders import seeds
 from scipy import stats
 
-from modelsel.selection.evaluation import estimate_gain, summarise_errors
+from modelsel.selection.evaluation import summarise_errors
+from modelsel.selection.gain import estimate_gain
 
 
 def test_errors_by_hand() -> None:
