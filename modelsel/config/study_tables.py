@@ -279,7 +279,7 @@ class SearchTable(_Table):
         "the results do not depend on it.",
     )
     max_rows: int = Field(
-        default=15_000,
+        default=12_000,
         ge=100,
         description="Estimation rows that are searched; of more, configurations are drawn by the seed.",
     )

@@ -156,12 +156,20 @@ def _build_blocks(
 def _compute_grams(screws: ScrewColumns, index: Index) -> Array:
     """Compute (n, k, k) Gram matrices of candidates of k columns, `index` (n, k).
 
-    As many are computed at a time as need little memory."""
+    As many are computed at a time as need little memory; a candidate at one place needs only the
+    lengths of its columns' rows."""
     n, k = index.shape
     grams = np.empty((n, k, k))
-    for piece in split_range(n, EXPANDED_NUMBERS // (k * screws.rows)):
-        X = screws.expand(index[piece].ravel()).reshape(-1, k, screws.rows)
-        np.matmul(X, X.swapaxes(1, 2), out=grams[piece])
+    field = screws.lone_field[index]
+    at_one_place = (field[:, 0] >= 0) & (field == field[:, :1]).all(1)
+    for which, expand in (
+        (np.flatnonzero(at_one_place), screws.expand_lengths),
+        (np.flatnonzero(~at_one_place), screws.expand),
+    ):
+        for piece in split_range(len(which), EXPANDED_NUMBERS // (k * screws.rows)):
+            members = which[piece]
+            X = expand(index[members].ravel()).reshape(len(members), k, -1)
+            grams[members] = np.matmul(X, X.swapaxes(1, 2))
     return grams
 
 

@@ -16,7 +16,7 @@ class DiagnosisOptions:
     cause may only depend on joints next to its place."""
 
     memory_mb: float = 500.0
-    max_rows: int = 15_000
+    max_rows: int = 12_000
     max_cells: int = 40_000
 
 

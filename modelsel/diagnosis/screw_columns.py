@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any
 
@@ -31,7 +31,7 @@ CACHED_ROWS = 512
 # products of columns, rows and vectors from which a second core pays
 MANY_PRODUCTS = 5e7
 # share of the memory of a diagnosis that the values of the causes may take
-CAUSES_SHARE = 0.7
+CAUSES_SHARE = 0.75
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +152,24 @@ class ScrewColumns:
             flat = self._expand_rows(block, columns, whole).reshape(len(columns), -1)
             out[:, block.coordinates] = flat if block.measured is None else flat[:, block.measured]
         return out
+
+    @cached_property
+    def lone_field(self) -> Index:
+        """The field (C,) of columns of one screw, -1 of others."""
+        is_lone = np.diff(self.starts) == 1
+        first = np.minimum(self.starts[:-1], max(len(self.pairs[0]) - 1, 0))
+        return np.where(is_lone, self.pairs[1][first], -1)
+
+    def expand_lengths(self, columns: Index) -> Array:
+        """Compute causes times lengths of the field (k, m), of columns of one screw.
+
+        The products of two columns of one place are those of these."""
+        _, number, cause = self.pairs[:, self.starts[columns]]
+        parts = []
+        for block in self.blocks:
+            length = np.sqrt(np.einsum("mfc,mfc->fm", block.fields, block.fields))
+            parts.append(block.evaluate_causes(cause) * length[number])
+        return np.concatenate(parts, axis=1)
 
     def gram(self, columns: Index) -> Array:
         """Compute the products (k, k) of some columns, rows by rows."""

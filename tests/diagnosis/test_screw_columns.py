@@ -70,6 +70,21 @@ def test_products_do_not_depend_on_the_memory_that_is_allowed(
     np.testing.assert_allclose(evaluated.dot(V), kept.dot(V), rtol=1e-12, atol=1e-9)
 
 
+def test_gram_matrices_are_those_of_the_columns(rng: np.random.Generator) -> None:
+    """Of candidates at one place, from the lengths of rows, and of those at several."""
+    at = drawn("puma760", rng, 30)
+    cols = build_columns(at, build_candidates(at, Model(()), every(at.robot)))
+    fields = cols.screws.lone_field
+    kinds = set()
+    for block in cols.grams:
+        for i, gram in zip(block.index, block.gram, strict=True):
+            kinds.add(len(set(fields[i])) == 1 and fields[i[0]] >= 0)
+            X = cols.screws.expand(i)
+            scale = np.linalg.norm(X, axis=1)
+            assert (np.abs(gram - X @ X.T) <= 1e-12 * np.outer(scale, scale)).all()
+    assert kinds == {True, False}
+
+
 def test_products_do_not_depend_on_the_number_of_cores(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
