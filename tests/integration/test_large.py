@@ -3,20 +3,15 @@ rows."""
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 import pandas as pd
 import pytest
 from builders import drawn, one, planted
 
 from modelsel.config.study_file import parse_study
-from modelsel.diagnosis.options import DiagnosisOptions
-from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.measurements.visits import number_blocks
 from modelsel.mechanisms.causes import q
 from modelsel.selection.gain import ResamplingOptions, estimate_gain
-from modelsel.study import pipeline
 from modelsel.study.runner import run_study
 
 STUDY = """
@@ -33,7 +28,7 @@ candidates = ["wrist-coupling", "backlash:3", "joint-compliance"]
 """
 
 
-def test_naming_sees_a_share_and_says_so(rng, tmp_path, monkeypatch) -> None:
+def test_naming_sees_a_share_and_says_so(rng, tmp_path) -> None:
     at = drawn("puma760", rng, 320)
     at = planted(at, one(5, "rz", q(4)).terms, np.array([1.5e-3]), rng, 0.05)
     position = at.data.position.copy()
@@ -42,15 +37,15 @@ def test_naming_sees_a_share_and_says_so(rng, tmp_path, monkeypatch) -> None:
     pd.DataFrame(np.column_stack([at.data.q, position]), columns=names).to_csv(
         tmp_path / "measurements.csv", index=False
     )
-    of_sample = partial(diagnose_split, options=DiagnosisOptions(max_rows=90))
-    monkeypatch.setattr(pipeline, "diagnose_split", of_sample)
-    result = run_study(parse_study(STUDY, "study.toml"), tmp_path, sampling=False)
+    study = parse_study(STUDY + "[search]\nmax_rows = 100\n", "study.toml")
+    result = run_study(study, tmp_path, sampling=False)
     assert "wrist-coupling" in " ".join(result.models.chosen.names)
-    assert result.diagnosis.search.fit.rows == 3 * 90
+    assert result.diagnosis.search.fit.rows == 3 * 100
     assert result.models.chosen.fit.rows == 3 * int(result.split.used.sum()) >= 3 * 198
     said = [w.sentence for w in result.warnings if w.code == "scan-of-some"]
     assert len(said) == 1
-    assert "90 of the" in said[0]
+    assert "100 of the" in said[0]
+    assert "with 90 %" in said[0]
     assert set(np.flatnonzero(result.split.outlying)) == {11, 250}
 
 
