@@ -1,9 +1,9 @@
 """Rotations and rigid transforms as plain arrays: R_a_b takes coordinates in b to coordinates in a;
 mm and rad.
 
-The formulas of roll-pitch-yaw angles, quaternions and the nearest rotation stand here although
-scipy.spatial.transform.Rotation has them: that module takes longer to import than the whole command
-line, robot files are read before anything else, and its angles at gimbal lock and its normalisation
+The formulas of roll-pitch-yaw angles, quaternions, turns and the nearest rotation stand here
+although scipy.spatial.transform.Rotation has them: that module takes longer to import than the
+whole command line, robot files are read before anything else, and its angles at gimbal lock and its normalisation
 round differently. Quaternions and rotation vectors of measured orientations do use it, imported
 late."""
 
@@ -101,6 +101,15 @@ def nearest_rotation(A: Array) -> Array:
     signs = [1, 1, np.sign(determinant)]
     nearest = U @ np.diag(signs) @ Vt
     return np.asarray(nearest)
+
+
+def from_rotation_vector(vector: Array) -> Array:
+    """Convert rotation vectors (..., 3) [rad], axis times angle, to rotations (..., 3, 3)."""
+    angle = np.linalg.norm(vector, axis=-1, keepdims=True)
+    # sin(angle / 2) / angle, which is a half where nothing turns
+    share = 0.5 * np.sinc(angle / (2 * np.pi))
+    wxyz = np.concatenate([np.cos(angle / 2), share * vector], axis=-1)
+    return from_quaternion(wxyz.reshape(-1, 4)).reshape(*vector.shape, 3)
 
 
 def from_quaternion(wxyz: Array) -> Array:

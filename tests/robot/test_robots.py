@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from builders import drawn
 from dh_steps import screw_x, screw_z
+from scipy.spatial.transform import Rotation
 
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import compute_design, residuals
 from modelsel.mechanisms.geometry import geometric
 from modelsel.robot.files import builtin_names, load_robot, read_robot, robot_from_table
 from modelsel.robot.kinematics import Robot, forward, pose, screw_field
-from modelsel.robot.rigid import rotation_matrix
+from modelsel.robot.rigid import from_rotation_vector, rotation_matrix
 
 POSES = tomllib.loads(
     (Path(__file__).parents[1] / "support" / "poses.toml").read_text(encoding="utf-8")
@@ -420,3 +421,13 @@ def test_a_message_keeps_its_end_where_a_value_is_endless() -> None:
         caught.value.problems[0]
         == f'arm.toml: convention: expected "standard" or "modified", found "1{78 * "0"}…".'
     )
+
+
+def test_turns_as_scipy_has_them(rng) -> None:
+    """From no turn at all, over one so small that its square vanishes, to half a turn."""
+    direction = rng.standard_normal((4, 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    vectors = np.array([0.0, 1e-9, 0.3, np.pi])[:, None] * direction
+    expected = Rotation.from_rotvec(vectors).as_matrix()
+    np.testing.assert_allclose(from_rotation_vector(vectors), expected, atol=1e-15)
+    np.testing.assert_allclose(from_rotation_vector(vectors[2]), expected[2], atol=1e-15)
