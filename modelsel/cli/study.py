@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import gc
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from .._progress import show_progress
 from ..exceptions import CHECK_FAILED
-from ._options import make_console, make_progress, print_json
+from ._options import make_console, print_json
 
 if TYPE_CHECKING:
+    from .._progress import Progress
+    from ..config.study_file import Study
+    from ..mechanisms.registry import Registry
+    from ..study.checkpoint import Checkpoint
     from ..study.result import Result
 
 COLLECT = 50_000  # new values between two looks of Python's garbage collector
@@ -51,13 +56,13 @@ def study_command(
     )
     from .._files import check_writable, claim_folder
     from ..config.study_file import read_study
-    from ..exceptions import StudyError
     from ..mechanisms.registry import with_plugins
-    from ..report.drawing import draw
+    from ..report.drawing import STEPS
     from ..results.storage import WRITES
     from ..study.checkpoint import Checkpoint
     from ..study.inputs import read_nominal_robot
-    from ..study.runner import rehearse_study, run_study
+    from ..study.runner import rehearse_study
+    from ..study.steps import list_steps
 
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
@@ -73,25 +78,10 @@ def study_command(
         else:
             click.echo(_would(found, folder, WRITES))
         return
-    say = make_progress()
-    with claim_folder(folder):
-        keeper = Checkpoint(folder, resume)
-        result = run_study(
-            read,
-            path.parent,
-            registry=registry,
-            say=say,
-            sampling=not no_sampling,
-            checkpoint=keeper,
-        )
-        try:
-            written = result.save(folder)
-        except StudyError:  # what was computed is at least told
-            _tell(result, as_json)
-            raise
-        keeper.clear()
-        _tell(result, as_json)
-        written += [] if no_report else draw(folder, say=say)
+    steps = list_steps(read, not no_sampling) + (() if no_report else STEPS)
+    with claim_folder(folder), show_progress(steps) as progress:
+        run = _Run(folder, registry, progress, as_json, not no_sampling, not no_report)
+        result, written = run.complete(read, path.parent, Checkpoint(folder, resume))
     if not as_json:
         click.echo(f"Written: {', '.join(map(str, written))}")
     sampling = result.record.sampling
@@ -99,13 +89,73 @@ def study_command(
         raise SystemExit(CHECK_FAILED)
 
 
-def _tell(result: Result, as_json: bool) -> None:
-    if as_json:
-        click.echo(result.to_json(), nl=False)
-    else:
-        from ..report.terminal import show_study
+class _Run(NamedTuple):
+    """How one study is run."""
 
-        show_study(result.record, result.details, make_console())
+    folder: Path
+    registry: Registry
+    progress: Progress
+    as_json: bool
+    sampling: bool
+    report: bool
+
+    def complete(self, study: Study, folder: Path, keeper: Checkpoint) -> tuple[Result, list[Path]]:
+        """Analyse, tell, sample and draw at once, write. Result and files written."""
+        from ..report.drawing import draw_ahead, draw_records
+        from ..study.pipeline import sample_posterior
+        from ..study.runner import run_study
+
+        result = run_study(
+            study,
+            folder,
+            registry=self.registry,
+            say=self.progress,
+            sampling=False,
+            checkpoint=keeper,
+        )
+        self._tell_analysis(result)
+        with draw_ahead(result.record, result.details, self._pages_ahead()) as ahead:
+            if self.sampling:
+                result = sample_posterior(result, self.registry, self.progress, keeper)
+            written = self._save(result)
+            keeper.clear()
+            if self.report:
+                record, details = result.record, result.details
+                written += draw_records(
+                    record, details, self.folder, say=self.progress, ahead=ahead
+                )
+        return result, written
+
+    def _pages_ahead(self) -> tuple[str, ...]:
+        """Choose the pages that a second process draws: all it can while this one samples."""
+        from ..report.drawing import HALF, UNSAMPLED_PAGES
+
+        if not self.report:
+            return ()
+        return UNSAMPLED_PAGES if self.sampling else HALF
+
+    def _save(self, result: Result) -> list[Path]:
+        """Write the result's files; what was computed is told in any case."""
+        try:
+            return result.save(self.folder)
+        finally:
+            self._tell_rest(result)
+
+    def _tell_analysis(self, result: Result) -> None:
+        from ..report.terminal import show_analysis
+
+        self.progress.clear()
+        if not self.as_json:
+            show_analysis(result.record, result.details, make_console())
+
+    def _tell_rest(self, result: Result) -> None:
+        from ..report.terminal import show_sampling
+
+        self.progress.clear()
+        if self.as_json:
+            click.echo(result.to_json(), nl=False)
+        else:
+            show_sampling(result.record, make_console())
 
 
 def _would(found: dict[str, Any], folder: Path, writes: tuple[str, ...]) -> str:

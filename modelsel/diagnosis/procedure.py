@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._progress import News
 from .._random import generator
 from .._typing import Array, Index, Mask, Say
 from ..fitting.design import Model, whitened
@@ -282,7 +283,13 @@ def _run_fold(
 
 
 def run_nested_folds(
-    split: Split, base: Model, everything: tuple[Mechanism, ...], seed: int, cells: bool, folds: int
+    split: Split,
+    base: Model,
+    everything: tuple[Mechanism, ...],
+    seed: int,
+    cells: bool,
+    folds: int,
+    say: Say = lambda _: None,
 ) -> Nested:
     """Repeat outliers, naming and fit without each fold of the estimation configurations.
 
@@ -297,7 +304,11 @@ def run_nested_folds(
     )
     workers = min(count, os.cpu_count() or 1)
     with ProcessPoolExecutor(max_workers=workers) as pool:
-        done = list(pool.map(run, range(count)))
+        say(News(f"none of {count} folds", 0.0))
+        done = []
+        for one in pool.map(run, range(count)):
+            done.append(one)
+            say(News(f"{len(done)} of {count} folds", len(done) / count))
     shape = len(fold), split.problem.components
     before = np.full(shape, np.nan)
     after = np.full(shape, np.nan)

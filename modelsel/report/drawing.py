@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
+from .._ahead import Ahead, work_ahead
 from .._files import write_all
+from .._typing import Say
 from ..results.details_schema import DetailsRecord
 from ..results.reading import read_records
 from ..results.schema import StudyRecord
@@ -40,7 +45,45 @@ PAGES: dict[str, Page] = {
     "provenance": write_provenance_page,
 }
 
-Say = Callable[[str], None]
+# whose pictures do not show what sampling adds to a record
+UNSAMPLED_PAGES = tuple(name for name in PAGES if name != "posterior")
+# about half of the work of drawing
+HALF = ("data", "findings")
+DRAWING, SETTING = STEPS = ("drawing the pictures", "setting the report")
+
+
+@dataclass(frozen=True)
+class DrawnAhead:
+    """Pages whose pictures a second process draws."""
+
+    pages: tuple[str, ...] = ()
+    pictures: Ahead[dict[str, bytes]] = field(default_factory=Ahead)
+
+
+NOTHING_AHEAD = DrawnAhead()
+
+
+@contextmanager
+def draw_ahead(
+    record: StudyRecord,
+    details: DetailsRecord,
+    pages: tuple[str, ...] = UNSAMPLED_PAGES,
+    cores: int | None = None,
+) -> Iterator[DrawnAhead]:
+    """Draw the pictures of some pages in a second process, which ends with the context; `cores` as for
+    `work_ahead`."""
+    count = cores if pages else 1
+    with work_ahead(partial(draw_pictures, record, details, pages), count) as pictures:
+        yield DrawnAhead(pages, pictures)
+
+
+def draw_pictures(
+    record: StudyRecord, details: DetailsRecord, pages: Sequence[str]
+) -> dict[str, bytes]:
+    """Draw the pictures of some pages, by file name."""
+    source = Source(record, details)
+    collect_blocks(source, PAGES, pages)
+    return source.pictures
 
 
 def read_source(folder: Path) -> Source:
@@ -61,13 +104,19 @@ def draw_records(
     folder: Path,
     pages: Sequence[str] | None = None,
     say: Say = lambda _: None,
+    ahead: DrawnAhead = NOTHING_AHEAD,
 ) -> list[Path]:
-    """Draw report.pdf and report.html of a study's records into a folder; `pages` chooses from the PDF's. Files
-    written. Raises StudyError or ReportError."""
+    """Draw report.pdf and report.html of a study's records into a folder; `pages` chooses from the PDF's; `ahead` has
+    pictures of the same study. Files written. Raises StudyError or ReportError."""
     source = Source(record, details)
-    say("drawing the pictures")
-    blocks = collect_blocks(source, PAGES, pages)
-    say("setting the report")
+    say(DRAWING)
+    if ahead.pages and pages is None:
+        # the others first: the second process draws meanwhile
+        others = [name for name in PAGES if name not in ahead.pages]
+        source.pictures.update(draw_pictures(record, details, others))
+        source.pictures.update(ahead.pictures.collect() or {})
+    blocks = collect_blocks(source, PAGES, pages, say)
+    say(SETTING)
     pdf, _ = compile_pdf(fill_template(source, blocks), source.pictures)
     write_all(folder, {"report.pdf": pdf, "report.html": write_page(source)})
     return [folder / "report.pdf", folder / "report.html"]

@@ -8,13 +8,14 @@ these are stable, and R-hat is low (`SamplingOptions`)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from .._typing import Array
+from .._progress import News
+from .._typing import Array, Say
 from .log_posterior import LogPosterior
 from .mcmc import autocorrelation_time, build_moves, r_hat
 from .posterior import Importance
@@ -199,7 +200,7 @@ def sample_posterior(
     what: str,
     rng: np.random.Generator,
     *,
-    say: Callable[[str], None] = lambda _: None,
+    say: Say = lambda _: None,
     keeper: Keeper | None = None,
     options: SamplingOptions = DEFAULT_SAMPLING,
 ) -> Sampling:
@@ -212,8 +213,9 @@ def sample_posterior(
     walk = _Walk(log_posterior, rng, thin, state, options)
     tau: Array | None = None
     check = min(options.first_check, options.max_steps)
+    needed: float | None = None
     while True:
-        _advance(walk, check, keeper)
+        _advance(walk, check, keeper, needed, say)
         # a resumed chain is judged where the unbroken one was
         chain = log_posterior.values(walk.chain[: check // thin])
         before = tau
@@ -222,10 +224,7 @@ def sample_posterior(
         burnt = _burn_in(tau, thin, len(chain))
         kept = check - burnt * thin
         needed = options.min_times * longest + (check - kept)
-        say(
-            f"sampling: tau {longest:.0f}, {check:,} of {needed:,.0f} steps, "
-            f"{min(check / needed, 1):.0%}"
-        )
+        needed = min(needed, options.max_steps)
         change = np.inf if before is None else abs(longest - float(before.max()))
         settled = change < options.max_change * longest
         long = kept > options.min_times * longest and settled
@@ -243,18 +242,31 @@ def _choose_thinning(names: int) -> int:
     return max(n for n in THINNINGS if n == 1 or NAMES_PER_STEP * n <= names)
 
 
-def _advance(walk: _Walk, steps: int, keeper: Keeper | None) -> None:
-    """Run a walk up to so many steps; an interruption keeps the chunks that are done."""
+def _advance(
+    walk: _Walk, steps: int, keeper: Keeper | None, needed: float | None, say: Say
+) -> None:
+    """Run a walk up to so many steps; an interruption keeps the chunks that are done.
+
+    needed: steps that the chain will take in all, as far as is known."""
     names = walk.log_posterior.names
     try:
         while walk.steps < steps:
             walk.run(min(CHUNK * walk.thin, steps - walk.steps))
+            say(_describe_advance(walk.steps, steps, needed))
             if keeper is not None:
                 keeper.keep(names, walk.state())
     except KeyboardInterrupt:
         if keeper is not None and walk.steps:
             keeper.keep(names, walk.state(), now=True)
         raise
+
+
+def _describe_advance(done: int, next_look: int, needed: float | None) -> News:
+    """Describe how far a chain is; before the first look nobody knows how long it must be."""
+    if needed is None:
+        return News(f"{done:,} steps, at {next_look:,} it shows how many are needed")
+    most = max(next_look, needed)
+    return News(f"{done:,} of {most:,.0f} steps", done / most)
 
 
 def _autocorrelation_times(chain: Array, thin: int) -> Array:
