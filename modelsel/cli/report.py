@@ -18,7 +18,8 @@ def report_command(folder: Path, pages: str | None, as_json: bool) -> None:
     """Draw report.pdf and report.html of a finished study again, from its folder; nothing is
     computed anew."""
     from .._files import check_writable, claim_folder
-    from ..report.drawing import HALF, STEPS, draw_ahead, draw_records
+    from .._second_process import second_process
+    from ..report.drawing import HALF, STEPS, DrawnAhead, draw_records
     from ..results.reading import read_records
 
     chosen = (
@@ -27,8 +28,13 @@ def report_command(folder: Path, pages: str | None, as_json: bool) -> None:
     check_writable(folder)
     with claim_folder(folder), show_progress(STEPS) as say:
         record, details = read_records(folder)
-        with draw_ahead(record, details, HALF if chosen is None else ()) as ahead:
-            written = draw_records(record, details, folder, chosen, say, ahead)
+        if chosen is not None:
+            written = draw_records(record, details, folder, chosen, say)
+        else:
+            with second_process() as second:
+                ahead = DrawnAhead(second)
+                ahead.draw(record, details, HALF)
+                written = draw_records(record, details, folder, None, say, ahead)
     if as_json:
         print_json({"written": [path.name for path in written]})
     else:

@@ -101,7 +101,8 @@ class _Run(NamedTuple):
 
     def complete(self, study: Study, folder: Path, keeper: Checkpoint) -> tuple[Result, list[Path]]:
         """Analyse, tell, sample and draw at once, write. Result and files written."""
-        from ..report.drawing import draw_ahead, draw_records
+        from .._second_process import second_process
+        from ..report.drawing import HALF, SAMPLED_PAGES, UNSAMPLED_PAGES, DrawnAhead, draw_records
         from ..study.pipeline import sample_posterior
         from ..study.runner import run_study
 
@@ -114,25 +115,23 @@ class _Run(NamedTuple):
             checkpoint=keeper,
         )
         self._tell_analysis(result)
-        with draw_ahead(result.record, result.details, self._pages_ahead()) as ahead:
+        with second_process() as second:
+            ahead = DrawnAhead(second)
+            if self.report:
+                pages = UNSAMPLED_PAGES if self.sampling else HALF
+                ahead.draw(result.record, result.details, pages)
             if self.sampling:
                 result = sample_posterior(result, self.registry, self.progress, keeper)
+            record, details = result.record, result.details
+            if self.report and self.sampling:
+                ahead.draw(record, details, SAMPLED_PAGES)
             written = self._save(result)
             keeper.clear()
             if self.report:
-                record, details = result.record, result.details
                 written += draw_records(
                     record, details, self.folder, say=self.progress, ahead=ahead
                 )
         return result, written
-
-    def _pages_ahead(self) -> tuple[str, ...]:
-        """Choose the pages that a second process draws: all it can while this one samples."""
-        from ..report.drawing import HALF, UNSAMPLED_PAGES
-
-        if not self.report:
-            return ()
-        return UNSAMPLED_PAGES if self.sampling else HALF
 
     def _save(self, result: Result) -> list[Path]:
         """Write the result's files; what was computed is told in any case."""

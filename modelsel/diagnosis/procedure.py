@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._progress import News
+from .._progress import News, follow
 from .._random import generator
 from .._typing import Array, Index, Mask, Say
 from ..fitting.design import Model, whitened
@@ -51,7 +51,7 @@ MIN_CONFIGURATIONS = 20
 ALL = "all"
 
 
-def diagnose(
+def diagnose(  # noqa: PLR0913  all but the first have defaults
     problem: Problem,
     *,
     base: Sequence[str] = ("geometric",),
@@ -60,12 +60,14 @@ def diagnose(
     registry: Registry = BUILTIN,
     estimation: Mask | None = None,
     options: DiagnosisOptions = DEFAULT_OPTIONS,
+    progress: bool = False,
 ) -> Diagnosis:
     """Name what is wrong with a model of a robot.
 
     `base`: registered names of the model to extend; `candidates`: registered names that may extend
     it, or "all" for every mechanism of the registry, data faults and unregistered causes;
-    `estimation`: mask (m,) of the rows to use (None: all). The result prints its findings.
+    `estimation`: mask (m,) of the rows to use (None: all); `progress`: show what is being done and
+    what is found, in a notebook or on the error stream. The result prints its findings.
 
     Raises StudyError for an unknown name, NotEstimable where the data do not determine the base."""
     rows = len(problem)
@@ -74,14 +76,16 @@ def diagnose(
         used = np.asarray(estimation, bool)
     split = Split(problem, used, np.zeros(rows, bool), np.zeros(rows, np.intp), known_sigma=False)
     mechanisms = [mechanism(name, problem.robot, registry) for name in base]
-    _, diagnosis, _ = diagnose_split(
-        split,
-        base=Model(tuple(mechanisms)),
-        everything=_resolve_candidates(problem, candidates, registry),
-        seed=seed,
-        cells=candidates == ALL,
-        options=options,
-    )
+    with follow(lambda _: None, progress) as say:
+        _, diagnosis, _ = diagnose_split(
+            split,
+            base=Model(tuple(mechanisms)),
+            everything=_resolve_candidates(problem, candidates, registry),
+            seed=seed,
+            cells=candidates == ALL,
+            say=say,
+            options=options,
+        )
     return diagnosis
 
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from .._ahead import Ahead, work_ahead
 from .._files import write_all
+from .._second_process import Collect, SecondProcess
 from .._typing import Say
 from ..results.details_schema import DetailsRecord
 from ..results.reading import read_records
@@ -45,36 +43,33 @@ PAGES: dict[str, Page] = {
     "provenance": write_provenance_page,
 }
 
-# whose pictures do not show what sampling adds to a record
-UNSAMPLED_PAGES = tuple(name for name in PAGES if name != "posterior")
+# whose pictures show what sampling adds to a record, and those whose do not
+SAMPLED_PAGES = ("posterior",)
+UNSAMPLED_PAGES = tuple(name for name in PAGES if name not in SAMPLED_PAGES)
 # about half of the work of drawing
 HALF = ("data", "findings")
 DRAWING, SETTING = STEPS = ("drawing the pictures", "setting the report")
 
 
-@dataclass(frozen=True)
 class DrawnAhead:
-    """Pages whose pictures a second process draws."""
+    """Pictures that a second process draws while this one does something else."""
 
-    pages: tuple[str, ...] = ()
-    pictures: Ahead[dict[str, bytes]] = field(default_factory=Ahead)
+    def __init__(self, second: SecondProcess):
+        self.second = second
+        self.pages: list[str] = []
+        self.pending: list[Collect[dict[str, bytes]]] = []
 
+    def draw(self, record: StudyRecord, details: DetailsRecord, pages: Sequence[str]) -> None:
+        """Have the pictures of some pages drawn."""
+        self.pages += pages
+        self.pending.append(self.second.ask(partial(draw_pictures, record, details, pages)))
 
-NOTHING_AHEAD = DrawnAhead()
-
-
-@contextmanager
-def draw_ahead(
-    record: StudyRecord,
-    details: DetailsRecord,
-    pages: tuple[str, ...] = UNSAMPLED_PAGES,
-    cores: int | None = None,
-) -> Iterator[DrawnAhead]:
-    """Draw the pictures of some pages in a second process, which ends with the context; `cores` as for
-    `work_ahead`."""
-    count = cores if pages else 1
-    with work_ahead(partial(draw_pictures, record, details, pages), count) as pictures:
-        yield DrawnAhead(pages, pictures)
+    def collect(self) -> dict[str, bytes]:
+        """Wait for the pictures, by file name; those that failed are missing."""
+        pictures: dict[str, bytes] = {}
+        for collect in self.pending:
+            pictures |= collect() or {}
+        return pictures
 
 
 def draw_pictures(
@@ -104,17 +99,17 @@ def draw_records(
     folder: Path,
     pages: Sequence[str] | None = None,
     say: Say = lambda _: None,
-    ahead: DrawnAhead = NOTHING_AHEAD,
+    ahead: DrawnAhead | None = None,
 ) -> list[Path]:
     """Draw report.pdf and report.html of a study's records into a folder; `pages` chooses from the PDF's; `ahead` has
-    pictures of the same study. Files written. Raises StudyError or ReportError."""
+    pictures of the same study, all pages wanted. Files written. Raises StudyError or ReportError."""
     source = Source(record, details)
     say(DRAWING)
-    if ahead.pages and pages is None:
+    if ahead is not None:
         # the others first: the second process draws meanwhile
         others = [name for name in PAGES if name not in ahead.pages]
         source.pictures.update(draw_pictures(record, details, others))
-        source.pictures.update(ahead.pictures.collect() or {})
+        source.pictures.update(ahead.collect())
     blocks = collect_blocks(source, PAGES, pages, say)
     say(SETTING)
     pdf, _ = compile_pdf(fill_template(source, blocks), source.pictures)

@@ -342,8 +342,8 @@ class _Walk:
             moves=build_moves(log_posterior.ranges),
             vectorize=True,
         )
-        # bare: emcee's wrapper prints a traceback, on Ctrl-C too
-        self.sampler.log_prob_fn = log_posterior.log_density
+        # bare: emcee's own prints a traceback, on Ctrl-C too, and takes long over each walker
+        self.sampler.compute_log_prob = self._log_density
 
     def _begin(self, start: Array, seed: int) -> None:
         """Begin a chain at walkers (W, d)."""
@@ -367,6 +367,13 @@ class _Walk:
         self.position = emcee.State(
             state.chain[-1], log_prob=state.log_density[-1], random_state=state.random
         )
+
+    def _log_density(self, walkers: Array) -> tuple[Array, None]:
+        """Compute the log density (W,) and, as emcee expects, nothing more."""
+        density = self.log_posterior.log_density(walkers)
+        if np.isnan(density).any():
+            raise ValueError("the log density is undefined")
+        return density, None
 
     @property
     def chain(self) -> Array:
