@@ -84,13 +84,13 @@ class Progress:
         if isinstance(line, News):
             self._tell(line, now)
             return
-        self.stage = f"{now:6.1f} s  {line}"
+        self.stage = line
         self.seen = None
         for number, step in enumerate(self.steps, 1):
             if line.startswith(step):
                 self.count = f"step {number} of {len(self.steps)}"
-        self.screen.begin(self.stage)
-        self._show()
+        self.screen.begin(f"{now:6.1f} s  {line}")
+        self._show(now)
 
     def clear(self) -> None:
         """Take the line away: others want to write."""
@@ -106,21 +106,21 @@ class Progress:
             seconds = self._extrapolate(news.done, now)
             if seconds is not None:
                 left += f", {format_seconds(seconds)} left"
-        self._show(shown, left)
+        self._show(now, shown, left)
 
     def _extrapolate(self, done: float, now: float) -> float | None:
         """Return the seconds that the rest of the stage takes at the pace seen so far."""
         if self.seen is None:
             self.seen = now, done
         before, share = self.seen
-        if now - before < MIN_SEEN_S or done <= share:
+        if now - before < MIN_SEEN_S or not share < done < 1:
             return None
         return (now - before) / (done - share) * (1 - done)
 
-    def _show(self, *news: str) -> None:
-        step = f"({self.count})" if self.count else ""
+    def _show(self, now: float, *news: str) -> None:
         parts = [self.stage, *(part for part in news if part)]
-        self.screen.rewrite(" ".join([", ".join(parts), step]).rstrip())
+        step = f" ({self.count})" if self.count else ""
+        self.screen.rewrite(f"{now:6.1f} s  {', '.join(parts)}{step}")
 
 
 def format_seconds(seconds: float) -> str:

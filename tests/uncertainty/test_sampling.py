@@ -37,10 +37,11 @@ from modelsel.uncertainty.mcmc import autocorrelation_time, propose_snooker, r_h
 from modelsel.uncertainty.nuisance import assign_components, list_constants
 from modelsel.uncertainty.parameters import label_terms
 from modelsel.uncertainty.posterior import Importance
-from modelsel.uncertainty.sampler import Sampling, State, sample_posterior
+from modelsel.uncertainty.sampler import Sampling, sample_posterior
 from modelsel.uncertainty.sampling_options import SamplingOptions
 from modelsel.uncertainty.summary import assess_confidence as certainty
 from modelsel.uncertainty.summary import build_log_posterior, describe_sampling, sample_confidence
+from modelsel.uncertainty.walk import State
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))
