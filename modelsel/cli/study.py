@@ -57,7 +57,6 @@ def study_command(
     from .._files import check_writable, claim_folder
     from ..config.study_file import read_study
     from ..mechanisms.registry import with_plugins
-    from ..report.drawing import STEPS
     from ..results.storage import WRITES
     from ..study.checkpoint import Checkpoint
     from ..study.inputs import read_nominal_robot
@@ -78,7 +77,11 @@ def study_command(
         else:
             click.echo(_would(found, folder, WRITES))
         return
-    steps = list_steps(read, not no_sampling) + (() if no_report else STEPS)
+    steps = list_steps(read, not no_sampling)
+    if not no_report:
+        from ..report.drawing import STEPS
+
+        steps += STEPS
     with claim_folder(folder), show_progress(steps) as progress:
         run = _Run(folder, registry, progress, as_json, not no_sampling, not no_report)
         result, written = run.complete(read, path.parent, Checkpoint(folder, resume))
@@ -101,9 +104,6 @@ class _Run(NamedTuple):
 
     def complete(self, study: Study, folder: Path, keeper: Checkpoint) -> tuple[Result, list[Path]]:
         """Analyse, tell, sample and draw at once, write. Result and files written."""
-        from .._second_process import second_process
-        from ..report.drawing import HALF, SAMPLED_PAGES, UNSAMPLED_PAGES, DrawnAhead, draw_records
-        from ..study.pipeline import sample_posterior
         from ..study.runner import run_study
 
         result = run_study(
@@ -115,30 +115,43 @@ class _Run(NamedTuple):
             checkpoint=keeper,
         )
         self._tell_analysis(result)
+        if self.report:
+            return self._sample_and_draw(result, keeper)
+        result = self._sample(result, keeper)
+        return result, self._save(result, keeper)
+
+    def _sample(self, result: Result, keeper: Checkpoint) -> Result:
+        from ..study.pipeline import sample_posterior
+
+        if not self.sampling:
+            return result
+        return sample_posterior(result, self.registry, self.progress, keeper)
+
+    def _sample_and_draw(self, result: Result, keeper: Checkpoint) -> tuple[Result, list[Path]]:
+        """Sample while a second process draws what sampling does not change."""
+        from .._second_process import second_process
+        from ..report.drawing import HALF, SAMPLED_PAGES, UNSAMPLED_PAGES, DrawnAhead, draw_records
+
         with second_process() as second:
             ahead = DrawnAhead(second)
-            if self.report:
-                pages = UNSAMPLED_PAGES if self.sampling else HALF
-                ahead.draw(result.record, result.details, pages)
-            if self.sampling:
-                result = sample_posterior(result, self.registry, self.progress, keeper)
+            pages = UNSAMPLED_PAGES if self.sampling else HALF
+            ahead.draw(result.record, result.details, pages)
+            result = self._sample(result, keeper)
             record, details = result.record, result.details
-            if self.report and self.sampling:
+            if self.sampling:
                 ahead.draw(record, details, SAMPLED_PAGES)
-            written = self._save(result)
-            keeper.clear()
-            if self.report:
-                written += draw_records(
-                    record, details, self.folder, say=self.progress, ahead=ahead
-                )
+            written = self._save(result, keeper)
+            written += draw_records(record, details, self.folder, say=self.progress, ahead=ahead)
         return result, written
 
-    def _save(self, result: Result) -> list[Path]:
+    def _save(self, result: Result, keeper: Checkpoint) -> list[Path]:
         """Write the result's files; what was computed is told in any case."""
         try:
-            return result.save(self.folder)
+            written = result.save(self.folder)
         finally:
             self._tell_rest(result)
+        keeper.clear()
+        return written
 
     def _tell_analysis(self, result: Result) -> None:
         from ..report.terminal import show_analysis

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
@@ -298,6 +297,8 @@ def run_nested_folds(
     """Repeat outliers, naming and fit without each fold of the estimation configurations.
 
     The folds run in parallel; the result does not depend on the number of workers."""
+    from concurrent.futures import ProcessPoolExecutor
+
     rows = split.estimation
     estimation = split.problem.data.take(rows)
     fold = np.full(len(rows), -1, dtype=np.intp)

@@ -14,7 +14,6 @@ from ..calibration.refitting import refit_forms
 from ..config.study_file import Study
 from ..exceptions import StudyError, suggest
 from ..fitting.problem import Problem
-from ..report.drawing import STEPS, draw_records
 from ..results.details import draw_details
 from ..results.details_schema import DetailsRecord
 from ..results.finding_schema import FindingRecord
@@ -119,6 +118,8 @@ class Result:
     ) -> list[Path]:
         """Draw report.pdf and report.html into a folder; `pages` chooses from the PDF's, `progress` shows what is
         being done. Files written. Raises StudyError or ReportError."""
+        from ..report.drawing import STEPS, draw_records
+
         with follow(say, progress, STEPS) as tell:
             return draw_records(self.record, self.details, Path(folder), pages, tell)
 
