@@ -25,7 +25,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """The common table: candidates' columns XT (C, N), geometry A (N, p), residual r (N,), and the
+    """The common table: candidates' columns (C, N), geometry A (N, p), residual r (N,), and the
     same of fresh rows."""
 
     found: tuple[Candidate, ...]
@@ -40,9 +40,9 @@ class Bench:
     configuration: Array  # (N,) of every row
 
     def predict(self, rows: Sequence[int], beta: Array | None = None) -> Array:
-        """(N_fresh,) error on fresh configurations with columns `rows` of XT: refitted with the
+        """(N_fresh,) error on fresh configurations with columns `rows`: refitted with the
         geometry, or at given beta."""
-        X = self.cols.XT[list(rows)].T
+        X = self.cols.screws.expand(np.array(rows, np.intp)).T
         A = self.A if beta is not None else np.hstack([self.A, X])
         y = self.r if beta is None else self.r - X @ beta
         size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
@@ -110,7 +110,7 @@ def forward(table: Bench, kind: str, p_critical: float = 0.0) -> list[int]:
     rows, chosen, used = len(r), list[int](), 0.0
     penalty = _penalty(kind, rows, len(seen.sizes))
     while len(chosen) < MOST:
-        strength, rss = seen.strength(r[:, None])[0][:, 0], float(r @ r)
+        strength, rss = seen.strength(seen.see(r).column)[0][:, 0], float(r @ r)
         k, share = seen.sizes, np.minimum(strength / rss, 1 - 1e-12)
         free = seen.freedom
         fits = (k > 0) & (k < free - 5)
@@ -131,7 +131,7 @@ def forward(table: Bench, kind: str, p_critical: float = 0.0) -> list[int]:
                 break
         chosen.append(g)
         used += float(k[g])
-        X = table.cols.XT[table.cols.slices[g]].T
+        X = table.cols.expand(g).T
         Q = np.hstack([Q, basis_beyond(X, Q)])
         r = r - Q @ (Q.T @ r)
         seen = build_scan(table.cols, Q)
@@ -150,7 +150,7 @@ def basis_beyond(X: Array, Q: Array) -> Array:
 
 def _projected(table: Bench) -> tuple[Array, Array]:
     """(N, C') unit columns beyond the geometry, and which columns they are."""
-    Q, XT = table.first.Q, table.cols.XT
+    Q, XT = table.first.Q, table.cols.screws.expand(np.arange(table.cols.screws.count))
     P = XT - (XT @ Q) @ Q.T
     size, left = np.linalg.norm(XT, axis=1), np.linalg.norm(P, axis=1)
     keep = np.flatnonzero(left > 3e-3 * size)
@@ -186,7 +186,7 @@ def lasso(table: Bench) -> tuple[list[int], Array]:
 
 
 def _left(table: Bench, rows: Array) -> Array:
-    X, Q = table.cols.XT[rows], table.first.Q
+    X, Q = table.cols.screws.expand(rows), table.first.Q
     return np.linalg.norm(X - (X @ Q) @ Q.T, axis=1)
 
 

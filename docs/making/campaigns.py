@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from modelsel._typing import Array
 from modelsel.diagnosis.candidate_columns import Columns, build_columns, stack_design
 from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
+from modelsel.diagnosis.scan import Response, Scan, build_scan, compute_basis
 from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Problem
@@ -59,7 +58,7 @@ class View:
     found: tuple[Candidate, ...]
     cols: Columns
     seen: Scan
-    rest: Array
+    rest: Response
 
 
 def look(at: Problem, model: Model = BASE, cols: Columns | None = None) -> View:
@@ -68,4 +67,5 @@ def look(at: Problem, model: Model = BASE, cols: Columns | None = None) -> View:
     cols = build_columns(at, found, fitted.at()) if cols is None else cols
     A, r = stack_design(at, model.terms, fitted.at())
     Q = compute_basis(A[:, list(fitted.found.kept)])
-    return View(at, fitted, found, cols, build_scan(cols, Q), r - Q @ (Q.T @ r))
+    seen = build_scan(cols, Q)
+    return View(at, fitted, found, cols, seen, seen.see(r - Q @ (Q.T @ r)))

@@ -14,7 +14,7 @@ from arm import short
 from campaigns import BASE, NOISE, ROBOT, View, effect, look, measured
 
 from modelsel._typing import Array
-from modelsel.diagnosis.credible_sets import name_effect
+from modelsel.diagnosis.credible_sets import ask
 from modelsel.diagnosis.evidence import (
     RATIOS,
     compute_factors,
@@ -199,7 +199,7 @@ def credible() -> tuple[bytes, str]:
     rows = []
     for m in counts:
         view = look(measured(m, effect(truth, 1.5e-6), 30))
-        rows.append(name_effect(view.seen, view.found, view.rest))
+        rows.append(ask(view.seen, view.found, view.rest).answer(None))
     with use_style() as plt:
         fig, ax = plt.subplots(figsize=(6.5, 1.8), layout="constrained")
         for y, named in enumerate(rows):
@@ -255,7 +255,9 @@ def credible() -> tuple[bytes, str]:
 
 def _evidences(view: View, prior: Array, responses: Array) -> Array:
     """(B,) log evidence of each response (N, B), as `evidence` has it of one."""
-    share = normalise_strength(view.seen.strength(responses), np.square(responses).sum(0))
+    share = normalise_strength(
+        view.seen.strength(view.seen.columns.dot(responses)), np.square(responses).sum(0)
+    )
     joint = [compute_log_bayes_factors(view.seen, share, float(r)) + prior[:, None] for r in RATIOS]
     return np.asarray(np.max([np.logaddexp.reduce(j, axis=0) for j in joint], axis=0))
 
@@ -283,7 +285,7 @@ def detection() -> tuple[bytes, str]:
         for g, c in enumerate(view.found)
         if not c.registered and len(c.mechanism.terms) == 1 and seen.sizes[g] == 1 and g >= cell
     )
-    moved = view.cols.XT[view.cols.slices[cell][0]]
+    moved = view.cols.expand(cell)[0]
     moved = moved - seen.Q @ (seen.Q.T @ moved)
     moved *= np.sqrt(80) / np.linalg.norm(moved)  # 1 mm rms a row, beyond the model
     sizes, hits = np.linspace(0.25, 1.75, 7) * limit, list[float]()

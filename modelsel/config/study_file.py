@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError, model_serializer
+from pydantic import SerializerFunctionWrapHandler as Plain
 
 from .._text import parse_toml, read_text
 from ..exceptions import StudyError, suggest
@@ -24,6 +25,7 @@ from .study_tables import (
     NoiseTable,
     RobotTable,
     SamplingTable,
+    SearchTable,
     SimulateTable,
     SplitTable,
     _Table,
@@ -46,6 +48,9 @@ class Study(_Table):
     model: ModelTable = Field(default=ModelTable(), description="Base model and candidates.")
     comparison: ComparisonTable = Field(default=ComparisonTable(), description="Cross-validation.")
     noise: NoiseTable = Field(default=NoiseTable(), description="Noise floor, or the instrument.")
+    search: SearchTable = Field(
+        default=SearchTable(), description="Memory and rows of the search for causes."
+    )
     sampling: SamplingTable = Field(default=SamplingTable(), description="Posterior sampling.")
     simulate: SimulateTable = Field(default=SimulateTable(), description="What `simulate` makes.")
 
@@ -55,6 +60,14 @@ class Study(_Table):
         except ValidationError as error:
             sentences = [_describe_problem(problem) for problem in error.errors()]
             raise StudyError(*dict.fromkeys(sentences)) from None
+
+    @model_serializer(mode="wrap")
+    def _since(self, plain: Plain) -> dict[str, Any]:
+        """Write a study without a table that earlier ones did not have: their hash stays."""
+        written: dict[str, Any] = plain(self)
+        if self.search == SearchTable():
+            written.pop("search", None)
+        return written
 
     def with_measurements(self, measurements: Any) -> Study:
         """Return the same study of other measurements: a path, a DataFrame or a table. Raises

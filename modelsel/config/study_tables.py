@@ -268,6 +268,23 @@ class SamplingTable(_Table):
     )
 
 
+class SearchTable(_Table):
+    """[search]: what the search for causes may take."""
+
+    memory_mb: float = Field(
+        default=500.0,
+        ge=50,
+        le=1e6,
+        description="Memory that the search may take beside the data [MB]; "
+        "the results do not depend on it.",
+    )
+    max_rows: int = Field(
+        default=15_000,
+        ge=100,
+        description="Estimation rows that are searched; of more, configurations are drawn by the seed.",
+    )
+
+
 class EffectTable(_Table):
     """[[simulate.effect]]: one planted screw."""
 

@@ -1,13 +1,13 @@
 """Columns of the candidates: whitened changes of the target's position per unit of every term.
 
-Each screw's column is evaluated once, however many candidates share it. Rows are ordered block,
-component, configuration."""
+Each term's column exists once, however many candidates share it. Rows are ordered block, component,
+configuration."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import cached_property
 from math import sqrt
 from typing import Any
 
@@ -22,13 +22,13 @@ from ..fitting.problem import Problem
 from ..fitting.splines import spline, spline_groups
 from ..mechanisms.terms import Mechanism, Term, TermKey
 from .candidates import Candidate
+from .options import DEFAULT_OPTIONS
+from .screw_columns import ScrewColumns, build_screw_columns, split_range
 
 # sizes [mm, rad] beyond which a screw is no error of an arm
 LARGEST_SCREW = {"t": 100.0, "r": 0.1}
-# numbers of candidates' columns that a core's cache holds together with what is made of them
-CACHED_NUMBERS = 60_000
-# columns up to which the Gram matrices of many candidates are computed together
-FEW_COLUMNS = 4
+# numbers of candidates' columns that are expanded together for their Gram matrices
+EXPANDED_NUMBERS = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +50,10 @@ class Block:
 class Columns:
     """All candidates' whitened columns, with their Gram blocks.
 
-    `XT` (C, N): the columns, transposed; `slices`: the columns of each candidate; `signs`, (k,) for
-    each candidate: the signs that physics allows its terms, 0 for either."""
+    `screws`: the C columns; `slices`: the columns of each candidate; `signs`, (k,) for each
+    candidate: the signs that physics allows its terms, 0 for either."""
 
-    XT: Array
+    screws: ScrewColumns
     slices: tuple[Index, ...]
     grams: tuple[Block, ...]
     signs: tuple[Array, ...]
@@ -63,30 +63,52 @@ class Columns:
         """Number of candidates."""
         return len(self.slices)
 
+    @property
+    def rows(self) -> int:
+        """Number of measured coordinates N."""
+        return self.screws.rows
+
+    @cached_property
+    def signed(self) -> Index:
+        """Candidates (S,) with a term that physics gives a sign."""
+        return find_signed(self.signs)
+
+    @cached_property
+    def home(self) -> tuple[tuple[int, int], ...]:
+        """Block and row therein of every candidate."""
+        places = {
+            int(g): (number, row)
+            for number, block in enumerate(self.grams)
+            for row, g in enumerate(block.which)
+        }
+        return tuple(places[g] for g in range(self.groups))
+
     def largest_terms(self, g: int) -> Array:
         """(k,) largest coefficients of candidate g with which its screws are small."""
-        block = next(b for b in self.grams if g in b.which)
-        row = int(np.flatnonzero(block.which == g)[0])
-        return np.asarray(block.most[row])
+        number, row = self.home[g]
+        return np.asarray(self.grams[number].most[row])
 
-    def dot(self, values: Array) -> Array:
+    def dot(self, values: NDArray[Any]) -> NDArray[Any]:
         """Compute (C, ...) products of every column with values (N + k, ...).
 
         In the k rows of a model's prior the columns are zero."""
-        rows = self.XT.shape[1]
-        return np.asarray(self.XT @ values[:rows])
+        return self.screws.dot(values)
 
-    def sum_of(self, weights: Array, g: int, rows: int) -> Array:
-        """Sum up (rows, ...) candidate g's columns times weights (k, ...).
+    def expand(self, g: int) -> Array:
+        """Compute the columns (k, N) of candidate g."""
+        return self.screws.expand(self.slices[g])
 
-        The sum is zero in the rows of a model's prior."""
-        total = np.zeros((rows, *weights.shape[1:]))
-        total[: self.XT.shape[1]] = self.XT[self.slices[g]].T @ weights
-        return total
+
+def find_signed(signs: Sequence[Array]) -> Index:
+    """Find the candidates (S,) with a term that physics gives a sign."""
+    return np.flatnonzero([own.any() for own in signs])
 
 
 def build_columns(
-    problem: Problem, found: Sequence[Candidate], at: Linearisation | None = None
+    problem: Problem,
+    found: Sequence[Candidate],
+    at: Linearisation | None = None,
+    memory_mb: float = DEFAULT_OPTIONS.memory_mb,
 ) -> Columns:
     """Build the columns of every candidate at a point of the parameters (None: the nominal one)."""
     mechanisms = [candidate.mechanism for candidate in found]
@@ -101,20 +123,14 @@ def build_columns(
         slices.append(np.array(places, dtype=np.intp))
         signs.append(np.array(mechanism.signs, dtype=float))
     distinct = tuple(terms.values())
-    parts = []
-    for rows, columns, _ in blocks(problem, distinct, at):
-        measured = flatten_measured(problem, rows, columns)
-        parts.append(measured)
-    XT = parts[0]
-    if len(parts) > 1:
-        XT = np.concatenate(parts, axis=1)
-    most = _compute_largest(problem, distinct)
-    grams = _build_blocks(mechanisms, XT, slices, most)
-    return Columns(XT=XT, slices=tuple(slices), grams=tuple(grams), signs=tuple(signs))
+    screws = build_screw_columns(problem, distinct, at, memory_mb)
+    most = _compute_largest(screws, distinct, problem)
+    blocks_ = tuple(_build_blocks(mechanisms, screws, slices, most))
+    return Columns(screws=screws, slices=tuple(slices), grams=blocks_, signs=tuple(signs))
 
 
 def _build_blocks(
-    mechanisms: Sequence[Mechanism], XT: Array, slices: Sequence[Index], most: Array
+    mechanisms: Sequence[Mechanism], screws: ScrewColumns, slices: Sequence[Index], most: Array
 ) -> Iterator[Block]:
     """Build a block of every number of columns, free functions apart."""
     keys = []
@@ -126,10 +142,7 @@ def _build_blocks(
         members = [g for g, key in enumerate(keys) if key == (size, is_smooth)]
         which = np.array(members, dtype=np.intp)
         index = np.stack([slices[g] for g in members])
-        if size > FEW_COLUMNS:
-            gram = np.stack([XT[columns] @ XT[columns].T for columns in index])
-        else:
-            gram = compute_grams(XT, index)
+        gram = _compute_grams(screws, index)
         root = None
         if is_smooth:
             roots = []
@@ -141,21 +154,16 @@ def _build_blocks(
         yield Block(which=which, index=index, gram=gram, most=most[index], root=root)
 
 
-def compute_grams(XT: Array, index: Index) -> Array:
-    """Compute (n, k, k) Gram matrices of candidates of few columns, `index` (n, k).
+def _compute_grams(screws: ScrewColumns, index: Index) -> Array:
+    """Compute (n, k, k) Gram matrices of candidates of k columns, `index` (n, k).
 
-    As many are computed at a time as stay in cache."""
-    grams = np.empty((*index.shape, index.shape[1]))
-    for piece in split_range(len(index), CACHED_NUMBERS // (index.shape[1] * XT.shape[1])):
-        X = XT[index[piece]]
-        np.einsum("nkr,nlr->nkl", X, X, out=grams[piece])
+    As many are computed at a time as need little memory."""
+    n, k = index.shape
+    grams = np.empty((n, k, k))
+    for piece in split_range(n, EXPANDED_NUMBERS // (k * screws.rows)):
+        X = screws.expand(index[piece].ravel()).reshape(-1, k, screws.rows)
+        np.matmul(X, X.swapaxes(1, 2), out=grams[piece])
     return grams
-
-
-def split_range(count: int, size: int) -> Iterator[slice]:
-    """Split `count` into slices of at most `size`."""
-    size = max(size, 1)
-    return (slice(start, min(start + size, count)) for start in range(0, count, size))
 
 
 def flatten_measured(problem: Problem, rows: slice, values: NDArray[Any]) -> NDArray[Any]:
@@ -170,23 +178,18 @@ def flatten_measured(problem: Problem, rows: slice, values: NDArray[Any]) -> NDA
     return every[:, is_measured]
 
 
-def _compute_largest(problem: Problem, terms: Sequence[Term]) -> Array:
+def _compute_largest(screws: ScrewColumns, terms: Sequence[Term], problem: Problem) -> Array:
     """Compute (C,) the largest coefficients with which every screw of a term is small.
 
     A screw counts with its root mean square over the rows."""
-    # by the cause's identity: a hundred places share one
-    rms: dict[int, float] = {}
+    causes = (screw.cause for term in terms for screw in term.screws)
+    mean_square = screws.mean_squares(problem, causes)
     largest = []
     for term in terms:
         limits = []
         for screw in term.screws:
-            cause = screw.cause
-            motion = screw.axis[0]
-            if id(cause) not in rms:
-                value = np.atleast_1d(problem.cause(cause))
-                mean_square = float(value @ value) / len(value)
-                rms[id(cause)] = max(sqrt(mean_square), TINY)
-            limits.append(LARGEST_SCREW[motion] / rms[id(cause)])
+            rms = max(sqrt(mean_square[screw.cause]), TINY)
+            limits.append(LARGEST_SCREW[screw.axis[0]] / rms)
         largest.append(min(limits))
     return np.array(largest)
 
@@ -204,42 +207,6 @@ def _compute_root(terms: Sequence[Term], norms: Array) -> Array:
         own = np.ix_(index, index)
         whole[own] = root / size
     return whole
-
-
-def select_columns(cols: Columns, which: Index) -> Columns:
-    """Select the columns of some candidates alone, in the order of `which`."""
-    selected = [cols.slices[g] for g in which]
-    every_column = np.concatenate(selected)
-    used, place = np.unique(every_column, return_inverse=True)
-    widths = [len(columns) for columns in selected]
-    bounds = np.cumsum([0, *widths])
-    slices = tuple(place[start:end] for start, end in pairwise(bounds))
-    position = {int(g): k for k, g in enumerate(which)}
-    grams = []
-    for block in cols.grams:
-        is_inside = np.isin(block.which, which)
-        inside = np.flatnonzero(is_inside)
-        if not len(inside):
-            continue
-        members = [position[g] for g in block.which[inside].tolist()]
-        root = None
-        if block.root is not None:
-            root = block.root[inside]
-        grams.append(
-            Block(
-                which=np.array(members, dtype=np.intp),
-                index=np.stack([slices[k] for k in members]),
-                gram=block.gram[inside],
-                most=block.most[inside],
-                root=root,
-            )
-        )
-    return Columns(
-        XT=cols.XT[used],
-        slices=slices,
-        grams=tuple(grams),
-        signs=tuple(cols.signs[g] for g in which),
-    )
 
 
 def stack_design(

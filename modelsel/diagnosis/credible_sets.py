@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from math import sqrt
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from .._linalg import TINY
 from .._typing import Array, Index
 from .candidates import Candidate
 from .evidence import compute_factors, sum_evidence
-from .scan import Scan
+from .scan import Displacement, Response, Scan
 
 # posterior probability that a set holds, and entries of it that are listed
 CREDIBLE = 0.95
@@ -67,17 +68,28 @@ class CredibleSet:
 
 
 @dataclass(frozen=True, eq=False)
-class _Question:
-    """What a credible set is asked for.
+class Question:
+    """What credible sets of one response are asked for.
 
-    The scan, the candidates, the response (N,) that the model's basis has been projected off, the
-    log Bayes factors (ratios, G) and the log priors (G,)."""
+    The scan, the candidates, the response that the model's basis has been projected off, the log
+    Bayes factors (ratios, G) and the log priors (G,); displacements are computed once each."""
 
     scan: Scan
     candidates: Sequence[Candidate]
-    response: Array
+    response: Response
     factors: Array
     log_prior: Array
+    _displaced: dict[int, Displacement] = field(default_factory=dict, repr=False)
+
+    def displace(self, g: int) -> Displacement:
+        """Compute what candidate g, fitted alone, does to the target."""
+        if g not in self._displaced:
+            self._displaced[g] = self.scan.displace(g, self.response)
+        return self._displaced[g]
+
+    def is_related(self, g: int, other: int) -> bool:
+        """Return whether two candidates explain the same effect."""
+        return compute_cosine(self.displace(g), self.displace(other)) > RELATED
 
     def answer(self, without: Index | None) -> CredibleSet:
         """Build the credible set, leaving out the candidates `without`."""
@@ -108,21 +120,20 @@ class _Question:
 
     def _build_entries(self, listed: Index, probability: Array) -> tuple[Entry, ...]:
         strongest = int(listed[0])
-        first = compute_displacement(self.scan, strongest, self.response)
+        first = self.displace(strongest)
         entries = []
         for g in listed.tolist():
             entry = self._build_entry(g, probability, first)
             entries.append(entry)
         return tuple(entries)
 
-    def _build_entry(self, g: int, probability: Array, first: Array) -> Entry:
-        displacement = compute_displacement(self.scan, g, self.response)
-        cosine = compute_cosine(first, displacement)
+    def _build_entry(self, g: int, probability: Array, first: Displacement) -> Entry:
+        cosine = compute_cosine(first, self.displace(g))
         return Entry(
             candidate=self.candidates[g],
             probability=float(probability[g]),
             alike=cosine > ALIKE,
-            estimate=fit_candidate_alone(self.scan, g, self.response),
+            estimate=self.scan.fit_alone(g, self.response),
             place=g,
         )
 
@@ -134,8 +145,9 @@ def _judge(entries: Sequence[Entry]) -> str:
     return NOT_TOLD_APART
 
 
-def _ask(seen: Scan, candidates: Sequence[Candidate], response: Array) -> _Question:
-    return _Question(
+def ask(seen: Scan, candidates: Sequence[Candidate], response: Response) -> Question:
+    """Ask what explains a response that the model's basis has been projected off."""
+    return Question(
         scan=seen,
         candidates=candidates,
         response=response,
@@ -144,35 +156,19 @@ def _ask(seen: Scan, candidates: Sequence[Candidate], response: Array) -> _Quest
     )
 
 
-def name_effect(
-    seen: Scan, candidates: Sequence[Candidate], response: Array, without: Index | None = None
-) -> CredibleSet:
-    """Name what explains a response (N,) that the model's basis has been projected off.
-
-    `without`: indices of candidates to leave out."""
-    question = _ask(seen, candidates, response)
-    return question.answer(without)
-
-
-def rename_effect(
-    seen: Scan, candidates: Sequence[Candidate], g: int, response: Array, without: Index
-) -> CredibleSet:
+def rename_effect(question: Question, g: int, without: Index) -> CredibleSet:
     """Name candidate g again, given all other effects, among the explanations of the same effect.
 
     What else may be left in the response belongs to another effect: explanations that are listed
     but unrelated to g are set aside until g is the most probable, or none is left."""
-    question = _ask(seen, candidates, response)
     named = question.answer(without)
-    displacement = compute_displacement(seen, g, response)
-    if not np.any(displacement):
+    displacement = question.displace(g)
+    if displacement.dot(displacement) <= 0:
         return named  # the other effects absorb it completely
     aside = without.tolist()
     for _ in range(MAX_PASSES):
-        unrelated = [
-            entry.place
-            for entry in named.entries
-            if entry.place != g and not _is_related(seen, entry, displacement, response)
-        ]
+        places = [entry.place for entry in named.entries if entry.place != g]
+        unrelated = [place for place in places if not question.is_related(g, place)]
         if not unrelated or named.top == g:
             break
         aside += unrelated
@@ -180,9 +176,7 @@ def rename_effect(
     return named
 
 
-def include_candidate(
-    named: CredibleSet, seen: Scan, candidates: Sequence[Candidate], g: int, response: Array
-) -> CredibleSet:
+def include_candidate(question: Question, named: CredibleSet, g: int) -> CredibleSet:
     """Include candidate g, which is in the model, in its own credible set.
 
     Where a search that went in a circle stopped at a name that its set does not list, the data do
@@ -190,10 +184,10 @@ def include_candidate(
     if named.contains(g):
         return named
     entry = Entry(
-        candidate=candidates[g],
+        candidate=question.candidates[g],
         probability=float(np.exp(named.log_probability[g])),
         alike=False,
-        estimate=fit_candidate_alone(seen, g, response),
+        estimate=question.scan.fit_alone(g, question.response),
         place=g,
     )
     kept = named.entries[: LISTED - 1]
@@ -202,44 +196,20 @@ def include_candidate(
     return replace(named, entries=(*kept, entry), verdict=NOT_TOLD_APART, more=more)
 
 
-def compute_own_evidence(seen: Scan, named: CredibleSet, g: int, response: Array) -> float:
+def compute_own_evidence(question: Question, named: CredibleSet, g: int) -> float:
     """Compute the log evidence of candidate g and the listed explanations of the same effect.
 
     What else may be left in the response does not count."""
-    displacement = compute_displacement(seen, g, response)
     probability = np.exp(named.log_probability[g])
     for entry in named.entries:
-        if entry.place == g:
-            continue
-        if _is_related(seen, entry, displacement, response):
+        if entry.place != g and question.is_related(g, entry.place):
             probability += entry.probability
     positive = max(probability, TINY)
     log_probability = float(np.log(positive))
     return named.evidence + log_probability
 
 
-def _is_related(seen: Scan, entry: Entry, displacement: Array, response: Array) -> bool:
-    other = compute_displacement(seen, entry.place, response)
-    return compute_cosine(displacement, other) > RELATED
-
-
-def fit_candidate_alone(seen: Scan, g: int, response: Array) -> Array:
-    """Compute (k,) least-squares terms of candidate g, fitted alone beyond the model."""
-    bucket = next(b for b in seen.buckets if g in b.block.which)
-    row = int(np.flatnonzero(bucket.block.which == g)[0])
-    W = bucket.W[row]
-    columns = seen.columns.XT[bucket.block.index[row]]
-    return np.asarray(W.T @ (W @ (columns @ response[: columns.shape[1]])))
-
-
-def compute_displacement(seen: Scan, g: int, response: Array) -> Array:
-    """Compute (N,) whitened displacements by candidate g, fitted alone beyond the model."""
-    terms = fit_candidate_alone(seen, g, response)
-    raw = seen.columns.sum_of(terms, g, len(response))
-    return np.asarray(raw - seen.Q @ (seen.Q.T @ raw))
-
-
-def compute_cosine(a: Array, b: Array) -> float:
-    """Compute the cosine between two displacements; 0 where one vanishes."""
-    size = np.linalg.norm(a) * np.linalg.norm(b)
-    return float(a @ b / size) if size > 0 else 0.0
+def compute_cosine(a: Displacement, b: Displacement) -> float:
+    """Compute the cosine between two displacements beyond the model; 0 where one vanishes."""
+    size = a.dot(a) * b.dot(b)
+    return a.dot(b) / sqrt(size) if size > 0 else 0.0

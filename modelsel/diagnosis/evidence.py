@@ -22,14 +22,16 @@ smallest such probability, over all candidates, is as small (Westfall & Young 19
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._linalg import TINY
 from .._typing import Array, Index
-from .candidate_columns import CACHED_NUMBERS, split_range
-from .scan import Bucket, Scan, Strength
+from .scan import Beyond, Response, Scan, Strength
+from .screw_columns import split_range
 
 # ratios ρ = v / σ² over which the evidence is maximised
 RATIOS = np.logspace(0.5, 5.0, 8)
@@ -55,7 +57,7 @@ def normalise_strength(strength: Strength, total: Array) -> Strength:
     return Strength(whole, strength.root / np.sqrt(total), strength.smooth / total)
 
 
-def _compute_prices(seen: Scan, ratio: float) -> tuple[Array, Array]:
+def _compute_prices(seen: Beyond, ratio: float) -> tuple[Array, Array]:
     """Compute what every candidate's freedom costs at ρ = `ratio`.
 
     Returns the price (G,) in log evidence, and the weight (F, K) with which every direction of a
@@ -73,18 +75,16 @@ def _compute_smooth_share(share: Strength, weights: Array) -> Array:
     return np.asarray(np.minimum(total, 1 - np.finfo(kind).eps))
 
 
-def compute_log_bayes_factors(
-    seen: Scan, share: Strength, ratio: float, out: Array | None = None
-) -> Array:
+def compute_log_bayes_factors(seen: Beyond, share: Strength, ratio: float) -> Array:
     """Compute (G, B) log Bayes factors of every candidate at ρ = `ratio` against no effect.
 
-    `share` comes from `normalise_strength`; `out` (G, B) is overwritten.
+    `share` comes from `normalise_strength`.
 
     A free function's directions have variances of their own, v times their weight. Terms with a
     sign have half of their prior: see `_compute_log_sign_factors`."""
     kind, shrink = share.whole.dtype.type, ratio / (1 + ratio)
     price, weights = _compute_prices(seen, ratio)
-    out = np.multiply(share.whole, kind(-shrink), out=out)
+    out = np.multiply(share.whole, kind(-shrink))
     if len(weights):
         out[seen.smooth[0]] = -_compute_smooth_share(share, weights)
     np.log1p(out, out=out)
@@ -95,7 +95,7 @@ def compute_log_bayes_factors(
     return out
 
 
-def _compute_log_sign_factors(seen: Scan, share: Strength, shrink: float) -> Array:
+def _compute_log_sign_factors(seen: Beyond, share: Strength, shrink: float) -> Array:
     """Compute (S, B) what a sign adds to the log Bayes factors of candidates with a signed term.
 
     The prior has its half of that sign only, where it is twice as dense, and the data leave the
@@ -113,12 +113,12 @@ def _compute_log_sign_factors(seen: Scan, share: Strength, shrink: float) -> Arr
     return np.asarray(kind(np.log(2)) + log_ndtr((normal * share.root).astype(kind)))
 
 
-def compute_factors(seen: Scan, response: Array) -> Array:
-    """Compute (ratios, G) log Bayes factors of every candidate alone for a response (N,).
+def compute_factors(seen: Beyond, response: Response) -> Array:
+    """Compute (ratios, G) log Bayes factors of every candidate alone for a response.
 
     They are -inf for a candidate that would have to be large to explain it."""
     strength, is_small = seen.judge(response)
-    share = normalise_strength(strength, np.square(response).sum(keepdims=True))
+    share = normalise_strength(strength, np.array([response.square]))
     by_ratio = [compute_log_bayes_factors(seen, share, float(ratio))[:, 0] for ratio in RATIOS]
     return np.where(is_small, by_ratio, -np.inf)
 
@@ -136,73 +136,83 @@ def sum_evidence(factors: Array, log_prior: Array) -> tuple[float, Array]:
     return float(values[best]), joint[best]
 
 
-class _NullEvidence:
-    """The evidence of many responses (B,) at any ratio, with a bound on its growth.
+class Chance:
+    """What chance responses (B,) show: the evidence for anything in each, and the smallest p-value.
 
-    No candidate's Bayes factor grows by more than that of the largest share of its size, so neither
-    does the sum: where that cannot exceed the best so far, the ratio need not be computed."""
+    No candidate's Bayes factor grows with the ratio by more than that of the largest share of its
+    size, so neither does the sum: where that cannot exceed the best so far, a ratio is not
+    computed. Nor does the sum exceed the largest Bayes factor, which is cheap to bound.
 
-    def __init__(self, seen: Scan, log_prior: Array, share: Strength, largest: LargestShares):
-        self.seen, self.share, self.sizes = seen, share, tuple(largest)
-        self.prior = log_prior.astype(share.whole.dtype)[:, None]
-        self.space = np.empty_like(share.whole)
-        by_size = np.array(list(largest.values()))
-        self.bounding = np.concatenate([by_size, share.whole[seen.signed]])
-        slack = np.full((len(self.bounding) + len(share.smooth), 1), BOUND_SLACK)
+    `products` (C, B): those of the columns with the responses off the model, whose sums of squares
+    are `total` (B,); all is in their precision."""
+
+    def __init__(self, seen: Beyond, log_prior: Array, products: NDArray[Any], total: NDArray[Any]):
+        self.seen = seen
+        self.share = normalise_strength(seen.strength(products), total)
+        self.prior = log_prior.astype(products.dtype)[:, None]
+        self.largest = find_largest_shares(seen, self.share)
+        by_size = np.array(list(self.largest.values())).reshape(len(self.largest), -1)
+        self.bounding = np.concatenate([by_size, self.share.whole[seen.signed]])
+        slack = np.full((len(self.bounding) + len(self.share.smooth), 1), BOUND_SLACK)
         # the tail of a sign may grow by a factor of two
         slack[len(by_size) : len(self.bounding)] += np.log(2)
         self.slack = slack
 
-    def compute(self, ratio: float, which: Index | None = None) -> Array:
+    @cached_property
+    def evidence(self) -> Array:
+        """The evidence (B,): -inf where no candidate is left."""
+        count = self.share.whole.shape[1]
+        if not self.largest:
+            return np.full(count, -np.inf)
+        first_ratio = float(RATIOS[0])
+        first = self._compute(first_ratio)
+        best = first.copy()
+        start = self.slack - self._bound(first_ratio)
+        for ratio in map(float, RATIOS[1:]):
+            growth = (self._bound(ratio) + start).max(0)
+            needed = np.flatnonzero(growth > best - first)
+            if not len(needed):
+                continue
+            if len(needed) > MAX_SELECTED_SHARE * count:
+                best = np.maximum(best, self._compute(ratio))
+            else:
+                best[needed] = np.maximum(best[needed], self._compute(ratio, needed))
+        return best
+
+    @cached_property
+    def most(self) -> Array:
+        """What the evidence (B,) cannot exceed."""
+        if not self.largest:
+            return self.evidence
+        bounds = [(self._bound(float(ratio)) + self.slack).max(0) for ratio in RATIOS]
+        return np.asarray(np.max(bounds, axis=0))
+
+    @property
+    def smallest_p(self) -> Array:
+        """The smallest p-values (B,) of single candidates: 1 where no candidate is left."""
+        least = compute_smallest_p(self.largest, self.seen.freedom)
+        return np.asarray(np.broadcast_to(least, self.share.whole.shape[1:]))
+
+    def _compute(self, ratio: float, which: Index | None = None) -> Array:
         """Compute the log evidence (B,) at a ratio, of the responses `which` alone if given."""
         share = self.share
         if which is not None:
             share = Strength(*(part[..., which] for part in share))
-        space = self.space[:, : share.whole.shape[1]]
-        joint = compute_log_bayes_factors(self.seen, share, ratio, space)
+        joint = compute_log_bayes_factors(self.seen, share, ratio)
         joint += self.prior
         top = joint.max(0)
         joint -= top
         return np.asarray(top + np.log(np.exp(joint, out=joint).sum(0)), float)
 
-    def bound(self, ratio: float) -> Array:
+    def _bound(self, ratio: float) -> Array:
         """Compute log Bayes factors that bound those of every size, sign and free function."""
         price, weights = _compute_prices(self.seen, ratio)
-        by_size = [0.5 * size * np.log1p(ratio) for size in self.sizes]
+        by_size = [0.5 * size * np.log1p(ratio) for size in self.largest]
         costs = [*by_size, *price[self.seen.signed], *price[self.seen.smooth[0]]]
         smooth = _compute_smooth_share(self.share, weights)
         explained = np.concatenate([self.bounding * (ratio / (1 + ratio)), smooth])
         growth = -0.5 * self.seen.freedom * np.log1p(-explained)
         return np.asarray(growth - np.array(costs)[:, None])
-
-
-def compute_null_evidence(
-    seen: Scan, log_prior: Array, share: Strength, largest: LargestShares
-) -> Array:
-    """Compute the evidence (B,) of many responses, in their precision.
-
-    `largest`: the largest shares (B,) among the candidates of each size, from
-    `find_largest_shares`."""
-    if not largest:
-        return np.full(share.whole.shape[1], -np.inf)
-    at_ratio = _NullEvidence(seen, log_prior, share, largest)
-    first_ratio = float(RATIOS[0])
-    first = at_ratio.compute(first_ratio)
-    best = first.copy()
-    start = at_ratio.slack - at_ratio.bound(first_ratio)
-    for ratio in map(float, RATIOS[1:]):
-        growth = (at_ratio.bound(ratio) + start).max(0)
-        needed = np.flatnonzero(growth > best - first)
-        count = len(needed)
-        if not count:
-            continue
-        if count > MAX_SELECTED_SHARE * len(best):
-            evidence = at_ratio.compute(ratio)
-            best = np.maximum(best, evidence)
-        else:
-            evidence = at_ratio.compute(ratio, needed)
-            best[needed] = np.maximum(best[needed], evidence)
-    return best
 
 
 def draw_null(
@@ -212,44 +222,24 @@ def draw_null(
 
     Returns sorted evidences (draws,), and sorted smallest p-values (draws,) of single candidates.
 
-    In single precision, which is ample where nothing stands out; every basis is computed once, so
-    that a draw costs one matrix product."""
+    Products are in single precision, which is ample where nothing stands out: a share is then off
+    by some 1e-5 of itself."""
     if not seen.by_size:
         return np.full(draws, np.nan), np.ones(draws)
-    rows = seen.columns.XT.shape[1]
-    bases = [_build_bases(bucket, seen.columns.XT) for bucket in seen.buckets]
+    rows = seen.columns.rows
     evidences, smallest = [], []
-    for drawn in split_range(draws, int(MAX_DRAWN_NUMBERS / max(seen.columns.groups, 1))):
+    for drawn in split_range(draws, int(MAX_DRAWN_NUMBERS / max(seen.columns.groups, rows))):
         noise = rng.standard_normal((rows, drawn.stop - drawn.start))
         residual = (noise - seen.Q @ (seen.Q.T @ noise)).astype(np.float32)
         for piece in split_range(residual.shape[1], PIECE):
             part = np.ascontiguousarray(residual[:, piece])
-            share = _compute_shares(seen, bases, part)
-            largest = find_largest_shares(seen, share)
-            evidences.append(compute_null_evidence(seen, log_prior, share, largest))
-            smallest.append(compute_smallest_p(largest, seen.freedom))
+            chance = Chance(seen, log_prior, seen.columns.dot(part), np.square(part).sum(0))
+            evidences.append(chance.evidence)
+            smallest.append(chance.smallest_p)
     return np.sort(np.concatenate(evidences)), np.sort(np.concatenate(smallest))
 
 
-def _build_bases(bucket: Bucket, XT: Array) -> Array:
-    """Build (n · k, N) orthonormal columns of a bucket's candidates, in single precision."""
-    index = bucket.block.index
-    bases = np.empty((*index.shape, XT.shape[1]), np.float32)
-    for piece in split_range(len(index), CACHED_NUMBERS // (index.shape[1] * XT.shape[1])):
-        bases[piece] = np.matmul(bucket.W[piece], XT[index[piece]])
-    return bases.reshape(-1, XT.shape[1])
-
-
-def _compute_shares(seen: Scan, bases: list[Array], responses: NDArray[np.float32]) -> Strength:
-    """Compute the shares of responses (N, B) that every candidate explains."""
-    products = [
-        (Z @ responses).reshape(*bucket.block.index.shape, -1)
-        for Z, bucket in zip(bases, seen.buckets, strict=True)
-    ]
-    return normalise_strength(seen.gather(products), np.square(responses).sum(0))
-
-
-def find_largest_shares(seen: Scan, share: Strength) -> LargestShares:
+def find_largest_shares(seen: Beyond, share: Strength) -> LargestShares:
     """Find the largest share (B,) among the candidates of every size, of at least one direction."""
     return {size: share.whole[which].max(0) for size, which in seen.by_size.items()}
 
@@ -281,23 +271,22 @@ def _compute_tail(share: Array, size: Array | float, freedom: int) -> Array:
     return np.asarray(tail)
 
 
-def compute_familywise_p(seen: Scan, response: Array, smallest: Array) -> Array:
+def compute_familywise_p(seen: Beyond, response: Response, smallest: Array) -> Array:
     """Compute (G,) family-wise p-values of every candidate alone.
 
     `smallest`: the sorted smallest p-values of the null."""
-    strength = seen.strength(response[:, None]).whole[:, 0]
-    share = strength / float(response @ response)
+    share = seen.strength(response.column).whole[:, 0] / response.square
     single = np.where(seen.sizes > 0, _compute_tail(share, seen.sizes, seen.freedom), 1.0)
     as_small = np.searchsorted(smallest, single, side="right")
     return np.asarray((1 + as_small) / (len(smallest) + 1))
 
 
-def compute_single_f(seen: Scan, response: Array) -> Array:
+def compute_single_f(seen: Beyond, response: Response) -> Array:
     """Compute (G,) the F statistic of every candidate alone beyond the model.
 
     It is 0 for one that adds nothing, and finite where one explains all."""
-    strength = seen.strength(response[:, None]).whole[:, 0]
-    total, size = float(response @ response), seen.sizes
+    strength = seen.strength(response.column).whole[:, 0]
+    total, size = response.square, seen.sizes
     rest = np.maximum(total - strength, max(np.finfo(float).eps * total, TINY))
     left = np.maximum(seen.freedom - size, 1)
     f = strength / np.maximum(size, 1) / rest * left

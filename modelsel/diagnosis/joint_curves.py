@@ -9,18 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from .._typing import Array, Index, Mask
 from ..fitting.splines import spline
-from .candidate_columns import Columns, select_columns
+from .candidate_columns import Block, Columns, find_signed
 from .candidates import Candidate
 from .evidence import compute_factors
-from .scan import build_scan, compute_basis
+from .scan import Beyond, Bucket, Response, Scan, build_buckets
 
 # effects (waves and the like) that one curve may be made of
 MAX_EFFECTS_PER_CURVE = 4
+# share of a column's square, or of a direction's of unit columns, below which it is rounding
+ROUNDING = 1e-11
 
 
 def find_own_joint(candidate: Candidate) -> int | None:
@@ -44,12 +47,73 @@ class Curve:
     """The candidates of one joint's own angle.
 
     `which` (k,): their indices among all candidates; `free` (k,) marks the free functions among
-    them."""
+    them; `index` (c,): their columns among all; `slices`: each candidate's own among those; `gram`
+    (c, c): products of the columns; `blocks`: the candidates by their number of columns."""
 
     which: Index
-    columns: Columns
     log_prior: Array
     free: Mask
+    index: Index
+    slices: tuple[Index, ...]
+    gram: Array
+    blocks: tuple[Block, ...]
+    signs: tuple[Array, ...]
+    signed: Index
+
+
+@dataclass(frozen=True, eq=False)
+class _Rest:
+    """What a curve's columns have in common beyond a model.
+
+    `left` (c, c): their Gram matrix there, `products` (c,) with a response, `square` of the
+    response; `freedom`: coordinates beyond the model."""
+
+    curve: Curve
+    left: Array
+    products: Array
+    square: float
+    freedom: int
+
+    @cached_property
+    def buckets(self) -> tuple[tuple[Bucket, ...], Array]:
+        """The candidates beyond the model, and the number of directions of each."""
+        lefts = [self.left[b.index[:, :, None], b.index[:, None]] for b in self.curve.blocks]
+        return build_buckets(self.curve.blocks, lefts)
+
+    @cached_property
+    def score(self) -> Array:
+        """Log prior + log Bayes factor (k,) of every candidate alone."""
+        buckets, sizes = self.buckets
+        seen = Beyond(self.curve.signs, self.curve.signed, buckets, sizes, self.freedom)
+        factors = compute_factors(seen, Response(self.products, self.square))
+        return np.asarray(self.curve.log_prior + factors.max(0))
+
+    def absorb(self, member: int) -> _Rest:
+        """Add one candidate to the model: what is beyond both."""
+        own = self.curve.slices[member]
+        W = _whiten_all(self.left[np.ix_(own, own)], np.diag(self.curve.gram)[own])
+        shared = self.left[:, own] @ W.T
+        explained = W @ self.products[own]
+        left_over = self.square - float(explained @ explained)
+        return _Rest(
+            curve=self.curve,
+            left=self.left - shared @ shared.T,
+            products=self.products - shared @ explained,
+            square=max(left_over, ROUNDING * self.square),
+            freedom=self.freedom - len(W),
+        )
+
+
+def _whiten_all(left: Array, norms: Array) -> Array:
+    """Compute W (r, k) with orthonormal Z = X Wᵀ that spans all that the columns are beyond a model.
+
+    `left` (k, k): their Gram matrix there; `norms` (k,): their squared norms."""
+    own = np.diag(left)
+    is_left = own > ROUNDING * norms
+    scale = np.where(is_left, 1 / np.sqrt(np.where(is_left, own, 1)), 0)
+    value, vector = np.linalg.eigh(left * scale * scale[:, None])
+    solid = value > ROUNDING
+    return np.asarray((vector[:, solid] / np.sqrt(value[solid])).T * scale)
 
 
 def collect_curves(found: Sequence[Candidate], cols: Columns, log_prior: Array) -> dict[int, Curve]:
@@ -65,34 +129,57 @@ def collect_curves(found: Sequence[Candidate], cols: Columns, log_prior: Array) 
         is_free = [spline(found[g].mechanism.terms[0]) is not None for g in indices]
         if not any(is_free):
             continue
-        curves[joint] = Curve(
-            which=which,
-            columns=select_columns(cols, which),
-            log_prior=log_prior[which],
-            free=np.array(is_free),
-        )
+        curves[joint] = _build_curve(cols, which, log_prior[which], np.array(is_free))
     return curves
 
 
-def score_each(curve: Curve, Q: Array, response: Array) -> Array:
-    """Compute (G,) log prior + log Bayes factor of every candidate of a curve alone."""
-    factors = compute_factors(build_scan(curve.columns, Q), response)
-    return np.asarray(curve.log_prior + factors.max(0))
+def _build_curve(cols: Columns, which: Index, log_prior: Array, free: Mask) -> Curve:
+    index = np.unique(np.concatenate([cols.slices[g] for g in which]))
+    blocks = []
+    for block in cols.grams:
+        inside = np.flatnonzero(np.isin(block.which, which))
+        if len(inside):
+            blocks.append(
+                Block(
+                    which=np.searchsorted(which, block.which[inside]),
+                    index=np.searchsorted(index, block.index[inside]),
+                    gram=block.gram[inside],
+                    most=block.most[inside],
+                    root=None if block.root is None else block.root[inside],
+                )
+            )
+    signs = tuple(cols.signs[g] for g in which)
+    return Curve(
+        which=which,
+        log_prior=log_prior,
+        free=free,
+        index=index,
+        slices=tuple(np.searchsorted(index, cols.slices[g]) for g in which),
+        gram=cols.screws.gram(index),
+        blocks=tuple(blocks),
+        signs=signs,
+        signed=find_signed(signs),
+    )
+
+
+def see_rest(curve: Curve, scan: Scan, returned: Array, response: Response) -> _Rest:
+    """See a curve's columns beyond a model of which directions `returned` (r, d) were given back.
+
+    `response`: the residual with them put back."""
+    inside = scan.inside[curve.index]
+    back = inside @ returned
+    left = curve.gram - inside @ inside.T + back @ back.T
+    return _Rest(curve, left, response.products[curve.index], response.square, scan.freedom)
 
 
 def chain_effects(
-    curve: Curve,
-    Q: Array,
-    response: Array,
-    given: Sequence[int] | None,
-    allowed: Mask,
-    first: Array | None = None,
+    start: _Rest, given: Sequence[int] | None, allowed: Mask
 ) -> tuple[float, list[int]]:
     """Sum up effects one after the other, each beyond those before: (log evidence, candidates).
 
     The effects are the `given` candidates, or else the most probable among the `allowed` (k,), as
-    long as one adds evidence. Q (N, ·) projects the rest of the model off the response (N,);
-    `first`: the result of `score_each`, where it is known."""
+    long as one adds evidence."""
+    curve = start.curve
     members = curve.which.tolist()
     steps = MAX_EFFECTS_PER_CURVE
     offered = allowed.copy()
@@ -101,48 +188,34 @@ def chain_effects(
         offered = np.isin(curve.which, given)
     total = 0.0
     chosen: list[int] = []
-    for step in range(steps):
-        score = first
-        if score is None or step > 0:
-            score = score_each(curve, Q, response)
-        score_offered = np.where(offered, score, -np.inf)
+    rest = start
+    for _ in range(steps):
+        score_offered = np.where(offered, rest.score, -np.inf)
         best = int(np.argmax(score_offered))
-        gain = float(score[best])
+        gain = float(rest.score[best])
         adds_evidence = gain > 0 or given is not None
         if not np.isfinite(gain) or not adds_evidence:
             break
-        Q, response = _absorb(curve, best, Q, response)
+        rest = rest.absorb(best)
         offered[best] = False
         total += gain
         chosen.append(members[best])
     return total, chosen
 
 
-def _absorb(curve: Curve, member: int, Q: Array, response: Array) -> tuple[Array, Array]:
-    """Add one member's columns to the basis Q and remove them from the response."""
-    identity = np.eye(len(curve.columns.slices[member]))
-    X = curve.columns.sum_of(identity, member, len(response))
-    Z = compute_basis(X - Q @ (Q.T @ X))
-    return np.column_stack([Q, Z]), response - Z @ (Z.T @ response)
-
-
-def find_better_curve(
-    curve: Curve, Q: Array, response: Array, now: Sequence[int], odds: float
-) -> list[int] | None:
+def find_better_curve(start: _Rest, now: Sequence[int], odds: float) -> list[int] | None:
     """Find candidates that explain a joint's curve better than `now` by `odds` in log evidence.
 
     They are a free function (and what it leaves), or a few waves; None where there are none.
 
-    `response` (N,) has the effects `now` put back, and Q does not hold them."""
-    first = score_each(curve, Q, response)
-    present, _ = chain_effects(curve, Q, response, given=now, allowed=curve.free, first=first)
-    waves = chain_effects(curve, Q, response, given=None, allowed=~curve.free, first=first)
+    `start` has the effects `now` put back."""
+    curve = start.curve
+    present, _ = chain_effects(start, given=now, allowed=curve.free)
+    waves = chain_effects(start, given=None, allowed=~curve.free)
     trials = [waves]
     free_functions = curve.which[curve.free]
     for g in free_functions.tolist():
-        function_and_rest = chain_effects(
-            curve, Q, response, given=[g], allowed=curve.free, first=first
-        )
+        function_and_rest = chain_effects(start, given=[g], allowed=curve.free)
         trials.append(function_and_rest)
     value, best = max(trials, key=lambda trial: trial[0])
     is_better = value > present + odds

@@ -7,14 +7,16 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class DiagnosisOptions:
-    """Sizes that bound the memory of a diagnosis.
+    """Sizes that bound the time and memory of a diagnosis.
 
-    `max_rows`: estimation rows whose candidate columns are scanned; of more, whole configurations
-    are drawn by the seed (2,500 rows and 5,000 candidates take about a gigabyte).
+    `memory_mb`: what it may hold beside the data: values that would take more are computed anew
+    wherever they are needed. `max_rows`: estimation rows that are scanned; of more, whole
+    configurations are drawn by the seed.
     `max_cells`: cells of the error map; where the robot has more (some fifteen joints), a cell's
     cause may only depend on joints next to its place."""
 
-    max_rows: int = 2500
+    memory_mb: float = 500.0
+    max_rows: int = 15_000
     max_cells: int = 40_000
 
 

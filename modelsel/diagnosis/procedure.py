@@ -50,6 +50,10 @@ MIN_CONFIGURATIONS = 20
 ALL = "all"
 
 
+def _be_silent(_: str) -> None:
+    """Say nothing of the progress."""
+
+
 def diagnose(  # noqa: PLR0913  all but the first have defaults
     problem: Problem,
     *,
@@ -75,7 +79,7 @@ def diagnose(  # noqa: PLR0913  all but the first have defaults
         used = np.asarray(estimation, bool)
     split = Split(problem, used, np.zeros(rows, bool), np.zeros(rows, np.intp), known_sigma=False)
     mechanisms = [mechanism(name, problem.robot, registry) for name in base]
-    with follow(lambda _: None, progress) as say:
+    with follow(_be_silent, progress) as say:
         _, diagnosis, _ = diagnose_split(
             split,
             base=Model(tuple(mechanisms)),
@@ -109,7 +113,7 @@ def diagnose_split(
     everything: tuple[Mechanism, ...],
     seed: int,
     cells: bool,
-    say: Say = lambda _: None,
+    say: Say = _be_silent,
     options: DiagnosisOptions = DEFAULT_OPTIONS,
 ) -> tuple[Split, Diagnosis, tuple[Candidate, ...]]:
     """Find outliers and name effects in turn, until the outliers stay the same (at most MAX_ROUNDS).
@@ -143,7 +147,9 @@ class _Inquiry(NamedTuple):
         """Search for effects in a training problem, with the study's random stream of naming."""
         rng = generator(self.seed, "naming")
         base_fit = fit(problem, self.base)
-        return run_stepwise_search(problem, self.base, base_fit, found, rng, self.say)
+        return run_stepwise_search(
+            problem, self.base, base_fit, found, rng, self.say, self.options.memory_mb
+        )
 
 
 def _alternate(split: Split, inquiry: _Inquiry) -> tuple[Split, Diagnosis, tuple[Candidate, ...]]:
@@ -260,20 +266,13 @@ class _Fold(NamedTuple):
     names: list[str]
 
 
-def _run_fold(
-    k: int,
-    split: Split,
-    base: Model,
-    everything: tuple[Mechanism, ...],
-    seed: int,
-    cells: bool,
-    fold: Index,
-) -> _Fold:
+def _run_fold(k: int, split: Split, inquiry: _Inquiry, fold: Index) -> _Fold:
     outside = fold == k
     rest = replace(
         split, estimation=split.estimation & ~outside, outlying=np.zeros(len(fold), bool)
     )
-    inside, diagnosis, _ = diagnose_split(rest, base, everything, seed, cells)
+    base = inquiry.base
+    inside, diagnosis, _ = diagnose_split(rest, *inquiry)
     problem = split.problem.take(outside)
     base_fit = fit(inside.training(), base)
     names = [effect.candidate.label for effect in diagnosis.effects]
@@ -285,14 +284,15 @@ def _run_fold(
     )
 
 
-def run_nested_folds(
+def run_nested_folds(  # noqa: PLR0913  what is asked, and how
     split: Split,
     base: Model,
     everything: tuple[Mechanism, ...],
     seed: int,
     cells: bool,
     folds: int,
-    say: Say = lambda _: None,
+    options: DiagnosisOptions = DEFAULT_OPTIONS,
+    say: Say = _be_silent,
 ) -> Nested:
     """Repeat outliers, naming and fit without each fold of the estimation configurations.
 
@@ -304,9 +304,8 @@ def run_nested_folds(
     fold = np.full(len(rows), -1, dtype=np.intp)
     fold[rows] = assign_folds(estimation, folds, generator(seed, "nested"))
     count = int(fold.max()) + 1
-    run = partial(
-        _run_fold, split=split, base=base, everything=everything, seed=seed, cells=cells, fold=fold
-    )
+    inquiry = _Inquiry(base, everything, seed, cells, _be_silent, options)
+    run = partial(_run_fold, split=split, inquiry=inquiry, fold=fold)
     workers = min(count, os.cpu_count() or 1)
     with ProcessPoolExecutor(max_workers=workers) as pool:
         say(News(f"none of {count} folds", 0.0))

@@ -84,7 +84,7 @@ def _has_moved(before: View, after: View, candidate: Candidate) -> bool:
     terms_before = (term.key for term in before.model.terms)
     theta_before = dict(zip(terms_before, before.fitted.theta, strict=True))
     own = np.flatnonzero(after.mask_terms(candidate))
-    rows = after.scan.columns.XT.shape[1]
+    rows = after.scan.columns.rows
     columns, theta = after.A[:rows, own], after.fitted.theta[own]
     previous = [theta_before.get(after.model.terms[k].key, 0.0) for k in own]
     change = float(np.linalg.norm(columns @ (theta - previous)))

@@ -17,12 +17,7 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..measurements.measurements import Measurements
-from .evidence import (
-    compute_null_evidence,
-    compute_smallest_p,
-    find_largest_shares,
-    normalise_strength,
-)
+from .evidence import Chance
 from .scan import Scan
 
 # sign draws of small and of large studies, and draws after which a clear answer may stop
@@ -106,19 +101,17 @@ def adjust_residual(Q: Array, residual: Array, unit: Index) -> Array:
 
 def draw_flips(
     seen: Scan, log_prior: Array, e: Array, unit: Index, draws: int, rng: np.random.Generator
-) -> Iterator[tuple[Array, Array]]:
+) -> Iterator[Chance]:
     """Draw sign flips of an adjusted residual e (N,), CHUNK after CHUNK.
 
-    Yields their evidences (CHUNK,), and the smallest p-values (CHUNK,) of single candidates.
-
     `unit` (N,): which rows go together, -1 where a row keeps its sign (a prior's). Where no
-    candidate is left, there is no evidence."""
+    candidate is left, nothing is drawn."""
     count = int(unit.max()) + 1
     row_unit = np.where(unit < 0, count, unit)
     for _ in range(draws // CHUNK):
         if not seen.by_size:
-            no_evidence = np.full(CHUNK, -np.inf)
-            yield no_evidence, np.ones(CHUNK)
+            nothing = np.zeros((seen.columns.screws.count, CHUNK))
+            yield Chance(seen, log_prior, nothing, np.ones(CHUNK))
             continue
         sign = np.ones((count + 1, CHUNK))
         drawn_shape = count, CHUNK
@@ -127,29 +120,23 @@ def draw_flips(
         flipped = sign[row_unit] * e[:, None]
         explained = seen.Q @ (seen.Q.T @ flipped)
         flipped -= explained
-        total = np.square(flipped).sum(0)
-        strength = seen.strength(flipped)
-        share = normalise_strength(strength, total)
-        largest = find_largest_shares(seen, share)
-        evidence = compute_null_evidence(seen, log_prior, share, largest)
-        smallest_p = compute_smallest_p(largest, seen.freedom)
-        yield evidence, smallest_p
+        yield Chance(seen, log_prior, seen.columns.dot(flipped), np.square(flipped).sum(0))
 
 
-def compute_flip_p(
-    chunks: Iterable[tuple[Array, Array]], observed: float, draws: int, level: float
-) -> float:
+def compute_flip_p(chunks: Iterable[Chance], observed: float, draws: int, level: float) -> float:
     """Compute (1 + #{flips whose evidence is at least `observed`}) / (draws + 1).
 
     Stops early where the answer is clear, or will be above the `level`."""
     above = 0
     done = 0
     most_above = level * (draws + 1) - 1
-    for evidence, _ in chunks:
-        above += int((evidence >= observed).sum())
+    for chunk in chunks:
         done += CHUNK
+        if observed > chunk.most.max() + CLEAR_MARGIN:
+            break
+        above += int((chunk.evidence >= observed).sum())
         is_above_level = above > most_above
-        is_clear = observed > evidence.max() + CLEAR_MARGIN
+        is_clear = observed > chunk.evidence.max() + CLEAR_MARGIN
         if is_above_level or is_clear:
             break
     return (1 + above) / (done + 1)

@@ -2,12 +2,14 @@
 
 With Q an orthonormal basis of the fitted model, X_g a candidate's columns and r the residual,
 everything follows from X_gᵀX_g, X_gᵀQ and X_gᵀr: the Gram matrix beyond the model is
-X_gᵀX_g − (X_gᵀQ)(X_gᵀQ)ᵀ. No projected column is ever stored."""
+X_gᵀX_g − (X_gᵀQ)(X_gᵀQ)ᵀ. No projected column is ever stored, and the rows of the data are needed
+once a model: to give directions back to the candidates, XᵀQ is turned, and what is seen of a
+response is Xᵀr and its length."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -22,6 +24,8 @@ from .sign_constraints import Sides, build_sides, compute_least_of_sign
 # adds up in candidates of many columns, which need ten times as much
 ABSORBED = 1e-5
 FEW_COLUMNS = 4
+# norm up to which a column moves nothing: single precision has to hold its inverse
+NO_COLUMN = 1e-30
 # prior variance of a smooth function's direction, relative to its largest: from which it counts at
 # all, and from which it shows in the function's size
 FAINT_WEIGHT = 1e-7
@@ -58,17 +62,42 @@ class Strength(NamedTuple):
     smooth: Array
 
 
+class Response(NamedTuple):
+    """A response off a model, as the candidates see it: Xᵀr (C,), and its sum of squares."""
+
+    products: Array
+    square: float
+
+    @property
+    def column(self) -> Array:
+        """The products as one column (C, 1)."""
+        return self.products[:, None]
+
+
+class Displacement(NamedTuple):
+    """What a candidate does to the target (N,), and its coordinates: along the model (r,), and
+    along the directions that were given back (d,)."""
+
+    raw: Array
+    along: Array
+    returned: Array
+
+    def dot(self, other: Displacement) -> float:
+        """Compute the product with another one, of what both do beyond the model."""
+        within = self.along @ other.along - self.returned @ other.returned
+        return float(self.raw @ other.raw - within)
+
+
 @dataclass(frozen=True, eq=False)
-class Scan:
-    """The candidates seen from one fitted model.
+class Beyond:
+    """What candidates are beyond a model.
 
-    Q (N, ·) spans the model; its columns need not be orthonormal after directions were given back,
-    but Q Qᵀ still projects. `sizes` (G,): directions of each candidate beyond the model; `freedom`:
-    N − rank. A model with shrunk terms has its prior's rows below the data's: what is beyond it is
-    then weighed as if those terms were integrated out."""
+    `signs`, (k,) for each candidate: the signs that physics allows its terms; `signed` (S,):
+    candidates with such a term; `sizes` (G,): directions of each beyond the model; `freedom`:
+    coordinates less the model's rank."""
 
-    columns: Columns
-    Q: Array
+    signs: tuple[Array, ...]
+    signed: Index
     buckets: tuple[Bucket, ...]
     sizes: Array
     freedom: int
@@ -89,15 +118,10 @@ class Scan:
         return np.concatenate([np.zeros(0, np.intp), *(which for which, _ in weighted)]), padded
 
     @cached_property
-    def signed(self) -> Index:
-        """Candidates (S,) with a term that physics gives a sign."""
-        return np.flatnonzero([signs.any() for signs in self.columns.signs])
-
-    @cached_property
     def sides(self) -> tuple[Sides, ...]:
         """For every bucket, how the terms with a sign follow from its Zᵀr."""
-        signs, signed = self.columns.signs, self.signed
-        return tuple(build_sides(b.block.which, b.W, signs, signed) for b in self.buckets)
+        signed = self.signed
+        return tuple(build_sides(b.block.which, b.W, self.signs, signed) for b in self.buckets)
 
     @cached_property
     def by_size(self) -> dict[float, Index | slice]:
@@ -107,18 +131,21 @@ class Scan:
         sizes = (size for size in np.unique(self.sizes) if size > 0)
         return {float(size): _shorten(np.flatnonzero(self.sizes == size)) for size in sizes}
 
-    def strength(self, response: Array) -> Strength:
-        """Compute what responses (N, B) have in common with every candidate."""
-        products = self.columns.dot(response)
-        return self.gather([np.matmul(b.W, products[b.block.index]) for b in self.buckets])
+    def strength(self, products: Array) -> Strength:
+        """Compute what responses have in common with every candidate, by their products (C, B)."""
+        return self.gather(
+            [
+                np.matmul(bucket.W.astype(products.dtype, copy=False), products[bucket.block.index])
+                for bucket in self.buckets
+            ]
+        )
 
-    def judge(self, response: Array) -> tuple[Strength, Mask]:
-        """Compute the strength of one response (N,), and whether (G,) it asks for small screws only.
+    def judge(self, response: Response) -> tuple[Strength, Mask]:
+        """Compute the strength of one response, and whether (G,) it asks for small screws only.
 
         A joint that turns about its own target would have to turn by radians to explain a tenth of
         a millimetre, and is not its cause."""
-        single = response[:, None]
-        products = self.columns.dot(single)
+        products = response.column
         is_small = np.ones(len(self.sizes), bool)
         coordinates = []
         for bucket in self.buckets:
@@ -152,6 +179,37 @@ class Scan:
         return Strength(whole, root, smooth)
 
 
+@dataclass(frozen=True, eq=False)
+class Scan(Beyond):
+    """All candidates seen from one fitted model.
+
+    Q (N, r) is an orthonormal basis of the fitted model, `inside` (C, r) the products XᵀQ, and
+    `returned` (r, d) orthonormal directions of it that were given back: what is beyond is off
+    Q Qᵀ − (Q D)(Q D)ᵀ. A model with shrunk terms has its prior's rows below the data's: what is
+    beyond it is then weighed as if those terms were integrated out."""
+
+    columns: Columns
+    Q: Array
+    inside: Array
+    returned: Array
+
+    def see(self, response: Array) -> Response:
+        """See a response (N,) that is off the model."""
+        return Response(self.columns.dot(response), float(response @ response))
+
+    def fit_alone(self, g: int, response: Response) -> Array:
+        """Compute (k,) least-squares terms of candidate g, fitted alone beyond the model."""
+        number, row = self.columns.home[g]
+        W = self.buckets[number].W[row]
+        return np.asarray(W.T @ (W @ response.products[self.columns.slices[g]]))
+
+    def displace(self, g: int, response: Response) -> Displacement:
+        """Compute the whitened displacement by candidate g, fitted alone beyond the model."""
+        terms = self.fit_alone(g, response)
+        along = terms @ self.inside[self.columns.slices[g]]
+        return Displacement(terms @ self.columns.expand(g), along, along @ self.returned)
+
+
 def _shorten(index: Index) -> Index | slice:
     first, last = int(index[0]), int(index[-1])
     return slice(first, last + 1) if len(index) == last + 1 - first else index
@@ -169,28 +227,59 @@ def _has_small_terms(bucket: Bucket, z: Array) -> Mask:
 
 def build_scan(cols: Columns, Q: Array) -> Scan:
     """Project every candidate off the model's orthonormal basis Q (N, r)."""
-    A = cols.dot(Q)
-    lefts = [b.gram - np.matmul(A[b.index], A[b.index].swapaxes(1, 2)) for b in cols.grams]
-    return _build(cols, Q, lefts, Q.shape[0] - Q.shape[1])
+    return _build(cols, Q, cols.dot(Q))
 
 
-def build_scan_without(seen: Scan, D: Array) -> Scan:
+def scan_residual(cols: Columns, Q: Array, residual: Array) -> tuple[Scan, Response]:
+    """Project every candidate off the model's basis Q (N, r), and see what the model leaves (N,)."""
+    products = cols.dot(np.column_stack([Q, residual]))
+    response = Response(products[:, -1].copy(), float(residual @ residual))
+    return _build(cols, Q, np.ascontiguousarray(products[:, :-1])), response
+
+
+def _build(cols: Columns, Q: Array, inside: Array) -> Scan:
+    lefts = []
+    for block in cols.grams:
+        own = inside[block.index]
+        lefts.append(block.gram - np.matmul(own, own.swapaxes(1, 2)))
+    rows, rank = Q.shape
+    buckets, sizes = build_buckets(cols.grams, lefts)
+    return Scan(
+        signs=cols.signs,
+        signed=cols.signed,
+        buckets=buckets,
+        sizes=sizes,
+        freedom=rows - rank,
+        columns=cols,
+        Q=Q,
+        inside=inside,
+        returned=np.zeros((rank, 0)),
+    )
+
+
+def build_scan_without(seen: Scan, returned: Array) -> Scan:
     """Build the scan from a smaller model, by giving directions back.
 
-    Its basis lacks the directions D (N, d) in the span of `seen.Q`."""
-    A = seen.columns.dot(D)
+    They are `returned` (r, d), orthonormal, in the coordinates of `seen.Q`."""
+    products = seen.inside @ returned
     lefts = []
     for bucket in seen.buckets:
-        products = A[bucket.block.index]
-        lefts.append(bucket.left + np.matmul(products, products.swapaxes(1, 2)))
-    Q = seen.Q - D @ (D.T @ seen.Q)
-    return _build(seen.columns, Q, lefts, seen.freedom + D.shape[1])
+        own = products[bucket.block.index]
+        lefts.append(bucket.left + np.matmul(own, own.swapaxes(1, 2)))
+    buckets, sizes = build_buckets(seen.columns.grams, lefts)
+    freedom = seen.freedom + returned.shape[1]
+    return replace(seen, buckets=buckets, sizes=sizes, freedom=freedom, returned=returned)
 
 
-def _build(cols: Columns, Q: Array, lefts: Sequence[Array], freedom: int) -> Scan:
+def build_buckets(
+    blocks: Sequence[Block], lefts: Sequence[Array]
+) -> tuple[tuple[Bucket, ...], Array]:
+    """Build the buckets of blocks of candidates from their Gram matrices beyond a model.
+
+    Returns them, and the number (G,) of directions of every candidate there."""
     buckets = []
-    sizes = np.zeros(cols.groups)
-    for block, left in zip(cols.grams, lefts, strict=True):
+    sizes = np.zeros(sum(len(block.which) for block in blocks))
+    for block, left in zip(blocks, lefts, strict=True):
         W, size = _whiten(block, left)
         sizes[block.which] = size
         weights = None
@@ -198,7 +287,7 @@ def _build(cols: Columns, Q: Array, lefts: Sequence[Array], freedom: int) -> Sca
             W, weights = _separate_by_prior(W, left, block.root)
         bucket = Bucket(block, left, W, weights)
         buckets.append(bucket)
-    return Scan(columns=cols, Q=Q, buckets=tuple(buckets), sizes=sizes, freedom=freedom)
+    return tuple(buckets), sizes
 
 
 def _whiten(block: Block, left: Array) -> tuple[Array, Array]:
@@ -206,12 +295,13 @@ def _whiten(block: Block, left: Array) -> tuple[Array, Array]:
 
     `left`: the Gram matrices there. Returns also the number (n,) of directions that are left; the
     rows of the others are zero."""
-    norm = np.sqrt(np.maximum(np.einsum("nkk->nk", block.gram), TINY))
-    value, vector = np.linalg.eigh(left / norm[:, :, None] / norm[:, None, :])
+    norm = np.sqrt(np.maximum(np.einsum("nkk->nk", block.gram), 0))
+    unit = np.where(norm > NO_COLUMN, 1 / np.maximum(norm, NO_COLUMN), 0)
+    value, vector = np.linalg.eigh(left * unit[:, :, None] * unit[:, None, :])
     least = ABSORBED if block.gram.shape[1] <= FEW_COLUMNS else 10 * ABSORBED
     is_left = value > least
     scale = np.where(is_left, 1 / np.sqrt(np.where(is_left, value, 1)), 0)
-    W = scale[:, :, None] * vector.swapaxes(1, 2) / norm[:, None, :]
+    W = scale[:, :, None] * vector.swapaxes(1, 2) * unit[:, None, :]
     return W, is_left.sum(1)
 
 

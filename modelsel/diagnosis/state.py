@@ -22,17 +22,12 @@ from ..fitting.shrinkage import fit_shrunk
 from .candidate_columns import Columns, build_columns, flatten_measured, stack_design
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
-from .credible_sets import (
-    CredibleSet,
-    compute_own_evidence,
-    include_candidate,
-    name_effect,
-    rename_effect,
-)
+from .credible_sets import CredibleSet, ask, compute_own_evidence, include_candidate, rename_effect
 from .evidence import compute_familywise_p, draw_null
-from .joint_curves import collect_curves, find_better_curve
+from .joint_curves import collect_curves, find_better_curve, see_rest
+from .options import DEFAULT_OPTIONS
 from .residual_tests import FLIP_DRAWS, adjust_residual, compute_flip_p, draw_flips, partition_rows
-from .scan import Scan, build_scan, build_scan_without, compute_basis
+from .scan import Response, Scan, build_scan_without, compute_basis, scan_residual
 
 # largest family-wise p-value of an effect
 LEVEL = 0.05
@@ -56,9 +51,10 @@ class View:
     """A fitted model as projections, with every candidate beyond it.
 
     Orthonormal Q (N, r) and R (r, r) with A[:, kept] = Q R; all columns A (N, p); the fit's residual
-    `raw` (N,) and its part `residual` (N,) off the model. The prior's rows of shrunk terms stand
-    below the rows of the data. `kept`: the columns that do not depend on others; geometry takes
-    whatever it can, so the prior of its usual sizes has no say."""
+    `raw` (N,), its coordinates `along` (r,) in Q, and its part `residual` (N,) off the model, which
+    the candidates see as `response`. The prior's rows of shrunk terms stand below the rows of the
+    data. `kept`: the columns that do not depend on others; geometry takes whatever it can, so the
+    prior of its usual sizes has no say."""
 
     model: Model
     fitted: Fit
@@ -67,8 +63,10 @@ class View:
     Q: Array
     R: Array
     raw: Array
+    along: Array
     residual: Array
     scan: Scan
+    response: Response
 
     def mask_terms(self, *effects: Candidate) -> Mask:
         """Mask (p,) of the terms that these effects alone bring into the model."""
@@ -78,22 +76,25 @@ class View:
         shared = {term.key for m in others for term in m.terms}
         return np.array([t.key in own - shared for t in self.model.terms])
 
-    def release(self, *effects: Candidate) -> tuple[Array, Array]:
-        """Take effects out of the model without a refit: (D, response).
+    def release(self, *effects: Candidate) -> tuple[Array, Response]:
+        """Take effects out of the model without a refit: (returned, response).
 
-        D (N, d): the directions that only they bring, Q R⁻ᵀ E with E their columns of the identity;
-        response (N,): the residual with the effects put back."""
+        `returned` (r, d): the directions that only they bring, in the coordinates of Q, R⁻ᵀ E with E
+        their columns of the identity; response: the residual with the effects put back."""
         own = self.mask_terms(*effects)
         positions = [i for i, column in enumerate(self.kept) if own[column]]
         E = np.eye(len(self.kept))[:, positions]
-        D = self.Q @ compute_basis(np.asarray(np.linalg.solve(self.R.T, E)))
+        returned = compute_basis(np.asarray(np.linalg.solve(self.R.T, E)))
         effect = self.A[:, own] @ self.fitted.theta[own]
-        return D, self.residual + D @ (D.T @ (self.raw + effect))
+        put_back = returned.T @ (self.along + self.Q.T @ effect)
+        products = self.response.products + self.scan.inside @ (returned @ put_back)
+        square = self.response.square + float(put_back @ put_back)
+        return returned, Response(products, square)
 
-    def scan_without(self, candidate: Candidate) -> tuple[Scan, Array]:
+    def scan_without(self, candidate: Candidate) -> tuple[Scan, Response]:
         """Scan from the model without one effect: (scan, residual with that effect put back)."""
-        D, response = self.release(candidate)
-        return build_scan_without(self.scan, D), response
+        returned, response = self.release(candidate)
+        return build_scan_without(self.scan, returned), response
 
 
 def build_view(problem: Problem, columns: Columns, model: Model, fitted: Fit) -> View:
@@ -105,7 +106,9 @@ def build_view(problem: Problem, columns: Columns, model: Model, fitted: Fit) ->
         raw = np.concatenate([raw, -root @ fitted.theta])
     kept = fitted.representatives
     Q, R = np.linalg.qr(A[:, list(kept)])
-    residual = raw - Q @ (Q.T @ raw)
+    along = Q.T @ raw
+    residual = raw - Q @ along
+    scan, response = scan_residual(columns, Q, residual)
     return View(
         model=model,
         fitted=fitted,
@@ -114,8 +117,10 @@ def build_view(problem: Problem, columns: Columns, model: Model, fitted: Fit) ->
         Q=Q,
         R=R,
         raw=raw,
+        along=along,
         residual=residual,
-        scan=build_scan(columns, Q),
+        scan=scan,
+        response=response,
     )
 
 
@@ -142,18 +147,19 @@ class Search:
         found: tuple[Candidate, ...],
         rng: np.random.Generator,
         base_fit: Fit,
+        memory_mb: float = DEFAULT_OPTIONS.memory_mb,
     ):
         self.problem = problem
         self.base = base
         self.found = found
         self.rng = rng
-        self.columns: Columns = build_columns(problem, found, base_fit.at())
+        self.columns: Columns = build_columns(problem, found, base_fit.at(), memory_mb)
         self.log_prior = np.log([c.prior for c in found])
         self.curves = collect_curves(found, self.columns, self.log_prior)
         self.first = build_view(problem, self.columns, base, base_fit)
         # candidates that the base has already: what a refit leaks of them is no cause
         self.dead = np.flatnonzero(self.first.scan.sizes == 0)
-        is_large = self.columns.XT.size >= LARGE_STUDY
+        is_large = self.columns.screws.size >= LARGE_STUDY
         self.flip_draws = FLIP_DRAWS[is_large]
         null_draws = NULL_DRAWS[is_large]
         self.null, self.smallest_p = draw_null(self.first.scan, self.log_prior, null_draws, rng)
@@ -208,7 +214,8 @@ class Search:
         """Name what explains most of the residual.
 
         `known` candidates have had their turn (what the fit drops of them is no cause)."""
-        return name_effect(view.scan, self.found, view.residual, without=self._exclude(known))
+        question = ask(view.scan, self.found, view.response)
+        return question.answer(self._exclude(known))
 
     def _exclude(self, known: Sequence[int]) -> Index:
         return np.union1d(self.dead, np.array(known, dtype=np.intp))
@@ -265,23 +272,26 @@ class Search:
         first = self.first
         rows = len(first.residual)
         nulls = [self.null]
-        p = compute_familywise_p(first.scan, first.residual, self.smallest_p)
+        p = compute_familywise_p(first.scan, first.response, self.smallest_p)
+        is_beyond = view is not first and bool(view.scan.sizes.any())
         for unit in self.expand_partitions(view):
             adjusted = adjust_residual(view.scan.Q, view.residual, unit)
             on_base = draw_flips(
                 first.scan, self.log_prior, adjusted[:rows], unit[:rows], self.flip_draws, self.rng
             )
-            base = list(on_base)
-            flips = base
-            if view is not first and view.scan.sizes.any():
+            evidences, smallest = [], []
+            for chance in on_base:
+                smallest.append(chance.smallest_p)
+                if not is_beyond:
+                    evidences.append(chance.evidence)
+            if is_beyond:
                 on_view = draw_flips(
                     view.scan, self.log_prior, adjusted, unit, self.flip_draws, self.rng
                 )
-                flips = list(on_view)
-            evidences = np.concatenate([evidence for evidence, _ in flips])
-            nulls.append(np.sort(evidences))
-            smallest = np.concatenate([least for _, least in base])
-            p_by_signs = compute_familywise_p(first.scan, first.residual, np.sort(smallest))
+                evidences = [chance.evidence for chance in on_view]
+            nulls.append(np.sort(np.concatenate(evidences)))
+            least = np.sort(np.concatenate(smallest))
+            p_by_signs = compute_familywise_p(first.scan, first.response, least)
             p = np.maximum(p, p_by_signs)
         return nulls, p
 
@@ -291,9 +301,10 @@ class Search:
         if g in answers:
             return answers[g]
         scan, response = view.scan_without(self.found[g])
-        renamed = rename_effect(scan, self.found, g, response, without=self.dead)
-        evidence = compute_own_evidence(scan, renamed, g, response)
-        named = include_candidate(renamed, scan, self.found, g, response)
+        question = ask(scan, self.found, response)
+        renamed = rename_effect(question, g, without=self.dead)
+        evidence = compute_own_evidence(question, renamed, g)
+        named = include_candidate(question, renamed, g)
         answers[g] = Renamed(named, evidence)
         return answers[g]
 
@@ -308,9 +319,9 @@ class Search:
             if not now:
                 continue
             effects = [self.found[g] for g in now]
-            D, response = view.release(*effects)
-            Q = view.Q - D @ (D.T @ view.Q)
-            best = find_better_curve(curve, Q, response, now, MIN_LOG_ODDS)
+            returned, response = view.release(*effects)
+            start = see_rest(curve, view.scan, returned, response)
+            best = find_better_curve(start, now, MIN_LOG_ODDS)
             if best is None:
                 continue
             rest = [g for g in chosen if g not in now]

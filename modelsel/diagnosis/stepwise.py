@@ -24,6 +24,7 @@ from .candidates import Candidate
 from .credible_sets import CredibleSet
 from .effects import Effect
 from .evidence import compute_p_value, compute_single_f
+from .options import DEFAULT_OPTIONS
 from .outcome import Diagnosis
 from .renaming import settle_names
 from .state import LEVEL, Search, View
@@ -66,13 +67,15 @@ def run_stepwise_search(
     found: tuple[Candidate, ...],
     rng: np.random.Generator,
     say: Say = lambda _: None,
+    memory_mb: float = DEFAULT_OPTIONS.memory_mb,
 ) -> Diagnosis:
     """Extend the base by what the candidates `found` explain beyond chance.
 
-    One effect is named at a time, on a training problem."""
+    One effect is named at a time, on a training problem; `memory_mb` bounds what the search holds
+    beside the data."""
     if not found:
         return _build_empty(base, base_fit)
-    search = Search(problem, base, found, rng, base_fit)
+    search = Search(problem, base, found, rng, base_fit, memory_mb)
     progress = _Progress([], search.first)
     remainder = _add_effects(search, progress, say)
     return _conclude(search, progress, remainder)
@@ -293,7 +296,7 @@ def _conclude(search: Search, progress: _Progress, remainder: _Remainder) -> Dia
         left_p=remainder.p,
         held_back=remainder.held_back,
         bound=search.bound,
-        single_f=compute_single_f(search.first.scan, search.first.residual),
+        single_f=compute_single_f(search.first.scan, search.first.response),
         map_p=map_p,
     )
 

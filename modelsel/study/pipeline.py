@@ -24,6 +24,7 @@ from ..config.study_file import Study
 from ..diagnosis.candidates import Candidate, choose_strongest
 from ..diagnosis.data_faults import Fault, find_misplaced_rows
 from ..diagnosis.error_map import build_error_map
+from ..diagnosis.options import DiagnosisOptions
 from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.procedure import Nested, diagnose_split, run_nested_folds
 from ..diagnosis.unexplained import describe_unexplained, estimate_floor, predict_remainder
@@ -125,7 +126,7 @@ def _analyse_prepared(
 
     say(OUTLIERS)
     split, diagnosis, candidates = diagnose_split(
-        split, base, mechanisms, study.seed, searches_cells(study), say
+        split, base, mechanisms, study.seed, searches_cells(study), say, choose_options(study)
     )
     split, floor, noise_notes = check_stated_noise(split, floor, diagnosis.fit)
 
@@ -152,7 +153,7 @@ def _analyse_prepared(
     # every warning is collected here, in the order in which it is reported
     warnings = [
         *notes,
-        *collect_diagnosis_notes(study, split, diagnosis, noise_notes),
+        *collect_diagnosis_notes(study, split, diagnosis, noise_notes, detection_limit[1]),
         *collect_comparison_notes(comparison, chosen),
         *harmful_base_notes(study.model.base, measure_gain(split, draws, ladder[0], steps[0])),
         *collect_held_out_notes(split, chosen, findings),
@@ -203,6 +204,12 @@ def weigh_orientations(study: Study, registry: Registry, split: Split, base: Mod
         evaluation = evaluate(split, model, ())
         split = weigh_by_residuals(study, split, evaluation.residual)
     return split
+
+
+def choose_options(study: Study) -> DiagnosisOptions:
+    """Return the limits of the search for causes that the study sets."""
+    search = study.search
+    return DiagnosisOptions(memory_mb=search.memory_mb, max_rows=search.max_rows)
 
 
 def compare_candidates(
@@ -276,7 +283,8 @@ def repeat_in_folds(
     if not folds:
         return None
     say(f"{FOLDS} in {folds} folds")
-    return run_nested_folds(split, base, mechanisms, study.seed, searches_cells(study), folds, say)
+    cells, options = searches_cells(study), choose_options(study)
+    return run_nested_folds(split, base, mechanisms, study.seed, cells, folds, options, say)
 
 
 def choose_noise_floor(split: Split, known: Floor | None, chosen: Evaluation) -> Floor:

@@ -27,22 +27,20 @@ from .stated_noise import check_stated_orientation_noise
 
 
 def collect_diagnosis_notes(
-    study: Study, split: Split, diagnosis: Diagnosis, noise_notes: Sequence[Note]
+    study: Study,
+    split: Split,
+    diagnosis: Diagnosis,
+    noise_notes: Sequence[Note],
+    smallest_mm: float | None,
 ) -> list[Note]:
     """Return the warnings on what was searched, and on the noise that the search assumed.
 
-    `noise_notes` are those of `check_stated_noise`.
+    `noise_notes` are those of `check_stated_noise`; `smallest_mm`: the effect that the search would
+    have found.
     """
     notes: list[Note] = []
     if is_subsampled(diagnosis, split):
-        notes.append(
-            Note(
-                "scan-of-some",
-                f"The search for causes used {count_rows_seen(diagnosis, split)} of the "
-                f"{int(split.used.sum())} estimation rows, drawn by the seed; all fits, errors and "
-                "gains use all rows.",
-            )
-        )
+        notes.append(_note_sample(diagnosis, split, smallest_mm))
     notes += restriction_notes(study.model.candidates)
     notes += noise_notes
     notes += check_stated_orientation_noise(split, diagnosis.fit)
@@ -50,6 +48,21 @@ def collect_diagnosis_notes(
     if searches_cells(study):
         notes += partial_map_notes(split.problem)
     return notes
+
+
+def _note_sample(diagnosis: Diagnosis, split: Split, smallest_mm: float | None) -> Note:
+    """Say how many rows were searched, and that what the others could add is small."""
+    sentence = (
+        f"The search for causes used {count_rows_seen(diagnosis, split)} of the "
+        f"{int(split.used.sum())} estimation rows, drawn by the seed; all fits, errors and gains "
+        "use all rows."
+    )
+    if smallest_mm is not None:
+        sentence += (
+            f" Those rows show an effect of {smallest_mm:.3g} mm rms with 90 %; more rows, by "
+            "max_rows under [search], would only add smaller ones."
+        )
+    return Note("scan-of-some", sentence)
 
 
 def collect_comparison_notes(comparison: SubsetComparison | None, chosen: Evaluation) -> list[Note]:

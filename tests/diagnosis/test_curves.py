@@ -10,10 +10,10 @@ import pytest
 from builders import drawn, measured, planted, seeds
 
 from modelsel._typing import Array
-from modelsel.diagnosis.candidate_columns import build_columns, select_columns, stack_design
+from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.credible_sets import include_candidate, name_effect
-from modelsel.diagnosis.joint_curves import chain_effects, collect_curves, find_own_joint
+from modelsel.diagnosis.credible_sets import ask, include_candidate
+from modelsel.diagnosis.joint_curves import chain_effects, collect_curves, find_own_joint, see_rest
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.scan import build_scan, compute_basis
 from modelsel.diagnosis.state import LEVEL, Search
@@ -149,24 +149,25 @@ def test_a_part_of_the_columns_scans_like_the_whole(rng: np.random.Generator) ->
     found: tuple[Candidate, ...] = build_candidates(at, base, every(at.robot))
     whole = build_columns(at, found)
     curve = collect_curves(found, whole, np.log([c.prior for c in found]))[4]
-    part = select_columns(whole, curve.which)
-    assert all(
-        np.array_equal(part.XT[part.slices[k]], whole.XT[whole.slices[g]])
-        for k, g in enumerate(curve.which)
-    )
-    for block in part.grams:
+    for k, g in enumerate(curve.which):
+        X = whole.expand(g)
+        assert np.array_equal(curve.index[curve.slices[k]], whole.slices[g])
+        assert curve.gram[np.ix_(curve.slices[k], curve.slices[k])] == pytest.approx(X @ X.T)
+    for block in curve.blocks:
         for k, i, gram in zip(block.which, block.index, block.gram, strict=True):
-            assert np.array_equal(i, part.slices[k])
-            assert gram == pytest.approx(part.XT[i] @ part.XT[i].T)
+            assert np.array_equal(i, curve.slices[k])
+            assert gram == pytest.approx(curve.gram[np.ix_(i, i)])
     X, r = stack_design(at, base.terms, None)
     Q = compute_basis(X)
     wave = int(
         curve.which[[found[g].mechanism.name for g in curve.which].index("encoder-eccentricity:4")]
     )
-    r = r + 5e-3 * whole.XT[whole.slices[wave]].sum(0)
-    value, best = chain_effects(curve, Q, r - Q @ (Q.T @ r), None, np.logical_not(curve.free))
+    r = r + 5e-3 * whole.expand(wave).sum(0)
+    seen = build_scan(whole, Q)
+    rest = see_rest(curve, seen, seen.returned, seen.see(r - Q @ (Q.T @ r)))
+    value, best = chain_effects(rest, None, np.logical_not(curve.free))
     assert best[0] == wave
-    assert value == pytest.approx(chain_effects(curve, Q, r - Q @ (Q.T @ r), best, curve.free)[0])
+    assert value == pytest.approx(chain_effects(rest, best, curve.free)[0])
 
 
 def test_a_name_that_its_own_set_does_not_hold_is_said_not_to_be_told_apart(
@@ -179,14 +180,15 @@ def test_a_name_that_its_own_set_does_not_hold_is_said_not_to_be_told_apart(
     strange = next(k for k, c in enumerate(found) if c.mechanism.name == "refraction")
     X, r = stack_design(turned(at, 4, 1e-3 * np.sin(at.data.q[:, 3]), rng), base.terms, fitted.at())
     seen = build_scan(build_columns(at, found, fitted.at()), compute_basis(X))
-    y = r - seen.Q @ (seen.Q.T @ r)
-    plain = name_effect(seen, found, y)
+    y = seen.see(r - seen.Q @ (seen.Q.T @ r))
+    question = ask(seen, found, y)
+    plain = question.answer(None)
     assert (plain.entries[0].candidate.mechanism.name, plain.verdict) == (
         "gear-eccentricity:4",
         "found",
     )
-    assert include_candidate(plain, seen, found, plain.top, y) is plain
-    told = include_candidate(plain, seen, found, strange, y)
+    assert include_candidate(question, plain, plain.top) is plain
+    told = include_candidate(question, plain, strange)
     assert told.verdict == "cannot be told apart"
     assert told.entries[-1].candidate is found[strange]
     assert told.entries[-1].probability < 1e-6
@@ -232,10 +234,10 @@ def test_beyond_a_shrunk_model_is_beyond_it_with_its_terms_integrated_out(
     P = W - W @ X @ np.linalg.solve(X.T @ W @ X, X.T @ W)
     for name_ in ("encoder-scale:4", "refraction", "settle:2"):
         g = next(k for k, c in enumerate(found) if c.mechanism.name == name_)
-        x = search.columns.XT[search.columns.slices[g][0]]
+        x = search.columns.expand(g)[0]
         bucket = next(b for b in view.scan.buckets if g in b.block.which)
         left = bucket.left[list(bucket.block.which).index(g)][0, 0]
         assert left == pytest.approx(x @ P @ x, rel=1e-6)
-        strength = view.scan.strength(view.residual[:, None]).whole[g, 0]
+        strength = view.scan.strength(view.response.column).whole[g, 0]
         assert strength == pytest.approx((x @ P @ y) ** 2 / (x @ P @ x), rel=1e-5)
     assert view.residual @ view.residual == pytest.approx(y @ P @ y, rel=1e-6)

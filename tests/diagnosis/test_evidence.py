@@ -51,7 +51,7 @@ def test_the_null_leaves_out_no_ratio_that_matters(rng: np.random.Generator, m: 
     drawn_null, _ = draw_null(seen, log_prior, DRAWS, np.random.default_rng(7))
     u = np.random.default_rng(7).standard_normal((len(seen.Q), DRAWS))
     u -= seen.Q @ (seen.Q.T @ u)
-    share = normalise_strength(seen.strength(u), np.square(u).sum(0))
+    share = normalise_strength(seen.strength(seen.columns.dot(u)), np.square(u).sum(0))
     values = []
     for ratio in RATIOS:
         joint = compute_log_bayes_factors(seen, share, float(ratio)) + log_prior[:, None]
@@ -65,9 +65,11 @@ def test_evidence_of_a_response_is_that_of_its_strengths(rng: np.random.Generato
     seen, found, r = seen_from_base(rng, 60)
     y = r - seen.Q @ (seen.Q.T @ r)
     log_prior = np.log([c.prior for c in found])
-    known = compute_factors(seen, y)
-    share = normalise_strength(seen.strength(np.stack([y, r], 1)), np.array([y @ y, r @ r]))
-    small = seen.judge(y)[1]
+    known = compute_factors(seen, seen.see(y))
+    share = normalise_strength(
+        seen.strength(seen.columns.dot(np.stack([y, r], 1))), np.array([y @ y, r @ r])
+    )
+    small = seen.judge(seen.see(y))[1]
     assert small.any()
     for ratio, row in zip(RATIOS, known, strict=True):
         assert row[small] == pytest.approx(

@@ -80,7 +80,7 @@ def test_a_one_sided_term_has_the_evidence_of_half_a_normal_prior(
         for g in seen.signed
         if found[g].label == "joint-compliance:2" and len(found[g].mechanism.terms) == 1
     )
-    column = seen.columns.XT[seen.columns.slices[g][0]]
+    column = seen.columns.expand(g)[0]
     column = column - Q @ (Q.T @ column)
     column /= np.linalg.norm(column)
     noise = rng.normal(size=len(Q))
@@ -90,7 +90,7 @@ def test_a_one_sided_term_has_the_evidence_of_half_a_normal_prior(
     for size in (-8.0, -5.0, -2.0, 0.0, 1.0, 4.0):
         y = noise + size * column
         total = float(y @ y)
-        share = normalise_strength(seen.strength(y[:, None]), np.array([total]))
+        share = normalise_strength(seen.strength(seen.see(y).column), np.array([total]))
         for ratio in (3.0, 1e3):
 
             def density(
@@ -118,7 +118,7 @@ def test_a_one_sided_term_has_the_evidence_of_half_a_normal_prior(
                 ratio,
             )  # Wallace's
     y = noise - 300 * column
-    share = normalise_strength(seen.strength(y[:, None]), np.array([y @ y]))
+    share = normalise_strength(seen.strength(seen.see(y).column), np.array([y @ y]))
     assert (
         -20 < float(compute_log_bayes_factors(seen, share, 1e3)[g, 0]) < -3
     )  # however strong: worth less than no effect
@@ -131,13 +131,13 @@ def test_of_several_terms_the_one_least_of_its_sign_counts(rng: np.random.Genera
     seen, found, Q = from_base(drawn(ARM, rng, 40))
     y = rng.normal(size=len(Q))
     y -= Q @ (Q.T @ y)
-    root = seen.strength(y[:, None]).root[:, 0]
+    root = seen.strength(seen.see(y).column).root[:, 0]
     checked = 0
     for g, got in zip(seen.signed, root, strict=True):
         terms = found[g].mechanism.terms
         if seen.sizes[g] < len(terms):
             continue
-        A = seen.columns.XT[seen.columns.slices[g]].T
+        A = seen.columns.expand(g).T
         A = A - Q @ (Q.T @ A)
         A /= np.linalg.norm(A, axis=0)
         covariance = np.linalg.inv(A.T @ A)

@@ -20,8 +20,10 @@ from modelsel.calibration.loading import parse_calibration
 from modelsel.calibration.prediction import predict
 from modelsel.calibration.validation import judge
 from modelsel.config.study_file import Study, parse_study
+from modelsel.diagnosis.candidate_columns import stack_design
 from modelsel.diagnosis.outliers import estimate_scale, find_gross_outliers
 from modelsel.diagnosis.procedure import diagnose_split
+from modelsel.diagnosis.screw_columns import build_screw_columns
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.batch import Ensemble
 from modelsel.fitting.design import Model, compute_design, residuals
@@ -182,6 +184,24 @@ def every_kind(rng: np.random.Generator) -> tuple[Problem, tuple[Term, ...], np.
         terms,
         np.array([rng.normal() * (3 if t.unit.startswith("mm") else 1e-2) for t in terms]),
     )
+
+
+@pytest.mark.parametrize("distances", [True, False])
+def test_products_of_the_candidates_columns_for_rows_of_every_kind(rng, distances: bool) -> None:
+    """Columns by place and cause against the design written out; a distance has two places."""
+    bound, terms, theta = every_kind(rng)
+    if not distances:
+        bound = bound.take(~bound.observed().of("distance"))
+    terms = tuple(term for term in terms if term.screws)
+    at = Linearisation(terms, theta[: len(terms)])
+    X, r = stack_design(bound, terms, at)
+    screws = build_screw_columns(bound, terms, at, 500.0)
+    assert screws.rows == len(r) == bound.coordinates
+    V = rng.normal(size=(len(r), 5))
+    np.testing.assert_allclose(screws.dot(V), X.T @ V, rtol=1e-10, atol=1e-8)
+    some = np.arange(0, len(terms), 3)
+    np.testing.assert_allclose(screws.expand(some), X[:, some].T, rtol=1e-10, atol=1e-10)
+    np.testing.assert_allclose(screws.gram(some), X[:, some].T @ X[:, some], rtol=1e-10, atol=1e-8)
 
 
 def test_columns_are_the_derivatives_of_what_rows_read(rng) -> None:

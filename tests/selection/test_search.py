@@ -196,10 +196,8 @@ def test_single_f_is_the_nested_f_test(rng) -> None:
     offered = tuple(Candidate(m, CandidateKind.MECHANISM, 0.25) for m in some)
     A, r = stack_design(at, base.terms, fitted.at())
     A = A[:, list(fitted.found.kept)]
-    found = compute_single_f(
-        build_scan(build_columns(at, offered, fitted.at()), compute_basis(A)),
-        r - A @ np.linalg.lstsq(A, r, rcond=None)[0],
-    )
+    seen = build_scan(build_columns(at, offered, fitted.at()), compute_basis(A))
+    found = compute_single_f(seen, seen.see(r - A @ np.linalg.lstsq(A, r, rcond=None)[0]))
     small = sm.OLS(r, A).fit()
     both = [np.column_stack([A, stack_design(at, m.terms, fitted.at())[0]]) for m in some[:3]]
     want = [sm.OLS(r, X).fit().compare_f_test(small)[0] for X in both]
@@ -219,9 +217,10 @@ def test_single_f_of_a_candidate_that_explains_all(size, rng) -> None:
     cols = build_columns(at, offered, fitted.at())
     A, _ = stack_design(at, fitted.terms, fitted.at())
     Q = compute_basis(A)
-    r = cols.XT[cols.slices[1][0]]
+    r = cols.expand(1)[0]
     r = r - Q @ (Q.T @ r)
-    f = compute_single_f(build_scan(cols, Q), size * r / np.linalg.norm(r))
+    seen = build_scan(cols, Q)
+    f = compute_single_f(seen, seen.see(size * r / np.linalg.norm(r)))
     assert np.isfinite(f).all()
     assert f.argmax() == 1
     assert f[1] > 1e10

@@ -34,9 +34,13 @@ def critical_p(
 ) -> float:
     """The scan's own family-wise critical value: the exact max-test's smallest single p-value at
     the level."""
-    u = rng.standard_normal((seen.columns.XT.shape[1], draws))
+    u = rng.standard_normal((seen.columns.rows, draws))
     u -= seen.Q @ (seen.Q.T @ u)
-    return float(np.quantile(smallest_p(seen, seen.strength(u)[0] / np.square(u).sum(0)), level))
+    return float(
+        np.quantile(
+            smallest_p(seen, seen.strength(seen.columns.dot(u))[0] / np.square(u).sum(0)), level
+        )
+    )
 
 
 def power(
@@ -72,4 +76,4 @@ def held_by(displacement: np.ndarray, seen: Scan) -> np.ndarray:
     candidate holds beyond the base: of the tool's own columns, to know which explanations stand
     near each other; nothing is judged by it."""
     d = off(seen.Q, displacement.reshape(-1, 3).T.ravel())
-    return np.sqrt(seen.strength(d[:, None])[0][:, 0]) / np.linalg.norm(d)
+    return np.sqrt(seen.strength(seen.see(d).column)[0][:, 0]) / np.linalg.norm(d)

@@ -1,0 +1,265 @@
+"""Columns of screws: what every term moves, as the screw field of its place times its cause.
+
+At row i a screw of unit size moves the measured components by F_i (c,), which depends on its place
+alone, and a term moves them by F_i u_i, with the cause u_i. Thousands of candidates share some
+forty places, so no column is stored: with w_i = F_i · v_i, the product of a column with a vector v
+is Σ_i u_i w_i. Products with many vectors are one matrix product a place, of a third of the work
+that the columns themselves would take (a column-wise Khatri-Rao product)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._typing import Array, Index
+from ..fitting.design import blocks
+from ..fitting.linearisation import Linearisation
+from ..fitting.problem import Problem
+from ..mechanisms.causes import ONE, Cause
+from ..mechanisms.terms import Screw, Term
+from ..robot.rigid import AXES
+
+# rows whose fields, causes and products stay in a core's cache together
+CACHED_ROWS = 512
+# share of the memory of a diagnosis that the values of the causes may take
+CAUSES_SHARE = 0.7
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """The columns of one place: the number of its field, and `causes` (k,) and `columns` (k,).
+
+    No column stands twice in `columns`."""
+
+    number: int
+    causes: Index
+    columns: Index
+
+
+@dataclass(frozen=True, eq=False)
+class _RowBlock:
+    """A block of rows of the problem.
+
+    `fields` (m, f, c): whitened displacement by a unit screw at every place; `coordinates`: its
+    slice of all measured coordinates; `measured` (c·m,): which of its components are measured, None
+    for all; `kept` (u, m): the causes, None where they are evaluated each time."""
+
+    problem: Problem
+    fields: Array
+    coordinates: slice
+    measured: Index | None
+    causes: tuple[Cause, ...]
+    kept: Array | None
+
+    def evaluate_causes(self, which: Index | None = None) -> Array:
+        """Return all causes (u, m) of the rows, or those `which` are asked for."""
+        if self.kept is not None:
+            return self.kept if which is None else self.kept[which]
+        causes = self.causes if which is None else [self.causes[k] for k in which]
+        return _evaluate(self.problem, causes)
+
+    @property
+    def mask(self) -> Array:
+        """Which components are measured (c, m), as ones and zeros."""
+        m, _, c = self.fields.shape
+        flat = np.zeros(c * m)
+        flat[self.measured] = 1.0
+        return flat.reshape(c, m)
+
+    def arrange(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Arrange values (N, B) of all coordinates as (m, c, B) of this block's rows."""
+        m, _, c = self.fields.shape
+        own = values[self.coordinates]
+        if self.measured is not None:
+            whole = np.zeros((c * m, values.shape[1]), values.dtype)
+            whole[self.measured] = own
+            own = whole
+        return own.reshape(c, m, -1).transpose(1, 0, 2)
+
+
+def _evaluate(problem: Problem, causes: Sequence[Cause]) -> Array:
+    """Evaluate causes (u, m); they are not kept by the problem, whose memory they would fill."""
+    values = np.empty((len(causes), len(problem)))
+    for row, cause in zip(values, causes, strict=True):
+        row[:] = cause.of(problem.state)
+    return values
+
+
+@dataclass(frozen=True, eq=False)
+class ScrewColumns:
+    """Whitened columns of C terms at N measured coordinates, by place and cause.
+
+    Coordinates are ordered by block of rows, component, row. `pairs` (3, n): column, field and
+    cause of every screw, ordered by column; `starts` (C+1,): where each column's screws begin."""
+
+    count: int
+    rows: int
+    blocks: tuple[_RowBlock, ...]
+    places: tuple[_Place, ...]
+    pairs: Index
+    starts: Index
+
+    @property
+    def size(self) -> int:
+        """Count of the columns' numbers."""
+        return self.count * self.rows
+
+    def dot(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Compute (C, ...) products of every column with values (N + k, ...), in their precision.
+
+        In the k rows of a model's prior the columns are zero."""
+        matrix = values.reshape(len(values), -1)
+        out = np.zeros((self.count, matrix.shape[1]), matrix.dtype)
+        for block in self.blocks:
+            causes = block.evaluate_causes()
+            arranged = block.arrange(matrix)
+            for rows in split_range(len(arranged), CACHED_ROWS):
+                fields = block.fields[rows].astype(matrix.dtype, copy=False)
+                by_place = np.matmul(fields, np.ascontiguousarray(arranged[rows]))
+                own = causes[:, rows].astype(matrix.dtype, copy=False)
+                for place in self.places:
+                    out[place.columns] += own[place.causes] @ by_place[:, place.number]
+        return out.reshape(self.count, *values.shape[1:])
+
+    def expand(self, columns: Index) -> Array:
+        """Compute some columns (k, N) in full."""
+        out = np.zeros((len(columns), self.rows))
+        for block in self.blocks:
+            whole = slice(0, len(block.fields))
+            flat = self._expand_rows(block, columns, whole).reshape(len(columns), -1)
+            out[:, block.coordinates] = flat if block.measured is None else flat[:, block.measured]
+        return out
+
+    def gram(self, columns: Index) -> Array:
+        """Compute the products (k, k) of some columns, rows by rows."""
+        total = np.zeros((len(columns), len(columns)))
+        for block in self.blocks:
+            for rows in split_range(len(block.fields), CACHED_ROWS):
+                X = self._expand_rows(block, columns, rows)
+                if block.measured is not None:
+                    X *= block.mask[:, rows]
+                X = X.reshape(len(columns), -1)
+                total += X @ X.T
+        return total
+
+    def _expand_rows(self, block: _RowBlock, columns: Index, rows: slice) -> Array:
+        """Compute some columns (k, c, m) at some rows of a block."""
+        fields = block.fields[rows]
+        m, _, c = fields.shape
+        own = np.zeros((len(columns), c, m))
+        first, last = self.starts[columns], self.starts[columns + 1]
+        most = int((last - first).max(initial=0))
+        for step in range(most):
+            has = np.flatnonzero(first + step < last)
+            _, number, cause = self.pairs[:, first[has] + step]
+            moved = fields[:, number].transpose(1, 2, 0)
+            own[has] += moved * block.evaluate_causes(cause)[:, None, rows]
+        return own
+
+    def mean_squares(self, problem: Problem, causes: Iterable[Cause]) -> dict[Cause, float]:
+        """Compute the mean square of causes over the rows of the problem."""
+        known = self.blocks[0].causes
+        total = np.zeros(len(known))
+        for block in self.blocks:
+            total += np.square(block.evaluate_causes()).sum(1)
+        out = dict(zip(known, (total / len(problem)).tolist(), strict=True))
+        for cause in causes:
+            if cause not in out:
+                value = np.atleast_1d(cause.of(problem.state))
+                out[cause] = float(value @ value) / len(value)
+        return out
+
+
+def split_range(count: int, size: int) -> Iterator[slice]:
+    """Split `count` into slices of at most `size`."""
+    size = max(size, 1)
+    return (slice(start, min(start + size, count)) for start in range(0, count, size))
+
+
+def build_screw_columns(
+    problem: Problem, terms: Sequence[Term], at: Linearisation | None, memory_mb: float
+) -> ScrewColumns:
+    """Build the columns of distinct terms at a point of the parameters (None: the nominal one).
+
+    The causes of all rows are kept where they take no more than their share of `memory_mb`."""
+    fields, screws = _find_fields(problem, terms)
+    causes = tuple(dict.fromkeys(cause for own in screws for _, cause in own))
+    number = {cause: k for k, cause in enumerate(causes)}
+    pairs = np.array(
+        [(k, f, number[cause]) for k, own in enumerate(screws) for f, cause in own], dtype=np.intp
+    ).T.reshape(3, -1)
+    starts = np.searchsorted(pairs[0], np.arange(len(terms) + 1))
+    is_kept = 8e-6 * len(causes) * len(problem) <= CAUSES_SHARE * memory_mb
+    row_blocks = tuple(_build_row_blocks(problem, fields, at, causes, is_kept))
+    return ScrewColumns(
+        count=len(terms),
+        rows=row_blocks[-1].coordinates.stop,
+        blocks=row_blocks,
+        places=tuple(_build_places(pairs, starts)),
+        pairs=pairs,
+        starts=starts,
+    )
+
+
+def _find_fields(
+    problem: Problem, terms: Sequence[Term]
+) -> tuple[tuple[Term, ...], list[list[tuple[int, Cause]]]]:
+    """Find the fields, as terms of unit cause, and of every term the fields and causes of its
+    screws.
+
+    Where distances are measured from one configuration to another, a cause has two values in one
+    row: then every term is a field of its own."""
+    if problem.origin is not None or any(not term.screws for term in terms):
+        return tuple(terms), [[(k, ONE)] for k in range(len(terms))]
+    places = [(frame, axis) for frame in range(1, problem.robot.n + 2) for axis in AXES]
+    used = {(screw.frame, screw.axis) for term in terms for screw in term.screws}
+    places = [place for place in places if place in used]
+    number = {place: k for k, place in enumerate(places)}
+    fields = tuple(Term(f"{axis} {frame}", (Screw(frame, axis, ONE),)) for frame, axis in places)
+    screws = [[(number[s.frame, s.axis], s.cause) for s in term.screws] for term in terms]
+    return fields, screws
+
+
+def _build_row_blocks(
+    problem: Problem,
+    fields: Sequence[Term],
+    at: Linearisation | None,
+    causes: tuple[Cause, ...],
+    is_kept: bool,
+) -> Iterator[_RowBlock]:
+    start = 0
+    for rows, values, _ in blocks(problem, fields, at):
+        whole = rows.stop - rows.start == len(problem)
+        part = problem if whole else problem.take(rows)
+        measured = None
+        stop = start + values[0].size
+        if problem.measured is not None:
+            measured = np.flatnonzero(problem.measured[rows].T.reshape(-1))
+            stop = start + len(measured)
+        yield _RowBlock(
+            problem=part,
+            fields=np.ascontiguousarray(values.transpose(2, 0, 1)),
+            coordinates=slice(start, stop),
+            measured=measured,
+            causes=causes,
+            kept=_evaluate(part, causes) if is_kept else None,
+        )
+        start = stop
+
+
+def _build_places(pairs: Index, starts: Index) -> Iterator[_Place]:
+    """Group the screws by field; a term's second screw at one field stands in a group of its own."""
+    column, number, cause = pairs
+    layer = np.zeros(len(column), np.intp)
+    for first, last in pairwise(starts.tolist()):
+        if last - first > 1:
+            own = number[first:last]
+            layer[first:last] = [int((own[:k] == own[k]).sum()) for k in range(last - first)]
+    for field, depth in np.unique(np.stack([number, layer]), axis=1).T.tolist():
+        inside = np.flatnonzero((number == field) & (layer == depth))
+        yield _Place(field, cause[inside], column[inside])

@@ -1,0 +1,128 @@
+"""Columns by place and cause against the design written out, and views against refitted ones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from builders import drawn, seeds
+
+from modelsel.diagnosis import screw_columns
+from modelsel.diagnosis.candidate_columns import build_columns, stack_design
+from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.evidence import Chance
+from modelsel.diagnosis.scan import Response, build_scan, build_scan_without, compute_basis
+from modelsel.diagnosis.screw_columns import ScrewColumns, build_screw_columns
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.linearisation import Linearisation
+from modelsel.fitting.problem import Problem
+from modelsel.mechanisms.causes import Named, cos, q, sin
+from modelsel.mechanisms.registry import every, mechanism
+from modelsel.mechanisms.terms import Screw, Term
+
+# one screw; several at several places; two at one place; a number as cause
+TERMS = (
+    Term("a", (Screw(2, "rz", sin(q(2))),)),
+    Term("b", (Screw(2, "rz", cos(q(2))), Screw(3, "tx", sin(q(2))), Screw(5, "rx", q(4)))),
+    Term("c", (Screw(4, "ty", Named("payload_kg")), Screw(4, "ty", sin(3.0 * q(1))))),
+    Term("d", (Screw(7, "tz", sin(0.0 * q(1) + 1.0)),)),
+    Term("e", (Screw(2, "rz", q(3)),)),
+)
+
+
+def columns_of(at: Problem, memory_mb: float = 500.0) -> tuple[ScrewColumns, np.ndarray]:
+    point = Linearisation(TERMS, np.array([1e-3, 0.1, 0.05, 0.2, 1e-3]))
+    screws = build_screw_columns(at, TERMS, point, memory_mb)
+    return screws, stack_design(at, TERMS, point)[0]
+
+
+@seeds(1, 2)
+@pytest.mark.parametrize("rows", [30, 700])  # within one piece of rows, and beyond
+def test_products_are_those_of_the_columns(rng: np.random.Generator, rows: int) -> None:
+    screws, X = columns_of(drawn("puma760", rng, rows))
+    prior = 4
+    V = rng.normal(size=(len(X) + prior, 7))
+    np.testing.assert_allclose(screws.dot(V), X.T @ V[:-prior], rtol=1e-11, atol=1e-9)
+    np.testing.assert_allclose(screws.dot(V[:, 0]), X.T @ V[:-prior, 0], rtol=1e-11, atol=1e-9)
+    some = np.array([3, 1, 2])
+    np.testing.assert_allclose(screws.expand(some), X[:, some].T, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(screws.gram(some), X[:, some].T @ X[:, some], rtol=1e-12)
+    single = screws.dot(V.astype(np.float32))
+    assert single.dtype == np.float32
+    scale = np.linalg.norm(X, axis=0)[:, None] * np.linalg.norm(V, axis=0)
+    assert (np.abs(single - screws.dot(V)) < 1e-6 * scale).all()
+
+
+def test_products_do_not_depend_on_the_memory_that_is_allowed(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Causes that are kept and causes that are evaluated where they are needed: the same bytes."""
+    at = drawn("puma760", rng, 60)
+    kept, X = columns_of(at)
+    evaluated, _ = columns_of(at, 1e-6)
+    assert all(block.kept is not None for block in kept.blocks)
+    assert all(block.kept is None for block in evaluated.blocks)
+    V = rng.normal(size=(len(X), 3))
+    assert np.array_equal(kept.dot(V), evaluated.dot(V))
+    assert np.array_equal(kept.expand(np.arange(5)), evaluated.expand(np.arange(5)))
+    monkeypatch.setattr(screw_columns, "CACHED_ROWS", 7)
+    np.testing.assert_allclose(evaluated.dot(V), kept.dot(V), rtol=1e-12, atol=1e-9)
+
+
+@seeds(3, 4)
+def test_a_scan_without_an_effect_is_that_of_the_smaller_model(rng: np.random.Generator) -> None:
+    """Giving directions back against projecting afresh: sizes, strengths and displacements."""
+    at = drawn("puma760", rng, 80)
+    base = Model((mechanism("geometric", at.robot),))
+    fitted = fit(at, base)
+    found = build_candidates(at, base, every(at.robot))
+    cols = build_columns(at, found, fitted.at())
+    X, r = stack_design(at, base.terms, fitted.at())
+    r = r + rng.normal(size=len(r))
+    Q = compute_basis(X[:, list(fitted.found.kept)])
+    extra = cols.expand(100).T
+    more = compute_basis(extra - Q @ (Q.T @ extra))
+    whole = build_scan(cols, np.column_stack([Q, more]))
+    given_back = np.eye(whole.Q.shape[1])[:, Q.shape[1] :]
+    seen, direct = build_scan_without(whole, given_back), build_scan(cols, Q)
+    y = r - Q @ (Q.T @ r)
+    response = direct.see(y)
+    assert np.array_equal(seen.sizes, direct.sizes)
+    assert seen.freedom == direct.freedom
+    got, want = seen.strength(response.column), direct.strength(response.column)
+    for one, other in zip(got, want, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6, atol=1e-8)
+    a, b = seen.displace(100, response), seen.displace(7, response)
+    c, d = direct.displace(100, response), direct.displace(7, response)
+    assert a.dot(b) == pytest.approx(c.dot(d), rel=1e-6, abs=1e-8)
+
+    def projected(g: int) -> np.ndarray:
+        moved = direct.fit_alone(g, response) @ cols.expand(g)
+        return moved - Q @ (Q.T @ moved)
+
+    assert a.dot(b) == pytest.approx(projected(100) @ projected(7), rel=1e-6, abs=1e-8)
+
+
+@seeds(5, 6)
+def test_the_evidence_of_chance_stays_below_its_bound(rng: np.random.Generator) -> None:
+    """With candidates of every number of columns, signs and free functions, from noise to an effect
+    that stands far out."""
+    at = drawn("puma760", rng, 60)
+    base = Model((mechanism("geometric", at.robot),))
+    fitted = fit(at, base)
+    found = build_candidates(at, base, every(at.robot))
+    cols = build_columns(at, found, fitted.at())
+    Q = compute_basis(stack_design(at, base.terms, fitted.at())[0])
+    seen = build_scan(cols, Q)
+    assert len(seen.signed)
+    assert len(seen.smooth[0])
+    sizes = np.geomspace(0.01, 1e3, 12)
+    effects = np.stack([cols.expand(int(g))[0] for g in rng.choice(cols.groups, 12)], 1)
+    y = rng.normal(size=(len(Q), 12)) + effects / np.linalg.norm(effects, axis=0) * sizes
+    y -= Q @ (Q.T @ y)
+    log_prior = np.log([c.prior for c in found])
+    chance = Chance(seen, log_prior, cols.dot(y), np.square(y).sum(0))
+    assert (chance.evidence <= chance.most).all()
+    assert (chance.most - chance.evidence).min() < 12  # and the bound is worth something
+    single = Response(cols.dot(y[:, 3]), float(y[:, 3] @ y[:, 3]))
+    assert single.column.shape == (cols.screws.count, 1)
