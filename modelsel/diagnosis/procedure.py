@@ -292,6 +292,7 @@ def run_nested_folds(  # noqa: PLR0913  what is asked, and how
     cells: bool,
     folds: int,
     options: DiagnosisOptions = DEFAULT_OPTIONS,
+    *,
     say: Say = _be_silent,
 ) -> Nested:
     """Repeat outliers, naming and fit without each fold of the estimation configurations.

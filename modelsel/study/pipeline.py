@@ -284,7 +284,7 @@ def repeat_in_folds(
         return None
     say(f"{FOLDS} in {folds} folds")
     cells, options = searches_cells(study), choose_options(study)
-    return run_nested_folds(split, base, mechanisms, study.seed, cells, folds, options, say)
+    return run_nested_folds(split, base, mechanisms, study.seed, cells, folds, options, say=say)
 
 
 def choose_noise_floor(split: Split, known: Floor | None, chosen: Evaluation) -> Floor:
