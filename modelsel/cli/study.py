@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import gc
+import sys
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -125,6 +127,7 @@ class _Run(NamedTuple):
 
         if not self.sampling:
             return result
+        _import_sampler()
         return sample_posterior(result, self.registry, self.progress, keeper)
 
     def _sample_and_draw(self, result: Result, keeper: Checkpoint) -> tuple[Result, list[Path]]:
@@ -168,6 +171,18 @@ class _Run(NamedTuple):
             click.echo(result.to_json(), nl=False)
         else:
             show_sampling(result.record, make_console())
+
+
+def _import_sampler() -> None:
+    """Import emcee without scipy.stats, which only a move needs that is not used here, and which takes
+    longer to import than a small study takes; a process of the command line is nobody else's."""
+    if "emcee" in sys.modules or "scipy.stats" in sys.modules:
+        return
+    sys.modules["scipy.stats"] = None  # type: ignore[assignment]
+    try:
+        import_module("emcee")
+    finally:
+        del sys.modules["scipy.stats"]
 
 
 def _would(found: dict[str, Any], folder: Path, writes: tuple[str, ...]) -> str:
