@@ -118,13 +118,13 @@ class BatchPositions:
     def _constant_moves(self, twist: Twist, draws: int, varying: Container[int]) -> Array:
         """Compute (n, D, 4, 4), transposed: of every joint, what follows the turn about z; of those
         whose frame's entries vary from row to row, without these."""
-        joints = self.problem.robot.joints
-        entries = np.zeros((ABOUT_Z, len(joints), draws))
+        joints = self.problem.robot.n
+        entries = np.zeros((ABOUT_Z, joints, draws))
         for (k, axis), values in twist.items():
-            if k < len(joints) and axis < ABOUT_Z and k not in varying:
+            if k < joints and axis < ABOUT_Z and k not in varying:
                 entries[axis, k] = values[:, 0]
         cosine, sine = cos_sin(entries[ANGLES:])
-        moves = np.zeros((len(joints), draws, 4, 4))
+        moves = np.zeros((joints, draws, 4, 4))
         # Rx Ry, transposed
         moves[..., 0, 0] = cosine[1]
         moves[..., 2, 0] = sine[1]
