@@ -424,10 +424,11 @@ def test_a_message_keeps_its_end_where_a_value_is_endless() -> None:
 
 
 def test_turns_as_scipy_has_them(rng) -> None:
-    """From no turn at all, over one so small that its square vanishes, to half a turn."""
-    direction = rng.standard_normal((4, 3))
+    """To the last bit: no turn at all, one so small that its square vanishes, half a turn and more."""
+    direction = rng.standard_normal((500, 3))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
-    vectors = np.array([0.0, 1e-9, 0.3, np.pi])[:, None] * direction
-    expected = Rotation.from_rotvec(vectors).as_matrix()
-    np.testing.assert_allclose(from_rotation_vector(vectors), expected, atol=1e-15)
-    np.testing.assert_allclose(from_rotation_vector(vectors[2]), expected[2], atol=1e-15)
+    for angle in (0.0, 1e-9, 9e-4, 1.1e-3, 0.3, np.pi, 7.0):
+        vectors = angle * direction
+        expected = Rotation.from_rotvec(vectors).as_matrix()
+        np.testing.assert_array_equal(from_rotation_vector(vectors), expected)
+    np.testing.assert_array_equal(from_rotation_vector(vectors[2]), expected[2])
