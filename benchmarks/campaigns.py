@@ -1,26 +1,28 @@
 """Campaigns as large as people measure them: a study folder of each, simulated from a seed.
 
-    python -m benchmarks.campaigns FOLDER [NAME ...]      # writes FOLDER/NAME/study.toml and its data
+    python -m benchmarks.campaigns FOLDER [NAME ...]     # writes FOLDER/NAME/study.toml and its data
     python -m modelsel study FOLDER/NAME/study.toml --no-report --no-sampling
 
 `drawn`: 100 configurations of six axes. `reflectors`: 1,000 configurations with three reflectors
 each and 18 covariate columns. `torques`: 300 poses of a seven-axis arm with seven torque columns and
 a payload. `ripple`: 12,000 poses of an arm with a gear's ripple. `million`: 1,000,000 rows, in
-Parquet. Every arm has geometric errors of 0.3 mm and 1 mrad, an effect of
-its own, and what real arms have: joints that yield under gravity, backlash, uneven gears and
-encoders, a soft step and a flexing link that no registered mechanism describes."""
+Parquet; it is written only where it is named. Every arm has geometric errors of 0.3 mm and 1 mrad,
+an effect of its own, and what real arms have: joints that yield under gravity, backlash, uneven
+gears and encoders, a soft step and a flexing link that no registered mechanism describes.
+`python -m benchmarks --only campaigns` measures their studies."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from modelsel import Model, mechanism
+from modelsel._typing import Array, Index
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
@@ -30,12 +32,16 @@ from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import Robot, forward
 
 NOISE = 0.05  # mm per coordinate
-ONE = np.array([[0.0, 0.0, 100.0]])
-THREE = np.array([[60.0, 0.0, 100.0], [-40.0, 70.0, 80.0], [-30.0, -60.0, 140.0]])
-Array = np.ndarray
-Effects = tuple[tuple[int, str, Cause, float], ...]
-# what real arms have: frame, axis, cause, size [mm, rad per unit of the cause]
-USUAL: Effects = (
+CHUNK = 50_000  # rows that are moved at a time
+ONE = ((0.0, 0.0, 100.0),)
+THREE = ((60.0, 0.0, 100.0), (-40.0, 70.0, 80.0), (-30.0, -60.0, 140.0))
+
+# frame, axis, cause, size [mm, rad per unit of the cause]
+Effect = tuple[int, str, Cause, float]
+Columns = Callable[[np.random.Generator, Array], dict[str, Array]]
+
+# what real arms have
+USUAL: tuple[Effect, ...] = (
     (2, "rz", torque(2), 3e-6),
     (3, "rz", torque(3), 4e-6),
     (3, "rz", Named("approach3"), 5e-5),
@@ -49,42 +55,47 @@ USUAL: Effects = (
 )
 
 
-@dataclass(frozen=True)
-class Campaign:
-    """What is measured: the arm, poses, targets on the flange, columns beside them and effects."""
-
-    robot: str
-    poses: int
-    effects: Effects
-    tools: Array = None  # type: ignore[assignment]
-    columns: Callable[[np.random.Generator, Array], dict[str, Array]] = lambda rng, q: {}
-    estimation: float = 0.7
-    binary: bool = False
+def _no_columns(rng: np.random.Generator, angles: Array) -> dict[str, Array]:
+    return {}
 
 
-def _eighteen(rng: np.random.Generator, angles: Array) -> dict[str, Array]:
-    """Temperatures that drift, motor currents and loads: 18 columns of one configuration each."""
+def _eighteen_columns(rng: np.random.Generator, angles: Array) -> dict[str, Array]:
+    """Temperatures that drift, motor currents, speeds and loads, (m,) of each configuration."""
     m = len(angles)
-    clock = np.linspace(0, 1, m)
-    columns = {
-        f"temperature_{k}_C": 20 + 3 * k * (1 - np.exp(-3 * clock)) + rng.normal(0, 0.3, m)
-        for k in range(1, 7)
-    }
-    columns |= {
-        f"current{k}_A": rng.normal(0, 1, m) + np.sin(angles[:, k - 1]) for k in range(1, 7)
-    }
-    columns |= {f"speed{k}": rng.uniform(0, 1, m) for k in range(1, 6)}
+    warmth = 1 - np.exp(-3 * np.linspace(0, 1, m))
+    columns: dict[str, Array] = {}
+    for k in range(1, 7):
+        columns[f"temperature_{k}_C"] = 20 + 3 * k * warmth + rng.normal(0, 0.3, m)
+    for k in range(1, 7):
+        columns[f"current{k}_A"] = rng.normal(0, 1, m) + np.sin(angles[:, k - 1])
+    for k in range(1, 6):
+        columns[f"speed{k}"] = rng.uniform(0, 1, m)
     columns["payload_kg"] = rng.choice([0.0, 5.0, 10.0], m)
     return columns
 
 
-def _torques(rng: np.random.Generator, angles: Array) -> dict[str, Array]:
-    """Seven torques that follow the posture, and a payload."""
+def _torque_columns(rng: np.random.Generator, angles: Array) -> dict[str, Array]:
+    """Seven torques that follow the posture, and a payload, (m,) of each configuration."""
     m, n = angles.shape
     payload = rng.choice([0.0, 3.0, 6.0], m)
     lever = np.cumsum(np.sin(angles + np.arange(n)), axis=1)
-    torque = (1 + 0.2 * payload)[:, None] * lever * 9 + rng.normal(0, 0.5, (m, n))
-    return {**{f"torque{k + 1}_Nm": torque[:, k] for k in range(n)}, "payload_kg": payload}
+    torques = (1 + 0.2 * payload)[:, None] * lever * 9 + rng.normal(0, 0.5, (m, n))
+    columns = {f"torque{k + 1}_Nm": torques[:, k] for k in range(n)}
+    return {**columns, "payload_kg": payload}
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """What is measured: the arm, the number of poses, its effects, targets on the flange [mm],
+    columns beside the readings, the share that estimates; `binary`: in Parquet, not in a CSV."""
+
+    robot: str
+    poses: int
+    effects: tuple[Effect, ...]
+    tools: tuple[tuple[float, ...], ...] = ONE
+    columns: Columns = field(default=_no_columns)
+    estimation: float = 0.7
+    binary: bool = False
 
 
 CAMPAIGNS = {
@@ -94,14 +105,13 @@ CAMPAIGNS = {
         1000,
         ((2, "rz", sin(q(2)), 5e-4), (1, "tz", Named("temperature_3_C"), 0.02)),
         THREE,
-        _eighteen,
+        _eighteen_columns,
     ),
     "torques": Campaign(
         "iiwa14",
         300,
         ((2, "rz", Named("torque2_Nm"), 1.5e-5), (4, "rz", Named("torque4_Nm"), 2e-5)),
-        ONE,
-        _torques,
+        columns=_torque_columns,
     ),
     "ripple": Campaign(
         "puma760", 12_000, ((2, "rz", sin(50.0 * q(2)), 2e-4), (3, "rz", cos(2.0 * q(3)), 3e-4))
@@ -112,97 +122,105 @@ CAMPAIGNS = {
 
 def write(name: str, folder: Path, seed: int = 1) -> Path:
     """Write one campaign's study folder; returns its study file."""
-    what = CAMPAIGNS[name]
+    campaign = CAMPAIGNS[name]
     rng = np.random.default_rng([seed, list(CAMPAIGNS).index(name)])
-    robot = load_robot(what.robot)
-    tools = ONE if what.tools is None else what.tools
-    angles = robot.draw(rng, what.poses)
-    beside = what.columns(rng, angles)
-    target = np.tile(np.arange(len(tools)), what.poses)
-    angles = np.repeat(angles, len(tools), 0)
-    beside = {key: np.repeat(value, len(tools)) for key, value in beside.items()}
-    position = _measure(robot, what, angles, tools, target, beside, rng)
+    robot = load_robot(campaign.robot)
+    targets = len(campaign.tools)
+    configurations = robot.draw(rng, campaign.poses)
+    of_configurations = campaign.columns(rng, configurations)
+    target = np.tile(np.arange(targets), campaign.poses)
+    angles = np.repeat(configurations, targets, 0)
+    columns = {key: np.repeat(values, targets) for key, values in of_configurations.items()}
+    position = _measure(robot, campaign, angles, target, columns, rng)
     frame = pd.DataFrame(angles, columns=[f"q{k}_rad" for k in range(1, robot.n + 1)])
     for axis, values in zip("xyz", position.T, strict=True):
         frame[f"{axis}_mm"] = values
-    if len(tools) > 1:
+    if targets > 1:
         frame["target"] = [f"r{t + 1}" for t in target]
-    for key, values in beside.items():
+    for key, values in columns.items():
         frame[key] = values
     folder.mkdir(parents=True, exist_ok=True)
-    file = "measurements.parquet" if what.binary else "measurements.csv"
-    if what.binary:
+    if campaign.binary:
+        file = "measurements.parquet"
         frame.to_parquet(folder / file, index=False)
     else:
+        file = "measurements.csv"
         frame.to_csv(folder / file, index=False, float_format="%.9g")
     study = folder / "study.toml"
-    study.write_text(_describe(name, what, tools, file))
+    study.write_text(_describe(name, campaign, file))
     return study
 
 
 def _measure(
     robot: Robot,
-    what: Campaign,
+    campaign: Campaign,
     angles: Array,
-    tools: Array,
-    target: Array,
-    beside: dict[str, Array],
+    target: Index,
+    columns: dict[str, Array],
     rng: np.random.Generator,
 ) -> Array:
-    """Measure (m, 3) positions of the arm with its errors, by the exact chain, with noise."""
-    nominal: Array = np.empty((len(angles), 3))
+    """Measure (m, 3) positions [mm] of the arm with its errors, by the exact chain, with noise."""
+    tools = np.array(campaign.tools)
+    nominal = np.empty((len(angles), 3))
     for t, tool in enumerate(tools):
         nominal[target == t] = forward(robot, angles[target == t], tool)
+    configuration = np.repeat(np.arange(campaign.poses), len(tools)).tolist()
     data = build_measurements(
         angles,
         nominal,
         target=[f"r{t + 1}" for t in target],
-        covariates=beside,
-        configuration=np.repeat(np.arange(what.poses), len(tools)),
+        covariates=columns,
+        configuration=configuration,
     )
     at = Problem(robot, data, tools)
-    extra = tuple(
-        Mechanism(f"planted{k}", (Term(f"w{k}", (Screw(frame, axis, cause),)),), "", "", "")
-        for k, (frame, axis, cause, _) in enumerate((*what.effects, *USUAL))
-    )
+    planted = (*campaign.effects, *USUAL)
+    extra = []
+    for k, (frame, axis, cause, _) in enumerate(planted):
+        extra.append(Mechanism(f"planted{k}", (Term(f"w{k}", (Screw(frame, axis, cause),)),)))
     model = Model((mechanism("geometric", robot), *extra))
-    truth = rng.normal(0, 1, len(model.terms)) * [
-        0.3 if term.unit == "mm" else 1e-3 for term in model.terms
+    size = [0.3 if term.unit == "mm" else 1e-3 for term in model.terms]
+    truth = rng.normal(0, 1, len(size)) * size
+    truth[-len(planted) :] = [effect[-1] for effect in planted]
+    moved = [residuals(at.take(part), model.terms, truth) for part in _parts(len(angles))]
+    noise = rng.normal(0, NOISE, nominal.shape)
+    return np.asarray(nominal - np.concatenate(moved) + noise)
+
+
+def _parts(rows: int) -> Iterator[slice]:
+    return (slice(start, min(start + CHUNK, rows)) for start in range(0, rows, CHUNK))
+
+
+def _describe(name: str, campaign: Campaign, file: str) -> str:
+    """Write the study file's text."""
+    robot = [f'name = "{campaign.robot}"']
+    if len(campaign.tools) == 1:
+        robot.append("tool_mm = [0, 0, 100]")
+    else:
+        robot.append("[robot.tools_mm]")
+        robot += [f"r{k} = {list(tool)}" for k, tool in enumerate(campaign.tools, 1)]
+    lines = [
+        f'name = "{name}"',
+        "seed = 1",
+        "",
+        "[robot]",
+        *robot,
+        "",
+        "[measurements]",
+        f'file = "{file}"',
+        "",
+        "[split]",
+        f"estimation = {int(campaign.estimation * campaign.poses)}",
     ]
-    truth[len(truth) - len(extra) :] = [size for *_, size in (*what.effects, *USUAL)]
-    moved = np.concatenate(
-        [residuals(at.take(part), model.terms, truth) for part in _parts(len(angles))]
-    )
-    return nominal - moved + rng.normal(0, NOISE, nominal.shape)
-
-
-def _parts(rows: int, size: int = 50_000) -> list[slice]:
-    return [slice(start, min(start + size, rows)) for start in range(0, rows, size)]
-
-
-def _describe(name: str, what: Campaign, tools: Array, file: str) -> str:
-    return f"""name = "{name}"
-seed = 1
-
-[robot]
-name = "{what.robot}"
-{"tool_mm = [0, 0, 100]" if len(tools) == 1 else "[robot.tools_mm]"}
-{"" if len(tools) == 1 else chr(10).join(f"r{k + 1} = {t.tolist()}" for k, t in enumerate(tools))}
-
-[measurements]
-file = "{file}"
-
-[split]
-estimation = {int(what.estimation * what.poses)}
-"""
+    return "\n".join(lines) + "\n"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    usual = [name for name in CAMPAIGNS if name != "million"]
     parser.add_argument("folder", type=Path)
-    parser.add_argument("names", nargs="*", default=[n for n in CAMPAIGNS if n != "million"])
+    parser.add_argument("names", nargs="*", default=usual, metavar="NAME")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     for name in given.names:

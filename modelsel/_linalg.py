@@ -15,6 +15,8 @@ from ._typing import Array, Index
 
 RANK_TOLERANCE = 1e-9
 TINY = 1e-300
+# how far QᵀQ may be from the identity for one step of Cholesky to make it so to rounding
+NEARLY_ORTHONORMAL = 1e-3
 
 
 def unit_columns(matrix: Array) -> Array:
@@ -33,6 +35,23 @@ def orthonormal_basis(matrix: Array) -> Array:
     counts = singular > RANK_TOLERANCE
     basis: Array = U[:, counts]
     return basis
+
+
+def orthonormalise(matrix: Array, triangle: Array) -> tuple[Array, Array]:
+    """Compute Q (m, r) and R (r, r), matrix = Q R, from a triangle that is known to rounding.
+
+    The triangle comes from an earlier reduction of the same rows: Q = A R⁻¹ is orthonormal but for
+    rounding times its condition number, and once more by Cholesky of QᵀQ (Yamamoto, Nakatsukasa,
+    Yanagisawa & Fukaya 2015, ETNA 44, 306). Where it is another matrix's triangle, by Householder."""
+    from scipy.linalg import solve_triangular
+
+    nearly = solve_triangular(triangle, matrix.T, trans="T", check_finite=False).T
+    gram = nearly.T @ nearly
+    if not np.abs(gram - np.eye(len(gram))).max(initial=0) < NEARLY_ORTHONORMAL:
+        return np.linalg.qr(matrix)
+    lower = np.linalg.cholesky(gram)
+    Q = solve_triangular(lower, nearly.T, lower=True, check_finite=False).T
+    return np.ascontiguousarray(Q), lower.T @ triangle
 
 
 def project_out(matrix: Array, basis: Array) -> Array:

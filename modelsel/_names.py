@@ -26,14 +26,15 @@ def find_hidden_character(text: str) -> str | None:
     """Find the first character that no name may hold; None where there is none."""
     if text.isascii() and text.isprintable():
         return None
-    return next(
-        (
-            c
-            for c in text
-            if c not in JOINERS and (unicodedata.category(c) in HIDDEN_CATEGORIES or _none(c))
-        ),
-        None,
-    )
+    hidden = [c for c in set(text) if _is_hidden(c)]
+    return min(hidden, key=text.index, default=None)
+
+
+def _is_hidden(c: str) -> bool:
+    """Whether nobody sees a character, nor is it part of a word."""
+    if c in JOINERS:
+        return False
+    return unicodedata.category(c) in HIDDEN_CATEGORIES or _none(c)
 
 
 def _none(c: str) -> bool:

@@ -74,14 +74,13 @@ class Columns:
         return find_signed(self.signs)
 
     @cached_property
-    def home(self) -> tuple[tuple[int, int], ...]:
-        """Block and row therein of every candidate."""
-        places = {
-            int(g): (number, row)
-            for number, block in enumerate(self.grams)
-            for row, g in enumerate(block.which)
-        }
-        return tuple(places[g] for g in range(self.groups))
+    def home(self) -> Index:
+        """Block and row therein (G, 2) of every candidate."""
+        places = np.empty((self.groups, 2), np.intp)
+        for number, block in enumerate(self.grams):
+            places[block.which, 0] = number
+            places[block.which, 1] = np.arange(len(block.which))
+        return places
 
     def largest_terms(self, g: int) -> Array:
         """(k,) largest coefficients of candidate g with which its screws are small."""

@@ -17,6 +17,7 @@ import numpy as np
 from .._typing import Array
 from ..fitting.design import Model
 from ..fitting.problem import Problem
+from ..mechanisms.causes import Cause
 from ..mechanisms.terms import Mechanism, TermKey
 from ..selection.comparison import MAX_CANDIDATES
 from .candidate_kinds import CandidateKind
@@ -122,7 +123,7 @@ def build_candidates(
     With `cells=False` the given `mechanisms` are the only candidates."""
     registered = _select_applicable(problem, base, mechanisms)
     one_sided = _find_one_sided(registered)
-    unregistered: list[Unregistered] = []
+    unregistered: dict[Screws, Unregistered] = {}
     if cells:
         screws = {collect_screws(m) for m in registered}
         taken = screws - one_sided.keys()
@@ -145,8 +146,7 @@ def _select_applicable(
     applicable = []
     for m in mechanisms:
         has_causes = m.names() <= available
-        is_present = collect_screws(m) <= present
-        if has_causes and not is_present:
+        if has_causes and not collect_screws(m) <= present:
             applicable.append(m)
     return _drop_equal_constants(problem, applicable)
 
@@ -155,15 +155,42 @@ def _drop_equal_constants(problem: Problem, mechanisms: Sequence[Mechanism]) -> 
     """Keep one of a scanned mechanism's constants that do the same on these rows.
 
     For example, steps between the same two configurations do."""
-    distinct: dict[tuple[object, ...], Mechanism] = {}
+    constants = Counter(m.name for m in mechanisms)
+    probe = np.random.default_rng(0).normal(size=len(problem))
+    earlier: dict[tuple[object, ...], list[Mechanism]] = {}
+    kept = []
     for m in mechanisms:
-        key: list[object] = [m.name]
-        for term in m.terms:
-            for screw in term.screws:
-                values = np.asarray(problem.cause(screw.cause))
-                key += [screw.frame, screw.axis, values.tobytes()]
-        distinct.setdefault(tuple(key), m)
-    return list(distinct.values())
+        if constants[m.name] > 1:
+            key = _build_key(problem, m, probe)
+            alike = earlier.setdefault(key, [])
+            values = _evaluate_causes(problem, m) if alike else []
+            if any(_evaluate_causes(problem, other) == values for other in alike):
+                continue
+            alike.append(m)
+        kept.append(m)
+    return kept
+
+
+def _build_key(problem: Problem, mechanism: Mechanism, probe: Array) -> tuple[object, ...]:
+    """Build a key that two constants of a mechanism share where they do the same on all rows.
+
+    `probe` (m,) turns the values of a cause into one number, so that none are kept."""
+    key: list[object] = [mechanism.name]
+    products: dict[Cause, bytes] = {}
+    for term in mechanism.terms:
+        for screw in term.screws:
+            if screw.cause not in products:
+                values = np.atleast_1d(screw.cause.of(problem.state))
+                product = values @ probe[: len(values)]
+                products[screw.cause] = product.tobytes()
+            key += [screw.frame, screw.axis, products[screw.cause]]
+    return tuple(key)
+
+
+def _evaluate_causes(problem: Problem, mechanism: Mechanism) -> list[bytes]:
+    """Evaluate the causes of a mechanism's screws at all rows, one after the other."""
+    causes = [screw.cause for term in mechanism.terms for screw in term.screws]
+    return [np.asarray(cause.of(problem.state)).tobytes() for cause in causes]
 
 
 def _find_one_sided(mechanisms: Sequence[Mechanism]) -> dict[Screws, tuple[Mechanism, ...]]:
@@ -192,16 +219,14 @@ def _allow_one_sign(mechanisms: Sequence[Mechanism]) -> bool:
 
 def _select_new(
     offered: Iterable[Unregistered], base: Model, taken: set[Screws]
-) -> list[Unregistered]:
+) -> dict[Screws, Unregistered]:
     """Select the explanations that neither the base nor an earlier one (nor `taken`) has."""
     present = {term.key for term in base.terms}
-    known = set(taken)
-    new = []
+    new: dict[Screws, Unregistered] = {}
     for explanation in offered:
         screws = collect_screws(explanation.mechanism)
-        if screws not in known and not screws <= present:
-            known.add(screws)
-            new.append(explanation)
+        if screws not in taken and not screws <= present:
+            new.setdefault(screws, explanation)
     return new
 
 
@@ -226,13 +251,12 @@ def _weigh_registered(
 
 
 def _weigh_unregistered(
-    explanations: Sequence[Unregistered],
+    explanations: Mapping[Screws, Unregistered],
     share: float,
     one_sided: Mapping[Screws, tuple[Mechanism, ...]],
 ) -> Iterable[Candidate]:
-    total = sum(e.weight for e in explanations)
-    for e in explanations:
-        screws = collect_screws(e.mechanism)
+    total = sum(e.weight for e in explanations.values())
+    for screws, e in explanations.items():
         yield Candidate(
             mechanism=e.mechanism,
             kind=e.kind,

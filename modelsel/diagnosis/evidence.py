@@ -176,7 +176,7 @@ class Chance:
             if len(needed) > MAX_SELECTED_SHARE * count:
                 best = np.maximum(best, self._compute(ratio))
             else:
-                best[needed] = np.maximum(best[needed], self._compute(ratio, needed))
+                best[needed] = np.maximum(best[needed], self._take(needed)._compute(ratio))
         return best
 
     @cached_property
@@ -193,12 +193,28 @@ class Chance:
         least = compute_smallest_p(self.largest, self.seen.freedom)
         return np.asarray(np.broadcast_to(least, self.share.whole.shape[1:]))
 
-    def _compute(self, ratio: float, which: Index | None = None) -> Array:
-        """Compute the log evidence (B,) at a ratio, of the responses `which` alone if given."""
-        share = self.share
-        if which is not None:
-            share = Strength(*(part[..., which] for part in share))
-        joint = compute_log_bayes_factors(self.seen, share, ratio)
+    def below(self, evidence: float) -> Array:
+        """The evidence (B,), or its bound for responses where that stays below a given one."""
+        out = self.most.copy()
+        which = np.flatnonzero(out >= evidence)
+        if len(which) > MAX_SELECTED_SHARE * len(out):
+            return self.evidence
+        if len(which):
+            out[which] = self._take(which).evidence
+        return out
+
+    def _take(self, which: Index) -> Chance:
+        """Return the same of some responses."""
+        part = Chance.__new__(Chance)
+        part.seen, part.prior, part.slack = self.seen, self.prior, self.slack
+        part.share = Strength(*(values[..., which] for values in self.share))
+        part.largest = {size: values[which] for size, values in self.largest.items()}
+        part.bounding = self.bounding[:, which]
+        return part
+
+    def _compute(self, ratio: float) -> Array:
+        """Compute the log evidence (B,) at a ratio."""
+        joint = compute_log_bayes_factors(self.seen, self.share, ratio)
         joint += self.prior
         top = joint.max(0)
         joint -= top

@@ -180,12 +180,13 @@ def describe_slip_before_fit(
     Where placement and tools were found from the rows (`registered`), they are found again with
     every guess."""
     gauges = problem.data.gauges
-    is_point = np.ones(len(problem), bool)
+    selected = problem
     if gauges is not None:
         is_point = gauges.of("point")
-    if not is_point.any():
-        return None
-    selected = problem.take(is_point).plain_points()
+        if not is_point.any():
+            return None
+        selected = problem.take(is_point)
+    selected = selected.plain_points()
     before = compute_lengths(residuals(selected))
     mean_before = before.mean()
     if mean_before < BAD_SHARE * problem.reach_mm:

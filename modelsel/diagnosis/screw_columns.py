@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array, Index
+from .._workers import map_in_threads
 from ..fitting.design import blocks
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
@@ -26,6 +28,8 @@ from ..robot.rigid import AXES
 
 # rows whose fields, causes and products stay in a core's cache together
 CACHED_ROWS = 512
+# products of columns, rows and vectors from which a second core pays
+MANY_PRODUCTS = 5e7
 # share of the memory of a diagnosis that the values of the causes may take
 CAUSES_SHARE = 0.7
 
@@ -112,19 +116,33 @@ class ScrewColumns:
     def dot(self, values: NDArray[Any]) -> NDArray[Any]:
         """Compute (C, ...) products of every column with values (N + k, ...), in their precision.
 
-        In the k rows of a model's prior the columns are zero."""
+        In the k rows of a model's prior the columns are zero. Halves of the rows are summed apart,
+        whatever the number of cores."""
         matrix = values.reshape(len(values), -1)
+        is_large = self.count * len(self.blocks[0].fields) * matrix.shape[1] > MANY_PRODUCTS
         out = np.zeros((self.count, matrix.shape[1]), matrix.dtype)
         for block in self.blocks:
             causes = block.evaluate_causes()
             arranged = block.arrange(matrix)
-            for rows in split_range(len(arranged), CACHED_ROWS):
-                fields = block.fields[rows].astype(matrix.dtype, copy=False)
-                by_place = np.matmul(fields, np.ascontiguousarray(arranged[rows]))
-                own = causes[:, rows].astype(matrix.dtype, copy=False)
-                for place in self.places:
-                    out[place.columns] += own[place.causes] @ by_place[:, place.number]
+            halves = split_range(len(arranged), -(-len(arranged) // 2))
+            add_up = partial(self._add_up, block, causes, arranged)
+            for total in map_in_threads(add_up, list(halves), worth=is_large):
+                out += total
         return out.reshape(self.count, *values.shape[1:])
+
+    def _add_up(
+        self, block: _RowBlock, causes: Array, values: NDArray[Any], part: slice
+    ) -> NDArray[Any]:
+        """Add up the products (C, B) over some rows of a block with values (m, c, B)."""
+        out = np.zeros((self.count, values.shape[2]), values.dtype)
+        for start in range(part.start, part.stop, CACHED_ROWS):
+            rows = slice(start, min(start + CACHED_ROWS, part.stop))
+            fields = block.fields[rows].astype(values.dtype, copy=False)
+            by_place = np.matmul(fields, np.ascontiguousarray(values[rows]))
+            own = causes[:, rows].astype(values.dtype, copy=False)
+            for place in self.places:
+                out[place.columns] += own[place.causes] @ by_place[:, place.number]
+        return out
 
     def expand(self, columns: Index) -> Array:
         """Compute some columns (k, N) in full."""
@@ -166,7 +184,8 @@ class ScrewColumns:
         known = self.blocks[0].causes
         total = np.zeros(len(known))
         for block in self.blocks:
-            total += np.square(block.evaluate_causes()).sum(1)
+            values = block.evaluate_causes()
+            total += np.einsum("um,um->u", values, values)
         out = dict(zip(known, (total / len(problem)).tolist(), strict=True))
         for cause in causes:
             if cause not in out:

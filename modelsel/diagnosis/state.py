@@ -13,6 +13,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from .._linalg import orthonormalise
 from .._typing import Array, Index, Mask
 from ..exceptions import NotEstimable
 from ..fitting.design import Model
@@ -100,12 +101,13 @@ class View:
 def build_view(problem: Problem, columns: Columns, model: Model, fitted: Fit) -> View:
     """Build the projections of a fitted model and scan every candidate beyond it."""
     A, raw = stack_design(problem, model.terms, fitted.at())
-    if fitted.precision is not None:
-        root = prior_root(fitted.terms, fitted.precision)
-        A = np.vstack([A, root])
-        raw = np.concatenate([raw, -root @ fitted.theta])
+    root = prior_root(fitted.terms, fitted.precision)
+    A = np.vstack([A, root])
+    raw = np.concatenate([raw, -root @ fitted.theta])
     kept = fitted.representatives
-    Q, R = np.linalg.qr(A[:, list(kept)])
+    reduced = np.vstack([fitted.reduction.R[:-1, :-1], root])
+    triangle = np.asarray(np.linalg.qr(reduced[:, list(kept)], mode="r"))
+    Q, R = orthonormalise(A[:, list(kept)], triangle)
     along = Q.T @ raw
     residual = raw - Q @ along
     scan, response = scan_residual(columns, Q, residual)
@@ -260,11 +262,11 @@ class Search:
             partitions.append(partition)
         return partitions
 
-    def draw_final_nulls(self, view: View) -> tuple[list[Array], Array]:
-        """Draw the nulls that the final effects are held against.
+    def draw_final_nulls(self, view: View, weakest: float) -> tuple[list[Array], Array]:
+        """Draw the nulls that the final effects are held against, the `weakest` of that evidence.
 
-        Returns sorted evidences of each null, and family-wise p-values (G,) of every candidate
-        alone on the base.
+        Returns sorted evidences of each null, or bounds of them below the weakest effect's, and
+        family-wise p-values (G,) of every candidate alone on the base.
 
         The nulls are equal normal noise, and the signs of what `view` leaves; a p-value is the
         largest by any of them. Where the model of `view` has every candidate already, evidences
@@ -283,12 +285,12 @@ class Search:
             for chance in on_base:
                 smallest.append(chance.smallest_p)
                 if not is_beyond:
-                    evidences.append(chance.evidence)
+                    evidences.append(chance.below(weakest))
             if is_beyond:
                 on_view = draw_flips(
                     view.scan, self.log_prior, adjusted, unit, self.flip_draws, self.rng
                 )
-                evidences = [chance.evidence for chance in on_view]
+                evidences = [chance.below(weakest) for chance in on_view]
             nulls.append(np.sort(np.concatenate(evidences)))
             least = np.sort(np.concatenate(smallest))
             p_by_signs = compute_familywise_p(first.scan, first.response, least)

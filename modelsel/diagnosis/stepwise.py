@@ -247,11 +247,9 @@ def _confirm_effects(
         if chosen:
             refitted = search.try_fit(chosen, view.fitted, STEP_MM)
             view = refitted or view
-        nulls, map_p = search.draw_final_nulls(view)
-        p = {}
-        for g in chosen:
-            evidence = search.rename(g, view).evidence
-            p[g] = _compute_largest_p(evidence, nulls)
+        evidence = {g: search.rename(g, view).evidence for g in chosen}
+        nulls, map_p = search.draw_final_nulls(view, min(evidence.values(), default=np.inf))
+        p = {g: _compute_largest_p(evidence[g], nulls) for g in chosen}
         if len(chosen) < 2:
             return p, map_p, view
         weakest = max(chosen, key=lambda g: p[g])

@@ -97,7 +97,11 @@ def _compute_distances(q: Array, prismatic: tuple[bool, ...]) -> Array:
         else:
             parts.append(np.stack([np.sin(q[:, j]), np.cos(q[:, j])], 1))
     X = np.concatenate(parts, axis=1)
-    return np.asarray(np.square(X[:, None] - X[None]).sum(2))
+    # about their mean, so that rounding is that of the distances
+    X = X - X.mean(0)
+    square = np.square(X).sum(1)
+    distances = square[:, None] + square - 2 * (X @ X.T)
+    return np.asarray(np.maximum(distances, 0.0))
 
 
 def _compute_explained(square: Array, responses: Array) -> Array:

@@ -204,16 +204,16 @@ def _causes_of_covariates(problem: Problem) -> Iterator[Causes]:
 
 
 def _generate_cells(problem: Problem, adjacent_only: bool) -> Iterator[Unregistered]:
-    columns = build_cell_causes(problem)
-    joints = [_find_joints(causes) for causes in columns]
+    columns = []
+    for causes in build_cell_causes(problem):
+        words = " & ".join(map(str, causes))
+        columns.append((causes, words, _classify(causes), _find_joints(causes)))
     for place in list_places(problem):
         frame, _ = place
-        for causes, causing in zip(columns, joints, strict=True):
-            if adjacent_only and not _is_adjacent(frame, causing):
+        for causes, words, kind, joints in columns:
+            if adjacent_only and not _is_adjacent(frame, joints):
                 continue
-            yield Unregistered(
-                mechanism=_build_cell(place, causes), kind=_classify(causes), weight=1.0
-            )
+            yield Unregistered(_build_cell(place, causes, words), kind, weight=1.0)
 
 
 def _find_joints(causes: Causes) -> set[int]:
@@ -231,11 +231,12 @@ def _is_adjacent(frame: int, joints: Iterable[int]) -> bool:
     return all(abs(joint - frame) <= 1 for joint in joints)
 
 
-def _build_cell(place: Place, causes: Causes) -> Mechanism:
+def _build_cell(place: Place, causes: Causes, words: str) -> Mechanism:
+    """Build the mechanism of a cell; `words` are those of its causes."""
     symbols = [f"m{k}" for k in range(1, len(causes) + 1)] if len(causes) > 1 else ["m"]
     screws = [Screw(*place, cause) for cause in causes]
     terms = tuple(Term(s, (screw,)) for s, screw in zip(symbols, screws, strict=True))
-    return Mechanism(f"{place[0]} {place[1]} {' & '.join(map(str, causes))}", terms)
+    return Mechanism(f"{place[0]} {place[1]} {words}", terms)
 
 
 def _classify(causes: Causes) -> CandidateKind:

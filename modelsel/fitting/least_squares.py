@@ -67,7 +67,7 @@ class Fit:
         fitted = self.found.rank
         return fitted - self.weak.held
 
-    @property
+    @cached_property
     def freedom(self) -> float:
         """Rows minus what the fit has used: the fitted terms, or the trace of the hat matrix where
         a prior holds some."""
@@ -89,7 +89,7 @@ class Fit:
         count = int(is_shrunk.sum())
         return count + self.weak.count
 
-    @property
+    @cached_property
     def sigma(self) -> float:
         """Residual standard deviation of one whitened coordinate."""
         if self.freedom <= 0:
@@ -97,7 +97,7 @@ class Fit:
         variance = self.rss / self.freedom
         return float(np.sqrt(variance))
 
-    @property
+    @cached_property
     def standard_errors(self) -> Array:
         """Standard errors (p,) from the residual variance; zero where a term is not estimable."""
         factor = self.factor

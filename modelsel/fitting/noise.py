@@ -88,6 +88,8 @@ def from_repeats(data: Measurements) -> Floor | None:
     blocks = data.block * targets
     key = blocks + data.target
     _, member, count = np.unique(key, return_inverse=True, return_counts=True)
+    if 3 * int((count - 1).sum()) < MIN_FREEDOM:
+        return None
     kinds = len(count)
     spread = _reading_spread(data.q, member, kinds)
     has_moved = spread > SAME_READING

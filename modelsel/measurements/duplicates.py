@@ -30,6 +30,10 @@ def _find_suspects(columns: Sequence[NDArray[Any]], m: int) -> Mask:
         shifted = bits >> shift
         mixed = code ^ shifted
         code = mixed * HASH_FACTOR + bits
+    suspect = np.zeros(m, bool)
+    values = np.sort(code)
+    if not (values[1:] == values[:-1]).any():
+        return suspect
     order = np.argsort(code, kind="stable")
     ordered = code[order]
     earlier_code = ordered[:-1]
@@ -38,7 +42,6 @@ def _find_suspects(columns: Sequence[NDArray[Any]], m: int) -> Mask:
     earlier = order[:-1]
     repeated = later[same_as_before]
     repeating = earlier[same_as_before]
-    suspect = np.zeros(m, bool)
     suspect[repeated] = True
     suspect[repeating] = True
     return suspect

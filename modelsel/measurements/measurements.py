@@ -20,7 +20,7 @@ from .reference_temperature import REFERENCE, choose_reference
 from .resting_joints import describe_resting_joints
 from .row_order import compute_progress
 from .row_places import Where
-from .visits import derive_motion, number_blocks, number_keys, number_visits
+from .visits import count_distinct, derive_motion, number_blocks, number_keys, number_visits
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -121,8 +121,7 @@ class Measurements:
     @property
     def configurations(self) -> int:
         """Number of configurations (visits)."""
-        distinct = np.unique(self.configuration)
-        return len(distinct)
+        return count_distinct(self.configuration)
 
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Measurements:
         """Select the rows `index` (integers, a mask or a slice); approach and move stay as first

@@ -149,23 +149,24 @@ def _read_columns(table: Table, prismatic: Sequence[bool], positions: bool) -> _
 
 def _select_rows(columns: _Columns, keep: Mask, prismatic: Sequence[bool]) -> Measurements:
     """Build the measurements of some rows."""
+    rows = slice(None) if keep.all() else keep
 
     def select(values: Any) -> Any:
-        return None if values is None else np.asarray(values)[keep]
+        return None if values is None else np.asarray(values)[rows]
 
     orientation = None
     if columns.quaternion is not None:
-        rotation = from_quaternion(columns.quaternion[keep])
+        rotation = from_quaternion(columns.quaternion[rows])
         orientation = Orientation(rotation, select(columns.sigma_rotation))
     labels = {name: select(names) for name, names in columns.labels.items()}
     return build_measurements(
-        columns.q[keep],
-        columns.position[keep],
+        columns.q[rows],
+        columns.position[rows],
         row=np.flatnonzero(keep),
         **labels,
         order=select(columns.order),
         approach=select(columns.approach),
-        covariates={name: values[keep] for name, values in columns.covariates.items()},
+        covariates={name: values[rows] for name, values in columns.covariates.items()},
         sigma=select(columns.sigma),
         orientation=orientation,
         kinds=None if columns.kinds is None else columns.kinds.take(keep),

@@ -17,25 +17,20 @@ APART = 10.0  # by this factor the smallest motion is larger than the largest fl
 FEWEST = 5
 
 
-def find_resting_steps(
-    step: Array, opening: NDArray[np.bool_], prismatic: Sequence[bool]
-) -> NDArray[np.bool_]:
-    """Mask (v, n) where a joint's reading changed by noise alone from the visit before: `step` (v, n)
+def find_resting_steps(step: Array, opening: NDArray[np.bool_], slides: bool) -> NDArray[np.bool_]:
+    """Mask (v,) where a joint's reading changed by noise alone from the visit before: `step` (v,)
     [rad or mm], `opening` (v,) a group's first visit. A joint rests where its steps are of two
     kinds, a factor APART from each other, or all of the small kind, and readings of the small kind
     stay within FLICKER together, however long they last: a slow sweep does not."""
-    out = np.zeros(step.shape, bool)
-    for j in range(step.shape[1]):
-        limit = FLICKER[bool(prismatic[j]) if j < len(prismatic) else 0]
-        size = np.abs(step[:, j])
-        moved = np.sort(size[size > 0])
-        gap = np.flatnonzero(np.append(moved[1:], np.inf) >= APART * moved) + 1  # so many flickers
-        for count in gap[(gap >= FEWEST) & (moved[gap - 1] < limit)][::-1]:
-            still = (size > 0) & (size <= moved[count - 1])
-            if _span(step[:, j], (size > moved[count - 1]) | opening) < limit:
-                out[:, j] = still
-                break
-    return out
+    limit = FLICKER[slides]
+    size = np.abs(step)
+    moved = np.sort(size[size > 0])
+    gap = np.flatnonzero(np.append(moved[1:], np.inf) >= APART * moved) + 1  # so many flickers
+    for count in gap[(gap >= FEWEST) & (moved[gap - 1] < limit)][::-1]:
+        still: NDArray[np.bool_] = (size > 0) & (size <= moved[count - 1])
+        if _span(step, (size > moved[count - 1]) | opening) < limit:
+            return still
+    return np.zeros(len(step), bool)
 
 
 def _span(step: Array, begins: NDArray[np.bool_]) -> float:

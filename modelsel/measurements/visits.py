@@ -38,17 +38,18 @@ def number_visits(q: Array, explicit: Sequence[object] | None, group: Index) -> 
     if explicit is not None:
         numbers, _ = number_keys(explicit)
         return numbers
-    rows = len(q)
-    step = np.diff(q, axis=0)
-    size = np.abs(step)
-    largest_step = size.max(1)
-    moved = largest_step > SAME_READING
-    group_step = np.diff(group)
-    other_group = group_step != 0
-    is_new = np.ones(rows, bool)
-    is_new[1:] = moved | other_group
+    is_new = np.ones(len(q), bool)
+    is_new[1:] = np.diff(group) != 0
+    for readings in q.T:
+        step = np.diff(readings)
+        is_new[1:] |= np.abs(step) > SAME_READING
     visit = np.cumsum(is_new) - 1
     return np.asarray(visit, dtype=np.intp)
+
+
+def count_distinct(numbers: Index) -> int:
+    """Count the distinct values among numbers (m,) from zero up, such as blocks and groups."""
+    return int(np.count_nonzero(np.bincount(numbers)))
 
 
 def _find_near_pairs(
@@ -116,21 +117,27 @@ def derive_motion(
     visit_group = group[visits]
     opens_group = np.ones(len(visits), bool)
     opens_group[1:] = np.diff(visit_group) != 0
-    step = np.zeros((len(visits), q.shape[1]))
-    step[1:] = np.diff(q[visits], axis=0)
-    step[opens_group] = 0
-    step[np.abs(step) <= SAME_READING] = 0
-    resting = find_resting_steps(step, opens_group, prismatic)
-    flicker = np.abs(np.where(resting, step, 0.0)).max(0, initial=0.0)
-    step[resting] = 0
-    number = np.arange(len(visits))[:, None]
-    is_motion = (step != 0) | opens_group[:, None]
-    last_motion = np.maximum.accumulate(np.where(is_motion, number, 0), axis=0)
-    approach = np.sign(np.take_along_axis(step, last_motion, axis=0))
+    number = np.arange(len(visits))
     place = np.empty(int(configuration.max(initial=-1)) + 1, dtype=np.intp)
-    place[configuration[visits]] = np.arange(len(visits))
+    place[configuration[visits]] = number
     row_visit = place[configuration]
-    return approach[row_visit], np.abs(step)[row_visit], flicker
+    approach, move = np.empty(q.shape), np.empty(q.shape)
+    flicker = np.zeros(q.shape[1])
+    # joint by joint: of a million rows, no more than a few columns are held beside the result
+    for j, readings in enumerate(q.T):
+        step = np.zeros(len(visits))
+        step[1:] = np.diff(readings[visits])
+        step[opens_group] = 0
+        step[np.abs(step) <= SAME_READING] = 0
+        slides = j < len(prismatic) and bool(prismatic[j])
+        resting = find_resting_steps(step, opens_group, slides)
+        flicker[j] = np.abs(step[resting]).max(initial=0.0)
+        step[resting] = 0
+        is_motion = (step != 0) | opens_group
+        last_motion = np.maximum.accumulate(np.where(is_motion, number, 0))
+        approach[:, j] = np.sign(step[last_motion])[row_visit]
+        move[:, j] = np.abs(step)[row_visit]
+    return approach, move, flicker
 
 
 def _order_visits(configuration: Index, group: Index, order: Array) -> Index:
@@ -149,13 +156,13 @@ def _order_visits(configuration: Index, group: Index, order: Array) -> Index:
 def order_units(unit: Index, progress: Array) -> tuple[Index, Index]:
     """Number units as the arm came to them, the same whatever the rows' order: (every row's unit
     (m,), the first row (u,) of each)."""
-    _, number = np.unique(unit, return_inverse=True)
-    keys = (progress, number)
-    sequence = np.lexsort(keys)
-    ordered = number[sequence]
-    step = np.diff(ordered, prepend=-1)
-    begins = np.flatnonzero(step)
-    first_rows = sequence[begins]
+    is_present = np.bincount(unit) > 0
+    number = (np.cumsum(is_present) - 1)[unit]
+    sequence = np.argsort(progress, kind="stable")
+    first_rows = np.empty(int(is_present.sum()), dtype=np.intp)
+    # from the last row to the first, which is what stays
+    backwards = sequence[::-1]
+    first_rows[number[backwards]] = backwards
     first_progress = progress[first_rows]
     order = np.argsort(first_progress, kind="stable")
     # as the arm came to them

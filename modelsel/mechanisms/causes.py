@@ -363,10 +363,15 @@ class Bump(Cause):
 
     def shape(self, values: Array) -> Array:
         """Evaluate the spline at values of its variable."""
-        u = np.abs(values - self.centre) / self.width
-        near = (4 - 6 * u**2 + 3 * u**3) / 6
-        far = np.maximum(2 - u, 0) ** 3 / 6
-        return np.where(u < 1, near, far)
+        distance = np.abs(values - self.centre)
+        # of a turn's many splines, four are not zero at a value
+        near = distance < 2 * self.width
+        u = distance[near] / self.width
+        inner = (4 - 6 * u**2 + 3 * u**3) / 6
+        outer = (2 - u) ** 3 / 6
+        out = np.zeros(distance.shape)
+        out[near] = np.where(u < 1, inner, outer)
+        return out
 
     @property
     def unit(self) -> str:

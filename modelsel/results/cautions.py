@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from ..exceptions import sentence_list
 from ..notices import Note
-from ..selection.evaluation import Gain
+from ..selection.gain import Gain
 
 
 def explain_restriction(candidates: Sequence[str] | str) -> str:

@@ -17,7 +17,7 @@ from ..diagnosis.sentences import describe_effect, format_length
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Bump, Cause
 from ..mechanisms.terms import Term
-from ..selection.evaluation import Gain
+from ..selection.gain import Gain
 
 KNOWN_COVARIATES = ("payload_kg", "temperature_C", "time_s")
 

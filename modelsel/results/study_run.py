@@ -20,7 +20,8 @@ from ..fitting.undetermined import Unidentifiable
 from ..notices import Note
 from ..robot.kinematics import Robot
 from ..selection.comparison import SubsetComparison
-from ..selection.evaluation import Evaluation, Gain, Split
+from ..selection.evaluation import Evaluation, Split
+from ..selection.gain import Gain
 from ..uncertainty.summary import Confidence
 from .finding_records import Finding
 

@@ -7,7 +7,8 @@ from math import degrees
 
 from ..exceptions import sentence_list
 from ..fitting.noise import Floor
-from ..selection.evaluation import Evaluation, Gain
+from ..selection.evaluation import Evaluation
+from ..selection.gain import Gain
 from .cautions import explain_restriction
 
 Named = tuple[str, str]  # of a finding: its name, its verdict

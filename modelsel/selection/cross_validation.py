@@ -15,20 +15,15 @@ import numpy as np
 
 from .._linalg import TINY
 from .._typing import Array, Index
-from ..exceptions import NotEstimable
-from ..fitting.design import assemble, blocks, whiten
+from ..fitting.design import assemble, whiten
 from ..fitting.identifiability import identify, solve
+from ..fitting.least_squares import Fit
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import BLOCK, Problem
 from ..fitting.reduction import STREAM, Reduction, scatter_columns
 from ..mechanisms.terms import Term
 from ..robot._kernels import Workspace
-
-# 1 − largest eigenvalue of Q_kᵀQ_k below which the model is not estimable without the fold
-DEPENDENT = 1e-9
-
-# terms, point of linearisation, positions of the terms that are wanted
-Point = tuple[Sequence[Term], Linearisation | None, Sequence[int] | None]
+from .moments import Coordinates, LinearRows, Moments, measure_moments
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,26 +96,11 @@ def fold(
 
     `fold_of` (m,): the rows' folds; `at`: where the model is linearised; `only`: the terms that are
     wanted, the other columns are zero where there are many rows."""
-    point = (terms, at, only)
-    points = [point]
-    folded = fold_models(problem, points, fold_of)
-    return folded[0]
-
-
-def fold_models(problem: Problem, points: Sequence[Point], fold_of: Index) -> list[FoldedData]:
-    """Reduce the designs of several models fold by fold (`fold`), in one pass over the rows.
-
-    A block's causes are evaluated once for all models."""
-    last = fold_of.max()
-    folds = int(last) + 1
+    folds = int(fold_of.max()) + 1
     rows_of = problem.counted(fold_of, folds)
     if len(problem) > BLOCK:
-        return _fold_blockwise(problem, points, fold_of, rows_of)
-    folded = []
-    for terms, at, _ in points:
-        data = _fold_at_once(problem, terms, at, fold_of, rows_of)
-        folded.append(data)
-    return folded
+        return _fold_blockwise(problem, terms, at, only, fold_of, rows_of)
+    return _fold_at_once(problem, terms, at, fold_of, rows_of)
 
 
 def _fold_at_once(
@@ -145,42 +125,28 @@ def _fold_at_once(
 
 
 def _fold_blockwise(
-    problem: Problem, points: Sequence[Point], fold_of: Index, rows_of: Index
-) -> list[FoldedData]:
-    """Reduce several designs block of rows by block of rows, the wanted columns only."""
-    wanted = []
-    reductions = []
-    for terms, _, only in points:
-        count = len(terms)
-        columns = range(count) if only is None else only
-        empty = Reduction.empty(len(columns))
-        wanted.append([*columns, count])
-        reductions.append([empty] * len(rows_of))
-    spaces = [Workspace() for _ in points]
+    problem: Problem,
+    terms: Sequence[Term],
+    at: Linearisation | None,
+    only: Sequence[int] | None,
+    fold_of: Index,
+    rows_of: Index,
+) -> FoldedData:
+    """Reduce a design block of rows by block of rows, the wanted columns only."""
+    count = len(terms)
+    columns = range(count) if only is None else only
+    wanted = [*columns, count]
+    reductions = [Reduction.empty(len(columns))] * len(rows_of)
+    space = Workspace()
     order = np.argsort(fold_of, kind="stable")
     for start in range(0, len(problem), STREAM):
-        stop = start + STREAM
-        rows = order[start:stop]
-        folds = fold_of[rows]
+        rows = order[start : start + STREAM]
         part = problem.take(rows)
-        for k, (terms, at, _) in enumerate(points):
-            space = spaces[k]
-            design = assemble(part, terms, at, space=space)
-            design = whiten(part, design)
-            chosen = design[wanted[k]]
-            _add_to_folds(reductions[k], chosen, folds)
-    folded = []
-    for k, (terms, _, _) in enumerate(points):
-        parts = []
-        columns = wanted[k]
-        width = len(terms) + 1
-        for reduction in reductions[k]:
-            R = reduction.R
-            R = scatter_columns(R, columns, width)
-            parts.append(R)
-        data = pad_blocks(parts, rows_of)
-        folded.append(data)
-    return folded
+        design = assemble(part, terms, at, space=space)
+        design = whiten(part, design)
+        _add_to_folds(reductions, design[wanted], fold_of[rows])
+    parts = [scatter_columns(reduction.R, wanted, count + 1) for reduction in reductions]
+    return pad_blocks(parts, rows_of)
 
 
 def _add_to_folds(reductions: list[Reduction], design: Array, fold_of: Index) -> None:
@@ -304,39 +270,41 @@ def cross_validate(
     beta, factor, rss = solve(total, kept)
     X = folded.blocks[:, :, kept]
     y = folded.blocks[:, :, -1]
-    Q = X @ factor
     residual = y - X @ beta
-    Qt = Q.transpose(0, 2, 1)
-    gram = Qt @ Q
-    _check_estimable(gram)
-    identity = np.eye(len(kept))
-    projected = Qt @ residual[:, :, None]
-    shift = np.linalg.solve(identity - gram, projected)
-    shift = shift[:, :, 0]
-    width = folded.blocks.shape[2]
-    without = np.zeros((len(X), width - 1))
-    without[:, kept] = beta - shift @ factor.T
-    change = np.einsum("khr,kr->kh", Q, shift)
-    held_out = residual + change
-    quadratic = np.einsum("kh,kh->k", residual, held_out)
+    rows = np.concatenate([X @ factor, residual[:, :, None]], axis=2)
+    moments = Moments.of(rows.transpose(0, 2, 1) @ rows)
+    change = moments.shift()
+    without = np.zeros((len(X), folded.blocks.shape[2] - 1))
+    without[:, kept] = beta + change @ factor.T
     by_prior = 0 if prior is None else len(prior)
-    return CrossValidation(
-        without, np.square(held_out).sum(1), folded.rows, rss, gram, quadratic, by_prior
-    )
+    return _validate(moments, change, without, folded.rows, rss, by_prior)
 
 
-def _check_estimable(gram: Array) -> None:
-    """Raise NotEstimable where a fold's QᵀQ (K, r, r) has an eigenvalue of one: a direction that
-    rests on that fold alone."""
-    if not gram.shape[1]:
-        return
-    gap = 1 - np.linalg.eigvalsh(gram)[:, -1]
-    if gap.min() < DEPENDENT:
-        worst = int(gap.argmin())
-        raise NotEstimable(
-            f"without fold {worst + 1} of {len(gram)} the model is not estimable: some parameter "
-            "rests on that fold alone. Use more folds or measure more configurations."
-        )
+def cross_validate_fit(rows: LinearRows, fitted: Fit, fold_of: Index) -> CrossValidation:
+    """Cross-validate a fit exactly on the rows it was fitted to, linear about its solution.
+
+    `fold_of` (m,): the rows' folds. Raises NotEstimable where the model is not estimable without
+    some fold."""
+    coordinates = Coordinates.of(fitted)
+    moments = measure_moments(rows, coordinates, fold_of)
+    counts = rows.problem.counted(fold_of, len(moments.square))
+    return validate_moments(moments, coordinates, counts)
+
+
+def validate_moments(moments: Moments, coordinates: Coordinates, counts: Index) -> CrossValidation:
+    """Cross-validate a fit from the moments of its folds, of so many measured coordinates (K,)."""
+    change = moments.shift()
+    without = coordinates.coefficients(change)
+    return _validate(moments, change, without, counts, coordinates.rss, len(coordinates.prior))
+
+
+def _validate(
+    moments: Moments, change: Array, without: Array, rows: Index, rss: float, by_prior: int
+) -> CrossValidation:
+    """Gather what the change (K, r) of the solution without each fold says."""
+    held_out = moments.moved(change)
+    quadratic = moments.square - (moments.score * change).sum(1)
+    return CrossValidation(without, held_out, rows, rss, moments.gram, quadratic, by_prior)
 
 
 def _log_density(gram: Array, quadratic: Array, rss: float, rows: Index, rank: int) -> Array:
@@ -370,8 +338,5 @@ def held_out_residuals(
     """Compute every row's residual (m, 3) [mm] under the fit without its fold.
 
     `without` (K, p): the coefficients fitted without each fold. Linear about `at`; not whitened."""
-    held_out = np.empty((len(problem), 3))
-    for rows, columns, residual in blocks(problem.unweighted(), terms, at):
-        delta: Array = without[fold_of[rows]]
-        held_out[rows] = (residual[:3] - np.einsum("pcm,mp->cm", columns[:, :3], delta)).T
-    return held_out
+    rows = LinearRows(problem, terms, at)
+    return rows.held_out(fold_of, without)

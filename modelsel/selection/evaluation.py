@@ -1,16 +1,16 @@
-"""Evaluation of one model on a split data set: errors, cross-validation, criteria; and the gain of
-one model over another.
+"""Evaluation of one model on a split data set: errors, cross-validation, criteria.
 
-Lengths of residual vectors are in mm. The comparison of many models is in `comparison`."""
+Lengths of residual vectors are in mm. The comparison of many models is in `comparison`, the gain of
+one over another in `gain`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._typing import Array, Index, Mask
 from ..exceptions import NotEstimable
@@ -18,8 +18,10 @@ from ..fitting.design import Model
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
+from ..fitting.state_variables import MAX_ROWS_KEPT
 from .criteria import aic, aicc, bic, gcv
-from .cross_validation import CrossValidation, cross_validate, fold, held_out_residuals
+from .cross_validation import CrossValidation, cross_validate_fit
+from .moments import LinearRows
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,10 +49,15 @@ class Split:
         return inside & good
 
     def training(self) -> Problem:
-        """Return the problem of the rows that models are fitted to."""
-        rows = self.used
-        problem = self.problem
-        return problem.take(rows)
+        """Return the problem of the rows that models are fitted to.
+
+        Where these are few enough to keep causes of, it is the same one each time."""
+        few = self.used.sum() <= MAX_ROWS_KEPT
+        return self._training if few else self.problem.take(self.used)
+
+    @cached_property
+    def _training(self) -> Problem:
+        return self.problem.take(self.used)
 
     def training_folds(self) -> Index:
         """Return the folds of the training rows, numbered without gaps."""
@@ -133,13 +140,9 @@ def _cross_validate(
 ) -> tuple[CrossValidation, Array]:
     """Cross-validate a fit; the lengths [mm] (k,) are those under the fits without each row's
     fold. Raises NotEstimable."""
-    at = fitted.at()
-    terms = fitted.terms
-    kept = fitted.found.kept
-    folded = fold(training, terms, folds_of, at, kept)
-    validation = cross_validate(folded, kept, fitted.prior)
-    without = validation.without
-    residual = held_out_residuals(training, terms, folds_of, without, at)
+    rows = LinearRows(training, fitted.terms, fitted.at())
+    validation = cross_validate_fit(rows, fitted, folds_of)
+    residual = rows.held_out(folds_of, validation.without)
     length = np.linalg.norm(residual, axis=1)
     return validation, length
 
@@ -265,89 +268,6 @@ def summarise_lengths(length: Array, outlying: Mask | None = None) -> Errors:
     )
 
 
-@dataclass(frozen=True)
-class Gain:
-    """Held-out rms before and after, and the 95 % interval [low, high] of their difference, by
-    configurations."""
-
-    held_out_rms_before_mm: float | None
-    held_out_rms_after_mm: float | None
-    interval_mm: tuple[float, float] | None
-
-
-@dataclass(frozen=True)
-class ResamplingOptions:
-    """Effort of the bootstrap of a gain.
-
-    draws: number of bootstrap draws.
-    max_units: configurations that are drawn singly; more are drawn in bundles, and the interval is
-        the same.
-    """
-
-    draws: int = 2000
-    max_units: int = 5000
-
-
-@dataclass(frozen=True, eq=False)
-class RowResampling:
-    """A bootstrap of rows by whole configurations (or bundles of them), shared by models on the
-    same rows.
-
-    unit: configuration or bundle (m,) of every row.
-    draws: how often each unit is in every draw (draws, units); None with fewer than three units.
-    """
-
-    unit: Index
-    draws: NDArray[np.int64] | None
-
-    @staticmethod
-    def prepare(
-        block: Index, rng: np.random.Generator, options: ResamplingOptions = ResamplingOptions()
-    ) -> RowResampling:
-        """Draw configurations with replacement; `block` (m,) is every row's configuration."""
-        blocks, unit = np.unique(block, return_inverse=True)
-        count = len(blocks)
-        largest = options.max_units
-        if count > largest:
-            count = largest
-            unit = unit % count
-        if count < 3:
-            return RowResampling(unit, None)
-        chance = np.full(count, 1 / count)
-        draws = rng.multinomial(count, chance, options.draws)
-        return RowResampling(unit, draws)
-
-
-def estimate_gain(
-    before: Array,
-    after: Array,
-    block: Index,
-    rng: np.random.Generator,
-    options: ResamplingOptions = ResamplingOptions(),
-) -> Gain:
-    """Estimate the gain between two models from residuals (m, 3) [mm] of the same rows.
-
-    The interval is that of a paired bootstrap of whole configurations; `block` (m,) is every row's
-    configuration."""
-    rows = RowResampling.prepare(block, rng, options)
-    return bootstrap_gain(before, after, rows)
-
-
-def bootstrap_gain(before: Array, after: Array, rows: RowResampling) -> Gain:
-    """Estimate the gain from residuals (m, 3) [mm] with configurations already drawn."""
-    if not len(before):
-        return Gain(None, None, None)
-    lengths = [np.square(residual[:, :3]).sum(1) for residual in (before, after)]
-    squares = np.stack([np.bincount(rows.unit, length) for length in lengths])
-    rms_before, rms_after = np.sqrt(squares.sum(1) / len(before)).tolist()
-    if rows.draws is None:
-        return Gain(rms_before, rms_after, None)
-    drawn_rows = rows.draws @ np.bincount(rows.unit)
-    drawn_before, drawn_after = np.sqrt(squares @ rows.draws.T / drawn_rows)
-    low, high = np.percentile(drawn_before - drawn_after, [2.5, 97.5])
-    return Gain(rms_before, rms_after, (float(low), float(high)))
-
-
 def compare_held_out(
     expected: Array, expected_block: Index, length: Array, block: Index
 ) -> tuple[float, float]:
@@ -362,26 +282,26 @@ def compare_held_out(
     if few or not first.mean() > 0:
         return 1.0, 1.0
     ratio = second.mean() / first.mean()
-    return float(np.sqrt(ratio)), rank_sum_p(first, second)
+    return float(np.sqrt(ratio)), _rank_sum_p(first, second)
 
 
-def rank_sum_p(first: Array, second: Array) -> float:
-    """Return the p of Wilcoxon's rank sum that the second sample is larger than the first.
-
-    The normal approximation, ties sharing their mean rank; 1 where all values are alike. Ours,
-    because scipy.stats takes longer to import than all that a small study computes."""
+def _rank_sum_p(first: Array, second: Array) -> float:
+    """Compute Wilcoxon's p of `second` being larger, by the normal approximation with ties; `scipy.stats`
+    has it, and takes half a second to import."""
     from scipy.special import ndtr
 
-    both = np.concatenate([first, second])
-    _, inverse, count = np.unique(both, return_inverse=True, return_counts=True)
-    rank = np.cumsum(count) - (count - 1) / 2
-    rows, more = len(both), len(second)
-    expected = more * (rows + 1) / 2
-    ties = (count**3 - count).sum() / (rows * (rows - 1))
-    variance = more * len(first) / 12 * (rows + 1 - ties)
-    if variance <= 0:
+    every = np.concatenate([second, first])
+    _, place, ties = np.unique(every, return_inverse=True, return_counts=True)
+    last = np.cumsum(ties)
+    rank = last - (ties - 1) / 2
+    count = len(every)
+    product = len(first) * len(second)
+    rank_sum = rank[place[: len(second)]].sum()
+    excess = rank_sum - len(second) * (len(second) + 1) / 2 - product / 2
+    tied = (ties**3 - ties).sum() / (count * (count - 1))
+    variance = product / 12 * (count + 1 - tied)
+    if variance == 0:
         return 1.0
-    excess = rank[inverse[len(first) :]].sum() - expected
     return float(ndtr(-excess / np.sqrt(variance)))
 
 

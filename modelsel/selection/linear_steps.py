@@ -1,7 +1,7 @@
 """Evaluations of models that are one linear step from a base's fit, from reduced data.
 
-A block of rows evaluates its causes once for all models, in three passes; what is solved is solved
-on triangles. Beyond the data this takes one residual length per row and model."""
+A block of rows evaluates its causes once for all models, in two passes; what is solved is solved
+on triangles and products. Beyond the data this takes one residual length per row and model."""
 
 from __future__ import annotations
 
@@ -12,19 +12,15 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..exceptions import NotEstimable
-from ..fitting.design import Model
+from ..fitting.design import Model, assemble
 from ..fitting.least_squares import Fit
 from ..fitting.linear_step import Step, one_step
 from ..fitting.linearisation import Linearisation
-from ..fitting.reduction import Reduction
-from .cross_validation import (
-    CrossValidation,
-    FoldedData,
-    cross_validate,
-    fold_models,
-    held_out_residuals,
-)
+from ..fitting.problem import Problem
+from ..fitting.reduction import Reduction, scatter_columns
+from .cross_validation import CrossValidation, FoldedData, validate_moments
 from .evaluation import Evaluation, Split, build_evaluation, summarise_lengths
+from .moments import Coordinates, Moments, add_products, hold_out, transform
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,21 +74,11 @@ def evaluate_steps(
     The entry of a step that cannot be made (None) is None."""
     folds_of = split.training_folds()
     training = split.training()
-    possible = [step for step in steps if step is not None]
-    points = []
-    for step in possible:
-        terms = step.model.terms
-        at = Linearisation(terms, step.theta)
-        kept = step.found.kept
-        points.append((terms, at, kept))
-    folded = fold_models(training, points, folds_of)
-    fits = []
-    validations = []
-    for step, data in zip(possible, folded, strict=True):
-        fitted = step.fit(data.total)
-        validation = _validate(data, fitted)
-        fits.append(fitted)
-        validations.append(validation)
+    ends = [_End.of(step) for step in steps if step is not None]
+    counts = training.counted(folds_of, int(folds_of.max()) + 1)
+    _measure_ends(training, ends, folds_of)
+    fits = [end.fit(training.coordinates) for end in ends]
+    validations = [end.validate(fitted, counts) for end, fitted in zip(ends, fits, strict=True)]
     sizes, held_out = _lengths(split, fits, validations, folds_of)
     figures = zip(fits, validations, sizes, held_out, strict=True)
     evaluations: list[Evaluation | None] = []
@@ -105,11 +91,76 @@ def evaluate_steps(
     return evaluations
 
 
-def _validate(folded: FoldedData, fitted: Fit) -> CrossValidation | None:
-    try:
-        return cross_validate(folded, fitted.found.kept, fitted.prior)
-    except NotEstimable:
-        return None
+@dataclass(eq=False)
+class _End:
+    """Where a step ends.
+
+    The rows there are measured in coordinates that are orthonormal where the step starts, and
+    nearly so where it ends: X = Q triangle (r, r). `products` (K, r+1, r+1) of [Q | residual] of
+    the folds are empty at first."""
+
+    step: Step
+    triangle: Array
+    columns: Array
+    products: Array
+
+    @staticmethod
+    def of(step: Step) -> _End:
+        """Choose the coordinates."""
+        from scipy.linalg import solve_triangular
+
+        kept = list(step.found.kept)
+        p = len(step.theta)
+        rank = len(kept)
+        rows = np.vstack([step.found.triangle[:, kept], step.prior[:, kept]])
+        triangle = np.asarray(np.linalg.qr(rows, mode="r"))
+        columns = np.zeros((p + 1, rank + 1))
+        columns[kept, :-1] = solve_triangular(triangle, np.eye(rank))
+        columns[-1, -1] = 1.0
+        return _End(step, triangle, columns, np.zeros((0, rank + 1, rank + 1)))
+
+    def at(self) -> Linearisation:
+        """Return the point where the step ends."""
+        return Linearisation(self.step.model.terms, self.step.theta)
+
+    def fit(self, coordinates: int) -> Fit:
+        """Return the fit, of so many measured coordinates."""
+        kept = self.step.found.kept
+        p = len(self.step.theta)
+        value, vector = np.linalg.eigh(self.products.sum(0))
+        # rounding may make an eigenvalue negative
+        root = np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T
+        root[:, :-1] = root[:, :-1] @ self.triangle
+        rows = scatter_columns(root, [*kept, p], p + 1)
+        reduction = Reduction.empty(p).add(rows)
+        return self.step.fit(Reduction(reduction.R, coordinates))
+
+    def validate(self, fitted: Fit, counts: Index) -> CrossValidation | None:
+        """Cross-validate the fit; `counts` (K,) are the folds' measured coordinates. None where it
+        is not estimable without some fold."""
+        own = Coordinates.of(fitted)
+        turn = self.triangle @ own.factor
+        columns = np.zeros(self.products.shape[1:])
+        columns[:-1, :-1] = turn
+        columns[:-1, -1] = -turn @ own.projection
+        columns[-1, -1] = 1.0
+        moments = Moments.of(columns.T @ self.products @ columns)
+        try:
+            return validate_moments(moments, own, counts)
+        except NotEstimable:
+            return None
+
+
+def _measure_ends(training: Problem, ends: Sequence[_End], folds_of: Index) -> None:
+    """Measure the products of every end, in one pass over the rows."""
+    folds = int(folds_of.max()) + 1
+    for end in ends:
+        end.products = np.zeros((folds, *end.products.shape[1:]))
+    for rows, part in training.parts():
+        for end in ends:
+            block = assemble(part, end.step.model.terms, end.at())
+            values = part.whitening.apply(transform(block, end.columns))
+            add_products(end.products, values, folds_of[rows])
 
 
 def _lengths(
@@ -125,25 +176,17 @@ def _lengths(
     used_rows = int(split.used.sum())
     sizes = np.empty((models, rows_in_all))
     held_out = np.full((models, used_rows), np.nan)
-    place = np.cumsum(split.used) - 1
     for rows, part in split.problem.parts():
-        used = split.used[rows]
-        training = part.take(used)
-        places = place[rows]
-        index = places[used]
-        folds = folds_of[index]
         for k, fitted in enumerate(fits):
             residual = fitted.residuals(part)
-            positions = residual[:, :3]
-            sizes[k, rows] = np.linalg.norm(positions, axis=1)
-            validation = validations[k]
-            if validation is None or not len(index):
+            sizes[k, rows] = np.linalg.norm(residual[:, :3], axis=1)
+    for rows, part in split.training().parts():
+        for k, (fitted, validation) in enumerate(zip(fits, validations, strict=True)):
+            if validation is None:
                 continue
-            residual = held_out_residuals(
-                training, fitted.terms, folds, validation.without, fitted.at()
-            )
-            length = np.linalg.norm(residual, axis=1)
-            held_out[k, index] = length
+            block = assemble(part, fitted.terms, fitted.at())
+            residual = hold_out(block, folds_of[rows], validation.without)
+            held_out[k, rows] = np.linalg.norm(residual, axis=1)
     return sizes, held_out
 
 

@@ -13,7 +13,8 @@ import numpy as np
 from .._linalg import TINY
 from .._typing import Array, Index, Mask
 from ..fitting.reduction import TOLERANCE, Reduction
-from .cross_validation import DEPENDENT, FoldedData
+from .cross_validation import FoldedData
+from .moments import DEPENDENT
 
 # subsets walked together
 BATCH = 4096

@@ -3,6 +3,8 @@ cross-validation."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from .._typing import Array, Index, Mask
@@ -15,6 +17,10 @@ MAX_EXCHANGES = 40
 MAX_EXCHANGED_BLOCKS = 20_000
 # blocks that are tried for leaving, and for joining, at every exchange
 CANDIDATES = 32
+# blocks inside, and outside, whose leverages are kept up to date between exchanges
+LISTED = 1024
+# exchanges after which the inverse information is computed anew
+MAX_UPDATES = 100
 # factor by which an exchange must raise the determinant, beyond one
 MIN_INCREASE = 1e-6
 
@@ -29,10 +35,10 @@ def split_configurations(
     does (Fedorov 1972)."""
     block, first = order_units(data.block, data.progress)
     blocks = len(first)
-    pairs = np.stack([block, data.configuration])
-    configurations = np.unique(pairs, axis=1)
-    block_of = configurations[0]
-    weight = np.bincount(block_of)
+    # the rows of a configuration are in one block
+    block_of = np.full(int(data.configuration.max()) + 1, -1)
+    block_of[data.configuration] = block
+    weight = np.bincount(block_of[block_of >= 0])
     order = rng.permutation(blocks)
     # configurations of the blocks drawn so far
     drawn_weight = weight[order]
@@ -86,59 +92,129 @@ def _exchange(features: Array, inside: Mask, weight: Index) -> None:
     determinant of the (slightly regularised) information."""
     size = int(np.sqrt(inside.sum()))
     exchanges = MAX_EXCHANGES * max(1, size)
+    X = features[inside]
+    information = X.T @ X + 1e-6 * np.eye(features.shape[1])
+    shortlist = _Shortlist.choose(features, inside, information)
     for _ in range(exchanges):
-        swap = _find_swap(features, inside, weight)
+        candidates = shortlist.find_candidates()
+        if not shortlist.is_sufficient(*candidates):
+            shortlist = _Shortlist.choose(features, inside, information)
+            candidates = shortlist.find_candidates()
+        swap = _find_swap(shortlist, *candidates, weight)
         if swap is None:
             return
-        leaving, joining = swap
+        shortlist.swap(*swap)
+        leaving, joining = shortlist.blocks[list(swap)]
         inside[leaving] = False
         inside[joining] = True
+        information += np.outer(features[joining], features[joining])
+        information -= np.outer(features[leaving], features[leaving])
 
 
-def _find_swap(features: Array, inside: Mask, weight: Index) -> tuple[int, int] | None:
-    """Find the exchange that raises the determinant most: (block leaving, block joining).
+@dataclass(eq=False)
+class _Shortlist:
+    """The blocks nearest to an exchange, kept up to date from one exchange to the next.
+
+    `blocks` (s,): their numbers, with their `features` (s, d), whether they are `inside`, and their
+    `leverage` xᵀ C x (s,) for the inverse information `inverse` C (d, d). No other block inside has a
+    leverage below `floor`, no other one outside has one above `ceiling`: with a and b the leverages
+    of the blocks that leave and join, no leverage grows by more than 1 / (1 − a) nor shrinks by
+    more than 1 / (1 + b), by Cauchy and Schwarz."""
+
+    blocks: Index
+    features: Array
+    inside: Mask
+    leverage: Array
+    inverse: Array
+    floor: float
+    ceiling: float
+    swaps: int = 0
+
+    @classmethod
+    def choose(cls, features: Array, inside: Mask, information: Array) -> _Shortlist:
+        """Choose the blocks of least leverage inside and of largest leverage outside."""
+        inverse = np.asarray(np.linalg.inv(information), float)
+        leverage = np.einsum("id,id->i", features @ inverse, features)
+        within = np.flatnonzero(inside)
+        without = np.flatnonzero(~inside)
+        near = within[_find_least(leverage[within], LISTED)]
+        far = without[_find_least(-leverage[without], LISTED)]
+        blocks = np.sort(np.concatenate([near, far]))
+        return cls(
+            blocks=blocks,
+            features=features[blocks],
+            inside=inside[blocks],
+            leverage=leverage[blocks],
+            inverse=inverse,
+            floor=np.inf if len(near) == len(within) else float(leverage[near].max()),
+            ceiling=-np.inf if len(far) == len(without) else float(leverage[far].min()),
+        )
+
+    def is_sufficient(self, leaving: Index, joining: Index) -> bool:
+        """Whether no block but the listed ones belongs among these candidates."""
+        lowest = self.leverage[leaving].max() <= self.floor
+        highest = self.leverage[joining].min() >= self.ceiling
+        return bool(lowest and highest and self.swaps < MAX_UPDATES)
+
+    def find_candidates(self) -> tuple[Index, Index]:
+        """Find the places of the blocks that may leave and join, nearest to an exchange first."""
+        within = np.flatnonzero(self.inside)
+        without = np.flatnonzero(~self.inside)
+        leaving = within[_find_least(self.leverage[within], CANDIDATES)]
+        joining = without[_find_least(-self.leverage[without], CANDIDATES)]
+        return leaving, joining
+
+    def swap(self, leaving: int, joining: int) -> None:
+        """Exchange two listed blocks: the inverse and the leverages change by one rank each."""
+        lost = self._change(leaving, -1.0)
+        gained = self._change(joining, 1.0)
+        self.inside[leaving] = False
+        self.inside[joining] = True
+        self.ceiling /= 1 - lost
+        self.floor /= 1 + gained
+        self.swaps += 1
+
+    def _change(self, place: int, sign: float) -> float:
+        """Add (1) or take away (−1) a block's information; returns its leverage before."""
+        direction = self.inverse @ self.features[place]
+        own = float(self.features[place] @ direction)
+        scale = sign / (1 + sign * own)
+        self.inverse -= scale * np.outer(direction, direction)
+        self.leverage -= scale * np.square(self.features @ direction)
+        return own
+
+
+def _find_least(values: Array, count: int) -> Index:
+    """Find the places of the `count` least values, in ascending order."""
+    if len(values) <= count:
+        return np.argsort(values)
+    least = np.argpartition(values, count)[:count]
+    return least[np.argsort(values[least])]
+
+
+def _find_swap(
+    shortlist: _Shortlist, leaving: Index, joining: Index, weight: Index
+) -> tuple[int, int] | None:
+    """Find the exchange that raises the determinant most: places of (block leaving, block joining).
 
     With C the inverse information, d_ij = x_iᵀ C x_j, a swap of i for j multiplies the determinant
     by (1 + d_jj)(1 − d_ii) + d_ij²."""
-    width = features.shape[1]
-    X = features[inside]
-    information = X.T @ X
-    regularisation = 1e-6 * np.eye(width)
-    information = information + regularisation
-    C = np.linalg.inv(information)
-    # blocks that may leave and join, nearest to an exchange first
-    out = np.flatnonzero(inside)
-    into = np.flatnonzero(~inside)
-    features_out = features[out]
-    features_in = features[into]
-    projected_out = features_out @ C
-    projected_in = features_in @ C
-    leave = np.einsum("id,id->i", projected_out, features_out)
-    enter = np.einsum("id,id->i", projected_in, features_in)
-    keep = np.argsort(leave)
-    keep = keep[:CANDIDATES]
-    join = np.argsort(-enter)
-    join = join[:CANDIDATES]
-    leaving = out[keep]
-    joining = into[join]
-    candidates = features[joining]
-    projected = projected_out[keep]
-    cross = projected @ candidates.T
+    features = shortlist.features
+    cross = features[leaving] @ shortlist.inverse @ features[joining].T
     # how much each exchange multiplies the determinant
-    gained = 1 + enter[join]
-    lost = 1 - leave[keep]
+    gained = 1 + shortlist.leverage[joining]
+    lost = 1 - shortlist.leverage[leaving]
     ratio = gained[None, :] * lost[:, None]
     ratio = ratio + cross**2
-    weight_out = weight[leaving]
-    weight_in = weight[joining]
-    unequal = weight_out[:, None] != weight_in[None, :]
+    weights = weight[shortlist.blocks]
+    unequal = weights[leaving][:, None] != weights[joining][None, :]
     ratio[unequal] = 0.0
     largest = int(ratio.argmax())
     i, j = np.unravel_index(largest, ratio.shape)
     least = 1 + MIN_INCREASE
     if ratio[i, j] <= least:
         return None
-    return (int(leaving[i]), int(joining[j]))
+    return int(leaving[i]), int(joining[j])
 
 
 def assign_folds(

@@ -44,7 +44,7 @@ def cross_matrices(v: Array) -> Array:
 def compute_turning_point(sight: Sight, at: Placed, group: int) -> Array:
     """Compute (3,) the middle of a group's points, about which it is turned, from its placement's
     shift, in the tracker's axes [mm]."""
-    middle = sight.middle(group)
+    middle = sight.middles[group]
     shift = at.t[group]
     from_shift = middle - shift
     return np.asarray(from_shift)
@@ -77,7 +77,7 @@ def normal_equations(sight: Sight, at: Placed, weight: Array) -> tuple[Array, Ar
     unknowns = 6 * sight.groups + per_target * len(at.tools)
     H = np.zeros((unknowns, unknowns))
     g = np.zeros(unknowns)
-    for group, target, rows in sight.pairs():
+    for group, target, rows in sight.pairs:
         J = _compute_jacobian(sight, at, group, target, rows, with_turns)
         of_rows = np.sqrt(weight[rows])
         root = of_rows[:, None]

@@ -18,6 +18,7 @@ import numpy as np
 
 from .._typing import Mask
 from ..fitting.problem import Problem
+from ..measurements.visits import count_distinct
 from .explanations import (
     EQUAL_FACTOR,
     Explanation,
@@ -150,7 +151,7 @@ def _explain_registered(problem: Problem, before: float, links: bool) -> list[Ex
     simple = find_least_left(select_best(tried, limit))
     tried += _assess_offsets(problem, offsets, simple)
     best = select_best(tried, limit)
-    configurations = len(np.unique(problem.data.block))
+    configurations = count_distinct(problem.data.block)
     has_few = configurations < 2 * MIN_CONFIGURATIONS
     if before <= far or find_least_left(best) <= far or has_few:
         return best

@@ -11,6 +11,7 @@ from .._typing import Index, Mask
 from ..exceptions import DataError, NotEstimable
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
+from ..measurements.visits import count_distinct
 from ..robot.kinematics import Robot
 from .registration import register
 
@@ -95,8 +96,7 @@ def select_most_frequent(problem: Problem, use: Mask, one_group: bool = True) ->
 
 def _count_configurations(problem: Problem, rows: Index) -> int:
     block = problem.data.block
-    configurations = np.unique(block[rows])
-    return len(configurations)
+    return count_distinct(block[rows])
 
 
 def describe_other_robot(

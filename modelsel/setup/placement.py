@@ -8,8 +8,8 @@ weak prior, which matters only where the rows do not determine the target."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -77,18 +77,16 @@ class Sight:
             seen=None if self.seen is None else self.seen[rows],
         )
 
-    def pairs(self) -> Iterator[tuple[int, int, Index]]:
-        """Generate (group, target, rows) of every pair that occurs."""
+    @cached_property
+    def pairs(self) -> tuple[tuple[int, int, Index], ...]:
+        """(group, target, rows) of every pair that occurs."""
         targets = len(self.usual)
-        key = self.group * targets
-        key = key + self.target
-        for k in np.unique(key):
-            number = int(k)
-            is_pair = key == k
-            group = number // targets
-            target = number % targets
-            rows = np.flatnonzero(is_pair)
-            yield group, target, rows
+        key = self.group * targets + self.target
+        pairs = []
+        for k in np.unique(key).tolist():
+            group, target = divmod(k, targets)
+            pairs.append((group, target, np.flatnonzero(key == k)))
+        return tuple(pairs)
 
     def points(self, tools: Array) -> Array:
         """Compute (m, 3) nominal positions of the targets in frame 0 for offsets (T, 3) [mm]."""
@@ -97,12 +95,11 @@ class Sight:
         points = self.o + rotated
         return np.asarray(points)
 
-    def middle(self, group: int) -> Array:
-        """Compute (3,) the median of a group's measured points [mm]."""
-        in_group = self.group == group
-        points = self.x[in_group]
-        median = np.median(points, axis=0)
-        return np.asarray(median)
+    @cached_property
+    def middles(self) -> Array:
+        """(G, 3) the median of every group's measured points [mm]."""
+        medians = [np.median(self.x[self.group == g], axis=0) for g in range(self.groups)]
+        return np.array(medians)
 
 
 @dataclass(frozen=True, eq=False)

@@ -184,7 +184,7 @@ def _find_placement(sight: Sight) -> tuple[Placed, Mask]:
 
 def _thin(sight: Sight) -> Sight:
     """Thin every pair of group and target to rows spread over the data."""
-    pairs = [rows for *_, rows in sight.pairs()]
+    pairs = [rows for *_, rows in sight.pairs]
     share = START_ROWS // len(pairs)
     most = max(share, MIN_PAIR_ROWS)
     chosen = []
@@ -199,9 +199,7 @@ def _thin(sight: Sight) -> Sight:
 
 def _compute_extent(sight: Sight) -> float:
     """Compute the median distance [mm] of points from the middle of their group."""
-    middles = [sight.middle(g) for g in range(sight.groups)]
-    middle = np.array(middles)
-    of_rows = middle[sight.group]
+    of_rows = sight.middles[sight.group]
     distance = np.linalg.norm(sight.x - of_rows, axis=1)
     median = np.median(distance)
     return float(median)

@@ -62,14 +62,12 @@ def _generate_targets(sight: Sight, affine: Placed) -> Iterator[Array]:
 def turn_about_lines(sight: Sight, at: Placed) -> Iterator[Placed]:
     """Turn the placement about the points of every group where they are nearly a line: what a rigid
     fit leaves open."""
-    middles = []
     directions = []
     for g in range(sight.groups):
         in_group = sight.group == g
         points = sight.x[in_group]
-        middles.append(sight.middle(g))
         directions.append(_find_line(points))
-    middle = np.array(middles)
+    middle = sight.middles
     axes = np.array(directions)
     if not axes.any():
         return
@@ -157,7 +155,7 @@ def _start_from_affine_map(sight: Sight) -> Placed:
     groups = sight.groups
     targets = len(sight.usual)
     m = len(sight.x)
-    middle = np.array([sight.middle(g) for g in range(groups)])
+    middle = sight.middles
     centred = sight.x - middle[sight.group]
     largest = float(np.abs(centred).max())
     span = max(largest, 1.0)

@@ -99,6 +99,11 @@ def cluster(workers: int | None = None, scheduler: str | None = None) -> Iterato
             yield client
         return
     quiet = {
+        # what watches workers and event loops takes time of the core that a study could have
+        "distributed.worker.profile.enabled": False,
+        "distributed.admin.tick.interval": "1s",
+        "distributed.admin.system-monitor.interval": "5s",
+        "distributed.admin.system-monitor.disk": False,
         "distributed.worker.daemon": False,
         "distributed.logging.distributed": "error",  # a study may have workers itself
         "distributed.worker.memory.terminate": False,

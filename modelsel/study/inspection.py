@@ -16,6 +16,7 @@ from ..fitting.reduction import reduce_problem
 from ..fitting.undetermined import describe_unidentifiable
 from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
+from ..measurements.visits import count_distinct
 from ..mechanisms.geometry import build_setup, geometric
 from ..notices import SETUP_MISTAKE, list_alarms
 from ..results.placements import describe_placements, locate_placements
@@ -44,7 +45,7 @@ def inspect_measurements(robot: Robot, data: Measurements) -> dict[str, Any]:
         "orientation": data.rotation is not None,
         "covariates": sorted(data.covariates),
         "joints": _describe_joints(robot, data),
-        "repeats": data.configurations - len(np.unique(data.block)),
+        "repeats": data.configurations - count_distinct(data.block),
         "noise_floor": _estimate_noise_floor(data),
         **_describe_geometry(robot, data),
         **_describe_registration(robot, data),

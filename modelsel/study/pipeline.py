@@ -41,7 +41,8 @@ from ..results.finding_records import Finding
 from ..results.study_run import Explanation, ModelSearch, StudyRun
 from ..robot.kinematics import Robot
 from ..selection.comparison import MAX_CANDIDATES, SubsetComparison, compare_subsets
-from ..selection.evaluation import Evaluation, Gain, RowResampling, Split, bootstrap_gain, evaluate
+from ..selection.evaluation import Evaluation, Split, evaluate
+from ..selection.gain import ResampledErrors, resample_errors
 from ..uncertainty.sampler import Keeper
 from ..uncertainty.summary import (
     Confidence,
@@ -144,8 +145,9 @@ def _analyse_prepared(
     ladder = [remeasure(evaluation, split) for evaluation in ladder]
     chosen = ladder[-1]
     faults = find_data_faults(study, split, chosen, notes)
-    draws = resample_held_out(study, split)
-    findings = measure_findings(split, draws, steps, diagnosis)
+    resampled = resample_held_out(study, split, [ladder[0], chosen, *steps])
+    nominal_errors, chosen_errors, *step_errors = resampled
+    findings = measure_findings(diagnosis, step_errors)
     within_folds = repeat_in_folds(study, split, base, mechanisms, say)
     noise = choose_noise_floor(split, floor, chosen)
     detection_limit = describe_unexplained(diagnosis, candidates, split, steps[-1])
@@ -155,7 +157,7 @@ def _analyse_prepared(
         *notes,
         *collect_diagnosis_notes(study, split, diagnosis, noise_notes, detection_limit[1]),
         *collect_comparison_notes(comparison, chosen),
-        *harmful_base_notes(study.model.base, measure_gain(split, draws, ladder[0], steps[0])),
+        *harmful_base_notes(study.model.base, nominal_errors.gain_of(step_errors[0])),
         *collect_held_out_notes(split, chosen, findings),
         *collect_fit_notes(split, ladder, floor, floor_doubted=bool(noise_notes)),
     ]
@@ -166,7 +168,7 @@ def _analyse_prepared(
         ladder=tuple(ladder),
         comparison=comparison,
         chosen=chosen,
-        gain=measure_gain(split, draws, ladder[0], chosen),
+        gain=nominal_errors.gain_of(chosen_errors),
         nested=within_folds,
         unidentifiable=list_unidentifiable(chosen.fit),
     )
@@ -242,34 +244,24 @@ def find_data_faults(
     return drop_known_faults(faults, notes)
 
 
-def resample_held_out(study: Study, split: Split) -> RowResampling:
-    """Draw the held-out configurations anew, once for all gains."""
-    is_usual = ~split.outlying
-    held_out = ~split.estimation & is_usual
-    block = split.problem.data.block
-    configurations = block[held_out]
-    seed = study.seed
-    rng = generator(seed, "gain")
-    return RowResampling.prepare(configurations, rng)
-
-
-def measure_gain(split: Split, draws: RowResampling, before: Evaluation, after: Evaluation) -> Gain:
-    """Measure what one model gains over another on the held-out rows, outliers left out [mm]."""
+def resample_held_out(
+    study: Study, split: Split, models: Sequence[Evaluation]
+) -> list[ResampledErrors]:
+    """Draw the held-out configurations anew, the same for all models, outliers left out."""
     held_out = ~split.estimation & ~split.outlying
-    residual_before = before.residual[held_out]
-    residual_after = after.residual[held_out]
-    return bootstrap_gain(residual_before[:, :3], residual_after[:, :3], draws)
+    residuals = [model.residual[held_out] for model in models]
+    configurations = split.problem.data.block[held_out]
+    rng = generator(study.seed, "gain")
+    return resample_errors(residuals, configurations, rng)
 
 
-def measure_findings(
-    split: Split, draws: RowResampling, steps: Sequence[Evaluation], diagnosis: Diagnosis
-) -> tuple[Finding, ...]:
+def measure_findings(diagnosis: Diagnosis, steps: Sequence[ResampledErrors]) -> tuple[Finding, ...]:
     """Return a finding for each named effect, with the gain of the step that adds it."""
     findings = []
     steps_by_pairs = pairwise(steps)
     for effect, pair in zip(diagnosis.effects, steps_by_pairs, strict=True):
         before, after = pair
-        gain = measure_gain(split, draws, before, after)
+        gain = before.gain_of(after)
         finding = Finding(effect, gain)
         findings.append(finding)
     return tuple(findings)

@@ -21,6 +21,7 @@ from ..fitting.design import residuals
 from ..fitting.noise import Floor, Instrument, weigh
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
+from ..measurements.visits import count_distinct
 from ..notices import Note
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
@@ -198,17 +199,17 @@ def _check_enough_configurations(study: Study, data: Measurements, estimation: M
 
     Raises StudyError or NotEstimable.
     """
-    if study.comparison.by == "group" and len(np.unique(data.group[estimation])) < 2:
+    if study.comparison.by == "group" and count_distinct(data.group[estimation]) < 2:
         raise StudyError(
             'comparison.by = "group": the estimation rows belong to one group; two or more are '
             'needed to leave one out. Use by = "configuration".'
         )
-    if len(np.unique(data.block)) < 2:
+    if count_distinct(data.block) < 2:
         raise NotEstimable(
             "the file has one set of joint readings: no parameter can be determined from it; "
             "measure more configurations."
         )
-    if len(np.unique(data.block[estimation])) < 2:
+    if count_distinct(data.block[estimation]) < 2:
         raise StudyError(
             "split: the estimation rows have one set of joint readings: nothing can be compared "
             "or cross-validated."

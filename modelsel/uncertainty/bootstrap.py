@@ -14,10 +14,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .._typing import Array, Index
-from ..fitting.identifiability import solve
 from ..fitting.least_squares import Fit
-from ..fitting.reduction import Reduction
 from ..selection.cross_validation import FoldedData
+from ..selection.moments import Coordinates
 
 REPLICATES = 999
 # signs that are drawn at once
@@ -66,15 +65,11 @@ def run_bootstrap(parts: Iterable[FoldedData], fitted: Fit, rng: np.random.Gener
     `parts`: the training problem at the optimum, a fold per unit, some units at a time
     (`fold_by_unit`). Shrunk coefficients are drawn from their prior, as if each were one more
     configuration, so that their errors compare with those of the posterior."""
-    theta = fitted.theta
-    prior = fitted.prior
-    kept = list(fitted.found.kept)
-    count = len(kept)
-    total = fitted.reduction
-    if prior is not None:
-        joined = total.add(prior)
-        total = Reduction(joined.R, total.rows)
-    beta, factor, _ = solve(total, kept)
+    own = Coordinates.of(fitted)
+    kept = list(own.kept)
+    count = own.rank
+    factor = own.factor
+    beta = factor @ own.projection
     scores = []
     variance = np.zeros(count)
     squared = np.zeros(count)
@@ -90,13 +85,12 @@ def run_bootstrap(parts: Iterable[FoldedData], fitted: Fit, rng: np.random.Gener
         squared = squared + squares.sum(0)
     every_score = np.concatenate(scores)
     steps = _draw_steps(every_score, rng)
-    if prior is not None and len(prior):
+    if len(own.prior):
         normal = rng.standard_normal((REPLICATES, count))
-        rows = prior[:, kept] @ factor
-        root = _symmetric_root(rows)
+        root = _symmetric_root(own.prior)
         noise = fitted.sigma * normal
         steps = steps + noise @ root
-    parameters = len(theta)
+    parameters = len(fitted.theta)
     draws = np.zeros((REPLICATES, parameters))
     draws[:, kept] = steps @ factor.T
     units = np.ones(parameters)

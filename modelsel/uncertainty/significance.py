@@ -7,7 +7,7 @@ residual with that mechanism's part put back."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,17 +15,14 @@ from .._typing import Array, Index
 from ..exceptions import NotEstimable
 from ..fitting.batch import Ensemble
 from ..fitting.design import Model
-from ..fitting.identifiability import identify, solve
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
-from ..fitting.reduction import Reduction, reduce_problem
 from ..fitting.splines import spline
-from ..fitting.whitening import UNIT, Whitening
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Mechanism
 from ..selection.criteria import log_evidence
-from ..selection.cross_validation import FoldedData, cross_validate, fold
 from ..selection.evaluation import Split
+from ..selection.moments import Coordinates, LinearRows, Moments, leave_out, measure_moments
 from .bootstrap import Bootstrap
 from .stability import MIN_DETERMINED, count_determined, measure_stability
 
@@ -87,9 +84,12 @@ def assess_significance(
     ]
     terms = [_terms(model, m) for m in judged]
     unshared = [_unshared_terms(model, m, fitted) for m in judged]
-    reduced = _ReducedModels(split, fitted)
+    coordinates = Coordinates.of(fitted)
+    reduced = _ReducedModels(split, fitted, coordinates)
     displaced = _displace(split, fitted, terms)
-    stability = measure_stability(reduced.bundles(max_bundles), fitted, unshared, rng)
+    training = split.training()
+    bundle = _bundle(training, max_bundles)
+    stability = measure_stability(training, bundle, fitted, unshared, rng)
     cv, held_out = reduced.rms([])
     sigma = 1.0 if split.known_sigma else None
     assessed = []
@@ -116,6 +116,14 @@ def assess_significance(
             )
         )
     return tuple(sorted(assessed, key=lambda s: -s.mean_mm))
+
+
+def _bundle(problem: Problem, count: int) -> Index:
+    """Number the configuration (m,) of every row; of more than `count`, the bundle of them, whose
+    halves have the same answer."""
+    _, configuration = np.unique(problem.data.block, return_inverse=True)
+    number = configuration.reshape(-1)
+    return np.asarray(number % count, dtype=np.intp)
 
 
 def _terms(model: Model, mechanism: Mechanism) -> list[int]:
@@ -212,146 +220,59 @@ def compare_nested(
 
 
 class _ReducedModels:
-    """Cross-validated and held-out errors of the model without some terms, from triangles made once:
+    """Cross-validated and held-out errors of the model without some terms, from moments made once:
     no row is evaluated twice.
 
     Linear about the optimum: a model without a mechanism is the other columns fitted to the
     residual with that mechanism's part put back."""
 
-    def __init__(self, split: Split, fitted: Fit):
+    def __init__(self, split: Split, fitted: Fit, coordinates: Coordinates):
         self.fitted = fitted
-        self.training = split.training()
-        self.folds = split.training_folds()
-        self.folded = self._fold(self.training, self.folds)
-        self.plain = self._unweighted()
-        outside = ~split.estimation
-        good = ~split.outlying
-        rows = outside & good
-        held = split.problem.take(rows)
+        self.coordinates = coordinates
+        training = split.training()
+        folds = split.training_folds()
+        rows = LinearRows(training, fitted.terms, fitted.at())
+        self.rows = len(training)
+        self.whitening = training.whitening
+        self.moments = measure_moments(rows, coordinates, folds)
+        self.plain = None
+        if not self.whitening.uniform:
+            self.plain = measure_moments(rows, coordinates, folds, weighted=False)
+        held = split.problem.take(~split.estimation & ~split.outlying)
         self.held_rows = len(held)
-        self.held_triangle = None
+        self.held = None
         if self.held_rows:
-            self.held_triangle = self._reduce_held(held)
+            self.held = self._measure_held(held)
 
-    def _fold(self, problem: Problem, folds: Index) -> FoldedData:
-        fitted = self.fitted
-        terms = fitted.terms
-        kept = fitted.found.kept
-        at = fitted.at()
-        return fold(problem, terms, folds, at, kept)
-
-    def _unweighted(self) -> FoldedData:
-        """Return the folds in mm."""
-        folded = self.folded
-        whitening = self.training.whitening
-        if whitening.uniform:
-            blocks = folded.blocks / whitening.weight
-            return FoldedData(blocks, folded.rows)
-        plain = self.training.unweighted()
-        return self._fold(plain, self.folds)
-
-    def _reduce_held(self, held: Problem) -> Array:
-        """Reduce the held-out positions in mm to a triangle."""
-        whitening = UNIT
-        if held.components == 6:
-            rows = len(held)
-            select = np.diag([1.0, 1, 1, 0, 0, 0])
-            matrices = np.broadcast_to(select, (rows, 6, 6))
-            whitening = Whitening(matrices=matrices)
-        fitted = self.fitted
-        kept = fitted.found.kept
-        plain = replace(held, whitening=whitening)
-        reduction = reduce_problem(plain, fitted.terms, fitted.at(), kept)
-        return reduction.R
-
-    def bundles(self, count: int) -> FoldedData:
-        """Return a fold per configuration; of more than `count`, per bundle of them, whose halves
-        have the same answer."""
-        data = self.training.data
-        _, configuration = np.unique(data.block, return_inverse=True)
-        number = configuration.reshape(-1)
-        bundle = number % count
-        return self._fold(self.training, bundle)
+    def _measure_held(self, held: Problem) -> Moments:
+        """Sum the moments of the held-out positions in mm."""
+        every = np.zeros(len(held), dtype=np.intp)
+        rows = LinearRows(held, self.fitted.terms, self.fitted.at())
+        return measure_moments(rows, self.coordinates, every, weighted=False, components=3)
 
     def rms(self, terms: Sequence[int]) -> tuple[float | None, float | None]:
         """Compute the (cross-validated, held-out) rms [mm] of the lengths of the residual vectors
         without some terms."""
-        theta = self.fitted.theta
-        estimable = self.fitted.found.kept
-        removed = list(terms)
-        kept = [k for k in estimable if k not in removed]
-        folded = self.folded
-        blocks = self._put_back(folded.blocks, removed)
-        data = FoldedData(blocks, folded.rows)
-        total = data.total
-        prior = self._prior_without(removed, kept)
-        if prior is not None:
-            joined = total.add(prior)
-            total = Reduction(joined.R, total.rows)
-        selected = total.select(kept)
-        found = identify(selected).kept
-        kept = [kept[i] for i in found]
-        crossed = self._cross_validate(data, removed, kept, prior)
-        triangle = self.held_triangle
-        if triangle is None:
+        directions, change = leave_out(self.coordinates, self.fitted.theta, terms)
+        crossed = self._cross_validate(directions, change)
+        if self.held is None:
             return crossed, None
-        # the fit without the terms, as a step from the model's coefficients
-        beta, _, _ = solve(total, kept)
-        step = np.zeros(len(theta))
-        step[kept] = beta
-        step[removed] = -theta[removed]
-        response = triangle[:, -1]
-        columns = triangle[:, :-1]
-        predicted = columns @ step
-        residual = response - predicted
-        squares = np.square(residual)
-        square_sum = squares.sum()
-        mean_square = square_sum / self.held_rows
-        rms = np.sqrt(mean_square)
-        return crossed, float(rms)
+        square_sum = float(self.held.moved(change).sum())
+        return crossed, float(np.sqrt(square_sum / self.held_rows))
 
-    def _put_back(self, rows: Array, removed: Sequence[int]) -> Array:
-        """Put the part of the removed terms into the response of rows (..., p+1)."""
-        columns = list(removed)
-        theta = self.fitted.theta
-        theta = theta[columns]
-        changed = rows.copy()
-        part = changed[..., columns]
-        changed[..., -1] += part @ theta
-        return changed
-
-    def _prior_without(self, removed: Sequence[int], kept: Sequence[int]) -> Array | None:
-        """Select the prior's rows that say something of the kept terms."""
-        prior = self.fitted.prior
-        if prior is None:
-            return None
-        prior = self._put_back(prior, removed)
-        if not kept:
-            return prior[:0]
-        size = np.abs(prior[:, list(kept)])
-        informative = size.any(1)
-        return prior[informative]
-
-    def _cross_validate(
-        self, data: FoldedData, removed: Sequence[int], kept: Sequence[int], prior: Array | None
-    ) -> float | None:
+    def _cross_validate(self, directions: Array, change: Array) -> float | None:
         """Compute the cross-validated rms [mm]; None where the model is not estimable without some
         fold."""
-        columns = list(removed)
+        reduced = self.moments.reduced(directions, change)
         try:
-            validation = cross_validate(data, kept, prior)
+            shift = reduced.shift()
         except NotEstimable:
             return None
-        without = validation.without.copy()
-        without[:, columns] -= self.fitted.theta[columns]
-        blocks = self.plain.blocks
-        design = blocks[:, :, :-1]
-        response = blocks[:, :, -1]
-        predicted = np.einsum("khp,kp->kh", design, without)
-        squares = np.square(response - predicted)
-        square_sum = squares.sum()
-        rows = len(self.training)
-        mean_square = square_sum / rows
+        if self.plain is None:
+            squares = reduced.moved(shift) / self.whitening.weight**2
+        else:
+            squares = self.plain.moved(change + shift)
+        mean_square = float(squares.sum()) / self.rows
         return float(np.sqrt(mean_square))
 
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from .._typing import Array, Index
-from ..fitting.identifiability import solve
-from ..fitting.least_squares import Fit, with_prior
+from ..fitting.least_squares import Fit
+from ..fitting.problem import Problem
 from ..fitting.splines import spline
-from ..selection.cross_validation import FoldedData
+from ..selection.moments import Coordinates, rows_by_unit
 from .bootstrap import draw_half_samples
 
 # half-samples in which significance is judged again
@@ -20,8 +20,9 @@ HALVES = 100
 LEVEL = 0.05
 # parameters that the data add, below which the prior of usual sizes determines a mechanism
 MIN_DETERMINED = 0.5
-# largest error of an inverse information for which a half-sample is judged
-MAX_INVERSE_ERROR = 1e-6
+# what a half-sample tells of a direction, over what all rows tell, below which it does not
+# determine the model
+MIN_INFORMATION = 1e-9
 
 
 def count_determined(fitted: Fit, terms: Sequence[int]) -> float:
@@ -29,154 +30,128 @@ def count_determined(fitted: Fit, terms: Sequence[int]) -> float:
 
     Those that a prior holds count by what the data determine of them: the trace of the hat matrix
     that goes with them."""
-    kept = fitted.found.kept
-    reduction = fitted.reduction
-    rest = [k for k in kept if k not in terms]
-    spent = 0.0
-    if rest:
-        full = with_prior(reduction, fitted.root, fitted.theta)
-        _, factor, _ = solve(full, rest)
-        columns = reduction.R[:-1, rest]
-        influence = np.square(columns @ factor)
-        spent = influence.sum()
-    used = fitted.rows - fitted.freedom
-    determined = used - spent
-    return float(determined)
+    directions, _ = np.linalg.qr(fitted.factor[list(terms)].T)
+    held = fitted.root @ fitted.factor @ directions
+    count = len(terms) - np.square(held).sum()
+    return float(count)
 
 
 def measure_stability(
-    folded: FoldedData,
+    problem: Problem,
+    unit: Index,
     fitted: Fit,
     groups: Sequence[Sequence[int]],
     rng: np.random.Generator,
     count: int = HALVES,
 ) -> list[float | None]:
-    """Measure the share of half-samples of the postures in which each group of terms stays
+    """Measure the share of half-samples of the units (m,) in which each group of terms stays
     significant (nested F, p below 0.05); None for shrunk terms.
 
-    The names are taken as given: the search is not repeated in the halves."""
+    `problem`: the rows that were fitted. The names are taken as given: the search is not repeated
+    in the halves."""
     from scipy.special import fdtrc
 
-    samples = _HalfSamples(folded, fitted)
-    positions = [samples.positions(group) for group in groups]
-    sizes = []
-    for group in groups:
-        determined = count_determined(fitted, group)
-        size = max(determined, MIN_DETERMINED)
-        sizes.append(size)
-    count_of_groups = len(groups)
-    hits = np.zeros(count_of_groups)
-    judged = 0
-    units = len(folded.blocks)
-    for half in draw_half_samples(rng, count, units):
-        solution = samples.solve(half)
+    judged = [[] if _has_spline(fitted, group) else list(group) for group in groups]
+    sizes = [max(count_determined(fitted, group), MIN_DETERMINED) for group in judged]
+    units = int(unit.max()) + 1
+    halves = draw_half_samples(rng, count, units)
+    solver = _HalfSolver(fitted, Coordinates.of(fitted), judged)
+    products = _sum_halves(*rows_by_unit(problem, fitted, solver.coordinates, unit), halves)
+    measured = problem.counted(unit, units)
+    solutions = 0
+    hits = np.zeros(len(groups))
+    for half, product in zip(halves, products, strict=True):
+        solution = solver.solve(product, int(measured[half].sum()))
         if solution is None:
             continue
-        judged += 1
-        for g, position in enumerate(positions):
-            if not len(position):
-                continue
-            size = sizes[g]
-            f = solution.f_value(position, size)
-            p = fdtrc(size, solution.freedom, f)
+        solutions += 1
+        for g, size in enumerate(sizes):
+            p = fdtrc(size, solution.freedom, solution.f_value(g, size))
             hits[g] += p < LEVEL
-    if not judged:
-        return [None] * count_of_groups
-    stability: list[float | None] = []
-    for hit, position in zip(hits, positions, strict=True):
-        share = None
-        if len(position):
-            share = float(hit / judged)
-        stability.append(share)
-    return stability
+    shares = hits / max(solutions, 1)
+    known = [solutions > 0 and bool(group) for group in judged]
+    return [
+        float(share) if is_known else None for share, is_known in zip(shares, known, strict=True)
+    ]
+
+
+def _has_spline(fitted: Fit, terms: Sequence[int]) -> bool:
+    """Whether some terms are shrunk."""
+    return any(spline(fitted.terms[k]) is not None for k in terms)
+
+
+def _sum_halves(rows: Array, unit_of: Index, halves: Index) -> Iterator[Array]:
+    """Yield the products (r+1, r+1) of the rows (N, r+1) of every half-sample.
+
+    Halves come in complementary pairs: the second has all units but the first's, and but the one
+    that an odd number leaves over."""
+    total = rows.T @ rows
+    units = int(unit_of[-1]) + 1
+    for pair in range(0, len(halves), 2):
+        member = np.zeros(units, bool)
+        member[halves[pair]] = True
+        inside = rows[member[unit_of]]
+        former = inside.T @ inside
+        yield former
+        if pair + 1 < len(halves):
+            member[halves[pair + 1]] = True
+            left_over = rows[~member[unit_of]]
+            yield total - former - left_over.T @ left_over
 
 
 @dataclass(frozen=True, eq=False)
 class _HalfSolution:
-    """Least squares of a half-sample: estimates (r,) and unscaled covariance (r, r) of scaled
-    columns, residual variance and its degrees of freedom."""
+    """Least squares of a half-sample: for every group its estimates (s,) and the root (r, s) of
+    their unscaled covariance, the residual variance and its degrees of freedom."""
 
-    beta: Array
-    covariance: Array
+    groups: Sequence[tuple[Array, Array]]
     variance: float
     freedom: float
 
-    def f_value(self, position: Index, size: float) -> float:
-        """Compute the nested F of some columns that count as `size` parameters."""
-        beta = self.beta[position]
-        block = np.ix_(position, position)
-        covariance = self.covariance
-        covariance = covariance[block]
-        scaled = np.linalg.solve(covariance, beta)
+    def f_value(self, group: int, size: float) -> float:
+        """Compute the nested F of a group of terms that counts as `size` parameters."""
+        beta, root = self.groups[group]
+        scaled = np.linalg.solve(root.T @ root, beta)
         increase = beta @ scaled
         mean = increase / size
         f = mean / self.variance
         return float(f)
 
 
-class _HalfSamples:
-    """Least squares of half-samples, columns scaled to unit length."""
+@dataclass(frozen=True, eq=False)
+class _HalfSolver:
+    """Least squares of half-samples, linear about a fit, for some groups of its terms."""
 
-    def __init__(self, folded: FoldedData, fitted: Fit):
-        kept = list(fitted.found.kept)
-        theta = fitted.theta[kept]
-        blocks = folded.blocks
-        residual = blocks[:, :, -1]
-        columns = blocks[:, :, kept]
-        response = residual + columns @ theta
-        prior = fitted.root
-        prior = prior[:, kept]
-        length = np.linalg.norm(columns, axis=(0, 1))
-        prior_length = np.linalg.norm(prior, axis=0)
-        # the prior's rows count as rows of the data
-        scale = np.hypot(length, prior_length)
-        root = prior / scale
-        precision = root.T @ root
-        self.fitted = fitted
-        self.kept = kept
-        self.rows = folded.rows
-        self.columns = columns
-        self.scale = scale
-        self.response = response
-        self.precision = precision
+    fitted: Fit
+    coordinates: Coordinates
+    groups: Sequence[Sequence[int]]
 
-    def positions(self, terms: Sequence[int]) -> Index:
-        """Return the positions of some terms among the columns; none for shrunk terms."""
-        for k in terms:
-            term = self.fitted.terms[k]
-            if spline(term) is not None:
-                return np.zeros(0, dtype=np.intp)
-        places = []
-        for k in terms:
-            place = self.kept.index(k)
-            places.append(place)
-        return np.array(places, dtype=np.intp)
+    def solve(self, products: Array, rows: int) -> _HalfSolution | None:
+        """Solve a half-sample of the given products (r+1, r+1) of [Q | e]; None where it does not
+        determine the model."""
+        from scipy.linalg import solve_triangular
 
-    def solve(self, half: Index) -> _HalfSolution | None:
-        """Solve a half-sample; None where it does not determine the model."""
-        count = len(self.kept)
-        columns = self.columns[half]
-        columns = columns.reshape(-1, count)
-        A = columns / self.scale
-        b = self.response[half]
-        b = b.ravel()
-        gram = A.T @ A
-        information = gram + self.precision
+        own = self.coordinates
+        gram = products[:-1, :-1]
+        score = products[:-1, -1]
         try:
-            covariance = np.linalg.inv(information)
+            L = np.linalg.cholesky(gram + own.prior.T @ own.prior)
         except np.linalg.LinAlgError:
             return None
-        beta = covariance @ (A.T @ b)
-        used = np.einsum("ij,ji->", covariance, gram)
-        rows = int(self.rows[half].sum())
-        freedom = rows - used
-        departure = covariance @ information - np.eye(count)
-        error = np.abs(departure)
-        error = error.max()
-        if freedom < 1 or error > MAX_INVERSE_ERROR:
+        terms = [k for group in self.groups for k in group]
+        right = np.column_stack(
+            [score + own.prior.T @ own.prior_left, own.prior.T, self.fitted.factor[terms].T]
+        )
+        solved = solve_triangular(L, right, lower=True)
+        by_prior = solved[:, 1 : 1 + len(own.prior)]
+        freedom = rows - own.rank + float(np.square(by_prior).sum())
+        if freedom < 1 or np.square(np.diagonal(L)).min() < MIN_INFORMATION:
             return None
-        residual = b - A @ beta
-        squares = np.square(residual)
-        square_sum = float(squares.sum())
-        variance = square_sum / freedom
-        return _HalfSolution(beta, covariance, variance, freedom)
+        change = solve_triangular(L, solved[:, 0], lower=True, trans=1)
+        square_sum = products[-1, -1] + change @ (gram @ change - 2 * score)
+        theta = self.fitted.theta + self.fitted.factor @ (own.projection + change)
+        roots = solved[:, 1 + len(own.prior) :]
+        edges = np.cumsum([len(group) for group in self.groups])[:-1]
+        groups = zip(self.groups, np.split(roots, edges, axis=1), strict=True)
+        estimates = [(theta[list(group)], root) for group, root in groups]
+        return _HalfSolution(estimates, float(square_sum) / freedom, freedom)

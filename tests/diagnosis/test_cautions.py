@@ -26,7 +26,7 @@ from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.results.cautions import harmful_base_notes, restriction_notes
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
-from modelsel.selection.evaluation import Gain
+from modelsel.selection.gain import Gain
 from modelsel.study.runner import run_study
 
 STUDY = Path(__file__).parents[2] / "studies" / "puma760"

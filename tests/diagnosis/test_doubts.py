@@ -27,7 +27,8 @@ from modelsel.results.finding_notes import opposed_finding_notes
 from modelsel.results.finding_records import Finding, describe_fault
 from modelsel.results.goodness_of_fit import LackOfFit, lack_of_fit_notes, measure_lack_of_fit
 from modelsel.robot.kinematics import forward
-from modelsel.selection.evaluation import Gain, Split, evaluate
+from modelsel.selection.evaluation import Split, evaluate
+from modelsel.selection.gain import Gain
 from modelsel.uncertainty.parameters import bootstrap_parameters
 from modelsel.uncertainty.significance import assess_significance, compare_nested
 

@@ -10,6 +10,7 @@ from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.evidence import (
     RATIOS,
+    Chance,
     compute_factors,
     compute_log_bayes_factors,
     compute_p_value,
@@ -57,6 +58,11 @@ def test_the_null_leaves_out_no_ratio_that_matters(rng: np.random.Generator, m: 
         joint = compute_log_bayes_factors(seen, share, float(ratio)) + log_prior[:, None]
         values.append(np.log(np.exp(joint - joint.max(0)).sum(0)) + joint.max(0))
     assert drawn_null == pytest.approx(np.sort(np.max(values, axis=0)), abs=2e-4)
+    single = u.astype(np.float32)
+    products = seen.columns.dot(single)
+    chance = Chance(seen, log_prior, products, np.square(single).sum(0))
+    assert chance.share.whole.dtype == np.float32
+    np.testing.assert_allclose(chance.share.whole, share.whole, rtol=1e-4, atol=1e-7)
 
 
 def test_evidence_of_a_response_is_that_of_its_strengths(rng: np.random.Generator) -> None:

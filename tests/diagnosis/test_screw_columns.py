@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from builders import drawn, seeds
 
+from modelsel import _workers
 from modelsel.diagnosis import screw_columns
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidates import build_candidates
@@ -69,6 +70,19 @@ def test_products_do_not_depend_on_the_memory_that_is_allowed(
     np.testing.assert_allclose(evaluated.dot(V), kept.dot(V), rtol=1e-12, atol=1e-9)
 
 
+def test_products_do_not_depend_on_the_number_of_cores(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    screws, X = columns_of(drawn("puma760", rng, 1100))
+    V = rng.normal(size=(len(X), 3))
+    monkeypatch.setattr(screw_columns, "MANY_PRODUCTS", 0)
+    results = []
+    for cores in (1, 2):
+        monkeypatch.setattr(_workers, "count_cores", lambda cores=cores: cores)
+        results.append(screws.dot(V))
+    assert np.array_equal(*results)
+
+
 @seeds(3, 4)
 def test_a_scan_without_an_effect_is_that_of_the_smaller_model(rng: np.random.Generator) -> None:
     """Giving directions back against projecting afresh: sizes, strengths and displacements."""
@@ -124,5 +138,10 @@ def test_the_evidence_of_chance_stays_below_its_bound(rng: np.random.Generator) 
     chance = Chance(seen, log_prior, cols.dot(y), np.square(y).sum(0))
     assert (chance.evidence <= chance.most).all()
     assert (chance.most - chance.evidence).min() < 12  # and the bound is worth something
+    for level in (-np.inf, float(np.median(chance.evidence)), np.inf):
+        below = chance.below(level)
+        assert ((below >= level) == (chance.evidence >= level)).all()
+        exact = chance.evidence >= level
+        assert below[exact] == pytest.approx(chance.evidence[exact])
     single = Response(cols.dot(y[:, 3]), float(y[:, 3] @ y[:, 3]))
     assert single.column.shape == (cols.screws.count, 1)

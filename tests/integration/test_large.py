@@ -15,7 +15,7 @@ from modelsel.diagnosis.options import DiagnosisOptions
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.measurements.visits import number_blocks
 from modelsel.mechanisms.causes import q
-from modelsel.selection.evaluation import ResamplingOptions, estimate_gain
+from modelsel.selection.gain import ResamplingOptions, estimate_gain
 from modelsel.study import pipeline
 from modelsel.study.runner import run_study
 

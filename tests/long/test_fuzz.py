@@ -341,7 +341,7 @@ def test_a_fold_that_cannot_be_left_out_is_said(tmp_path, monkeypatch) -> None:
     def refuses(*_: object) -> None:
         raise NotEstimable("without fold 1 of 4 the model is not estimable")
 
-    monkeypatch.setattr("modelsel.selection.evaluation.cross_validate", refuses)
+    monkeypatch.setattr("modelsel.selection.evaluation.cross_validate_fit", refuses)
     place, out = tmp_path / "work" / "files", tmp_path / "out"
     lay_out("study", STUDY.encode(), place)
     ran = in_process(

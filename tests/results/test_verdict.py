@@ -8,7 +8,7 @@ import pytest
 
 from modelsel.fitting.noise import Floor
 from modelsel.results.verdict import write_verdict
-from modelsel.selection.evaluation import Gain
+from modelsel.selection.gain import Gain
 
 FLOOR = Floor(0.03, "repeats", 100)
 GAIN = Gain(2.0, 1.0, (0.9, 1.1))

@@ -10,7 +10,7 @@ from builders import seeds, study_with
 from modelsel.exceptions import StudyError
 from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.robot.files import load_robot
-from modelsel.selection.splits import _features, split_configurations
+from modelsel.selection.splits import _exchange, _features, _Shortlist, split_configurations
 from modelsel.study.row_selection import choose_estimation_rows
 
 ARM = load_robot("puma760")
@@ -166,3 +166,55 @@ def test_splits_that_cannot_be(rng) -> None:
         choose_estimation_rows(
             study_with(column="role"), twice, np.array(["estimation", "held-out"], object), TURNS
         )
+
+
+def _exchange_by_all(X: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Fedorov's exchange with the information inverted and every leverage computed at each step."""
+    inside = inside.copy()
+    for _ in range(40 * int(np.sqrt(inside.sum()))):
+        C = np.linalg.inv(X[inside].T @ X[inside] + 1e-6 * np.eye(X.shape[1]))
+        leverage = ((X @ C) * X).sum(1)
+        leaving = np.flatnonzero(inside)[np.argsort(leverage[inside])[:32]]
+        joining = np.flatnonzero(~inside)[np.argsort(-leverage[~inside])[:32]]
+        ratio = (1 + leverage[joining])[None] * (1 - leverage[leaving])[:, None]
+        ratio += (X[leaving] @ C @ X[joining].T) ** 2
+        i, j = np.unravel_index(ratio.argmax(), ratio.shape)
+        if ratio[i, j] <= 1 + 1e-6:
+            break
+        inside[leaving[i]], inside[joining[j]] = False, True
+    return inside
+
+
+@pytest.mark.parametrize("count", [40, 1300])
+def test_a_shortlist_exchanges_what_all_blocks_would(rng, count: int) -> None:
+    """Of far more blocks than are listed, and of few, the same blocks end inside, one by one."""
+    blocks = 2 * count + 100
+    X = np.column_stack([np.ones(blocks), rng.normal(size=(blocks, 5))])
+    inside = rough(rng, count, blocks)
+    expected = _exchange_by_all(X, inside)
+    _exchange(X, inside, np.ones(blocks, int))
+    assert (inside == expected).all()
+
+
+def test_a_shortlist_holds_every_candidate_or_says_that_it_may_not(rng) -> None:
+    """Whenever it is sufficient, its candidates are those of all blocks, and its leverages true."""
+    X = np.column_stack([np.ones(4000), rng.standard_t(3, size=(4000, 6))])
+    inside = rough(rng, 1800, 4000)
+    sufficient = 0
+    shortlist = _Shortlist.choose(X, inside, X[inside].T @ X[inside])
+    for _ in range(200):
+        leaving, joining = shortlist.find_candidates()
+        C = np.linalg.inv(X[inside].T @ X[inside])
+        leverage = ((X @ C) * X).sum(1)
+        np.testing.assert_allclose(shortlist.leverage, leverage[shortlist.blocks], rtol=1e-9)
+        if shortlist.is_sufficient(leaving, joining):
+            sufficient += 1
+            least = np.flatnonzero(inside)[np.argsort(leverage[inside])[:32]]
+            largest = np.flatnonzero(~inside)[np.argsort(-leverage[~inside])[:32]]
+            assert set(shortlist.blocks[leaving]) == set(least)
+            assert set(shortlist.blocks[joining]) == set(largest)
+        shortlist.swap(int(leaving[0]), int(joining[0]))
+        inside = np.isin(np.arange(4000), shortlist.blocks[shortlist.inside]) | (
+            inside & ~np.isin(np.arange(4000), shortlist.blocks)
+        )
+    assert 0 < sufficient < 200

@@ -17,7 +17,7 @@ from modelsel.fitting.design import Model, compute_design, residuals
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.mechanisms.causes import Named, q, sin
 from modelsel.mechanisms.registry import BUILTIN, mechanism
-from modelsel.selection.cross_validation import fold, fold_by_unit
+from modelsel.selection.cross_validation import fold_by_unit
 from modelsel.selection.evaluation import Split, evaluate
 from modelsel.uncertainty.bootstrap import draw_half_samples, draw_signs, run_bootstrap
 from modelsel.uncertainty.parameters import (
@@ -138,8 +138,9 @@ def test_stability_tells_effects_from_none(rng: np.random.Generator) -> None:
     for _ in range(200):
         problem = planted(at, model.terms, np.array([1.0, 1e-3, 1e-3, 0.0]), rng, 0.1)
         fitted = fit(problem, model)
-        folded = fold(problem, model.terms, np.arange(30), fitted.at())
-        strong, none, nothing = measure_stability(folded, fitted, [[2], [3], []], rng, 20)
+        strong, none, nothing = measure_stability(
+            problem, np.arange(30), fitted, [[2], [3], []], rng, 20
+        )
         assert strong == 1.0
         assert nothing is None
         absent.append(none)
@@ -162,9 +163,7 @@ def test_stability_of_the_study_itself(split: Split, rng: np.random.Generator) -
         False,
     )
     tiny = fit(small.training(), Model((one(1, "tx"), one(1, "rz"))))
-    assert measure_stability(
-        fold(small.training(), tiny.terms, np.arange(6), tiny.at()), tiny, [[0]], rng
-    ) != [None]
+    assert measure_stability(small.training(), np.arange(6), tiny, [[0]], rng) != [None]
     pairs = draw_half_samples(rng, 10, 7)
     assert pairs.shape == (10, 3)
     assert all(len(set(a) | set(b)) == 6 for a, b in zip(pairs[::2], pairs[1::2], strict=True))
@@ -304,6 +303,23 @@ def test_shrunk_parameters_have_their_prior_in_the_bootstrap(rng: np.random.Gene
         fold_by_unit(problem, model.terms, problem.data.block, fitted.at()), fitted, rng
     )
     assert np.allclose(found.errors, linear_posterior(fitted).spread, rtol=0.25)
+
+
+def test_draws_do_not_hang_on_the_factorisation(rng: np.random.Generator) -> None:
+    """Another sign of the factor's columns is the same covariance, and gives the same draws."""
+    model = Model((one(1, "tx"), one(1, "rz"), one(2, "rz", sin(q(1)))))
+    problem = planted(drawn(ARM, rng, 30), model.terms, np.zeros(3), rng, 0.1)
+    fitted = fit(problem, model, precision=np.array([0.0, 0.0, 1e4]))
+    turned = replace(fitted, factor=fitted.factor * [1.0, -1.0, 1.0])
+    once, again = (
+        run_bootstrap(
+            fold_by_unit(problem, model.terms, problem.data.block, fitted.at()),
+            f,
+            np.random.default_rng(2),
+        )
+        for f in (fitted, turned)
+    )
+    np.testing.assert_allclose(again.draws, once.draws, atol=1e-12)
 
 
 # -- correlation
