@@ -62,15 +62,20 @@ def project_out(matrix: Array, basis: Array) -> Array:
 
 
 def connected_components(count: int, pairs: NDArray[np.intp]) -> Index:
-    """Label (count,) the connected components of a graph whose edges are pairs (e, 2) of nodes."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components as components
+    """Label (count,) the connected components of a graph whose edges are pairs (e, 2) of nodes, in the
+    order of their first nodes.
 
-    ends = np.asarray(pairs, dtype=np.intp).reshape(-1, 2)
-    first, second = ends.T
-    weights = np.ones(len(ends))
-    edges = weights, (first, second)
-    shape = count, count
-    graph = coo_array(edges, shape=shape)
-    _, label = components(graph, directed=False)
+    Every node points to a smaller one of its component, in the end to the smallest. Ours, because
+    scipy's takes longer to import than any of our graphs takes."""
+    first, second = np.asarray(pairs, dtype=np.intp).reshape(-1, 2).T
+    root = np.arange(count)
+    while True:
+        smaller = np.minimum(root[first], root[second])
+        if (smaller == root[first]).all() and (smaller == root[second]).all():
+            break
+        np.minimum.at(root, root[first], smaller)
+        np.minimum.at(root, root[second], smaller)
+        while (root[root] != root).any():
+            root = root[root]
+    _, label = np.unique(root, return_inverse=True)
     return np.asarray(label, dtype=np.intp)

@@ -46,12 +46,3 @@ def make_console() -> Any:
     from rich.console import Console
 
     return Console(width=None if sys.stdout.isatty() else 160, markup=False, emoji=False)
-
-
-def make_progress() -> Callable[[str], None]:
-    """Show progress as plain lines on the error stream: each says what starts, with the seconds so
-    far."""
-    import time
-
-    start = time.perf_counter()
-    return lambda what: click.echo(f"{time.perf_counter() - start:6.1f} s  {what}", err=True)

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from ._options import make_console, make_progress, print_json
+from .._progress import show_progress
+from ._options import make_console, print_json
 
 
 @click.command("fleet")
@@ -55,8 +56,8 @@ def fleet_command(
     check_writable(folder)
     options = FleetOptions(sampling=not no_sampling, resume=resume, reports=not no_report)
     with claim_folder(folder):
-        with cluster(workers, scheduler) as client:
-            rows = run_fleet(read, folder, client, options, say=make_progress())
+        with cluster(workers, scheduler) as client, show_progress() as say:
+            rows = run_fleet(read, folder, client, options, say=say)
         written = save_summary(rows, folder, read.name)
     if as_json:
         print_json({"fleet": read.name, "studies": rows})

@@ -18,6 +18,8 @@ from .._version import VERSION
 
 for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")  # before numpy loads: the same bytes on any machine
+# else pydantic looks through every installed package for plug-ins of its own
+os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
 INTERRUPTED = 130
 RESUMES = ("study", "fleet")  # commands that take up what was interrupted

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from .._choices import PLAN_PURPOSES
-from ._options import make_progress, print_json
+from .._progress import show_progress
+from ._options import print_json
 
 if TYPE_CHECKING:
     from ..study.planning import MeasurementPlan
@@ -78,6 +79,7 @@ def plan_command(
     from ..study.inputs import read_nominal_robot
     from ..study.planning import format_plan, plan_next
     from ..study.runner import run_study
+    from ..study.steps import list_steps
 
     ranges = dict(map(_range, joints))
     if pool_file is not None and (limits or ranges):
@@ -87,10 +89,13 @@ def plan_command(
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
     registry, _ = with_plugins(robot=read_nominal_robot(read, path.parent))
-    result = run_study(read, path.parent, registry=registry, say=make_progress(), sampling=False)
-    planned = plan_next(
-        result, count, pool=pool_file, purpose=purpose, limits=limits, joints=ranges
-    )
+    planning = "choosing configurations"
+    with show_progress([*list_steps(read, sampling=False), planning]) as say:
+        result = run_study(read, path.parent, registry=registry, say=say, sampling=False)
+        say(planning)
+        planned = plan_next(
+            result, count, pool=pool_file, purpose=purpose, limits=limits, joints=ranges
+        )
     table = planned.to_frame()
     more = _count_more(result, planned, size)
     if out is not None:

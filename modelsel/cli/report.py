@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from ._options import make_progress, print_json
+from .._progress import show_progress
+from ._options import print_json
 
 
 @click.command("report")
@@ -17,14 +18,23 @@ def report_command(folder: Path, pages: str | None, as_json: bool) -> None:
     """Draw report.pdf and report.html of a finished study again, from its folder; nothing is
     computed anew."""
     from .._files import check_writable, claim_folder
-    from ..report.drawing import draw
+    from .._second_process import second_process
+    from ..report.drawing import HALF, STEPS, DrawnAhead, draw_records
+    from ..results.reading import read_records
 
     chosen = (
         None if pages is None else tuple(name.strip() for name in pages.split(",") if name.strip())
     )
     check_writable(folder)
-    with claim_folder(folder):
-        written = draw(folder, chosen, make_progress())
+    with claim_folder(folder), show_progress(STEPS) as say:
+        record, details = read_records(folder)
+        if chosen is not None:
+            written = draw_records(record, details, folder, chosen, say)
+        else:
+            with second_process() as second:
+                ahead = DrawnAhead(second)
+                ahead.draw(record, details, HALF)
+                written = draw_records(record, details, folder, None, say, ahead)
     if as_json:
         print_json({"written": [path.name for path in written]})
     else:

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import gc
+import sys
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
+from .._progress import show_progress
 from ..exceptions import CHECK_FAILED
-from ._options import make_console, make_progress, print_json
+from ._options import make_console, print_json
 
 if TYPE_CHECKING:
+    from .._progress import Progress
+    from ..config.study_file import Study
+    from ..mechanisms.registry import Registry
+    from ..study.checkpoint import Checkpoint
     from ..study.result import Result
 
 COLLECT = 50_000  # new values between two looks of Python's garbage collector
@@ -51,13 +58,12 @@ def study_command(
     )
     from .._files import check_writable, claim_folder
     from ..config.study_file import read_study
-    from ..exceptions import StudyError
     from ..mechanisms.registry import with_plugins
-    from ..report.drawing import draw
     from ..results.storage import WRITES
     from ..study.checkpoint import Checkpoint
     from ..study.inputs import read_nominal_robot
-    from ..study.runner import rehearse_study, run_study
+    from ..study.runner import rehearse_study
+    from ..study.steps import list_steps
 
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
@@ -73,25 +79,14 @@ def study_command(
         else:
             click.echo(_would(found, folder, WRITES))
         return
-    say = make_progress()
-    with claim_folder(folder):
-        keeper = Checkpoint(folder, resume)
-        result = run_study(
-            read,
-            path.parent,
-            registry=registry,
-            say=say,
-            sampling=not no_sampling,
-            checkpoint=keeper,
-        )
-        try:
-            written = result.save(folder)
-        except StudyError:  # what was computed is at least told
-            _tell(result, as_json)
-            raise
-        keeper.clear()
-        _tell(result, as_json)
-        written += [] if no_report else draw(folder, say=say)
+    steps = list_steps(read, not no_sampling)
+    if not no_report:
+        from ..report.drawing import STEPS
+
+        steps += STEPS
+    with claim_folder(folder), show_progress(steps) as progress:
+        run = _Run(folder, registry, progress, as_json, not no_sampling, not no_report)
+        result, written = run.complete(read, path.parent, Checkpoint(folder, resume))
     if not as_json:
         click.echo(f"Written: {', '.join(map(str, written))}")
     sampling = result.record.sampling
@@ -99,13 +94,95 @@ def study_command(
         raise SystemExit(CHECK_FAILED)
 
 
-def _tell(result: Result, as_json: bool) -> None:
-    if as_json:
-        click.echo(result.to_json(), nl=False)
-    else:
-        from ..report.terminal import show_study
+class _Run(NamedTuple):
+    """How one study is run."""
 
-        show_study(result.record, result.details, make_console())
+    folder: Path
+    registry: Registry
+    progress: Progress
+    as_json: bool
+    sampling: bool
+    report: bool
+
+    def complete(self, study: Study, folder: Path, keeper: Checkpoint) -> tuple[Result, list[Path]]:
+        """Analyse, tell, sample and draw at once, write. Result and files written."""
+        from ..study.runner import run_study
+
+        result = run_study(
+            study,
+            folder,
+            registry=self.registry,
+            say=self.progress,
+            sampling=False,
+            checkpoint=keeper,
+        )
+        self._tell_analysis(result)
+        if self.report:
+            return self._sample_and_draw(result, keeper)
+        result = self._sample(result, keeper)
+        return result, self._save(result, keeper)
+
+    def _sample(self, result: Result, keeper: Checkpoint) -> Result:
+        from ..study.pipeline import sample_posterior
+
+        if not self.sampling:
+            return result
+        _import_sampler()
+        return sample_posterior(result, self.registry, self.progress, keeper)
+
+    def _sample_and_draw(self, result: Result, keeper: Checkpoint) -> tuple[Result, list[Path]]:
+        """Sample while a second process draws what sampling does not change."""
+        from .._second_process import second_process
+        from ..report.drawing import HALF, SAMPLED_PAGES, UNSAMPLED_PAGES, DrawnAhead, draw_records
+
+        with second_process() as second:
+            ahead = DrawnAhead(second)
+            pages = UNSAMPLED_PAGES if self.sampling else HALF
+            ahead.draw(result.record, result.details, pages)
+            result = self._sample(result, keeper)
+            record, details = result.record, result.details
+            if self.sampling:
+                ahead.draw(record, details, SAMPLED_PAGES)
+            written = self._save(result, keeper)
+            written += draw_records(record, details, self.folder, say=self.progress, ahead=ahead)
+        return result, written
+
+    def _save(self, result: Result, keeper: Checkpoint) -> list[Path]:
+        """Write the result's files; what was computed is told in any case."""
+        try:
+            written = result.save(self.folder)
+        finally:
+            self._tell_rest(result)
+        keeper.clear()
+        return written
+
+    def _tell_analysis(self, result: Result) -> None:
+        from ..report.terminal import show_analysis
+
+        self.progress.clear()
+        if not self.as_json:
+            show_analysis(result.record, result.details, make_console())
+
+    def _tell_rest(self, result: Result) -> None:
+        from ..report.terminal import show_sampling
+
+        self.progress.clear()
+        if self.as_json:
+            click.echo(result.to_json(), nl=False)
+        else:
+            show_sampling(result.record, make_console())
+
+
+def _import_sampler() -> None:
+    """Import emcee without scipy.stats, which only a move needs that is not used here, and which takes
+    longer to import than a small study takes; a process of the command line is nobody else's."""
+    if "emcee" in sys.modules or "scipy.stats" in sys.modules:
+        return
+    sys.modules["scipy.stats"] = None  # type: ignore[assignment]
+    try:
+        import_module("emcee")
+    finally:
+        del sys.modules["scipy.stats"]
 
 
 def _would(found: dict[str, Any], folder: Path, writes: tuple[str, ...]) -> str:

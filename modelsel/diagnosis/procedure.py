@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
+from .._progress import News, follow
 from .._random import generator
 from .._typing import Array, Index, Mask, Say
 from ..fitting.design import Model, whitened
@@ -54,7 +54,7 @@ def _be_silent(_: str) -> None:
     """Say nothing of the progress."""
 
 
-def diagnose(
+def diagnose(  # noqa: PLR0913  all but the first have defaults
     problem: Problem,
     *,
     base: Sequence[str] = ("geometric",),
@@ -63,12 +63,14 @@ def diagnose(
     registry: Registry = BUILTIN,
     estimation: Mask | None = None,
     options: DiagnosisOptions = DEFAULT_OPTIONS,
+    progress: bool = False,
 ) -> Diagnosis:
     """Name what is wrong with a model of a robot.
 
     `base`: registered names of the model to extend; `candidates`: registered names that may extend
     it, or "all" for every mechanism of the registry, data faults and unregistered causes;
-    `estimation`: mask (m,) of the rows to use (None: all). The result prints its findings.
+    `estimation`: mask (m,) of the rows to use (None: all); `progress`: show what is being done and
+    what is found, in a notebook or on the error stream. The result prints its findings.
 
     Raises StudyError for an unknown name, NotEstimable where the data do not determine the base."""
     rows = len(problem)
@@ -77,14 +79,16 @@ def diagnose(
         used = np.asarray(estimation, bool)
     split = Split(problem, used, np.zeros(rows, bool), np.zeros(rows, np.intp), known_sigma=False)
     mechanisms = [mechanism(name, problem.robot, registry) for name in base]
-    _, diagnosis, _ = diagnose_split(
-        split,
-        base=Model(tuple(mechanisms)),
-        everything=_resolve_candidates(problem, candidates, registry),
-        seed=seed,
-        cells=candidates == ALL,
-        options=options,
-    )
+    with follow(_be_silent, progress) as say:
+        _, diagnosis, _ = diagnose_split(
+            split,
+            base=Model(tuple(mechanisms)),
+            everything=_resolve_candidates(problem, candidates, registry),
+            seed=seed,
+            cells=candidates == ALL,
+            say=say,
+            options=options,
+        )
     return diagnosis
 
 
@@ -280,7 +284,7 @@ def _run_fold(k: int, split: Split, inquiry: _Inquiry, fold: Index) -> _Fold:
     )
 
 
-def run_nested_folds(
+def run_nested_folds(  # noqa: PLR0913  what is asked, and how
     split: Split,
     base: Model,
     everything: tuple[Mechanism, ...],
@@ -288,10 +292,14 @@ def run_nested_folds(
     cells: bool,
     folds: int,
     options: DiagnosisOptions = DEFAULT_OPTIONS,
+    *,
+    say: Say = _be_silent,
 ) -> Nested:
     """Repeat outliers, naming and fit without each fold of the estimation configurations.
 
     The folds run in parallel; the result does not depend on the number of workers."""
+    from concurrent.futures import ProcessPoolExecutor
+
     rows = split.estimation
     estimation = split.problem.data.take(rows)
     fold = np.full(len(rows), -1, dtype=np.intp)
@@ -301,7 +309,11 @@ def run_nested_folds(
     run = partial(_run_fold, split=split, inquiry=inquiry, fold=fold)
     workers = min(count, os.cpu_count() or 1)
     with ProcessPoolExecutor(max_workers=workers) as pool:
-        done = list(pool.map(run, range(count)))
+        say(News(f"none of {count} folds", 0.0))
+        done = []
+        for one in pool.map(run, range(count)):
+            done.append(one)
+            say(News(f"{len(done)} of {count} folds", len(done) / count))
     shape = len(fold), split.problem.components
     before = np.full(shape, np.nan)
     after = np.full(shape, np.nan)

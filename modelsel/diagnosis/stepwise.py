@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._progress import News
 from .._typing import Array, Say
 from ..fitting.design import Model
 from ..fitting.least_squares import STEP_MM, Fit
@@ -155,7 +156,7 @@ def _add_effect(search: Search, progress: _Progress, new: int, say: Say) -> None
 
     What the fit cannot determine is not added."""
     label = search.found[new].label
-    say(f"found {label}")
+    say(News(f"found {label}", kept=True))
     trial = search.add(progress.chosen, new)
     view = search.try_fit(trial, progress.view.fitted)
     if view is None or not _is_determined(search, new, view):

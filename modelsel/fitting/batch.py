@@ -1,13 +1,12 @@
 """The exact chain at many parameter values at once: a row is one draw at one configuration, and no
 loop runs over draws.
 
-Where only positions are measured, the target's position alone is carried from the flange back to
-the base, x = N_1 H_1 T_1 (… (Last (tool + t_{n+1}))): a third of the work of the whole pose
-(`robot.pose`, its referee in the tests)."""
+Where only positions are measured, the target's position alone is carried along
+(`batch_positions`)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -17,14 +16,13 @@ from .._typing import Array, Index
 from ..mechanisms.terms import Term
 from ..robot.kinematics import pose
 from ..robot.rigid import rotation_vector
+from .batch_positions import BatchPositions, Place, Twist
 from .design import PLACE
 from .linearisation import add_feature_changes
 from .observation import predict_readings
 from .problem import Problem
 
 ROWS = 8192  # draws x configurations in one block: its arrays stay in cache
-Place = tuple[int, int]
-Twist = Mapping[Place, Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,17 +60,34 @@ class Ensemble:
         return np.stack(columns)
 
     @cached_property
-    def _turns(self) -> tuple[tuple[Array, Array], ...]:
-        """Cosine and sine (m,) of every joint reading."""
-        return tuple((np.cos(q), np.sin(q)) for q in self.problem.data.q.T)
+    def _positions(self) -> BatchPositions:
+        """The chain, where only positions are measured."""
+        return BatchPositions.prepare(self.problem)
+
+    @cached_property
+    def _constant(self) -> tuple[dict[Place, int], Array]:
+        """Columns of the entries that are alike at every configuration, and the matrix (p, k) that
+        makes them of the parameters."""
+        places = [place for place, (_, causes) in self._places.items() if causes.shape[1] == 1]
+        matrix = np.zeros((len(self.terms), len(places)))
+        for column, place in enumerate(places):
+            index, causes = self._places[place]
+            np.add.at(matrix[:, column], index, causes[:, 0])
+        return {place: column for column, place in enumerate(places)}, matrix
 
     def twist(self, theta: Array) -> dict[Place, Array]:
         """(frame, axis) -> entries (D, m), or (D, 1) where they are alike at every configuration,
         at theta (D, p)."""
-        return {
-            place: np.asarray(theta[:, index] @ causes)
-            for place, (index, causes) in self._places.items()
-        }
+        columns, matrix = self._constant
+        constant = theta @ matrix
+        entries = {}
+        for place, (index, causes) in self._places.items():
+            if place in columns:
+                column = columns[place]
+                entries[place] = constant[:, column : column + 1]
+            else:
+                entries[place] = theta[:, index] @ causes
+        return entries
 
     def residuals(self, theta: Array, more: Twist | None = None) -> Array:
         """Compute the whitened exact residuals (D, c, m) at parameters theta (D, p); `more`: further entries
@@ -96,7 +111,7 @@ class Ensemble:
         if self._bare is not None:
             return self._bare._left(twist, D)
         if self.problem.components == 3:
-            return self._positions(twist, D)
+            return self._positions.residuals(twist, D)
         return self._poses(twist, D)
 
     @cached_property
@@ -131,36 +146,6 @@ class Ensemble:
         predicted = predict_readings(gauges, problem.fixtures, change, x, origin_x)
         left[:, :3] = problem.readings - predicted
         return left * problem.components_measured.T
-
-    def _positions(self, twist: Twist, D: int) -> Array:
-        """Subtract predicted from measured positions, (D, 3, m) [mm]."""
-        problem, robot = self.problem, self.problem.robot
-        n = robot.n
-        p = [problem.tool[:, a] + twist.get((n, a), np.zeros((1, 1))) for a in range(3)]
-        p = _carry(robot.last, p)
-        for k in range(n - 1, -1, -1):
-            if robot.joints[k].prismatic:
-                p[2] = p[2] + problem.data.q[:, k]
-            else:
-                p[0], p[1] = _turn(*self._turns[k], p[0], p[1])
-            for a, (i, j) in (
-                (2, (0, 1)),
-                (1, (2, 0)),
-                (0, (1, 2)),
-            ):  # H = Trans Rx Ry Rz, from the right
-                angle = twist.get((k, 3 + a))
-                if angle is not None:
-                    p[i], p[j] = _turn(np.cos(angle), np.sin(angle), p[i], p[j])
-            for a in range(3):
-                if (k, a) in twist:
-                    p[a] = p[a] + twist[k, a]
-            p = _carry(robot.joints[k].before, p)
-        out = np.empty((D, 3, len(problem)))
-        R, t = problem.placement
-        group, measured = problem.data.group, problem.data.position
-        for a in range(3):
-            out[:, a] = measured[:, a] - t[group, a] - sum(R[group, a, b] * p[b] for b in range(3))
-        return out
 
     def _poses(self, twist: Twist, D: int) -> Array:
         """Subtract predicted from measured poses, (D, 6, m) [mm, rad]."""
@@ -211,20 +196,3 @@ def _vector(R: Array) -> Array:
     size = np.linalg.norm(skew, axis=-1)
     angle = np.arctan2(size, (trace - 1) / 2)
     return np.asarray(skew * np.where(size > 0, angle / np.maximum(size, 1e-300), 1.0)[..., None])
-
-
-def _turn(c: Array, s: Array, x: Array, y: Array) -> tuple[Array, Array]:
-    """Turn (x, y) by the angle of cosine c and sine s."""
-    return c * x - s * y, s * x + c * y
-
-
-def _carry(transform: Array, p: Sequence[Array]) -> list[Array]:
-    """Apply a fixed transform (4, 4) to the coordinates of points; zeros cost nothing."""
-    out = []
-    for row in transform[:3]:
-        parts = [p[b] if row[b] == 1 else row[b] * p[b] for b in range(3) if row[b]]
-        total = parts[0]
-        for part in parts[1:]:
-            total = total + part
-        out.append(total + row[3] if row[3] else total)
-    return out

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from .._progress import News
+from .._typing import Say
 from ..exceptions import StudyError, suggest
 from ..measurements.row_places import Where, where_from_record
 from ..results.details_schema import DetailsRecord
@@ -16,7 +18,8 @@ Block = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """What a report is made of: the records of a study, and the pictures that its pages have drawn, by name."""
+    """What a report is made of: the records of a study, and its pictures by file name, drawn by its pages or ahead of
+    them."""
 
     record: StudyRecord
     details: DetailsRecord
@@ -28,10 +31,13 @@ class Source:
         places = self.details.places
         return where_from_record(None if places is None else places.to_dict())
 
-    def add_figure(self, name: str, picture: bytes, caption: str, alt: str) -> Block:
-        """Keep a picture and return its block: a caption that says what to see and a text for those who cannot."""
-        self.pictures[f"{name}.svg"] = picture
-        return {"kind": "figure", "file": f"{name}.svg", "caption": caption, "alt": alt}
+    def add_figure(self, name: str, draw: Callable[[], bytes], caption: str, alt: str) -> Block:
+        """Draw a picture unless it is drawn already, and return its block: a caption that says what to see and a text
+        for those who cannot."""
+        file = f"{name}.svg"
+        if file not in self.pictures:
+            self.pictures[file] = draw()
+        return {"kind": "figure", "file": file, "caption": caption, "alt": alt}
 
 
 def make_heading(text: str, level: int = 1, opens: bool = True) -> Block:
@@ -70,7 +76,10 @@ Page = Callable[[Source], list[Block]]
 
 
 def collect_blocks(
-    source: Source, pages: Mapping[str, Page], chosen: Sequence[str] | None = None
+    source: Source,
+    pages: Mapping[str, Page],
+    chosen: Sequence[str] | None = None,
+    say: Say = lambda _: None,
 ) -> list[Block]:
     """Return the blocks of the chosen pages (all without), in the report's own order. Raises StudyError for an unknown
     page."""
@@ -84,7 +93,9 @@ def collect_blocks(
             )
         )
     blocks: list[Block] = []
-    for name, write_page in pages.items():
-        if chosen is None or name in chosen:
-            blocks += write_page(source)
+    wanted = [name for name in pages if chosen is None or name in chosen]
+    for number, name in enumerate(wanted):
+        say(News(name, number / len(wanted)))
+        write_page = pages[name]
+        blocks += write_page(source)
     return blocks

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from .._files import write_all
+from .._second_process import Collect, SecondProcess
+from .._typing import Say
 from ..results.details_schema import DetailsRecord
 from ..results.reading import read_records
 from ..results.schema import StudyRecord
@@ -40,7 +43,42 @@ PAGES: dict[str, Page] = {
     "provenance": write_provenance_page,
 }
 
-Say = Callable[[str], None]
+# whose pictures show what sampling adds to a record, and those whose do not
+SAMPLED_PAGES = ("posterior",)
+UNSAMPLED_PAGES = tuple(name for name in PAGES if name not in SAMPLED_PAGES)
+# about half of the work of drawing
+HALF = ("data", "findings")
+DRAWING, SETTING = STEPS = ("drawing the pictures", "setting the report")
+
+
+class DrawnAhead:
+    """Pictures that a second process draws while this one does something else."""
+
+    def __init__(self, second: SecondProcess):
+        self.second = second
+        self.pages: list[str] = []
+        self.pending: list[Collect[dict[str, bytes]]] = []
+
+    def draw(self, record: StudyRecord, details: DetailsRecord, pages: Sequence[str]) -> None:
+        """Have the pictures of some pages drawn."""
+        self.pages += pages
+        self.pending.append(self.second.ask(partial(draw_pictures, record, details, pages)))
+
+    def collect(self) -> dict[str, bytes]:
+        """Wait for the pictures, by file name; those that failed are missing."""
+        pictures: dict[str, bytes] = {}
+        for collect in self.pending:
+            pictures |= collect() or {}
+        return pictures
+
+
+def draw_pictures(
+    record: StudyRecord, details: DetailsRecord, pages: Sequence[str]
+) -> dict[str, bytes]:
+    """Draw the pictures of some pages, by file name."""
+    source = Source(record, details)
+    collect_blocks(source, PAGES, pages)
+    return source.pictures
 
 
 def read_source(folder: Path) -> Source:
@@ -61,13 +99,19 @@ def draw_records(
     folder: Path,
     pages: Sequence[str] | None = None,
     say: Say = lambda _: None,
+    ahead: DrawnAhead | None = None,
 ) -> list[Path]:
-    """Draw report.pdf and report.html of a study's records into a folder; `pages` chooses from the PDF's. Files
-    written. Raises StudyError or ReportError."""
+    """Draw report.pdf and report.html of a study's records into a folder; `pages` chooses from the PDF's; `ahead` has
+    pictures of the same study, all pages wanted. Files written. Raises StudyError or ReportError."""
     source = Source(record, details)
-    say("drawing the pictures")
-    blocks = collect_blocks(source, PAGES, pages)
-    say("setting the report")
+    say(DRAWING)
+    if ahead is not None:
+        # the others first: the second process draws meanwhile
+        others = [name for name in PAGES if name not in ahead.pages]
+        source.pictures.update(draw_pictures(record, details, others))
+        source.pictures.update(ahead.collect())
+    blocks = collect_blocks(source, PAGES, pages, say)
+    say(SETTING)
     pdf, _ = compile_pdf(fill_template(source, blocks), source.pictures)
     write_all(folder, {"report.pdf": pdf, "report.html": write_page(source)})
     return [folder / "report.pdf", folder / "report.html"]

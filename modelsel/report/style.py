@@ -94,8 +94,13 @@ def use_style() -> Iterator[Sheets]:
 
 def svg(figure: Figure, title: str) -> bytes:
     """Return the figure as SVG, text as text, no date."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
     stream = io.BytesIO()
-    figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None, "Title": title})
+    metadata = {"Date": None, "Creator": None, "Title": title}
+    # not savefig, which draws twice: once to lay out, though drawing lays out by itself
+    canvas: Any = FigureCanvasSVG(figure)
+    canvas.print_svg(stream, metadata=metadata)
     return stream.getvalue()
 
 

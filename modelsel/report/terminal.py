@@ -55,6 +55,12 @@ SMALLEST_F = 1e-99
 def show_study(record: StudyRecord, details: DetailsRecord, console: Console) -> None:
     """Show the whole study on a terminal: the ladder, the table of subsets, the error map, significance, then all in
     words."""
+    show_analysis(record, details, console)
+    show_sampling(record, console)
+
+
+def show_analysis(record: StudyRecord, details: DetailsRecord, console: Console) -> None:
+    """Show what is known before the posterior is sampled."""
     console.print(_title(record))
     console.print(_ladder_table(record))
     if record.candidates.best:
@@ -63,7 +69,16 @@ def show_study(record: StudyRecord, details: DetailsRecord, console: Console) ->
         console.print(_map_table(record.error_map))
     if record.significance:
         console.print(_significance_table(record.significance))
-    for sentence in write_sentences(record, details):
+    _print_sentences(_analysis_sentences(record, details), console)
+
+
+def show_sampling(record: StudyRecord, console: Console) -> None:
+    """Show the rest of a study: what sampling says, and the notes, to which it adds."""
+    _print_sentences(_last_sentences(record), console)
+
+
+def _print_sentences(sentences: Sequence[str], console: Console) -> None:
+    for sentence in sentences:
         console.print(sentence, highlight=False, markup=False, emoji=False)
 
 
@@ -234,6 +249,15 @@ def _figure(value: float | None) -> str:
 
 def write_sentences(record: StudyRecord, details: DetailsRecord) -> list[str]:
     """Write the study in words."""
+    return [*_analysis_sentences(record, details), *_last_sentences(record)]
+
+
+def _last_sentences(record: StudyRecord) -> list[str]:
+    return [*_sampling_sentences(record), *_note_sentences(record)]
+
+
+def _analysis_sentences(record: StudyRecord, details: DetailsRecord) -> list[str]:
+    """Return what is known before sampling."""
     where = where_from_record(None if details.places is None else details.places.to_dict())
     sentences = [
         *alarm_sentences(record),
@@ -248,8 +272,6 @@ def write_sentences(record: StudyRecord, details: DetailsRecord) -> list[str]:
         *_feature_sentences(record),
         *(f"Not identifiable: {one.sentence}" for one in record.unidentifiable),
         *_correlation_sentences(record),
-        *_sampling_sentences(record),
-        *_note_sentences(record),
     ]
     return [sentence for sentence in sentences if sentence]
 

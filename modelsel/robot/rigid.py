@@ -1,9 +1,9 @@
 """Rotations and rigid transforms as plain arrays: R_a_b takes coordinates in b to coordinates in a;
 mm and rad.
 
-The formulas of roll-pitch-yaw angles, quaternions and the nearest rotation stand here although
-scipy.spatial.transform.Rotation has them: that module takes longer to import than the whole command
-line, robot files are read before anything else, and its angles at gimbal lock and its normalisation
+The formulas of roll-pitch-yaw angles, quaternions, turns and the nearest rotation stand here
+although scipy.spatial.transform.Rotation has them: that module takes longer to import than the
+whole command line, robot files are read before anything else, and its angles at gimbal lock and its normalisation
 round differently. Quaternions and rotation vectors of measured orientations do use it, imported
 late."""
 
@@ -20,6 +20,8 @@ Axis = Literal["tx", "ty", "tz", "rx", "ry", "rz"]
 AXES: tuple[str, ...] = get_args(Axis)
 # the two axes that a rotation about axis 0, 1 or 2 mixes, in right-handed order
 MIXED_AXES = ((1, 2), (2, 0), (0, 1))
+# [rad] up to which half a turn's sine over the turn is taken from its series
+SMALL_TURN = 1e-3
 
 
 def rotation_matrix(axis: int, angle: ArrayLike) -> Array:
@@ -101,6 +103,30 @@ def nearest_rotation(A: Array) -> Array:
     signs = [1, 1, np.sign(determinant)]
     nearest = U @ np.diag(signs) @ Vt
     return np.asarray(nearest)
+
+
+def from_rotation_vector(vector: Array) -> Array:
+    """Convert rotation vectors (..., 3) [rad], axis times angle, to rotations (..., 3, 3).
+
+    To the last bit what scipy's Rotation makes of them: it decides between causes that explain the
+    data equally well."""
+    x, y, z = np.moveaxis(vector, -1, 0)
+    angle = np.sqrt(x * x + y * y + z * z)
+    square = angle * angle
+    is_small = angle <= SMALL_TURN
+    series = 0.5 - square / 48 + square * square / 3840
+    scale = np.where(is_small, series, np.sin(angle / 2) / np.where(is_small, 1.0, angle))
+    w, x, y, z = np.cos(angle / 2), scale * x, scale * y, scale * z
+    xx, yy, zz, ww = x * x, y * y, z * z, w * w
+    xy, xz, yz, xw, yw, zw = x * y, x * z, y * z, x * w, y * w, z * w
+    R = np.array(
+        [
+            [xx - yy - zz + ww, 2 * (xy - zw), 2 * (xz + yw)],
+            [2 * (xy + zw), -xx + yy - zz + ww, 2 * (yz - xw)],
+            [2 * (xz - yw), 2 * (yz + xw), -xx - yy + zz + ww],
+        ]
+    )
+    return np.ascontiguousarray(np.moveaxis(R, (0, 1), (-2, -1)))
 
 
 def from_quaternion(wxyz: Array) -> Array:

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from .._typing import Array, Index, Mask
-from ..robot.rigid import nearest_rotation
+from ..robot.rigid import from_rotation_vector, nearest_rotation
 from .minimisation import COARSE, CONVERGED, minimise
 from .placement import (
     LEVER_MM,
@@ -118,8 +118,6 @@ def _compute_jacobian(
 
 def _take_step(sight: Sight, at: Placed, step: Array) -> Placed:
     """Take a step (p,) of the unknowns of `normal_equations`."""
-    from scipy.spatial.transform import Rotation
-
     G = sight.groups
     T = len(at.tools)
     first_turn = 6 * G + 3 * T
@@ -128,7 +126,7 @@ def _take_step(sight: Sight, at: Placed, step: Array) -> Placed:
     of_turns = step[first_turn:].reshape(-1, 3)
     turn = of_groups[:, :3]
     shift = of_groups[:, 3:]
-    W = Rotation.from_rotvec(turn).as_matrix()
+    W = from_rotation_vector(turn)
     turning_points = []
     for g in range(G):
         turning_point = compute_turning_point(sight, at, g)
@@ -138,8 +136,7 @@ def _take_step(sight: Sight, at: Placed, step: Array) -> Placed:
     R = [nearest_rotation(product) for product in W @ at.R]
     turned = at.turned
     if turned is not None and len(of_turns):
-        target_turn = Rotation.from_rotvec(of_turns)
-        turned = target_turn.as_matrix() @ turned
+        turned = from_rotation_vector(of_turns) @ turned
     return replace(
         at,
         R=np.stack(R),

@@ -14,7 +14,7 @@ import numpy as np
 from .._typing import Array, Index
 from ..fitting.problem import Problem
 from ..robot.kinematics import Pose, Robot, pose
-from ..robot.rigid import nearest_rotation, transform
+from ..robot.rigid import from_rotation_vector, nearest_rotation, transform
 from .adjustment import cross_matrices
 from .minimisation import COARSE, minimise
 from .placement import LOSS, MAX_ROUNDS, MEDIAN_3, STATED_MM, USUAL_MM, fit_rigid_transform
@@ -144,11 +144,8 @@ def _compute_jacobian(problem: Problem, arm: Arm, at: Pose) -> Array:
 
 def _take_step(problem: Problem, arm: Arm, step: Array) -> Arm:
     """Take a step (9 + 4 n,) of the unknowns."""
-    from scipy.spatial.transform import Rotation
-
     n = problem.robot.n
-    turn = Rotation.from_rotvec(step[:3])
-    W = turn.as_matrix()
+    W = from_rotation_vector(step[:3])
     shift = step[3:SET_UP]
     tool = step[SET_UP:TARGET]
     zeros = step[TARGET : TARGET + n]

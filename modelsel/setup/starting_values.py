@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from .._typing import Array, Index
-from ..robot.rigid import nearest_rotation, rotation_vector
+from ..robot.rigid import from_rotation_vector, nearest_rotation, rotation_vector
 from .placement import Placed, Sight, fit_placements
 from .robust_weights import (
     compute_cauchy_weights,
@@ -62,8 +62,6 @@ def _generate_targets(sight: Sight, affine: Placed) -> Iterator[Array]:
 def turn_about_lines(sight: Sight, at: Placed) -> Iterator[Placed]:
     """Turn the placement about the points of every group where they are nearly a line: what a rigid
     fit leaves open."""
-    from scipy.spatial.transform import Rotation
-
     directions = []
     for g in range(sight.groups):
         in_group = sight.group == g
@@ -75,8 +73,7 @@ def turn_about_lines(sight: Sight, at: Placed) -> Iterator[Placed]:
         return
     from_middle = at.t - middle
     for angle in (np.pi / 2, np.pi, -np.pi / 2):
-        turn = Rotation.from_rotvec(angle * axes)
-        W = turn.as_matrix()
+        W = from_rotation_vector(angle * axes)
         offset = np.einsum("gij,gj->gi", W, from_middle)
         turned = replace(at, R=W @ at.R, t=middle + offset)
         yield _add_target_rotations(sight, turned)

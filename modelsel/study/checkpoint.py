@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from .._files import HIDDEN, write_atomically
 from ..exceptions import StudyError
-from ..uncertainty.sampler import State
+from ..uncertainty.walk import State
 
 COPY_INTERVAL_S = 5.0  # between two copies; how often copies are made does not change the result
 # what identifies a run, in the words of messages

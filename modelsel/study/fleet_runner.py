@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from .._files import claim_folder, csv_bytes, write_atomically
 from .._json import to_json
+from .._progress import News
 from .._typing import Say
 from ..config.fleet_file import Fleet, PartsTable, Task, find_files
 from ..config.study_file import find_data
@@ -145,15 +146,17 @@ def run_fleet(
             folder = out / name
             if _is_finished(task, folder, options):
                 rows[name] = _read_row(name, folder)
+    say(f"running {count} studies")
     if rows:
-        say(f"{len(rows)} of {count} are finished already")
+        say(News(f"{len(rows)} of {count} are finished already", len(rows) / count, kept=True))
     waiting = [task for task in tasks if task.name not in rows]
     finished = _run_tasks(waiting, out, client, options)
     for row in finished:
         name = row["name"]
         state = row["state"]
         rows[name] = row
-        say(f"{len(rows)} of {count}  {name}: {state}")
+        share = len(rows) / count
+        say(News(f"{len(rows)} of {count}  {name}: {state}", share, kept=True))
     for part in fleet.parts:
         name = part.name
         folder = out / name

@@ -64,6 +64,17 @@ from .model_ladder import (
 from .preparation import prepare, read_instrument, weigh_by_residuals
 from .result import Result
 from .stated_noise import check_stated_noise
+from .steps import (
+    FOLDS,
+    GAIN,
+    LADDER,
+    OUTLIERS,
+    REGISTERING,
+    SAMPLING,
+    SPLITTING,
+    SUBSETS,
+    WEIGHING,
+)
 from .study_notes import (
     collect_comparison_notes,
     collect_diagnosis_notes,
@@ -91,10 +102,7 @@ def analyse(
     `labels` (m,) say which rows estimate, where the study names a column for it; `data_sha256` is
     the hash of the measurements' file. Raises StudyError, DataError or NotEstimable.
     """
-    activity = "splitting"
-    if study.robot.register_:
-        activity = "registering and splitting"
-    say(activity)
+    say(REGISTERING if study.robot.register_ else SPLITTING)
     split, floor, notes = prepare(study, robot, measured, labels)
     with add_alarms_to_errors(notes):
         return _analyse_prepared(study, registry, split, floor, notes, say, data_sha256)
@@ -117,22 +125,22 @@ def _analyse_prepared(
     mechanisms = list_candidates(study, split.problem.robot, registry)
     split = weigh_orientations(study, registry, split, base)
 
-    say("looking for outliers")
+    say(OUTLIERS)
     split, diagnosis, candidates = diagnose_split(
         split, base, mechanisms, study.seed, searches_cells(study), say, choose_options(study)
     )
     split, floor, noise_notes = check_stated_noise(split, floor, diagnosis.fit)
 
-    say("evaluating the ladder")
+    say(LADDER)
     steps = evaluate_steps(split, evaluate(split, base, study.model.base), diagnosis)
     ladder = evaluate_ladder(
         study, split, registry, steps, choose_constants(candidates, diagnosis.single_f)
     )
 
-    say("comparing all subsets of the candidates")
+    say(SUBSETS)
     comparison = compare_candidates(study, split, steps[0], diagnosis, candidates)
 
-    say("measuring the gain")
+    say(GAIN)
     split = exclude_held_out_outliers(split, ladder)
     ladder = [remeasure(evaluation, split) for evaluation in ladder]
     chosen = ladder[-1]
@@ -266,9 +274,9 @@ def repeat_in_folds(
     folds = study.split.nested_folds
     if not folds:
         return None
-    say(f"the whole procedure again in {folds} folds")
+    say(f"{FOLDS} in {folds} folds")
     cells, options = searches_cells(study), choose_options(study)
-    return run_nested_folds(split, base, mechanisms, study.seed, cells, folds, options)
+    return run_nested_folds(split, base, mechanisms, study.seed, cells, folds, options, say=say)
 
 
 def choose_noise_floor(split: Split, known: Floor | None, chosen: Evaluation) -> Floor:
@@ -295,7 +303,7 @@ def list_unidentifiable(fitted: Fit) -> tuple[Unidentifiable, ...]:
 
 def assess_uncertainty(study: Study, split: Split, chosen: Evaluation, say: Say) -> Confidence:
     """Assess the chosen model's parameters, and what each of its mechanisms contributes."""
-    say("weighing every mechanism of the chosen model")
+    say(WEIGHING)
     names = chosen.names
     return assess_confidence(split, chosen.fit, names, study.seed)
 
@@ -307,6 +315,7 @@ def sample_posterior(
 
     `keeper` keeps an unfinished chain and takes it up again.
     """
+    say(SAMPLING)
     study, split = result.study, result.split
     stated = study.noise.floor_mm is not None and split.known_sigma
     log_posterior = build_log_posterior(

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .._progress import follow
+from .._typing import Say
 from ..calibration.calibration import Calibration, calibrate
 from ..calibration.refitting import refit_forms
 from ..config.study_file import Study
 from ..exceptions import StudyError, suggest
 from ..fitting.problem import Problem
-from ..report.drawing import draw_records
 from ..results.details import draw_details
 from ..results.details_schema import DetailsRecord
 from ..results.finding_schema import FindingRecord
@@ -113,11 +113,15 @@ class Result:
         self,
         folder: Path | str,
         pages: tuple[str, ...] | None = None,
-        say: Callable[[str], None] = lambda _: None,
+        say: Say = lambda _: None,
+        progress: bool = False,
     ) -> list[Path]:
-        """Draw report.pdf and report.html into a folder; `pages` chooses from the PDF's. Files written. Raises
-        StudyError or ReportError."""
-        return draw_records(self.record, self.details, Path(folder), pages, say)
+        """Draw report.pdf and report.html into a folder; `pages` chooses from the PDF's, `progress` shows what is
+        being done. Files written. Raises StudyError or ReportError."""
+        from ..report.drawing import STEPS, draw_records
+
+        with follow(say, progress, STEPS) as tell:
+            return draw_records(self.record, self.details, Path(folder), pages, tell)
 
     def __repr__(self) -> str:
         return f"Result of {self.record.study!r}. {' '.join(self.record.verdict)}"
@@ -175,7 +179,11 @@ class Result:
 
     def with_uncertainty(self, uncertainty: Confidence) -> Result:
         """Return the result with another answer to how sure it is, as after sampling."""
-        return Result(replace(self.run, uncertainty=uncertainty))
+        result = Result(replace(self.run, uncertainty=uncertainty))
+        if "details" in vars(self):
+            # they show nothing of it
+            vars(result)["details"] = self.details
+        return result
 
 
 def load_result(folder: Path | str) -> Result:

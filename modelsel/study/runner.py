@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from .._progress import follow
 from .._typing import Say
 from ..config.study_file import Study, find_source
 from ..exceptions import DataError
@@ -16,6 +17,7 @@ from .model_ladder import build_model, searches_cells
 from .pipeline import analyse, record_provenance, sample_posterior
 from .preparation import prepare
 from .result import Result
+from .steps import READING, list_steps
 
 
 def run_study(
@@ -26,6 +28,7 @@ def run_study(
     say: Say = lambda _: None,
     sampling: bool = True,
     checkpoint: Checkpoint | None = None,
+    progress: bool = False,
 ) -> Result:
     """Run a study and return its result; write nothing but the checkpoint.
 
@@ -33,15 +36,25 @@ def run_study(
         study: a study file, its folder, or a Study.
         folder: where the study's files are; by default the folder of the study file.
         registry: the mechanisms by name.
-        say: receives one line per step, for a progress display.
+        say: receives one line per step, for a progress display of your own.
         sampling: whether emcee samples the posterior, which takes most of a study's time.
         checkpoint: keeps an unfinished chain for `--resume`; clear it once the result is saved.
+        progress: show what is being done and how long it will take, in a notebook or on the error stream.
 
     Raises:
         StudyError, DataError or NotEstimable.
     """
     study, folder = open_study(study, folder)
-    say(f"reading {study.measurements.file}")
+    with follow(say, progress, list_steps(study, sampling)) as tell:
+        result = _analyse_study(study, folder, registry, tell, checkpoint)
+        return sample_posterior(result, registry, tell, checkpoint) if sampling else result
+
+
+def _analyse_study(
+    study: Study, folder: Path, registry: Registry, say: Say, checkpoint: Checkpoint | None
+) -> Result:
+    """Read a study's files and run all of its steps but the sampling."""
+    say(f"{READING} {study.measurements.file}")
     source = find_source(study, folder)
     state_before = _read_file_state(source)
     robot, registry, measured, labels = read_inputs(study, folder, registry)
@@ -54,10 +67,9 @@ def run_study(
         )
     if checkpoint is not None:
         checkpoint.bind(record_provenance(study, data_sha256))
-    result = analyse(
+    return analyse(
         study, robot, measured, registry=registry, labels=labels, say=say, data_sha256=data_sha256
     )
-    return sample_posterior(result, registry, say, checkpoint) if sampling else result
 
 
 def _read_file_state(path: Source) -> tuple[int, int, int] | None:

@@ -57,27 +57,16 @@ class MarginalLikelihood:
         Student-t, None for normal noise."""
         rows = residual.shape[1]
         inverse = self._inverse_scale(log_s, rows)
-        scale_term = self._scale_term(log_s)
+        density = self._scale_term(log_s)
         if nu is None:
-            residual = self._minimise(residual, log_s, inverse, 1.0)
+            residual = self._minimise(residual, residual, log_s, inverse)
+            curvature = np.ones(len(residual))
             scaled = residual * inverse
-            prior_cost = self._prior_cost(scaled)
-            walkers = len(residual)
-            curvature = np.ones(walkers)
-            measured = self._measured
-            data = scaled[:, :measured]
-            squares = np.square(data)
-            cost = squares.sum(1)
-            half_cost = 0.5 * cost
-            density = scale_term - prior_cost
-            density = density - half_cost
+            density = density - 0.5 * np.einsum("wn,wn->w", scaled, scaled)
         else:
-            residual, weight = self._minimise_student(residual, log_s, inverse, nu)
-            scaled = residual * inverse
-            prior_cost = self._prior_cost(scaled)
-            distance = self._distance(scaled)
+            residual, weight, distance = self._minimise_student(residual, log_s, inverse, nu)
+            density = density - self._prior_cost(residual, inverse)
             curvature = self._student_curvature(weight, distance, nu)
-            density = scale_term - prior_cost
             density = self._add_student(density, distance, nu)
         return self._add_laplace(density, log_s, curvature)
 
@@ -112,20 +101,17 @@ class MarginalLikelihood:
         information = np.einsum("wt,tij->wij", precision, self.grams)
         return np.asarray(information)
 
-    def _minimise(
-        self, residual: Array, log_s: Array, inverse: Array, weight: Array | float
-    ) -> Array:
-        """Minimise weighted residuals (W, N + k) over β: one step of weighted least squares.
+    def _minimise(self, residual: Array, weighted: Array, log_s: Array, inverse: Array) -> Array:
+        """Minimise residuals (W, N + k) over β: one step of weighted least squares.
 
-        With equal scales and weights this is the projection (I − QQᵀ) ρ. Weights enter the gradient
-        alone, which is a step of expectation-maximisation."""
+        weighted: the residuals times their weights. With equal scales and weights this is the
+        projection (I − QQᵀ) ρ. Weights enter the gradient alone, which is a step of
+        expectation-maximisation."""
         basis = self.basis
-        weighted = weight * residual
         if self.scales == 1:
             projection = weighted @ basis
             change = projection @ basis.T
-            least = residual - change
-            return np.asarray(least)
+            return np.subtract(residual, change, out=change)
         precision = inverse**2
         gradient = (weighted * precision) @ basis
         gradient = gradient[:, :, None]
@@ -138,33 +124,34 @@ class MarginalLikelihood:
 
     def _minimise_student(
         self, residual: Array, log_s: Array, inverse: Array, nu: Array
-    ) -> tuple[Array, Array]:
-        """Minimise residuals under a Student-t; returns them with the points' weights (W, m)."""
-        c = self.coordinates
-        measured = self._measured
-        steps = 1 + EM_STEPS
+    ) -> tuple[Array, Array, Array]:
+        """Minimise residuals under a Student-t; returns them with the points' weights and squared
+        lengths (W, m)."""
         degrees = nu[:, None]
-        numerator = degrees + c
-        weight: Array | float = 1.0
-        for _ in range(steps):
-            residual = self._minimise(residual, log_s, inverse, weight)
-            scaled = residual * inverse
-            distance = self._distance(scaled)
-            denominator = degrees + distance
-            point_weight = numerator / denominator
-            by_coordinate = np.tile(point_weight, (1, c))
-            weight = np.ones_like(residual)
-            weight[:, :measured] = by_coordinate
-        return residual, point_weight
+        numerator = degrees + self.coordinates
+        residual = self._minimise(residual, residual, log_s, inverse)
+        distance = self._distance(residual, inverse)
+        for _ in range(EM_STEPS):
+            weighted = residual.copy()
+            by_point = self._by_point(weighted)
+            by_point *= (numerator / (degrees + distance))[:, None]
+            residual = self._minimise(residual, weighted, log_s, inverse)
+            distance = self._distance(residual, inverse)
+        return residual, numerator / (degrees + distance), distance
 
-    def _distance(self, scaled: Array) -> Array:
+    def _by_point(self, residual: Array) -> Array:
+        """View the data's part of residuals (W, N + k) as (W, c, m)."""
+        data = residual[:, : self._measured]
+        return data.reshape(len(residual), self.coordinates, self.configurations)
+
+    def _distance(self, residual: Array, inverse: Array) -> Array:
         """Compute the squared length d² (W, m) of every point's residual in units of the noise."""
-        walkers = len(scaled)
-        measured = self._measured
-        data = scaled[:, :measured]
-        squares = np.square(data)
-        by_point = squares.reshape(walkers, self.coordinates, self.configurations)
-        distance = by_point.sum(1)
+        if self.scales > 1:
+            residual = residual * inverse
+        by_point = self._by_point(residual)
+        distance = np.einsum("wcm,wcm->wm", by_point, by_point)
+        if self.scales == 1:
+            distance *= inverse**2
         return np.asarray(distance)
 
     def _scale_term(self, log_s: Array) -> Array:
@@ -177,14 +164,13 @@ class MarginalLikelihood:
         term = -log_s @ rows
         return np.asarray(term)
 
-    def _prior_cost(self, scaled: Array) -> Array:
-        """Compute half the squared length (W,) of the prior's rows."""
+    def _prior_cost(self, residual: Array, inverse: Array) -> Array:
+        """Compute half the squared length (W,) of the prior's rows, in units of the noise."""
         measured = self._measured
-        prior = scaled[:, measured:]
-        squares = np.square(prior)
-        length = squares.sum(1)
-        cost = 0.5 * length
-        return np.asarray(cost)
+        # one scale: a single column, of all rows
+        scale = inverse if self.scales == 1 else inverse[:, measured:]
+        prior = residual[:, measured:] * scale
+        return np.asarray(0.5 * np.einsum("wk,wk->w", prior, prior))
 
     def _student_curvature(self, weight: Array, distance: Array, nu: Array) -> Array:
         """Compute the average information (W,) of a row under the Student-t, of 1 under normal

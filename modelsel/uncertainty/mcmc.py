@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from .._linalg import TINY
-from .._typing import Array
+from .._typing import Array, Mask
 
 # step of the snooker; ter Braak & Vrugt 2008: 1.2 to 2.2
 GAMMA = 1.7
@@ -130,7 +130,17 @@ def build_moves(ranges: Sequence[tuple[int, float, float]] = ()) -> list[tuple[A
     dimensions (benchmarks/calibration.py). The one used here is corrected."""
     import emcee
 
-    class Snooker(emcee.moves.RedBlueMove):  # type: ignore[misc]
+    class HalfMove(emcee.moves.RedBlueMove):  # type: ignore[misc]
+        """emcee's move of one half of the walkers and then of the other, all of a half at once: its own
+        goes through them one by one, which takes a quarter of the sampling."""
+
+        def propose(self, model: Any, state: Any) -> tuple[Any, Mask]:
+            return move_halves(self, model, state)
+
+    class Differential(HalfMove, emcee.moves.DEMove):  # type: ignore[misc]
+        """Differential evolution."""
+
+    class Snooker(HalfMove):
         """Snooker update of all walkers at once (`propose_snooker`)."""
 
         def get_proposal(
@@ -141,7 +151,7 @@ def build_moves(ranges: Sequence[tuple[int, float, float]] = ()) -> list[tuple[A
             z, first, second = others[pick].transpose(1, 0, 2)
             return propose_snooker(sample, z, first - second)
 
-    class Redraw(emcee.moves.RedBlueMove):  # type: ignore[misc]
+    class Redraw(HalfMove):
         """One constant of each walker drawn anew, uniformly over its range."""
 
         def get_proposal(
@@ -154,10 +164,36 @@ def build_moves(ranges: Sequence[tuple[int, float, float]] = ()) -> list[tuple[A
             proposal[np.arange(len(sample)), position[which]] = drawn
             return proposal, np.zeros(len(sample))
 
-    moves = [(emcee.moves.DEMove(), 0.8), (Snooker(), 0.2)]
+    moves: list[tuple[Any, float]] = [(Differential(), 0.8), (Snooker(), 0.2)]
     if ranges:
         moves.append((Redraw(), 0.5))
     return moves
+
+
+def move_halves(move: Any, model: Any, state: Any) -> tuple[Any, Mask]:
+    """Move one half of the walkers, drawn at random, by where the other half stands; then the other.
+
+    move, model, state: emcee's; the random numbers are those that it would draw. Returns the state,
+    changed in place, and which of the walkers (W,) accepted their proposals."""
+    walkers = len(state.coords)
+    move.setup(state.coords)
+    accepted = np.zeros(walkers, bool)
+    half = np.arange(walkers) % 2
+    model.random.shuffle(half)
+    for number in range(2):
+        own = np.flatnonzero(half == number)
+        others = state.coords[half != number]
+        proposal, factor = move.get_proposal(state.coords[own], [others], model.random)
+        density, _ = model.compute_log_prob_fn(proposal)
+        threshold = np.log(model.random.rand(len(own)))
+        # a walker and a proposal both outside the priors: undefined, and not accepted
+        with np.errstate(invalid="ignore"):
+            is_taken = factor + density - state.log_prob[own] > threshold
+        taken = own[is_taken]
+        state.coords[taken] = proposal[is_taken]
+        state.log_prob[taken] = density[is_taken]
+        accepted[taken] = True
+    return state, accepted
 
 
 def propose_snooker(x: Array, z: Array, difference: Array) -> tuple[Array, Array]:

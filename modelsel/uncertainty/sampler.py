@@ -8,17 +8,19 @@ these are stable, and R-hat is low (`SamplingOptions`)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from .._typing import Array
+from .._progress import News
+from .._typing import Array, Say
 from .log_posterior import LogPosterior
-from .mcmc import autocorrelation_time, build_moves, r_hat
+from .mcmc import autocorrelation_time, r_hat
 from .posterior import Importance
 from .sampling_options import CHUNK, DEFAULT_SAMPLING, SamplingOptions
+from .walk import State, Walk
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,24 +34,6 @@ MAX_DRAWS = 400
 MAX_PICTURED = 6
 PROBABILITIES = (0.025, 0.5, 0.975)
 QUANTILE_KEYS = ("low", "median", "high")
-
-RandomState = tuple[str, Array, int, int, float]
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """An unfinished chain.
-
-    chain: stored steps (n, W, d).
-    log_density: (n, W) of the stored steps.
-    accepted: (W,) accepted moves among the stored steps.
-    random: emcee's random state.
-    """
-
-    chain: Array
-    log_density: Array
-    accepted: Array
-    random: RandomState
 
 
 class Keeper(Protocol):
@@ -199,7 +183,7 @@ def sample_posterior(
     what: str,
     rng: np.random.Generator,
     *,
-    say: Callable[[str], None] = lambda _: None,
+    say: Say = lambda _: None,
     keeper: Keeper | None = None,
     options: SamplingOptions = DEFAULT_SAMPLING,
 ) -> Sampling:
@@ -209,11 +193,12 @@ def sample_posterior(
     that are done, so that an interrupted chain can be resumed."""
     thin = _choose_thinning(log_posterior.size)
     state = None if keeper is None else keeper.load(log_posterior.names)
-    walk = _Walk(log_posterior, rng, thin, state, options)
+    walk = Walk(log_posterior, rng, thin, state, options)
     tau: Array | None = None
     check = min(options.first_check, options.max_steps)
+    needed: float | None = None
     while True:
-        _advance(walk, check, keeper)
+        _advance(walk, check, keeper, needed, say)
         # a resumed chain is judged where the unbroken one was
         chain = log_posterior.values(walk.chain[: check // thin])
         before = tau
@@ -222,10 +207,7 @@ def sample_posterior(
         burnt = _burn_in(tau, thin, len(chain))
         kept = check - burnt * thin
         needed = options.min_times * longest + (check - kept)
-        say(
-            f"sampling: tau {longest:.0f}, {check:,} of {needed:,.0f} steps, "
-            f"{min(check / needed, 1):.0%}"
-        )
+        needed = min(needed, options.max_steps)
         change = np.inf if before is None else abs(longest - float(before.max()))
         settled = change < options.max_change * longest
         long = kept > options.min_times * longest and settled
@@ -243,18 +225,29 @@ def _choose_thinning(names: int) -> int:
     return max(n for n in THINNINGS if n == 1 or NAMES_PER_STEP * n <= names)
 
 
-def _advance(walk: _Walk, steps: int, keeper: Keeper | None) -> None:
-    """Run a walk up to so many steps; an interruption keeps the chunks that are done."""
+def _advance(walk: Walk, steps: int, keeper: Keeper | None, needed: float | None, say: Say) -> None:
+    """Run a walk up to so many steps; an interruption keeps the chunks that are done.
+
+    needed: steps that the chain will take in all, as far as is known."""
     names = walk.log_posterior.names
     try:
         while walk.steps < steps:
             walk.run(min(CHUNK * walk.thin, steps - walk.steps))
+            say(_describe_advance(walk.steps, steps, needed))
             if keeper is not None:
                 keeper.keep(names, walk.state())
     except KeyboardInterrupt:
         if keeper is not None and walk.steps:
             keeper.keep(names, walk.state(), now=True)
         raise
+
+
+def _describe_advance(done: int, next_look: int, needed: float | None) -> News:
+    """Describe how far a chain is; before the first look nobody knows how long it must be."""
+    if needed is None:
+        return News(f"{done:,} steps, at {next_look:,} it shows how many are needed")
+    most = max(next_look, needed)
+    return News(f"{done:,} of {most:,.0f} steps", done / most)
 
 
 def _autocorrelation_times(chain: Array, thin: int) -> Array:
@@ -279,7 +272,7 @@ def _burn_in(tau: Array, thin: int, stored: int) -> int:
 
 
 def _finish(
-    walk: _Walk, tau: Array, agreement: Array, converged: bool, importance: Importance, what: str
+    walk: Walk, tau: Array, agreement: Array, converged: bool, importance: Importance, what: str
 ) -> Sampling:
     log_posterior = walk.log_posterior
     burnt = _burn_in(tau, walk.thin, len(walk.chain))
@@ -297,92 +290,3 @@ def _finish(
         importance,
         what,
     )
-
-
-class _Walk:
-    """emcee's ensemble and the steps it has done."""
-
-    def __init__(
-        self,
-        log_posterior: LogPosterior,
-        rng: np.random.Generator,
-        thin: int,
-        state: State | None,
-        options: SamplingOptions,
-    ):
-        import emcee
-
-        self.log_posterior = log_posterior
-        self.thin = thin
-        pairs = -(-options.walkers_per_name * log_posterior.size // 2)
-        walkers = max(options.min_walkers, 2 * pairs)
-        # drawn in any case, so that a resumed chain goes on with the same random numbers
-        start = log_posterior.start(rng, walkers)
-        seed = int(rng.integers(2**32))
-        if state is None:
-            self._begin(start, seed)
-        else:
-            self._resume(state)
-        self.sampler = emcee.EnsembleSampler(
-            walkers,
-            log_posterior.size,
-            log_posterior.log_density,
-            moves=build_moves(log_posterior.ranges),
-            vectorize=True,
-        )
-        # bare: emcee's wrapper prints a traceback, on Ctrl-C too
-        self.sampler.log_prob_fn = log_posterior.log_density
-
-    def _begin(self, start: Array, seed: int) -> None:
-        """Begin a chain at walkers (W, d)."""
-        import emcee
-
-        # emcee draws from a legacy RandomState; its own `random_state` setter fails silently on
-        # what is not one
-        random = np.random.RandomState(seed).get_state(legacy=True)
-        self.parts = [np.empty((0, *start.shape))]
-        self.densities = [np.empty((0, len(start)))]
-        self.accepted = np.zeros(len(start))
-        self.position = emcee.State(start, random_state=random)
-
-    def _resume(self, state: State) -> None:
-        """Resume an unfinished chain."""
-        import emcee
-
-        self.parts = [state.chain]
-        self.densities = [state.log_density]
-        self.accepted = state.accepted
-        self.position = emcee.State(
-            state.chain[-1], log_prob=state.log_density[-1], random_state=state.random
-        )
-
-    @property
-    def chain(self) -> Array:
-        """(stored, W, d)."""
-        chain = np.concatenate(self.parts)
-        self.parts = [chain]
-        return chain
-
-    @property
-    def steps(self) -> int:
-        """Number of steps done."""
-        stored = 0
-        for part in self.parts:
-            stored += len(part)
-        return stored * self.thin
-
-    def run(self, steps: int) -> None:
-        """Run so many more steps."""
-        self.sampler.reset()
-        after = self.sampler.run_mcmc(
-            self.position, steps // self.thin, thin_by=self.thin, skip_initial_state_check=True
-        )
-        self.parts.append(self.sampler.get_chain())
-        self.densities.append(self.sampler.get_log_prob())
-        self.accepted = self.accepted + self.sampler.backend.accepted
-        self.position = after
-
-    def state(self) -> State:
-        """Return what a resumed run needs."""
-        self.densities = [np.concatenate(self.densities)]
-        return State(self.chain, self.densities[0], self.accepted, self.position.random_state)

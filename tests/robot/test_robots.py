@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from builders import drawn
 from dh_steps import screw_x, screw_z
+from scipy.spatial.transform import Rotation
 
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import compute_design, residuals
 from modelsel.mechanisms.geometry import geometric
 from modelsel.robot.files import builtin_names, load_robot, read_robot, robot_from_table
 from modelsel.robot.kinematics import Robot, forward, pose, screw_field
-from modelsel.robot.rigid import rotation_matrix
+from modelsel.robot.rigid import from_rotation_vector, rotation_matrix
 
 POSES = tomllib.loads(
     (Path(__file__).parents[1] / "support" / "poses.toml").read_text(encoding="utf-8")
@@ -420,3 +421,14 @@ def test_a_message_keeps_its_end_where_a_value_is_endless() -> None:
         caught.value.problems[0]
         == f'arm.toml: convention: expected "standard" or "modified", found "1{78 * "0"}…".'
     )
+
+
+def test_turns_as_scipy_has_them(rng) -> None:
+    """To the last bit: no turn at all, one so small that its square vanishes, half a turn and more."""
+    direction = rng.standard_normal((500, 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    for angle in (0.0, 1e-9, 9e-4, 1.1e-3, 0.3, np.pi, 7.0):
+        vectors = angle * direction
+        expected = Rotation.from_rotvec(vectors).as_matrix()
+        np.testing.assert_array_equal(from_rotation_vector(vectors), expected)
+    np.testing.assert_array_equal(from_rotation_vector(vectors[2]), expected[2])

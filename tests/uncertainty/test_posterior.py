@@ -12,6 +12,7 @@ from scipy.stats import chi2
 
 from modelsel._typing import Array
 from modelsel.fitting.batch import Ensemble
+from modelsel.fitting.batch_positions import SMALL_ANGLE, BatchPositions, cos_sin
 from modelsel.fitting.design import Model, compute_design, residuals, whitened
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.prior import usual_sizes
@@ -20,6 +21,7 @@ from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.causes import cos, q
 from modelsel.mechanisms.geometry import build_setup
 from modelsel.mechanisms.registry import mechanism
+from modelsel.robot.kinematics import pose
 from modelsel.uncertainty.posterior import linear_posterior, summarise_importance, weight_draws
 
 ARM = small_arm()
@@ -88,6 +90,36 @@ def test_ensemble_is_the_exact_chain(rng: np.random.Generator, kind: str) -> Non
         np.abs(Ensemble(at, model.terms).residuals(theta) - expected).max()
         < 1e-9 * np.abs(expected).max()
     )
+
+
+def test_entries_that_vary_between_rows_about_every_axis(rng: np.random.Generator) -> None:
+    """Among constant ones of the same frame, small and large; in groups placed apart."""
+    at = placed(rng)
+    frames, m = at.robot.n + 1, len(at)
+    constant = rng.normal(0, 1, (3, 1, frames, 6)) * [5, 5, 5, 0.01, 0.01, 0.3]
+    varying = rng.normal(0, 1, (3, m, frames, 6)) * [5, 5, 5, 0.01, 0.3, 0.01]
+    is_varying = rng.random((frames, 6)) < 0.5
+    is_varying[at.robot.n] = False
+    entries = np.where(is_varying, varying, constant)
+    twist = {
+        (k, axis): (varying if is_varying[k, axis] else constant)[:, :, k, axis]
+        for k in range(frames)
+        for axis in range(6)
+    }
+    found = BatchPositions.prepare(at).residuals(twist, 3)
+    for draw in range(3):
+        there = pose(at.robot, at.data.q, at.tool, entries[draw].transpose(1, 2, 0), None)
+        R, t = at.placement
+        group = at.data.group
+        expected = at.data.position - t[group] - np.einsum("mij,jm->mi", R[group], there.target)
+        np.testing.assert_allclose(found[draw].T, expected, rtol=0, atol=1e-9)
+
+
+def test_small_angles_by_series() -> None:
+    angle = np.linspace(-1, 1, 2001) * 0.99 * SMALL_ANGLE
+    for series, exact in zip(cos_sin(angle), (np.cos(angle), np.sin(angle)), strict=True):
+        np.testing.assert_allclose(series, exact, rtol=4e-16, atol=0)
+    assert cos_sin(np.array([2.0]))[0] == np.cos(2.0)
 
 
 @pytest.mark.integration

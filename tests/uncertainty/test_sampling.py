@@ -16,6 +16,7 @@ from builders import drawn, one, planted, small_arm, study_of
 from click.testing import CliRunner
 from scipy.integrate import quad
 
+from modelsel._progress import News
 from modelsel._typing import Array
 from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
@@ -33,14 +34,15 @@ from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_rpy
 from modelsel.study.checkpoint import Checkpoint
 from modelsel.uncertainty.log_posterior import TAIL, LogPosterior
-from modelsel.uncertainty.mcmc import autocorrelation_time, propose_snooker, r_hat
+from modelsel.uncertainty.mcmc import autocorrelation_time, build_moves, propose_snooker, r_hat
 from modelsel.uncertainty.nuisance import assign_components, list_constants
 from modelsel.uncertainty.parameters import label_terms
 from modelsel.uncertainty.posterior import Importance
-from modelsel.uncertainty.sampler import Sampling, State, sample_posterior
+from modelsel.uncertainty.sampler import Sampling, sample_posterior
 from modelsel.uncertainty.sampling_options import SamplingOptions
 from modelsel.uncertainty.summary import assess_confidence as certainty
 from modelsel.uncertainty.summary import build_log_posterior, describe_sampling, sample_confidence
+from modelsel.uncertainty.walk import State
 
 ARM = small_arm()
 BASE = Model((mechanism("geometric", ARM),))
@@ -634,3 +636,40 @@ def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
             < 1
             < scales["noise of position"][1]
         )
+
+
+def test_halves_move_as_emcee_moves_them() -> None:
+    """The same chain from the same random numbers, with walkers outside the prior among the first."""
+    import emcee
+
+    def log_density(walkers: np.ndarray) -> np.ndarray:
+        inside = np.abs(walkers).max(1) < 3
+        return np.where(inside, -0.5 * np.square(walkers).sum(1), -np.inf)
+
+    start = np.random.default_rng(2).normal(0, 2, (16, 3))
+    assert np.isneginf(log_density(start)).any()
+    random = np.random.RandomState(5).get_state(legacy=True)
+    chains = []
+    for move in (emcee.moves.DEMove(), build_moves()[0][0]):
+        sampler = emcee.EnsembleSampler(16, 3, log_density, moves=move, vectorize=True)
+        with np.errstate(invalid="ignore"):
+            sampler.run_mcmc(emcee.State(start, random_state=random), 200)
+        chains.append((sampler.get_chain(), sampler.get_log_prob(), sampler.acceptance_fraction))
+    for by_emcee, by_halves in zip(*chains, strict=True):
+        np.testing.assert_array_equal(by_halves, by_emcee)
+    assert 0.1 < chains[0][2].mean() < 0.9
+
+
+def test_progress_tells_steps_and_then_their_share(problem: Problem) -> None:
+    fitted = fit(problem, MODEL)
+    aim = target(problem, fitted, named(fitted), exact=False)
+    said: list[str] = []
+    rng = np.random.default_rng(1)
+    options = SamplingOptions(max_steps=400, first_check=200)
+    sample_posterior(aim, NOTHING, "", rng, say=said.append, options=options)
+    shares = [news.done for news in said if isinstance(news, News)]
+    assert len(shares) == len(said) >= 3
+    assert shares[0] is None
+    known = [share for share in shares if share is not None]
+    assert known == sorted(known)
+    assert known[-1] == 1

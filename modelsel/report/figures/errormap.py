@@ -71,11 +71,9 @@ def _causes_by_place(entry: EntryRecord) -> dict[str, list[str]]:
     return causes
 
 
-def draw_error_map(record: StudyRecord) -> bytes | None:
-    """Draw the strongest causes against all places; None where nothing was scanned."""
+def draw_error_map(record: StudyRecord) -> bytes:
+    """Draw the strongest causes against all places."""
     whole, columns = record.error_map, select_causes(record)
-    if not columns:
-        return None
     f = _to_array(whole.f)[:, columns]
     p = _to_array(whole.p_family_wise)[:, columns]
     with use_style() as sheets:

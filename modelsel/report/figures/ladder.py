@@ -168,12 +168,9 @@ def _label_ladder(ax: Any, scale: _Scale, labels: Sequence[str]) -> None:
 # -----------------------------------------------------------------------------------------------
 
 
-def draw_error_distribution(record: StudyRecord, details: DetailsRecord) -> bytes | None:
-    """Draw the share of configurations whose error stays below a length, a curve per rung of the way; None where there
-    is no row."""
-    rows = _counted_rows(details)
-    if not rows.any():
-        return None
+def draw_error_distribution(record: StudyRecord, details: DetailsRecord) -> bytes:
+    """Draw the share of configurations whose error stays below a length, a curve per rung of the way."""
+    rows = select_rows(details)
     way = select_way(record)
     labels = dict(zip(way, label_way(record, way), strict=True))
     drawn = _thin_way(way)
@@ -194,7 +191,7 @@ def draw_error_distribution(record: StudyRecord, details: DetailsRecord) -> byte
         return svg(fig, "Distribution of held-out errors")
 
 
-def _counted_rows(details: DetailsRecord) -> Array:
+def select_rows(details: DetailsRecord) -> Array:
     """Return which drawn rows count: held-out ones, where there are any, without outliers."""
     estimation = np.array(details.rows.estimation, bool)
     sound = ~np.array(details.rows.outlying, bool)

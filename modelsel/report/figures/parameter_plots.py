@@ -168,15 +168,11 @@ def draw_posterior(trace: TraceRecord, units: Mapping[str, str]) -> bytes:
     ]
     count = len(names)
     with use_style() as sheets:
-        fig, axes = sheets.subplots(
-            count, count, figsize=(WIDTH, WIDTH * 0.86), squeeze=False, layout="constrained"
-        )
+        fig = sheets.figure(figsize=(WIDTH, WIDTH * 0.86), layout="constrained")
+        grid = fig.add_gridspec(count, count)
         for row in range(count):
-            for column in range(count):
-                ax = axes[row, column]
-                if column > row:
-                    ax.remove()
-                    continue
+            for column in range(row + 1):
+                ax = fig.add_subplot(grid[row, column])
                 if column == row:
                     _draw_histogram(ax, *scaled[row])
                 else:

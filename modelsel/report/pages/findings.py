@@ -4,6 +4,7 @@ tell them apart."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 from ...diagnosis.sentences import format_quantity
 from ...measurements.row_places import Where
@@ -67,8 +68,8 @@ def _write_credible_set(source: Source, number: int, finding: FindingRecord) -> 
     if more:
         caption += f" {more} more are less probable."
     words = "; ".join(f"{name} {probability:.2f}" for name, probability, _ in entries[:MAX_BARS])
-    picture = draw_credible_set(entries)
-    return source.add_figure(f"credible-{number}", picture, caption, f"Credible set: {words}.")
+    draw = partial(draw_credible_set, entries)
+    return source.add_figure(f"credible-{number}", draw, caption, f"Credible set: {words}.")
 
 
 def _write_residuals(source: Source, number: int, detail: FindingDetailsRecord) -> Block:
@@ -86,7 +87,7 @@ def _write_residuals(source: Source, number: int, detail: FindingDetailsRecord) 
         caption += f" The {len(panels)} largest of {total} parts are drawn."
     axes = "; ".join(f"{name_axis(panel)} against {panel.against}" for panel in panels)
     words = f"Residual {axes}, without and with {detail.label}."
-    return source.add_figure(f"finding-{number}", draw_panels(panels), caption, words)
+    return source.add_figure(f"finding-{number}", partial(draw_panels, panels), caption, words)
 
 
 def _write_estimates(estimate: Sequence[EstimateRecord]) -> Block:

@@ -3,6 +3,7 @@ map."""
 
 from __future__ import annotations
 
+from functools import partial
 from math import degrees
 
 from ...results.details_schema import DetailsRecord, FindingDetailsRecord
@@ -38,7 +39,7 @@ def write_first_page(source: Source) -> list[Block]:
     }
     figure = source.add_figure(
         "ladder",
-        draw_ladder(record),
+        partial(draw_ladder, record),
         "Mean position error of each model on the way from the nominal to the chosen one. Each row adds "
         "one named cause; in the grey zone nothing but noise is left.",
         _ladder_words(record),
@@ -99,7 +100,7 @@ def write_data_page(source: Source) -> list[Block]:
     )
     coverage = source.add_figure(
         "joints",
-        space.draw_joints(details),
+        partial(space.draw_joints, details),
         "Joint coverage. A stroke is one reading: upper, orange: estimation; lower, blue: held-out; grey: the joint's "
         "range where the robot file gives it. What a joint did not visit, the model does not know."
         + _thinning_sentence(details),
@@ -107,7 +108,7 @@ def write_data_page(source: Source) -> list[Block]:
     )
     workspace = source.add_figure(
         "workspace",
-        space.draw_workspace(details),
+        partial(space.draw_workspace, details),
         "Measured targets in the tracker's frame, from two sides, with the nominal arm at one of its configurations.",
         "Three-dimensional scatter of the measured targets, estimation and held-out, seen from two sides; they span "
         f"{_span(details)}.",
@@ -163,11 +164,12 @@ def _span(details: DetailsRecord) -> str:
 def write_error_map_page(source: Source) -> list[Block]:
     """Write the map of places and causes."""
     record = source.record
-    picture = errormap.draw_error_map(record)
-    if picture is None:
+    columns = errormap.select_causes(record)
+    if not columns:
         words = "No mechanism may extend the base in this study: nothing was scanned."
         return [make_heading("Error map"), make_text(words)]
-    whole, columns = record.error_map, errormap.select_causes(record)
+    whole = record.error_map
+    draw = partial(errormap.draw_error_map, record)
     cells = sum(value is not None for row in whole.f for value in row)
     explanation = (
         f"{cells:,} cells were scanned, one by one, beyond the base. Of {len(whole.causes)} causes {len(columns)} are "
@@ -185,7 +187,7 @@ def write_error_map_page(source: Source) -> list[Block]:
     return [
         make_heading("Error map"),
         make_text(explanation),
-        source.add_figure("error-map", picture, caption, _map_words(whole, columns)),
+        source.add_figure("error-map", draw, caption, _map_words(whole, columns)),
         make_list(legend),
     ]
 

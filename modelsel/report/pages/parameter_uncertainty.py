@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 from ...diagnosis.sentences import choose_prefix
 from ...results.model_schema import (
@@ -43,11 +44,10 @@ def write_residuals_page(source: Source) -> list[Block]:
         "with their neighbours are a systematic error; the chosen model should leave none that do. Outliers are left out."
     )
     remainder = [record.nothing_else.sentence, describe_predictable(record)]
+    draw = partial(space.draw_vectors, details, rungs)
     return [
         make_heading("Residuals in the workspace"),
-        source.add_figure(
-            "vectors", space.draw_vectors(details, rungs), caption, _vector_words(record, rungs)
-        ),
+        source.add_figure("vectors", draw, caption, _vector_words(record, rungs)),
         make_heading("What else was looked for", 2),
         make_text(" ".join(remainder).strip()),
     ]
@@ -65,9 +65,9 @@ def _vector_words(record: StudyRecord, rungs: Sequence[tuple[int, str]]) -> str:
 def write_held_out_page(source: Source) -> list[Block]:
     """Write the distribution of the errors per rung."""
     record = source.record
-    picture = ladder.draw_error_distribution(record, source.details)
-    if picture is None:
+    if not ladder.select_rows(source.details).any():
         return []
+    draw = partial(ladder.draw_error_distribution, record, source.details)
     side = record.side.replace("_", "-")
     title = "Held-out errors" if side == "held-out" else "Errors (nothing is held out)"
     caption = (
@@ -84,10 +84,7 @@ def write_held_out_page(source: Source) -> list[Block]:
         f"Distribution of {side} errors per model: 95 % stay below {before} mm with the nominal and below {after} mm with the "
         "chosen model."
     )
-    return [
-        make_heading(title, opens=False),
-        source.add_figure("held-out", picture, caption, words),
-    ]
+    return [make_heading(title, opens=False), source.add_figure("held-out", draw, caption, words)]
 
 
 # -- significance
@@ -127,7 +124,8 @@ def _write_forest(source: Source, parameters: Sequence[ParameterRecord]) -> Bloc
         caption += f" The {parameter_plots.MAX_FOREST} strongest of {len(parameters)} are drawn."
     symbols = f": {', '.join(weak[:MAX_WEAK])}." if weak else "."
     words = f"Forest plot of {len(parameters)} parameters; {len(weak)} may be zero{symbols}"
-    return source.add_figure("forest", parameter_plots.draw_forest(parameters), caption, words)
+    draw = partial(parameter_plots.draw_forest, parameters)
+    return source.add_figure("forest", draw, caption, words)
 
 
 def _write_mechanisms(mechanisms: Sequence[SignificanceRecord]) -> list[Block]:
@@ -188,11 +186,8 @@ def write_correlation_page(source: Source) -> list[Block]:
     if count > drawn:
         caption += f" {drawn} of {count} parameters are drawn, the clusters first."
     words = f"Correlation matrix of {count} parameters in {len(clusters)} clusters."
-    picture = parameter_plots.draw_correlation(correlation)
-    blocks = [
-        make_heading("Correlation"),
-        source.add_figure("correlation", picture, caption, words),
-    ]
+    draw = partial(parameter_plots.draw_correlation, correlation)
+    blocks = [make_heading("Correlation"), source.add_figure("correlation", draw, caption, words)]
     if correlation.pairs:
         blocks.append(make_list([pair.sentence for pair in correlation.pairs[:MAX_PAIRS]]))
     return blocks
@@ -225,9 +220,9 @@ def _write_draws(source: Source, sampling: SamplingRecord) -> list[Block]:
         "parameters that the data know only together."
     )
     names = ", ".join(trace.names[: parameter_plots.MAX_DRAWN])
-    picture = parameter_plots.draw_posterior(trace, units)
+    draw = partial(parameter_plots.draw_posterior, trace, units)
     words = f"Pairwise posterior draws of {names}."
-    return [source.add_figure("posterior", picture, caption, words)]
+    return [source.add_figure("posterior", draw, caption, words)]
 
 
 QUANTILE_COLUMNS = (

@@ -1,0 +1,49 @@
+"""What a study tells while it runs: the steps that were announced, in their order; quiet unless asked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from modelsel import Study, run_study
+from modelsel._progress import News
+from modelsel.study.steps import list_steps
+
+FILE = Path(__file__).parents[2] / "studies" / "puma760" / "measurements.csv"
+
+
+@pytest.fixture
+def study() -> Study:
+    """A part of the PUMA's data, with folds."""
+    return Study(
+        name="steps",
+        measurements=pd.read_csv(FILE).head(60),
+        split={"estimation": 50, "nested_folds": 2},
+        robot={"name": "puma760", "tool_mm": [0, 0, 100]},
+        model={"candidates": ["gravity-twist"]},
+    )
+
+
+def test_every_step_is_told_in_order(study) -> None:
+    said: list[str] = []
+    run_study(study, say=said.append, sampling=False)
+    stages = [line for line in said if not isinstance(line, News)]
+    steps = list_steps(study, sampling=False)
+    assert len(stages) >= len(steps)
+    reached = [k for line in stages for k, step in enumerate(steps) if line.startswith(step)]
+    assert len(reached) == len(stages)
+    assert list(dict.fromkeys(reached)) == list(range(len(steps)))
+    folds = [line.done for line in said if isinstance(line, News) and "folds" in line]
+    assert folds == [0, 0.5, 1]
+    assert any(
+        line == "found gravity-twist" and line.kept for line in said if isinstance(line, News)
+    )
+
+
+def test_progress_is_shown_when_asked(study, capsys) -> None:
+    run_study(study, sampling=False)
+    assert capsys.readouterr().err == ""
+    run_study(study, sampling=False, progress=True)
+    assert "found gravity-twist" in capsys.readouterr().err
