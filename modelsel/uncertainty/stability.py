@@ -9,7 +9,8 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..fitting.identifiability import solve
-from ..fitting.least_squares import Fit, with_prior
+from ..fitting.least_squares import Fit
+from ..fitting.prior import with_prior
 from ..fitting.splines import spline
 from ..selection.cross_validation import FoldedData
 from .bootstrap import draw_half_samples
