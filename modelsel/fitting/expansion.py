@@ -21,7 +21,7 @@ from .reduction import Reduction
 # eight digits and more
 SAFE = 1e-8
 BLUR = 1e-7  # of a unit column: what products do not tell from nothing
-SHARP = 1e-4  # of the noise: as little may be rounding of what a prior is judged by
+SHARP = 3e-4  # of the noise: rounding below it changes what is judged by 1e-8
 VANISHING = 1e-14  # of the products of unit columns: rounding
 
 
@@ -60,7 +60,8 @@ class Expansion:
     def distance(self, theta: Array) -> float:
         """How far all rows together move on the way to theta, whitened."""
         change = theta - self.theta
-        return float(np.sqrt(max(change @ self.gram @ change, 0.0)))
+        square = float(change @ self.gram @ change)
+        return float(np.sqrt(max(square, 0.0)))
 
     def triangle(self, others: Sequence[int], sized: Sequence[int], root: Array) -> Triangle:
         """Factorise the products of some columns with the prior's rows, root (k, p): exactly where

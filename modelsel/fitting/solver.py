@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from .expansion import Expansion, Triangle, Unsafe
 from .gradient import Rows, Slope
 from .identifiability import Identified, as_drawn, identify, without
 from .linearisation import Linearisation
-from .prior import Usual, WeakPrior, faint, fitted_terms, prior_root, weigh_usual, with_prior
+from .prior import Usual, WeakPrior, faint, fitted_terms, prior_root, usual_sizes, weigh_usual
 from .problem import Problem
 from .reduction import Reduction, Source, multiply_problem, reduce_problem
 
@@ -32,8 +32,15 @@ QUIET_MM = 1e-6  # no measurement is better
 # converged
 UNSEEN_MM = 0.01
 SLOW = 0.2  # of the last step: more asks for a triangle at the point reached
-LAST = 1e-4  # of the step asked for: steps cost little once there is a triangle
+LAST = 1e-5  # of the step asked for: steps cost little once there is a triangle
 NEAR_MM = 1e-5  # all rows together: as far does the triangle change by nothing that counts
+
+
+class Far(NamedTuple):
+    """What is fitted far from the nominal arm, by the dependences at a point (p,)."""
+
+    point: Array
+    found: Identified
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +51,7 @@ class State:
     the prior's, in the triangle's order.
 
     Of the last step: its size, its share of the one before, its damping, and whether the expansion
-    was about the point where it began."""
+    was about the point where it began; `far`: see there."""
 
     theta: Array
     slope: Slope
@@ -60,6 +67,7 @@ class State:
     share: float = 0.0
     own: bool = False
     damping: float = 0.0
+    far: Far | None = None
 
     @property
     def cost(self) -> float:
@@ -96,6 +104,11 @@ class Solver:
         return Usual.of(self.model, self.held == "all")
 
     @cached_property
+    def sizes(self) -> Array:
+        """Usual sizes (p,) of the constant parameters alone."""
+        return usual_sizes(self.model)
+
+    @cached_property
     def nominal(self) -> Reduction:
         """The reduction, at the nominal chain, of the terms that have no variance of their own."""
         return reduce_problem(self.problem, [self.model.terms[k] for k in self.free])
@@ -107,9 +120,13 @@ class Solver:
 
     @cached_property
     def exact(self) -> Identified:
-        """What the data determine at the nominal chain, where dependences are exact; a term that
-        has a variance of its own depends on no other."""
-        found, p = identify(self.nominal), len(self.model.terms)
+        """What the data determine at the nominal chain, where dependences are exact."""
+        return self.identified(self.nominal)
+
+    def identified(self, reduction: Reduction) -> Identified:
+        """Identify what a reduction of the free terms says of all; a term that has a variance of
+        its own depends on no other."""
+        found, p = identify(reduction), len(self.model.terms)
         scale = np.full(p, found.scale.max(initial=0.0) or 1.0)
         triangle = np.diag(scale)
         scale[self.free] = found.scale
@@ -123,8 +140,8 @@ class Solver:
         """`exact`, less what hardly moves the target at its usual size: it waits until the rest has
         converged."""
         least = UNSEEN_MM * self.weight * np.sqrt(len(self.problem))
-        sizes = Usual.of(self.model).sizes
-        return without(self.exact, faint(self.exact.triangle, self.exact.kept, sizes, least))
+        lost = faint(self.exact.triangle, self.exact.kept, self.sizes, least)
+        return without(self.exact, lost)
 
     # -- the problem at a point
     # ----------------------------------------------------------------------------------------------
@@ -205,14 +222,20 @@ class Solver:
     # ----------------------------------------------------------------------------------------------
 
     def settle(self, state: State, iterations: int, step_mm: float) -> State:
-        """Judge what is fitted and solve again, until the judgement stays."""
+        """Judge what is fitted and solve again, until the judgement stays, or goes to and fro: then
+        the prior stays that has a say in more."""
+        earlier: list[WeakPrior] = []
         for _ in range(ROUNDS):
             judged = self.judge(state)
             same_terms = judged.found.kept == state.found.kept
-            if same_terms and judged.weak.like(state.weak) and state.step_mm < step_mm:
+            has_more = judged.weak.count > state.weak.count
+            returns = not has_more and any(judged.weak.like(weak) for weak in earlier)
+            stays = returns or judged.weak.like(state.weak)
+            if same_terms and stays and state.step_mm < step_mm:
                 if self.is_near(state):
                     break
-                judged = self.judge(self.expanded(state))
+                judged, earlier = self.judge(self.expanded(state)), []
+            earlier.append(state.weak)
             state = self.solve(judged, iterations, step_mm)
         return state
 
@@ -269,14 +292,8 @@ class Solver:
         """Judge what is fitted and what the prior holds, at the solution and by the noise it leaves.
         Every constant parameter that moves a measured coordinate is fitted; of the other terms,
         those that no earlier one represents."""
-        theta, found, triangle = state.theta, self.exact, state.triangle
-        is_far = np.abs(theta) > FAR * Usual.of(self.model).sizes
-        if is_far.any():  # other terms depend on one another there
-            root = prior_root(self.model.terms, state.precision)
-            full = with_prior(self.reduce(theta), root, theta)
-            found = as_drawn(identify(full), self.problem, self.model.terms)
-        found = fitted_terms(found, self.model)
-        expansion = state.expansion
+        theta, expansion, triangle = state.theta, state.expansion, state.triangle
+        found, far = self.fitted(state)
         if found.kept != state.found.kept:
             expansion, triangle = self.factorise(expansion, found, state.precision)
         sigma = self.sigma(state)
@@ -285,9 +302,23 @@ class Solver:
             expansion, triangle = self.factorise(expansion, found, state.precision, exactly=True)
             weak = weigh_usual(triangle.seen, self.usual, theta, sigma)
         root = prior_root(self.model.terms, state.precision, weak)
-        state = replace(state, found=found, weak=weak, root=root)
+        state = replace(state, found=found, weak=weak, root=root, far=far)
         factor = triangle.held(weak.rows)
         return replace(state, expansion=expansion, triangle=triangle, factor=factor)
+
+    def fitted(self, state: State) -> tuple[Identified, Far | None]:
+        """Judge what is fitted: by the dependences at the nominal chain, or, far from it, by those
+        where the expansion is, which are returned, too."""
+        is_far = np.abs(state.theta) > FAR * self.sizes
+        if not is_far.any():
+            return fitted_terms(self.exact, self.model), None
+        point, terms = state.expansion.theta, self.model.terms
+        if state.far is not None and state.far.point is point:
+            return state.far.found, state.far
+        free = [terms[k] for k in self.free]
+        reduction = reduce_problem(self.problem, free, Linearisation(terms, point))
+        found = fitted_terms(self.identified(reduction), self.model)
+        return found, Far(point, found)
 
     def sigma(self, state: State) -> float:
         """Residual standard deviation of one whitened coordinate; terms that a prior holds cost no
