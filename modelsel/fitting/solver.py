@@ -51,7 +51,7 @@ class State:
     the prior's, in the triangle's order.
 
     Of the last step: its size, its share of the one before, its damping, and whether the expansion
-    was about the point where it began; `far`: see there."""
+    was about the point where it began, or one as good; `far`: see there."""
 
     theta: Array
     slope: Slope
@@ -261,7 +261,7 @@ class Solver:
 
     def step(self, state: State, step_mm: float, only_one: bool) -> State:
         """Take a step, or find that it is none: then by a triangle of this point, or damped."""
-        own = state.expansion.theta is state.theta
+        own = self.is_near(state)
         delta, size = _direction(state)
         step = size / self.weight
         there = self.move(state, state.theta + delta)
