@@ -17,7 +17,8 @@ from .._linalg import orthonormalise
 from .._typing import Array, Index, Mask
 from ..exceptions import NotEstimable
 from ..fitting.design import Model
-from ..fitting.least_squares import Fit, prior_root
+from ..fitting.least_squares import Fit
+from ..fitting.prior import prior_root
 from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
 from .candidate_columns import Columns, build_columns, flatten_measured, stack_design

@@ -91,6 +91,23 @@ def _subtract_predicted(problem: Problem, frame: Frame, rows: slice, out: Array)
         out[3:] = rotation_vector(turn).T
 
 
+def fill_rows(
+    problem: Problem,
+    twist: Array | None,
+    rows: slice,
+    field: Array,
+    residual: Array,
+    space: Workspace,
+) -> None:
+    """Write the screw field (n+1, 6, c, rows) and the residual (c, rows), not whitened, of rows that
+    are points; `twist` as of `twist_of`, None for the nominal chain."""
+    q, tool, start = problem.data.q[rows], _tool(problem, rows), _start(problem, rows)
+    origins = space.array("origins", problem.robot.n + 1, 3, rows.stop - rows.start)
+    target = walk(problem.robot, q, tool, (field[:, :, :3], origins), twist, start, space)
+    _subtract_predicted(problem, target, rows, residual)
+    fill_screw_field(field, origins, origins[-1], twist is not None, space)
+
+
 # -- [columns | residual] of a block of rows
 # ------------------------------------------------------------------------------------------------------
 
@@ -132,14 +149,8 @@ def _assemble_points(
     first, stop = space.once("run", terms, _entry_run)
     out = space.array("design", max(p, first + entries) + 1, c, m)
     field = out[first : first + entries].reshape(n + 1, 6, c, m)
-    origins = space.array("origins", n + 1, 3, m)
-
     twist = None if at is None else twist_of(problem, at.terms, at.theta, rows)
-    q, tool, start = problem.data.q[rows], _tool(problem, rows), _start(problem, rows)
-    target = walk(problem.robot, q, tool, (field[:, :, :3], origins), twist, start, space)
-    _subtract_predicted(problem, target, rows, out[-1])
-    fill_screw_field(field, origins, origins[-1], twist is not None, space)
-
+    fill_rows(problem, twist, rows, field, out[-1], space)
     covered = min(p, first + entries)
     behind = space.array("others", max(covered - stop, 0), c, m)
     _write_products(problem, field, terms[:first], rows, out[:first], space)

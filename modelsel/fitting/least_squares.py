@@ -4,33 +4,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 
 from .._typing import Array
-from ..exceptions import NotEstimable
 from ..mechanisms.terms import Term
 from .design import Model, residuals
-from .identifiability import Identified, as_drawn, identify, solve, without
+from .identifiability import Identified, solve
 from .linearisation import Linearisation
-from .prior import WeakPrior, faint, fitted_terms, usual_sizes, weak_prior
+from .prior import WeakPrior, fitted_terms, prior_root, prior_rows, with_prior
 from .problem import Problem
-from .reduction import PROBE, Reduction, Source, reduce_problem
-from .splines import penalty
+from .reduction import PROBE, Reduction, Source
+from .solver import ITERATIONS, Held, Solver, State
 
-Held = Literal["nothing", "geometry", "all"]
 STEP_MM = 1e-4  # 0.1 µm
-ITERATIONS = 60
-STUCK = 1e8  # damping at which no step lowers the cost: the minimum, to rounding
-ROUNDS = 30  # of judging again what is fitted, where the fit has gone
-FAR = 10.0  # usual sizes from the nominal arm, within which the nominal chain's dependences hold
-QUIET_MM = 1e-6  # no measurement is better
-# rms: combinations that move the target less at their usual sizes wait until the others have
-# converged
-UNSEEN_MM = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +94,7 @@ class Fit:
         errors: Array = np.sqrt(variance) * self.sigma
         return errors
 
-    @property
+    @cached_property
     def covariance(self) -> Array:
         """Covariance (p, p) of the parameters, from the residual variance."""
         variance = self.sigma**2
@@ -125,7 +114,7 @@ class Fit:
         squares."""
         if not len(self.root):
             return None
-        return _rows(self.root, self.theta)
+        return prior_rows(self.root, self.theta)
 
     @property
     def representatives(self) -> tuple[int, ...]:
@@ -162,43 +151,6 @@ class Fit:
         return residuals(problem, self.terms, self.theta)
 
 
-def _rows(root: Array, theta: Array) -> Array:
-    return np.column_stack([root, -root @ theta])
-
-
-def prior_root(
-    terms: Sequence[Term], precision: Array | None, weak: WeakPrior | None = None
-) -> Array:
-    """Compute the root (k, p) of the prior's precision, of shrunk terms and of what the data hardly
-    determine."""
-    shrunk = np.zeros((0, len(terms)))
-    if precision is not None:
-        shrunk = penalty(terms, precision)
-    weak_rows = None if weak is None else weak.rows
-    if weak_rows is None:
-        return shrunk
-    return np.vstack([shrunk, weak_rows])
-
-
-def with_prior(reduction: Reduction, root: Array, theta: Array) -> Reduction:
-    """Return the reduction with the prior's rows, root · (theta + delta) = 0, stacked on; its count stays
-    that of the data."""
-    if not len(root):
-        return reduction
-    stacked = reduction.add(_rows(root, theta))
-    return Reduction(stacked.R, reduction.rows)
-
-
-def _damped(reduction: Reduction, damping: float) -> Reduction:
-    """Add Marquardt's damping: a row per column, in proportion to its norm, that holds the step
-    back."""
-    if not damping:
-        return reduction
-    rows = np.diag(np.sqrt(damping) * np.linalg.norm(reduction.R, axis=0))
-    rows[-1, -1] = 0.0
-    return Reduction(reduction.add(rows).R, reduction.rows)
-
-
 def cost(reduction: Reduction) -> float:
     """Return the sum of squares of the response."""
     return float(np.square(reduction.R[:, -1]).sum())
@@ -225,169 +177,61 @@ def fit(
     fit goes on until that stays. `iterations=1` is one linear step. Raises NotEstimable where the
     data have no more coordinates than the model has estimable parameters, or the iteration does not
     settle."""
-    solver = _Solver(problem, model, precision, problem.whitening.typical_weight(), held)
-    if held == "nothing" or start is None or not start.any():
-        theta = np.zeros(len(model.terms)) if start is None else start
-        state = solver.state(theta, solver.at_nominal(), WeakPrior())
+    solver = solver_of(problem, model, precision, held)
+    theta = np.zeros(len(model.terms)) if start is None else start
+    state = begin(solver, theta, precision, iterations, step_mm)
+    return finish(solver, state)
+
+
+def solver_of(
+    problem: Problem | Source, model: Model, precision: Array | None, held: Held
+) -> Solver:
+    """Return the solver of a model's fits, its shrunk terms being those of any `precision`."""
+    shrunk = np.zeros(len(model.terms), dtype=bool) if precision is None else precision > 0
+    return Solver(problem, model, shrunk, problem.whitening.typical_weight(), held)
+
+
+def begin(
+    solver: Solver, theta: Array, precision: Array | None, iterations: int, step_mm: float
+) -> State:
+    """Solve from parameters theta (p,). Raises NotEstimable."""
+    if solver.held == "nothing" or not theta.any():
+        state = solver.begin(theta, precision, solver.at_nominal())
         state = solver.solve(state, iterations, step_mm)
     else:
-        state = solver.state(start, solver.exact, WeakPrior())
-    if held != "nothing":
+        found = fitted_terms(solver.exact, solver.model)
+        state = solver.begin(theta, precision, found)
+    return go_on(solver, state, iterations, step_mm)
+
+
+def go_on(solver: Solver, state: State, iterations: int, step_mm: float) -> State:
+    """Solve from where the iteration stands, until what is fitted is settled. Raises
+    NotEstimable."""
+    if solver.held != "nothing":
         state = solver.settle(state, iterations, step_mm)
     solver.refuse(state, iterations == ITERATIONS, step_mm)
+    return state
+
+
+def finish(solver: Solver, state: State) -> Fit:
+    """Return the fit where the iteration has ended: the rows are reduced there."""
+    problem, model, theta, kept = solver.problem, solver.model, state.theta, state.found.kept
+    only = list(kept) if theta.any() and len(problem) > PROBE[1] else None
+    reduction = solver.reduce(theta, only)
+    full = with_prior(reduction, state.root, theta)
     return Fit(
         model,
-        state.theta,
+        theta,
         state.found,
-        factor_of(state.full, state.found.kept),
-        cost(state.reduction),
-        state.reduction.rows,
+        factor_of(full, kept),
+        cost(reduction),
+        reduction.rows,
         state.iterations,
         state.step_mm,
-        state.reduction,
-        precision,
+        reduction,
+        state.precision,
         state.weak,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _State:
-    """Where the iteration stands: reductions at theta, without and with the prior's rows; the last
-    step, and its damping."""
-
-    theta: Array
-    found: Identified
-    weak: WeakPrior
-    reduction: Reduction
-    full: Reduction
-    iterations: int = 0
-    step_mm: float = np.inf
-    damping: float = 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class _Solver:
-    """What stays the same in a fit; `weight` [1/mm] of one coordinate."""
-
-    problem: Problem | Source
-    model: Model
-    precision: Array | None
-    weight: float
-    held: Held
-
-    @cached_property
-    def nominal(self) -> Reduction:
-        """The reduction at the nominal chain."""
-        terms = self.model.terms
-        return reduce_problem(self.problem, terms)
-
-    @cached_property
-    def exact(self) -> Identified:
-        """What the data determine at the nominal chain, where dependences are exact."""
-        root = prior_root(self.model.terms, self.precision)
-        found = identify(with_prior(self.nominal, root, np.zeros(len(self.model.terms))))
-        return as_drawn(found, self.problem, self.model.terms)
-
-    def at_nominal(self) -> Identified:
-        """`exact`, less what hardly moves the target at its usual size: it waits until the rest has
-        converged."""
-        least = UNSEEN_MM * self.weight * np.sqrt(len(self.problem))
-        sizes = usual_sizes(self.model)
-        return without(self.exact, faint(self.exact.triangle, self.exact.kept, sizes, least))
-
-    def sigma(self, rss: float, fitted: Sequence[int], by_prior: float = 0.0) -> float:
-        """Residual standard deviation of one whitened coordinate; terms that a prior holds cost no
-        degree of freedom."""
-        free = sum(self.precision is None or self.precision[k] == 0 for k in fitted) - by_prior
-        return float(np.sqrt(rss / max(self.nominal.rows - free, 1.0)))
-
-    def state(self, theta: Array, found: Identified, weak: WeakPrior) -> _State:
-        """Begin the iteration at parameters theta, the fixed terms at zero."""
-        theta = np.where(np.isin(np.arange(len(theta)), found.kept), theta, 0.0)
-        return _State(theta, found, weak, *self.reduced(theta, found, weak))
-
-    def reduced(
-        self, theta: Array, found: Identified, weak: WeakPrior
-    ) -> tuple[Reduction, Reduction]:
-        """Reduce at theta: (the reduction, the same with the prior's rows)."""
-        terms = self.model.terms
-        if theta.any():
-            only = list(found.kept) if len(self.problem) > PROBE[1] else None
-            reduction = reduce_problem(self.problem, terms, Linearisation(terms, theta), only)
-        else:
-            reduction = self.nominal
-        return reduction, with_prior(reduction, prior_root(terms, self.precision, weak), theta)
-
-    def settle(self, state: _State, iterations: int, step_mm: float) -> _State:
-        """Judge what is fitted and solve again, until the judgement stays."""
-        for _ in range(ROUNDS):
-            found, weak = self.judge(state)
-            fitted = state.found.kept
-            same_terms = found.kept == fitted
-            same_prior = weak.like(state.weak)
-            is_settled = state.step_mm < step_mm
-            if same_terms and same_prior and is_settled:
-                break
-            start = self.state(state.theta, found, weak)
-            state = self.solve(start, iterations, step_mm)
-        return state
-
-    def solve(self, state: _State, iterations: int, step_mm: float) -> _State:
-        """Iterate Gauss-Newton over the kept terms, damped where it overshoots."""
-        kept, count = list(state.found.kept), 0
-        state = replace(state, step_mm=np.inf, damping=0.0)
-        while count < iterations and state.step_mm >= step_mm and state.damping < STUCK:
-            count += 1
-            delta = np.zeros(len(state.theta))
-            delta[kept], _, _ = solve(_damped(state.full, state.damping), kept)
-            step = float(np.linalg.norm(state.full.R[:-1, :-1] @ delta)) / self.weight
-            trial = state.theta + delta
-            reduction, full = self.reduced(trial, state.found, state.weak)
-            lower = cost(full) <= cost(state.full) * (1 + 1e-9)
-            if lower or step < step_mm or iterations == 1:
-                damping = state.damping / 10 if state.damping > 1e-8 else 0.0
-                state = replace(state, theta=trial, reduction=reduction, full=full)
-                state = replace(state, step_mm=step, damping=damping)
-            else:  # overshot: Levenberg-Marquardt from the same point
-                damping = max(8 * state.damping, 1e-6)
-                state = replace(state, damping=damping, step_mm=max(step, step_mm))
-        return replace(state, iterations=state.iterations + count)
-
-    def judge(self, state: _State) -> tuple[Identified, WeakPrior]:
-        """Judge what is fitted and what the prior holds, at the solution and by the noise it leaves.
-        Every constant parameter that moves a measured coordinate is fitted; of the other terms,
-        those that no earlier one represents."""
-        theta, terms, reduction = state.theta, self.model.terms, state.reduction
-        if len(self.problem) > PROBE[1]:  # it holds the kept terms alone
-            reduction = reduce_problem(self.problem, terms, Linearisation(terms, theta))
-        full = with_prior(reduction, prior_root(terms, self.precision), theta)
-        found = self.exact
-        is_far = np.abs(theta) > FAR * usual_sizes(self.model)
-        if is_far.any():  # other terms depend on one another there
-            found = as_drawn(identify(full), self.problem, terms)
-        found = fitted_terms(found, self.model)
-        sigma = self.sigma(cost(state.reduction), state.found.kept, state.weak.count)
-        sigma = max(sigma, QUIET_MM * self.weight)
-        catalogue = self.held == "all"
-        return found, weak_prior(full, found.kept, self.model, theta, sigma, catalogue)
-
-    def refuse(self, state: _State, settled: bool, step_mm: float) -> None:
-        """Raise NotEstimable where the data have no more coordinates than the model has parameters,
-        or where the iteration should have `settled` and has not."""
-        names = " + ".join(self.model.names) or "the model"
-        rows = self.nominal.rows
-        rank = state.found.rank - state.weak.held
-        if rows <= rank and self.precision is None:
-            raise NotEstimable(
-                f"{rows} measured coordinates cannot determine the {rank} estimable parameters of "
-                f"{names}: measure more configurations.",
-                parameters=[t.symbol for t in self.model.terms],
-            )
-        if settled and state.step_mm > 1e3 * step_mm and state.damping < STUCK:
-            raise NotEstimable(
-                f"the fit of {names} does not settle (last step {state.step_mm:.3g} mm): the data hardly "
-                "determine some parameters; measure more widely spread configurations."
-            )
 
 
 def factor_of(full: Reduction, kept: Sequence[int]) -> Array:

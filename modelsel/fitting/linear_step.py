@@ -12,8 +12,8 @@ from .._typing import Array
 from ..exceptions import NotEstimable
 from .design import Model
 from .identifiability import Identified, identify, solve
-from .least_squares import Fit, cost, factor_of, prior_root, with_prior
-from .prior import WeakPrior, weak_prior
+from .least_squares import Fit, cost, factor_of
+from .prior import WeakPrior, prior_root, weak_prior, with_prior
 from .reduction import Reduction
 
 

@@ -20,12 +20,12 @@ from ..mechanisms.terms import Term
 from .design import Model
 from .identifiability import Identified
 from .reduction import Reduction
-from .splines import spline
+from .splines import penalty, spline
 
 PLENTY = 4.0  # usual sizes over their standard error, beyond which least squares stands alone
 PRECISE = 1e-5  # of the parameters' own effect: less noise would only lose digits
 STILL = 1e-13  # of the largest column: a smaller one moves nothing
-ALIKE = 1e-5  # relative change of the prior that changes nothing
+ALIKE = 1e-8  # of the largest precision, by usual sizes: a change of the prior that changes nothing
 # that this arm's errors may be larger than usual, a factor of two being likely
 EXPONENTS = np.arange(-2.0, 4.0)
 FACTORS = 2.0**EXPONENTS
@@ -47,24 +47,13 @@ class WeakPrior:
 
     def like(self, other: WeakPrior) -> bool:
         """Return whether another changes nothing."""
-        own, others = self.rows, other.rows
-        if own is None or others is None:
-            return own is others
-        gram = own.T @ own
-        other_gram = others.T @ others
-        diagonal = np.diagonal(other_gram)
-        precision = np.finfo(float)
-        tiny = precision.tiny
-        positive = np.maximum(diagonal, tiny)
-        unit = np.sqrt(positive)
-        difference = gram - other_gram
-        by_columns = difference / unit
-        row_unit = unit[:, None]
-        relative = by_columns / row_unit
-        change = np.abs(relative)
-        largest = change.max()
-        is_alike = largest <= ALIKE
-        return bool(is_alike)
+        if self.rows is None or other.rows is None or other.sizes is None:
+            return self.rows is other.rows
+        sized = np.isfinite(other.sizes)
+        own, others = (w[:, sized] * other.sizes[sized] for w in (self.rows, other.rows))
+        gram = others.T @ others
+        change = np.abs(own.T @ own - gram).max()
+        return bool(change <= ALIKE * np.diagonal(gram).max())
 
     def placed(self, index: Sequence[int]) -> WeakPrior:
         """Return the prior of other terms: number k of these is number index[k] of those, -1 for
@@ -80,6 +69,34 @@ class WeakPrior:
             sizes = sizes[source]
             sizes = np.where(is_new, np.inf, sizes)
         return replace(self, rows=rows, sizes=sizes)
+
+
+def prior_root(
+    terms: Sequence[Term], precision: Array | None, weak: WeakPrior | None = None
+) -> Array:
+    """Compute the root (k, p) of the prior's precision, of shrunk terms and of what the data hardly
+    determine."""
+    shrunk = np.zeros((0, len(terms)))
+    if precision is not None:
+        shrunk = penalty(terms, precision)
+    weak_rows = None if weak is None else weak.rows
+    if weak_rows is None:
+        return shrunk
+    return np.vstack([shrunk, weak_rows])
+
+
+def with_prior(reduction: Reduction, root: Array, theta: Array) -> Reduction:
+    """Return the reduction with the prior's rows, root · (theta + delta) = 0, stacked on; its count stays
+    that of the data."""
+    if not len(root):
+        return reduction
+    stacked = reduction.add(prior_rows(root, theta))
+    return Reduction(stacked.R, reduction.rows)
+
+
+def prior_rows(root: Array, theta: Array) -> Array:
+    """Return the prior's rows (k, p+1) [columns | response] at theta."""
+    return np.column_stack([root, -root @ theta])
 
 
 def constant_mask(model: Model) -> NDArray[np.bool_]:
@@ -171,6 +188,48 @@ def faint(R: Array, kept: Sequence[int], sizes: Array, least: float) -> set[int]
     return lost
 
 
+@dataclass(frozen=True, eq=False)
+class Usual:
+    """Usual `sizes` (p,) of a model's terms, infinite where there is none, and the indices of the
+    arm's constant lengths and angles among them."""
+
+    sizes: Array
+    lengths: Index
+    angles: Index
+
+    @staticmethod
+    def of(model: Model, catalogue: bool = False) -> Usual:
+        """Look the sizes up, by `usual_sizes` (see there for the `catalogue`)."""
+        by_kind = _of_the_arm(model)
+        return Usual(usual_sizes(model, catalogue), *by_kind)
+
+    def sized(self, fitted: Sequence[int]) -> list[int]:
+        """Choose the fitted terms that have a usual size."""
+        is_sized = np.isfinite(self.sizes)
+        return [k for k in fitted if is_sized[k]]
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What the rows say of some terms beyond all others: a root (r, k) of their information, and
+    what they and theta make of the response (r,)."""
+
+    index: Sequence[int]
+    root: Array
+    response: Array
+
+    def beyond(self, judged: Sequence[int]) -> Seen:
+        """Return what is said of some of the terms beyond the rest of them, too."""
+        place = {k: i for i, k in enumerate(self.index)}
+        last = [place[k] for k in judged]
+        first = [i for i in range(len(place)) if i not in set(last)]
+        columns = [*first, *last]
+        matrix = np.column_stack([self.root[:, columns], self.response])
+        R: Array = np.asarray(np.linalg.qr(matrix, mode="r"))
+        begin, end = len(first), len(columns)
+        return Seen(judged, R[begin:end, begin:end], R[begin:end, end])
+
+
 def weak_prior(
     reduction: Reduction,
     fitted: Sequence[int],
@@ -181,62 +240,48 @@ def weak_prior(
 ) -> WeakPrior:
     """Compute the prior on what a reduction at theta (p,) says little of, by usual sizes (see there for the
     `catalogue`); those of the arm's constant parameters are scaled to this arm's own."""
-    kept, sizes = list(fitted), usual_sizes(model, catalogue)
-    if not sigma > 0 or not np.isfinite(sizes[kept]).any():
+    kept, usual = list(fitted), Usual.of(model, catalogue)
+    response = reduction.R[:, -1] + reduction.R[:, kept] @ theta[kept]
+    seen = Seen(kept, reduction.R[:, kept], response).beyond(usual.sized(kept))
+    return weigh_usual(seen, usual, theta, sigma)
+
+
+def weigh_usual(seen: Seen, usual: Usual, theta: Array, sigma: float) -> WeakPrior:
+    """Compute the prior on what the rows say little of; `seen` of all fitted terms of a usual size,
+    beyond those without."""
+    sized, sizes = list(seen.index), usual.sizes
+    if not sigma > 0 or not sized:
         return WeakPrior(sizes=sizes)
-    sizes = sizes * _scales(reduction, kept, sizes, _of_the_arm(model), theta, sigma)
+    sizes = sizes * _scales(seen, usual, theta, sigma)
     sizes = np.maximum(sizes, np.abs(theta) / SURPRISING)
-    sized = [k for k in kept if np.isfinite(sizes[k])]
-    others = [k for k in kept if k not in sized]
-    triangle, _ = _beyond(reduction, sized, others, theta)
-    _, singular, Vt = np.linalg.svd(triangle * sizes[sized])
+    _, singular, Vt = np.linalg.svd(seen.root * sizes[sized])
     known = singular / sigma  # usual sizes over the standard error, direction by direction
     weight = np.square(np.clip(1 - np.square(known / PLENTY), 0.0, None))
     weak = weight > 0
     if not weak.any():
         return WeakPrior(sizes=sizes)
-    rows = np.zeros((int(weak.sum()), reduction.p))
+    rows = np.zeros((int(weak.sum()), len(sizes)))
     rows[:, sized] = sigma * np.sqrt(weight[weak])[:, None] * Vt[weak] / sizes[sized]
     held = int((np.square(known) < weight).sum())
     return WeakPrior(rows, len(rows), held, sizes)
 
 
-def _beyond(
-    reduction: Reduction, judged: Sequence[int], others: Sequence[int], theta: Array
-) -> tuple[Array, Array]:
-    """(triangle (k, k) of the judged columns, what they and theta make of the response (k,)),
-    beyond the others."""
-    columns = [*others, *judged]
-    response = reduction.R[:, -1] + reduction.R[:, columns] @ theta[columns]
-    matrix = np.column_stack([reduction.R[:, columns], response])
-    R: Array = np.asarray(np.linalg.qr(matrix, mode="r"))
-    first = len(others)
-    return R[first:-1, first:-1], R[first:-1, -1]
-
-
-def _scales(
-    reduction: Reduction,
-    kept: Sequence[int],
-    sizes: Array,
-    usual: Sequence[Index],
-    theta: Array,
-    sigma: float,
-) -> Array:
-    """Compute a factor (p,) of every usual size, alike for the arm's lengths and for its angles (`usual`):
+def _scales(seen: Seen, usual: Usual, theta: Array, sigma: float) -> Array:
+    """Compute a factor (p,) of every usual size, alike for the arm's lengths and for its angles:
     the roots of their posterior mean squares by the marginal likelihood of what the data say of
     these parameters; those that are mistaken say nothing."""
-    sane = [k for k in kept if abs(theta[k]) < SURPRISING**2 * sizes[k]]
-    lengths, angles = (np.intersect1d(kind, sane).astype(int).tolist() for kind in usual)
+    sizes, kinds = usual.sizes, (usual.lengths, usual.angles)
+    sane = [k for k in seen.index if abs(theta[k]) < SURPRISING**2 * sizes[k]]
+    lengths, angles = (np.intersect1d(kind, sane).astype(int).tolist() for kind in kinds)
     judged = [*lengths, *angles]
     out = np.ones(len(sizes))
     if not judged:
         return out
-    others = [k for k in kept if k not in judged]
-    triangle, response = _beyond(reduction, judged, others, theta)
-    effect = triangle * sizes[judged]
+    of_arm = seen.beyond(judged)
+    effect = of_arm.root * sizes[judged]
     noise = max(sigma, PRECISE * float(np.linalg.norm(effect)))
-    p = _factor_posterior(effect / noise, response / noise, len(lengths))
-    for kind, share in zip(usual, (p.sum(1), p.sum(0)), strict=True):
+    p = _factor_posterior(effect / noise, of_arm.response / noise, len(lengths))
+    for kind, share in zip(kinds, (p.sum(1), p.sum(0)), strict=True):
         out[kind] = np.sqrt(np.square(FACTORS) @ share / share.sum())
     return out
 

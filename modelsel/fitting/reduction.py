@@ -24,6 +24,7 @@ from .whitening import UNIT, Whitening
 TOLERANCE = 1e-11  # of a unit column: structural dependence leaves 1e-14, NIST's Filip 1e-9 or more
 MIN_COLUMN = 1e-13  # of the largest column's norm: a smaller column is zero
 DEPENDENT = 1e-9  # of a column, in any row: what is left of a dependent one beyond its combination
+TOGETHER = 32  # columns orthogonalised at once where none of them depends on another
 # configurations that tell which terms depend, in data of more than so many
 PROBE = (256, 8192)
 # configurations whose design a core's cache about holds; no power of two, whose strides collide in
@@ -76,6 +77,8 @@ class Reduction:
         """Return the reduction of some columns, in the given order; the response stays last."""
         p = self.p
         triangle = self.R
+        if list(columns) == list(range(p)):
+            return self
         kept = [*columns, p]
         picked = triangle[:, kept]
         count = len(columns)
@@ -96,22 +99,32 @@ def independent(R: Array) -> tuple[list[int], Array]:
     """(columns of a triangle (p, p) that do not depend on earlier ones, norms (p,)): sequential
     orthogonalisation of the unit columns, in their order. A column below 1e-13 of the largest is
     zero."""
-    p = R.shape[1]
     scale = np.linalg.norm(R, axis=0)
-    moves = scale > MIN_COLUMN * scale.max(initial=0)
-    basis = np.zeros((len(R), p), order="F")
+    moves = np.flatnonzero(scale > MIN_COLUMN * scale.max(initial=0))
+    basis = np.zeros((len(R), len(moves)), order="F")
     kept: list[int] = []
-    for j in range(p):
-        if not moves[j]:
+    for start in range(0, len(moves), TOGETHER):
+        columns = moves[start : start + TOGETHER]
+        rest = _beyond(R[:, columns] / scale[columns], basis[:, : len(kept)])
+        Q, T = np.linalg.qr(rest)
+        if (np.abs(np.diagonal(T)) > TOLERANCE).all() and len(T) == len(columns):
+            basis[:, len(kept) : len(kept) + len(columns)] = _beyond(Q, basis[:, : len(kept)])
+            kept += columns.tolist()
             continue
-        v = R[:, j] / scale[j]
-        for _ in range(2):  # twice is enough (Kahan, Parlett)
-            v = v - basis[:, : len(kept)] @ (basis[:, : len(kept)].T @ v)
-        size = np.linalg.norm(v)
-        if size > TOLERANCE:
-            basis[:, len(kept)] = v / size
-            kept.append(j)
+        for j, v in zip(columns.tolist(), rest.T, strict=True):
+            own = _beyond(v, basis[:, : len(kept)])
+            size = np.linalg.norm(own)
+            if size > TOLERANCE:
+                basis[:, len(kept)] = own / size
+                kept.append(j)
     return kept, scale
+
+
+def _beyond(vectors: Array, basis: Array) -> Array:
+    """Vectors without their part in an orthonormal basis; twice is enough (Kahan, Parlett)."""
+    for _ in range(2):
+        vectors = vectors - basis @ (basis.T @ vectors)
+    return vectors
 
 
 def reduce(matrix: Array, response: Array) -> Reduction:
@@ -192,6 +205,19 @@ def _triangle(
             pass
     every = range(p + 1)
     return _stream(problem, terms, at, every)
+
+
+def multiply_problem(
+    problem: Problem, terms: Sequence[Term], at: Linearisation | None = None
+) -> Array:
+    """Compute the products (p+1, p+1) of [columns | residual], whitened: at a third of the cost of
+    a reduction, and with half of its digits where columns nearly depend on one another."""
+    p, space = len(terms), Workspace()
+    products = np.zeros((p + 1, p + 1))
+    for _, part in problem.parts(STREAM):
+        block = whiten(part, assemble(part, terms, at, space=space)).reshape(p + 1, -1)
+        products += block @ block.T
+    return products
 
 
 class _Disagrees(ArithmeticError):

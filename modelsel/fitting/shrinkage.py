@@ -13,8 +13,9 @@ from .._linalg import TINY
 from .._typing import Array, Index
 from ..mechanisms.terms import TermKey
 from .design import Model
-from .least_squares import STEP_MM, Fit, Held, fit
+from .least_squares import STEP_MM, Fit, begin, finish, fit, go_on, solver_of
 from .problem import Problem
+from .solver import ITERATIONS, Held, Solver, State
 from .splines import spline, spline_groups
 
 MAX_ROUNDS = 60  # of the fixed point
@@ -40,33 +41,33 @@ def wide_groups(model: Model) -> list[Index]:
     return [np.array(group, dtype=np.intp) for group in groups.values()]
 
 
-def variances(fitted: Fit, groups: Sequence[Index]) -> Array:
+def variances(solver: Solver, state: State, groups: Sequence[Index]) -> Array:
     """Compute the precisions (p,) sigma²/v of every term by MacKay's fixed point of the marginal
     likelihood, v one number a group (MacKay 1992, Neural Computation 4, 415)."""
-    likelihood = _Marginal(fitted, groups)
+    likelihood = _Marginal(solver, state, groups)
     precision = likelihood.start()
     for _ in range(MAX_ROUNDS):
         previous, precision = precision, likelihood.update(precision)
         if np.allclose(precision, previous, rtol=TOLERANCE):
             break
-    out = np.zeros(len(fitted.theta))
+    out = np.zeros(len(state.theta))
     out[likelihood.kept] = precision
     return out
 
 
 @dataclass(frozen=True, eq=False)
 class _Marginal:
-    """The marginal likelihood of the variances of `groups` of a fit's terms, on its triangle; all
-    arrays over the k kept terms."""
+    """The marginal likelihood of the variances of `groups` of a model's terms, by the expansion of
+    its squares at theta; all arrays over the k kept terms."""
 
-    fitted: Fit
+    solver: Solver
+    state: State
     groups: Sequence[Index]
 
     @cached_property
     def kept(self) -> list[int]:
         """Indices of the fitted terms."""
-        kept = self.fitted.found.kept
-        return list(kept)
+        return list(self.state.found.kept)
 
     @cached_property
     def position(self) -> dict[int, int]:
@@ -80,36 +81,25 @@ class _Marginal:
         return [np.array([where[k] for k in g if k in where], dtype=np.intp) for g in self.groups]
 
     @cached_property
-    def columns(self) -> Array:
-        """Triangle (p+1, k) of the kept columns."""
-        kept = self.kept
-        reduction = self.fitted.reduction
-        triangle = reduction.R[:-1]
-        return triangle[:, kept]
+    def gram(self) -> Array:
+        """Cross products (k, k) of the columns."""
+        return self.state.expansion.gram[np.ix_(self.kept, self.kept)]
+
+    @cached_property
+    def left(self) -> Array:
+        """Products (k,) of the columns with the residual at theta."""
+        return self.state.slope.products[self.kept]
 
     @cached_property
     def response(self) -> Array:
-        """What the kept columns have to explain, of all that theta explains already."""
-        reduction = self.fitted.reduction
-        theta = self.fitted.theta
-        kept_theta = theta[self.kept]
-        columns = self.columns
-        explained = columns @ kept_theta
-        triangle = reduction.R[:-1]
-        left = triangle[:, -1]
-        response: Array = left + explained
-        return response
-
-    @cached_property
-    def gram(self) -> Array:
-        """Cross products (k, k) of the columns."""
-        columns = self.columns
-        return columns.T @ columns
+        """Products (k,) of the columns with what they have to explain, of all that theta explains
+        already."""
+        return np.asarray(self.left + self.gram @ self.state.theta[self.kept])
 
     @cached_property
     def held(self) -> Array:
         """`gram` with the prior on what the data hardly determine."""
-        rows = self.fitted.weak.rows
+        rows = self.state.weak.rows
         if rows is None:
             return self.gram
         weak = rows[:, self.kept]
@@ -120,7 +110,7 @@ class _Marginal:
     def inverse_correlation(self) -> Array:
         """Inverse (k, k) of the prior's correlation, by blocks."""
         out: Array = np.eye(len(self.kept))
-        for index, root in spline_groups(self.fitted.terms):
+        for index, root in spline_groups(self.solver.model.terms):
             among = [n for n, term in enumerate(index) if term in self.position]
             place = [self.position[index[n]] for n in among]
             half = np.linalg.inv(root)[:, among]
@@ -131,8 +121,7 @@ class _Marginal:
         """Return the precisions to start from: those of the fit, else one."""
         count = len(self.kept)
         precision: Array = np.zeros(count)
-        fitted = self.fitted
-        known = fitted.precision
+        known = self.state.precision
         groups = zip(self.groups, self.inside, strict=True)
         for group, positions in groups:
             first = group[0]
@@ -147,7 +136,7 @@ class _Marginal:
         covariance: Array = np.asarray(
             np.linalg.inv(self.held + scale[:, None] * inverse * scale), dtype=np.float64
         )
-        beta = covariance @ (self.columns.T @ self.response)
+        beta = covariance @ self.response
         trace = inverse * covariance  # its sum over a group: the trace of the two blocks' product
         effective = [len(i) - float(precision[i] @ trace[np.ix_(i, i)].sum(1)) for i in self.inside]
         noise = self._noise_variance(beta, effective)
@@ -162,20 +151,14 @@ class _Marginal:
 
     def _noise_variance(self, beta: Array, effective: Sequence[float]) -> float:
         """Estimate sigma² from what beta leaves."""
-        columns = self.columns
-        predicted = columns @ beta
-        left = self.response - predicted
-        squares = np.square(left)
-        misfit = float(squares.sum())
-        reduction = self.fitted.reduction
-        corner = reduction.R[-1, -1]
-        unexplained = float(corner**2)
-        rss = misfit + unexplained
+        step = beta - self.state.theta[self.kept]
+        curved = step @ self.gram @ step
+        rss = self.state.slope.squares - 2 * float(step @ self.left) + float(curved)
         counts = map(len, self.inside)
         shrunk = sum(counts)
         count = len(self.kept)
         fixed = count - shrunk
-        rows = self.fitted.rows
+        rows = self.solver.nominal.rows
         used = sum(effective)
         freedom = rows - fixed - used
         positive = max(freedom, 1.0)
@@ -201,15 +184,16 @@ def fit_shrunk(
     if not groups:
         return fit(problem, model, start=theta, step_mm=step_mm, held=held)
     precision = _first_precision(problem, model, groups, start)
-    fitted = fit(problem, model, precision=precision, start=theta, step_mm=step_mm, held=held)
+    solver = solver_of(problem, model, precision, held)
+    state = begin(
+        solver, np.zeros(len(precision)) if theta is None else theta, precision, ITERATIONS, step_mm
+    )
     for _ in range(2):
-        previous, precision = precision, variances(fitted, groups)
-        fitted = fit(
-            problem, model, precision=precision, start=fitted.theta, step_mm=step_mm, held=held
-        )
+        previous, precision = precision, variances(solver, state, groups)
+        state = go_on(solver, solver.weighed(state, precision), ITERATIONS, step_mm)
         if np.allclose(precision, previous, rtol=REFIT_TOLERANCE):
             break
-    return fitted
+    return finish(solver, state)
 
 
 def _first_precision(

@@ -7,6 +7,8 @@ its variance is found from the data."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from ..mechanisms.causes import Bump, Cause, factors
 from ..mechanisms.terms import Term
 
 LENGTH = 3.0  # knots over which a free function keeps its value, roughly
+REMEMBERED = 16  # tuples of terms whose groups are kept: the models in play
 JITTER = 1e-6  # added to the diagonal, so that the correlation has a root
 
 
@@ -35,6 +38,21 @@ def spline(term: Term) -> tuple[Bump, tuple[object, ...]] | None:
 def spline_groups(terms: Sequence[Term]) -> list[tuple[Index, Array]]:
     """Return, for each free function at one place, (indices of its terms, lower root (k, k) of
     their prior correlation)."""
+    return [(group.terms, group.root) for group in _groups(tuple(terms))]
+
+
+class _Group(NamedTuple):
+    """A free function at one place: its `terms` by their indices, the lower root (k, k) of their
+    prior correlation, and that root's inverse."""
+
+    terms: Index
+    root: Array
+    inverse: Array
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _groups(terms: tuple[Term, ...]) -> list[_Group]:
+    """Group the terms of free functions."""
     groups: dict[tuple[object, ...], list[int]] = {}
     centre = np.zeros(len(terms))  # in knots
     for k, term in enumerate(terms):
@@ -43,7 +61,11 @@ def spline_groups(terms: Sequence[Term]) -> list[tuple[Index, Array]]:
             bump, identity = known
             groups.setdefault(identity, []).append(k)
             centre[k] = bump.centre / bump.width
-    return [(np.array(group, dtype=np.intp), _root(centre[group])) for group in groups.values()]
+    out = []
+    for group in groups.values():
+        root = _root(centre[group])
+        out.append(_Group(np.array(group, dtype=np.intp), root, np.asarray(np.linalg.inv(root))))
+    return out
 
 
 def _root(centre: Array) -> Array:
@@ -69,14 +91,8 @@ def penalty(terms: Sequence[Term], precision: Array) -> Array:
     otherwise."""
     roots = np.sqrt(precision)
     out = np.diag(roots)
-    groups = spline_groups(terms)
-    for index, root in groups:
-        held = precision[index]
-        if held.any():
-            scale = roots[index]
-            inverse = np.linalg.inv(root)
-            rows = scale[:, None] * inverse
-            block = np.ix_(index, index)
-            out[block] = rows
+    for index, _, inverse in _groups(tuple(terms)):
+        if precision[index].any():
+            out[np.ix_(index, index)] = roots[index][:, None] * inverse
     is_held = precision > 0
     return out[is_held]

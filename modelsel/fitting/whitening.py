@@ -36,6 +36,12 @@ class Whitening:
             return values
         return np.asarray(np.einsum("mij,...jm->...im", self.matrices, values))
 
+    def apply_transposed(self, values: Array) -> Array:
+        """Return values (c, m) times the transpose of what whitens them."""
+        if self.matrices is not None:
+            values = np.einsum("mij,im->jm", self.matrices, values)
+        return np.asarray(values * self.weight)
+
     def without_weight(self) -> Whitening:
         """Return the whitening with a weight of one, as the triangle of many rows may be scaled
         instead."""

@@ -50,6 +50,7 @@ class Screw:
         return f"frame {self.frame} {self.axis} · {self.cause}"
 
 
+@cache_hash
 @dataclass(frozen=True)
 class Term:
     """ONE fitted number; it drives its screws together. `size` is the usual range of its magnitude,
@@ -91,6 +92,7 @@ class Term:
         return max(units, key=lambda unit: "rad" in unit)
 
 
+@cache_hash
 @dataclass(frozen=True)
 class FixtureTerm(Term):
     """One fitted number of a feature of the set-up (a wire's anchor, a plane): its place, its tilt
