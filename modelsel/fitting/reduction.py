@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg.lapack import dtpqrt
 
-from .._typing import Array
+from .._typing import Array, Index
 from ..mechanisms.terms import Term
 from ..robot._kernels import Workspace
 from .design import assemble, whiten
@@ -22,6 +22,8 @@ from .problem import Problem
 from .whitening import UNIT, Whitening
 
 TOLERANCE = 1e-11  # of a unit column: structural dependence leaves 1e-14, NIST's Filip 1e-9 or more
+# times what rounding leaves of a combination: structural dependence leaves a hundred, Filip a million
+ROUNDING = 1e4
 MIN_COLUMN = 1e-13  # of the largest column's norm: a smaller column is zero
 DEPENDENT = 1e-9  # of a column, in any row: what is left of a dependent one beyond its combination
 TOGETHER = 32  # columns orthogonalised at once where none of them depends on another
@@ -98,9 +100,35 @@ def merged(parts: Iterable[Reduction]) -> Reduction:
 def independent(R: Array) -> tuple[list[int], Array]:
     """(columns of a triangle (p, p) that do not depend on earlier ones, norms (p,)): sequential
     orthogonalisation of the unit columns, in their order. A column below 1e-13 of the largest is
-    zero."""
+    zero; one of which no more is left than rounding leaves of its combination of earlier ones
+    depends on them."""
     scale = np.linalg.norm(R, axis=0)
     moves = np.flatnonzero(scale > MIN_COLUMN * scale.max(initial=0))
+    while True:
+        kept = _orthogonalise(R, moves, scale)
+        lost = _find_rounding(R[:, kept] / scale[kept])
+        if lost is None:
+            return kept, scale
+        moves = moves[moves != kept[lost]]
+
+
+def _find_rounding(unit: Array) -> int | None:
+    """Find the first column, of unit columns (p, k), that rounding alone tells from the earlier
+    ones: of a combination with coefficients c it leaves some 1e-16 times their sum, and the inverse
+    of the triangle holds every column's, over what is left of it."""
+    from scipy.linalg import solve_triangular
+
+    k = unit.shape[1]
+    triangle = np.linalg.qr(unit, mode="r")
+    inverse = solve_triangular(triangle, np.eye(k), check_finite=False)
+    left = np.abs(np.diagonal(triangle))
+    coefficients = np.abs(inverse).sum(0) * left
+    rounding = np.flatnonzero(left < ROUNDING * np.finfo(float).eps * coefficients)
+    return int(rounding[0]) if len(rounding) else None
+
+
+def _orthogonalise(R: Array, moves: Index, scale: Array) -> list[int]:
+    """Orthogonalise the columns `moves` of a triangle (p, p), of norms `scale` (p,): those kept."""
     basis = np.zeros((len(R), len(moves)), order="F")
     kept: list[int] = []
     for start in range(0, len(moves), TOGETHER):
@@ -117,7 +145,7 @@ def independent(R: Array) -> tuple[list[int], Array]:
             if size > TOLERANCE:
                 basis[:, len(kept)] = own / size
                 kept.append(j)
-    return kept, scale
+    return kept
 
 
 def _beyond(vectors: Array, basis: Array) -> Array:

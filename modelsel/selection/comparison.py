@@ -31,6 +31,8 @@ MAX_CANDIDATES = 12
 MAX_LISTED = 12
 # mechanisms of which all subsets are walked: 65,536 models, half a second
 MAX_EXHAUSTIVE = 16
+# digits of a sum of squares in which subsets must differ to be told apart
+DIGITS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,10 +226,10 @@ def _score(space: _Space, subsets: Subsets) -> _Scores:
 
     The choice is the best by cross-validation of the subsets of least rank that are within one
     standard error of the lowest total (Breiman et al. 1984)."""
-    rss = subsets.rss
+    rss = _even_out(subsets.rss)
     rank = subsets.rank
     held_out = subsets.held_out
-    total = held_out.sum(1)
+    total = _even_out(held_out.sum(1))
     listed = _find_distinct(space, subsets)
     candidates = np.where(listed, total, np.inf)
     best = int(np.argmin(candidates))
@@ -248,6 +250,16 @@ def _score(space: _Space, subsets: Subsets) -> _Scores:
     return _Scores(
         total, deviation, weight, listed, best, int(smallest[place]), lowest[bic], lowest[aicc]
     )
+
+
+def _even_out(values: Array) -> Array:
+    """Make values (S,) equal that rounding alone tells apart: of twins the earlier comes first."""
+    finite = np.isfinite(values) & (values > 0)
+    size = np.floor(np.log10(values[finite]))
+    unit = np.power(10.0, size - DIGITS)
+    out = values.copy()
+    out[finite] = np.round(values[finite] / unit) * unit
+    return out
 
 
 def _find_distinct(space: _Space, subsets: Subsets) -> Mask:

@@ -25,6 +25,7 @@ from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load_robot
 from modelsel.selection import criteria
+from modelsel.selection.comparison import _even_out
 from modelsel.selection.cross_validation import FoldedData, fold, pad_blocks
 from modelsel.selection.orthogonal_subsets import refine_subsets
 from modelsel.selection.splits import assign_folds
@@ -202,6 +203,14 @@ def test_single_f_is_the_nested_f_test(rng) -> None:
     both = [np.column_stack([A, stack_design(at, m.terms, fitted.at())[0]]) for m in some[:3]]
     want = [sm.OLS(r, X).fit().compare_f_test(small)[0] for X in both]
     np.testing.assert_allclose(found, [*want, 0.0], rtol=1e-7)
+
+
+def test_subsets_of_twins_are_told_apart_by_no_rounding(rng) -> None:
+    """Sums of squares that differ in their last digits are equal; others keep ten digits."""
+    values = np.array([3.0, 3.0 * (1 + 4e-16), 3.0 * (1 + 1e-8), 1e-20, 0.0, np.inf])
+    even = _even_out(values)
+    assert even[0] == even[1] < even[2]
+    np.testing.assert_allclose(even, values, rtol=1e-10)
 
 
 @pytest.mark.parametrize("size", [1e-100, 1e-9, 1.0, 1e12, 1e100])
