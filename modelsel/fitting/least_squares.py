@@ -13,11 +13,12 @@ from .._typing import Array
 from ..mechanisms.terms import Term
 from .design import Model, residuals
 from .identifiability import Identified, solve
+from .iteration import State
 from .linearisation import Linearisation
 from .prior import WeakPrior, fitted_terms, prior_root, prior_rows, with_prior
 from .problem import Problem
 from .reduction import PROBE, Reduction, Source
-from .solver import ITERATIONS, Held, Solver, State
+from .solver import ITERATIONS, Held, Solver
 
 STEP_MM = 1e-4  # 0.1 µm
 

@@ -13,9 +13,10 @@ from .._linalg import TINY
 from .._typing import Array, Index
 from ..mechanisms.terms import TermKey
 from .design import Model
+from .iteration import State
 from .least_squares import STEP_MM, Fit, begin, finish, fit, go_on, solver_of
 from .problem import Problem
-from .solver import ITERATIONS, Held, Solver, State
+from .solver import ITERATIONS, Held, Solver
 from .splines import spline, spline_groups
 
 MAX_ROUNDS = 60  # of the fixed point

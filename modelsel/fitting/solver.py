@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,18 @@ from .._typing import Array
 from ..exceptions import NotEstimable
 from .design import Model
 from .expansion import Expansion, Triangle, Unsafe
-from .gradient import Rows, Slope
+from .gradient import Rows
 from .identifiability import Identified, as_drawn, identify, without
+from .iteration import (
+    LEAST_DAMPING,
+    SLOW,
+    Before,
+    Far,
+    State,
+    compute_direction,
+    extrapolate,
+    relax_damping,
+)
 from .linearisation import Linearisation
 from .prior import Usual, WeakPrior, faint, fitted_terms, prior_root, usual_sizes, weigh_usual
 from .problem import Problem
@@ -31,54 +41,7 @@ QUIET_MM = 1e-6  # no measurement is better
 # rms: combinations that move the target less at their usual sizes wait until the others have
 # converged
 UNSEEN_MM = 0.01
-SLOW = 0.2  # of the last step: more asks for a triangle at the point reached
-LAST = 1e-5  # of the step asked for: steps cost little once there is a triangle
 NEAR_MM = 1e-5  # all rows together: as far does the triangle change by nothing that counts
-
-
-class Far(NamedTuple):
-    """What is fitted far from the nominal arm, by the dependences at a point (p,)."""
-
-    point: Array
-    found: Identified
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """Where the iteration stands: parameters theta (p,) and the slope there; the precision (p,) of
-    shrunk terms, what is fitted, the prior on what the data hardly determine, and `root` (k, p) of
-    both priors; the expansion that steps are taken from, and the factor (k, k) of its products with
-    the prior's, in the triangle's order.
-
-    Of the last step: its size, its share of the one before, its damping, and whether the expansion
-    was about the point where it began, or one as good; `far`: see there."""
-
-    theta: Array
-    slope: Slope
-    precision: Array | None
-    found: Identified
-    weak: WeakPrior
-    root: Array
-    expansion: Expansion
-    triangle: Triangle
-    factor: Array
-    iterations: int = 0
-    step_mm: float = np.inf
-    share: float = 0.0
-    own: bool = False
-    damping: float = 0.0
-    far: Far | None = None
-
-    @property
-    def cost(self) -> float:
-        """Squares of the residual and of what the prior says of theta."""
-        return self.slope.squares + float(np.square(self.root @ self.theta).sum())
-
-    def rests(self, step_mm: float) -> bool:
-        """Return whether the iteration has arrived, or steps by the triangle of the very point do
-        not get shorter any more."""
-        as_far_as_can_be = self.own and self.share > SLOW
-        return self.step_mm < (step_mm if as_far_as_can_be else LAST * step_mm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,7 +216,7 @@ class Solver:
     def solve(self, state: State, iterations: int, step_mm: float) -> State:
         """Iterate Gauss-Newton over the kept terms, damped where it overshoots."""
         count = 0
-        state = replace(state, step_mm=np.inf, share=0.0, own=False, damping=0.0)
+        state = replace(state, step_mm=np.inf, share=0.0, own=False, damping=0.0, before=None)
         while count < iterations and state.damping < STUCK and not state.rests(step_mm):
             count += 1
             state = self.step(state, step_mm, iterations == 1)
@@ -262,21 +225,44 @@ class Solver:
     def step(self, state: State, step_mm: float, only_one: bool) -> State:
         """Take a step, or find that it is none: then by a triangle of this point, or damped."""
         own = self.is_near(state)
-        delta, size = _direction(state)
+        delta, size = compute_direction(state)
         step = size / self.weight
-        there = self.move(state, state.theta + delta)
+        there = self.reach(state, delta)
         lower = there.cost <= state.cost * (1 + 1e-9)
         if lower or step < step_mm or only_one:
-            damping = state.damping / 10 if state.damping > 1e-8 else 0.0
             share = step / state.step_mm
-            there = replace(there, step_mm=step, share=share, own=own, damping=damping)
+            there = replace(there, step_mm=step, share=share, own=own, growth=2.0)
+            there = replace(there, damping=relax_damping(state, delta, state.cost - there.cost))
             is_slow = share > SLOW and not there.rests(step_mm)
             return self.expanded(there) if is_slow else there
         if not own:
             return self.expanded(state)
         # overshot: Levenberg-Marquardt from the same point
-        damping = max(8 * state.damping, 1e-6)
-        return replace(state, damping=damping, step_mm=max(step, step_mm))
+        damping = max(state.growth * state.damping, LEAST_DAMPING)
+        growth = 2 * state.growth
+        return replace(state, damping=damping, growth=growth, step_mm=max(step, step_mm))
+
+    def reach(self, state: State, delta: Array) -> State:
+        """Go by a step (p,), accelerated where steps do not get shorter quickly; where it overshoots,
+        by what the step from beyond says."""
+        can_evaluate = isinstance(self.problem, Problem) and not state.damping
+        if can_evaluate and state.before is not None and state.share > SLOW:
+            there = self.turn(state, delta)
+            if there.cost <= state.cost:
+                return there
+        there = self.move(state, state.theta + delta)
+        there = replace(there, before=Before(state.theta, delta))
+        if can_evaluate and there.cost > state.cost * (1 + 1e-9):
+            back, _ = compute_direction(there)
+            turned = self.turn(there, back)
+            if turned.cost <= state.cost:
+                return turned
+        return there
+
+    def turn(self, state: State, delta: Array) -> State:
+        """Go where this step (p,) and the one before, along their difference, come to rest."""
+        there = self.move(state, state.theta + extrapolate(state, delta))
+        return replace(there, before=Before(state.theta, delta))
 
     def move(self, state: State, theta: Array) -> State:
         """Evaluate at theta (p,); without rows to evaluate, expand there."""
@@ -344,20 +330,3 @@ class Solver:
                 f"the fit of {names} does not settle (last step {state.step_mm:.3g} mm): the data hardly "
                 "determine some parameters; measure more widely spread configurations."
             )
-
-
-def _direction(state: State) -> tuple[Array, float]:
-    """(step (p,) from theta, how far it moves all rows together, whitened)."""
-    from scipy.linalg import solve_triangular
-
-    order = list(state.triangle.order)
-    factor = state.factor
-    if state.damping:  # Marquardt's: a row per column, in proportion to its norm
-        norm = np.linalg.norm(factor, axis=0)
-        rows = np.diag(np.sqrt(state.damping) * norm)
-        factor = np.asarray(np.linalg.qr(np.vstack([factor, rows]), mode="r"))
-    uphill = state.slope.products - state.root.T @ (state.root @ state.theta)
-    turned = solve_triangular(factor, uphill[order], trans="T", check_finite=False)
-    delta = np.zeros(len(state.theta))
-    delta[order] = solve_triangular(factor, turned, check_finite=False)
-    return delta, float(np.linalg.norm(state.factor @ delta[order]))
