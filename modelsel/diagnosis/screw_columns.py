@@ -28,6 +28,9 @@ from ..robot.rigid import AXES
 
 # rows whose fields, causes and products stay in a core's cache together
 CACHED_ROWS = 512
+# numbers of the products by place that are held together, and rows that are worth a call
+TOGETHER = 1_500_000
+FEWEST_ROWS = 64
 # products of columns, rows and vectors from which a second core pays
 MANY_PRODUCTS = 5e7
 # share of the memory of a diagnosis that the values of the causes may take
@@ -134,9 +137,12 @@ class ScrewColumns:
         self, block: _RowBlock, causes: Array, values: NDArray[Any], part: slice
     ) -> NDArray[Any]:
         """Add up the products (C, B) over some rows of a block with values (m, c, B)."""
-        out = np.zeros((self.count, values.shape[2]), values.dtype)
-        for start in range(part.start, part.stop, CACHED_ROWS):
-            rows = slice(start, min(start + CACHED_ROWS, part.stop))
+        width = values.shape[2]
+        out = np.zeros((self.count, width), values.dtype)
+        most = TOGETHER // max(block.fields.shape[1] * width, 1)
+        size = min(CACHED_ROWS, max(most, FEWEST_ROWS))
+        for start in range(part.start, part.stop, size):
+            rows = slice(start, min(start + size, part.stop))
             fields = block.fields[rows].astype(values.dtype, copy=False)
             by_place = np.matmul(fields, np.ascontiguousarray(values[rows]))
             own = causes[:, rows].astype(values.dtype, copy=False)
