@@ -154,8 +154,8 @@ class ScrewColumns:
         """Compute some columns (k, N) in full."""
         out = np.zeros((len(columns), self.rows))
         for block in self.blocks:
-            whole = slice(0, len(block.fields))
-            flat = self._expand_rows(block, columns, whole).reshape(len(columns), -1)
+            m, _, c = block.fields.shape
+            flat = self._expand_rows(block, columns, slice(0, m)).reshape(len(columns), c * m)
             out[:, block.coordinates] = flat if block.measured is None else flat[:, block.measured]
         return out
 
@@ -185,8 +185,7 @@ class ScrewColumns:
                 X = self._expand_rows(block, columns, rows)
                 if block.measured is not None:
                     X *= block.mask[:, rows]
-                X = X.reshape(len(columns), -1)
-                total += X @ X.T
+                total += np.einsum("kcm,lcm->kl", X, X, optimize=True)
         return total
 
     def _expand_rows(self, block: _RowBlock, columns: Index, rows: slice) -> Array:
