@@ -9,8 +9,8 @@ from dataclasses import dataclass
 class DiagnosisOptions:
     """Sizes that bound the time and memory of a diagnosis.
 
-    `memory_mb`: what it may hold beside the data: values that would take more are computed anew
-    wherever they are needed. `max_rows`: estimation rows that are scanned; of more, whole
+    `memory_mb`: for the values of the causes, which are kept if they take no more than three quarters
+    of it, else computed wherever they are needed. `max_rows`: estimation rows that are scanned; of more, whole
     configurations are drawn by the seed.
     `max_cells`: cells of the error map; where the robot has more (some fifteen joints), a cell's
     cause may only depend on joints next to its place."""

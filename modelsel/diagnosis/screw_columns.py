@@ -70,14 +70,6 @@ class _RowBlock:
         causes = self.causes if which is None else [self.causes[k] for k in which]
         return _evaluate(self.problem, causes)
 
-    @property
-    def mask(self) -> Array:
-        """Which components are measured (c, m), as ones and zeros."""
-        m, _, c = self.fields.shape
-        flat = np.zeros(c * m)
-        flat[self.measured] = 1.0
-        return flat.reshape(c, m)
-
     def arrange(self, values: NDArray[Any]) -> NDArray[Any]:
         """Arrange values (N, B) of all coordinates as (m, c, B) of this block's rows."""
         m, _, c = self.fields.shape
@@ -170,21 +162,27 @@ class ScrewColumns:
         """Compute causes times lengths of the field (k, m), of columns of one screw.
 
         The products of two columns of one place are those of these."""
+        return np.concatenate([self._expand_lengths(b, columns) for b in self.blocks], axis=1)
+
+    def _expand_lengths(self, block: _RowBlock, columns: Index) -> Array:
         _, number, cause = self.pairs[:, self.starts[columns]]
-        parts = []
-        for block in self.blocks:
-            length = np.sqrt(np.einsum("mfc,mfc->fm", block.fields, block.fields))
-            parts.append(block.evaluate_causes(cause) * length[number])
-        return np.concatenate(parts, axis=1)
+        length = np.sqrt(np.einsum("mfc,mfc->fm", block.fields, block.fields))
+        return np.asarray(block.evaluate_causes(cause) * length[number])
 
     def gram(self, columns: Index) -> Array:
-        """Compute the products (k, k) of some columns, rows by rows."""
+        """Compute the products (k, k) of some columns, rows by rows.
+
+        Components that are not measured have no part: the field is zero there."""
         total = np.zeros((len(columns), len(columns)))
+        fields = self.lone_field[columns]
+        if len(columns) and fields[0] >= 0 and (fields == fields[0]).all():
+            for block in self.blocks:
+                X = self._expand_lengths(block, columns)
+                total += X @ X.T
+            return total
         for block in self.blocks:
             for rows in split_range(len(block.fields), CACHED_ROWS):
                 X = self._expand_rows(block, columns, rows)
-                if block.measured is not None:
-                    X *= block.mask[:, rows]
                 total += np.einsum("kcm,lcm->kl", X, X, optimize=True)
         return total
 

@@ -71,8 +71,8 @@ def run_stepwise_search(
 ) -> Diagnosis:
     """Extend the base by what the candidates `found` explain beyond chance.
 
-    One effect is named at a time, on a training problem; `memory_mb` bounds what the search holds
-    beside the data."""
+    One effect is named at a time, on a training problem; `memory_mb` is for the values of the
+    causes."""
     if not found:
         return _build_empty(base, base_fit)
     search = Search(problem, base, found, rng, base_fit, memory_mb)

@@ -48,6 +48,8 @@ def test_products_are_those_of_the_columns(rng: np.random.Generator, rows: int) 
     some = np.array([3, 1, 2])
     np.testing.assert_allclose(screws.expand(some), X[:, some].T, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(screws.gram(some), X[:, some].T @ X[:, some], rtol=1e-12)
+    lone = np.array([0, 4, 0])  # at one place
+    np.testing.assert_allclose(screws.gram(lone), X[:, lone].T @ X[:, lone], rtol=1e-12)
     none = np.zeros(0, np.intp)
     assert screws.expand(none).shape == (0, screws.rows)
     assert screws.gram(none).shape == (0, 0)
