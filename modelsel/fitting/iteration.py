@@ -13,6 +13,7 @@ from .gradient import Slope
 from .identifiability import Identified
 from .prior import WeakPrior
 
+ROUNDING = 1e-9  # of the cost: smaller gains are not told from rounding
 LEAST_DAMPING = 1e-9  # of a column's square
 SLOW = 0.2  # of the last step: more asks for a triangle at the point reached
 LAST = 1e-5  # of the step asked for: steps cost little once there is a triangle
@@ -70,6 +71,8 @@ class State:
     def rests(self, step_mm: float) -> bool:
         """Return whether the iteration has arrived, or steps by the triangle of the very point do
         not get shorter any more."""
+        if self.damping:
+            return False
         as_far_as_can_be = self.own and self.share > SLOW
         return self.step_mm < (step_mm if as_far_as_can_be else LAST * step_mm)
 
@@ -81,8 +84,9 @@ def relax_damping(state: State, delta: Array, gained: float) -> float:
     moved = state.factor @ delta[order]
     uphill = state.slope.products - state.root.T @ (state.root @ state.theta)
     expected = float(2 * uphill @ delta - moved @ moved)
-    ratio = gained / expected if expected > 0 else 0.0
-    damping = state.damping * max(1 / 3, 1 - (2 * ratio - 1) ** 3)
+    is_told = expected > ROUNDING * state.cost
+    ratio = max(gained / expected, 0.0) if is_told else 1.0
+    damping = state.damping * max(0.1, 1 - (2 * ratio - 1) ** 3)
     return damping if damping > LEAST_DAMPING else 0.0
 
 

@@ -19,6 +19,7 @@ from .gradient import Rows
 from .identifiability import Identified, as_drawn, identify, without
 from .iteration import (
     LEAST_DAMPING,
+    ROUNDING,
     SLOW,
     Before,
     Far,
@@ -228,7 +229,7 @@ class Solver:
         delta, size = compute_direction(state)
         step = size / self.weight
         there = self.reach(state, delta)
-        lower = there.cost <= state.cost * (1 + 1e-9)
+        lower = there.cost <= state.cost * (1 + ROUNDING)
         if lower or step < step_mm or only_one:
             share = step / state.step_mm
             there = replace(there, step_mm=step, share=share, own=own, growth=2.0)
@@ -252,7 +253,7 @@ class Solver:
                 return there
         there = self.move(state, state.theta + delta)
         there = replace(there, before=Before(state.theta, delta))
-        if can_evaluate and there.cost > state.cost * (1 + 1e-9):
+        if can_evaluate and there.cost > state.cost * (1 + ROUNDING):
             back, _ = compute_direction(there)
             turned = self.turn(there, back)
             if turned.cost <= state.cost:
