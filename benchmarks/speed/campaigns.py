@@ -57,13 +57,15 @@ def run_peer() -> float:
     return time.process_time() - start
 
 
-def run_process(command: list[str], env: Mapping[str, str]) -> Usage:
-    """Run a process to its end. Raises RuntimeError where it fails."""
+def run_process(command: list[str], env: Mapping[str, str], folder: Path) -> Usage:
+    """Run a process to its end in a folder, whose package would go before that of the environment's
+    path. Raises RuntimeError where it fails."""
     start = time.perf_counter()
     done = subprocess.run(
         [sys.executable, "-c", LAUNCHER, *command],
         check=False,
         env=env,
+        cwd=folder,
         capture_output=True,
         text=True,
     )
@@ -82,7 +84,7 @@ def run_study(study: Path, checkout: Path, folder: Path) -> Usage:
     subprocess.run(compiling, check=True, env=env)
     with tempfile.TemporaryDirectory(dir=folder) as out:
         command = [sys.executable, "-m", "modelsel", "study", str(study), "--out", out]
-        return run_process([*command, "--no-report", "--no-sampling"], env)
+        return run_process([*command, "--no-report", "--no-sampling"], env, folder)
 
 
 def list_studies(names: Sequence[str], folder: Path) -> dict[str, Path]:
