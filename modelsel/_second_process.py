@@ -16,6 +16,8 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 
+from ._workers import count_cores
+
 T = TypeVar("T")
 Collect = Callable[[], T | None]
 SERVE = "from modelsel._second_process import serve; serve()"
@@ -75,13 +77,6 @@ def second_process(cores: int | None = None) -> Iterator[SecondProcess]:
         yield process
     finally:
         process.end()
-
-
-def count_cores() -> int:
-    """Count the cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _start() -> subprocess.Popen[bytes] | None:

@@ -6,7 +6,6 @@ seen."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,6 +16,7 @@ import numpy as np
 from .._progress import News, follow
 from .._random import generator
 from .._typing import Array, Index, Mask, Say
+from .._workers import count_cores
 from ..fitting.design import Model, whitened
 from ..fitting.least_squares import fit
 from ..fitting.problem import Problem
@@ -307,7 +307,7 @@ def run_nested_folds(  # noqa: PLR0913  what is asked, and how
     count = int(fold.max()) + 1
     inquiry = _Inquiry(base, everything, seed, cells, _be_silent, options)
     run = partial(_run_fold, split=split, inquiry=inquiry, fold=fold)
-    workers = min(count, os.cpu_count() or 1)
+    workers = min(count, count_cores())
     with ProcessPoolExecutor(max_workers=workers) as pool:
         say(News(f"none of {count} folds", 0.0))
         done = []

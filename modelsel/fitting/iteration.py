@@ -42,8 +42,8 @@ class State:
 
     Of the last step: its size, its share of the one before, its damping, and whether the expansion
     was about the point where it began, or one as good; `growth`: what the damping grows by where
-    the next one overshoots; `before`: where it began, and where it went
-    without acceleration; `far`: see there."""
+    the next one overshoots; `before`: where it began, and where it went without acceleration;
+    `far`: see there."""
 
     theta: Array
     slope: Slope
@@ -68,6 +68,11 @@ class State:
         """Squares of the residual and of what the prior says of theta."""
         return self.slope.squares + float(np.square(self.root @ self.theta).sum())
 
+    @property
+    def uphill(self) -> Array:
+        """Minus half the slope (p,) of the cost."""
+        return np.asarray(self.slope.products - self.root.T @ (self.root @ self.theta))
+
     def rests(self, step_mm: float) -> bool:
         """Return whether the iteration has arrived, or steps by the triangle of the very point do
         not get shorter any more."""
@@ -82,8 +87,7 @@ def relax_damping(state: State, delta: Array, gained: float) -> float:
     the squares said (Nielsen 1999, IMM-REP-1999-05)."""
     order = list(state.triangle.order)
     moved = state.factor @ delta[order]
-    uphill = state.slope.products - state.root.T @ (state.root @ state.theta)
-    expected = float(2 * uphill @ delta - moved @ moved)
+    expected = float(2 * state.uphill @ delta - moved @ moved)
     is_told = expected > ROUNDING * state.cost
     ratio = max(gained / expected, 0.0) if is_told else 1.0
     damping = state.damping * max(0.1, 1 - (2 * ratio - 1) ** 3)
@@ -114,8 +118,7 @@ def compute_direction(state: State) -> tuple[Array, float]:
         norm = np.linalg.norm(factor, axis=0)
         rows = np.diag(np.sqrt(state.damping) * norm)
         factor = np.asarray(np.linalg.qr(np.vstack([factor, rows]), mode="r"))
-    uphill = state.slope.products - state.root.T @ (state.root @ state.theta)
-    turned = solve_triangular(factor, uphill[order], trans="T", check_finite=False)
+    turned = solve_triangular(factor, state.uphill[order], trans="T", check_finite=False)
     delta = np.zeros(len(state.theta))
     delta[order] = solve_triangular(factor, turned, check_finite=False)
     return delta, float(np.linalg.norm(state.factor @ delta[order]))

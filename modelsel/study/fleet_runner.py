@@ -11,7 +11,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from .._files import claim_folder, csv_bytes, write_atomically
 from .._json import to_json
 from .._progress import News
 from .._typing import Say
+from .._workers import count_cores
 from ..config.fleet_file import Fleet, PartsTable, Task, find_files
 from ..config.study_file import find_data
 from ..exceptions import CHECK_FAILED, DataError, ModelselError, StudyError
@@ -112,7 +112,7 @@ def cluster(workers: int | None = None, scheduler: str | None = None) -> Iterato
     with (
         dask.config.set(quiet),
         LocalCluster(
-            n_workers=workers or os.cpu_count() or 1,
+            n_workers=workers or count_cores(),
             threads_per_worker=1,
             processes=True,
             dashboard_address=None,

@@ -8,7 +8,8 @@ from functools import partial
 
 import pytest
 
-from modelsel._second_process import SecondProcess, count_cores, second_process
+from modelsel._second_process import SecondProcess, second_process
+from modelsel._workers import count_cores
 
 WORK = partial(operator.mul, "drawn ", 2)
 LARGE = partial(operator.mul, b"x", 3_000_000)  # more than a pipe holds
