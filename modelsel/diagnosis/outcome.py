@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from .._typing import Array
 from ..fitting.design import Model
+from ..fitting.error_structure import ErrorStructure
 from ..fitting.least_squares import Fit
 from .credible_sets import CredibleSet
 from .effects import Effect
@@ -21,7 +22,8 @@ class Diagnosis:
     p-value `left_p`, whatever it is (None without candidates); `held_back`: its p-value under equal
     normal noise, where that would have named it and the signs of the residual's own rows do not.
     `bound`: the evidence that a further effect needs; `single_f` (G,): the F statistic of every
-    candidate alone on the base, `map_p` (G,): its family-wise p-value."""
+    candidate alone on the base, `map_p` (G,): its family-wise p-value; `errors`: the parts that the
+    errors have, which do not repeat and are no effects."""
 
     base: Model
     effects: tuple[Effect, ...]
@@ -35,6 +37,7 @@ class Diagnosis:
     bound: float
     single_f: Array = field(repr=False)
     map_p: Array = field(repr=False)
+    errors: ErrorStructure = field(default_factory=ErrorStructure)
 
     @property
     def findings(self) -> tuple[str, ...]:

@@ -18,6 +18,13 @@ from .._random import generator
 from .._typing import Array, Index, Mask, Say
 from .._workers import count_cores
 from ..fitting.design import Model, whitened
+from ..fitting.error_structure import (
+    ErrorStructure,
+    PossiblePart,
+    compute_criterion,
+    find_structure,
+    list_parts,
+)
 from ..fitting.least_squares import fit
 from ..fitting.problem import Problem
 from ..mechanisms.registry import (
@@ -32,6 +39,7 @@ from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Errors, Split, summarise_errors
 from ..selection.splits import assign_folds
 from .candidates import Candidate, build_candidates
+from .effects import Effect
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
 from .outcome import Diagnosis
 from .outliers import (
@@ -120,16 +128,18 @@ def diagnose_split(
 
     `everything`: mechanisms that may extend the base; `cells`: whether unregistered causes may,
     too. Of more than `options.max_rows` estimation rows, configurations drawn by the seed are
-    scanned; outliers are judged in all rows. Returns the split with its outliers marked, the
-    diagnosis, and the candidates."""
+    scanned; outliers are judged in all rows. Returns the split with its outliers marked and its rows
+    weighed so that they are independent, the diagnosis, and the candidates."""
     inquiry = _Inquiry(base, everything, seed, cells, say, options)
+    split = replace(split, problem=split.problem.as_stated())
     if split.estimation.sum() <= options.max_rows:
         return _alternate(split, inquiry)
     drawn = _draw_configurations(split, seed, options.max_rows)
     sample = replace(split, estimation=drawn)
     sample, diagnosis, found = _alternate(sample, inquiry)
     outlying = _find_outliers_everywhere(split, sample, diagnosis)
-    marked = replace(split, outlying=outlying)
+    whole = replace(split.problem, whitening=sample.problem.whitening)
+    marked = replace(split, problem=whole, outlying=outlying)
     return marked, diagnosis, found
 
 
@@ -143,12 +153,15 @@ class _Inquiry(NamedTuple):
     say: Say
     options: DiagnosisOptions
 
-    def search(self, problem: Problem, found: tuple[Candidate, ...]) -> Diagnosis:
-        """Search for effects in a training problem, with the study's random stream of naming."""
+    def search(
+        self, problem: Problem, found: tuple[Candidate, ...], known: Sequence[Effect] = ()
+    ) -> Diagnosis:
+        """Search for effects in a training problem, with the study's random stream of naming; from
+        the `known` effects of an earlier search."""
         rng = generator(self.seed, "naming")
         base_fit = fit(problem, self.base)
         return run_stepwise_search(
-            problem, self.base, base_fit, found, rng, self.say, self.options.memory_mb
+            problem, self.base, base_fit, found, rng, self.say, self.options.memory_mb, known
         )
 
 
@@ -156,17 +169,17 @@ def _alternate(split: Split, inquiry: _Inquiry) -> tuple[Split, Diagnosis, tuple
     """Alternate outliers and names, until the outliers stay the same.
 
     Where the extended model shows other outliers than the base did, effects are named once more
-    without those."""
+    without those. Rows are judged by themselves, whatever errors they share."""
     training = split.problem.take(split.estimation)
     outlying = find_gross_outliers(training, inquiry.base)
+    parts = list_parts(split.problem)
     for _ in range(MAX_ROUNDS):
         split = replace(split, outlying=_expand_mask(split.estimation, outlying))
-        kept = split.training()
         found = build_candidates(
-            kept, inquiry.base, inquiry.everything, inquiry.cells, inquiry.options
+            split.training(), inquiry.base, inquiry.everything, inquiry.cells, inquiry.options
         )
         inquiry.say(f"naming: {len(found)} candidates")
-        diagnosis = inquiry.search(kept, found)
+        weighed, diagnosis = _separate(split, inquiry, found, parts)
         again = _find_outliers(training, diagnosis, outlying)
         if outlying.any():
             again = _reconsider_outliers(training, inquiry, found, outlying, again)
@@ -174,7 +187,56 @@ def _alternate(split: Split, inquiry: _Inquiry) -> tuple[Split, Diagnosis, tuple
         if is_settled or again.mean() > MAX_OUTLIER_SHARE:
             break
         outlying = again
-    return split, diagnosis, found
+    return weighed, diagnosis, found
+
+
+def _separate(
+    split: Split,
+    inquiry: _Inquiry,
+    found: tuple[Candidate, ...],
+    parts: tuple[PossiblePart, ...],
+) -> tuple[Split, Diagnosis]:
+    """Separate what repeats from what does not: effects, given the parts of the errors, and in turn.
+
+    What the base leaves is the most that errors can be. Where effects explain some of that away, the
+    search goes on with what is left, and stays where the criterion says so. Returns the split, its
+    rows weighed so that they are independent."""
+    base_fit = fit(split.training(), inquiry.base)
+    errors = find_structure(split.problem, split.used, base_fit, parts)
+    first = _explain(split, inquiry, found, parts, errors)
+    effects, left = first.diagnosis.effects, first.diagnosis.errors
+    if not effects or left.resembles(errors):
+        return first.split, first.diagnosis
+    second = _explain(split, inquiry, found, parts, left, effects)
+    best = second if second.criterion <= first.criterion or not left.shared else first
+    return best.split, best.diagnosis
+
+
+class _Explanation(NamedTuple):
+    """Effects and the parts of the errors together, with their information criterion."""
+
+    split: Split
+    diagnosis: Diagnosis
+    criterion: float
+
+
+def _explain(
+    split: Split,
+    inquiry: _Inquiry,
+    found: tuple[Candidate, ...],
+    parts: tuple[PossiblePart, ...],
+    errors: ErrorStructure,
+    known: Sequence[Effect] = (),
+) -> _Explanation:
+    """Search for effects given parts of the errors, and find the parts that are left then."""
+    plain = split.problem
+    weighed = replace(split, problem=errors.whiten(plain))
+    diagnosis = inquiry.search(weighed.training(), found, known)
+    left = find_structure(plain, split.used, diagnosis.fit, parts)
+    log_prior = sum(float(np.log(effect.candidate.prior)) for effect in diagnosis.effects)
+    criterion = compute_criterion(plain, split.used, diagnosis.fit, left, log_prior)
+    final = replace(split, problem=left.whiten(plain))
+    return _Explanation(final, replace(diagnosis, errors=left), criterion)
 
 
 def _reconsider_outliers(

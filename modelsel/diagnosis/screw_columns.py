@@ -9,7 +9,7 @@ that the columns themselves would take (a column-wise Khatri-Rao product)."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any
@@ -22,6 +22,7 @@ from .._workers import map_in_threads
 from ..fitting.design import blocks
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
+from ..fitting.shared_errors import Mixing
 from ..mechanisms.causes import ONE, Cause
 from ..mechanisms.terms import Screw, Term
 from ..robot.rigid import AXES
@@ -54,7 +55,8 @@ class _RowBlock:
 
     `fields` (m, f, c): whitened displacement by a unit screw at every place; `coordinates`: its
     slice of all measured coordinates; `measured` (c·m,): which of its components are measured, None
-    for all; `kept` (u, m): the causes, None where they are evaluated each time."""
+    for all; `kept` (u, m): the causes, None where they are evaluated each time. Fields are whitened
+    row by row; where rows share errors, the columns are made independent by `mixing`."""
 
     problem: Problem
     fields: Array
@@ -62,6 +64,7 @@ class _RowBlock:
     measured: Index | None
     causes: tuple[Cause, ...]
     kept: Array | None
+    mixing: Mixing | None
 
     def evaluate_causes(self, which: Index | None = None) -> Array:
         """Return all causes (u, m) of the rows, or those `which` are asked for."""
@@ -71,13 +74,19 @@ class _RowBlock:
         return _evaluate(self.problem, causes)
 
     def arrange(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Arrange values (N, B) of all coordinates as (m, c, B) of this block's rows."""
+        """Arrange values (N, B) of all coordinates as (m, c, B) of this block's rows.
+
+        The columns' products with what independent rows hold are those of the columns as they are
+        with that, carried back."""
         m, _, c = self.fields.shape
         own = values[self.coordinates]
         if self.measured is not None:
             whole = np.zeros((c * m, values.shape[1]), values.dtype)
             whole[self.measured] = own
             own = whole
+        if self.mixing is not None:
+            by_vector = np.ascontiguousarray(own.reshape(c, m, -1).transpose(2, 0, 1))
+            return self.mixing.apply_transposed(by_vector).transpose(2, 1, 0)
         return own.reshape(c, m, -1).transpose(1, 0, 2)
 
 
@@ -153,7 +162,10 @@ class ScrewColumns:
 
     @cached_property
     def lone_field(self) -> Index:
-        """The field (C,) of columns of one screw, -1 of others."""
+        """The field (C,) of columns of one screw, -1 of others, and of all where rows share
+        errors."""
+        if self.blocks[0].mixing is not None:
+            return np.full(self.count, -1, np.intp)
         is_lone = np.diff(self.starts) == 1
         first = np.minimum(self.starts[:-1], max(len(self.pairs[0]) - 1, 0))
         return np.where(is_lone, self.pairs[1][first], -1)
@@ -181,13 +193,15 @@ class ScrewColumns:
                 total += X @ X.T
             return total
         for block in self.blocks:
-            for rows in split_range(len(block.fields), CACHED_ROWS):
+            size = CACHED_ROWS if block.mixing is None else len(block.fields)
+            for rows in split_range(len(block.fields), size):
                 X = self._expand_rows(block, columns, rows)
                 total += np.einsum("kcm,lcm->kl", X, X, optimize=True)
         return total
 
     def _expand_rows(self, block: _RowBlock, columns: Index, rows: slice) -> Array:
-        """Compute some columns (k, c, m) at some rows of a block."""
+        """Compute some columns (k, c, m) at some rows of a block, all of them where rows share
+        errors."""
         fields = block.fields[rows]
         m, _, c = fields.shape
         own = np.zeros((len(columns), c, m))
@@ -198,7 +212,7 @@ class ScrewColumns:
             _, number, cause = self.pairs[:, first[has] + step]
             moved = fields[:, number].transpose(1, 2, 0)
             own[has] += moved * block.evaluate_causes(cause)[:, None, rows]
-        return own
+        return own if block.mixing is None else block.mixing.apply(own)
 
     def mean_squares(self, problem: Problem, causes: Iterable[Cause]) -> dict[Cause, float]:
         """Compute the mean square of causes over the rows of the problem."""
@@ -273,7 +287,8 @@ def _build_row_blocks(
     is_kept: bool,
 ) -> Iterator[_RowBlock]:
     start = 0
-    for rows, values, _ in blocks(problem, fields, at):
+    by_row = replace(problem, whitening=problem.whitening.by_row())
+    for rows, values, _ in blocks(by_row, fields, at):
         whole = rows.stop - rows.start == len(problem)
         part = problem if whole else problem.take(rows)
         measured = None
@@ -288,6 +303,7 @@ def _build_row_blocks(
             measured=measured,
             causes=causes,
             kept=_evaluate(part, causes) if is_kept else None,
+            mixing=None if part.whitening.shared is None else part.whitening.shared.mixing,
         )
         start = stop
 

@@ -68,17 +68,30 @@ def run_stepwise_search(
     rng: np.random.Generator,
     say: Say = lambda _: None,
     memory_mb: float = DEFAULT_OPTIONS.memory_mb,
+    known: Sequence[Effect] = (),
 ) -> Diagnosis:
     """Extend the base by what the candidates `found` explain beyond chance.
 
     One effect is named at a time, on a training problem; `memory_mb` is for the values of the
-    causes."""
+    causes. The search goes on from the `known` effects of an earlier one."""
     if not found:
         return _build_empty(base, base_fit)
     search = Search(problem, base, found, rng, base_fit, memory_mb)
-    progress = _Progress([], search.first)
+    progress = _resume(search, known)
     remainder = _add_effects(search, progress, say)
     return _conclude(search, progress, remainder)
+
+
+def _resume(search: Search, known: Sequence[Effect]) -> _Progress:
+    """Start from the base, or from effects that are known where the data determine them."""
+    place = {one.mechanism.name: g for g, one in enumerate(search.found)}
+    chosen = [place[effect.candidate.mechanism.name] for effect in known]
+    view = search.try_fit(chosen, None) if chosen else None
+    if view is None:
+        return _Progress([], search.first)
+    tried = {frozenset[int](), frozenset(chosen)}
+    path = [f"+ {search.found[g].label}" for g in chosen]
+    return _Progress(chosen, view, path, tried)
 
 
 def _build_empty(base: Model, base_fit: Fit) -> Diagnosis:

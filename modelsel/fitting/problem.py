@@ -86,6 +86,12 @@ class Problem:
         """Return the problem with unit weights: residuals in mm and rad."""
         return replace(self, whitening=UNIT)
 
+    def as_stated(self) -> Problem:
+        """Return the problem weighed as before parts of its errors were estimated."""
+        if self.whitening.stated is None:
+            return self
+        return replace(self, whitening=self.whitening.stated)
+
     def pose(self, rows: slice, twist: Array | None = None) -> Pose:
         """Compute the kinematics of a block of rows in frame 0; twist (n+1, 6, rows)."""
         tool_rotation = self.tool_rotations
@@ -193,7 +199,9 @@ class Problem:
     # ----------------------------------------------------------------------------------------------
 
     def blocks(self, size: int = BLOCK) -> Iterator[slice]:
-        """Return the slices that cover the rows."""
+        """Return the slices that cover the rows; rows that share errors stay in large ones."""
+        if self.whitening.shared is not None:
+            size = BLOCK
         return (slice(start, min(start + size, len(self))) for start in range(0, len(self), size))
 
     def parts(self, size: int = BLOCK) -> Iterator[tuple[slice, Problem]]:

@@ -58,14 +58,16 @@ def assign_components(problem: Problem, instrument: Instrument | None = None) ->
 
     Per-coordinate uncertainties in the data: a scale per axis of the tracker's frame. An instrument
     (None where a floor is stated): one along the beam, one across. Orientations: one of their own.
-    Rows of several kinds, and all else: one scale for everything that is in mm."""
+    Rows of several kinds, errors whose parts were estimated, and all else: one scale for everything
+    that is in mm."""
     six = problem.components == 6
     mixed = problem.data.gauges is not None
     whitening = problem.whitening
-    if not mixed and problem.data.sigma is not None:
+    estimated = whitening.stated is not None
+    if not mixed and not estimated and problem.data.sigma is not None:
         component = [0, 1, 2]
         names = ["noise in x", "noise in y", "noise in z"]
-    elif not mixed and instrument is not None:
+    elif not mixed and not estimated and instrument is not None:
         problem = align_with_beam(problem, instrument)
         component = [0, 1, 1]
         names = ["noise along the beam", "noise across the beam"]

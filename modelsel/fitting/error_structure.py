@@ -1,0 +1,478 @@
+"""What does not repeat: the parts that a campaign's errors have, how large each is, and what tells it.
+
+Parts: the instrument; each joint, which repeats to a standard deviation of its own, one draw a visit,
+shared by all targets; what the rows of one configuration share; what the rows of one group share; what
+lasts along the order of motion. Beyond the instrument a part is there when the restricted likelihood
+gains more by it than chance gives at LEVEL. Under none, twice the gain is nought in half of all
+studies, else as chi-square (Self & Liang 1987; Stram & Lee 1994, Biometrics 50, 1171), which errs on
+the safe side in small studies (Crainiceanu & Ruppert 2004)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .._linalg import TINY
+from .._typing import Array, Index, Mask
+from ..mechanisms.causes import ONE
+from ..mechanisms.terms import Screw, Term
+from .design import assemble, compute_design
+from .least_squares import Fit
+from .problem import Problem
+from .restricted_likelihood import (
+    Likelihood,
+    LinearModel,
+    evaluate_likelihood,
+    maximise_likelihood,
+)
+from .shared_errors import MAX_BLOCK, SharedError, SharedErrors, group_blocks, keep_within, mix
+from .whitening import Whitening
+
+# probability with which chance gives a part that is none
+LEVEL = 0.01
+# draws that a part needs, rows beyond the first of their configuration, and groups
+MIN_LEVELS = 20
+MIN_EXCESS = 10
+MIN_GROUPS = 5
+# correlation lengths of a lasting error, in visits, and how many of them count as one test each
+LENGTHS = (0.7, 1.4, 3.0, 6.0, 12.0, 25.0, 50.0)
+LASTING_TESTS = 3
+# correlation lengths, and rows at least, after which a lasting error starts afresh
+STRETCH = 8
+FEWEST_ROWS = 16
+# parts beyond the instrument, and those that are tried at every step
+MAX_PARTS = 6
+TRIED = 2
+# standard errors of a variance beyond which a part is not tried to be left out
+CERTAIN = 3.5
+# gain of twice the log likelihood that something lasting needs beyond what does not last
+HANDICAP = 6.0
+# rows that are looked at, of many
+MAX_ROWS = 2048
+# share of the largest loading below which a joint does not move the target
+MIN_LOADING = 1e-3
+# columns of a model that are looked at
+MANY_COLUMNS = 96
+COVERAGE = 0.95
+# factor between variances, over the instrument's, that is no change
+MAX_CHANGE = 1.3
+
+
+@dataclass(frozen=True, eq=False)
+class PossiblePart:
+    """A part that the errors may have.
+
+    name: "joint 2", "configuration", "group" or "lasting"; unit: of its scale; tests: how many tests
+    it counts for; told_by: what tells it from others; square: mean square [mm²] over the rows of
+    what one unit of it moves the target."""
+
+    name: str
+    unit: str
+    error: SharedError
+    square: float
+    told_by: str
+    tests: int = 1
+
+
+@dataclass(frozen=True)
+class ErrorPart:
+    """A part of the errors.
+
+    scale, low, high: its standard deviation and 95 % interval [unit]; share: of the mean square at
+    the target that is left; at_target: its rms there [mm]; length: in visits, of a lasting error."""
+
+    name: str
+    unit: str
+    scale: float
+    low: float
+    high: float
+    share: float
+    at_target: float
+    told_by: str
+    length: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorStructure:
+    """The parts of a campaign's errors, the instrument first, and of the others what rows share."""
+
+    parts: tuple[ErrorPart, ...] = ()
+    shared: tuple[SharedError, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parts beyond the instrument."""
+        return tuple(part.name for part in self.parts[1:])
+
+    def resembles(self, other: ErrorStructure) -> bool:
+        """Whether the rows' weights are about the same with either."""
+        if self.names != other.names:
+            return False
+        variances = (part.variance for part in self.shared)
+        others = (part.variance for part in other.shared)
+        return all(
+            1 / MAX_CHANGE < a / b < MAX_CHANGE for a, b in zip(variances, others, strict=True)
+        )
+
+    def whiten(self, problem: Problem) -> Problem:
+        """Weigh all rows of the problem whose parts these are, so that they are independent."""
+        if not self.shared:
+            return problem
+        stated = problem.whitening.as_stated()
+        kept = keep_within(self.shared)
+        blocks = [len(group_blocks(part.level)[-1][0]) for part in kept]
+        if max(blocks) > 1:
+            whitening = replace(stated, shared=SharedErrors(kept), stated=stated)
+        else:
+            whitening = _whiten_rows(stated, kept, len(problem), problem.components)
+        return replace(problem, whitening=whitening)
+
+
+def _whiten_rows(
+    stated: Whitening, parts: Sequence[SharedError], rows: int, components: int
+) -> Whitening:
+    """Whiten rows that share nothing with one another: a matrix each."""
+    mixing = mix(parts)
+    inverse = mixing.inverse[0]
+    matrices = np.empty((rows, components, components))
+    matrices[mixing.rows[0][:, 0]] = inverse
+    if stated.matrices is not None:
+        matrices = matrices @ stated.matrices
+    return Whitening(stated.weight, matrices, stated=stated)
+
+
+# -- the parts that a campaign may show
+# ------------------------------------------------------------------------------------------------------
+
+
+def list_parts(problem: Problem) -> tuple[PossiblePart, ...]:
+    """List the parts that the rows of a problem can tell. Distances, planes and wires tell none."""
+    if not problem.only_points:
+        return ()
+    problem = problem.as_stated()
+    return (
+        *_list_joints(problem),
+        *_list_shared(problem),
+        *_list_lasting(problem),
+    )
+
+
+def _list_joints(problem: Problem) -> list[PossiblePart]:
+    robot, data = problem.robot, problem.data
+    visits = int(data.configuration.max(initial=-1)) + 1
+    if visits < MIN_LEVELS:
+        return []
+    prismatic = robot.prismatic
+    terms = [
+        Term(f"joint {j}", (Screw(j, "tz" if slides else "rz", ONE),))
+        for j, slides in enumerate(prismatic, 1)
+    ]
+    plain = problem.unweighted()
+    moved = np.concatenate([assemble(p, terms, None)[:-1] for _, p in plain.parts()], axis=2)
+    whitened = problem.whitening.apply_by_row(moved.copy())
+    size = np.sqrt(np.square(whitened).sum(1).mean(1))
+    told_by = "directions"
+    if len(data) > visits:
+        told_by = "targets"
+    if _count_excess(data.block, data.configuration) >= MIN_EXCESS:
+        told_by = "repeats"
+    found = []
+    for j, slides in enumerate(prismatic):
+        if size[j] <= MIN_LOADING * size.max(initial=TINY):
+            continue
+        loading = whitened[j].T[:, :, None]
+        square = float(np.square(moved[j, :3]).sum(0).mean())
+        error = SharedError(np.ascontiguousarray(loading), data.configuration)
+        unit = "mm" if slides else "rad"
+        found.append(PossiblePart(f"joint {j + 1}", unit, error, square, told_by))
+    return found
+
+
+def _count_excess(coarse: Index, fine: Index) -> int:
+    """Count the distinct `fine` numbers beyond one for each `coarse` number."""
+    pairs = np.unique(np.stack([coarse, fine], axis=1), axis=0)
+    return len(pairs) - len(np.unique(pairs[:, 0]))
+
+
+def _load_positions(problem: Problem) -> Array:
+    """Compute (m, c, 3) what a displacement of the target moves, whitened row by row."""
+    c, m = problem.components, len(problem)
+    identity = np.zeros((3, c, m))
+    for axis in range(3):
+        identity[axis, axis] = 1.0
+    whitened = problem.whitening.apply_by_row(identity)
+    return np.ascontiguousarray(whitened.transpose(2, 1, 0))
+
+
+def _list_shared(problem: Problem) -> list[PossiblePart]:
+    """List what rows of one visit, of one posture or of one group may share."""
+    data = problem.data
+    rows = np.arange(len(data))
+    found = []
+    loading = _load_positions(problem)
+    if _count_excess(data.configuration, rows) >= MIN_EXCESS:
+        error = SharedError(loading, data.configuration)
+        found.append(PossiblePart("configuration", "mm", error, 3.0, "targets"))
+    if _count_excess(data.block, data.configuration) >= MIN_EXCESS:
+        posture = np.unique(data.block, return_inverse=True)[1].reshape(-1)
+        error = SharedError(loading, np.asarray(posture, dtype=np.intp))
+        found.append(PossiblePart("configuration", "mm", error, 3.0, "repeats"))
+    count = np.bincount(data.group)
+    groups = int((count > 0).sum())
+    if groups >= MIN_GROUPS and count.max() <= MAX_BLOCK and len(data) >= 2 * groups:
+        found.append(PossiblePart("group", "mm", SharedError(loading, data.group), 3.0, "groups"))
+    return found
+
+
+def _list_lasting(problem: Problem) -> list[PossiblePart]:
+    data = problem.data
+    visits = int(data.configuration.max(initial=-1)) + 1
+    if visits < MIN_LEVELS:
+        return []
+    order = np.argsort(data.progress, kind="stable")
+    time = _place_visits(data.configuration, order)
+    loading = _load_positions(problem)
+    found = []
+    for length in LENGTHS:
+        if length <= visits / 2:
+            stretch = _cut(order, length * len(data) / visits)
+            error = SharedError(loading, stretch, time=time, length=length)
+            found.append(PossiblePart("lasting", "mm", error, 3.0, "order", LASTING_TESTS))
+    return found
+
+
+def _cut(order: Index, length: float) -> Index:
+    """Cut rows (m,) in their order into stretches of equal size, of STRETCH correlation lengths."""
+    rows = min(max(STRETCH * length, FEWEST_ROWS), MAX_BLOCK)
+    count = -(-len(order) // int(rows))
+    stretch = np.empty(len(order), np.intp)
+    stretch[order] = np.arange(len(order)) * count // len(order)
+    return stretch
+
+
+def _place_visits(visit: Index, order: Index) -> Array:
+    """Return the place (m,) of every row's visit among all visits, in order of motion."""
+    _, first, number = np.unique(visit[order], return_index=True, return_inverse=True)
+    place = np.argsort(np.argsort(first, kind="stable"), kind="stable")
+    time = np.empty(len(visit))
+    time[order] = place[number.reshape(-1)]
+    return time
+
+
+# -- which of them are there
+# ------------------------------------------------------------------------------------------------------
+
+
+def find_structure(
+    problem: Problem, training: Mask, fitted: Fit, candidates: Sequence[PossiblePart]
+) -> ErrorStructure:
+    """Find the parts that the errors of a fitted model have, in the rows (m,) it was fitted to.
+
+    The `candidates` are of all rows of the problem. Parts are added while the likelihood gains
+    more than chance gives; one that the others make dispensable is dropped."""
+    rows = _choose_rows(problem, training)
+    offered = [replace(one, error=one.error.take(rows)) for one in candidates]
+    model = _build_model(problem.take(rows), fitted)
+    chosen: list[PossiblePart] = []
+    at = evaluate_likelihood(model, ())
+    while len(chosen) < MAX_PARTS:
+        new = _find_next(at, offered, chosen)
+        if new is None:
+            break
+        chosen, at = _prune(*new)
+    if chosen:
+        at = maximise_likelihood(model, at.parts)
+        chosen = _match(chosen, at)
+    return _describe(problem, at, chosen, candidates, offered)
+
+
+def _choose_rows(problem: Problem, training: Mask) -> Index:
+    """Choose the rows that are looked at: of many, stretches spread over the campaign."""
+    rows = np.flatnonzero(training)
+    if len(rows) <= MAX_ROWS:
+        return rows
+    order = rows[np.argsort(problem.data.progress[rows], kind="stable")]
+    count = MAX_ROWS // MAX_BLOCK
+    starts = np.linspace(0, len(rows) - MAX_BLOCK, count).astype(np.intp)
+    chosen = order[(starts[:, None] + np.arange(MAX_BLOCK)).reshape(-1)]
+    return np.unique(chosen)
+
+
+def _build_model(problem: Problem, fitted: Fit) -> LinearModel:
+    """Build the linear model at a fit. Of many columns, those of shrunk terms are left out, then
+    all but the first; as much as these took is given back to what is left, alike in all rows."""
+    by_row = problem.as_stated()
+    kept = list(fitted.representatives)
+    if len(kept) > MANY_COLUMNS and fitted.precision is not None:
+        kept = [k for k in kept if not fitted.precision[k]]
+    kept = kept[:MANY_COLUMNS]
+    X, residual = compute_design(by_row, [fitted.terms[k] for k in kept], fitted.at())
+    N = by_row.coordinates
+    taken = N - fitted.freedom * N / fitted.rows
+    given_back = np.sqrt(max(N - len(kept), 1) / max(N - max(taken, len(kept)), 1))
+    m, c, p = X.shape
+    flat = X.reshape(m * c, p)
+    # columns that hardly differ are no trouble once they are orthonormal
+    Q = np.linalg.qr(flat / np.maximum(np.linalg.norm(flat, axis=0), TINY))[0]
+    by_column = np.ascontiguousarray(Q.T.reshape(p, m, c).transpose(0, 2, 1))
+    return LinearModel(by_column, residual.T * given_back, float(max(N - p, 1)))
+
+
+def _find_next(
+    at: Likelihood, offered: Sequence[PossiblePart], chosen: list[PossiblePart]
+) -> tuple[list[PossiblePart], Likelihood] | None:
+    """Find the part that the likelihood gains most by; None where chance gives as much."""
+    names = {(one.name, one.told_by) for one in chosen}
+    scores = []
+    for one in offered:
+        if (one.name, one.told_by) in names:
+            continue
+        slope, moved = at.slope(one.error)
+        information = float(at.information(moved)[0, 0])
+        if slope > 0 and information > 0:
+            scores.append((slope**2 / information, slope / information, one))
+    scores.sort(key=lambda score: -score[0])
+    lasting = [score for score in scores if score[2].error.time is not None]
+    others = [score for score in scores if score[2].error.time is None]
+    found = []
+    for _, variance, one in (*others[:TRIED], *lasting[:TRIED]):
+        start = replace(one.error, variance=variance)
+        trial = maximise_likelihood(at.model, [*at.parts, start], exact=False)
+        p = one.tests * compute_p(trial.log - at.log)
+        if p <= LEVEL and len(trial.parts):
+            # what rows of a visit share resembles what lasts for a moment
+            handicap = 0.0 if one.error.time is None else HANDICAP
+            found.append((trial.log - handicap, len(found), [*chosen, one], trial))
+    if not found:
+        return None
+    _, _, with_new, after = max(found)
+    return with_new, after
+
+
+def compute_p(gain: float) -> float:
+    """Compute how often chance gains as much of twice the log likelihood by a part that is none."""
+    from scipy.special import chdtrc
+
+    return 0.5 * float(chdtrc(1, gain)) if gain > 0 else 1.0
+
+
+def _prune(
+    chosen: list[PossiblePart], at: Likelihood
+) -> tuple[list[PossiblePart], Likelihood]:
+    """Drop the parts that the others make dispensable, the least likely first."""
+    chosen = _match(chosen, at)
+    while len(chosen) > 1:
+        certainty = _measure_certainty(at)
+        k = int(np.argmin(certainty))
+        if certainty[k] > CERTAIN:
+            break
+        rest = [part for i, part in enumerate(at.parts) if i != k]
+        after = maximise_likelihood(at.model, rest, exact=False)
+        if chosen[k].tests * compute_p(at.log - after.log) <= LEVEL:
+            break
+        chosen, at = _match([one for i, one in enumerate(chosen) if i != k], after), after
+    return chosen, at
+
+
+def _match(chosen: Sequence[PossiblePart], at: Likelihood) -> list[PossiblePart]:
+    """Keep the candidates whose parts the likelihood still has."""
+    return [one for one in chosen if any(one.error.is_like(part) for part in at.parts)]
+
+
+def _measure_certainty(at: Likelihood) -> Array:
+    """Measure (k,) the parts' variances in their standard errors."""
+    moved = np.concatenate([at.slope(part)[1] for part in at.parts], axis=2)
+    # the information is of twice the log likelihood
+    covariance = 2 * np.linalg.pinv(at.information(moved))
+    variances = np.array([part.variance for part in at.parts])
+    return np.asarray(variances / np.sqrt(np.maximum(np.diagonal(covariance), TINY)))
+
+
+# -- how large they are
+# ------------------------------------------------------------------------------------------------------
+
+
+def _describe(
+    problem: Problem,
+    at: Likelihood,
+    chosen: Sequence[PossiblePart],
+    candidates: Sequence[PossiblePart],
+    offered: Sequence[PossiblePart],
+) -> ErrorStructure:
+    """Describe the parts: scales, intervals, shares."""
+    variances = np.array([1.0, *(part.variance for part in at.parts)]) * at.phi
+    freedom = _count_freedom(at, variances)
+    squares = [_square_of_instrument(problem), *(one.square for one in chosen)]
+    total = float(variances @ squares)
+    instrument = np.sqrt(squares[0] / 3)
+    parts = []
+    names = [("instrument", "mm", "what is left", None)]
+    names += [(one.name, one.unit, one.told_by, _length_of(one)) for one in chosen]
+    for (name, unit, told_by, length), variance, square, df in zip(
+        names, variances, squares, freedom, strict=True
+    ):
+        scale = np.sqrt(variance) * (instrument if name == "instrument" else 1.0)
+        low, high = compute_interval(float(scale), df)
+        share = float(variance * square / total)
+        rms = float(np.sqrt(variance * square))
+        parts.append(ErrorPart(name, unit, float(scale), low, high, share, rms, told_by, length))
+    places = [offered.index(one) for one in chosen]
+    shared = tuple(
+        replace(candidates[k].error, variance=part.variance)
+        for k, part in zip(places, at.parts, strict=True)
+    )
+    return ErrorStructure(tuple(parts), shared)
+
+
+def _length_of(one: Candidate) -> float | None:
+    return one.error.length if one.error.time is not None else None
+
+
+def _square_of_instrument(problem: Problem) -> float:
+    """Compute the mean square [mm²] at the target of one whitened unit of the instrument."""
+    whitening = problem.whitening.as_stated()
+    matrices = whitening.matrices
+    if matrices is None:
+        return 3.0 / whitening.weight**2
+    information = np.einsum("mji,mjk->mik", matrices, matrices) * whitening.weight**2
+    covariance = np.linalg.inv(information)[:, :3, :3]
+    return float(np.trace(covariance, axis1=1, axis2=2).mean())
+
+
+def _count_freedom(at: Likelihood, variances: Array) -> Array:
+    """Count (k,) the degrees of freedom of variances, 2 σ⁴ / Var(σ²) (Satterthwaite 1946)."""
+    moved = [at.innovations, *(at.slope(part)[1] for part in at.parts)]
+    stacked = np.concatenate(moved, axis=2)
+    seen = np.einsum("mck,mcl->kl", stacked, at.solve(stacked))
+    information = 0.5 * seen / at.phi**3
+    covariance = np.linalg.pinv(information)
+    return np.asarray(2 * variances**2 / np.maximum(np.diagonal(covariance), TINY))
+
+
+def compute_interval(scale: float, freedom: float) -> tuple[float, float]:
+    """Compute the 95 % interval of a standard deviation of so many degrees of freedom."""
+    from scipy.special import chdtri
+
+    tail = (1 - COVERAGE) / 2
+    freedom = max(freedom, 1.0)
+    high_quantile, low_quantile = chdtri(freedom, [tail, 1 - tail])
+    low = scale * np.sqrt(freedom / high_quantile)
+    high = scale * np.sqrt(freedom / low_quantile)
+    return float(low), float(high)
+
+
+def compute_criterion(
+    problem: Problem, training: Mask, fitted: Fit, errors: ErrorStructure, log_prior: float
+) -> float:
+    """Compute the Bayesian information criterion of a fitted model with the parts of its errors.
+
+    `log_prior`: logarithm of the prior probability of the effects that it names."""
+    weighed = errors.whiten(problem).take(training)
+    residual = fitted.residuals(weighed).T.copy()
+    square = float(np.square(weighed.whitening.apply(residual)).sum())
+    N = weighed.coordinates
+    used = (fitted.rows - fitted.freedom) + len(errors.shared)
+    likelihood = N * np.log(square / N) + weighed.whitening.log_determinant()
+    return float(likelihood + used * np.log(N) - 2 * log_prior)

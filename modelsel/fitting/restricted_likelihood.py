@@ -1,0 +1,207 @@
+"""Restricted likelihood of how large the parts of the errors are that rows share.
+
+With H = I + Σ_k ρ_k V_k the rows' covariance over the variance φ of one coordinate, and
+P = H⁻¹ − H⁻¹X (XᵀH⁻¹X)⁻¹ XᵀH⁻¹, twice the logarithm of the restricted likelihood is, φ at its best,
+    −n ln(yᵀPy) − ln|H| − ln|XᵀH⁻¹X|                     (Patterson & Thompson 1971, Biometrika 58, 545).
+It is maximised over ρ ≥ 0 with its exact slope; standard errors are by the average information
+(Gilmour, Thompson & Cullis 1995, Biometrics 51, 1440)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from .._linalg import TINY
+from .._typing import Array
+from .shared_errors import Layout, Mixing, SharedError, keep_within
+
+# of L-BFGS-B: changes of twice the log likelihood, and its slope, at which it ends
+EXACT = {"maxiter": 60, "ftol": 1e-13, "gtol": 1e-5}
+ROUGH = {"maxiter": 20, "ftol": 1e-7, "gtol": 3e-2}
+# times the mean square of ε that a part's is at most: no instrument is without noise, and rows
+# without any would decide everything
+LARGEST_SHARE = 30.0
+# of that, where the maximum is sought, and below which a part is none
+LEAST_SHARE, NO_PART = 1e-8, 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModel:
+    """A linear model whose errors are looked at, whitened row by row.
+
+    columns: (p, c, m); response: (c, m); freedom: measured coordinates less columns.
+    """
+
+    columns: Array
+    response: Array
+    freedom: float
+
+    @cached_property
+    def stacked(self) -> Array:
+        """Columns and response together, (p+1, c, m)."""
+        return np.concatenate([self.columns, self.response[None]])
+
+
+@dataclass(frozen=True, eq=False)
+class Likelihood:
+    """The restricted likelihood of some parts, at their variances.
+
+    square: yᵀPy; log: twice the log likelihood; innovations: Py (m, c, 1); directions: (m, c, p)
+    H⁻¹X R⁻¹ with RᵀR = XᵀH⁻¹X."""
+
+    model: LinearModel
+    parts: tuple[SharedError, ...]
+    layout: Layout
+    mixing: Mixing | None
+    square: float
+    log: float
+    innovations: Array
+    directions: Array
+
+    @property
+    def phi(self) -> float:
+        """Variance φ of one coordinate."""
+        return self.square / self.model.freedom
+
+    def solve(self, values: Array) -> Array:
+        """Compute P times values (m, c, k)."""
+        solved = values
+        if self.mixing is not None:
+            by_column = np.ascontiguousarray(values.transpose(2, 1, 0))
+            mixed = self.mixing.apply_transposed(self.mixing.apply(by_column))
+            solved = mixed.transpose(2, 1, 0)
+        inside = np.einsum("mcp,mck->pk", self.directions, values)
+        return np.asarray(solved - np.einsum("mcp,pk->mck", self.directions, inside))
+
+    def slope(self, part: SharedError) -> tuple[float, Array]:
+        """Compute (the slope of twice the log likelihood by a part's variance, V P y (m, c, 1))."""
+        moved = part.multiply(self.innovations)
+        seen = float(np.vdot(self.innovations, moved))
+        return seen / self.phi - self._trace(part), moved
+
+    def information(self, moved: Array) -> Array:
+        """Compute the average information (k, k) of twice the log likelihood in the directions
+        V P y (m, c, k) of some parts."""
+        seen = np.einsum("mck,mcl->kl", moved, self.solve(moved))
+        along = np.einsum("mck,mc->k", moved, self.innovations[:, :, 0])
+        return np.asarray((seen - np.outer(along, along) / self.square) / self.phi)
+
+    def _trace(self, part: SharedError) -> float:
+        """Compute the trace of P V."""
+        taken = float(np.vdot(self.directions, part.multiply(self.directions)))
+        if self.mixing is None:
+            return float(np.square(part.loading).sum()) - taken
+        number = next((k for k, own in enumerate(self.parts) if own.is_like(part)), None)
+        total = 0.0
+        for k, (rows, precision) in enumerate(zip(self.mixing.rows, self._precisions, strict=True)):
+            spread = part.spread(rows) if number is None else self.layout.spreads[k][number]
+            total += float(np.vdot(precision, spread))
+        return total - taken
+
+    @cached_property
+    def _precisions(self) -> list[Array]:
+        """H⁻¹ of every block."""
+        assert self.mixing is not None
+        return [np.matmul(inv.transpose(0, 2, 1), inv) for inv in self.mixing.inverse]
+
+
+def lay_out(parts: Sequence[SharedError]) -> Layout:
+    """Lay out the rows of parts, with no level beyond a stretch of a lasting one."""
+    return Layout.of(keep_within(parts)) if parts else Layout((), ())
+
+
+def evaluate_likelihood(
+    model: LinearModel, parts: Sequence[SharedError], layout: Layout | None = None
+) -> Likelihood:
+    """Compute the restricted likelihood of parts at their variances; `layout`: of these parts."""
+    parts = tuple(parts)
+    layout = layout or lay_out(parts)
+    mixing, log_determinant = None, 0.0
+    whitened = model.stacked
+    if parts:
+        mixing = layout.mix([part.variance for part in parts])
+        whitened = mixing.apply(whitened.copy())
+        log_determinant = -2 * sum(
+            float(np.log(np.diagonal(inverse, 0, 1, 2)).sum()) for inverse in mixing.inverse
+        )
+    flat = whitened.reshape(len(whitened), -1)
+    gram = flat @ flat.T
+    lower = np.linalg.cholesky(gram[:-1, :-1])
+    along = solve_triangular(lower, gram[:-1, -1], lower=True)
+    square = float(gram[-1, -1] - along @ along)
+    log_determinant += 2 * float(np.log(np.diagonal(lower)).sum())
+    beta = solve_triangular(lower, along, lower=True, trans="T")
+    both = np.concatenate([whitened[:-1], (whitened[-1] - np.tensordot(beta, whitened[:-1], 1))[None]])
+    if mixing is not None:
+        both = mixing.apply_transposed(both)
+    shape = both.shape[1:]
+    directions = solve_triangular(lower, both[:-1].reshape(len(lower), -1), lower=True)
+    return Likelihood(
+        model=model,
+        parts=parts,
+        layout=layout,
+        mixing=mixing,
+        square=max(square, TINY),
+        log=-model.freedom * float(np.log(max(square, TINY))) - log_determinant,
+        innovations=np.ascontiguousarray(both[-1].T)[:, :, None],
+        directions=np.ascontiguousarray(directions.reshape(-1, *shape).transpose(2, 1, 0)),
+    )
+
+
+def maximise_likelihood(
+    model: LinearModel, parts: Sequence[SharedError], exact: bool = True
+) -> Likelihood:
+    """Maximise the restricted likelihood over the variances of parts, from those that they have.
+
+    A part whose variance ends at nought is none of the result's. Unless `exact`, twice the log
+    likelihood is within some hundredths of its maximum."""
+    from scipy.optimize import minimize
+
+    if not parts:
+        return evaluate_likelihood(model, ())
+    layout = lay_out(parts)
+    start = np.log([part.variance for part in parts])
+    scale = _choose_scale(evaluate_likelihood(model, parts, layout))
+
+    def lose(x: Array) -> tuple[float, Array]:
+        variance = np.exp(start + x / scale)
+        at = evaluate_likelihood(model, _set_variances(parts, variance), layout)
+        slopes = np.array([at.slope(part)[0] for part in at.parts])
+        return -at.log, -slopes * variance / scale
+
+    largest = LARGEST_SHARE / np.array([_mean_square(part) for part in parts])
+    low = (np.log(LEAST_SHARE * largest) - start) * scale
+    high = (np.log(largest) - start) * scale
+    bounds = list(zip(low.tolist(), high.tolist(), strict=True))
+    options = EXACT if exact else ROUGH
+    found = minimize(
+        lose, np.zeros(len(parts)), jac=True, method="L-BFGS-B", bounds=bounds, options=options
+    )
+    variance = np.exp(start + found.x / scale)
+    is_there = variance >= NO_PART * largest
+    changed = _set_variances(parts, variance)
+    there = [part for part, kept in zip(changed, is_there, strict=True) if kept]
+    return evaluate_likelihood(model, there, layout if len(there) == len(parts) else None)
+
+
+def _choose_scale(at: Likelihood) -> Array:
+    """Choose (k,) what makes the likelihood about equally curved in all logarithms of variances."""
+    scale = []
+    for part in at.parts:
+        information = float(at.information(at.slope(part)[1])[0, 0])
+        curvature = information * part.variance**2
+        scale.append(np.sqrt(max(curvature, 1.0)))
+    return np.array(scale)
+
+
+def _mean_square(part: SharedError) -> float:
+    """Compute the mean square of a row's coordinate by draws of unit variance."""
+    return max(float(np.square(part.loading).sum(2).mean()), TINY)
+
+
+def _set_variances(parts: Sequence[SharedError], variance: Array) -> list[SharedError]:
+    return [replace(part, variance=float(v)) for part, v in zip(parts, variance, strict=True)]

@@ -1,0 +1,244 @@
+"""Errors that rows share: their covariance, and what makes rows independent of each other again.
+
+Whitened row by row, the errors of a campaign are e = ε + Σ_k B_k u_k. ε has unit variance; a part k
+of the errors moves row i by its loading B_k(i) (c, d) times one draw u (d,) of variance `variance`,
+which all rows of one level have in common (the visit of a posture, a group of rows), or which lasts
+from row to row with a correlation of exp(-|t - t'| / length). The covariance of the rows is block
+diagonal: rows that share a level, directly or by others, form a block, and a lasting error starts
+afresh after MAX_BLOCK rows. With L a block's Cholesky factor, L⁻¹ makes its rows independent, each
+of unit variance (the innovations of the block's rows, in their order)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg.lapack import dtrtri
+
+from .._linalg import connected_components
+from .._typing import Array, Index, Rows
+
+# rows of a block at most: of a lasting error, and of those that others share
+MAX_BLOCK = 128
+# size of a matrix up to which numpy inverts many faster than LAPACK one by one
+SMALL = 24
+
+
+@dataclass(frozen=True, eq=False)
+class SharedError:
+    """One part of the errors that rows share.
+
+    loading: (m, c, d) what one unit of each of its d numbers moves a row, whitened.
+    level: (m,) which draw a row has; of a lasting error, the stretch in which it lasts.
+    variance: of a draw, over that of ε.
+    time: (m,) when a row was measured, and `length` in the same unit; None where nothing lasts.
+    """
+
+    loading: Array
+    level: Index
+    variance: float = 0.0
+    time: Array | None = None
+    length: float = np.inf
+
+    def take(self, rows: Rows) -> SharedError:
+        """Return the part of some rows."""
+        time = None if self.time is None else self.time[rows]
+        return replace(self, loading=self.loading[rows], level=self.level[rows], time=time)
+
+    def is_like(self, other: SharedError) -> bool:
+        """Whether another part differs in its variance alone."""
+        same_rows = self.loading is other.loading and self.level is other.level
+        return same_rows and self.length == other.length
+
+    def correlate(self, rows: Index) -> Array:
+        """Compute the correlations (B, k, k) of the draws that rows (B, k) have."""
+        level = self.level[rows]
+        same = (level[:, :, None] == level[:, None, :]).astype(float)
+        if self.time is None:
+            return same
+        time = self.time[rows]
+        apart = np.abs(time[:, :, None] - time[:, None, :])
+        return np.asarray(same * np.exp(-apart / self.length))
+
+    def spread(self, rows: Index) -> Array:
+        """Compute the covariances (B, k·c, k·c) of rows (B, k) by draws of unit variance."""
+        loading = self.loading[rows]
+        blocks, k, c, _ = loading.shape
+        by_draw = np.einsum("bicd,bjed->bicje", loading, loading, optimize=True)
+        by_draw *= self.correlate(rows)[:, :, None, :, None]
+        return by_draw.reshape(blocks, k * c, k * c)
+
+    def multiply(self, values: Array) -> Array:
+        """Compute the product (m, c, p) of the part's covariance, of unit variance, with values
+        (m, c, p)."""
+        inner = np.einsum("mcd,mcp->mdp", self.loading, values, optimize=True)
+        if self.time is None:
+            mixed = self._add_up(inner)
+        else:
+            mixed = np.empty_like(inner)
+            for rows in group_blocks(self.level):
+                correlation = self.correlate(rows)
+                own = inner[rows].reshape(*rows.shape, -1)
+                mixed[rows] = (correlation @ own).reshape(*rows.shape, *inner.shape[1:])
+        return np.asarray(np.einsum("mcd,mdp->mcp", self.loading, mixed, optimize=True))
+
+
+    def _add_up(self, inner: Array) -> Array:
+        """Return for every row the sum of values (m, ...) over the rows of its level."""
+        order, starts, number = self._levels
+        if len(starts) == len(order):
+            return inner
+        totals = np.add.reduceat(inner[order], starts, axis=0)
+        return np.asarray(totals[number])
+
+    @cached_property
+    def _levels(self) -> tuple[Index, Index, Index]:
+        """(rows by level, where each level starts among them, each row's level by its number)."""
+        order = np.argsort(self.level, kind="stable")
+        _, starts, number = np.unique(self.level[order], return_index=True, return_inverse=True)
+        of_rows = np.empty(len(order), np.intp)
+        of_rows[order] = number.reshape(-1)
+        return order, starts, of_rows
+
+
+@dataclass(frozen=True, eq=False)
+class SharedErrors:
+    """All parts of the errors that rows share. What makes the rows independent is computed once."""
+
+    parts: tuple[SharedError, ...]
+    _slices: dict[tuple[int, int], SharedErrors] = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def mixing(self) -> Mixing:
+        """What makes the rows independent."""
+        return mix(self.parts)
+
+    def take(self, rows: Rows) -> SharedErrors:
+        """Return those of some rows, which share nothing with the others then."""
+        if not isinstance(rows, slice):
+            return SharedErrors(tuple(part.take(rows) for part in self.parts))
+        key = rows.start, rows.stop
+        if key not in self._slices:
+            self._slices[key] = SharedErrors(tuple(part.take(rows) for part in self.parts))
+        return self._slices[key]
+
+
+@dataclass(frozen=True, eq=False)
+class Mixing:
+    """What makes rows independent: for every number k of rows in a block, the rows (B, k) and the
+    inverse (B, k·c, k·c) of the lower Cholesky factor of their covariance."""
+
+    rows: tuple[Index, ...]
+    inverse: tuple[Array, ...]
+
+    def apply(self, values: Array) -> Array:
+        """Make the rows of values (..., c, m) independent; they are overwritten."""
+        for rows, inverse in zip(self.rows, self.inverse, strict=True):
+            own = _gather(values, rows)
+            _scatter(values, rows, np.matmul(inverse, own))
+        return values
+
+    def apply_transposed(self, values: Array) -> Array:
+        """Multiply values (..., c, m) by the transpose; they are overwritten."""
+        for rows, inverse in zip(self.rows, self.inverse, strict=True):
+            own = _gather(values, rows)
+            _scatter(values, rows, np.matmul(inverse.transpose(0, 2, 1), own))
+        return values
+
+
+def _gather(values: Array, rows: Index) -> Array:
+    """Gather values (..., c, m) of rows (B, k) as (B, k·c, p)."""
+    c, m = values.shape[-2:]
+    flat = values.reshape(-1, c, m)
+    own = flat[:, :, rows].transpose(2, 3, 1, 0)
+    return np.ascontiguousarray(own).reshape(len(rows), -1, len(flat))
+
+
+def _scatter(values: Array, rows: Index, own: Array) -> None:
+    c, m = values.shape[-2:]
+    blocks, k = rows.shape
+    by_row = own.reshape(blocks, k, c, *values.shape[:-2])
+    axes = (*range(3, by_row.ndim), 2, 0, 1)
+    values[..., rows] = by_row.transpose(axes)
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where the rows of some parts stand, whatever the parts' variances: for every number k of rows
+    in a block, the rows (B, k) and what every part of unit variance spreads them, (B, k·c, k·c)."""
+
+    rows: tuple[Index, ...]
+    spreads: tuple[tuple[Array, ...], ...]
+
+    @staticmethod
+    def of(parts: Sequence[SharedError]) -> Layout:
+        """Lay out the rows of parts."""
+        rows = list_blocks(parts)
+        return Layout(rows, tuple(tuple(part.spread(own) for part in parts) for own in rows))
+
+    def mix(self, variances: Sequence[float]) -> Mixing:
+        """Compute what makes rows independent, the parts having these variances."""
+        inverses = []
+        for own in self.spreads:
+            covariance = np.zeros_like(own[0]) + np.eye(own[0].shape[1])
+            for variance, spread in zip(variances, own, strict=True):
+                covariance += variance * spread
+            lower = np.linalg.cholesky(covariance)
+            inverses.append(_invert_lower(lower))
+        return Mixing(self.rows, tuple(inverses))
+
+
+def mix(parts: Sequence[SharedError]) -> Mixing:
+    """Compute what makes rows independent that share errors."""
+    return Layout.of(parts).mix([part.variance for part in parts])
+
+
+def _invert_lower(lower: Array) -> Array:
+    """Invert lower triangles (B, n, n)."""
+    size = lower.shape[1]
+    if size <= SMALL:
+        return np.asarray(np.linalg.inv(lower))
+    return np.stack([dtrtri(one, lower=1)[0] for one in lower])
+
+
+def list_blocks(parts: Sequence[SharedError]) -> tuple[Index, ...]:
+    """List the rows (B, k) of all blocks, by their number k of rows."""
+    block = parts[0].level
+    for part in parts[1:]:
+        block = _join(block, part.level)
+    return group_blocks(block)
+
+
+def _join(first: Index, second: Index) -> Index:
+    """Number rows (m,) alike that share a level of either, directly or by others."""
+    own = int(first.max()) + 1
+    other = int(second.max()) + 1
+    pairs = np.unique(np.stack([first, second + own], axis=1), axis=0)
+    return np.asarray(connected_components(own + other, pairs)[first])
+
+
+def group_blocks(block: Index) -> tuple[Index, ...]:
+    """Group rows by block (m,): for every number k of rows, the rows (B, k), in order."""
+    order = np.argsort(block, kind="stable")
+    _, start, count = np.unique(block[order], return_index=True, return_counts=True)
+    groups = []
+    for k in np.unique(count):
+        first = start[count == k]
+        groups.append(order[first[:, None] + np.arange(k)])
+    return tuple(groups)
+
+
+def keep_within(parts: Sequence[SharedError]) -> tuple[SharedError, ...]:
+    """Return the parts with no level beyond the stretches of a lasting one, which stay blocks."""
+    lasting = [part for part in parts if part.time is not None]
+    if not lasting:
+        return tuple(parts)
+    stretch = lasting[0].level
+    kept = []
+    for part in parts:
+        pairs = np.stack([part.level, stretch], axis=1)
+        level = np.unique(pairs, axis=0, return_inverse=True)[1].reshape(-1)
+        kept.append(replace(part, level=np.asarray(level, dtype=np.intp)))
+    return tuple(kept)
