@@ -23,7 +23,7 @@ from ..fitting.splines import spline, spline_groups
 from ..mechanisms.terms import Mechanism, Term, TermKey
 from .candidates import Candidate
 from .options import DEFAULT_OPTIONS
-from .screw_columns import ScrewColumns, build_screw_columns, split_range
+from .screw_columns import ScrewColumns, build_screw_columns, order_terms, split_range
 
 # sizes [mm, rad] beyond which a screw is no error of an arm
 LARGEST_SCREW = {"t": 100.0, "r": 0.1}
@@ -115,13 +115,13 @@ def build_columns(
     for mechanism in mechanisms:
         for term in mechanism.terms:
             terms.setdefault(term.key, term)
-    place = {key: k for k, key in enumerate(terms)}
+    distinct = order_terms(terms.values())
+    place = {term.key: k for k, term in enumerate(distinct)}
     slices, signs = [], []
     for mechanism in mechanisms:
         places = [place[term.key] for term in mechanism.terms]
         slices.append(np.array(places, dtype=np.intp))
         signs.append(np.array(mechanism.signs, dtype=float))
-    distinct = tuple(terms.values())
     screws = build_screw_columns(problem, distinct, at, memory_mb)
     most = _compute_largest(screws, distinct, problem)
     blocks_ = tuple(_build_blocks(mechanisms, screws, slices, most))
