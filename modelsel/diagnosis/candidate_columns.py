@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._linalg import TINY
-from .._typing import Array, Index
+from .._typing import Array, Index, Mask
 from ..fitting.design import blocks
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
@@ -27,6 +27,8 @@ from .screw_columns import ScrewColumns, build_screw_columns, order_terms, split
 
 # sizes [mm, rad] beyond which a screw is no error of an arm
 LARGEST_SCREW = {"t": 100.0, "r": 0.1}
+# norm up to which a column moves nothing: single precision has to hold its inverse
+NO_COLUMN = 1e-30
 # numbers of candidates' columns that are expanded together for their Gram matrices
 EXPANDED_NUMBERS = 1_000_000
 
@@ -44,6 +46,22 @@ class Block:
     gram: Array
     most: Array
     root: Array | None = None
+
+    @cached_property
+    def unit(self) -> Array:
+        """The inverse lengths (n, k) of the columns, 0 for one that moves nothing."""
+        norm = np.sqrt(np.maximum(np.einsum("nkk->nk", self.gram), 0))
+        return np.where(norm > NO_COLUMN, 1 / np.maximum(norm, NO_COLUMN), 0)
+
+    def take(self, members: Index | Mask) -> Block:
+        """Return some of the candidates."""
+        return Block(
+            which=self.which[members],
+            index=self.index[members],
+            gram=self.gram[members],
+            most=self.most[members],
+            root=None if self.root is None else self.root[members],
+        )
 
 
 @dataclass(frozen=True, eq=False)
