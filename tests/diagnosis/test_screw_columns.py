@@ -192,6 +192,12 @@ def test_the_evidence_of_chance_stays_below_its_bound(rng: np.random.Generator) 
     chance = Chance(seen, log_prior, cols.dot(y), np.square(y).sum(0))
     assert (chance.evidence <= chance.most).all()
     assert (chance.most - chance.evidence).min() < 12  # and the bound is worth something
+    assert (chance.first <= chance.evidence).all()
+    assert (chance.evidence <= chance.ceiling).all()
+    largest = float(chance.evidence.max())
+    for level in (-np.inf, 0.5 * largest, largest, largest + 0.1, largest + 9, largest + 99):
+        fresh = Chance(seen, log_prior, cols.dot(y), np.square(y).sum(0))
+        assert fresh.stays_below(level) == (largest < level)
     for level in (-np.inf, float(np.median(chance.evidence)), np.inf):
         below = chance.below(level)
         assert ((below >= level) == (chance.evidence >= level)).all()
