@@ -133,7 +133,7 @@ def build_columns(
     for mechanism in mechanisms:
         for term in mechanism.terms:
             terms.setdefault(term.key, term)
-    distinct = order_terms(terms.values())
+    distinct = order_terms(tuple(terms.values()))
     place = {term.key: k for k, term in enumerate(distinct)}
     slices, signs = [], []
     for mechanism in mechanisms:

@@ -32,6 +32,8 @@ CACHED_ROWS = 1024
 TOGETHER = 1_500_000
 # causes in a row from which they are worth a product of their own, without a copy
 MIN_RUN = 16
+# place after all others
+LAST = 1 << 62
 # products of columns, rows and vectors from which a second core pays
 MANY_PRODUCTS = 5e7
 # share of the memory of a diagnosis that the values of the causes may take
@@ -240,21 +242,25 @@ def split_range(count: int, size: int) -> Iterator[slice]:
     return (slice(start, min(start + size, count)) for start in range(0, count, size))
 
 
-def order_terms(terms: Iterable[Term]) -> list[Term]:
+def order_terms(terms: Sequence[Term]) -> list[Term]:
     """Order terms by place, and at a place by the number of places that share their cause.
 
     Then every place has its causes and its columns in long runs, which products take as they are;
     terms of several screws come last."""
-    used: dict[Cause, set[tuple[int, int]]] = {}
-    ordered = []
+    axes = {axis: k for k, axis in enumerate(AXES)}
+    places: dict[Cause, int] = {}  # a bit each
+    first: list[tuple[int, Cause | None]] = []
     for term in terms:
-        own = [(screw.frame, AXES.index(screw.axis)) for screw in term.screws]
+        own = [len(AXES) * screw.frame + axes[screw.axis] for screw in term.screws]
         for place, screw in zip(own, term.screws, strict=True):
-            used.setdefault(screw.cause, set()).add(place)
-        ordered.append((len(own) != 1, own, term))
-    rank = {cause: (-len(places), sorted(places)) for cause, places in used.items()}
-    ordered.sort(key=lambda entry: (*entry[:2], *(rank[s.cause] for s in entry[2].screws)))
-    return [term for *_, term in ordered]
+            places[screw.cause] = places.get(screw.cause, 0) | 1 << place
+        first.append((own[0], term.screws[0].cause) if len(own) == 1 else (LAST, None))
+    rank: dict[Cause | None, tuple[int, int]] = {None: (0, 0)}
+    for cause, bits in places.items():
+        rank[cause] = -bits.bit_count(), bits
+    keys = [(place, *rank[cause]) for place, cause in first]
+    order = sorted(range(len(keys)), key=keys.__getitem__)
+    return [terms[k] for k in order]
 
 
 def build_screw_columns(
