@@ -118,8 +118,8 @@ class Beyond:
         return np.concatenate([np.zeros(0, np.intp), *(which for which, _ in weighted)]), padded
 
     @cached_property
-    def sides(self) -> tuple[Sides, ...]:
-        """For every bucket, how the terms with a sign follow from its Zᵀr."""
+    def sides(self) -> tuple[Sides | None, ...]:
+        """For every bucket, how the terms with a sign follow from its Zᵀr; None without signs."""
         signed = self.signed
         return tuple(build_sides(b.block.which, b.W, self.signs, signed) for b in self.buckets)
 
@@ -170,7 +170,8 @@ class Beyond:
         start = 0
         for bucket, z, side in zip(self.buckets, products, self.sides, strict=True):
             which, k = bucket.block.which, z.shape[1]
-            root[side.signed] = compute_least_of_sign(z, side)
+            if side is not None:
+                root[side.signed] = compute_least_of_sign(z, side)
             np.square(z, out=z)
             whole[which] = z[:, 0] if k == 1 else z.sum(1)
             if bucket.weights is not None:
