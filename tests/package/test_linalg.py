@@ -8,7 +8,7 @@ from builders import seeds
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components as by_scipy
 
-from modelsel._linalg import connected_components, orthonormalise
+from modelsel._linalg import connected_components, invert_factors, orthonormalise
 
 
 @seeds(1, 2)
@@ -46,3 +46,18 @@ def test_a_chain_backwards_is_one_component() -> None:
     label = connected_components(20_000, np.stack([order[:-1], order[1:]], 1))
     assert not label.any()
     assert connected_components(3, np.zeros((0, 2), np.intp)).tolist() == [0, 1, 2]
+
+
+@seeds(3)
+@pytest.mark.parametrize("size", [1, 2, 4, 6])
+def test_factors_of_many_matrices_are_inverted_at_once(rng: np.random.Generator, size: int) -> None:
+    X = rng.normal(size=(20, 9, size))
+    gram = X.swapaxes(1, 2) @ X
+    inverse = invert_factors(gram)
+    np.testing.assert_allclose(inverse, np.linalg.inv(np.linalg.cholesky(gram)), atol=1e-12)
+    gram[3] = 0.0  # nothing, and an indefinite one: these cannot pass for small numbers
+    gram[4] = -gram[4]
+    again = invert_factors(gram)
+    size = np.square(again).sum((1, 2))
+    assert not (size[3:5] < 1e10).any()
+    assert np.array_equal(np.delete(again, [3, 4], 0), np.delete(inverse, [3, 4], 0))
