@@ -54,6 +54,23 @@ def orthonormalise(matrix: Array, triangle: Array) -> tuple[Array, Array]:
     return np.ascontiguousarray(Q), lower.T @ triangle
 
 
+def invert_root(matrix: Array) -> Array:
+    """Compute a root W (n, n) of the inverse, WᵀW, of a positive definite matrix (n, n).
+
+    By Cholesky, at a quarter of the cost of the inverse; where rounding made the matrix indefinite,
+    by its eigenvalues, none of which counts for less than rounding."""
+    from scipy.linalg.lapack import dtrtri
+
+    try:
+        lower = np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(matrix)
+        least = np.finfo(float).eps * values[-1]
+        return np.asarray(vectors.T / np.sqrt(np.maximum(values, least))[:, None])
+    inverse, _ = dtrtri(lower, lower=1)
+    return np.asarray(inverse)
+
+
 def project_out(matrix: Array, basis: Array) -> Array:
     """Remove from every column of a matrix (m, p) its part in an orthonormal basis (m, r)."""
     share = basis.T @ matrix
