@@ -14,7 +14,7 @@ import numpy as np
 
 from .._typing import Array
 from .gradient import Slope
-from .prior import Seen, WeakPrior
+from .prior import Seen, Shrinkage, WeakPrior
 from .reduction import Reduction
 
 # least squared share of a column that is its own, from which products tell it from the others to
@@ -63,14 +63,15 @@ class Expansion:
         square = float(change @ self.gram @ change)
         return float(np.sqrt(max(square, 0.0)))
 
-    def triangle(self, others: Sequence[int], sized: Sequence[int], root: Array) -> Triangle:
-        """Factorise the products of some columns with the prior's rows, root (k, p): exactly where
-        the rows are reduced. Raises Unsafe where products do not do."""
+    def triangle(
+        self, others: Sequence[int], sized: Sequence[int], shrinkage: Shrinkage
+    ) -> Triangle:
+        """Factorise the products of some columns with those of a prior: exactly where the rows are
+        reduced. Raises Unsafe where products do not do."""
         order = [*others, *sized]
         if self.reduction is not None:
-            return self._reduced(order, len(others), root)
-        prior = root[:, order]
-        gram = self.gram[np.ix_(order, order)] + prior.T @ prior
+            return self._reduced(order, len(others), shrinkage.rows)
+        gram = (self.gram + shrinkage.gram)[np.ix_(order, order)]
         norm = np.sqrt(np.diagonal(gram))
         norm = np.where(norm > 0, norm, 1.0)
         last = slice(len(others), None)

@@ -119,7 +119,7 @@ class _Marginal:
         across = self.gram[np.ix_(self.fixed, self.shrunk)]
         right = np.column_stack([across, self.response[self.fixed]])
         solved = np.linalg.solve(self.fixed_gram, right)
-        return solved[:, :-1], solved[:, -1]
+        return np.asarray(solved[:, :-1]), np.asarray(solved[:, -1])
 
     @cached_property
     def beyond(self) -> tuple[Array, Array]:
@@ -128,7 +128,8 @@ class _Marginal:
         coefficients, constants = self.elimination
         across = self.gram[np.ix_(self.fixed, self.shrunk)]
         gram = self.gram[np.ix_(self.shrunk, self.shrunk)] - across.T @ coefficients
-        return gram, self.response[self.shrunk] - across.T @ constants
+        response = self.response[self.shrunk] - across.T @ constants
+        return np.asarray(gram), np.asarray(response)
 
     @cached_property
     def inverse_correlation(self) -> Array:
@@ -146,7 +147,7 @@ class _Marginal:
         """Return the precisions to start from: those of the fit, else one."""
         count = len(self.kept)
         precision: Array = np.zeros(count)
-        known = self.state.precision
+        known = self.state.shrinkage.precision
         groups = zip(self.groups, self.inside, strict=True)
         for group, positions in groups:
             first = group[0]

@@ -16,10 +16,10 @@ from modelsel.fitting.expansion import Expansion, Unsafe
 from modelsel.fitting.gradient import Rows
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.linearisation import Linearisation
+from modelsel.fitting.prior import Shrinkage
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.reduction import independent, multiply_problem, reduce, reduce_problem
 from modelsel.fitting.shrinkage import fit_shrunk
-from modelsel.fitting.splines import penalty
 from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.geometry import build_setup
@@ -85,8 +85,9 @@ def test_products_say_what_the_reduction_says(rng) -> None:
     exact = Expansion.of_reduction(theta, reduce_problem(at, MODEL.terms, here))
     np.testing.assert_allclose(by_products.gram, exact.gram, rtol=1e-9, atol=1e-6)
     others, sized = range(39, len(theta)), [0, 3, 7, 8, 13]
-    root = penalty(MODEL.terms, np.where(np.arange(len(theta)) == 40, 2.0, 0.0))
-    a, b = (e.triangle(others, sized, root) for e in (by_products, exact))
+    shrinkage = Shrinkage.of(MODEL.terms, np.where(np.arange(len(theta)) == 40, 2.0, 0.0))
+    root = shrinkage.rows
+    a, b = (e.triangle(others, sized, shrinkage) for e in (by_products, exact))
     np.testing.assert_allclose(a.top.T @ a.top, b.top.T @ b.top, rtol=1e-8)
     np.testing.assert_allclose(a.seen.root.T @ a.seen.root, b.seen.root.T @ b.seen.root, rtol=1e-8)
     said = [t.seen.root.T @ t.seen.response for t in (a, b)]
@@ -101,7 +102,7 @@ def test_products_do_not_do_for_columns_that_all_but_depend(rng) -> None:
     X = rng.normal(size=(40, 3))
     X[:, 2] = X[:, 0] + 1e-6 * X[:, 1]
     both = np.column_stack([X[:, [0, 2]], X[:, 1]])
-    theta, none = np.zeros(2), np.zeros((0, 2))
+    theta, none = np.zeros(2), Shrinkage(None, np.zeros((0, 2)))
     with pytest.raises(Unsafe):
         Expansion.of_products(theta, both.T @ both).triangle([0, 1], [], none)
     exact = Expansion.of_reduction(theta, reduce(both[:, :2], both[:, 2]))
