@@ -32,12 +32,13 @@ class Unsafe(ArithmeticError):
 @dataclass(frozen=True, eq=False)
 class Expansion:
     """About theta (p,): the products (p, p) of the columns, and the slope; `reduction` where the
-    rows have been reduced there."""
+    rows have been reduced there, `free` that of the terms without a variance of their own."""
 
     theta: Array
     gram: Array
     slope: Slope
     reduction: Reduction | None = None
+    free: Reduction | None = None
 
     @staticmethod
     def of_reduction(theta: Array, reduction: Reduction) -> Expansion:
@@ -46,11 +47,16 @@ class Expansion:
         return Expansion.of_products(theta, R.T @ R, reduction)
 
     @staticmethod
-    def of_products(theta: Array, products: Array, reduction: Reduction | None = None) -> Expansion:
+    def of_products(
+        theta: Array,
+        products: Array,
+        reduction: Reduction | None = None,
+        free: Reduction | None = None,
+    ) -> Expansion:
         """Return the expansion of products (p+1, p+1) of [columns | residual] at theta."""
         squares: float = products[-1, -1].item()
         slope = Slope(squares, products[:-1, -1])
-        return Expansion(theta, products[:-1, :-1], slope, reduction)
+        return Expansion(theta, products[:-1, :-1], slope, reduction, free)
 
     @cached_property
     def response(self) -> Array:

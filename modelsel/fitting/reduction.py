@@ -240,16 +240,24 @@ def _triangle(
 
 
 def multiply_problem(
-    problem: Problem, terms: Sequence[Term], at: Linearisation | None = None
-) -> Array:
+    problem: Problem,
+    terms: Sequence[Term],
+    at: Linearisation | None = None,
+    only: Sequence[int] = (),
+) -> tuple[Array, Reduction]:
     """Compute the products (p+1, p+1) of [columns | residual], whitened: at a third of the cost of
-    a reduction, and with half of its digits where columns nearly depend on one another."""
+    a reduction, and with half of its digits where columns nearly depend on one another. Beside
+    them, the reduction of the few terms `only`."""
     p, space = len(terms), Workspace()
     products = np.zeros((p + 1, p + 1))
+    picked = [*only, p]
+    triangle = np.zeros((len(picked), len(picked)), order="F")
     for _, part in problem.parts(STREAM):
         block = whiten(part, assemble(part, terms, at, space=space)).reshape(p + 1, -1)
         products += block @ block.T
-    return products
+        if only:
+            _stack(triangle, block[picked].T)
+    return products, Reduction(triangle, problem.coordinates)
 
 
 class _Disagrees(ArithmeticError):

@@ -123,8 +123,10 @@ class Solver:
         is_nominal = not theta.any() and not self.shrunk.any()
         if isinstance(self.problem, Source) or is_nominal:
             return Expansion.of_reduction(theta, self.reduce(theta))
-        at = Linearisation(self.model.terms, theta)
-        return Expansion.of_products(theta, multiply_problem(self.problem, self.model.terms, at))
+        terms = self.model.terms
+        only = self.free if self.is_far(theta) else ()
+        products, free = multiply_problem(self.problem, terms, Linearisation(terms, theta), only)
+        return Expansion.of_products(theta, products, free=free if only else None)
 
     def begin(
         self,
@@ -290,17 +292,22 @@ class Solver:
         factor = triangle.held(weak.rows)
         return replace(state, expansion=expansion, triangle=triangle, factor=factor)
 
+    def is_far(self, theta: Array) -> bool:
+        """Return whether some parameter is far from the nominal arm at theta (p,)."""
+        return bool((np.abs(theta) > FAR * self.sizes).any())
+
     def fitted(self, state: State) -> tuple[Identified, Far | None]:
         """Judge what is fitted: by the dependences at the nominal chain, or, far from it, by those
         where the expansion is, which are returned, too."""
-        is_far = np.abs(state.theta) > FAR * self.sizes
-        if not is_far.any():
+        if not self.is_far(state.theta):
             return fitted_terms(self.exact, self.model), None
         point, terms = state.expansion.theta, self.model.terms
         if state.far is not None and state.far.point is point:
             return state.far.found, state.far
-        free = [terms[k] for k in self.free]
-        reduction = reduce_problem(self.problem, free, Linearisation(terms, point))
+        reduction = state.expansion.free
+        if reduction is None:
+            free = [terms[k] for k in self.free]
+            reduction = reduce_problem(self.problem, free, Linearisation(terms, point))
         found = fitted_terms(self.identified(reduction), self.model)
         return found, Far(point, found)
 
