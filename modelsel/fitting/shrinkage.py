@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -92,6 +93,12 @@ class _Marginal:
         return np.concatenate([np.zeros(0, dtype=np.intp), *self.inside])
 
     @cached_property
+    def blocks(self) -> list[slice]:
+        """Where each group stands among the shrunk terms."""
+        ends = np.cumsum([0, *map(len, self.inside)]).tolist()
+        return [slice(*edges) for edges in pairwise(ends)]
+
+    @cached_property
     def fixed(self) -> Index:
         """Positions (f,) of the other terms."""
         return np.setdiff1d(np.arange(len(self.kept)), self.shrunk)
@@ -162,17 +169,14 @@ class _Marginal:
         scale = np.sqrt(precision[self.shrunk])
         root = invert_root(gram + scale[:, None] * inverse * scale)
         beta = self._every(root.T @ (root @ response))
-        # its sum over a group: the trace of the product of the two blocks
-        trace = (inverse * (root.T @ root)).sum(1)
-        ends = np.cumsum([0, *map(len, self.inside)])
-        blocks = [slice(*ends[g : g + 2]) for g in range(len(self.inside))]
-        effective = [
-            len(i) - float(precision[i] @ trace[b])
-            for i, b in zip(self.inside, blocks, strict=True)
-        ]
+        effective = []
+        for positions, block in zip(self.inside, self.blocks, strict=True):
+            columns = root[block.start :, block]  # the root is a lower triangle
+            trace = (inverse[block, block] * (columns.T @ columns)).sum(1)
+            effective.append(len(positions) - float(precision[positions] @ trace))
         noise = self._noise_variance(beta, effective)
         out: Array = precision.copy()
-        for positions, block, count in zip(self.inside, blocks, effective, strict=True):
+        for positions, block, count in zip(self.inside, self.blocks, effective, strict=True):
             largest = float(self.gram[positions, positions].max(initial=0.0))
             size = float(beta[positions] @ inverse[block, block] @ beta[positions])
             ratio = noise * max(count, MIN_EFFECTIVE) / max(size, TINY)
