@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
@@ -89,14 +88,13 @@ class _Marginal:
 
     @cached_property
     def shrunk(self) -> Index:
-        """Positions (s,) of the groups' terms, group after group."""
-        return np.concatenate([np.zeros(0, dtype=np.intp), *self.inside])
+        """Positions (s,) of the groups' terms, each once."""
+        return np.unique(np.concatenate([np.zeros(0, dtype=np.intp), *self.inside]))
 
     @cached_property
-    def blocks(self) -> list[slice]:
-        """Where each group stands among the shrunk terms."""
-        ends = np.cumsum([0, *map(len, self.inside)]).tolist()
-        return [slice(*edges) for edges in pairwise(ends)]
+    def places(self) -> list[Index]:
+        """Where each group's terms stand among the shrunk ones."""
+        return [np.searchsorted(self.shrunk, positions) for positions in self.inside]
 
     @cached_property
     def fixed(self) -> Index:
@@ -170,15 +168,16 @@ class _Marginal:
         root = invert_root(gram + scale[:, None] * inverse * scale)
         beta = self._every(root.T @ (root @ response))
         effective = []
-        for positions, block in zip(self.inside, self.blocks, strict=True):
-            columns = root[block.start :, block]  # the root is a lower triangle
-            trace = (inverse[block, block] * (columns.T @ columns)).sum(1)
+        blocks = [inverse[np.ix_(place, place)] for place in self.places]
+        for positions, place, block in zip(self.inside, self.places, blocks, strict=True):
+            columns = root[:, place]
+            trace = (block * (columns.T @ columns)).sum(1)
             effective.append(len(positions) - float(precision[positions] @ trace))
         noise = self._noise_variance(beta, effective)
         out: Array = precision.copy()
-        for positions, block, count in zip(self.inside, self.blocks, effective, strict=True):
+        for positions, block, count in zip(self.inside, blocks, effective, strict=True):
             largest = float(self.gram[positions, positions].max(initial=0.0))
-            size = float(beta[positions] @ inverse[block, block] @ beta[positions])
+            size = float(beta[positions] @ block @ beta[positions])
             ratio = noise * max(count, MIN_EFFECTIVE) / max(size, TINY)
             out[positions] = min(ratio, MAX_PRECISION * largest)
         return out
