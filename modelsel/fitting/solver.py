@@ -42,7 +42,7 @@ QUIET_MM = 1e-6  # no measurement is better
 # rms: combinations that move the target less at their usual sizes wait until the others have
 # converged
 UNSEEN_MM = 0.01
-NEAR_MM = 5e-5  # all rows together: as far does the triangle change by nothing that counts
+NEAR_MM = 1e-5  # all rows together: as far does the triangle change by nothing that counts
 
 
 @dataclass(frozen=True, eq=False)
