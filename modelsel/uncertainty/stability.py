@@ -134,6 +134,12 @@ class _HalfSolver:
         prior = self.coordinates.prior
         return np.asarray(prior.T @ prior)
 
+    @cached_property
+    def directions(self) -> Array:
+        """Rows (t, r) of the fit's factor of all groups' terms, group after group."""
+        terms = [k for group in self.groups for k in group]
+        return self.fitted.factor[terms]
+
     def solve(self, products: Array, rows: int) -> _HalfSolution | None:
         """Solve a half-sample of the given products (r+1, r+1) of [Q | e]; None where it does not
         determine the model."""
@@ -155,8 +161,11 @@ class _HalfSolver:
         change = inverse @ (score + own.prior.T @ own.prior_left)
         square_sum = products[-1, -1] + change @ (gram @ change - 2 * score)
         theta = self.fitted.theta + self.fitted.factor @ (own.projection + change)
+        covariance = self.directions @ inverse @ self.directions.T
         estimates = []
+        start = 0
         for group in self.groups:
-            directions = self.fitted.factor[list(group)]
-            estimates.append((theta[list(group)], directions @ inverse @ directions.T))
+            own_terms = slice(start, start + len(group))
+            estimates.append((theta[list(group)], covariance[own_terms, own_terms]))
+            start = own_terms.stop
         return _HalfSolution(estimates, float(square_sum) / freedom, freedom)
