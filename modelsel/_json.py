@@ -61,6 +61,10 @@ def read_json_text(path: Path) -> str:
     raise ValueError(why)
 
 
+def _round(value: float) -> float | None:
+    return float(f"{value:.10g}") if math.isfinite(value) else None
+
+
 def to_plain(value: Any) -> Any:
     """Convert to plain values: floats to 10 significant digits, undefined ones null, arrays as
     lists."""
@@ -68,12 +72,11 @@ def to_plain(value: Any) -> Any:
         value = value.tolist()
     # most values are floats, and so these come first
     if isinstance(value, float):
-        rounded = float(f"{value:.10g}")
-        return rounded if math.isfinite(value) else None
+        return _round(value)
     if isinstance(value, Mapping):
         return {str(k): to_plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [to_plain(v) for v in value]
+        return [_round(v) if type(v) is float else to_plain(v) for v in value]
     is_plain = isinstance(value, (bool, str)) or value is None
     if is_plain:
         return value
@@ -85,5 +88,9 @@ def to_plain(value: Any) -> Any:
 
 def to_json(result: Mapping[str, Any]) -> str:
     """Write the text of a JSON file."""
-    text = json.dumps(to_plain(result), ensure_ascii=False, indent=1, allow_nan=False)
-    return text + "\n"
+    return plain_text(to_plain(result))
+
+
+def plain_text(value: Any) -> str:
+    """Write the text of a JSON file of plain values."""
+    return json.dumps(value, ensure_ascii=False, indent=1, allow_nan=False) + "\n"

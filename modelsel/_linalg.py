@@ -73,6 +73,30 @@ def invert_factors(matrices: Array) -> Array:
     return np.ascontiguousarray(inverse.transpose(2, 0, 1))
 
 
+def invert_root(matrix: Array) -> Array:
+    """Compute the lower triangle W (n, n) with WᵀW the inverse of a positive definite matrix (n, n).
+
+    By Cholesky, at a quarter of the cost of the inverse; where rounding made the matrix indefinite,
+    by its eigenvalues, none of which counts for less than rounding."""
+    try:
+        lower = np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(matrix)
+        least = np.finfo(float).eps * values[-1]
+        rows = vectors.T * np.sqrt(np.maximum(values, least))[:, None]
+        triangle: Array = np.asarray(np.linalg.qr(rows, mode="r"))
+        lower = triangle.T
+    return invert_triangle(lower)
+
+
+def invert_triangle(lower: Array) -> Array:
+    """Invert a lower triangle (n, n)."""
+    from scipy.linalg.lapack import dtrtri
+
+    inverse, _ = dtrtri(lower.T, lower=0)
+    return np.asarray(inverse.T)
+
+
 def project_out(matrix: Array, basis: Array) -> Array:
     """Remove from every column of a matrix (m, p) its part in an orthonormal basis (m, r)."""
     share = basis.T @ matrix
