@@ -172,7 +172,7 @@ def _alternate(split: Split, inquiry: _Inquiry) -> tuple[Split, Diagnosis, tuple
     without those. Rows are judged by themselves, whatever errors they share."""
     training = split.problem.take(split.estimation)
     outlying = find_gross_outliers(training, inquiry.base)
-    parts = list_parts(split.problem)
+    parts = list_parts(split.problem, split.estimation)
     for _ in range(MAX_ROUNDS):
         split = replace(split, outlying=_expand_mask(split.estimation, outlying))
         found = build_candidates(
@@ -191,10 +191,7 @@ def _alternate(split: Split, inquiry: _Inquiry) -> tuple[Split, Diagnosis, tuple
 
 
 def _separate(
-    split: Split,
-    inquiry: _Inquiry,
-    found: tuple[Candidate, ...],
-    parts: tuple[PossiblePart, ...],
+    split: Split, inquiry: _Inquiry, found: tuple[Candidate, ...], parts: tuple[PossiblePart, ...]
 ) -> tuple[Split, Diagnosis]:
     """Separate what repeats from what does not: effects, given the parts of the errors, and in turn.
 

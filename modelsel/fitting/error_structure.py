@@ -11,22 +11,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from .._linalg import TINY
 from .._typing import Array, Index, Mask
+from ..measurements.measurements import Measurements
 from ..mechanisms.causes import ONE
 from ..mechanisms.terms import Screw, Term
 from .design import assemble, compute_design
 from .least_squares import Fit
 from .problem import Problem
-from .restricted_likelihood import (
-    Likelihood,
-    LinearModel,
-    evaluate_likelihood,
-    maximise_likelihood,
-)
+from .restricted_likelihood import Likelihood, LinearModel, evaluate_likelihood, maximise_likelihood
 from .shared_errors import MAX_BLOCK, SharedError, SharedErrors, group_blocks, keep_within, mix
 from .whitening import Whitening
 
@@ -53,6 +50,8 @@ HANDICAP = 6.0
 MAX_ROWS = 2048
 # share of the largest loading below which a joint does not move the target
 MIN_LOADING = 1e-3
+# digits of the logarithm of a variance
+DIGITS = 4
 # columns of a model that are looked at
 MANY_COLUMNS = 96
 COVERAGE = 0.95
@@ -147,24 +146,26 @@ def _whiten_rows(
 # ------------------------------------------------------------------------------------------------------
 
 
-def list_parts(problem: Problem) -> tuple[PossiblePart, ...]:
-    """List the parts that the rows of a problem can tell. Distances, planes and wires tell none."""
+def list_parts(problem: Problem, training: Mask) -> tuple[PossiblePart, ...]:
+    """List the parts that the rows (m,) of a training mask can tell; their errors are of all rows.
+
+    Distances, planes and wires tell none."""
     if not problem.only_points:
         return ()
     problem = problem.as_stated()
+    data = problem.data.take(training)
+    if data.configurations < MIN_LEVELS:
+        return ()
     return (
-        *_list_joints(problem),
-        *_list_shared(problem),
-        *_list_lasting(problem),
+        *_list_joints(problem, data),
+        *_list_shared(problem, data),
+        *_list_lasting(problem, data, training),
     )
 
 
-def _list_joints(problem: Problem) -> list[PossiblePart]:
-    robot, data = problem.robot, problem.data
-    visits = int(data.configuration.max(initial=-1)) + 1
-    if visits < MIN_LEVELS:
-        return []
-    prismatic = robot.prismatic
+def _list_joints(problem: Problem, seen: Measurements) -> list[PossiblePart]:
+    """List the joints that move the target; `seen`: the rows that tell them."""
+    prismatic = problem.robot.prismatic
     terms = [
         Term(f"joint {j}", (Screw(j, "tz" if slides else "rz", ONE),))
         for j, slides in enumerate(prismatic, 1)
@@ -174,9 +175,9 @@ def _list_joints(problem: Problem) -> list[PossiblePart]:
     whitened = problem.whitening.apply_by_row(moved.copy())
     size = np.sqrt(np.square(whitened).sum(1).mean(1))
     told_by = "directions"
-    if len(data) > visits:
+    if _count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
         told_by = "targets"
-    if _count_excess(data.block, data.configuration) >= MIN_EXCESS:
+    if _count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
         told_by = "repeats"
     found = []
     for j, slides in enumerate(prismatic):
@@ -184,7 +185,7 @@ def _list_joints(problem: Problem) -> list[PossiblePart]:
             continue
         loading = whitened[j].T[:, :, None]
         square = float(np.square(moved[j, :3]).sum(0).mean())
-        error = SharedError(np.ascontiguousarray(loading), data.configuration)
+        error = SharedError(np.ascontiguousarray(loading), problem.data.configuration)
         unit = "mm" if slides else "rad"
         found.append(PossiblePart(f"joint {j + 1}", unit, error, square, told_by))
     return found
@@ -206,59 +207,57 @@ def _load_positions(problem: Problem) -> Array:
     return np.ascontiguousarray(whitened.transpose(2, 1, 0))
 
 
-def _list_shared(problem: Problem) -> list[PossiblePart]:
+def _list_shared(problem: Problem, seen: Measurements) -> list[PossiblePart]:
     """List what rows of one visit, of one posture or of one group may share."""
     data = problem.data
-    rows = np.arange(len(data))
     found = []
     loading = _load_positions(problem)
-    if _count_excess(data.configuration, rows) >= MIN_EXCESS:
+    if _count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
         error = SharedError(loading, data.configuration)
         found.append(PossiblePart("configuration", "mm", error, 3.0, "targets"))
-    if _count_excess(data.block, data.configuration) >= MIN_EXCESS:
-        posture = np.unique(data.block, return_inverse=True)[1].reshape(-1)
-        error = SharedError(loading, np.asarray(posture, dtype=np.intp))
+    if _count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
+        error = SharedError(loading, data.block)
         found.append(PossiblePart("configuration", "mm", error, 3.0, "repeats"))
-    count = np.bincount(data.group)
+    count = np.bincount(seen.group)
     groups = int((count > 0).sum())
-    if groups >= MIN_GROUPS and count.max() <= MAX_BLOCK and len(data) >= 2 * groups:
+    if groups >= MIN_GROUPS and count.max() <= MAX_BLOCK and len(seen) >= 2 * groups:
         found.append(PossiblePart("group", "mm", SharedError(loading, data.group), 3.0, "groups"))
     return found
 
 
-def _list_lasting(problem: Problem) -> list[PossiblePart]:
+def _list_lasting(problem: Problem, seen: Measurements, training: Mask) -> list[PossiblePart]:
+    """List what may last along the order of motion; the rows that are not seen are apart."""
     data = problem.data
-    visits = int(data.configuration.max(initial=-1)) + 1
-    if visits < MIN_LEVELS:
-        return []
-    order = np.argsort(data.progress, kind="stable")
-    time = _place_visits(data.configuration, order)
+    visits = seen.configurations
+    time = _time_visits(data, seen)
     loading = _load_positions(problem)
     found = []
     for length in LENGTHS:
         if length <= visits / 2:
-            stretch = _cut(order, length * len(data) / visits)
+            stretch = np.empty(len(data), np.intp)
+            count = 0
+            for rows in (np.flatnonzero(training), np.flatnonzero(~training)):
+                order = rows[np.argsort(data.progress[rows], kind="stable")]
+                stretch[order] = count + _cut(len(order), length * len(seen) / visits)
+                count = int(stretch[order].max(initial=-1)) + 1
             error = SharedError(loading, stretch, time=time, length=length)
             found.append(PossiblePart("lasting", "mm", error, 3.0, "order", LASTING_TESTS))
     return found
 
 
-def _cut(order: Index, length: float) -> Index:
-    """Cut rows (m,) in their order into stretches of equal size, of STRETCH correlation lengths."""
-    rows = min(max(STRETCH * length, FEWEST_ROWS), MAX_BLOCK)
-    count = -(-len(order) // int(rows))
-    stretch = np.empty(len(order), np.intp)
-    stretch[order] = np.arange(len(order)) * count // len(order)
-    return stretch
+def _time_visits(data: Measurements, seen: Measurements) -> Array:
+    """Return the place (m,) of every row's visit in the campaign, in visits."""
+    first = np.full(int(data.configuration.max()) + 1, np.inf)
+    np.minimum.at(first, data.configuration, data.progress)
+    begun = np.unique(first[seen.configuration])
+    step = float(np.diff(begun).min(initial=1.0))
+    return np.asarray(first[data.configuration] / step)
 
 
-def _place_visits(visit: Index, order: Index) -> Array:
-    """Return the place (m,) of every row's visit among all visits, in order of motion."""
-    _, first, number = np.unique(visit[order], return_index=True, return_inverse=True)
-    place = np.argsort(np.argsort(first, kind="stable"), kind="stable")
-    time = np.empty(len(visit))
-    time[order] = place[number.reshape(-1)]
-    return time
+def _cut(rows: int, length: float) -> Index:
+    """Cut rows in their order into stretches (rows,) of equal size, some correlation lengths each."""
+    size = int(min(max(STRETCH * length, FEWEST_ROWS), MAX_BLOCK))
+    return np.arange(rows) * -(-rows // size) // max(rows, 1)
 
 
 # -- which of them are there
@@ -336,19 +335,46 @@ def _find_next(
     scores.sort(key=lambda score: -score[0])
     lasting = [score for score in scores if score[2].error.time is not None]
     others = [score for score in scores if score[2].error.time is None]
-    found = []
-    for _, variance, one in (*others[:TRIED], *lasting[:TRIED]):
-        start = replace(one.error, variance=variance)
-        trial = maximise_likelihood(at.model, [*at.parts, start], exact=False)
-        p = one.tests * compute_p(trial.log - at.log)
-        if p <= LEVEL and len(trial.parts):
-            # what rows of a visit share resembles what lasts for a moment
-            handicap = 0.0 if one.error.time is None else HANDICAP
-            found.append((trial.log - handicap, len(found), [*chosen, one], trial))
+    found = [_try(at, one, variance) for _, variance, one in others[:TRIED]]
+    if lasting:
+        _, variance, one = lasting[0]
+        found.append(_climb(at, [one for _, _, one in lasting], _try(at, one, variance)))
+    # what rows of a visit share resembles what lasts for a moment
+    found = [one for one in found if one.p <= LEVEL]
     if not found:
         return None
-    _, _, with_new, after = max(found)
-    return with_new, after
+    best = max(found, key=lambda one: one.at.log - HANDICAP * (one.part.error.time is not None))
+    return [*chosen, best.part], best.at
+
+
+class _Trial(NamedTuple):
+    """The likelihood with one part more, and how often chance gains as much."""
+
+    part: PossiblePart
+    at: Likelihood
+    p: float
+
+
+def _try(at: Likelihood, part: PossiblePart, variance: float) -> _Trial:
+    start = replace(part.error, variance=variance)
+    trial = maximise_likelihood(at.model, [*at.parts, start], exact=False)
+    p = part.tests * compute_p(trial.log - at.log)
+    return _Trial(part, trial, p if any(part.error.is_like(own) for own in trial.parts) else 1.0)
+
+
+def _climb(at: Likelihood, lasting: Sequence[PossiblePart], best: _Trial) -> _Trial:
+    """Try the correlation lengths beside the best as long as the likelihood gains."""
+    lengths = sorted(lasting, key=lambda one: one.error.length)
+    for step in (1, -1):
+        k = lengths.index(best.part) + step
+        while 0 <= k < len(lengths):
+            variance = max((own.variance for own in best.at.parts[-1:]), default=1.0)
+            trial = _try(at, lengths[k], variance)
+            if trial.at.log <= best.at.log:
+                break
+            best = trial
+            k += step
+    return best
 
 
 def compute_p(gain: float) -> float:
@@ -358,9 +384,7 @@ def compute_p(gain: float) -> float:
     return 0.5 * float(chdtrc(1, gain)) if gain > 0 else 1.0
 
 
-def _prune(
-    chosen: list[PossiblePart], at: Likelihood
-) -> tuple[list[PossiblePart], Likelihood]:
+def _prune(chosen: list[PossiblePart], at: Likelihood) -> tuple[list[PossiblePart], Likelihood]:
     """Drop the parts that the others make dispensable, the least likely first."""
     chosen = _match(chosen, at)
     while len(chosen) > 1:
@@ -420,10 +444,15 @@ def _describe(
         parts.append(ErrorPart(name, unit, float(scale), low, high, share, rms, told_by, length))
     places = [offered.index(one) for one in chosen]
     shared = tuple(
-        replace(candidates[k].error, variance=part.variance)
+        replace(candidates[k].error, variance=_round(part.variance))
         for k, part in zip(places, at.parts, strict=True)
     )
     return ErrorStructure(tuple(parts), shared)
+
+
+def _round(variance: float) -> float:
+    """Round a variance to what the iteration tells, so that nothing hangs on its last digits."""
+    return float(np.exp(np.round(np.log(variance), DIGITS)))
 
 
 def _length_of(one: Candidate) -> float | None:

@@ -135,7 +135,9 @@ def evaluate_likelihood(
     square = float(gram[-1, -1] - along @ along)
     log_determinant += 2 * float(np.log(np.diagonal(lower)).sum())
     beta = solve_triangular(lower, along, lower=True, trans="T")
-    both = np.concatenate([whitened[:-1], (whitened[-1] - np.tensordot(beta, whitened[:-1], 1))[None]])
+    both = np.concatenate(
+        [whitened[:-1], (whitened[-1] - np.tensordot(beta, whitened[:-1], 1))[None]]
+    )
     if mixing is not None:
         both = mixing.apply_transposed(both)
     shape = both.shape[1:]

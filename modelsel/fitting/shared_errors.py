@@ -84,7 +84,6 @@ class SharedError:
                 mixed[rows] = (correlation @ own).reshape(*rows.shape, *inner.shape[1:])
         return np.asarray(np.einsum("mcd,mdp->mcp", self.loading, mixed, optimize=True))
 
-
     def _add_up(self, inner: Array) -> Array:
         """Return for every row the sum of values (m, ...) over the rows of its level."""
         order, starts, number = self._levels
