@@ -18,14 +18,9 @@ from .._random import generator
 from .._typing import Array, Index, Mask, Say
 from .._workers import count_cores
 from ..fitting.design import Model, whitened
-from ..fitting.error_structure import (
-    ErrorStructure,
-    PossiblePart,
-    compute_criterion,
-    find_structure,
-    list_parts,
-)
+from ..fitting.error_structure import ErrorStructure, compute_criterion, find_structure
 from ..fitting.least_squares import fit
+from ..fitting.possible_parts import PossiblePart, list_parts
 from ..fitting.problem import Problem
 from ..mechanisms.registry import (
     BUILTIN,

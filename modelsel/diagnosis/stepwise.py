@@ -60,7 +60,7 @@ class _Progress:
     tried: set[frozenset[int]] = field(default_factory=lambda: {frozenset()})
 
 
-def run_stepwise_search(
+def run_stepwise_search(  # noqa: PLR0913, PLR0917  what is asked, and how
     problem: Problem,
     base: Model,
     base_fit: Fit,
