@@ -97,7 +97,10 @@ class SampledSolver(Solver):
         expansion: Expansion | None = None,
     ) -> State:
         """Begin near the solution: steps by the exact slope and the sample's products lead there
-        from theta (p,)."""
+        from theta (p,), where the sample shows all that is fitted."""
+        shown = np.flatnonzero(self.reduction.R.any(axis=0))
+        if not np.isin(found.kept, shown).all():
+            return super().begin(theta, precision, found, expansion)
         theta = np.where(np.isin(np.arange(len(theta)), found.kept), theta, 0.0)
         slope = self.rows.at(theta)
         state = super().begin(theta, precision, found, self.expand_sample(theta, slope))
@@ -170,6 +173,10 @@ class SampledSolver(Solver):
             if not self.is_near(state):
                 state = self.settle(self.expanded(exact), ITERATIONS, step_mm)
         return state
+
+    def judge(self, state: State) -> State:
+        """Judge what is fitted and what the prior holds, where it may hold anything."""
+        return state if self.held == "nothing" else super().judge(state)
 
     def move(self, state: State, theta: Array) -> State:
         """Go to theta (p,), by the squares about the expansion's point."""
