@@ -31,7 +31,7 @@ GOLDEN = (np.sqrt(5) - 1) / 2
 NEAR_MM = 1e-4
 # steps by the sample's products, and what a step should leave of the one before
 STEPS = 8
-QUICK = 0.5
+QUICK = 0.2
 
 
 def takes_sample(problem: Problem, model: Model) -> bool:
@@ -163,24 +163,32 @@ class SampledSolver(Solver):
 
     def confirm(self, state: State, step_mm: float) -> State:
         """Go on from where the iteration has ended, until a step by the exact slope is shorter than
-        `step_mm`."""
+        `step_mm`; where steps do not get shorter quickly, the squares are expanded anew."""
+        size = np.inf
         for _ in range(ROUNDS):
             exact = replace(state, slope=self.rows.at(state.theta))
-            delta, size = compute_direction(exact)
-            if size < step_mm * self.weight:
-                return replace(exact, step_mm=size / self.weight)
+            delta, step = compute_direction(exact)
+            if step < step_mm * self.weight:
+                return replace(exact, step_mm=step / self.weight)
             state = replace(exact, theta=exact.theta + delta)
-            if not self.is_near(state):
+            is_slow, size = step > QUICK * size, step
+            if is_slow or not self.is_near(state):
                 state = self.settle(self.expanded(exact), ITERATIONS, step_mm)
+                size = np.inf
+        self.refuse(replace(exact, step_mm=size / self.weight), True, step_mm)
         return state
 
     def judge(self, state: State) -> State:
         """Judge what is fitted and what the prior holds, where it may hold anything."""
         return state if self.held == "nothing" else super().judge(state)
 
-    def move(self, state: State, theta: Array) -> State:
-        """Go to theta (p,), by the squares about the expansion's point."""
-        return replace(state, theta=theta, slope=state.expansion.slope_at(theta))
+    def solve(self, state: State, iterations: int, step_mm: float) -> State:
+        """Go to the minimum of the squares about the expansion's point: one step leads there."""
+        delta, _ = compute_direction(replace(state, damping=0.0))
+        theta = state.theta + delta
+        slope = state.expansion.slope_at(theta)
+        count = state.iterations + 1
+        return replace(state, theta=theta, slope=slope, step_mm=0.0, iterations=count)
 
     def conclude(self, state: State) -> Reduction:
         """Return the reduction at the solution: that of the expansion, which is near."""
