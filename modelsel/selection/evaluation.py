@@ -114,6 +114,9 @@ def evaluate(
     """Fit a model to the training rows and evaluate it on all rows.
 
     `fitted`: a fit to evaluate instead; `start`: the fit of a similar model to start from."""
+    if len(split.problem) > MAX_ROWS_KEPT:
+        screws = (screw for term in model.terms for screw in term.screws)
+        split.problem.keep_values(screw.cause for screw in screws)
     training = split.training()
     folds = split.training_folds()
     if fitted is None:
