@@ -158,7 +158,7 @@ def cost(reduction: Reduction) -> float:
     return float(np.square(reduction.R[:, -1]).sum())
 
 
-def fit(
+def fit(  # noqa: PLR0913  all but two have defaults
     problem: Problem | Source,
     model: Model,
     *,
@@ -184,7 +184,8 @@ def fit(
     if isinstance(problem, Problem) and takes_sample(problem, model):
         sample = draw_sample(problem)
         first = fit(sample, model, precision=precision, start=start, held=held)
-        start, solver = first.theta, sampled_solver(problem, sample, first, held, fold_of)
+        start = first.theta
+        solver: Solver = sampled_solver(problem, sample, first, held, fold_of)
     else:
         solver = solver_of(problem, model, precision, held)
     theta = np.zeros(len(model.terms)) if start is None else start

@@ -89,7 +89,6 @@ class Reduction:
         out = nothing.add(picked)
         return Reduction(out.R, self.rows)
 
-
     def shift(self, change: Array) -> Reduction:
         """Return the reduction with the parameters changed by (p,), linear: the response is less by
         what the columns make of it."""

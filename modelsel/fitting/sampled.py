@@ -66,7 +66,9 @@ class SampledSolver(Solver):
         found = self.sample.exact
         if not self.agrees(found):
             return self.identified(self.nominal)
-        return replace(found, scale=self.growth * found.scale, triangle=self.growth * found.triangle)
+        return replace(
+            found, scale=self.growth * found.scale, triangle=self.growth * found.triangle
+        )
 
     @property
     def growth(self) -> float:

@@ -227,9 +227,7 @@ def measure_moments(
     return Moments.of(products)
 
 
-def measure_fit(
-    rows: LinearRows, fitted: Fit, coordinates: Coordinates, fold_of: Index
-) -> Moments:
+def measure_fit(rows: LinearRows, fitted: Fit, coordinates: Coordinates, fold_of: Index) -> Moments:
     """Sum the moments of every fold (m,) of the rows that were fitted; where these were reduced fold
     by fold, they are not made again."""
     parts = fitted.reduction.parts

@@ -79,9 +79,10 @@ def test_the_fit_is_that_of_all_rows(model, held, rng, many) -> None:
     # the variance of a free function is found to a thousandth
     same(from_sample, whole, 1e-2 if model is FREE else 1e-4)
     alone = fit_shrunk(draw_sample(at), model, held=held)
-    assert np.abs(alone.theta - whole.theta).max() > 1e3 * np.abs(
-        from_sample.theta - whole.theta
-    ).max()
+    assert (
+        np.abs(alone.theta - whole.theta).max()
+        > 1e3 * np.abs(from_sample.theta - whole.theta).max()
+    )
 
 
 def test_what_few_rows_show_is_fitted(rng, many) -> None:
