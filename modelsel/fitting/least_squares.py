@@ -181,7 +181,7 @@ def fit(  # noqa: PLR0913  all but two have defaults
     fitted first; their reduction is then kept fold by fold, too, `fold_of` (m,). Raises NotEstimable where the
     data have no more coordinates than the model has estimable parameters, or the iteration does not
     settle."""
-    if isinstance(problem, Problem) and takes_sample(problem, model):
+    if isinstance(problem, Problem) and takes_sample(problem, model, held):
         sample = draw_sample(problem)
         first = fit(sample, model, precision=precision, start=start, held=held)
         start = first.theta

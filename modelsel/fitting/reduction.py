@@ -261,15 +261,11 @@ def reduce_folds(
         np.zeros((len(wanted), len(wanted)), order="F") for _ in range(int(fold_of.max()) + 1)
     ]
     space = Workspace()
-    order = np.argsort(fold_of, kind="stable")
-    for start in range(0, len(problem), STREAM):
-        rows = order[start : start + STREAM]
-        part = problem.take(rows)
-        design = whiten(part, assemble(part, terms, at, space=space))
-        folds, starts = np.unique(fold_of[rows], return_index=True)
-        stops = [*starts[1:].tolist(), len(rows)]
-        for k, first, last in zip(folds.tolist(), starts.tolist(), stops, strict=True):
-            block = design[wanted, :, first:last].reshape(len(wanted), -1)
+    for rows, part in problem.parts(STREAM):
+        design = whiten(part, assemble(part, terms, at, space=space))[wanted]
+        folds = fold_of[rows]
+        for k in np.unique(folds).tolist():
+            block = design[:, :, folds == k].reshape(len(wanted), -1)
             _stack(triangles[k], block.T)
     counts = problem.counted(fold_of, len(triangles)).tolist()
     return [Reduction(R, rows) for R, rows in zip(triangles, counts, strict=True)]

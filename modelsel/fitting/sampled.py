@@ -20,7 +20,7 @@ from .iteration import State, compute_direction
 from .linearisation import Linearisation
 from .problem import Problem
 from .reduction import Reduction, merged, mix_dependent, reduce_folds
-from .solver import ITERATIONS, ROUNDS, Solver
+from .solver import ITERATIONS, Held, Solver
 
 # rows, of which a sample is fitted first
 MANY_ROWS = 50_000
@@ -34,9 +34,10 @@ STEPS = 8
 QUICK = 0.2
 
 
-def takes_sample(problem: Problem, model: Model) -> bool:
+def takes_sample(problem: Problem, model: Model, held: Held) -> bool:
     """Return whether a model is fitted from the fit of a sample of the rows."""
-    return problem.only_points and len(problem) > MANY_ROWS and bool(model.terms)
+    may_judge = bool(model.terms) and held != "nothing"
+    return may_judge and problem.only_points and len(problem) > MANY_ROWS
 
 
 def draw_sample(problem: Problem) -> Problem:
@@ -165,9 +166,10 @@ class SampledSolver(Solver):
 
     def confirm(self, state: State, step_mm: float) -> State:
         """Go on from where the iteration has ended, until a step by the exact slope is shorter than
-        `step_mm`; where steps do not get shorter quickly, the squares are expanded anew."""
+        `step_mm`; where steps do not get shorter quickly, the squares are expanded anew. Where that
+        leads nowhere, by steps that are damped."""
         size = np.inf
-        for _ in range(ROUNDS):
+        for _ in range(STEPS):
             exact = replace(state, slope=self.rows.at(state.theta))
             delta, step = compute_direction(exact)
             if step < step_mm * self.weight:
@@ -177,12 +179,9 @@ class SampledSolver(Solver):
             if is_slow or not self.is_near(state):
                 state = self.settle(self.expanded(exact), ITERATIONS, step_mm)
                 size = np.inf
-        self.refuse(replace(exact, step_mm=size / self.weight), True, step_mm)
+        state = super().solve(state, ITERATIONS, step_mm)
+        self.refuse(state, True, step_mm)
         return state
-
-    def judge(self, state: State) -> State:
-        """Judge what is fitted and what the prior holds, where it may hold anything."""
-        return state if self.held == "nothing" else super().judge(state)
 
     def solve(self, state: State, iterations: int, step_mm: float) -> State:
         """Go to the minimum of the squares about the expansion's point: one step leads there."""

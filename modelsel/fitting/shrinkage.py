@@ -181,7 +181,7 @@ def fit_shrunk(
     similar model; `held` and `fold_of` as in `fit`."""
     theta, sample = None, None
     groups = wide_groups(model)
-    if groups and takes_sample(problem, model):
+    if groups and takes_sample(problem, model, held):
         sample = draw_sample(problem)
         start = fit_shrunk(sample, model, start, step_mm, held=held)
     if start is not None:

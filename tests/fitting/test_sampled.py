@@ -68,13 +68,13 @@ def same(one: Fit, other: Fit, tolerance: float = 1e-4) -> None:
 
 @pytest.mark.parametrize(
     ("model", "held"),
-    [(PLAIN, "geometry"), (PLAIN, "all"), (PLAIN, "nothing"), (FREE, "geometry"), (FREE, "all")],
-    ids=["plain", "plain, all", "plain, nothing", "free", "free, all"],
+    [(PLAIN, "geometry"), (PLAIN, "all"), (FREE, "geometry"), (FREE, "all")],
+    ids=["plain", "plain, all", "free", "free, all"],
 )
 def test_the_fit_is_that_of_all_rows(model, held, rng, many) -> None:
     at = measure(rng, model)
     whole = fit_shrunk(at, model, held=held)
-    many(100)
+    many(1000)
     from_sample = fit_shrunk(at, model, held=held)
     # the variance of a free function is found to a thousandth
     same(from_sample, whole, 1e-2 if model is FREE else 1e-4)
