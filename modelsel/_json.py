@@ -64,6 +64,10 @@ def read_json_text(path: Path) -> str:
     raise ValueError(why)
 
 
+def _round(value: float) -> float | None:
+    return float(f"{value:.10g}") if math.isfinite(value) else None
+
+
 def to_plain(value: Any) -> Any:
     """Convert to plain values: floats to 10 significant digits, undefined ones null, arrays as
     lists."""
@@ -73,12 +77,11 @@ def to_plain(value: Any) -> Any:
         value = value.tolist()
     # most values are floats, and so these come first
     if isinstance(value, float):
-        rounded = float(f"{value:.10g}")
-        return rounded if math.isfinite(value) else None
+        return _round(value)
     if isinstance(value, Mapping):
         return {str(k): to_plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [to_plain(v) for v in value]
+        return [_round(v) if type(v) is float else to_plain(v) for v in value]
     is_plain = isinstance(value, (bool, str)) or value is None
     if is_plain:
         return value
@@ -94,10 +97,10 @@ def _round_floats(values: Array) -> list[float]:
 
 def to_json(result: Mapping[str, Any]) -> str:
     """Write the text of a JSON file."""
-    return dump_plain(to_plain(result))
+    return plain_text(to_plain(result))
 
 
-def dump_plain(values: Any) -> str:
+def plain_text(values: Any) -> str:
     """Write the text of a JSON file of values that are plain already.
 
     Long lists of numbers are written at once: with an indent, json writes each by a call."""

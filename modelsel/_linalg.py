@@ -54,6 +54,49 @@ def orthonormalise(matrix: Array, triangle: Array) -> tuple[Array, Array]:
     return np.ascontiguousarray(Q), lower.T @ triangle
 
 
+def invert_factors(matrices: Array) -> Array:
+    """Invert the lower Cholesky factors of many small matrices (n, k, k), number by number.
+
+    Where a matrix is not positive definite, what is returned is large or not a number."""
+    count = matrices.shape[1]
+    rest = matrices.transpose(1, 2, 0).copy()
+    inverse = np.zeros_like(rest)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        for j in range(count):
+            # the row of L⁻¹, from what is left of the matrix beyond the columns before
+            inverse[j, j] = 1.0
+            for i in range(j):
+                inverse[j] -= rest[i, j] * inverse[i]
+            inverse[j] /= np.sqrt(rest[j, j])
+            rest[j] /= np.sqrt(rest[j, j])
+            rest[j + 1 :, j + 1 :] -= rest[j, j + 1 :, None] * rest[j, None, j + 1 :]
+    return np.ascontiguousarray(inverse.transpose(2, 0, 1))
+
+
+def invert_root(matrix: Array) -> Array:
+    """Compute the lower triangle W (n, n) with WᵀW the inverse of a positive definite matrix (n, n).
+
+    By Cholesky, at a quarter of the cost of the inverse; where rounding made the matrix indefinite,
+    by its eigenvalues, none of which counts for less than rounding."""
+    try:
+        lower = np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(matrix)
+        least = np.finfo(float).eps * values[-1]
+        rows = vectors.T * np.sqrt(np.maximum(values, least))[:, None]
+        triangle: Array = np.asarray(np.linalg.qr(rows, mode="r"))
+        lower = triangle.T
+    return invert_triangle(lower)
+
+
+def invert_triangle(lower: Array) -> Array:
+    """Invert a lower triangle (n, n)."""
+    from scipy.linalg.lapack import dtrtri
+
+    inverse, _ = dtrtri(lower.T, lower=0)
+    return np.asarray(inverse.T)
+
+
 def project_out(matrix: Array, basis: Array) -> Array:
     """Remove from every column of a matrix (m, p) its part in an orthonormal basis (m, r)."""
     share = basis.T @ matrix

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._linalg import TINY
-from .._typing import Array, Index
+from .._typing import Array, Index, Mask
 from ..fitting.design import blocks
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
@@ -23,10 +23,12 @@ from ..fitting.splines import spline, spline_groups
 from ..mechanisms.terms import Mechanism, Term, TermKey
 from .candidates import Candidate
 from .options import DEFAULT_OPTIONS
-from .screw_columns import ScrewColumns, build_screw_columns, split_range
+from .screw_columns import ScrewColumns, build_screw_columns, order_terms, split_range
 
 # sizes [mm, rad] beyond which a screw is no error of an arm
 LARGEST_SCREW = {"t": 100.0, "r": 0.1}
+# norm up to which a column moves nothing: single precision has to hold its inverse
+NO_COLUMN = 1e-30
 # numbers of candidates' columns that are expanded together for their Gram matrices
 EXPANDED_NUMBERS = 1_000_000
 
@@ -44,6 +46,22 @@ class Block:
     gram: Array
     most: Array
     root: Array | None = None
+
+    @cached_property
+    def unit(self) -> Array:
+        """The inverse lengths (n, k) of the columns, 0 for one that moves nothing."""
+        norm = np.sqrt(np.maximum(np.einsum("nkk->nk", self.gram), 0))
+        return np.where(norm > NO_COLUMN, 1 / np.maximum(norm, NO_COLUMN), 0)
+
+    def take(self, members: Index | Mask) -> Block:
+        """Return some of the candidates."""
+        return Block(
+            which=self.which[members],
+            index=self.index[members],
+            gram=self.gram[members],
+            most=self.most[members],
+            root=None if self.root is None else self.root[members],
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,13 +133,13 @@ def build_columns(
     for mechanism in mechanisms:
         for term in mechanism.terms:
             terms.setdefault(term.key, term)
-    place = {key: k for k, key in enumerate(terms)}
+    distinct = order_terms(tuple(terms.values()))
+    place = {term.key: k for k, term in enumerate(distinct)}
     slices, signs = [], []
     for mechanism in mechanisms:
         places = [place[term.key] for term in mechanism.terms]
         slices.append(np.array(places, dtype=np.intp))
         signs.append(np.array(mechanism.signs, dtype=float))
-    distinct = tuple(terms.values())
     screws = build_screw_columns(problem, distinct, at, memory_mb)
     most = _compute_largest(screws, distinct, problem)
     blocks_ = tuple(_build_blocks(mechanisms, screws, slices, most))

@@ -159,24 +159,32 @@ class Chance:
         self.slack = slack
 
     @cached_property
+    def first(self) -> Array:
+        """The evidence (B,) at the first ratio: it is no less at the best one."""
+        if not self.largest:
+            return np.full(self.share.whole.shape[1], -np.inf)
+        return self._compute(float(RATIOS[0]))
+
+    @cached_property
+    def growth(self) -> Array:
+        """How much more (ratios - 1, B) the evidence may be at the other ratios."""
+        if not self.largest:
+            return np.zeros((1, len(self.first)))
+        start = self.slack - self._bound(float(RATIOS[0]))
+        return np.array([(self._bound(float(ratio)) + start).max(0) for ratio in RATIOS[1:]])
+
+    @cached_property
     def evidence(self) -> Array:
         """The evidence (B,): -inf where no candidate is left."""
-        count = self.share.whole.shape[1]
-        if not self.largest:
-            return np.full(count, -np.inf)
-        first_ratio = float(RATIOS[0])
-        first = self._compute(first_ratio)
-        best = first.copy()
-        start = self.slack - self._bound(first_ratio)
-        for ratio in map(float, RATIOS[1:]):
-            growth = (self._bound(ratio) + start).max(0)
-            needed = np.flatnonzero(growth > best - first)
+        best = self.first.copy()
+        for ratio, growth in zip(map(float, RATIOS[1:]), self.growth, strict=False):
+            needed = np.flatnonzero(growth > best - self.first)
             if not len(needed):
                 continue
-            if len(needed) > MAX_SELECTED_SHARE * count:
+            if len(needed) > MAX_SELECTED_SHARE * len(best):
                 best = np.maximum(best, self._compute(ratio))
             else:
-                best[needed] = np.maximum(best[needed], self._take(needed)._compute(ratio))
+                best[needed] = np.maximum(best[needed], self.take(needed)._compute(ratio))
         return best
 
     @cached_property
@@ -194,22 +202,41 @@ class Chance:
         return np.asarray(np.broadcast_to(least, self.share.whole.shape[1:]))
 
     def below(self, evidence: float) -> Array:
-        """The evidence (B,), or its bound for responses where that stays below a given one."""
+        """The evidence (B,), or its bound for responses where that stays below a given one.
+
+        The bound that needs no candidate's Bayes factor is tried first, then that of the first
+        ratio and what it may grow by."""
         out = self.most.copy()
-        which = np.flatnonzero(out >= evidence)
-        if len(which) > MAX_SELECTED_SHARE * len(out):
-            return self.evidence
-        if len(which):
-            out[which] = self._take(which).evidence
+        for tighter in ("ceiling", "evidence"):
+            which = np.flatnonzero(out >= evidence)
+            if len(which) > MAX_SELECTED_SHARE * len(out):
+                out = getattr(self, tighter).copy()
+            elif len(which):
+                out[which] = getattr(self.take(which), tighter)
         return out
 
-    def _take(self, which: Index) -> Chance:
+    def stays_below(self, evidence: float) -> bool:
+        """Whether the evidence of every response is below a given one."""
+        if self.most.max() < evidence:
+            return True
+        if self.first.max() >= evidence:
+            return False
+        return bool(self.ceiling.max() < evidence or self.evidence.max() < evidence)
+
+    @property
+    def ceiling(self) -> Array:
+        """What the evidence (B,) cannot exceed, given that at the first ratio."""
+        return np.asarray(self.first + np.maximum(self.growth.max(0), 0))
+
+    def take(self, which: Index | slice) -> Chance:
         """Return the same of some responses."""
         part = Chance.__new__(Chance)
         part.seen, part.prior, part.slack = self.seen, self.prior, self.slack
         part.share = Strength(*(values[..., which] for values in self.share))
         part.largest = {size: values[which] for size, values in self.largest.items()}
         part.bounding = self.bounding[:, which]
+        known = self.__dict__.keys() & {"first", "growth"}
+        part.__dict__.update({name: getattr(self, name)[..., which] for name in known})
         return part
 
     def _compute(self, ratio: float) -> Array:

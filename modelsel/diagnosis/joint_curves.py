@@ -8,7 +8,7 @@ against a few waves; whichever the data make more probable stands."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -18,7 +18,7 @@ from ..fitting.splines import spline
 from .candidate_columns import Block, Columns, find_signed
 from .candidates import Candidate
 from .evidence import compute_factors
-from .scan import Beyond, Bucket, Response, Scan, build_buckets
+from .scan import Beyond, Released, Response, Scan, build_buckets
 
 # effects (waves and the like) that one curve may be made of
 MAX_EFFECTS_PER_CURVE = 4
@@ -48,7 +48,8 @@ class Curve:
 
     `which` (k,): their indices among all candidates; `free` (k,) marks the free functions among
     them; `index` (c,): their columns among all; `slices`: each candidate's own among those; `gram`
-    (c, c): products of the columns; `blocks`: the candidates by their number of columns."""
+    (c, c): products of the columns; `blocks`: the candidates by their number of columns; `homes`:
+    where the candidates of each block are among all candidates' blocks, (block, rows)."""
 
     which: Index
     log_prior: Array
@@ -57,47 +58,66 @@ class Curve:
     slices: tuple[Index, ...]
     gram: Array
     blocks: tuple[Block, ...]
+    homes: tuple[tuple[int, Index], ...]
     signs: tuple[Array, ...]
     signed: Index
 
 
 @dataclass(frozen=True, eq=False)
 class _Rest:
-    """What a curve's columns have in common beyond a model.
+    """What candidates of a curve are beyond a model.
 
-    `left` (c, c): their Gram matrix there, `products` (c,) with a response, `square` of the
-    response; `freedom`: coordinates beyond the model."""
+    `blocks`: the candidates that are offered, `lefts`: their Gram matrices there. Products of all
+    columns beyond the model are those of the curve less those along `inside` (c, r), plus those
+    along `back` (c, d). `products` (c,): with a response whose sum of squares is `square`;
+    `freedom`: coordinates beyond the model."""
 
     curve: Curve
-    left: Array
+    blocks: tuple[Block, ...]
+    lefts: tuple[Array, ...]
+    inside: Array
+    back: Array
     products: Array
     square: float
     freedom: int
 
     @cached_property
-    def buckets(self) -> tuple[tuple[Bucket, ...], Array]:
-        """The candidates beyond the model, and the number of directions of each."""
-        lefts = [self.left[b.index[:, :, None], b.index[:, None]] for b in self.curve.blocks]
-        return build_buckets(self.curve.blocks, lefts)
-
-    @cached_property
     def score(self) -> Array:
-        """Log prior + log Bayes factor (k,) of every candidate alone."""
-        buckets, sizes = self.buckets
-        seen = Beyond(self.curve.signs, self.curve.signed, buckets, sizes, self.freedom)
+        """Log prior + log Bayes factor (k,) of every candidate alone, -inf where it is not offered."""
+        curve = self.curve
+        buckets, sizes = build_buckets(self.blocks, self.lefts, len(curve.which))
+        seen = Beyond(curve.signs, curve.signed, buckets, sizes, self.freedom)
         factors = compute_factors(seen, Response(self.products, self.square))
-        return np.asarray(self.curve.log_prior + factors.max(0))
+        return np.asarray(curve.log_prior + factors.max(0))
+
+    def offer(self, members: Mask) -> _Rest:
+        """Offer those of the candidates that are among the members (k,)."""
+        blocks, lefts = [], []
+        for block, left in zip(self.blocks, self.lefts, strict=True):
+            kept = members[block.which]
+            if kept.any():
+                blocks.append(block.take(kept))
+                lefts.append(left[kept])
+        return replace(self, blocks=tuple(blocks), lefts=tuple(lefts))
 
     def absorb(self, member: int) -> _Rest:
-        """Add one candidate to the model: what is beyond both."""
+        """Add one candidate to the model, and offer it no more."""
         own = self.curve.slices[member]
-        W = _whiten_all(self.left[np.ix_(own, own)], np.diag(self.curve.gram)[own])
-        shared = self.left[:, own] @ W.T
+        left = self.curve.gram[:, own] - self.inside @ self.inside[own].T
+        left += self.back @ self.back[own].T
+        W = _whiten_all(left[own], np.diag(self.curve.gram)[own])
+        shared = left @ W.T
         explained = W @ self.products[own]
         left_over = self.square - float(explained @ explained)
-        return _Rest(
-            curve=self.curve,
-            left=self.left - shared @ shared.T,
+        rest = self.offer(np.arange(len(self.curve.which)) != member)
+        lefts = []
+        for block, before in zip(rest.blocks, rest.lefts, strict=True):
+            part = shared[block.index]
+            lefts.append(before - np.matmul(part, part.swapaxes(1, 2)))
+        return replace(
+            rest,
+            lefts=tuple(lefts),
+            inside=np.column_stack([self.inside, shared]),
             products=self.products - shared @ explained,
             square=max(left_over, ROUNDING * self.square),
             freedom=self.freedom - len(W),
@@ -135,19 +155,14 @@ def collect_curves(found: Sequence[Candidate], cols: Columns, log_prior: Array) 
 
 def _build_curve(cols: Columns, which: Index, log_prior: Array, free: Mask) -> Curve:
     index = np.unique(np.concatenate([cols.slices[g] for g in which]))
-    blocks = []
-    for block in cols.grams:
+    blocks, homes = [], []
+    for number, block in enumerate(cols.grams):
         inside = np.flatnonzero(np.isin(block.which, which))
         if len(inside):
-            blocks.append(
-                Block(
-                    which=np.searchsorted(which, block.which[inside]),
-                    index=np.searchsorted(index, block.index[inside]),
-                    gram=block.gram[inside],
-                    most=block.most[inside],
-                    root=None if block.root is None else block.root[inside],
-                )
-            )
+            own = block.take(inside)
+            places = np.searchsorted(which, own.which)
+            blocks.append(replace(own, which=places, index=np.searchsorted(index, own.index)))
+            homes.append((number, inside))
     signs = tuple(cols.signs[g] for g in which)
     return Curve(
         which=which,
@@ -157,47 +172,52 @@ def _build_curve(cols: Columns, which: Index, log_prior: Array, free: Mask) -> C
         slices=tuple(np.searchsorted(index, cols.slices[g]) for g in which),
         gram=cols.screws.gram(index),
         blocks=tuple(blocks),
+        homes=tuple(homes),
         signs=signs,
         signed=find_signed(signs),
     )
 
 
-def see_rest(curve: Curve, scan: Scan, returned: Array, response: Response) -> _Rest:
-    """See a curve's columns beyond a model of which directions `returned` (r, d) were given back.
+def see_rest(curve: Curve, scan: Scan, response: Response, released: Released) -> _Rest:
+    """See a curve's candidates beyond a model of which something was released.
 
-    `response`: the residual with them put back."""
+    `response`: the residual of the whole model."""
     inside = scan.inside[curve.index]
-    back = inside @ returned
-    left = curve.gram - inside @ inside.T + back @ back.T
-    return _Rest(curve, left, response.products[curve.index], response.square, scan.freedom)
+    back = inside @ released.directions
+    lefts = []
+    for block, (number, rows) in zip(curve.blocks, curve.homes, strict=True):
+        own = back[block.index]
+        lefts.append(scan.buckets[number].left[rows] + np.matmul(own, own.swapaxes(1, 2)))
+    own_response = Response(response.products[curve.index], response.square)
+    products, square = released.see(own_response, back)
+    return _Rest(
+        curve=curve,
+        blocks=curve.blocks,
+        lefts=tuple(lefts),
+        inside=inside,
+        back=back,
+        products=products,
+        square=square,
+        freedom=scan.freedom,
+    )
 
 
-def chain_effects(
-    start: _Rest, given: Sequence[int] | None, allowed: Mask
-) -> tuple[float, list[int]]:
+def chain_effects(start: _Rest, steps: int, at_any_cost: bool = False) -> tuple[float, list[int]]:
     """Sum up effects one after the other, each beyond those before: (log evidence, candidates).
 
-    The effects are the `given` candidates, or else the most probable among the `allowed` (k,), as
-    long as one adds evidence."""
-    curve = start.curve
-    members = curve.which.tolist()
-    steps = MAX_EFFECTS_PER_CURVE
-    offered = allowed.copy()
-    if given is not None:
-        steps = len(given)
-        offered = np.isin(curve.which, given)
+    The effects are the most probable of those that are offered, at most so many steps, as long as
+    one adds evidence, or `at_any_cost`."""
+    members = start.curve.which.tolist()
     total = 0.0
     chosen: list[int] = []
-    rest = start
-    for _ in range(steps):
-        score_offered = np.where(offered, rest.score, -np.inf)
-        best = int(np.argmax(score_offered))
+    rest, best = start, -1
+    for step in range(steps):
+        if step:
+            rest = rest.absorb(best)
+        best = int(np.argmax(rest.score))
         gain = float(rest.score[best])
-        adds_evidence = gain > 0 or given is not None
-        if not np.isfinite(gain) or not adds_evidence:
+        if not np.isfinite(gain) or not (gain > 0 or at_any_cost):
             break
-        rest = rest.absorb(best)
-        offered[best] = False
         total += gain
         chosen.append(members[best])
     return total, chosen
@@ -210,13 +230,12 @@ def find_better_curve(start: _Rest, now: Sequence[int], odds: float) -> list[int
 
     `start` has the effects `now` put back."""
     curve = start.curve
-    present, _ = chain_effects(start, given=now, allowed=curve.free)
-    waves = chain_effects(start, given=None, allowed=~curve.free)
-    trials = [waves]
-    free_functions = curve.which[curve.free]
-    for g in free_functions.tolist():
-        function_and_rest = chain_effects(start, given=[g], allowed=curve.free)
-        trials.append(function_and_rest)
+    present, _ = chain_effects(start.offer(np.isin(curve.which, now)), len(now), at_any_cost=True)
+    functions = start.offer(curve.free).score
+    trials = [chain_effects(start.offer(~curve.free), MAX_EFFECTS_PER_CURVE)]
+    for place in np.flatnonzero(curve.free):
+        value = functions[place]
+        trials.append((value, [int(curve.which[place])]) if np.isfinite(value) else (0.0, []))
     value, best = max(trials, key=lambda trial: trial[0])
     is_better = value > present + odds
     is_same = set(best) == set(now)

@@ -90,8 +90,13 @@ def adjust_residual(Q: Array, residual: Array, unit: Index) -> Array:
     for size in np.unique(count[numbers >= 0]):
         of_size = (count == size) & (numbers >= 0)
         rows = order[start[of_size][:, None] + np.arange(size)]  # (units, size)
-        U, s, _ = np.linalg.svd(Q[rows], full_matrices=False)
-        share = 1 - np.square(s)
+        own = Q[rows]
+        if size < Q.shape[1]:
+            leverage, U = np.linalg.eigh(np.matmul(own, own.swapaxes(1, 2)))
+        else:
+            U, s, _ = np.linalg.svd(own, full_matrices=False)
+            leverage = np.square(s)
+        share = 1 - leverage
         gain = 1 / np.sqrt(np.maximum(share, MIN_RESIDUAL_SHARE)) - 1
         gain[share < MIN_RESIDUAL_SHARE] = 0.0
         part = np.einsum("unr,un->ur", U, residual[rows])
@@ -132,11 +137,9 @@ def compute_flip_p(chunks: Iterable[Chance], observed: float, draws: int, level:
     most_above = level * (draws + 1) - 1
     for chunk in chunks:
         done += CHUNK
-        if observed > chunk.most.max() + CLEAR_MARGIN:
+        if chunk.stays_below(observed - CLEAR_MARGIN):
             break
-        above += int((chunk.evidence >= observed).sum())
-        is_above_level = above > most_above
-        is_clear = observed > chunk.evidence.max() + CLEAR_MARGIN
-        if is_above_level or is_clear:
+        above += int((chunk.below(observed) >= observed).sum())
+        if above > most_above:
             break
     return (1 + above) / (done + 1)

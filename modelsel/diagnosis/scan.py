@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._linalg import TINY
+from .._linalg import TINY, invert_factors
 from .._typing import Array, Index, Mask
 from .candidate_columns import Block, Columns
 from .sign_constraints import Sides, build_sides, compute_least_of_sign
@@ -24,12 +24,12 @@ from .sign_constraints import Sides, build_sides, compute_least_of_sign
 # adds up in candidates of many columns, which need ten times as much
 ABSORBED = 1e-5
 FEW_COLUMNS = 4
-# norm up to which a column moves nothing: single precision has to hold its inverse
-NO_COLUMN = 1e-30
 # prior variance of a smooth function's direction, relative to its largest: from which it counts at
 # all, and from which it shows in the function's size
 FAINT_WEIGHT = 1e-7
 SOLID_WEIGHT = 1e-3
+# columns up to which many small matrices are factored at once, number by number
+MAX_UNROLLED = 6
 # unit column below which a column, and diagonal of R below which a direction, depends on others
 ZERO_COLUMN = 1e-13
 DEPENDENT = 1e-10
@@ -118,8 +118,8 @@ class Beyond:
         return np.concatenate([np.zeros(0, np.intp), *(which for which, _ in weighted)]), padded
 
     @cached_property
-    def sides(self) -> tuple[Sides, ...]:
-        """For every bucket, how the terms with a sign follow from its Zᵀr."""
+    def sides(self) -> tuple[Sides | None, ...]:
+        """For every bucket, how the terms with a sign follow from its Zᵀr; None without signs."""
         signed = self.signed
         return tuple(build_sides(b.block.which, b.W, self.signs, signed) for b in self.buckets)
 
@@ -133,12 +133,13 @@ class Beyond:
 
     def strength(self, products: Array) -> Strength:
         """Compute what responses have in common with every candidate, by their products (C, B)."""
-        return self.gather(
-            [
-                np.matmul(bucket.W.astype(products.dtype, copy=False), products[bucket.block.index])
-                for bucket in self.buckets
-            ]
-        )
+        gathered = []
+        for bucket in self.buckets:
+            W = bucket.W.astype(products.dtype, copy=False)
+            # of one column alone a product of matrices is ten times slower
+            product = np.multiply if W.shape[1] == 1 else np.matmul
+            gathered.append(product(W, products[bucket.block.index]))
+        return self.gather(gathered)
 
     def judge(self, response: Response) -> tuple[Strength, Mask]:
         """Compute the strength of one response, and whether (G,) it asks for small screws only.
@@ -170,7 +171,8 @@ class Beyond:
         start = 0
         for bucket, z, side in zip(self.buckets, products, self.sides, strict=True):
             which, k = bucket.block.which, z.shape[1]
-            root[side.signed] = compute_least_of_sign(z, side)
+            if side is not None:
+                root[side.signed] = compute_least_of_sign(z, side)
             np.square(z, out=z)
             whole[which] = z[:, 0] if k == 1 else z.sum(1)
             if bucket.weights is not None:
@@ -184,14 +186,14 @@ class Scan(Beyond):
     """All candidates seen from one fitted model.
 
     Q (N, r) is an orthonormal basis of the fitted model, `inside` (C, r) the products XᵀQ, and
-    `returned` (r, d) orthonormal directions of it that were given back: what is beyond is off
-    Q Qᵀ − (Q D)(Q D)ᵀ. A model with shrunk terms has its prior's rows below the data's: what is
+    `back` (C, d) those XᵀQ D with orthonormal directions D of it that were given back: what is
+    beyond is off Q Qᵀ − (Q D)(Q D)ᵀ. A model with shrunk terms has its prior's rows below the data's: what is
     beyond it is then weighed as if those terms were integrated out."""
 
     columns: Columns
     Q: Array
     inside: Array
-    returned: Array
+    back: Array
 
     def see(self, response: Array) -> Response:
         """See a response (N,) that is off the model."""
@@ -206,8 +208,9 @@ class Scan(Beyond):
     def displace(self, g: int, response: Response) -> Displacement:
         """Compute the whitened displacement by candidate g, fitted alone beyond the model."""
         terms = self.fit_alone(g, response)
-        along = terms @ self.inside[self.columns.slices[g]]
-        return Displacement(terms @ self.columns.expand(g), along, along @ self.returned)
+        own = self.columns.slices[g]
+        raw = terms @ self.columns.expand(g)
+        return Displacement(raw, terms @ self.inside[own], terms @ self.back[own])
 
 
 def _shorten(index: Index) -> Index | slice:
@@ -243,7 +246,7 @@ def _build(cols: Columns, Q: Array, inside: Array) -> Scan:
         own = inside[block.index]
         lefts.append(block.gram - np.matmul(own, own.swapaxes(1, 2)))
     rows, rank = Q.shape
-    buckets, sizes = build_buckets(cols.grams, lefts)
+    buckets, sizes = build_buckets(cols.grams, lefts, cols.groups)
     return Scan(
         signs=cols.signs,
         signed=cols.signed,
@@ -253,32 +256,46 @@ def _build(cols: Columns, Q: Array, inside: Array) -> Scan:
         columns=cols,
         Q=Q,
         inside=inside,
-        returned=np.zeros((rank, 0)),
+        back=np.zeros((len(inside), 0)),
     )
 
 
-def build_scan_without(seen: Scan, returned: Array) -> Scan:
+class Released(NamedTuple):
+    """Directions (r, d) of a model that are given back to the candidates, orthonormal, in the
+    coordinates of its basis, and what was put back of the response along them, `amounts` (d,)."""
+
+    directions: Array
+    amounts: Array
+
+    def see(self, response: Response, back: Array) -> Response:
+        """See a response with that put back; `back` (C, d): the columns along the directions."""
+        square = response.square + float(self.amounts @ self.amounts)
+        return Response(response.products + back @ self.amounts, square)
+
+
+def build_scan_without(seen: Scan, directions: Array) -> Scan:
     """Build the scan from a smaller model, by giving directions back.
 
-    They are `returned` (r, d), orthonormal, in the coordinates of `seen.Q`."""
-    products = seen.inside @ returned
+    They are (r, d), orthonormal, in the coordinates of `seen.Q`."""
+    back = seen.inside @ directions
     lefts = []
     for bucket in seen.buckets:
-        own = products[bucket.block.index]
+        own = back[bucket.block.index]
         lefts.append(bucket.left + np.matmul(own, own.swapaxes(1, 2)))
-    buckets, sizes = build_buckets(seen.columns.grams, lefts)
-    freedom = seen.freedom + returned.shape[1]
-    return replace(seen, buckets=buckets, sizes=sizes, freedom=freedom, returned=returned)
+    buckets, sizes = build_buckets(seen.columns.grams, lefts, seen.columns.groups)
+    freedom = seen.freedom + directions.shape[1]
+    return replace(seen, buckets=buckets, sizes=sizes, freedom=freedom, back=back)
 
 
 def build_buckets(
-    blocks: Sequence[Block], lefts: Sequence[Array]
+    blocks: Sequence[Block], lefts: Sequence[Array], count: int
 ) -> tuple[tuple[Bucket, ...], Array]:
     """Build the buckets of blocks of candidates from their Gram matrices beyond a model.
 
-    Returns them, and the number (G,) of directions of every candidate there."""
+    Returns them, and the number (G,) of directions there of every candidate, of which there are
+    `count`: 0 for one of no block."""
     buckets = []
-    sizes = np.zeros(sum(len(block.which) for block in blocks))
+    sizes = np.zeros(count)
     for block, left in zip(blocks, lefts, strict=True):
         W, size = _whiten(block, left)
         sizes[block.which] = size
@@ -294,15 +311,28 @@ def _whiten(block: Block, left: Array) -> tuple[Array, Array]:
     """Compute W (n, k, k) with orthonormal Z = X Wᵀ beyond the model.
 
     `left`: the Gram matrices there. Returns also the number (n,) of directions that are left; the
-    rows of the others are zero."""
-    norm = np.sqrt(np.maximum(np.einsum("nkk->nk", block.gram), 0))
-    unit = np.where(norm > NO_COLUMN, 1 / np.maximum(norm, NO_COLUMN), 0)
-    value, vector = np.linalg.eigh(left * unit[:, :, None] * unit[:, None, :])
-    least = ABSORBED if block.gram.shape[1] <= FEW_COLUMNS else 10 * ABSORBED
-    is_left = value > least
-    scale = np.where(is_left, 1 / np.sqrt(np.where(is_left, value, 1)), 0)
-    W = scale[:, :, None] * vector.swapaxes(1, 2) * unit[:, None, :]
-    return W, is_left.sum(1)
+    rows of the others are zero.
+
+    Of few columns that surely are all left W is the inverse of a Cholesky factor L: the smallest
+    eigenvalue is at least 1 / trace((L Lᵀ)⁻¹)."""
+    unit = block.unit
+    scaled = left * unit[:, :, None] * unit[:, None, :]
+    n, k = unit.shape
+    least = ABSORBED if k <= FEW_COLUMNS else 10 * ABSORBED
+    W, size = np.empty_like(scaled), np.full(n, k)
+    is_open = np.ones(n, bool)
+    if k <= MAX_UNROLLED:
+        W = invert_factors(scaled)
+        trace = np.einsum("nkl,nkl->n", W, W)
+        is_open = ~(trace * least < 1)
+    if is_open.any():
+        value, vector = np.linalg.eigh(scaled[is_open])
+        is_left = value > least
+        scale = np.where(is_left, 1 / np.sqrt(np.where(is_left, value, 1)), 0)
+        W[is_open] = scale[:, :, None] * vector.swapaxes(1, 2)
+        size[is_open] = is_left.sum(1)
+    W *= unit[:, None, :]
+    return W, size
 
 
 def _separate_by_prior(W: Array, left: Array, root: Array) -> tuple[Array, Array]:

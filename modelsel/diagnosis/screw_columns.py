@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,26 +26,35 @@ from ..mechanisms.causes import ONE, Cause
 from ..mechanisms.terms import Screw, Term
 from ..robot.rigid import AXES
 
-# rows whose fields, causes and products stay in a core's cache together
-CACHED_ROWS = 512
-# numbers of the products by place that are held together, and rows that are worth a call
+# rows of one product, which is of full speed with as many, and numbers of the products by place
+# that are held together
+CACHED_ROWS = 1024
 TOGETHER = 1_500_000
-FEWEST_ROWS = 64
+# causes in a row from which they are worth a product of their own, without a copy
+MIN_RUN = 16
+# place after all others
+LAST = 1 << 62
 # products of columns, rows and vectors from which a second core pays
 MANY_PRODUCTS = 5e7
 # share of the memory of a diagnosis that the values of the causes may take
 CAUSES_SHARE = 0.75
 
 
+class _Run(NamedTuple):
+    """Causes (k,) of one place and their columns (k,), in slices where they are consecutive."""
+
+    causes: Index | slice
+    columns: Index | slice
+
+
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """The columns of one place: the number of its field, and `causes` (k,) and `columns` (k,).
+    """The columns of one place: the number of its field, and its causes with their columns.
 
-    No column stands twice in `columns`."""
+    No column stands there twice."""
 
     number: int
-    causes: Index
-    columns: Index
+    runs: tuple[_Run, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,32 +124,44 @@ class ScrewColumns:
         whatever the number of cores."""
         matrix = values.reshape(len(values), -1)
         is_large = self.count * len(self.blocks[0].fields) * matrix.shape[1] > MANY_PRODUCTS
+        parts = 2 if is_large else 1
         out = np.zeros((self.count, matrix.shape[1]), matrix.dtype)
         for block in self.blocks:
             causes = block.evaluate_causes()
             arranged = block.arrange(matrix)
-            halves = split_range(len(arranged), -(-len(arranged) // 2))
+            halves = list(split_range(len(arranged), -(-len(arranged) // parts)))
+            # what is summed apart has a place of its own, but for the first
+            totals = [out, *(np.zeros_like(out) for _ in halves[1:])]
             add_up = partial(self._add_up, block, causes, arranged)
-            for total in map_in_threads(add_up, list(halves), worth=is_large):
+            map_in_threads(add_up, list(zip(halves, totals, strict=True)), worth=is_large)
+            for total in totals[1:]:
                 out += total
         return out.reshape(self.count, *values.shape[1:])
 
     def _add_up(
-        self, block: _RowBlock, causes: Array, values: NDArray[Any], part: slice
-    ) -> NDArray[Any]:
-        """Add up the products (C, B) over some rows of a block with values (m, c, B)."""
+        self,
+        block: _RowBlock,
+        causes: Array,
+        values: NDArray[Any],
+        part: tuple[slice, NDArray[Any]],
+    ) -> None:
+        """Add up the products over some rows of a block with values (m, c, B).
+
+        `part`: the rows, and what the products are added to (C, B)."""
+        (first, last), out = (part[0].start, part[0].stop), part[1]
         width = values.shape[2]
-        out = np.zeros((self.count, width), values.dtype)
-        most = TOGETHER // max(block.fields.shape[1] * width, 1)
-        size = min(CACHED_ROWS, max(most, FEWEST_ROWS))
-        for start in range(part.start, part.stop, size):
-            rows = slice(start, min(start + size, part.stop))
+        for start in range(first, last, CACHED_ROWS):
+            rows = slice(start, min(start + CACHED_ROWS, last))
             fields = block.fields[rows].astype(values.dtype, copy=False)
-            by_place = np.matmul(fields, np.ascontiguousarray(values[rows]))
             own = causes[:, rows].astype(values.dtype, copy=False)
-            for place in self.places:
-                out[place.columns] += own[place.causes] @ by_place[:, place.number]
-        return out
+            right = np.ascontiguousarray(values[rows])
+            together = TOGETHER // max(len(right) * width, 1)
+            for some in split_range(len(self.places), together):
+                places = self.places[some]
+                by_place = np.matmul(fields[:, [place.number for place in places]], right)
+                for k, place in enumerate(places):
+                    for run in place.runs:
+                        out[run.columns] += own[run.causes] @ by_place[:, k]
 
     def expand(self, columns: Index) -> Array:
         """Compute some columns (k, N) in full."""
@@ -219,6 +240,27 @@ def split_range(count: int, size: int) -> Iterator[slice]:
     """Split `count` into slices of at most `size`."""
     size = max(size, 1)
     return (slice(start, min(start + size, count)) for start in range(0, count, size))
+
+
+def order_terms(terms: Sequence[Term]) -> list[Term]:
+    """Order terms by place, and at a place by the number of places that share their cause.
+
+    Then every place has its causes and its columns in long runs, which products take as they are;
+    terms of several screws come last."""
+    axes = {axis: k for k, axis in enumerate(AXES)}
+    places: dict[Cause, int] = {}  # a bit each
+    first: list[tuple[int, Cause | None]] = []
+    for term in terms:
+        own = [len(AXES) * screw.frame + axes[screw.axis] for screw in term.screws]
+        for place, screw in zip(own, term.screws, strict=True):
+            places[screw.cause] = places.get(screw.cause, 0) | 1 << place
+        first.append((own[0], term.screws[0].cause) if len(own) == 1 else (LAST, None))
+    rank: dict[Cause | None, tuple[int, int]] = {None: (0, 0)}
+    for cause, bits in places.items():
+        rank[cause] = -bits.bit_count(), bits
+    keys = [(place, *rank[cause]) for place, cause in first]
+    order = sorted(range(len(keys)), key=keys.__getitem__)
+    return [terms[k] for k in order]
 
 
 def build_screw_columns(
@@ -302,4 +344,20 @@ def _build_places(pairs: Index, starts: Index) -> Iterator[_Place]:
             layer[first:last] = [int((own[:k] == own[k]).sum()) for k in range(last - first)]
     for field, depth in np.unique(np.stack([number, layer]), axis=1).T.tolist():
         inside = np.flatnonzero((number == field) & (layer == depth))
-        yield _Place(field, cause[inside], column[inside])
+        yield _Place(field, tuple(_find_runs(cause[inside], column[inside])))
+
+
+def _find_runs(causes: Index, columns: Index) -> Iterator[_Run]:
+    """Find where causes and columns are consecutive; what is in no run stands together."""
+    order = np.argsort(causes, kind="stable")
+    causes, columns = causes[order], columns[order]
+    is_end = (np.diff(causes) != 1) | (np.diff(columns) != 1)
+    ends = np.flatnonzero(np.append(is_end, True)) + 1
+    alone = np.ones(len(causes), bool)
+    for start, end in pairwise([0, *ends.tolist()]):
+        if end - start >= MIN_RUN:
+            first, top = int(causes[start]), int(columns[start])
+            yield _Run(slice(first, first + end - start), slice(top, top + end - start))
+            alone[start:end] = False
+    if alone.any():
+        yield _Run(causes[alone], columns[alone])

@@ -23,18 +23,20 @@ class Sides(NamedTuple):
     unsigned: Array
 
 
-def build_sides(which: Index, W: Array, signs: Sequence[Array], signed: Index) -> Sides:
+def build_sides(which: Index, W: Array, signs: Sequence[Array], signed: Index) -> Sides | None:
     """Build the sides of a bucket of candidates `which` (n,) with Zᵀr = W Xᵀr, W (n, k, k).
 
-    A term that the model has already gets 0."""
-    place = np.flatnonzero(np.isin(which, signed))
-    sign = np.array([signs[g] for g in which[place]]).reshape(len(place), W.shape[1])
+    A term that the model has already gets 0. None where no candidate has a sign."""
+    position = np.searchsorted(signed, which)
+    place = np.flatnonzero(np.append(signed, -1)[position] == which)
+    if not len(place):
+        return None
+    sign = np.array([signs[g] for g in which[place]])
     terms = np.swapaxes(W[place], 1, 2)  # their covariance is WᵀW
     error = np.linalg.norm(terms, axis=2, keepdims=True)
     standardised = np.divide(terms, error, out=np.zeros_like(terms), where=error > 0)
     unsigned = np.where(sign == 0, np.inf, 0.0)[:, :, None]
-    position = np.searchsorted(signed, which[place])
-    return Sides(position, place, sign[:, :, None] * standardised, unsigned)
+    return Sides(position[place], place, sign[:, :, None] * standardised, unsigned)
 
 
 def compute_least_of_sign(z: Array, side: Sides) -> Array:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -21,6 +22,7 @@ from ..fitting.least_squares import Fit
 from ..fitting.prior import prior_root
 from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
+from ..mechanisms.terms import Mechanism, TermKey
 from .candidate_columns import Columns, build_columns, flatten_measured, stack_design
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
@@ -29,7 +31,7 @@ from .evidence import compute_familywise_p, draw_null
 from .joint_curves import collect_curves, find_better_curve, see_rest
 from .options import DEFAULT_OPTIONS
 from .residual_tests import FLIP_DRAWS, adjust_residual, compute_flip_p, draw_flips, partition_rows
-from .scan import Response, Scan, build_scan_without, compute_basis, scan_residual
+from .scan import Released, Response, Scan, build_scan_without, compute_basis, scan_residual
 
 # largest family-wise p-value of an effect
 LEVEL = 0.05
@@ -70,33 +72,42 @@ class View:
     scan: Scan
     response: Response
 
+    @cached_property
+    def owners(self) -> dict[TermKey, list[Mechanism]]:
+        """The mechanisms of the model that have each of its terms."""
+        owners: dict[TermKey, list[Mechanism]] = {term.key: [] for term in self.model.terms}
+        for mechanism in self.model.mechanisms:
+            for term in mechanism.terms:
+                owners[term.key].append(mechanism)
+        return owners
+
     def mask_terms(self, *effects: Candidate) -> Mask:
         """Mask (p,) of the terms that these effects alone bring into the model."""
         brought = [effect.mechanism for effect in effects]
-        others = [m for m in self.model.mechanisms if m not in brought]
         own = {term.key for m in brought for term in m.terms}
-        shared = {term.key for m in others for term in m.terms}
-        return np.array([t.key in own - shared for t in self.model.terms])
+        for key in own & self.owners.keys():
+            if any(m not in brought for m in self.owners[key]):
+                own.remove(key)
+        return np.array([key in own for key in self.owners])
 
-    def release(self, *effects: Candidate) -> tuple[Array, Response]:
-        """Take effects out of the model without a refit: (returned, response).
+    def release(self, *effects: Candidate) -> Released:
+        """Take effects out of the model without a refit.
 
-        `returned` (r, d): the directions that only they bring, in the coordinates of Q, R⁻ᵀ E with E
-        their columns of the identity; response: the residual with the effects put back."""
+        The directions are those that only they bring, in the coordinates of Q: R⁻ᵀ E with E their
+        columns of the identity. What the fit explained by them is put back."""
+        from scipy.linalg import solve_triangular
+
         own = self.mask_terms(*effects)
-        positions = [i for i, column in enumerate(self.kept) if own[column]]
-        E = np.eye(len(self.kept))[:, positions]
-        returned = compute_basis(np.asarray(np.linalg.solve(self.R.T, E)))
+        E = np.eye(len(self.kept))[:, own[list(self.kept)]]
+        directions = compute_basis(solve_triangular(self.R, E, trans="T", check_finite=False))
         effect = self.A[:, own] @ self.fitted.theta[own]
-        put_back = returned.T @ (self.along + self.Q.T @ effect)
-        products = self.response.products + self.scan.inside @ (returned @ put_back)
-        square = self.response.square + float(put_back @ put_back)
-        return returned, Response(products, square)
+        return Released(directions, directions.T @ (self.along + self.Q.T @ effect))
 
     def scan_without(self, candidate: Candidate) -> tuple[Scan, Response]:
         """Scan from the model without one effect: (scan, residual with that effect put back)."""
-        returned, response = self.release(candidate)
-        return build_scan_without(self.scan, returned), response
+        released = self.release(candidate)
+        scan = build_scan_without(self.scan, released.directions)
+        return scan, released.see(self.response, scan.back)
 
 
 def build_view(problem: Problem, columns: Columns, model: Model, fitted: Fit) -> View:
@@ -322,8 +333,7 @@ class Search:
             if not now:
                 continue
             effects = [self.found[g] for g in now]
-            returned, response = view.release(*effects)
-            start = see_rest(curve, view.scan, returned, response)
+            start = see_rest(curve, view.scan, view.response, view.release(*effects))
             best = find_better_curve(start, now, MIN_LOG_ODDS)
             if best is None:
                 continue

@@ -14,7 +14,7 @@ import numpy as np
 
 from .._typing import Array
 from .gradient import Slope
-from .prior import Seen, WeakPrior
+from .prior import Seen, Shrinkage, WeakPrior
 from .reduction import Reduction
 
 # least squared share of a column that is its own, from which products tell it from the others to
@@ -32,12 +32,13 @@ class Unsafe(ArithmeticError):
 @dataclass(frozen=True, eq=False)
 class Expansion:
     """About theta (p,): the products (p, p) of the columns, and the slope; `reduction` where the
-    rows have been reduced there."""
+    rows have been reduced there, `free` that of the terms without a variance of their own."""
 
     theta: Array
     gram: Array
     slope: Slope
     reduction: Reduction | None = None
+    free: Reduction | None = None
 
     @staticmethod
     def of_reduction(theta: Array, reduction: Reduction) -> Expansion:
@@ -46,11 +47,16 @@ class Expansion:
         return Expansion.of_products(theta, R.T @ R, reduction)
 
     @staticmethod
-    def of_products(theta: Array, products: Array, reduction: Reduction | None = None) -> Expansion:
+    def of_products(
+        theta: Array,
+        products: Array,
+        reduction: Reduction | None = None,
+        free: Reduction | None = None,
+    ) -> Expansion:
         """Return the expansion of products (p+1, p+1) of [columns | residual] at theta."""
         squares: float = products[-1, -1].item()
         slope = Slope(squares, products[:-1, -1])
-        return Expansion(theta, products[:-1, :-1], slope, reduction)
+        return Expansion(theta, products[:-1, :-1], slope, reduction, free)
 
     @cached_property
     def response(self) -> Array:
@@ -70,14 +76,15 @@ class Expansion:
         square = float(change @ self.gram @ change)
         return float(np.sqrt(max(square, 0.0)))
 
-    def triangle(self, others: Sequence[int], sized: Sequence[int], root: Array) -> Triangle:
-        """Factorise the products of some columns with the prior's rows, root (k, p): exactly where
-        the rows are reduced. Raises Unsafe where products do not do."""
+    def triangle(
+        self, others: Sequence[int], sized: Sequence[int], shrinkage: Shrinkage
+    ) -> Triangle:
+        """Factorise the products of some columns with those of a prior: exactly where the rows are
+        reduced. Raises Unsafe where products do not do."""
         order = [*others, *sized]
         if self.reduction is not None:
-            return self._reduced(order, len(others), root)
-        prior = root[:, order]
-        gram = self.gram[np.ix_(order, order)] + prior.T @ prior
+            return self._reduced(order, len(others), shrinkage.rows)
+        gram = (self.gram + shrinkage.gram)[np.ix_(order, order)]
         norm = np.sqrt(np.diagonal(gram))
         norm = np.where(norm > 0, norm, 1.0)
         last = slice(len(others), None)

@@ -11,7 +11,7 @@ from .._typing import Array
 from .expansion import Expansion, Triangle
 from .gradient import Slope
 from .identifiability import Identified
-from .prior import WeakPrior
+from .prior import Shrinkage, WeakPrior
 
 ROUNDING = 1e-9  # of the cost: smaller gains are not told from rounding
 LEAST_DAMPING = 1e-9  # of a column's square
@@ -35,8 +35,8 @@ class Before(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where the iteration stands: parameters theta (p,) and the slope there; the precision (p,) of
-    shrunk terms, what is fitted, the prior on what the data hardly determine, and `root` (k, p) of
+    """Where the iteration stands: parameters theta (p,) and the slope there; the prior of shrunk
+    terms, what is fitted, the prior on what the data hardly determine, and `root` (k, p) of
     both priors; the expansion that steps are taken from, and the factor (k, k) of its products with
     the prior's, in the triangle's order.
 
@@ -47,7 +47,7 @@ class State:
 
     theta: Array
     slope: Slope
-    precision: Array | None
+    shrinkage: Shrinkage
     found: Identified
     weak: WeakPrior
     root: Array

@@ -255,7 +255,7 @@ def finish(solver: Solver, state: State) -> Fit:
         state.iterations,
         state.step_mm,
         reduction,
-        state.precision,
+        state.shrinkage.precision,
         state.weak,
     )
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,18 +72,38 @@ class WeakPrior:
         return replace(self, rows=rows, sizes=sizes)
 
 
+@dataclass(frozen=True, eq=False)
+class Shrinkage:
+    """The prior of a model's shrunk terms: its `precision` (p,), zero of the other terms (None: no
+    term is shrunk), and its root `rows` (s, p)."""
+
+    precision: Array | None
+    rows: Array = field(repr=False)
+
+    @staticmethod
+    def of(terms: Sequence[Term], precision: Array | None) -> Shrinkage:
+        """Work out the root of a precision (p,)."""
+        rows = np.zeros((0, len(terms))) if precision is None else penalty(terms, precision)
+        return Shrinkage(precision, rows)
+
+    @cached_property
+    def gram(self) -> Array:
+        """Products (p, p) of the rows."""
+        return np.asarray(self.rows.T @ self.rows)
+
+    def root(self, weak: WeakPrior | None) -> Array:
+        """Return the root (k, p) of the prior's precision, with what the data hardly determine."""
+        if weak is None or weak.rows is None:
+            return self.rows
+        return np.vstack([self.rows, weak.rows])
+
+
 def prior_root(
     terms: Sequence[Term], precision: Array | None, weak: WeakPrior | None = None
 ) -> Array:
     """Compute the root (k, p) of the prior's precision, of shrunk terms and of what the data hardly
     determine."""
-    shrunk = np.zeros((0, len(terms)))
-    if precision is not None:
-        shrunk = penalty(terms, precision)
-    weak_rows = None if weak is None else weak.rows
-    if weak_rows is None:
-        return shrunk
-    return np.vstack([shrunk, weak_rows])
+    return Shrinkage.of(terms, precision).root(weak)
 
 
 def with_prior(reduction: Reduction, root: Array, theta: Array) -> Reduction:

@@ -32,10 +32,9 @@ PROBE = (256, 8192)
 # configurations whose design a core's cache about holds; no power of two, whose strides collide in
 # it
 STREAM = 2000
-# dtpqrt's inner block up to and beyond LONG rows: there the narrower is a fifth faster, below it
-# hardly differs
-PANEL = (8, 4)
-LONG = 4096
+# dtpqrt's inner block up to and beyond WIDE columns: a tenth faster on either side than the other
+PANEL = (8, 16)
+WIDE = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,12 +112,17 @@ def independent(R: Array) -> tuple[list[int], Array]:
     depends on them."""
     scale = np.linalg.norm(R, axis=0)
     moves = np.flatnonzero(scale > MIN_COLUMN * scale.max(initial=0))
+    unit = R / np.where(scale > 0, scale, 1.0)
+    basis = np.zeros(R.shape, order="F")
+    kept: list[int] = []
     while True:
-        kept = _orthogonalise(R, moves, scale)
-        lost = _find_rounding(R[:, kept] / scale[kept])
+        kept = _orthogonalise(unit, moves, basis, kept)
+        lost = _find_rounding(unit[:, kept])
         if lost is None:
             return kept, scale
-        moves = moves[moves != kept[lost]]
+        # what stands before it stays; a later column may be told from the others without it
+        moves = moves[moves > kept[lost]]
+        kept = kept[:lost]
 
 
 def _find_rounding(unit: Array) -> int | None:
@@ -136,24 +140,23 @@ def _find_rounding(unit: Array) -> int | None:
     return int(rounding[0]) if len(rounding) else None
 
 
-def _orthogonalise(R: Array, moves: Index, scale: Array) -> list[int]:
-    """Orthogonalise the columns `moves` of a triangle (p, p), of norms `scale` (p,): those kept."""
-    basis = np.zeros((len(R), len(moves)), order="F")
-    kept: list[int] = []
+def _orthogonalise(unit: Array, moves: Index, basis: Array, kept: list[int]) -> list[int]:
+    """Orthogonalise the columns `moves` of unit columns (p, n) beyond those kept already, whose basis
+    stands in the first columns of `basis` (p, n), which is filled: all those kept."""
     for start in range(0, len(moves), TOGETHER):
         columns = moves[start : start + TOGETHER]
-        rest = _beyond(R[:, columns] / scale[columns], basis[:, : len(kept)])
+        rest = _beyond(unit[:, columns], basis[:, : len(kept)])
         Q, T = np.linalg.qr(rest)
         if (np.abs(np.diagonal(T)) > TOLERANCE).all() and len(T) == len(columns):
             basis[:, len(kept) : len(kept) + len(columns)] = _beyond(Q, basis[:, : len(kept)])
-            kept += columns.tolist()
+            kept = kept + columns.tolist()
             continue
         for j, v in zip(columns.tolist(), rest.T, strict=True):
             own = _beyond(v, basis[:, : len(kept)])
-            size = np.linalg.norm(own)
+            size = np.sqrt(own @ own)
             if size > TOLERANCE:
                 basis[:, len(kept)] = own / size
-                kept.append(j)
+                kept = [*kept, j]
     return kept
 
 
@@ -176,7 +179,8 @@ def reduce(matrix: Array, response: Array) -> Reduction:
 def _stack(triangle: Array, matrix: Array) -> None:
     """The rows of matrix (k, p+1) onto the triangle (p+1, p+1), both Fortran-ordered and
     overwritten."""
-    panel = min(PANEL[len(matrix) > LONG], len(triangle))
+    width = len(triangle)
+    panel = min(PANEL[width > WIDE], width)
     _, _, _, info = dtpqrt(0, panel, triangle, matrix, overwrite_a=True, overwrite_b=True)
     if info:
         raise ArithmeticError(f"dtpqrt: argument {-info} is wrong")
@@ -272,16 +276,24 @@ def reduce_folds(
 
 
 def multiply_problem(
-    problem: Problem, terms: Sequence[Term], at: Linearisation | None = None
-) -> Array:
+    problem: Problem,
+    terms: Sequence[Term],
+    at: Linearisation | None = None,
+    only: Sequence[int] = (),
+) -> tuple[Array, Reduction]:
     """Compute the products (p+1, p+1) of [columns | residual], whitened: at a third of the cost of
-    a reduction, and with half of its digits where columns nearly depend on one another."""
+    a reduction, and with half of its digits where columns nearly depend on one another. Beside
+    them, the reduction of the few terms `only`."""
     p, space = len(terms), Workspace()
     products = np.zeros((p + 1, p + 1))
+    picked = [*only, p]
+    triangle = np.zeros((len(picked), len(picked)), order="F")
     for _, part in problem.parts(STREAM):
         block = whiten(part, assemble(part, terms, at, space=space)).reshape(p + 1, -1)
         products += block @ block.T
-    return products
+        if only:
+            _stack(triangle, block[picked].T)
+    return products, Reduction(triangle, problem.coordinates)
 
 
 class _Disagrees(ArithmeticError):

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .._linalg import TINY
+from .._linalg import TINY, invert_root
 from .._typing import Array, Index
 from ..mechanisms.terms import TermKey
 from .design import Model
@@ -72,14 +72,9 @@ class _Marginal:
         return list(self.state.found.kept)
 
     @cached_property
-    def position(self) -> dict[int, int]:
-        """Where a term stands among the kept ones."""
-        return {term: i for i, term in enumerate(self.kept)}
-
-    @cached_property
     def inside(self) -> list[Index]:
         """Positions of each group's kept terms."""
-        where = self.position
+        where = {term: i for i, term in enumerate(self.kept)}
         return [np.array([where[k] for k in g if k in where], dtype=np.intp) for g in self.groups]
 
     @cached_property
@@ -93,37 +88,72 @@ class _Marginal:
         return self.state.slope.products[self.kept]
 
     @cached_property
+    def shrunk(self) -> Index:
+        """Positions (s,) of the groups' terms, each once."""
+        return np.unique(np.concatenate([np.zeros(0, dtype=np.intp), *self.inside]))
+
+    @cached_property
+    def places(self) -> list[Index]:
+        """Where each group's terms stand among the shrunk ones."""
+        return [np.searchsorted(self.shrunk, positions) for positions in self.inside]
+
+    @cached_property
+    def fixed(self) -> Index:
+        """Positions (f,) of the other terms."""
+        return np.setdiff1d(np.arange(len(self.kept)), self.shrunk)
+
+    @cached_property
     def response(self) -> Array:
         """Products (k,) of the columns with what they have to explain, of all that theta explains
         already."""
         return np.asarray(self.left + self.gram @ self.state.theta[self.kept])
 
     @cached_property
-    def held(self) -> Array:
-        """`gram` with the prior on what the data hardly determine."""
+    def fixed_gram(self) -> Array:
+        """`gram` (f, f) of the fixed terms, with the prior on what the data hardly determine."""
+        gram = self.gram[np.ix_(self.fixed, self.fixed)]
         rows = self.state.weak.rows
         if rows is None:
-            return self.gram
-        weak = rows[:, self.kept]
+            return gram
+        weak = rows[:, self.kept][:, self.fixed]
         weak_gram = weak.T @ weak
-        return self.gram + weak_gram
+        return np.asarray(gram + weak_gram)
+
+    @cached_property
+    def elimination(self) -> tuple[Array, Array]:
+        """What the fixed terms are of the shrunk ones: coefficients (f, s), and constants (f,)."""
+        across = self.gram[np.ix_(self.fixed, self.shrunk)]
+        right = np.column_stack([across, self.response[self.fixed]])
+        solved = np.linalg.solve(self.fixed_gram, right)
+        return np.asarray(solved[:, :-1]), np.asarray(solved[:, -1])
+
+    @cached_property
+    def beyond(self) -> tuple[Array, Array]:
+        """`gram` (s, s) and `response` (s,) of the shrunk terms beyond the fixed ones: these do not
+        change with the precisions."""
+        coefficients, constants = self.elimination
+        across = self.gram[np.ix_(self.fixed, self.shrunk)]
+        gram = self.gram[np.ix_(self.shrunk, self.shrunk)] - across.T @ coefficients
+        response = self.response[self.shrunk] - across.T @ constants
+        return np.asarray(gram), np.asarray(response)
 
     @cached_property
     def inverse_correlation(self) -> Array:
-        """Inverse (k, k) of the prior's correlation, by blocks."""
-        out: Array = np.eye(len(self.kept))
+        """Inverse (s, s) of the prior's correlation of the shrunk terms, by blocks."""
+        out: Array = np.eye(len(self.shrunk))
+        place = {self.kept[k]: i for i, k in enumerate(self.shrunk)}
         for index, root in spline_groups(self.solver.model.terms):
-            among = [n for n, term in enumerate(index) if term in self.position]
-            place = [self.position[index[n]] for n in among]
+            among = [n for n, term in enumerate(index) if term in place]
+            block = [place[index[n]] for n in among]
             half = np.linalg.inv(root)[:, among]
-            out[np.ix_(place, place)] = half.T @ half
+            out[np.ix_(block, block)] = half.T @ half
         return out
 
     def start(self) -> Array:
         """Return the precisions to start from: those of the fit, else one."""
         count = len(self.kept)
         precision: Array = np.zeros(count)
-        known = self.state.precision
+        known = self.state.shrinkage.precision
         groups = zip(self.groups, self.inside, strict=True)
         for group, positions in groups:
             first = group[0]
@@ -133,22 +163,32 @@ class _Marginal:
 
     def update(self, precision: Array) -> Array:
         """Take one step of the fixed point."""
-        scale = np.sqrt(precision)
+        gram, response = self.beyond
         inverse = self.inverse_correlation
-        covariance: Array = np.asarray(
-            np.linalg.inv(self.held + scale[:, None] * inverse * scale), dtype=np.float64
-        )
-        beta = covariance @ self.response
-        trace = inverse * covariance  # its sum over a group: the trace of the two blocks' product
-        effective = [len(i) - float(precision[i] @ trace[np.ix_(i, i)].sum(1)) for i in self.inside]
+        scale = np.sqrt(precision[self.shrunk])
+        root = invert_root(gram + scale[:, None] * inverse * scale)
+        beta = self._every(root.T @ (root @ response))
+        effective = []
+        blocks = [inverse[np.ix_(place, place)] for place in self.places]
+        for positions, place, block in zip(self.inside, self.places, blocks, strict=True):
+            columns = root[:, place]
+            trace = (block * (columns.T @ columns)).sum(1)
+            effective.append(len(positions) - float(precision[positions] @ trace))
         noise = self._noise_variance(beta, effective)
         out: Array = precision.copy()
-        for positions, count in zip(self.inside, effective, strict=True):
+        for positions, block, count in zip(self.inside, blocks, effective, strict=True):
             largest = float(self.gram[positions, positions].max(initial=0.0))
-            block = inverse[np.ix_(positions, positions)]
             size = float(beta[positions] @ block @ beta[positions])
             ratio = noise * max(count, MIN_EFFECTIVE) / max(size, TINY)
             out[positions] = min(ratio, MAX_PRECISION * largest)
+        return out
+
+    def _every(self, shrunk: Array) -> Array:
+        """Return the estimates (k,) of all kept terms, from those (s,) of the shrunk ones."""
+        coefficients, constants = self.elimination
+        out = np.empty(len(self.kept))
+        out[self.shrunk] = shrunk
+        out[self.fixed] = constants - coefficients @ shrunk
         return out
 
     def _noise_variance(self, beta: Array, effective: Sequence[float]) -> float:

@@ -29,7 +29,7 @@ from .iteration import (
     relax_damping,
 )
 from .linearisation import Linearisation
-from .prior import Usual, WeakPrior, faint, fitted_terms, prior_root, usual_sizes, weigh_usual
+from .prior import Shrinkage, Usual, WeakPrior, faint, fitted_terms, usual_sizes, weigh_usual
 from .problem import Problem
 from .reduction import PROBE, Reduction, Source, multiply_problem, reduce_problem
 
@@ -129,8 +129,10 @@ class Solver:
         is_nominal = not theta.any() and not self.shrunk.any()
         if isinstance(self.problem, Source) or is_nominal:
             return Expansion.of_reduction(theta, self.reduce(theta))
-        at = Linearisation(self.model.terms, theta)
-        return Expansion.of_products(theta, multiply_problem(self.problem, self.model.terms, at))
+        terms = self.model.terms
+        only = self.free if self.is_far(theta) else ()
+        products, free = multiply_problem(self.problem, terms, Linearisation(terms, theta), only)
+        return Expansion.of_products(theta, products, free=free if only else None)
 
     def begin(
         self,
@@ -147,14 +149,15 @@ class Solver:
         slope = expansion.slope
         if isinstance(self.problem, Problem) and expansion.theta is not theta:
             slope = self.rows.at(theta)
-        expansion, triangle = self.factorise(expansion, found, precision)
+        shrinkage = Shrinkage.of(self.model.terms, precision)
+        expansion, triangle = self.factorise(expansion, found, shrinkage)
         return State(
             theta,
             slope,
-            precision,
+            shrinkage,
             found,
             WeakPrior(),
-            prior_root(self.model.terms, precision),
+            shrinkage.rows,
             expansion,
             triangle,
             triangle.held(None),
@@ -162,31 +165,27 @@ class Solver:
 
     def weighed(self, state: State, precision: Array) -> State:
         """Give the shrunk terms other precisions (p,)."""
-        root = prior_root(self.model.terms, precision, state.weak)
-        expansion, triangle = self.factorise(state.expansion, state.found, precision)
+        shrinkage = Shrinkage.of(self.model.terms, precision)
+        expansion, triangle = self.factorise(state.expansion, state.found, shrinkage)
         factor = triangle.held(state.weak.rows)
-        state = replace(state, precision=precision, root=root, step_mm=np.inf)
+        root = shrinkage.root(state.weak)
+        state = replace(state, shrinkage=shrinkage, root=root, step_mm=np.inf)
         return replace(state, expansion=expansion, triangle=triangle, factor=factor)
 
     def factorise(
-        self,
-        expansion: Expansion,
-        found: Identified,
-        precision: Array | None,
-        exactly: bool = False,
+        self, expansion: Expansion, found: Identified, shrinkage: Shrinkage, exactly: bool = False
     ) -> tuple[Expansion, Triangle]:
         """Factorise an expansion over what is fitted, `exactly` or where products do not do by
         reducing the rows."""
         sized = self.usual.sized(found.kept)
         others = sorted(set(found.kept) - set(sized))
-        root = prior_root(self.model.terms, precision)
         if not exactly or expansion.reduction is not None:
             try:
-                return expansion, expansion.triangle(others, sized, root)
+                return expansion, expansion.triangle(others, sized, shrinkage)
             except Unsafe:
                 pass
         expansion = Expansion.of_reduction(expansion.theta, self.reduce(expansion.theta))
-        return expansion, expansion.triangle(others, sized, root)
+        return expansion, expansion.triangle(others, sized, shrinkage)
 
     # -- steps
     # ----------------------------------------------------------------------------------------------
@@ -216,7 +215,7 @@ class Solver:
     def expanded(self, state: State) -> State:
         """Expand the squares anew, where the iteration stands."""
         expansion = self.expand(state.theta)
-        expansion, triangle = self.factorise(expansion, state.found, state.precision)
+        expansion, triangle = self.factorise(expansion, state.found, state.shrinkage)
         factor = triangle.held(state.weak.rows)
         return replace(state, expansion=expansion, triangle=triangle, factor=factor)
 
@@ -288,27 +287,32 @@ class Solver:
         theta, expansion, triangle = state.theta, state.expansion, state.triangle
         found, far = self.fitted(state)
         if found.kept != state.found.kept:
-            expansion, triangle = self.factorise(expansion, found, state.precision)
+            expansion, triangle = self.factorise(expansion, found, state.shrinkage)
         sigma = self.sigma(state)
         weak = weigh_usual(triangle.seen, self.usual, theta, sigma)
         if triangle.blurs(weak, sigma):
-            expansion, triangle = self.factorise(expansion, found, state.precision, exactly=True)
+            expansion, triangle = self.factorise(expansion, found, state.shrinkage, exactly=True)
             weak = weigh_usual(triangle.seen, self.usual, theta, sigma)
-        root = prior_root(self.model.terms, state.precision, weak)
+        root = state.shrinkage.root(weak)
         state = replace(state, found=found, weak=weak, root=root, far=far)
         factor = triangle.held(weak.rows)
         return replace(state, expansion=expansion, triangle=triangle, factor=factor)
 
+    def is_far(self, theta: Array) -> bool:
+        """Return whether some parameter is far from the nominal arm at theta (p,)."""
+        return bool((np.abs(theta) > FAR * self.sizes).any())
+
     def fitted(self, state: State) -> tuple[Identified, Far | None]:
         """Judge what is fitted: by the dependences at the nominal chain, or, far from it, by those
         where the expansion is, which are returned, too."""
-        is_far = np.abs(state.theta) > FAR * self.sizes
-        if not is_far.any():
+        if not self.is_far(state.theta):
             return fitted_terms(self.exact, self.model), None
         point = state.expansion.theta
         if state.far is not None and state.far.point is point:
             return state.far.found, state.far
-        reduction = self.reduce_free(state.expansion)
+        reduction = state.expansion.free
+        if reduction is None:
+            reduction = self.reduce_free(state.expansion)
         found = fitted_terms(self.identified(reduction), self.model)
         return found, Far(point, found)
 
@@ -342,7 +346,7 @@ class Solver:
         names = " + ".join(self.model.names) or "the model"
         rows = self.count
         rank = state.found.rank - state.weak.held
-        if rows <= rank and state.precision is None:
+        if rows <= rank and state.shrinkage.precision is None:
             raise NotEstimable(
                 f"{rows} measured coordinates cannot determine the {rank} estimable parameters of "
                 f"{names}: measure more configurations.",

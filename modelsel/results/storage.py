@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .._files import write_all
-from .._json import dump_plain
+from .._json import plain_text
 from ..calibration.calibration import Calibration
 from ..calibration.calibration_file import CALIBRATION_FILE, calibration_text
 from ..calibration.loading import load_calibration
@@ -78,7 +78,7 @@ def _check_run(run: tuple[object, ...], record: StudyRecord, folder: Path, name:
 
 def record_text(record: StudyRecord) -> str:
     """Return result.json's text: the same bytes for the same values."""
-    return dump_plain(record.to_dict())
+    return plain_text(record.to_dict())
 
 
 def details_text(details: DetailsRecord) -> str:

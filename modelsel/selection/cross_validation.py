@@ -308,17 +308,3 @@ def _log_density(gram: Array, quadratic: Array, rss: float, rows: Index, rank: i
     constant = gammaln(power) - gammaln(nu / 2) - rows / 2 * np.log(nu * np.pi * scale)
     density = constant + logdet / 2 - power * np.log1p(quadratic / (nu * scale))
     return np.where(good, density, -np.inf)
-
-
-def held_out_residuals(
-    problem: Problem,
-    terms: Sequence[Term],
-    fold_of: Index,
-    without: Array,
-    at: Linearisation | None = None,
-) -> Array:
-    """Compute every row's residual (m, 3) [mm] under the fit without its fold.
-
-    `without` (K, p): the coefficients fitted without each fold. Linear about `at`; not whitened."""
-    rows = LinearRows(problem, terms, at)
-    return rows.held_out(fold_of, without)

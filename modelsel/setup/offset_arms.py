@@ -7,7 +7,7 @@ with a redescending loss."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -46,6 +46,7 @@ class Arm:
     tool: Array
     zeros: Array
     links: Array
+    _seen: dict[Problem, tuple[Pose, Array]] = field(init=False, repr=False, default_factory=dict)
 
     def robot(self, nominal: Robot) -> Robot:
         """Build the arm with these links."""
@@ -58,7 +59,13 @@ class Arm:
         return replace(nominal, joints=joints)
 
     def compute_residuals(self, problem: Problem) -> tuple[Pose, Array]:
-        """Compute (the chain at the rows' readings, (m, 3) measured minus predicted positions)."""
+        """Return (the chain at the rows' readings, (m, 3) measured minus predicted positions): of the same
+        problem computed once."""
+        if problem not in self._seen:
+            self._seen[problem] = self._walk(problem)
+        return self._seen[problem]
+
+    def _walk(self, problem: Problem) -> tuple[Pose, Array]:
         arm = self.robot(problem.robot)
         at = pose(arm, problem.data.q + self.zeros, self.tool)
         x = problem.data.position
@@ -211,8 +218,10 @@ class _Objective:
         _, weight = compute_redescending_loss(square, self.scale)
         prior = self.prior[free]
         offset = self._offset(arm)
-        H = np.einsum("m,mik,mil->kl", weight, J, J, optimize=True)
-        g = np.einsum("m,mik,mi->k", weight, J, residual)
+        rows = J.reshape(-1, len(free))
+        weighted = (J * weight[:, None, None]).reshape(rows.shape)
+        H = weighted.T @ rows
+        g = weighted.T @ residual.reshape(-1)
         return H + np.diag(prior), g - prior * offset[free]
 
     def move(self, arm: Arm, step: Array) -> Arm:

@@ -13,6 +13,7 @@ from ..measurements.measurements import Measurements
 from ..measurements.observation_columns import KnownFeature, apply_known_features
 from ..measurements.reader import read_labels, read_measurements
 from ..mechanisms.registry import (
+    BUILTIN,
     Registry,
     build_faults,
     build_mechanisms,
@@ -77,8 +78,8 @@ def _as_vector(values: list[float] | None) -> tuple[float, float, float] | None:
 def check_mechanism_names(study: Study, robot: Robot, registry: Registry) -> None:
     """Check that every mechanism a study names exists, applies to the robot and can be stored.
 
-    With `candidates = "all"` every mechanism of the registry must be storable. Raises StudyError
-    with all problems at once.
+    With `candidates = "all"` every mechanism of the registry must be storable; modelsel's own are.
+    Raises StudyError with all problems at once.
     """
     model = study.model
     names_at = [("model.base", model.base)]
@@ -92,7 +93,8 @@ def check_mechanism_names(study: Study, robot: Robot, registry: Registry) -> Non
         for name in names:
             problems += _find_name_problems(place, name, robot, registry)
     if takes_all:
-        for candidate in every(robot, registry):
+        added = {name: entry for name, entry in registry.items() if BUILTIN.get(name) is not entry}
+        for candidate in every(robot, added):
             problems += _find_storage_problems(candidate.name, candidate)
     if problems:
         distinct = dict.fromkeys(problems)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from .._linalg import invert_triangle
 from .._typing import Array, Index
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
@@ -101,8 +103,8 @@ def _sum_halves(rows: Array, unit_of: Index, halves: Index) -> Iterator[Array]:
 
 @dataclass(frozen=True, eq=False)
 class _HalfSolution:
-    """Least squares of a half-sample: for every group its estimates (s,) and the root (r, s) of
-    their unscaled covariance, the residual variance and its degrees of freedom."""
+    """Least squares of a half-sample: for every group its estimates (s,) and their unscaled
+    covariance (s, s), the residual variance and its degrees of freedom."""
 
     groups: Sequence[tuple[Array, Array]]
     variance: float
@@ -110,8 +112,8 @@ class _HalfSolution:
 
     def f_value(self, group: int, size: float) -> float:
         """Compute the nested F of a group of terms that counts as `size` parameters."""
-        beta, root = self.groups[group]
-        scaled = np.linalg.solve(root.T @ root, beta)
+        beta, covariance = self.groups[group]
+        scaled = np.linalg.solve(covariance, beta)
         increase = beta @ scaled
         mean = increase / size
         f = mean / self.variance
@@ -126,32 +128,44 @@ class _HalfSolver:
     coordinates: Coordinates
     groups: Sequence[Sequence[int]]
 
+    @cached_property
+    def prior_gram(self) -> Array:
+        """Products (r, r) of the prior's rows."""
+        prior = self.coordinates.prior
+        return np.asarray(prior.T @ prior)
+
+    @cached_property
+    def directions(self) -> Array:
+        """Rows (t, r) of the fit's factor of all groups' terms, group after group."""
+        terms = [k for group in self.groups for k in group]
+        return self.fitted.factor[terms]
+
     def solve(self, products: Array, rows: int) -> _HalfSolution | None:
         """Solve a half-sample of the given products (r+1, r+1) of [Q | e]; None where it does not
         determine the model."""
-        from scipy.linalg import solve_triangular
-
         own = self.coordinates
         gram = products[:-1, :-1]
         score = products[:-1, -1]
         try:
-            L = np.linalg.cholesky(gram + own.prior.T @ own.prior)
+            L = np.asarray(np.linalg.cholesky(gram + self.prior_gram), dtype=np.float64)
         except np.linalg.LinAlgError:
             return None
-        terms = [k for group in self.groups for k in group]
-        right = np.column_stack(
-            [score + own.prior.T @ own.prior_left, own.prior.T, self.fitted.factor[terms].T]
-        )
-        solved = solve_triangular(L, right, lower=True)
-        by_prior = solved[:, 1 : 1 + len(own.prior)]
-        freedom = rows - own.rank + float(np.square(by_prior).sum())
-        if freedom < 1 or np.square(np.diagonal(L)).min() < MIN_INFORMATION:
+        if np.square(np.diagonal(L)).min() < MIN_INFORMATION:
             return None
-        change = solve_triangular(L, solved[:, 0], lower=True, trans=1)
+        root = invert_triangle(L)
+        inverse = root.T @ root
+        by_prior = float(np.vdot(inverse, self.prior_gram))
+        freedom = rows - own.rank + by_prior
+        if freedom < 1:
+            return None
+        change = inverse @ (score + own.prior.T @ own.prior_left)
         square_sum = products[-1, -1] + change @ (gram @ change - 2 * score)
         theta = self.fitted.theta + self.fitted.factor @ (own.projection + change)
-        roots = solved[:, 1 + len(own.prior) :]
-        edges = np.cumsum([len(group) for group in self.groups])[:-1]
-        groups = zip(self.groups, np.split(roots, edges, axis=1), strict=True)
-        estimates = [(theta[list(group)], root) for group, root in groups]
+        covariance = self.directions @ inverse @ self.directions.T
+        estimates = []
+        start = 0
+        for group in self.groups:
+            own_terms = slice(start, start + len(group))
+            estimates.append((theta[list(group)], covariance[own_terms, own_terms]))
+            start = own_terms.stop
         return _HalfSolution(estimates, float(square_sum) / freedom, freedom)

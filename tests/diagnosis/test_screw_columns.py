@@ -90,6 +90,40 @@ def test_gram_matrices_are_those_of_the_columns(rng: np.random.Generator) -> Non
     assert kinds == {True, False}
 
 
+def test_places_have_their_columns_in_runs(rng: np.random.Generator) -> None:
+    """All columns of ordered terms but few stand in slices, and products are those of the columns,
+    whatever the order of the terms."""
+    at = drawn("puma760", rng, 30)
+    cols = build_columns(at, build_candidates(at, Model(()), every(at.robot)))
+    runs = [run.causes for place in cols.screws.places for run in place.runs]
+    sliced = sum(run.stop - run.start for run in runs if isinstance(run, slice))
+    assert sliced > 0.9 * cols.screws.count
+    V = rng.normal(size=(cols.rows, 2))
+    products = cols.dot(V)
+    every_column = cols.screws.expand(np.arange(cols.screws.count))
+    np.testing.assert_allclose(products, every_column @ V, rtol=1e-9, atol=1e-6)
+
+
+def test_directions_beyond_a_model_are_orthonormal(rng: np.random.Generator) -> None:
+    """Of few columns and of many, of candidates that are free of the model and of those that it
+    has in part: W left Wᵀ is the identity on what is left."""
+    at = drawn("puma760", rng, 60)
+    cols = build_columns(at, build_candidates(at, Model(()), every(at.robot)))
+    some = np.concatenate([cols.slices[g][:1] for g in rng.choice(cols.groups, 40)])
+    seen = build_scan(cols, compute_basis(cols.screws.expand(some).T))
+    partly = 0
+    for bucket in seen.buckets:
+        sizes = seen.sizes[bucket.block.which].astype(int)
+        partly += int((sizes < bucket.left.shape[1]).sum())
+        identity = bucket.W @ bucket.left @ bucket.W.swapaxes(1, 2)
+        own = np.einsum("nkk->nk", identity)
+        np.testing.assert_allclose(np.sort(own, 1).round(4), np.sort(own.round(), 1))
+        assert np.array_equal(own.round().sum(1), sizes)
+        off = identity - own[:, :, None] * np.eye(own.shape[1])
+        assert np.abs(off).max(initial=0) < 1e-4
+    assert partly > 10
+
+
 def test_products_do_not_depend_on_the_number_of_cores(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -158,6 +192,12 @@ def test_the_evidence_of_chance_stays_below_its_bound(rng: np.random.Generator) 
     chance = Chance(seen, log_prior, cols.dot(y), np.square(y).sum(0))
     assert (chance.evidence <= chance.most).all()
     assert (chance.most - chance.evidence).min() < 12  # and the bound is worth something
+    assert (chance.first <= chance.evidence).all()
+    assert (chance.evidence <= chance.ceiling).all()
+    largest = float(chance.evidence.max())
+    for level in (-np.inf, 0.5 * largest, largest, largest + 0.1, largest + 9, largest + 99):
+        fresh = Chance(seen, log_prior, cols.dot(y), np.square(y).sum(0))
+        assert fresh.stays_below(level) == (largest < level)
     for level in (-np.inf, float(np.median(chance.evidence)), np.inf):
         below = chance.below(level)
         assert ((below >= level) == (chance.evidence >= level)).all()

@@ -14,12 +14,19 @@ from modelsel.fitting import solver
 from modelsel.fitting.design import Model, assemble, whiten
 from modelsel.fitting.expansion import Expansion, Unsafe
 from modelsel.fitting.gradient import Rows
-from modelsel.fitting.least_squares import fit
+from modelsel.fitting.least_squares import STEP_MM, begin, fit, solver_of
 from modelsel.fitting.linearisation import Linearisation
+from modelsel.fitting.prior import Shrinkage
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.reduction import independent, multiply_problem, reduce, reduce_problem
-from modelsel.fitting.shrinkage import fit_shrunk
-from modelsel.fitting.splines import penalty
+from modelsel.fitting.shrinkage import (
+    MAX_PRECISION,
+    MIN_EFFECTIVE,
+    TOLERANCE,
+    fit_shrunk,
+    variances,
+)
+from modelsel.fitting.solver import ITERATIONS
 from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.geometry import build_setup
@@ -81,12 +88,17 @@ def test_products_say_what_the_reduction_says(rng) -> None:
     at, _ = points(rng)
     theta = rng.normal(size=len(MODEL.terms)) * 1e-3
     here = Linearisation(MODEL.terms, theta)
-    by_products = Expansion.of_products(theta, multiply_problem(at, MODEL.terms, here))
+    only = [2, 0, 39]
+    products, few = multiply_problem(at, MODEL.terms, here, only)
+    by_products = Expansion.of_products(theta, products)
+    selected = reduce_problem(at, MODEL.terms, here).select(only).R
+    np.testing.assert_allclose(few.R.T @ few.R, selected.T @ selected, rtol=1e-9, atol=1e-9)
     exact = Expansion.of_reduction(theta, reduce_problem(at, MODEL.terms, here))
     np.testing.assert_allclose(by_products.gram, exact.gram, rtol=1e-9, atol=1e-6)
     others, sized = range(39, len(theta)), [0, 3, 7, 8, 13]
-    root = penalty(MODEL.terms, np.where(np.arange(len(theta)) == 40, 2.0, 0.0))
-    a, b = (e.triangle(others, sized, root) for e in (by_products, exact))
+    shrinkage = Shrinkage.of(MODEL.terms, np.where(np.arange(len(theta)) == 40, 2.0, 0.0))
+    root = shrinkage.rows
+    a, b = (e.triangle(others, sized, shrinkage) for e in (by_products, exact))
     np.testing.assert_allclose(a.top.T @ a.top, b.top.T @ b.top, rtol=1e-8)
     np.testing.assert_allclose(a.seen.root.T @ a.seen.root, b.seen.root.T @ b.seen.root, rtol=1e-8)
     said = [t.seen.root.T @ t.seen.response for t in (a, b)]
@@ -101,7 +113,7 @@ def test_products_do_not_do_for_columns_that_all_but_depend(rng) -> None:
     X = rng.normal(size=(40, 3))
     X[:, 2] = X[:, 0] + 1e-6 * X[:, 1]
     both = np.column_stack([X[:, [0, 2]], X[:, 1]])
-    theta, none = np.zeros(2), np.zeros((0, 2))
+    theta, none = np.zeros(2), Shrinkage(None, np.zeros((0, 2)))
     with pytest.raises(Unsafe):
         Expansion.of_products(theta, both.T @ both).triangle([0, 1], [], none)
     exact = Expansion.of_reduction(theta, reduce(both[:, :2], both[:, 2]))
@@ -132,3 +144,34 @@ def test_few_reductions_do(rng, monkeypatch) -> None:
     again = fit(at, MODEL, start=found.theta)
     np.testing.assert_allclose(again.theta, found.theta, rtol=1e-6, atol=1e-9)
     assert fit_shrunk(at, MODEL).rss == found.rss
+
+
+@pytest.mark.parametrize("groups", [[[39, 40], [41]], [[39, 40], [40, 41]], [[41, 39]]])
+def test_variances_are_those_of_the_whole_inverse(groups, rng) -> None:
+    """MacKay's fixed point, with all terms in one matrix; groups may share a term."""
+    theta = rng.normal(size=len(MODEL.terms)) * [t.usual or 1e-5 for t in MODEL.terms]
+    at = planted(drawn(ARM, rng, 100), MODEL.terms, theta, rng, 0.03)
+    groups = [np.array(group) for group in groups]
+    precision = np.where(np.isin(np.arange(len(theta)), np.concatenate(groups)), 1.0, 0.0)
+    solver_ = solver_of(at, MODEL, precision, "geometry")
+    state = begin(solver_, np.zeros(len(theta)), precision, ITERATIONS, STEP_MM)
+    found = variances(solver_, state, groups)
+    kept, gram = list(state.found.kept), state.expansion.gram
+    response = (state.slope.products + gram @ state.theta)[kept]
+    gram, before = gram[np.ix_(kept, kept)], np.zeros(len(kept))
+    weak = np.zeros((0, len(theta))) if state.weak.rows is None else state.weak.rows
+    inside = [np.array([kept.index(k) for k in group]) for group in groups]
+    now = precision[kept]
+    while not np.allclose(now, before, rtol=TOLERANCE):
+        before, now = now, now.copy()
+        inverse = np.linalg.inv(gram + weak[:, kept].T @ weak[:, kept] + np.diag(before))
+        beta = inverse @ response
+        used = [len(i) - before[i] @ np.diagonal(inverse)[i] for i in inside]
+        step = beta - state.theta[kept]
+        rss = state.slope.squares - 2 * step @ state.slope.products[kept] + step @ gram @ step
+        freedom = solver_.nominal.rows - (len(kept) - sum(map(len, inside))) - sum(used)
+        for i, count in zip(inside, used, strict=True):
+            size = max(np.square(beta[i]).sum(), 1e-300)
+            ratio = rss / freedom * max(count, MIN_EFFECTIVE) / size
+            now[i] = min(ratio, MAX_PRECISION * np.diagonal(gram)[i].max())
+    np.testing.assert_allclose(found[kept], now, rtol=1e-6)

@@ -16,7 +16,8 @@ from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import builtin_names, load_robot
 from modelsel.robot.gravity import compute_joint_torques
 from modelsel.robot.kinematics import Robot, pose
-from modelsel.selection.cross_validation import cross_validate, fold, held_out_residuals
+from modelsel.selection.cross_validation import cross_validate, fold
+from modelsel.selection.moments import LinearRows
 from modelsel.selection.splits import assign_folds
 
 TOOL = np.array([40.0, -25.0, 100.0])
@@ -107,5 +108,5 @@ def test_cross_validation_is_scikit_learns(rng) -> None:
     moved = at.data.position + (y - r.ravel()).reshape(-1, 3)
     noisy = replace(at, data=replace(at.data, position=moved))
     found = cross_validate(fold(noisy, model.terms, fold_of, fitted.at()), kept)
-    ours = held_out_residuals(noisy, model.terms, fold_of, found.without, fitted.at())
+    ours = LinearRows(noisy, model.terms, fitted.at()).held_out(fold_of, found.without)
     np.testing.assert_allclose(ours.ravel(), theirs, atol=1e-7)

@@ -15,7 +15,7 @@ from modelsel.fitting import design
 from modelsel.mechanisms.causes import Cause, Named, Number, cos, q, sin
 from modelsel.mechanisms.geometry import build_setup
 from modelsel.mechanisms.registry import BUILTIN, Scanned, build_mechanisms, every, mechanism
-from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.mechanisms.terms import Mechanism, Screw, Term, unstorable
 from modelsel.robot.files import builtin_names, load_robot
 from modelsel.robot.kinematics import Robot
 
@@ -69,6 +69,12 @@ def test_law5_symbols_and_units(robot, rng) -> None:
     at = drawn(ROBOTS[robot], rng, 2)
     for m in every(ROBOTS[robot]):
         laws.law5_symbols_and_units(m, at, rng)
+
+
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_all_of_modelsels_own_can_be_stored(robot) -> None:
+    """A study does not look whether they can."""
+    assert not any(map(unstorable, every(ROBOTS[robot])))
 
 
 def test_every_entry_is_tried() -> None:

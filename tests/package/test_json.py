@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 
-from modelsel._json import LONG_LIST, dump_plain, to_plain
+from modelsel._json import LONG_LIST, plain_text, to_plain
 
 
 def numbers(rng: np.random.Generator) -> np.ndarray:
@@ -36,4 +36,4 @@ def test_long_lists_stand_as_json_has_them(rng) -> None:
         "none": {},
     }
     text = json.dumps(content, ensure_ascii=False, indent=1, allow_nan=False)
-    assert dump_plain(content) == text + "\n"
+    assert plain_text(content) == text + "\n"

@@ -8,7 +8,7 @@ from builders import seeds
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components as by_scipy
 
-from modelsel._linalg import connected_components, orthonormalise
+from modelsel._linalg import connected_components, invert_factors, invert_root, orthonormalise
 
 
 @seeds(1, 2)
@@ -46,3 +46,36 @@ def test_a_chain_backwards_is_one_component() -> None:
     label = connected_components(20_000, np.stack([order[:-1], order[1:]], 1))
     assert not label.any()
     assert connected_components(3, np.zeros((0, 2), np.intp)).tolist() == [0, 1, 2]
+
+
+@seeds(3)
+@pytest.mark.parametrize("size", [1, 2, 4, 6])
+def test_factors_of_many_matrices_are_inverted_at_once(rng: np.random.Generator, size: int) -> None:
+    X = rng.normal(size=(20, 9, size))
+    gram = X.swapaxes(1, 2) @ X
+    inverse = invert_factors(gram)
+    np.testing.assert_allclose(inverse, np.linalg.inv(np.linalg.cholesky(gram)), atol=1e-12)
+    gram[3] = 0.0  # nothing, and an indefinite one: these cannot pass for small numbers
+    gram[4] = -gram[4]
+    again = invert_factors(gram)
+    size = np.square(again).sum((1, 2))
+    assert not (size[3:5] < 1e10).any()
+    assert np.array_equal(np.delete(again, [3, 4], 0), np.delete(inverse, [3, 4], 0))
+
+
+def test_the_root_of_an_inverse_gives_the_inverse(rng) -> None:
+    X = rng.normal(size=(40, 12)) * 10.0 ** rng.uniform(-3, 3, 12)
+    matrix = X.T @ X
+    root = invert_root(matrix)
+    assert not np.triu(root, 1).any()
+    unit = np.sqrt(np.diagonal(matrix))
+    np.testing.assert_allclose(root.T @ root @ matrix * unit[:, None] / unit, np.eye(12), atol=1e-9)
+
+
+def test_a_matrix_that_rounding_made_indefinite_has_a_root_yet(rng) -> None:
+    turn = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    values = np.array([3.0, 2.0, 1.0, 0.5, 0.1, -1e-17])
+    root = invert_root(turn * values @ turn.T)
+    assert not np.triu(root, 1).any()
+    told = turn[:, :5].T @ root.T @ root @ turn[:, :5]
+    np.testing.assert_allclose(told, np.diag(1 / values[:5]), atol=1e-6)

@@ -17,13 +17,8 @@ from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load_robot
-from modelsel.selection.cross_validation import (
-    FoldedData,
-    cross_validate,
-    fold,
-    held_out_residuals,
-    pad_blocks,
-)
+from modelsel.selection.cross_validation import FoldedData, cross_validate, fold, pad_blocks
+from modelsel.selection.moments import LinearRows
 from modelsel.selection.splits import assign_folds
 
 
@@ -156,7 +151,7 @@ def test_scene_against_refits(folds, rng) -> None:
     assert fold_of.max() + 1 == (folds or 40)
     kept = list(plain.found.kept)
     found = cross_validate(fold(at, which.terms, fold_of, about), kept)
-    left = held_out_residuals(at, which.terms, fold_of, found.without, about)
+    left = LinearRows(at, which.terms, about).held_out(fold_of, found.without)
     X, r = compute_design(at, which.terms, about)
     for k in range(fold_of.max() + 1):
         held = fold_of == k
