@@ -122,7 +122,10 @@ def find_structure(
     """Find the parts that the errors of a fitted model have, in the rows (m,) it was fitted to.
 
     The `candidates` are of all rows of the problem. Parts are added while the likelihood gains
-    more than chance gives; one that the others make dispensable is dropped."""
+    more than chance gives; one that the others make dispensable is dropped. Without candidates
+    nothing is told, not even the instrument's part."""
+    if not candidates:
+        return ErrorStructure()
     rows = _choose_rows(problem, training)
     offered = [replace(one, error=one.error.take(rows)) for one in candidates]
     model = _build_model(problem.take(rows), fitted)
@@ -262,10 +265,15 @@ def _match(chosen: Sequence[PossiblePart], at: Likelihood) -> list[PossiblePart]
 def _measure_certainty(at: Likelihood) -> Array:
     """Measure (k,) the parts' variances in their standard errors."""
     moved = np.concatenate([at.slope(part)[1] for part in at.parts], axis=2)
-    # the information is of twice the log likelihood
-    covariance = 2 * np.linalg.pinv(at.information(moved))
     variances = np.array([part.variance for part in at.parts])
-    return np.asarray(variances / np.sqrt(np.maximum(np.diagonal(covariance), TINY)))
+    # the information is of twice the log likelihood
+    return 1 / np.sqrt(_compute_relative_variance(0.5 * at.information(moved), variances))
+
+
+def _compute_relative_variance(information: Array, variances: Array) -> Array:
+    """Compute (k,) Var(σ²) / σ⁴ of variances from their information (k, k), whatever their units."""
+    relative = information * np.outer(variances, variances)
+    return np.maximum(np.diagonal(np.linalg.pinv(relative)), TINY)
 
 
 # -- how large they are
@@ -281,7 +289,7 @@ def _describe(
 ) -> ErrorStructure:
     """Describe the parts: scales, intervals, shares."""
     variances = np.array([1.0, *(part.variance for part in at.parts)]) * at.phi
-    freedom = _count_freedom(at, variances)
+    freedom = _count_freedom(at)
     squares = [_square_of_instrument(problem), *(one.square for one in chosen)]
     total = float(variances @ squares)
     instrument = np.sqrt(squares[0] / 3)
@@ -324,14 +332,13 @@ def _square_of_instrument(problem: Problem) -> float:
     return float(np.trace(covariance, axis1=1, axis2=2).mean())
 
 
-def _count_freedom(at: Likelihood, variances: Array) -> Array:
+def _count_freedom(at: Likelihood) -> Array:
     """Count (k,) the degrees of freedom of variances, 2 σ⁴ / Var(σ²) (Satterthwaite 1946)."""
     moved = [at.innovations, *(at.slope(part)[1] for part in at.parts)]
     stacked = np.concatenate(moved, axis=2)
     seen = np.einsum("mck,mcl->kl", stacked, at.solve(stacked))
-    information = 0.5 * seen / at.phi**3
-    covariance = np.linalg.pinv(information)
-    return np.asarray(2 * variances**2 / np.maximum(np.diagonal(covariance), TINY))
+    variances = np.array([1.0, *(part.variance for part in at.parts)])
+    return 2 / _compute_relative_variance(0.5 * seen / at.phi, variances)
 
 
 def compute_interval(scale: float, freedom: float) -> tuple[float, float]:
