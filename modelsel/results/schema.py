@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from .._records import Number, StrictRecord, Text, Vector, Whole
 from .finding_schema import FindingRecord, ScrewRecord
@@ -21,6 +21,10 @@ from .model_schema import (
     SignificanceRecord,
 )
 from .record_types import Figure, Texts
+
+# the part that every list of parts has
+INSTRUMENT = "instrument"
+Size = Annotated[Number, Field(ge=0)]
 
 
 class ProvenanceRecord(StrictRecord):
@@ -105,6 +109,29 @@ class LackOfFitRecord(StrictRecord):
     high_mm: Number
 
 
+class ErrorPartRecord(StrictRecord):
+    """One part of what the chosen model leaves: its standard deviation with a 95 % interval, and its
+    share of the mean square at the target."""
+
+    part: Text
+    scale: Size
+    unit: Literal["rad", "mm"]
+    low: Size
+    high: Size
+    share: Annotated[Number, Field(gt=0, le=1)]
+    told_by: Text
+    sentence: Text
+
+
+def _check_instrument(parts: list[ErrorPartRecord]) -> list[ErrorPartRecord]:
+    if parts and INSTRUMENT not in [part.part for part in parts]:
+        raise ValueError("the instrument's part is missing")
+    return parts
+
+
+ErrorParts = Annotated[list[ErrorPartRecord], AfterValidator(_check_instrument)]
+
+
 class NothingElseRecord(StrictRecord):
     """What a further effect would have had to be."""
 
@@ -186,6 +213,14 @@ class StudyRecord(StrictRecord):
         "criterion nodes proven may_be_beaten_by best`)"
     )
     findings: list[FindingRecord] = Field(description="a list, below")
+    repeatability: ErrorParts = Field(
+        [],
+        description="[what does not repeat](../how-to/repeatability.md), never a finding: the parts of what the chosen "
+        "model leaves, the largest share first, each `part` (`instrument`, `joint 2`, `configuration`, `group`, "
+        "`lasting`), `scale` (standard deviation) with `unit` and the 95 % interval `low` to `high`, `share` of the "
+        "mean square at the target, `told_by`, `sentence`; the instrument alone where no other part was told, and "
+        "empty where none could be: fewer than 20 configurations, rows of other kinds than points, no candidates",
+    )
     nothing_else: NothingElseRecord = Field(
         description="`sentence`, `detection_limit_mm` (rms displacement per row beyond the base), `predictable` "
         "(`share`, `p`: could a smooth function predict the rest); `lack_of_fit` (`f p floor_mm unexplained_mm low_mm "
