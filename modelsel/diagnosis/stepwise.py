@@ -375,9 +375,7 @@ def _find_cancelling(
 ) -> dict[int, tuple[str, float]]:
     """Find the effects of which another one takes back more than half at the target.
 
-    Maps each to the other's label, and the share of the smaller one that is left of both.
-
-    Returns its label, and the share of the smaller one that is left of both."""
+    Maps each to the other's label, and the share of the smaller one that is left of both."""
     displacement = {}
     size = {}
     for g in chosen:

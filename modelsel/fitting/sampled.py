@@ -35,9 +35,11 @@ QUICK = 0.2
 
 
 def takes_sample(problem: Problem, model: Model, held: Held) -> bool:
-    """Return whether a model is fitted from the fit of a sample of the rows."""
+    """Return whether a model is fitted from the fit of a sample of the rows: not where they share
+    errors, which a sample cuts."""
     may_judge = bool(model.terms) and held != "nothing"
-    return may_judge and problem.only_points and len(problem) > MANY_ROWS
+    is_plain = problem.only_points and problem.whitening.shared is None
+    return may_judge and is_plain and len(problem) > MANY_ROWS
 
 
 def draw_sample(problem: Problem) -> Problem:
