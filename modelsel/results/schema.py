@@ -113,14 +113,21 @@ class ErrorPartRecord(StrictRecord):
     """One part of what the chosen model leaves: its standard deviation with a 95 % interval, and its
     share of the mean square at the target."""
 
-    part: Text
-    scale: Size
-    unit: Literal["rad", "mm"]
-    low: Size
-    high: Size
-    share: Annotated[Number, Field(gt=0, le=1)]
-    told_by: Text
-    sentence: Text
+    part: Text = Field(description="`instrument`, `joint 2`, `configuration`, `group` or `lasting`")
+    scale: Size = Field(
+        description="standard deviation, of a joint's position, else of one coordinate"
+    )
+    unit: Literal["rad", "mm"] = Field(description="of `scale`, `low` and `high`")
+    low: Size = Field(description="begins the 95 % interval of `scale`")
+    high: Size = Field(description="ends it")
+    share: Annotated[Number, Field(gt=0, le=1)] = Field(
+        description="of the mean square that is left at the target; all add up to 1"
+    )
+    told_by: Text = Field(
+        description="what tells it from other parts: `repeats` of a posture, `targets` of a configuration, `directions` "
+        "alone, `groups`, `order` of motion; of the instrument `what is left`"
+    )
+    sentence: Text = Field(description="for people")
 
 
 def _check_instrument(parts: list[ErrorPartRecord]) -> list[ErrorPartRecord]:
@@ -215,11 +222,9 @@ class StudyRecord(StrictRecord):
     findings: list[FindingRecord] = Field(description="a list, below")
     repeatability: ErrorParts = Field(
         [],
-        description="[what does not repeat](../how-to/repeatability.md), never a finding: the parts of what the chosen "
-        "model leaves, the largest share first, each `part` (`instrument`, `joint 2`, `configuration`, `group`, "
-        "`lasting`), `scale` (standard deviation) with `unit` and the 95 % interval `low` to `high`, `share` of the "
-        "mean square at the target, `told_by`, `sentence`; the instrument alone where no other part was told, and "
-        "empty where none could be: fewer than 20 configurations, rows of other kinds than points, no candidates",
+        description="[what does not repeat](../how-to/repeatability.md), the largest share first, below; never a finding. "
+        "The instrument alone where no other part was told; empty where none could be: fewer than 20 configurations, rows "
+        "of other kinds than points, no candidates",
     )
     nothing_else: NothingElseRecord = Field(
         description="`sentence`, `detection_limit_mm` (rms displacement per row beyond the base), `predictable` "
