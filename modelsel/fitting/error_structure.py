@@ -41,6 +41,8 @@ DIGITS = 4
 # columns of a model that are looked at
 MANY_COLUMNS = 96
 COVERAGE = 0.95
+# factor by which a length is changed to see what hangs on it
+STEP = 1.05
 # factor between variances, over the instrument's, that is no change
 MAX_CHANGE = 1.3
 
@@ -333,12 +335,19 @@ def _square_of_instrument(problem: Problem) -> float:
 
 
 def _count_freedom(at: Likelihood) -> Array:
-    """Count (k,) the degrees of freedom of variances, 2 σ⁴ / Var(σ²) (Satterthwaite 1946)."""
+    """Count (k,) the degrees of freedom of variances, 2 σ⁴ / Var(σ²) (Satterthwaite 1946), whatever
+    the length of what lasts is."""
+    ratios = [1.0, *(part.variance for part in at.parts)]
     moved = [at.innovations, *(at.slope(part)[1] for part in at.parts)]
+    for part in at.parts:
+        if part.time is not None:
+            longer = replace(part, length=part.length * STEP).multiply(at.innovations)
+            moved.append(longer - part.multiply(at.innovations))
+            ratios.append(part.variance / np.log(STEP))
     stacked = np.concatenate(moved, axis=2)
     seen = np.einsum("mck,mcl->kl", stacked, at.solve(stacked))
-    variances = np.array([1.0, *(part.variance for part in at.parts)])
-    return 2 / _compute_relative_variance(0.5 * seen / at.phi, variances)
+    relative = _compute_relative_variance(0.5 * seen / at.phi, np.array(ratios))
+    return 2 / relative[: 1 + len(at.parts)]
 
 
 def compute_interval(scale: float, freedom: float) -> tuple[float, float]:
