@@ -17,11 +17,9 @@ import numpy as np
 
 from .._linalg import TINY
 from .._typing import Array, Index, Mask
-from ..measurements.measurements import Measurements
-from ..mechanisms.causes import ONE
-from ..mechanisms.terms import Screw, Term
-from .design import assemble, compute_design
+from .design import compute_design
 from .least_squares import Fit
+from .possible_parts import MIN_LEVELS, PossiblePart
 from .problem import Problem
 from .restricted_likelihood import Likelihood, LinearModel, evaluate_likelihood, maximise_likelihood
 from .shared_errors import MAX_BLOCK, SharedError, SharedErrors, group_blocks, keep_within, mix
@@ -29,16 +27,6 @@ from .whitening import Whitening
 
 # probability with which chance gives a part that is none
 LEVEL = 0.01
-# draws that a part needs, rows beyond the first of their configuration, and groups
-MIN_LEVELS = 20
-MIN_EXCESS = 10
-MIN_GROUPS = 5
-# correlation lengths of a lasting error, in visits, and how many of them count as one test each
-LENGTHS = (0.7, 1.4, 3.0, 6.0, 12.0, 25.0, 50.0)
-LASTING_TESTS = 3
-# correlation lengths, and rows at least, after which a lasting error starts afresh
-STRETCH = 8
-FEWEST_ROWS = 16
 # parts beyond the instrument, and those that are tried at every step
 MAX_PARTS = 6
 TRIED = 2
@@ -48,8 +36,6 @@ CERTAIN = 3.5
 HANDICAP = 6.0
 # rows that are looked at, of many
 MAX_ROWS = 2048
-# share of the largest loading below which a joint does not move the target
-MIN_LOADING = 1e-3
 # digits of the logarithm of a variance
 DIGITS = 4
 # columns of a model that are looked at
@@ -57,22 +43,6 @@ MANY_COLUMNS = 96
 COVERAGE = 0.95
 # factor between variances, over the instrument's, that is no change
 MAX_CHANGE = 1.3
-
-
-@dataclass(frozen=True, eq=False)
-class PossiblePart:
-    """A part that the errors may have.
-
-    name: "joint 2", "configuration", "group" or "lasting"; unit: of its scale; tests: how many tests
-    it counts for; told_by: what tells it from others; square: mean square [mm²] over the rows of
-    what one unit of it moves the target."""
-
-    name: str
-    unit: str
-    error: SharedError
-    square: float
-    told_by: str
-    tests: int = 1
 
 
 @dataclass(frozen=True)
@@ -142,124 +112,6 @@ def _whiten_rows(
     return Whitening(stated.weight, matrices, stated=stated)
 
 
-# -- the parts that a campaign may show
-# ------------------------------------------------------------------------------------------------------
-
-
-def list_parts(problem: Problem, training: Mask) -> tuple[PossiblePart, ...]:
-    """List the parts that the rows (m,) of a training mask can tell; their errors are of all rows.
-
-    Distances, planes and wires tell none."""
-    if not problem.only_points:
-        return ()
-    problem = problem.as_stated()
-    data = problem.data.take(training)
-    if data.configurations < MIN_LEVELS:
-        return ()
-    return (
-        *_list_joints(problem, data),
-        *_list_shared(problem, data),
-        *_list_lasting(problem, data, training),
-    )
-
-
-def _list_joints(problem: Problem, seen: Measurements) -> list[PossiblePart]:
-    """List the joints that move the target; `seen`: the rows that tell them."""
-    prismatic = problem.robot.prismatic
-    terms = [
-        Term(f"joint {j}", (Screw(j, "tz" if slides else "rz", ONE),))
-        for j, slides in enumerate(prismatic, 1)
-    ]
-    plain = problem.unweighted()
-    moved = np.concatenate([assemble(p, terms, None)[:-1] for _, p in plain.parts()], axis=2)
-    whitened = problem.whitening.apply_by_row(moved.copy())
-    size = np.sqrt(np.square(whitened).sum(1).mean(1))
-    told_by = "directions"
-    if _count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
-        told_by = "targets"
-    if _count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
-        told_by = "repeats"
-    found = []
-    for j, slides in enumerate(prismatic):
-        if size[j] <= MIN_LOADING * size.max(initial=TINY):
-            continue
-        loading = whitened[j].T[:, :, None]
-        square = float(np.square(moved[j, :3]).sum(0).mean())
-        error = SharedError(np.ascontiguousarray(loading), problem.data.configuration)
-        unit = "mm" if slides else "rad"
-        found.append(PossiblePart(f"joint {j + 1}", unit, error, square, told_by))
-    return found
-
-
-def _count_excess(coarse: Index, fine: Index) -> int:
-    """Count the distinct `fine` numbers beyond one for each `coarse` number."""
-    pairs = np.unique(np.stack([coarse, fine], axis=1), axis=0)
-    return len(pairs) - len(np.unique(pairs[:, 0]))
-
-
-def _load_positions(problem: Problem) -> Array:
-    """Compute (m, c, 3) what a displacement of the target moves, whitened row by row."""
-    c, m = problem.components, len(problem)
-    identity = np.zeros((3, c, m))
-    for axis in range(3):
-        identity[axis, axis] = 1.0
-    whitened = problem.whitening.apply_by_row(identity)
-    return np.ascontiguousarray(whitened.transpose(2, 1, 0))
-
-
-def _list_shared(problem: Problem, seen: Measurements) -> list[PossiblePart]:
-    """List what rows of one visit, of one posture or of one group may share."""
-    data = problem.data
-    found = []
-    loading = _load_positions(problem)
-    if _count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
-        error = SharedError(loading, data.configuration)
-        found.append(PossiblePart("configuration", "mm", error, 3.0, "targets"))
-    if _count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
-        error = SharedError(loading, data.block)
-        found.append(PossiblePart("configuration", "mm", error, 3.0, "repeats"))
-    count = np.bincount(seen.group)
-    groups = int((count > 0).sum())
-    if groups >= MIN_GROUPS and count.max() <= MAX_BLOCK and len(seen) >= 2 * groups:
-        found.append(PossiblePart("group", "mm", SharedError(loading, data.group), 3.0, "groups"))
-    return found
-
-
-def _list_lasting(problem: Problem, seen: Measurements, training: Mask) -> list[PossiblePart]:
-    """List what may last along the order of motion; the rows that are not seen are apart."""
-    data = problem.data
-    visits = seen.configurations
-    time = _time_visits(data, seen)
-    loading = _load_positions(problem)
-    found = []
-    for length in LENGTHS:
-        if length <= visits / 2:
-            stretch = np.empty(len(data), np.intp)
-            count = 0
-            for rows in (np.flatnonzero(training), np.flatnonzero(~training)):
-                order = rows[np.argsort(data.progress[rows], kind="stable")]
-                stretch[order] = count + _cut(len(order), length * len(seen) / visits)
-                count = int(stretch[order].max(initial=-1)) + 1
-            error = SharedError(loading, stretch, time=time, length=length)
-            found.append(PossiblePart("lasting", "mm", error, 3.0, "order", LASTING_TESTS))
-    return found
-
-
-def _time_visits(data: Measurements, seen: Measurements) -> Array:
-    """Return the place (m,) of every row's visit in the campaign, in visits."""
-    first = np.full(int(data.configuration.max()) + 1, np.inf)
-    np.minimum.at(first, data.configuration, data.progress)
-    begun = np.unique(first[seen.configuration])
-    step = float(np.diff(begun).min(initial=1.0))
-    return np.asarray(first[data.configuration] / step)
-
-
-def _cut(rows: int, length: float) -> Index:
-    """Cut rows in their order into stretches (rows,) of equal size, some correlation lengths each."""
-    size = int(min(max(STRETCH * length, FEWEST_ROWS), MAX_BLOCK))
-    return np.arange(rows) * -(-rows // size) // max(rows, 1)
-
-
 # -- which of them are there
 # ------------------------------------------------------------------------------------------------------
 
@@ -274,6 +126,8 @@ def find_structure(
     rows = _choose_rows(problem, training)
     offered = [replace(one, error=one.error.take(rows)) for one in candidates]
     model = _build_model(problem.take(rows), fitted)
+    if model.freedom < MIN_LEVELS:
+        return ErrorStructure()
     chosen: list[PossiblePart] = []
     at = evaluate_likelihood(model, ())
     while len(chosen) < MAX_PARTS:
@@ -432,7 +286,7 @@ def _describe(
     total = float(variances @ squares)
     instrument = np.sqrt(squares[0] / 3)
     parts = []
-    names = [("instrument", "mm", "what is left", None)]
+    names: list[tuple[str, str, str, float | None]] = [("instrument", "mm", "what is left", None)]
     names += [(one.name, one.unit, one.told_by, _length_of(one)) for one in chosen]
     for (name, unit, told_by, length), variance, square, df in zip(
         names, variances, squares, freedom, strict=True
@@ -455,7 +309,7 @@ def _round(variance: float) -> float:
     return float(np.exp(np.round(np.log(variance), DIGITS)))
 
 
-def _length_of(one: Candidate) -> float | None:
+def _length_of(one: PossiblePart) -> float | None:
     return one.error.length if one.error.time is not None else None
 
 

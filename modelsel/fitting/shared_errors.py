@@ -55,7 +55,7 @@ class SharedError:
     def correlate(self, rows: Index) -> Array:
         """Compute the correlations (B, k, k) of the draws that rows (B, k) have."""
         level = self.level[rows]
-        same = (level[:, :, None] == level[:, None, :]).astype(float)
+        same: Array = (level[:, :, None] == level[:, None, :]).astype(float)
         if self.time is None:
             return same
         time = self.time[rows]
@@ -68,7 +68,7 @@ class SharedError:
         blocks, k, c, _ = loading.shape
         by_draw = np.einsum("bicd,bjed->bicje", loading, loading, optimize=True)
         by_draw *= self.correlate(rows)[:, :, None, :, None]
-        return by_draw.reshape(blocks, k * c, k * c)
+        return np.asarray(by_draw.reshape(blocks, k * c, k * c))
 
     def multiply(self, values: Array) -> Array:
         """Compute the product (m, c, p) of the part's covariance, of unit variance, with values
@@ -156,7 +156,7 @@ def _gather(values: Array, rows: Index) -> Array:
 
 
 def _scatter(values: Array, rows: Index, own: Array) -> None:
-    c, m = values.shape[-2:]
+    c = values.shape[-2]
     blocks, k = rows.shape
     by_row = own.reshape(blocks, k, c, *values.shape[:-2])
     axes = (*range(3, by_row.ndim), 2, 0, 1)
@@ -185,7 +185,7 @@ class Layout:
             for variance, spread in zip(variances, own, strict=True):
                 covariance += variance * spread
             lower = np.linalg.cholesky(covariance)
-            inverses.append(_invert_lower(lower))
+            inverses.append(_invert_lower(np.asarray(lower, dtype=np.float64)))
         return Mixing(self.rows, tuple(inverses))
 
 

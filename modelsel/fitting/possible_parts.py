@@ -1,0 +1,162 @@
+"""The parts that the errors of a campaign may have, as far as its rows tell them.
+
+Each joint may not repeat, one draw a visit, shared by all targets; the rows of one visit, of one
+posture or of one group may share an error; and an error may last along the order of motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._linalg import TINY
+from .._typing import Array, Index, Mask
+from ..measurements.measurements import Measurements
+from ..mechanisms.causes import ONE
+from ..mechanisms.terms import Screw, Term
+from .design import assemble
+from .problem import Problem
+from .shared_errors import MAX_BLOCK, SharedError
+
+# draws that a part needs, rows beyond the first of their configuration, and groups
+MIN_LEVELS = 20
+MIN_EXCESS = 10
+MIN_GROUPS = 5
+# correlation lengths of a lasting error, in visits, and how many of them count as one test each
+LENGTHS = (0.7, 1.4, 3.0, 6.0, 12.0, 25.0, 50.0)
+LASTING_TESTS = 3
+# correlation lengths, and rows at least, after which a lasting error starts afresh
+STRETCH = 8
+FEWEST_ROWS = 16
+# share of the largest loading below which a joint does not move the target
+MIN_LOADING = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class PossiblePart:
+    """A part that the errors may have.
+
+    name: "joint 2", "configuration", "group" or "lasting"; unit: of its scale; tests: how many tests
+    it counts for; told_by: what tells it from others; square: mean square [mm²] over the rows of
+    what one unit of it moves the target."""
+
+    name: str
+    unit: str
+    error: SharedError
+    square: float
+    told_by: str
+    tests: int = 1
+
+
+def list_parts(problem: Problem, training: Mask) -> tuple[PossiblePart, ...]:
+    """List the parts that the rows (m,) of a training mask can tell; their errors are of all rows.
+
+    Distances, planes and wires tell none."""
+    if not problem.only_points:
+        return ()
+    problem = problem.as_stated()
+    data = problem.data.take(training)
+    if data.configurations < MIN_LEVELS:
+        return ()
+    return (
+        *_list_joints(problem, data),
+        *_list_shared(problem, data),
+        *_list_lasting(problem, data, training),
+    )
+
+
+def _list_joints(problem: Problem, seen: Measurements) -> list[PossiblePart]:
+    """List the joints that move the target; `seen`: the rows that tell them."""
+    prismatic = problem.robot.prismatic
+    terms = [
+        Term(f"joint {j}", (Screw(j, "tz" if slides else "rz", ONE),))
+        for j, slides in enumerate(prismatic, 1)
+    ]
+    plain = problem.unweighted()
+    moved = np.concatenate([assemble(p, terms, None)[:-1] for _, p in plain.parts()], axis=2)
+    whitened = problem.whitening.apply_by_row(moved.copy())
+    size = np.sqrt(np.square(whitened).sum(1).mean(1))
+    told_by = "directions"
+    if _count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
+        told_by = "targets"
+    if _count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
+        told_by = "repeats"
+    found = []
+    for j, slides in enumerate(prismatic):
+        if size[j] <= MIN_LOADING * size.max(initial=TINY):
+            continue
+        loading = whitened[j].T[:, :, None]
+        square = float(np.square(moved[j, :3]).sum(0).mean())
+        error = SharedError(np.ascontiguousarray(loading), problem.data.configuration)
+        unit = "mm" if slides else "rad"
+        found.append(PossiblePart(f"joint {j + 1}", unit, error, square, told_by))
+    return found
+
+
+def _count_excess(coarse: Index, fine: Index) -> int:
+    """Count the distinct `fine` numbers beyond one for each `coarse` number."""
+    pairs = np.unique(np.stack([coarse, fine], axis=1), axis=0)
+    return len(pairs) - len(np.unique(pairs[:, 0]))
+
+
+def _load_positions(problem: Problem) -> Array:
+    """Compute (m, c, 3) what a displacement of the target moves, whitened row by row."""
+    c, m = problem.components, len(problem)
+    identity = np.zeros((3, c, m))
+    for axis in range(3):
+        identity[axis, axis] = 1.0
+    whitened = problem.whitening.apply_by_row(identity)
+    return np.ascontiguousarray(whitened.transpose(2, 1, 0))
+
+
+def _list_shared(problem: Problem, seen: Measurements) -> list[PossiblePart]:
+    """List what rows of one visit, of one posture or of one group may share."""
+    data = problem.data
+    found = []
+    loading = _load_positions(problem)
+    if _count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
+        error = SharedError(loading, data.configuration)
+        found.append(PossiblePart("configuration", "mm", error, 3.0, "targets"))
+    if _count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
+        error = SharedError(loading, data.block)
+        found.append(PossiblePart("configuration", "mm", error, 3.0, "repeats"))
+    count = np.bincount(seen.group)
+    groups = int((count > 0).sum())
+    if groups >= MIN_GROUPS and count.max() <= MAX_BLOCK and len(seen) >= 2 * groups:
+        found.append(PossiblePart("group", "mm", SharedError(loading, data.group), 3.0, "groups"))
+    return found
+
+
+def _list_lasting(problem: Problem, seen: Measurements, training: Mask) -> list[PossiblePart]:
+    """List what may last along the order of motion; the rows that are not seen are apart."""
+    data = problem.data
+    visits = seen.configurations
+    time = _time_visits(data, seen)
+    loading = _load_positions(problem)
+    found = []
+    for length in LENGTHS:
+        if length <= visits / 2:
+            stretch = np.empty(len(data), np.intp)
+            count = 0
+            for rows in (np.flatnonzero(training), np.flatnonzero(~training)):
+                order = rows[np.argsort(data.progress[rows], kind="stable")]
+                stretch[order] = count + _cut(len(order), length * len(seen) / visits)
+                count = int(stretch[order].max(initial=-1)) + 1
+            error = SharedError(loading, stretch, time=time, length=length)
+            found.append(PossiblePart("lasting", "mm", error, 3.0, "order", LASTING_TESTS))
+    return found
+
+
+def _time_visits(data: Measurements, seen: Measurements) -> Array:
+    """Return the place (m,) of every row's visit in the campaign, in visits."""
+    first = np.full(int(data.configuration.max()) + 1, np.inf)
+    np.minimum.at(first, data.configuration, data.progress)
+    begun = np.unique(first[seen.configuration])
+    step = float(np.diff(begun).min(initial=1.0))
+    return np.asarray(first[data.configuration] / step)
+
+
+def _cut(rows: int, length: float) -> Index:
+    """Cut rows in their order into stretches (rows,) of equal size, some correlation lengths each."""
+    size = int(min(max(STRETCH * length, FEWEST_ROWS), MAX_BLOCK))
+    return np.arange(rows) * -(-rows // size) // max(rows, 1)
