@@ -249,7 +249,9 @@ def _slope(at: Problem, moved: Array, step: float = 1e-5) -> Array:
     out = np.empty((len(angles), 3))
     for t in np.unique(target):
         own = target == t
-        ends = [forward(at.robot, angles[own] + s * step * moved[own], at.tools[t]) for s in (1, -1)]
+        ends = [
+            forward(at.robot, angles[own] + s * step * moved[own], at.tools[t]) for s in (1, -1)
+        ]
         out[own] = (ends[0] - ends[1]) / (2 * step)
     return out
 
@@ -447,7 +449,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=16)
     parser.add_argument("--lines", nargs="*", choices=list(LINES), default=list(LINES))
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--keep", type=Path, help="studies done, a line each; a run goes on from it")
+    parser.add_argument(
+        "--keep", type=Path, help="studies done, a line each; a run goes on from it"
+    )
     parser.add_argument("--out", type=Path)
     asked = parser.parse_args()
     old = [s for s in read_studies(asked.keep) if s.line in asked.lines]
@@ -459,7 +463,8 @@ def main() -> None:
         if (name, k) not in have
     ]
     studies = sorted(
-        old + run(jobs, asked.workers, asked.keep), key=lambda s: (list(LINES).index(s.line), s.number)
+        old + run(jobs, asked.workers, asked.keep),
+        key=lambda s: (list(LINES).index(s.line), s.number),
     )
     lines = "" if asked.lines == list(LINES) else " --lines " + " ".join(asked.lines)
     command = f"python -m benchmarks.noise --studies {asked.studies} --seed {asked.seed}{lines}"

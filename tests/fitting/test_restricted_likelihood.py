@@ -57,7 +57,11 @@ def criterion(model: LinearModel, parts: list[SharedError], X: Array) -> float:
 def sleep() -> tuple[Array, Array, list[str]]:
     data = read("sleepstudy")
     days = np.array(data["day"], float)
-    return np.stack([np.ones(len(days)), days], 1), np.array(data["reaction"], float), data["subject"]
+    return (
+        np.stack([np.ones(len(days)), days], 1),
+        np.array(data["reaction"], float),
+        data["subject"],
+    )
 
 
 # -- published: Bates, Maechler, Bolker & Walker (2015), J. Stat. Software 67(1), and lme4's manual
@@ -69,7 +73,9 @@ def test_dyestuff() -> None:
     X = np.ones((len(y), 1))
     got = estimates(model_of(X, y), [part_of(data["batch"])])
     np.testing.assert_allclose(got, [1764.05, 2451.25], atol=0.005)
-    assert criterion(model_of(X, y), [part_of(data["batch"])], X) == pytest.approx(319.6543, abs=5e-5)
+    assert criterion(model_of(X, y), [part_of(data["batch"])], X) == pytest.approx(
+        319.6543, abs=5e-5
+    )
 
 
 def test_penicillin_whose_effects_are_crossed() -> None:
@@ -122,7 +128,7 @@ def test_a_part_that_is_less_than_chance_is_none(rng: np.random.Generator) -> No
 @pytest.mark.integration
 @seeds(1, 2, 3)
 def test_unbalanced_data_give_what_statsmodels_gives(rng: np.random.Generator) -> None:
-    from statsmodels.regression.mixed_linear_model import VCSpec, MixedLM
+    from statsmodels.regression.mixed_linear_model import MixedLM, VCSpec
 
     m = int(rng.integers(80, 160))
     group = np.sort(rng.integers(0, 15, m))
@@ -145,9 +151,7 @@ def test_unbalanced_data_give_what_statsmodels_gives(rng: np.random.Generator) -
 def mixed_case(rng: np.random.Generator) -> tuple[LinearModel, list[SharedError]]:
     """Three coordinates a row, two parts that share levels by others, and one that lasts."""
     m, c, p = 36, 3, 4
-    model = LinearModel(
-        rng.normal(size=(p, c, m)), rng.normal(size=(c, m)), float(c * m - p)
-    )
+    model = LinearModel(rng.normal(size=(p, c, m)), rng.normal(size=(c, m)), float(c * m - p))
     visit = np.repeat(np.arange(m // 2), 2)
     parts = [
         SharedError(rng.normal(size=(m, c, 1)), visit, 0.7),
@@ -188,7 +192,9 @@ def test_it_is_the_density_of_what_no_column_holds(rng: np.random.Generator) -> 
     contrasts = np.linalg.qr(X, mode="complete")[0][:, X.shape[1] :]
     logs = []
     for factor in (1.0, 2.5):
-        own = [SharedError(p.loading, p.level, factor * p.variance, p.time, p.length) for p in parts]
+        own = [
+            SharedError(p.loading, p.level, factor * p.variance, p.time, p.length) for p in parts
+        ]
         at = evaluate_likelihood(model, own)
         H = at.phi * covariance_of(own, *reversed(model.response.shape))
         density = multivariate_normal(cov=contrasts.T @ H @ contrasts).logpdf(contrasts.T @ y)
