@@ -157,24 +157,29 @@ def evaluate_likelihood(
 
 
 def maximise_likelihood(
-    model: LinearModel, parts: Sequence[SharedError], exact: bool = True
+    model: LinearModel,
+    parts: Sequence[SharedError],
+    held: Sequence[SharedError] = (),
+    exact: bool = True,
 ) -> Likelihood:
     """Maximise the restricted likelihood over the variances of parts, from those that they have.
 
-    A part whose variance ends at nought is none of the result's. Unless `exact`, twice the log
-    likelihood is within some hundredths of its maximum."""
+    Parts that are `held` keep theirs. A part whose variance ends at nought is none of the result's.
+    Unless `exact`, twice the log likelihood is within some hundredths of its maximum."""
     from scipy.optimize import minimize
 
+    held = tuple(held)
     if not parts:
-        return evaluate_likelihood(model, ())
-    layout = lay_out(parts)
+        return evaluate_likelihood(model, held)
+    layout = lay_out([*held, *parts])
     start = np.log([part.variance for part in parts])
-    scale = _choose_scale(evaluate_likelihood(model, parts, layout))
+    scale = _choose_scale(evaluate_likelihood(model, [*held, *parts], layout), len(held))
 
     def lose(x: Array) -> tuple[float, Array]:
         variance = np.exp(start + x / scale)
-        at = evaluate_likelihood(model, _set_variances(parts, variance), layout)
-        slopes = np.array([at.slope(part)[0] for part in at.parts])
+        changed = _set_variances(parts, variance)
+        at = evaluate_likelihood(model, [*held, *changed], layout)
+        slopes = np.array([at.slope(part)[0] for part in changed])
         return -at.log, -slopes * variance / scale
 
     largest = LARGEST_SHARE / np.array([_mean_square(part) for part in parts])
@@ -188,14 +193,15 @@ def maximise_likelihood(
     variance = np.exp(start + found.x / scale)
     is_there = variance >= NO_PART * largest
     changed = _set_variances(parts, variance)
-    there = [part for part, kept in zip(changed, is_there, strict=True) if kept]
-    return evaluate_likelihood(model, there, layout if len(there) == len(parts) else None)
+    there = [*held, *(part for part, kept in zip(changed, is_there, strict=True) if kept)]
+    return evaluate_likelihood(model, there, layout if is_there.all() else None)
 
 
-def _choose_scale(at: Likelihood) -> Array:
-    """Choose (k,) what makes the likelihood about equally curved in all logarithms of variances."""
+def _choose_scale(at: Likelihood, held: int) -> Array:
+    """Choose (k,) what makes the likelihood about equally curved in the logarithms of all variances
+    but the first, which are held."""
     scale = []
-    for part in at.parts:
+    for part in at.parts[held:]:
         information = float(at.information(at.slope(part)[1])[0, 0])
         curvature = information * part.variance**2
         scale.append(np.sqrt(max(curvature, 1.0)))
