@@ -17,7 +17,7 @@ from scipy.linalg import solve_triangular
 
 from .._linalg import TINY
 from .._typing import Array
-from .shared_errors import Layout, Mixing, SharedError, keep_within
+from .shared_errors import Layout, Mixing, SharedError, confine, keep_within
 
 # of L-BFGS-B: changes of twice the log likelihood, and its slope, at which it ends
 EXACT = {"maxiter": 60, "ftol": 1e-13, "gtol": 1e-5}
@@ -71,7 +71,7 @@ class Likelihood:
         """Compute P times values (m, c, k)."""
         solved = values
         if self.mixing is not None:
-            by_column = np.ascontiguousarray(values.transpose(2, 1, 0))
+            by_column = np.array(values.transpose(2, 1, 0), order="C")
             mixed = self.mixing.apply_transposed(self.mixing.apply(by_column))
             solved = mixed.transpose(2, 1, 0)
         inside = np.einsum("mcp,mck->pk", self.directions, values)
@@ -79,9 +79,12 @@ class Likelihood:
 
     def slope(self, part: SharedError) -> tuple[float, Array]:
         """Compute (the slope of twice the log likelihood by a part's variance, V P y (m, c, 1))."""
-        moved = part.multiply(self.innovations)
+        number = next((k for k, own in enumerate(self.parts) if own.is_like(part)), None)
+        laid = self.layout.parts
+        own = confine(part, laid) if number is None else laid[number]
+        moved = own.multiply(self.innovations)
         seen = float(np.vdot(self.innovations, moved))
-        return seen / self.phi - self._trace(part), moved
+        return seen / self.phi - self._trace(own, number), moved
 
     def information(self, moved: Array) -> Array:
         """Compute the average information (k, k) of twice the log likelihood in the directions
@@ -90,12 +93,11 @@ class Likelihood:
         along = np.einsum("mck,mc->k", moved, self.innovations[:, :, 0])
         return np.asarray((seen - np.outer(along, along) / self.square) / self.phi)
 
-    def _trace(self, part: SharedError) -> float:
-        """Compute the trace of P V."""
+    def _trace(self, part: SharedError, number: int | None) -> float:
+        """Compute the trace of P V; `number`: of the part among those that are there."""
         taken = float(np.vdot(self.directions, part.multiply(self.directions)))
         if self.mixing is None:
             return float(np.square(part.loading).sum()) - taken
-        number = next((k for k, own in enumerate(self.parts) if own.is_like(part)), None)
         total = 0.0
         for k, (rows, precision) in enumerate(zip(self.mixing.rows, self._precisions, strict=True)):
             spread = part.spread(rows) if number is None else self.layout.spreads[k][number]
@@ -111,7 +113,7 @@ class Likelihood:
 
 def lay_out(parts: Sequence[SharedError]) -> Layout:
     """Lay out the rows of parts, with no level beyond a stretch of a lasting one."""
-    return Layout.of(keep_within(parts)) if parts else Layout((), ())
+    return Layout.of(keep_within(parts)) if parts else Layout((), (), ())
 
 
 def evaluate_likelihood(
@@ -155,24 +157,29 @@ def evaluate_likelihood(
 
 
 def maximise_likelihood(
-    model: LinearModel, parts: Sequence[SharedError], exact: bool = True
+    model: LinearModel,
+    parts: Sequence[SharedError],
+    held: Sequence[SharedError] = (),
+    exact: bool = True,
 ) -> Likelihood:
     """Maximise the restricted likelihood over the variances of parts, from those that they have.
 
-    A part whose variance ends at nought is none of the result's. Unless `exact`, twice the log
-    likelihood is within some hundredths of its maximum."""
+    Parts that are `held` keep theirs. A part whose variance ends at nought is none of the result's.
+    Unless `exact`, twice the log likelihood is within some hundredths of its maximum."""
     from scipy.optimize import minimize
 
+    held = tuple(held)
     if not parts:
-        return evaluate_likelihood(model, ())
-    layout = lay_out(parts)
+        return evaluate_likelihood(model, held)
+    layout = lay_out([*held, *parts])
     start = np.log([part.variance for part in parts])
-    scale = _choose_scale(evaluate_likelihood(model, parts, layout))
+    scale = _choose_scale(evaluate_likelihood(model, [*held, *parts], layout), len(held))
 
     def lose(x: Array) -> tuple[float, Array]:
         variance = np.exp(start + x / scale)
-        at = evaluate_likelihood(model, _set_variances(parts, variance), layout)
-        slopes = np.array([at.slope(part)[0] for part in at.parts])
+        changed = _set_variances(parts, variance)
+        at = evaluate_likelihood(model, [*held, *changed], layout)
+        slopes = np.array([at.slope(part)[0] for part in changed])
         return -at.log, -slopes * variance / scale
 
     largest = LARGEST_SHARE / np.array([_mean_square(part) for part in parts])
@@ -186,14 +193,15 @@ def maximise_likelihood(
     variance = np.exp(start + found.x / scale)
     is_there = variance >= NO_PART * largest
     changed = _set_variances(parts, variance)
-    there = [part for part, kept in zip(changed, is_there, strict=True) if kept]
-    return evaluate_likelihood(model, there, layout if len(there) == len(parts) else None)
+    there = [*held, *(part for part, kept in zip(changed, is_there, strict=True) if kept)]
+    return evaluate_likelihood(model, there, layout if is_there.all() else None)
 
 
-def _choose_scale(at: Likelihood) -> Array:
-    """Choose (k,) what makes the likelihood about equally curved in all logarithms of variances."""
+def _choose_scale(at: Likelihood, held: int) -> Array:
+    """Choose (k,) what makes the likelihood about equally curved in the logarithms of all variances
+    but the first, which are held."""
     scale = []
-    for part in at.parts:
+    for part in at.parts[held:]:
         information = float(at.information(at.slope(part)[1])[0, 0])
         curvature = information * part.variance**2
         scale.append(np.sqrt(max(curvature, 1.0)))

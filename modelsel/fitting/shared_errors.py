@@ -21,7 +21,7 @@ from .._linalg import connected_components
 from .._typing import Array, Index, Rows
 
 # rows of a block at most: of a lasting error, and of those that others share
-MAX_BLOCK = 128
+MAX_BLOCK = 64
 # size of a matrix up to which numpy inverts many faster than LAPACK one by one
 SMALL = 24
 
@@ -170,12 +170,14 @@ class Layout:
 
     rows: tuple[Index, ...]
     spreads: tuple[tuple[Array, ...], ...]
+    parts: tuple[SharedError, ...]
 
     @staticmethod
     def of(parts: Sequence[SharedError]) -> Layout:
         """Lay out the rows of parts."""
         rows = list_blocks(parts)
-        return Layout(rows, tuple(tuple(part.spread(own) for part in parts) for own in rows))
+        spreads = tuple(tuple(part.spread(own) for part in parts) for own in rows)
+        return Layout(rows, spreads, tuple(parts))
 
     def mix(self, variances: Sequence[float]) -> Mixing:
         """Compute what makes rows independent, the parts having these variances."""
@@ -231,13 +233,14 @@ def group_blocks(block: Index) -> tuple[Index, ...]:
 
 def keep_within(parts: Sequence[SharedError]) -> tuple[SharedError, ...]:
     """Return the parts with no level beyond the stretches of a lasting one, which stay blocks."""
-    lasting = [part for part in parts if part.time is not None]
-    if not lasting:
-        return tuple(parts)
-    stretch = lasting[0].level
-    kept = []
-    for part in parts:
-        pairs = np.stack([part.level, stretch], axis=1)
-        level = np.unique(pairs, axis=0, return_inverse=True)[1].reshape(-1)
-        kept.append(replace(part, level=np.asarray(level, dtype=np.intp)))
-    return tuple(kept)
+    return tuple(confine(part, parts) for part in parts)
+
+
+def confine(part: SharedError, parts: Sequence[SharedError]) -> SharedError:
+    """Return a part with no level beyond a stretch of the lasting one among `parts`."""
+    lasting = next((own for own in parts if own.time is not None), part)
+    if lasting is part:
+        return part
+    pairs = np.stack([part.level, lasting.level], axis=1)
+    level = np.unique(pairs, axis=0, return_inverse=True)[1].reshape(-1)
+    return replace(part, level=np.asarray(level, dtype=np.intp))
