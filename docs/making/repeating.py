@@ -3,6 +3,7 @@ not repeat, and what a study says of it."""
 
 from __future__ import annotations
 
+import textwrap
 from functools import cache
 
 import numpy as np
@@ -22,6 +23,7 @@ POSTURES, ROUNDS = 30, 3
 TARGETS = {"a": (40.0, -25.0, 100.0), "b": (-50.0, 30.0, 80.0), "c": (10.0, 60.0, 120.0)}
 JOINT, SPREAD = 2, 40e-6  # rad
 NOISE = 0.015  # mm per coordinate
+WIDTH = 100  # letters of a line
 
 
 def measure_rounds(seed: int) -> pd.DataFrame:
@@ -60,7 +62,11 @@ def run_repeated() -> list[ErrorPartRecord]:
 
 def said() -> str:
     """What the study prints of the parts."""
-    return "\n".join(["```text", *write_repeatability_lines(run_repeated()), "```"])
+    lines = [
+        textwrap.fill(line, WIDTH, subsequent_indent="    ")
+        for line in write_repeatability_lines(run_repeated())
+    ]
+    return "\n".join(["```text", *lines, "```"])
 
 
 @cache

@@ -224,7 +224,7 @@ class StudyRecord(StrictRecord):
         [],
         description="[what does not repeat](../how-to/repeatability.md), the largest share first, below; never a finding. "
         "The instrument alone where no other part was told; empty where none could be: fewer than 20 configurations, rows "
-        "of other kinds than points, no candidates",
+        "of other kinds than points, no candidate to name",
     )
     nothing_else: NothingElseRecord = Field(
         description="`sentence`, `detection_limit_mm` (rms displacement per row beyond the base), `predictable` "
