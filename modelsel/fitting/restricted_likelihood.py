@@ -143,7 +143,7 @@ def evaluate_likelihood(
     if mixing is not None:
         both = mixing.apply_transposed(both)
     shape = both.shape[1:]
-    directions = solve_triangular(lower, both[:-1].reshape(len(lower), -1), lower=True)
+    directions = solve_triangular(lower, both[:-1].reshape(len(lower), flat.shape[1]), lower=True)
     return Likelihood(
         model=model,
         parts=parts,
