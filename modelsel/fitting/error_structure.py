@@ -121,13 +121,14 @@ def find_structure(
 ) -> ErrorStructure:
     """Find the parts that the errors of a fitted model have, in the rows (m,) it was fitted to.
 
-    The `candidates` are of all rows of the problem. Parts are added while the likelihood gains
-    more than chance gives; one that the others make dispensable is dropped."""
+    The `candidates` are of all rows of the problem; those of known variance are there. Parts are
+    added while the likelihood gains more than chance gives; one that the others make dispensable is
+    dropped."""
     rows = _choose_rows(problem, training)
     offered = [replace(one, error=one.error.take(rows)) for one in candidates]
     model = _build_model(problem.take(rows), fitted)
-    chosen: list[PossiblePart] = []
-    at = evaluate_likelihood(model, ())
+    chosen = [one for one in offered if one.error.known is not None]
+    at = _start_with_known(model, chosen)
     while len(chosen) < MAX_PARTS:
         new = _find_next(at, offered, chosen)
         if new is None:
@@ -137,6 +138,13 @@ def find_structure(
         at = maximise_likelihood(model, at.parts)
         chosen = _match(chosen, at)
     return _describe(problem, at, chosen, candidates, offered)
+
+
+def _start_with_known(model: LinearModel, known: Sequence[PossiblePart]) -> Likelihood:
+    """Compute the likelihood with the parts of known variance alone."""
+    none = evaluate_likelihood(model, ())
+    start = [replace(one.error, variance=(one.error.known or 0.0) / none.phi) for one in known]
+    return maximise_likelihood(model, start)
 
 
 def _choose_rows(problem: Problem, training: Mask) -> Index:
@@ -258,12 +266,14 @@ def _match(chosen: Sequence[PossiblePart], at: Likelihood) -> list[PossiblePart]
 
 
 def _measure_certainty(at: Likelihood) -> Array:
-    """Measure (k,) the parts' variances in their standard errors."""
+    """Measure (k,) the parts' variances in their standard errors; of a known one infinity."""
     moved = np.concatenate([at.slope(part)[1] for part in at.parts], axis=2)
     # the information is of twice the log likelihood
     covariance = 2 * np.linalg.pinv(at.information(moved))
     variances = np.array([part.variance for part in at.parts])
-    return np.asarray(variances / np.sqrt(np.maximum(np.diagonal(covariance), TINY)))
+    certainty = variances / np.sqrt(np.maximum(np.diagonal(covariance), TINY))
+    is_known = [part.known is not None for part in at.parts]
+    return np.where(is_known, np.inf, certainty)
 
 
 # -- how large they are
@@ -323,19 +333,27 @@ def _square_of_instrument(problem: Problem) -> float:
 
 
 def _count_freedom(at: Likelihood, variances: Array) -> Array:
-    """Count (k,) the degrees of freedom of variances, 2 σ⁴ / Var(σ²) (Satterthwaite 1946)."""
-    moved = [at.innovations, *(at.slope(part)[1] for part in at.parts)]
+    """Count (k,) the degrees of freedom of variances, 2 σ⁴ / Var(σ²) (Satterthwaite 1946); of a
+    known one infinity."""
+    is_free = np.array([True, *(part.known is None for part in at.parts)])
+    sought = [part for part in at.parts if part.known is None]
+    moved = [at.innovations, *(at.slope(part)[1] for part in sought)]
     stacked = np.concatenate(moved, axis=2)
     seen = np.einsum("mck,mcl->kl", stacked, at.solve(stacked))
     information = 0.5 * seen / at.phi**3
     covariance = np.linalg.pinv(information)
-    return np.asarray(2 * variances**2 / np.maximum(np.diagonal(covariance), TINY))
+    freedom = np.full(len(variances), np.inf)
+    freedom[is_free] = 2 * variances[is_free] ** 2 / np.maximum(np.diagonal(covariance), TINY)
+    return freedom
 
 
 def compute_interval(scale: float, freedom: float) -> tuple[float, float]:
-    """Compute the 95 % interval of a standard deviation of so many degrees of freedom."""
+    """Compute the 95 % interval of a standard deviation of so many degrees of freedom; a known one
+    is its own."""
     from scipy.special import chdtri
 
+    if np.isinf(freedom):
+        return scale, scale
     tail = (1 - COVERAGE) / 2
     freedom = max(freedom, 1.0)
     high_quantile, low_quantile = chdtri(freedom, [tail, 1 - tail])
@@ -354,6 +372,6 @@ def compute_criterion(
     residual = fitted.residuals(weighed).T.copy()
     square = float(np.square(weighed.whitening.apply(residual)).sum())
     N = weighed.coordinates
-    used = (fitted.rows - fitted.freedom) + len(errors.shared)
+    used = (fitted.rows - fitted.freedom) + sum(part.known is None for part in errors.shared)
     likelihood = N * np.log(square / N) + weighed.whitening.log_determinant()
     return float(likelihood + used * np.log(N) - 2 * log_prior)

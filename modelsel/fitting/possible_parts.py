@@ -5,11 +5,13 @@ posture or of one group may share an error; and an error may last along the orde
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .._linalg import TINY
+from .._part_names import is_named
 from .._typing import Array, Index, Mask
 from ..measurements.measurements import Measurements
 from ..mechanisms.causes import ONE
@@ -63,6 +65,26 @@ def list_parts(problem: Problem, training: Mask) -> tuple[PossiblePart, ...]:
         *_list_shared(problem, data),
         *_list_lasting(problem, data, training),
     )
+
+
+def choose_parts(
+    listed: Sequence[PossiblePart],
+    allowed: Sequence[str] | None,
+    fixed: Sequence[tuple[str, float]] = (),
+) -> tuple[PossiblePart, ...]:
+    """Choose the parts that may be looked for: the `allowed` names ("joints": all of them; None:
+    every part). Those with a `fixed` scale are known, and stand first."""
+    known = []
+    for name, scale in fixed:
+        found = next((one for one in listed if one.name == name), None)
+        if found is not None:
+            error = replace(found.error, known=scale**2)
+            known.append(replace(found, error=error))
+    taken = {(one.name, one.told_by) for one in known}
+    sought = [one for one in listed if (one.name, one.told_by) not in taken]
+    if allowed is not None:
+        sought = [one for one in sought if is_named(one.name, allowed)]
+    return (*known, *sought)
 
 
 def _list_joints(problem: Problem, seen: Measurements) -> list[PossiblePart]:

@@ -48,9 +48,7 @@ def _after_one_another(group: Index, time: Array | None) -> Index:
     return place[group]
 
 
-def check_clock(
-    order: Array, time: Array | None, group: Index, rows: Index, where: Where
-) -> None:
+def check_clock(order: Array, time: Array | None, group: Index, rows: Index, where: Where) -> None:
     """Check that in no group `time_s` (m,) goes back while `order` (m,) goes on.
 
     `rows` (m,): the table's rows, of which `where` says the places. Raises DataError."""
