@@ -11,6 +11,9 @@ from typing import Any
 import numpy as np
 
 from ._text import find_read_problem
+from ._typing import Array
+
+LONG_LIST = 1000
 
 
 def parse_json(text: str) -> Any:
@@ -69,6 +72,8 @@ def to_plain(value: Any) -> Any:
     """Convert to plain values: floats to 10 significant digits, undefined ones null, arrays as
     lists."""
     if isinstance(value, np.ndarray):
+        if value.ndim == 1 and value.dtype == float and np.isfinite(value).all():
+            return _round_floats(value)
         value = value.tolist()
     # most values are floats, and so these come first
     if isinstance(value, float):
@@ -81,9 +86,13 @@ def to_plain(value: Any) -> Any:
     if is_plain:
         return value
     is_whole = isinstance(value, (int, np.integer))
-    if is_whole:
-        return int(value)
-    return to_plain(float(value))
+    return int(value) if is_whole else to_plain(float(value))
+
+
+def _round_floats(values: Array) -> list[float]:
+    """Round finite numbers (n,) to 10 significant digits, by one call for all."""
+    text = "%.10g " * len(values) % tuple(values.tolist())
+    return list(map(float, text.split()))
 
 
 def to_json(result: Mapping[str, Any]) -> str:
@@ -91,6 +100,28 @@ def to_json(result: Mapping[str, Any]) -> str:
     return plain_text(to_plain(result))
 
 
-def plain_text(value: Any) -> str:
-    """Write the text of a JSON file of plain values."""
-    return json.dumps(value, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+def plain_text(values: Any) -> str:
+    """Write the text of a JSON file of values that are plain already.
+
+    Long lists of numbers are written at once: with an indent, json writes each by a call."""
+    long: dict[str, str] = {}
+    text = json.dumps(_set_aside(values, 0, long), ensure_ascii=False, indent=1, allow_nan=False)
+    for mark, numbers in long.items():
+        text = text.replace(json.dumps(mark), numbers)
+    return text + "\n"
+
+
+def _set_aside(value: Any, depth: int, long: dict[str, str]) -> Any:
+    """Return a plain value with marks in place of its long lists of floats, whose texts are
+    added."""
+    if isinstance(value, dict):
+        return {key: _set_aside(each, depth + 1, long) for key, each in value.items()}
+    if not isinstance(value, list):
+        return value
+    if len(value) < LONG_LIST or not all(type(each) is float for each in value):
+        return [_set_aside(each, depth + 1, long) for each in value]
+    line = "\n" + " " * (depth + 1)
+    numbers = f",{line}".join(map(repr, value))
+    mark = f"\0{len(long)}"  # no text has a zero byte
+    long[mark] = f"[{line}{numbers}{line[:-1]}]"
+    return mark

@@ -18,9 +18,8 @@ from .._random import generator
 from .._typing import Array, Index, Mask, Say
 from .._workers import count_cores
 from ..fitting.design import Model, whitened
-from ..fitting.error_structure import ErrorStructure, compute_criterion, find_structure
 from ..fitting.least_squares import fit
-from ..fitting.possible_parts import PossiblePart, choose_parts, list_parts
+from ..fitting.possible_parts import choose_parts, list_parts
 from ..fitting.problem import Problem
 from ..mechanisms.registry import (
     BUILTIN,
@@ -34,7 +33,6 @@ from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Errors, Split, summarise_errors
 from ..selection.splits import assign_folds
 from .candidates import Candidate, build_candidates
-from .effects import Effect
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
 from .outcome import Diagnosis
 from .outliers import (
@@ -44,7 +42,7 @@ from .outliers import (
     find_far_rows,
     find_gross_outliers,
 )
-from .stepwise import run_stepwise_search
+from .separation import Inquiry, separate
 
 # rounds of outliers and names in turn
 MAX_ROUNDS = 3
@@ -125,7 +123,7 @@ def diagnose_split(
     too. Of more than `options.max_rows` estimation rows, configurations drawn by the seed are
     scanned; outliers are judged in all rows. Returns the split with its outliers marked and its rows
     weighed so that they are independent, the diagnosis, and the candidates."""
-    inquiry = _Inquiry(base, everything, seed, cells, say, options)
+    inquiry = Inquiry(base, everything, seed, cells, say, options)
     split = replace(split, problem=split.problem.as_stated())
     if split.estimation.sum() <= options.max_rows:
         return _alternate(split, inquiry)
@@ -138,29 +136,7 @@ def diagnose_split(
     return marked, diagnosis, found
 
 
-class _Inquiry(NamedTuple):
-    """What is asked of the rows of a split."""
-
-    base: Model
-    everything: tuple[Mechanism, ...]
-    seed: int
-    cells: bool
-    say: Say
-    options: DiagnosisOptions
-
-    def search(
-        self, problem: Problem, found: tuple[Candidate, ...], known: Sequence[Effect] = ()
-    ) -> Diagnosis:
-        """Search for effects in a training problem, with the study's random stream of naming; from
-        the `known` effects of an earlier search."""
-        rng = generator(self.seed, "naming")
-        base_fit = fit(problem, self.base)
-        return run_stepwise_search(
-            problem, self.base, base_fit, found, rng, self.say, self.options.memory_mb, known
-        )
-
-
-def _alternate(split: Split, inquiry: _Inquiry) -> tuple[Split, Diagnosis, tuple[Candidate, ...]]:
+def _alternate(split: Split, inquiry: Inquiry) -> tuple[Split, Diagnosis, tuple[Candidate, ...]]:
     """Alternate outliers and names, until the outliers stay the same.
 
     Where the extended model shows other outliers than the base did, effects are named once more
@@ -175,7 +151,7 @@ def _alternate(split: Split, inquiry: _Inquiry) -> tuple[Split, Diagnosis, tuple
             split.training(), inquiry.base, inquiry.everything, inquiry.cells, inquiry.options
         )
         inquiry.say(f"naming: {len(found)} candidates")
-        weighed, diagnosis = _separate(split, inquiry, found, parts)
+        weighed, diagnosis = separate(split, inquiry, found, parts)
         again = _find_outliers(training, diagnosis, outlying)
         if outlying.any():
             again = _reconsider_outliers(training, inquiry, found, outlying, again)
@@ -186,60 +162,14 @@ def _alternate(split: Split, inquiry: _Inquiry) -> tuple[Split, Diagnosis, tuple
     return weighed, diagnosis, found
 
 
-def _separate(
-    split: Split, inquiry: _Inquiry, found: tuple[Candidate, ...], parts: tuple[PossiblePart, ...]
-) -> tuple[Split, Diagnosis]:
-    """Separate what repeats from what does not: effects, given the parts of the errors, and in turn.
-
-    What the base leaves is the most that errors can be. Where effects explain some of that away, the
-    search goes on with what is left, and stays where the criterion says so. Returns the split, its
-    rows weighed so that they are independent."""
-    base_fit = fit(split.training(), inquiry.base)
-    errors = find_structure(split.problem, split.used, base_fit, parts)
-    first = _explain(split, inquiry, found, parts, errors)
-    effects, left = first.diagnosis.effects, first.diagnosis.errors
-    if not effects or left.resembles(errors):
-        return first.split, first.diagnosis
-    second = _explain(split, inquiry, found, parts, left, effects)
-    best = second if second.criterion <= first.criterion or not left.shared else first
-    return best.split, best.diagnosis
-
-
-class _Explanation(NamedTuple):
-    """Effects and the parts of the errors together, with their information criterion."""
-
-    split: Split
-    diagnosis: Diagnosis
-    criterion: float
-
-
-def _explain(
-    split: Split,
-    inquiry: _Inquiry,
-    found: tuple[Candidate, ...],
-    parts: tuple[PossiblePart, ...],
-    errors: ErrorStructure,
-    known: Sequence[Effect] = (),
-) -> _Explanation:
-    """Search for effects given parts of the errors, and find the parts that are left then."""
-    plain = split.problem
-    weighed = replace(split, problem=errors.whiten(plain))
-    diagnosis = inquiry.search(weighed.training(), found, known)
-    left = find_structure(plain, split.used, diagnosis.fit, parts)
-    log_prior = sum(float(np.log(effect.candidate.prior)) for effect in diagnosis.effects)
-    criterion = compute_criterion(plain, split.used, diagnosis.fit, left, log_prior)
-    final = replace(split, problem=left.whiten(plain))
-    return _Explanation(final, replace(diagnosis, errors=left), criterion)
-
-
 def _reconsider_outliers(
-    training: Problem, inquiry: _Inquiry, found: tuple[Candidate, ...], outlying: Mask, again: Mask
+    training: Problem, inquiry: Inquiry, found: tuple[Candidate, ...], outlying: Mask, again: Mask
 ) -> Mask:
     """Reconsider outliers with all rows in the search.
 
     An effect of a few rows resembles outliers until it may be named. Returns the outliers of that
     search if they are at most half as many, else `again`."""
-    with_all = inquiry.search(training, found)
+    with_all = inquiry.diagnose(training, found)
     none = np.zeros(len(training), bool)
     fewer = _find_outliers(training, with_all, none)
     half = outlying.sum() / 2
@@ -321,7 +251,7 @@ class _Fold(NamedTuple):
     names: list[str]
 
 
-def _run_fold(k: int, split: Split, inquiry: _Inquiry, fold: Index) -> _Fold:
+def _run_fold(k: int, split: Split, inquiry: Inquiry, fold: Index) -> _Fold:
     outside = fold == k
     rest = replace(
         split, estimation=split.estimation & ~outside, outlying=np.zeros(len(fold), bool)
@@ -360,7 +290,7 @@ def run_nested_folds(  # noqa: PLR0913  what is asked, and how
     fold = np.full(len(rows), -1, dtype=np.intp)
     fold[rows] = assign_folds(estimation, folds, generator(seed, "nested"))
     count = int(fold.max()) + 1
-    inquiry = _Inquiry(base, everything, seed, cells, _be_silent, options)
+    inquiry = Inquiry(base, everything, seed, cells, _be_silent, options)
     run = partial(_run_fold, split=split, inquiry=inquiry, fold=fold)
     workers = min(count, count_cores())
     with ProcessPoolExecutor(max_workers=workers) as pool:

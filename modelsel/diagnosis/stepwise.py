@@ -60,7 +60,26 @@ class _Progress:
     tried: set[frozenset[int]] = field(default_factory=lambda: {frozenset()})
 
 
-def run_stepwise_search(  # noqa: PLR0913, PLR0917  what is asked, and how
+@dataclass(frozen=True, eq=False)
+class Exploration:
+    """A search that has added what chance does not explain, before anything is confirmed."""
+
+    search: Search
+    progress: _Progress
+    remainder: _Remainder
+
+    @property
+    def chosen(self) -> tuple[Candidate, ...]:
+        """The candidates that were added."""
+        return tuple(self.search.found[g] for g in self.progress.chosen)
+
+    @property
+    def fitted(self) -> Fit:
+        """The base with these, fitted."""
+        return self.progress.view.fitted
+
+
+def run_stepwise_search(
     problem: Problem,
     base: Model,
     base_fit: Fit,
@@ -68,24 +87,33 @@ def run_stepwise_search(  # noqa: PLR0913, PLR0917  what is asked, and how
     rng: np.random.Generator,
     say: Say = lambda _: None,
     memory_mb: float = DEFAULT_OPTIONS.memory_mb,
-    known: Sequence[Effect] = (),
 ) -> Diagnosis:
     """Extend the base by what the candidates `found` explain beyond chance.
 
     One effect is named at a time, on a training problem; `memory_mb` is for the values of the
-    causes. The search goes on from the `known` effects of an earlier one."""
+    causes."""
     if not found:
-        return _build_empty(base, base_fit)
+        return build_empty(base, base_fit)
     search = Search(problem, base, found, rng, base_fit, memory_mb)
+    return conclude(explore(search, (), say))
+
+
+def explore(search: Search, known: Sequence[Candidate], say: Say) -> Exploration:
+    """Add effects to the base, or to candidates that an earlier search has chosen."""
     progress = _resume(search, known)
     remainder = _add_effects(search, progress, say)
-    return _conclude(search, progress, remainder)
+    return Exploration(search, progress, remainder)
 
 
-def _resume(search: Search, known: Sequence[Effect]) -> _Progress:
-    """Start from the base, or from effects that are known where the data determine them."""
+def conclude(explored: Exploration) -> Diagnosis:
+    """Drop what the full model does not need, fit it exactly, and put the diagnosis together."""
+    return _conclude(explored.search, explored.progress, explored.remainder)
+
+
+def _resume(search: Search, known: Sequence[Candidate]) -> _Progress:
+    """Start from the base, or from candidates that are known where the data determine them."""
     place = {one.mechanism.name: g for g, one in enumerate(search.found)}
-    chosen = [place[effect.candidate.mechanism.name] for effect in known]
+    chosen = [place[one.mechanism.name] for one in known]
     view = search.try_fit(chosen, None) if chosen else None
     if view is None:
         return _Progress([], search.first)
@@ -94,7 +122,7 @@ def _resume(search: Search, known: Sequence[Effect]) -> _Progress:
     return _Progress(chosen, view, path, tried)
 
 
-def _build_empty(base: Model, base_fit: Fit) -> Diagnosis:
+def build_empty(base: Model, base_fit: Fit) -> Diagnosis:
     """Build the diagnosis without candidates: nothing may extend the base."""
     nothing = np.zeros(0)
     return Diagnosis(
@@ -347,9 +375,7 @@ def _find_cancelling(
 ) -> dict[int, tuple[str, float]]:
     """Find the effects of which another one takes back more than half at the target.
 
-    Maps each to the other's label, and the share of the smaller one that is left of both.
-
-    Returns its label, and the share of the smaller one that is left of both."""
+    Maps each to the other's label, and the share of the smaller one that is left of both."""
     displacement = {}
     size = {}
     for g in chosen:

@@ -19,7 +19,7 @@ from .._linalg import TINY
 from .._typing import Array, Index, Mask
 from .design import compute_design
 from .least_squares import Fit
-from .possible_parts import PossiblePart
+from .possible_parts import MIN_LEVELS, PossiblePart
 from .problem import Problem
 from .restricted_likelihood import Likelihood, LinearModel, evaluate_likelihood, maximise_likelihood
 from .shared_errors import MAX_BLOCK, SharedError, SharedErrors, group_blocks, keep_within, mix
@@ -127,6 +127,8 @@ def find_structure(
     rows = _choose_rows(problem, training)
     offered = [replace(one, error=one.error.take(rows)) for one in candidates]
     model = _build_model(problem.take(rows), fitted)
+    if model.freedom < MIN_LEVELS:
+        return ErrorStructure()
     chosen = [one for one in offered if one.error.known is not None]
     at = _start_with_known(model, chosen)
     while len(chosen) < MAX_PARTS:

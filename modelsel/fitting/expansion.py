@@ -63,6 +63,13 @@ class Expansion:
         """Products (p,) of the columns with the residual, all parameters put back."""
         return np.asarray(self.slope.products + self.gram @ self.theta)
 
+    def slope_at(self, theta: Array) -> Slope:
+        """Return the slope at theta (p,), as the squares' second order has it."""
+        change = theta - self.theta
+        moved = self.gram @ change
+        squares = self.slope.squares + float(change @ (moved - 2 * self.slope.products))
+        return Slope(squares, self.slope.products - moved)
+
     def distance(self, theta: Array) -> float:
         """How far all rows together move on the way to theta, whitened."""
         change = theta - self.theta

@@ -3,7 +3,7 @@ field, so that a step towards the minimum costs a walk along the chain and no ma
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
@@ -122,6 +122,12 @@ class Rows:
         """Blocks of the rows, where their causes may be kept."""
         return [_Part(part, self.screws) for _, part in self.problem.parts(ROWS)]
 
+    def along(self, theta: Array, change: Array) -> Iterator[tuple[slice, Array, Array]]:
+        """Yield, of every block of rows that are points, (rows, residual (c, rows), the columns at
+        theta (p,) times a change (p,) of it), not whitened; overwritten by the next."""
+        for rows, part in self.problem.parts(ROWS):
+            yield rows, *_Arm(part, self.screws).along(theta, change, self.space)
+
     def at(self, theta: Array) -> Slope:
         """Evaluate at parameters theta (p,)."""
         squares, products = 0.0, np.zeros(len(theta))
@@ -221,6 +227,13 @@ class _Arm:
         twist = self.screws.twist(theta, self.causes, frames, m)
         fill_rows(problem, twist, slice(0, m), moved, residual, space)
         return moved, residual
+
+    def along(self, theta: Array, change: Array, space: Workspace) -> tuple[Array, Array]:
+        """(residual (c, m), columns at theta (p,) times a change (p,) of it), not whitened."""
+        moved, residual = self.walk(theta, space)
+        frames, _, _, m = moved.shape
+        entries = self.screws.twist(change, self.causes, frames, m)
+        return residual, np.einsum("facm,fam->cm", moved, entries)
 
     def carry_back(self, moved: Array, back: Array) -> Array:
         """Products (p,) of the columns with rows `back` (c, m); `moved`: the screw field."""

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .._typing import Array
+from .._typing import Array, Index
 from ..mechanisms.terms import Term
 from .design import Model, residuals
 from .identifiability import Identified, solve
@@ -17,7 +17,8 @@ from .iteration import State
 from .linearisation import Linearisation
 from .prior import WeakPrior, fitted_terms, prior_root, prior_rows, with_prior
 from .problem import Problem
-from .reduction import PROBE, Reduction, Source
+from .reduction import Reduction, Source
+from .sampled import SampledSolver, draw_sample, takes_sample
 from .solver import ITERATIONS, Held, Solver
 
 STEP_MM = 1e-4  # 0.1 µm
@@ -157,7 +158,7 @@ def cost(reduction: Reduction) -> float:
     return float(np.square(reduction.R[:, -1]).sum())
 
 
-def fit(
+def fit(  # noqa: PLR0913  all but two have defaults
     problem: Problem | Source,
     model: Model,
     *,
@@ -166,6 +167,7 @@ def fit(
     start: Array | None = None,
     step_mm: float = STEP_MM,
     held: Held = "geometry",
+    fold_of: Index | None = None,
 ) -> Fit:
     """Fit a model to a problem by least squares. precision (p,): prior 1/variance of each term in
     whitened units, about zero, the terms of a free function correlated (`smooth`). `held`: what the
@@ -175,13 +177,20 @@ def fit(
 
     Gauss-Newton on the exact chain, until all rows together move less than `step_mm`; then what is
     fitted, what is fixed and what the prior of usual sizes holds is judged at the solution, and the
-    fit goes on until that stays. `iterations=1` is one linear step. Raises NotEstimable where the
+    fit goes on until that stays. `iterations=1` is one linear step. Of very many rows a sample is
+    fitted first; their reduction is then kept fold by fold, too, `fold_of` (m,). Raises NotEstimable where the
     data have no more coordinates than the model has estimable parameters, or the iteration does not
     settle."""
-    solver = solver_of(problem, model, precision, held)
+    if isinstance(problem, Problem) and takes_sample(problem, model, held):
+        sample = draw_sample(problem)
+        first = fit(sample, model, precision=precision, start=start, held=held)
+        start = first.theta
+        solver: Solver = sampled_solver(problem, sample, first, held, fold_of)
+    else:
+        solver = solver_of(problem, model, precision, held)
     theta = np.zeros(len(model.terms)) if start is None else start
     state = begin(solver, theta, precision, iterations, step_mm)
-    return finish(solver, state)
+    return finish(solver, solver.confirm(state, step_mm))
 
 
 def solver_of(
@@ -190,6 +199,23 @@ def solver_of(
     """Return the solver of a model's fits, its shrunk terms being those of any `precision`."""
     shrunk = np.zeros(len(model.terms), dtype=bool) if precision is None else precision > 0
     return Solver(problem, model, shrunk, problem.whitening.typical_weight(), held)
+
+
+def sampled_solver(
+    problem: Problem, sample: Problem, first: Fit, held: Held, fold_of: Index | None
+) -> SampledSolver:
+    """Return the solver of very many rows, from the first fit, of a sample of them."""
+    of_sample = solver_of(sample, first.model, first.precision, held)
+    return SampledSolver(
+        problem,
+        first.model,
+        of_sample.shrunk,
+        of_sample.weight,
+        held,
+        of_sample,
+        first.reduction,
+        fold_of,
+    )
 
 
 def begin(
@@ -216,9 +242,8 @@ def go_on(solver: Solver, state: State, iterations: int, step_mm: float) -> Stat
 
 def finish(solver: Solver, state: State) -> Fit:
     """Return the fit where the iteration has ended: the rows are reduced there."""
-    problem, model, theta, kept = solver.problem, solver.model, state.theta, state.found.kept
-    only = list(kept) if theta.any() and len(problem) > PROBE[1] else None
-    reduction = solver.reduce(theta, only)
+    model, theta, kept = solver.model, state.theta, state.found.kept
+    reduction = solver.conclude(state)
     full = with_prior(reduction, state.root, theta)
     return Fit(
         model,

@@ -6,7 +6,7 @@ Frozen; `take` selects rows, `dataclasses.replace` changes parts of it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -233,6 +233,17 @@ class Problem:
         """Return the values (m,) of a state variable; raises KeyError for one these data do not
         have."""
         return self.state.value(name)
+
+    def keep_values(self, causes: Iterable[Cause]) -> None:
+        """Evaluate what some causes need of the chain, once for all rows, block by block: parts of
+        the rows have it then."""
+        names = sorted({name for cause in causes for name in cause.names()})
+        wanted = self.state.missing(names)
+        values = {name: np.empty(len(self)) for name in wanted}
+        for rows, part in self.parts() if wanted else ():
+            for name, column in values.items():
+                column[rows] = part.value(name)
+        self.state.keep(values)
 
     def cause(self, cause: Cause) -> Array | float:
         """Return a cause at every row, (m,) or one number; evaluated once where the data are few

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg.lapack import dtpqrt
@@ -40,10 +40,11 @@ WIDE = 100
 @dataclass(frozen=True, eq=False)
 class Reduction:
     """Upper triangle R (p+1, p+1) of [columns | response] and the number of rows that went into
-    it."""
+    it; `parts`: those of the folds that it is made of, where they were asked for."""
 
     R: Array
     rows: int
+    parts: tuple[Reduction, ...] = field(default=(), repr=False)
 
     @staticmethod
     def empty(p: int) -> Reduction:
@@ -86,6 +87,14 @@ class Reduction:
         nothing = Reduction.empty(count)
         out = nothing.add(picked)
         return Reduction(out.R, self.rows)
+
+    def shift(self, change: Array) -> Reduction:
+        """Return the reduction with the parameters changed by (p,), linear: the response is less by
+        what the columns make of it."""
+        R = self.R.copy()
+        R[:, -1] -= R[:, :-1] @ change
+        parts = tuple(part.shift(change) for part in self.parts)
+        return Reduction(R, self.rows, parts)
 
 
 def merged(parts: Iterable[Reduction]) -> Reduction:
@@ -239,6 +248,33 @@ def _triangle(
     return _stream(problem, terms, at, every)
 
 
+def reduce_folds(
+    problem: Problem,
+    terms: Sequence[Term],
+    fold_of: Index,
+    at: Linearisation | None = None,
+    only: Sequence[int] | None = None,
+) -> list[Reduction]:
+    """Reduce a problem's whitened design and residual fold by fold, block by block.
+
+    `fold_of` (m,): the rows' folds; `only`: the terms that are asked for, other columns are left
+    out."""
+    width = len(terms)
+    wanted = [*(range(width) if only is None else only), width]
+    triangles = [
+        np.zeros((len(wanted), len(wanted)), order="F") for _ in range(int(fold_of.max()) + 1)
+    ]
+    space = Workspace()
+    for rows, part in problem.parts(STREAM):
+        design = whiten(part, assemble(part, terms, at, space=space))[wanted]
+        folds = fold_of[rows]
+        for k in np.unique(folds).tolist():
+            block = design[:, :, folds == k].reshape(len(wanted), -1)
+            _stack(triangles[k], block.T)
+    counts = problem.counted(fold_of, len(triangles)).tolist()
+    return [Reduction(R, rows) for R, rows in zip(triangles, counts, strict=True)]
+
+
 def multiply_problem(
     problem: Problem,
     terms: Sequence[Term],
@@ -310,7 +346,7 @@ def _without_dependent(problem: Problem, terms: Sequence[Term], at: Linearisatio
     lost = [k for k in range(p) if k not in kept]
     unit = probe[:, kept] / scale[kept]
     relation = np.linalg.lstsq(unit, probe[:, lost], rcond=None)[0] / scale[kept][:, None]
-    mixture, bound = _mixture(scale, kept, lost, relation)
+    mixture, bound = mix_dependent(scale, kept, lost, relation, len(probed))
     picked = [*kept, p]
     triangle = _stream(problem, terms, at, picked, mixture, bound)
     restored = np.pad(triangle[:-1, :-1] @ relation, ((0, 1), (0, 0)))
@@ -318,11 +354,11 @@ def _without_dependent(problem: Problem, terms: Sequence[Term], at: Linearisatio
     return Reduction.empty(p).add(columns[:, np.argsort([*picked, *lost])]).R
 
 
-def _mixture(
-    scale: Array, kept: Sequence[int], lost: Sequence[int], relation: Array
+def mix_dependent(
+    scale: Array, kept: Sequence[int], lost: Sequence[int], relation: Array, rows: int
 ) -> tuple[Array, float]:
     """(random mixture (p,) of what the dependent terms lack of their combinations, the most that
-    rounding makes of it in any row)."""
+    rounding makes of it in any row); `scale` (p,): norms of the columns over so many `rows`."""
     biggest = scale.max()
     moves = scale[lost] > MIN_COLUMN * biggest
     size = np.where(moves, scale[lost], biggest)  # a term that moves nothing is no unit
@@ -332,4 +368,4 @@ def _mixture(
     mixture[kept] = -relation @ mixture[lost]
     reach = np.abs(relation) @ np.abs(mixture[lost]) * scale[kept]
     largest = max(float(reach.max(initial=0.0)), 1.0)
-    return mixture, DEPENDENT * largest / np.sqrt(PROBE[0])
+    return mixture, DEPENDENT * largest / np.sqrt(rows)

@@ -14,8 +14,9 @@ from .._typing import Array, Index
 from ..mechanisms.terms import TermKey
 from .design import Model
 from .iteration import State
-from .least_squares import STEP_MM, Fit, begin, finish, fit, go_on, solver_of
+from .least_squares import STEP_MM, Fit, begin, finish, fit, go_on, sampled_solver, solver_of
 from .problem import Problem
+from .sampled import draw_sample, takes_sample
 from .solver import ITERATIONS, Held, Solver
 from .splines import spline, spline_groups
 
@@ -199,7 +200,7 @@ class _Marginal:
         shrunk = sum(counts)
         count = len(self.kept)
         fixed = count - shrunk
-        rows = self.solver.nominal.rows
+        rows = self.solver.count
         used = sum(effective)
         freedom = rows - fixed - used
         positive = max(freedom, 1.0)
@@ -214,18 +215,25 @@ def fit_shrunk(
     step_mm: float = STEP_MM,
     *,
     held: Held = "geometry",
+    fold_of: Index | None = None,
 ) -> Fit:
     """Fit a model, its free functions shrunk; a plain fit where it has none. `start`: a fit of a
-    similar model; `held` as in `fit`."""
-    theta = None
+    similar model; `held` and `fold_of` as in `fit`."""
+    theta, sample = None, None
+    groups = wide_groups(model)
+    if groups and takes_sample(problem, model, held):
+        sample = draw_sample(problem)
+        start = fit_shrunk(sample, model, start, step_mm, held=held)
     if start is not None:
         known = _by_key(start, start.theta)
         theta = np.array([known.get(term.key, 0.0) for term in model.terms])
-    groups = wide_groups(model)
     if not groups:
-        return fit(problem, model, start=theta, step_mm=step_mm, held=held)
+        return fit(problem, model, start=theta, step_mm=step_mm, held=held, fold_of=fold_of)
     precision = _first_precision(problem, model, groups, start)
-    solver = solver_of(problem, model, precision, held)
+    if sample is not None and start is not None:
+        solver: Solver = sampled_solver(problem, sample, start, held, fold_of)
+    else:
+        solver = solver_of(problem, model, precision, held)
     state = begin(
         solver, np.zeros(len(precision)) if theta is None else theta, precision, ITERATIONS, step_mm
     )
@@ -234,7 +242,7 @@ def fit_shrunk(
         state = go_on(solver, solver.weighed(state, precision), ITERATIONS, step_mm)
         if np.allclose(precision, previous, rtol=REFIT_TOLERANCE):
             break
-    return finish(solver, state)
+    return finish(solver, solver.confirm(state, step_mm))
 
 
 def _first_precision(

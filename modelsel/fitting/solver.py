@@ -31,7 +31,7 @@ from .iteration import (
 from .linearisation import Linearisation
 from .prior import Shrinkage, Usual, WeakPrior, faint, fitted_terms, usual_sizes, weigh_usual
 from .problem import Problem
-from .reduction import Reduction, Source, multiply_problem, reduce_problem
+from .reduction import PROBE, Reduction, Source, multiply_problem, reduce_problem
 
 Held = Literal["nothing", "geometry", "all"]
 ITERATIONS = 60
@@ -76,6 +76,12 @@ class Solver:
     def nominal(self) -> Reduction:
         """The reduction, at the nominal chain, of the terms that have no variance of their own."""
         return reduce_problem(self.problem, [self.model.terms[k] for k in self.free])
+
+    @cached_property
+    def count(self) -> int:
+        """Count of the measured numbers of all rows."""
+        problem = self.problem
+        return problem.coordinates if isinstance(problem, Problem) else self.nominal.rows
 
     @cached_property
     def free(self) -> list[int]:
@@ -301,28 +307,44 @@ class Solver:
         where the expansion is, which are returned, too."""
         if not self.is_far(state.theta):
             return fitted_terms(self.exact, self.model), None
-        point, terms = state.expansion.theta, self.model.terms
+        point = state.expansion.theta
         if state.far is not None and state.far.point is point:
             return state.far.found, state.far
         reduction = state.expansion.free
         if reduction is None:
-            free = [terms[k] for k in self.free]
-            reduction = reduce_problem(self.problem, free, Linearisation(terms, point))
+            reduction = self.reduce_free(state.expansion)
         found = fitted_terms(self.identified(reduction), self.model)
         return found, Far(point, found)
+
+    def reduce_free(self, expansion: Expansion) -> Reduction:
+        """Reduce the rows at an expansion's point, of the terms that have no variance of their
+        own."""
+        terms = self.model.terms
+        free = [terms[k] for k in self.free]
+        return reduce_problem(self.problem, free, Linearisation(terms, expansion.theta))
+
+    def confirm(self, state: State, step_mm: float) -> State:
+        """Return the state where the iteration has ended: its steps were by exact slopes."""
+        return state
+
+    def conclude(self, state: State) -> Reduction:
+        """Reduce the rows at the solution."""
+        theta, many = state.theta, len(self.problem) > PROBE[1]
+        only = list(state.found.kept) if theta.any() and many else None
+        return self.reduce(theta, only)
 
     def sigma(self, state: State) -> float:
         """Residual standard deviation of one whitened coordinate; terms that a prior holds cost no
         degree of freedom."""
         count = sum(not self.shrunk[k] for k in state.found.kept) - state.weak.count
-        variance = state.slope.squares / max(self.nominal.rows - count, 1.0)
+        variance = state.slope.squares / max(self.count - count, 1.0)
         return max(float(np.sqrt(variance)), QUIET_MM * self.weight)
 
     def refuse(self, state: State, settled: bool, step_mm: float) -> None:
         """Raise NotEstimable where the data have no more coordinates than the model has parameters,
         or where the iteration should have `settled` and has not."""
         names = " + ".join(self.model.names) or "the model"
-        rows = self.nominal.rows
+        rows = self.count
         rank = state.found.rank - state.weak.held
         if rows <= rank and state.shrinkage.precision is None:
             raise NotEstimable(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,6 +21,15 @@ from ..robot.gravity import compute_base_moment, compute_joint_moments, compute_
 from ..robot.kinematics import Pose, Robot, pose
 
 MAX_ROWS_KEPT = 20_000  # up to so many rows, causes are kept once evaluated
+# kinds that are measured, or counted
+MEASURED = (
+    StateKind.READING,
+    StateKind.TARGET,
+    StateKind.GROUP,
+    StateKind.PROGRESS,
+    StateKind.APPROACH,
+    StateKind.MOVE,
+)
 Placement = tuple[Array, Array]
 Bound = tuple[Robot, Measurements, Array, Placement, tuple[float, float, float]]
 
@@ -82,6 +91,14 @@ class StateVariables:
             self._values.update(evaluated)
         return self._values[name]
 
+    def missing(self, names: Sequence[str]) -> list[str]:
+        """Choose the names whose values need the chain, and are not evaluated yet."""
+        return [name for name in names if name not in self._values and _needs_chain(name)]
+
+    def keep(self, values: Mapping[str, Array]) -> None:
+        """Keep values (m,) that have been evaluated elsewhere."""
+        self._values.update(values)
+
     def cause(self, cause: Cause) -> Array | float:
         """Return a cause at every row, (m,) or one number."""
         values = self._causes.get(cause)
@@ -111,6 +128,12 @@ class StateVariables:
         tools = self.tools[data.target]
         readings = data.q
         return pose(self.robot, readings, tools)
+
+
+def _needs_chain(name: str) -> bool:
+    """Whether a name is of a quantity that depends on where the arm's links are."""
+    variable = parse_state_name(name)
+    return variable is not None and variable.kind not in MEASURED
 
 
 def _inputs(data: Measurements) -> tuple[object, ...]:

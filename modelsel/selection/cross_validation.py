@@ -20,10 +20,9 @@ from ..fitting.identifiability import identify, solve
 from ..fitting.least_squares import Fit
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import BLOCK, Problem
-from ..fitting.reduction import STREAM, Reduction, scatter_columns
+from ..fitting.reduction import Reduction, reduce_folds, scatter_columns
 from ..mechanisms.terms import Term
-from ..robot._kernels import Workspace
-from .moments import Coordinates, LinearRows, Moments, measure_moments
+from .moments import Coordinates, LinearRows, Moments, measure_fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,26 +135,9 @@ def _fold_blockwise(
     count = len(terms)
     columns = range(count) if only is None else only
     wanted = [*columns, count]
-    reductions = [Reduction.empty(len(columns))] * len(rows_of)
-    space = Workspace()
-    order = np.argsort(fold_of, kind="stable")
-    for start in range(0, len(problem), STREAM):
-        rows = order[start : start + STREAM]
-        part = problem.take(rows)
-        design = assemble(part, terms, at, space=space)
-        design = whiten(part, design)
-        _add_to_folds(reductions, design[wanted], fold_of[rows])
+    reductions = reduce_folds(problem, terms, fold_of, at, only)
     parts = [scatter_columns(reduction.R, wanted, count + 1) for reduction in reductions]
     return pad_blocks(parts, rows_of)
-
-
-def _add_to_folds(reductions: list[Reduction], design: Array, fold_of: Index) -> None:
-    """Add a design (columns, c, rows), its rows sorted by fold, to the folds' reductions."""
-    folds, starts = np.unique(fold_of, return_index=True)
-    stops = [*starts[1:], len(fold_of)]
-    for k, start, stop in zip(folds, starts, stops, strict=True):
-        rows = design[:, :, start:stop].reshape(len(design), -1).T
-        reductions[k] = reductions[k].add(rows)
 
 
 def fold_by_unit(
@@ -286,7 +268,7 @@ def cross_validate_fit(rows: LinearRows, fitted: Fit, fold_of: Index) -> CrossVa
     `fold_of` (m,): the rows' folds. Raises NotEstimable where the model is not estimable without
     some fold."""
     coordinates = Coordinates.of(fitted)
-    moments = measure_moments(rows, coordinates, fold_of)
+    moments = measure_fit(rows, fitted, coordinates, fold_of)
     counts = rows.problem.counted(fold_of, len(moments.square))
     return validate_moments(moments, coordinates, counts)
 

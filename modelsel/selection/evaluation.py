@@ -21,7 +21,7 @@ from ..fitting.shrinkage import fit_shrunk
 from ..fitting.state_variables import MAX_ROWS_KEPT
 from .criteria import aic, aicc, bic, gcv
 from .cross_validation import CrossValidation, cross_validate_fit
-from .moments import LinearRows
+from .moments import LinearRows, hold_out_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +114,13 @@ def evaluate(
     """Fit a model to the training rows and evaluate it on all rows.
 
     `fitted`: a fit to evaluate instead; `start`: the fit of a similar model to start from."""
+    if len(split.problem) > MAX_ROWS_KEPT:
+        screws = (screw for term in model.terms for screw in term.screws)
+        split.problem.keep_values(screw.cause for screw in screws)
     training = split.training()
+    folds = split.training_folds()
     if fitted is None:
-        fitted = fit_shrunk(training, model, start, held="all")
+        fitted = fit_shrunk(training, model, start, held="all", fold_of=folds)
     residual = fitted.residuals(split.problem)
     inside = split.estimation
     outside = ~inside
@@ -129,7 +133,6 @@ def evaluate(
     used = residual[split.used]
     length = np.linalg.norm(used[:, :3], axis=1)
     if fitted.theta.size:
-        folds = split.training_folds()
         with suppress(NotEstimable):
             validation, length = _cross_validate(training, fitted, folds)
     return build_evaluation(split, tuple(names), fitted, errors, validation, length, residual)
@@ -142,7 +145,7 @@ def _cross_validate(
     fold. Raises NotEstimable."""
     rows = LinearRows(training, fitted.terms, fitted.at())
     validation = cross_validate_fit(rows, fitted, folds_of)
-    residual = rows.held_out(folds_of, validation.without)
+    residual = hold_out_rows(rows, fitted, folds_of, validation.without)
     length = np.linalg.norm(residual, axis=1)
     return validation, length
 

@@ -22,7 +22,14 @@ from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Mechanism
 from ..selection.criteria import log_evidence
 from ..selection.evaluation import Split
-from ..selection.moments import Coordinates, LinearRows, Moments, leave_out, measure_moments
+from ..selection.moments import (
+    Coordinates,
+    LinearRows,
+    Moments,
+    leave_out,
+    measure_fit,
+    measure_moments,
+)
 from .bootstrap import Bootstrap
 from .stability import MIN_DETERMINED, count_determined, measure_stability
 
@@ -234,7 +241,7 @@ class _ReducedModels:
         rows = LinearRows(training, fitted.terms, fitted.at())
         self.rows = len(training)
         self.whitening = training.whitening
-        self.moments = measure_moments(rows, coordinates, folds)
+        self.moments = measure_fit(rows, fitted, coordinates, folds)
         self.plain = None
         if not self.whitening.uniform:
             self.plain = measure_moments(rows, coordinates, folds, weighted=False)

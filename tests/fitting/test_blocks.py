@@ -67,7 +67,6 @@ def blocks(monkeypatch: pytest.MonkeyPatch):
         monkeypatch.setattr(Problem.parts, "__defaults__", (BLOCK,))
         monkeypatch.setattr(Problem.blocks, "__defaults__", (BLOCK,))
         monkeypatch.setattr(reduce, "STREAM", 50)
-        monkeypatch.setattr(folds, "STREAM", 50)
         monkeypatch.setattr(state_variables, "MAX_ROWS_KEPT", BLOCK)
 
     return smaller

@@ -9,6 +9,7 @@ import pytest
 from builders import drawn, one, planted
 
 from modelsel.config.study_file import parse_study
+from modelsel.fitting.shrinkage import fit_shrunk
 from modelsel.measurements.visits import number_blocks
 from modelsel.mechanisms.causes import q
 from modelsel.selection.gain import ResamplingOptions, estimate_gain
@@ -28,15 +29,20 @@ candidates = ["wrist-coupling", "backlash:3", "joint-compliance"]
 """
 
 
-def test_naming_sees_a_share_and_says_so(rng, tmp_path) -> None:
+def campaign(rng, folder) -> None:
+    """Write an arm's measurements, two of them gross, on either side of the split."""
     at = drawn("puma760", rng, 320)
     at = planted(at, one(5, "rz", q(4)).terms, np.array([1.5e-3]), rng, 0.05)
     position = at.data.position.copy()
-    position[[11, 250]] += 5.0  # gross, on either side of the split
+    position[[11, 250]] += 5.0
     names = [*(f"q{j}_rad" for j in range(1, 7)), "x_mm", "y_mm", "z_mm"]
     pd.DataFrame(np.column_stack([at.data.q, position]), columns=names).to_csv(
-        tmp_path / "measurements.csv", index=False
+        folder / "measurements.csv", index=False
     )
+
+
+def test_naming_sees_a_share_and_says_so(rng, tmp_path) -> None:
+    campaign(rng, tmp_path)
     study = parse_study(STUDY + "[search]\nmax_rows = 100\n", "study.toml")
     result = run_study(study, tmp_path, sampling=False)
     assert "wrist-coupling" in " ".join(result.models.chosen.names)
@@ -47,6 +53,24 @@ def test_naming_sees_a_share_and_says_so(rng, tmp_path) -> None:
     assert "100 of the" in said[0]
     assert "with 90 %" in said[0]
     assert set(np.flatnonzero(result.split.outlying)) == {11, 250}
+
+
+def test_rungs_are_the_minimum_of_all_rows(rng, tmp_path, monkeypatch) -> None:
+    """Of a study that names on a sample and fits very many rows from one, too."""
+    campaign(rng, tmp_path)
+    study = parse_study(STUDY + "[search]\nmax_rows = 100\n", "study.toml")
+    with monkeypatch.context() as few:
+        few.setattr("modelsel.fitting.sampled.MANY_ROWS", 150)
+        result = run_study(study, tmp_path, sampling=False)
+    rungs = result.models.ladder[1:]
+    assert len(rungs) > 1
+    training = result.split.training()
+    for rung in rungs:
+        assert rung.fit.reduction.parts, "the rows were not fitted from a sample"
+        whole = fit_shrunk(training, rung.fit.model, held="all")
+        assert rung.fit.rss == pytest.approx(whole.rss, rel=1e-8)
+        error = np.maximum(whole.standard_errors, 1e-12)
+        assert np.abs((rung.fit.theta - whole.theta) / error).max() < 1e-3
 
 
 def test_bundled_bootstrap_has_the_same_interval(rng) -> None:

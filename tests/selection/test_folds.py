@@ -175,6 +175,7 @@ def test_folds_stream(size, rng, monkeypatch) -> None:
     """Folds that many blocks of rows feed, with weights, are those of one block."""
     from dataclasses import replace
 
+    from modelsel.fitting import reduction
     from modelsel.selection import cross_validation as folds
 
     which = Model((mechanism("geometric", load_robot("ur5")),))
@@ -183,7 +184,7 @@ def test_folds_stream(size, rng, monkeypatch) -> None:
     fold_of = assign_folds(at.data, 4, rng)
     once = cross_validate(fold(at, which.terms, fold_of))
     monkeypatch.setattr(folds, "BLOCK", size)
-    monkeypatch.setattr(folds, "STREAM", size)
+    monkeypatch.setattr(reduction, "STREAM", size)
     again = cross_validate(fold(at, which.terms, fold_of))
     np.testing.assert_allclose(again.held_out, once.held_out, rtol=1e-10)
     np.testing.assert_allclose(again.density, once.density, rtol=1e-10)

@@ -1,0 +1,101 @@
+"""Effects and errors apart: what repeats, and what does not.
+
+An effect that is not named yet resembles errors: a joint that yields, one that does not repeat. So
+the parts of the errors are found at the base first, where they are the most that they can be, and
+effects are sought given these. Then the parts are found again in what the effects leave, and in
+turn, until that stays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from .._random import generator
+from .._typing import Say
+from ..fitting.design import Model
+from ..fitting.error_structure import ErrorStructure, compute_criterion, find_structure
+from ..fitting.least_squares import fit
+from ..fitting.possible_parts import PossiblePart
+from ..fitting.problem import Problem
+from ..mechanisms.terms import Mechanism
+from ..selection.evaluation import Split
+from .candidates import Candidate
+from .options import DiagnosisOptions
+from .outcome import Diagnosis
+from .state import Search
+from .stepwise import build_empty, conclude, explore
+
+# searches, each with the parts of the errors that the one before has left
+MAX_STRUCTURES = 3
+
+
+class Inquiry(NamedTuple):
+    """What is asked of the rows of a split."""
+
+    base: Model
+    everything: tuple[Mechanism, ...]
+    seed: int
+    cells: bool
+    say: Say
+    options: DiagnosisOptions
+
+    def search(self, problem: Problem, found: tuple[Candidate, ...]) -> Search:
+        """Prepare the search for effects in a training problem, with the study's random stream of
+        naming."""
+        rng = generator(self.seed, "naming")
+        base_fit = fit(problem, self.base)
+        return Search(problem, self.base, found, rng, base_fit, self.options.memory_mb)
+
+    def diagnose(self, problem: Problem, found: tuple[Candidate, ...]) -> Diagnosis:
+        """Search for effects in a training problem whose rows are independent."""
+        if not found:
+            return build_empty(self.base, fit(problem, self.base))
+        return conclude(explore(self.search(problem, found), (), self.say))
+
+
+def separate(
+    split: Split, inquiry: Inquiry, found: tuple[Candidate, ...], parts: tuple[PossiblePart, ...]
+) -> tuple[Split, Diagnosis]:
+    """Separate what repeats from what does not: effects, given the parts of the errors, and in turn.
+
+    What the base leaves is the most that errors can be. Where effects explain some of that away, the
+    search goes on with what is left of it; of the explanations the criterion chooses. Returns the
+    split, its rows weighed so that they are independent."""
+    plain, used = split.problem, split.used
+    if not found:
+        return split, inquiry.diagnose(split.training(), found)
+    errors = find_structure(plain, used, fit(split.training(), inquiry.base), parts)
+    known: tuple[Candidate, ...] = ()
+    explanations = []
+    for k in range(MAX_STRUCTURES):
+        weighed = replace(split, problem=errors.whiten(plain))
+        explored = explore(inquiry.search(weighed.training(), found), known, inquiry.say)
+        known = explored.chosen
+        left = find_structure(plain, used, explored.fitted, parts) if known else errors
+        is_settled = left.resembles(errors)
+        if is_settled or left.shared or k == MAX_STRUCTURES - 1:
+            explanations.append(_explain(split, conclude(explored), left))
+        if is_settled:
+            break
+        errors = left
+    best = min(explanations, key=lambda one: one.criterion)
+    return best.split, best.diagnosis
+
+
+class _Explanation(NamedTuple):
+    """Effects and the parts of the errors together, with their information criterion."""
+
+    split: Split
+    diagnosis: Diagnosis
+    criterion: float
+
+
+def _explain(split: Split, diagnosis: Diagnosis, errors: ErrorStructure) -> _Explanation:
+    """Put effects and the parts that they leave together."""
+    plain = split.problem
+    log_prior = sum(float(np.log(effect.candidate.prior)) for effect in diagnosis.effects)
+    criterion = compute_criterion(plain, split.used, diagnosis.fit, errors, log_prior)
+    weighed = replace(split, problem=errors.whiten(plain))
+    return _Explanation(weighed, replace(diagnosis, errors=errors), criterion)

@@ -1,0 +1,200 @@
+"""Fits of very many rows, from the fit of a sample of them.
+
+What depends on what is seen on the sample, and checked on all rows. The sample's products, scaled,
+are so much like those of all rows that a few steps by the exact slope lead to the solution; the
+rows are reduced there once, and what is left to do is linear."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from .._typing import Array, Index
+from .design import Model
+from .expansion import Expansion
+from .gradient import Slope
+from .identifiability import Identified
+from .iteration import State, compute_direction
+from .linearisation import Linearisation
+from .problem import Problem
+from .reduction import Reduction, merged, mix_dependent, reduce_folds
+from .solver import ITERATIONS, Held, Solver
+
+# rows, of which a sample is fitted first
+MANY_ROWS = 50_000
+# share of them that is the sample; of many rows it is itself fitted from a sample
+SHARE = 1 / 8
+GOLDEN = (np.sqrt(5) - 1) / 2
+# mm of a coordinate (rms): as far from a point do its columns change by a ten millionth
+NEAR_MM = 1e-4
+# steps by the sample's products, and what a step should leave of the one before
+STEPS = 8
+QUICK = 0.2
+
+
+def takes_sample(problem: Problem, model: Model, held: Held) -> bool:
+    """Return whether a model is fitted from the fit of a sample of the rows: not where they share
+    errors, which a sample cuts."""
+    may_judge = bool(model.terms) and held != "nothing"
+    is_plain = problem.only_points and problem.whitening.shared is None
+    return may_judge and is_plain and len(problem) > MANY_ROWS
+
+
+def draw_sample(problem: Problem) -> Problem:
+    """Return the problem of a share of the rows, spread evenly over all, at no fixed distance."""
+    count = int(SHARE * len(problem))
+    number = np.arange(count)
+    place = number + np.mod(number * GOLDEN, 1.0)
+    rows = (place * len(problem) / count).astype(np.intp)
+    return problem.take(rows)
+
+
+@dataclass(frozen=True, eq=False)
+class SampledSolver(Solver):
+    """Fits of a model to very many rows.
+
+    sample: the same of a sample of them.
+    reduction: the sample's rows, reduced at its solution.
+    fold_of: (m,) the folds that the rows are reduced by."""
+
+    sample: Solver
+    reduction: Reduction
+    fold_of: Index | None = None
+
+    @cached_property
+    def exact(self) -> Identified:
+        """What the data determine at the nominal chain: as the sample says, where no row objects."""
+        found = self.sample.exact
+        if not self.agrees(found):
+            return self.identified(self.nominal)
+        return replace(
+            found, scale=self.growth * found.scale, triangle=self.growth * found.triangle
+        )
+
+    @property
+    def growth(self) -> float:
+        """What a column's norm is of that in the sample."""
+        return float(np.sqrt(len(self.problem) / len(self.sample.problem)))
+
+    def agrees(self, found: Identified) -> bool:
+        """Return whether terms that depend on others in the sample do so in every row: a random
+        mixture of what they lack of their combinations must stay at rounding."""
+        kept = list(found.exact)
+        lost = [k for k in self.free if k not in kept]
+        if not lost:
+            return True
+        relation = found.relation[lost].T
+        rows = len(self.sample.problem)
+        mixture, bound = mix_dependent(found.scale, kept, lost, relation, rows)
+        nominal = np.zeros(len(mixture))
+        return all(
+            np.abs(change).max() <= bound / self.weight
+            for _, _, change in self.rows.along(nominal, mixture)
+        )
+
+    def begin(
+        self,
+        theta: Array,
+        precision: Array | None,
+        found: Identified,
+        expansion: Expansion | None = None,
+    ) -> State:
+        """Begin near the solution: steps by the exact slope and the sample's products lead there
+        from theta (p,), where the sample shows all that is fitted."""
+        shown = np.flatnonzero(self.reduction.R.any(axis=0))
+        if not np.isin(found.kept, shown).all():
+            return super().begin(theta, precision, found, expansion)
+        theta = np.where(np.isin(np.arange(len(theta)), found.kept), theta, 0.0)
+        slope = self.rows.at(theta)
+        state = super().begin(theta, precision, found, self.expand_sample(theta, slope))
+        size = np.inf
+        for _ in range(STEPS):
+            state = self.judge(state)
+            delta, step = compute_direction(state)
+            theta = state.theta + delta
+            left, size = step / size, step
+            if left > QUICK or 0 < size * left < self.near:
+                break
+            state = replace(state, theta=theta, slope=self.rows.at(theta))
+        return self.expanded(replace(state, theta=theta))
+
+    def expand_sample(self, theta: Array, slope: Slope) -> Expansion:
+        """Return the expansion about theta (p,) of the exact slope there and the products of the
+        sample's columns, which are much like those of all rows."""
+        R = self.growth * self.reduction.R
+        response, *_ = np.linalg.lstsq(R[:, :-1].T, slope.products, rcond=None)
+        left = slope.squares - float(response @ response)
+        response[-1] = np.sqrt(max(left, 0.0))
+        grown = Reduction(np.column_stack([R[:, :-1], response]), self.count)
+        return Expansion.of_reduction(theta, grown)
+
+    def reduce(self, theta: Array, only: object = None) -> Reduction:
+        """Reduce the rows at theta (p,), fold by fold."""
+        assert isinstance(self.problem, Problem)
+        terms = self.model.terms
+        at = Linearisation(terms, theta) if theta.any() else None
+        folds = self.fold_of
+        if folds is None:
+            folds = np.zeros(len(self.problem), dtype=np.intp)
+        parts = reduce_folds(self.problem, terms, folds, at)
+        whole = merged(parts)
+        return whole if self.fold_of is None else replace(whole, parts=tuple(parts))
+
+    def reduce_free(self, expansion: Expansion) -> Reduction:
+        """Return the reduction at an expansion's point, of the terms that have no variance of their
+        own."""
+        assert expansion.reduction is not None
+        return expansion.reduction.select(self.free)
+
+    def expand(self, theta: Array) -> Expansion:
+        """Expand the squares about theta (p,)."""
+        return Expansion.of_reduction(theta, self.reduce(theta))
+
+    def expanded(self, state: State) -> State:
+        """Expand the squares anew, where the iteration stands; the slope is exact there."""
+        expanded = super().expanded(state)
+        return replace(expanded, slope=expanded.expansion.slope)
+
+    @property
+    def near(self) -> float:
+        """How far all rows together may move, whitened, from a point whose expansion is used."""
+        return NEAR_MM * self.weight * float(np.sqrt(self.count))
+
+    def is_near(self, state: State) -> bool:
+        """Return whether the expansion is as good as one about theta."""
+        return state.expansion.distance(state.theta) < self.near
+
+    def confirm(self, state: State, step_mm: float) -> State:
+        """Go on from where the iteration has ended, until a step by the exact slope is shorter than
+        `step_mm`; where steps do not get shorter quickly, the squares are expanded anew. Where that
+        leads nowhere, by steps that are damped."""
+        size = np.inf
+        for _ in range(STEPS):
+            exact = replace(state, slope=self.rows.at(state.theta))
+            delta, step = compute_direction(exact)
+            if step < step_mm * self.weight:
+                return replace(exact, step_mm=step / self.weight)
+            state = replace(exact, theta=exact.theta + delta)
+            is_slow, size = step > QUICK * size, step
+            if is_slow or not self.is_near(state):
+                state = self.settle(self.expanded(exact), ITERATIONS, step_mm)
+                size = np.inf
+        state = super().solve(state, ITERATIONS, step_mm)
+        self.refuse(state, True, step_mm)
+        return state
+
+    def solve(self, state: State, iterations: int, step_mm: float) -> State:
+        """Go to the minimum of the squares about the expansion's point: one step leads there."""
+        delta, _ = compute_direction(replace(state, damping=0.0))
+        theta = state.theta + delta
+        slope = state.expansion.slope_at(theta)
+        count = state.iterations + 1
+        return replace(state, theta=theta, slope=slope, step_mm=0.0, iterations=count)
+
+    def conclude(self, state: State) -> Reduction:
+        """Return the reduction at the solution: that of the expansion, which is near."""
+        reduction = state.expansion.reduction
+        assert reduction is not None
+        return reduction.shift(state.theta - state.expansion.theta)

@@ -1,0 +1,136 @@
+"""Fits of very many rows, from a sample's fit: the minimum of all rows, as of a fit of them all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from builders import drawn, planted
+
+from modelsel._typing import Array
+from modelsel.fitting import sampled
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import Fit, fit
+from modelsel.fitting.problem import Problem
+from modelsel.fitting.sampled import draw_sample
+from modelsel.fitting.shrinkage import fit_shrunk
+from modelsel.mechanisms.causes import Bump, Named, q, sin
+from modelsel.mechanisms.registry import mechanism
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.robot.files import load_robot
+from modelsel.selection.evaluation import Split, evaluate
+
+ARM = load_robot("puma760")
+ROWS = 1600
+
+
+def effect(name: str, cause: object) -> Mechanism:
+    return Mechanism(name, (Term("w", (Screw(3, "rz", cause),)),))
+
+
+PLAIN = Model(
+    (mechanism("geometric", ARM), mechanism("joint-compliance:2", ARM), effect("own", sin(q(3))))
+)
+BUMPS = tuple(Bump("q3", centre, 0.4) for centre in np.arange(-1.2, 1.3, 0.4).tolist())
+CURVE = tuple(Term(f"s{k}", (Screw(3, "rz", bump),)) for k, bump in enumerate(BUMPS))
+FREE = Model((mechanism("geometric", ARM), Mechanism("free(q3)", CURVE)))
+
+
+def measure(rng: np.random.Generator, model: Model) -> Problem:
+    """An arm with the model's errors, and one that no model has."""
+    at = drawn(ARM, rng, ROWS)
+    wave = effect("wave", sin(5.0 * q(2)))
+    whole = Model((*model.mechanisms, wave))
+    sizes = [0.3 if term.unit == "mm" else 1e-3 for term in model.terms]
+    theta = np.append(rng.normal(0, 1, len(sizes)) * sizes, 3e-4)
+    return planted(at, whole.terms, theta, rng, 0.05)
+
+
+@pytest.fixture
+def many(monkeypatch):
+    """A function that says from how many rows a sample is fitted first."""
+
+    def of(rows: int) -> None:
+        monkeypatch.setattr(sampled, "MANY_ROWS", rows)
+
+    return of
+
+
+def same(one: Fit, other: Fit, tolerance: float = 1e-4) -> None:
+    assert one.found.kept == other.found.kept
+    assert one.weak.count == other.weak.count
+    assert one.rss == pytest.approx(other.rss, rel=1e-7 * tolerance)
+    error = np.maximum(other.standard_errors, 1e-12)
+    assert np.abs((one.theta - other.theta) / error).max() < tolerance
+    assert one.standard_errors == pytest.approx(other.standard_errors, rel=0.1 * tolerance)
+
+
+@pytest.mark.parametrize(
+    ("model", "held"),
+    [(PLAIN, "geometry"), (PLAIN, "all"), (FREE, "geometry"), (FREE, "all")],
+    ids=["plain", "plain, all", "free", "free, all"],
+)
+def test_the_fit_is_that_of_all_rows(model, held, rng, many) -> None:
+    at = measure(rng, model)
+    whole = fit_shrunk(at, model, held=held)
+    many(1000)
+    from_sample = fit_shrunk(at, model, held=held)
+    # the variance of a free function is found to a thousandth
+    same(from_sample, whole, 1e-2 if model is FREE else 1e-4)
+    alone = fit_shrunk(draw_sample(at), model, held=held)
+    assert (
+        np.abs(alone.theta - whole.theta).max()
+        > 1e3 * np.abs(from_sample.theta - whole.theta).max()
+    )
+
+
+def test_what_few_rows_show_is_fitted(rng, many) -> None:
+    """A cause that is nought in all of the sample."""
+    at = measure(rng, PLAIN)
+    few = np.setdiff1d(np.arange(ROWS), draw_sample(at).data.row)[:40]
+    switched = np.zeros(ROWS)
+    switched[few] = 1.0
+    at = replace(at, data=replace(at.data, covariates={"switched": switched}))
+    model = Model((*PLAIN.mechanisms, effect("switch", Named("switched"))))
+    whole = fit(at, model)
+    many(500)
+    same(fit(at, model), whole)
+    assert len(model.terms) - 1 in whole.found.kept
+
+
+def split_of(at: Problem, rng: np.random.Generator) -> Split:
+    estimation = np.arange(ROWS) % 5 > 0
+    folds = np.where(estimation, rng.integers(0, 4, ROWS), -1)
+    outlying = np.zeros(ROWS, bool)
+    outlying[7] = True
+    return Split(at, estimation, outlying, folds, known_sigma=False)
+
+
+def figures(split: Split) -> tuple[list[float], Array]:
+    evaluation = evaluate(split, PLAIN, PLAIN.names)
+    numbers = [
+        evaluation.cv_rms_mm,
+        evaluation.cv_mean_mm,
+        evaluation.log_density,
+        evaluation.held_out.rms_mm,
+        evaluation.aicc,
+        evaluation.bic,
+    ]
+    return numbers, evaluation.crossed
+
+
+def test_folds_come_with_the_fit(rng, many) -> None:
+    split = split_of(measure(rng, PLAIN), rng)
+    numbers, lengths = figures(split)
+    many(500)
+    others, other_lengths = figures(split)
+    assert others == pytest.approx(numbers, rel=1e-9)
+    assert other_lengths == pytest.approx(lengths, rel=1e-7)
+
+
+def test_a_sample_has_every_target() -> None:
+    """Rows of three targets in turn: no multiple of three falls on one of them alone."""
+    at = drawn(ARM, np.random.default_rng(0), 24_000)
+    counts = np.bincount(draw_sample(at).data.row % 3)
+    assert counts.min() > 0.3 * counts.sum()
