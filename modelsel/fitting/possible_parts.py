@@ -99,9 +99,9 @@ def _list_joints(problem: Problem, seen: Measurements) -> list[PossiblePart]:
     whitened = problem.whitening.apply_by_row(moved.copy())
     size = np.sqrt(np.square(whitened).sum(1).mean(1))
     told_by = "directions"
-    if _count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
+    if count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
         told_by = "targets"
-    if _count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
+    if count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
         told_by = "repeats"
     found = []
     for j, slides in enumerate(prismatic):
@@ -115,7 +115,7 @@ def _list_joints(problem: Problem, seen: Measurements) -> list[PossiblePart]:
     return found
 
 
-def _count_excess(coarse: Index, fine: Index) -> int:
+def count_excess(coarse: Index, fine: Index) -> int:
     """Count the distinct `fine` numbers beyond one for each `coarse` number."""
     pairs = np.unique(np.stack([coarse, fine], axis=1), axis=0)
     return len(pairs) - len(np.unique(pairs[:, 0]))
@@ -136,10 +136,10 @@ def _list_shared(problem: Problem, seen: Measurements) -> list[PossiblePart]:
     data = problem.data
     found = []
     loading = _load_positions(problem)
-    if _count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
+    if count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
         error = SharedError(loading, data.configuration)
         found.append(PossiblePart("configuration", "mm", error, 3.0, "targets"))
-    if _count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
+    if count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
         error = SharedError(loading, data.block)
         found.append(PossiblePart("configuration", "mm", error, 3.0, "repeats"))
     count = np.bincount(seen.group)
