@@ -27,7 +27,8 @@ from .outcome import Diagnosis
 from .state import Search
 from .stepwise import build_empty, conclude, explore
 
-# searches, each with the parts of the errors that the one before has left
+# searches at most, each with the parts of the errors that the one before has left; the third only
+# where none are left
 MAX_STRUCTURES = 3
 
 
@@ -75,9 +76,10 @@ def separate(
         known = explored.chosen
         left = find_structure(plain, used, explored.fitted, parts) if known else errors
         is_settled = left.resembles(errors)
-        if is_settled or left.shared or k == MAX_STRUCTURES - 1:
+        is_last = is_settled or (bool(left.shared) and k == 1) or k == MAX_STRUCTURES - 1
+        if is_last or left.shared:
             explanations.append(_explain(split, conclude(explored), left))
-        if is_settled:
+        if is_last:
             break
         errors = left
     best = min(explanations, key=lambda one: one.criterion)

@@ -206,11 +206,12 @@ def _find_next(
     if not found:
         return None
     best = max(found, key=lambda one: one.at.log - HANDICAP * (one.part.error.time is not None))
-    return [*chosen, best.part], best.at
+    return [*chosen, best.part], maximise_likelihood(at.model, best.at.parts, exact=False)
 
 
 class _Trial(NamedTuple):
-    """The likelihood with one part more, and how often chance gains as much."""
+    """The likelihood with one part more, the others as they were, and how often chance gains as
+    much."""
 
     part: PossiblePart
     at: Likelihood
@@ -219,7 +220,7 @@ class _Trial(NamedTuple):
 
 def _try(at: Likelihood, part: PossiblePart, variance: float) -> _Trial:
     start = replace(part.error, variance=variance)
-    trial = maximise_likelihood(at.model, [*at.parts, start], exact=False)
+    trial = maximise_likelihood(at.model, [start], at.parts, exact=False)
     p = part.tests * compute_p(trial.log - at.log)
     return _Trial(part, trial, p if any(part.error.is_like(own) for own in trial.parts) else 1.0)
 

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from .._linalg import TINY
-from .._typing import Array
+from .._typing import Array, Mask
 from .shared_errors import Layout, Mixing, SharedError, keep_within
 
 # of L-BFGS-B: changes of twice the log likelihood, and its slope, at which it ends
@@ -166,39 +166,45 @@ def _choose_phi(parts: Sequence[SharedError], square: float, freedom: float) -> 
 
 
 def maximise_likelihood(
-    model: LinearModel, parts: Sequence[SharedError], exact: bool = True
+    model: LinearModel,
+    parts: Sequence[SharedError],
+    held: Sequence[SharedError] = (),
+    exact: bool = True,
 ) -> Likelihood:
     """Maximise the restricted likelihood over the variances of parts, from those that they have.
 
-    Where parts are of known variance, φ is sought in their place. A part whose variance ends at
-    nought is none of the result's. Unless `exact`, twice the log
-    likelihood is within some hundredths of its maximum."""
+    Parts that are `held` keep theirs; where parts are of known variance, φ is sought in their
+    place. A part whose variance ends at nought is none of the result's. Unless `exact`, twice the
+    log likelihood is within some hundredths of its maximum."""
     from scipy.optimize import minimize
 
+    every = [*held, *parts]
     if not parts:
-        return evaluate_likelihood(model, ())
-    layout = lay_out(parts)
-    start = np.log([part.variance for part in parts])
-    is_known = np.array([part.known is not None for part in parts])
-    scale = _choose_scale(evaluate_likelihood(model, parts, layout))[~is_known]
+        return evaluate_likelihood(model, every)
+    layout = lay_out(every)
+    start = np.log([part.variance for part in every])
+    is_known = np.array([part.known is not None for part in every])
+    is_sought = ~is_known & (np.arange(len(every)) >= len(held))
+    scale = _choose_scale(evaluate_likelihood(model, every, layout), is_sought)
     # what the logarithms of the variances go by: their own, and that of φ where some are known
-    steps = np.eye(len(parts))[:, ~is_known]
+    steps = np.eye(len(every))[:, is_sought]
     if is_known.any():
         steps = np.column_stack([steps, -is_known.astype(float)])
         scale = np.append(scale, np.sqrt(model.freedom))
+    moves = np.flatnonzero(is_sought | is_known)
 
     def lose(x: Array) -> tuple[float, Array]:
         variance = np.exp(start + steps @ (x / scale))
-        at = evaluate_likelihood(model, _set_variances(parts, variance), layout)
-        slopes = np.array([at.slope(part)[0] for part in at.parts])
-        loss = -steps.T @ (slopes * variance)
+        at = evaluate_likelihood(model, _set_variances(every, variance), layout)
+        slopes = np.array([at.slope(at.parts[k])[0] for k in moves])
+        loss = -steps[moves].T @ (slopes * variance[moves])
         if is_known.any():
             loss[-1] += model.freedom - at.square / at.phi
         return -at.log, loss / scale
 
-    largest = LARGEST_SHARE / np.array([_mean_square(part) for part in parts])
+    largest = LARGEST_SHARE / np.array([_mean_square(part) for part in every])
     low, high = np.log(LEAST_SHARE * largest) - start, np.log(largest) - start
-    bounds = np.stack([low, high])[:, ~is_known]
+    bounds = np.stack([low, high])[:, is_sought]
     if is_known.any():
         bounds = np.column_stack([bounds, [-high[is_known].min(), -low[is_known].max()]])
     options = EXACT if exact else ROUGH
@@ -211,16 +217,18 @@ def maximise_likelihood(
         options=options,
     )
     variance = np.exp(start + steps @ (found.x / scale))
-    is_there = is_known | (variance >= NO_PART * largest)
-    changed = _set_variances(parts, variance)
+    is_there = ~is_sought | (variance >= NO_PART * largest)
+    changed = _set_variances(every, variance)
     there = [part for part, kept in zip(changed, is_there, strict=True) if kept]
-    return evaluate_likelihood(model, there, layout if len(there) == len(parts) else None)
+    return evaluate_likelihood(model, there, layout if is_there.all() else None)
 
 
-def _choose_scale(at: Likelihood) -> Array:
-    """Choose (k,) what makes the likelihood about equally curved in all logarithms of variances."""
+def _choose_scale(at: Likelihood, is_sought: Mask) -> Array:
+    """Choose (k,) what makes the likelihood about equally curved in the logarithms of the variances
+    that are sought."""
     scale = []
-    for part in at.parts:
+    for k in np.flatnonzero(is_sought):
+        part = at.parts[k]
         information = float(at.information(at.slope(part)[1])[0, 0])
         curvature = information * part.variance**2
         scale.append(np.sqrt(max(curvature, 1.0)))

@@ -21,7 +21,7 @@ from .._linalg import connected_components
 from .._typing import Array, Index, Rows
 
 # rows of a block at most: of a lasting error, and of those that others share
-MAX_BLOCK = 128
+MAX_BLOCK = 64
 # size of a matrix up to which numpy inverts many faster than LAPACK one by one
 SMALL = 24
 

@@ -13,6 +13,7 @@ import pytest
 from modelsel import Study, load_robot, run_study, simulate_study
 from modelsel._typing import Array
 from modelsel.exceptions import StudyError
+from modelsel.fitting.shared_errors import MAX_BLOCK
 from modelsel.measurements.reader import read_measurements
 from modelsel.robot.kinematics import forward
 from modelsel.study.inspection import format_inspection, inspect_measurements
@@ -58,18 +59,24 @@ def shifts(frame: pd.DataFrame) -> Array:
         ),
         (
             {"noise": {"parts": ["joints"], "fixed": {"group": 0.1}}},
-            'noise: "group" is fixed, and parts forbids it; name it in parts, too, or leave it out '
-            "of fixed.",
+            (
+                'noise: "group" is fixed, and parts forbids it; name it in parts, too, or leave it out '
+                "of fixed."
+            ),
         ),
         (
             {"noise": {"fixed": {"lasting": 0.1}}},
-            'noise: "lasting" cannot be fixed, since its length is found together with its scale; '
-            "leave it out of fixed.",
+            (
+                'noise: "lasting" cannot be fixed, since its length is found together with its scale; '
+                "leave it out of fixed."
+            ),
         ),
         (
             {"simulate": {"parts": {"postures": 0.1}}},
-            'simulate: parts names "postures", which is no part of the noise (did you mean '
-            '"posture"?).',
+            (
+                'simulate: parts names "postures", which is no part of the noise (did you mean '
+                '"posture"?).'
+            ),
         ),
     ],
 )
@@ -106,9 +113,7 @@ def test_studies_without_parts_keep_their_hash() -> None:
 def test_a_joint_is_really_off_one_draw_a_visit(tmp_path) -> None:
     """The joint's angle that puts target a where it is puts b there, too; so much that first order
     would not do."""
-    frame = simulated(
-        tmp_path, configurations=40, repeats=2, noise_mm=0.0, parts={"joint 2": 1e-3}
-    )
+    frame = simulated(tmp_path, configurations=40, repeats=2, noise_mm=0.0, parts={"joint 2": 1e-3})
     assert len(frame) == 2 * 2 * 40
     q = frame[JOINTS].to_numpy()[::2]
     a, b = (frame.loc[frame["target"] == name, PLACE].to_numpy() for name in "ab")
@@ -268,7 +273,7 @@ def test_check_says_what_the_data_can_tell_and_what_would_tell_the_rest(tmp_path
     assert "No posture was measured twice: what a joint does not repeat is seen by the dir" in said
     assert "10 postures measured 3 times each, in separate rounds, would tell them apart." in said
     assert "a second target would tell it" in said
-    assert "it takes 5 groups of 2 to 128 rows; these are one." in said
+    assert f"it takes 5 groups of 2 to {MAX_BLOCK} rows; these are one." in said
 
     parts, said = told(simulated(tmp_path, configurations=20, repeats=2, groups=5))
     assert parts["joint 6"] == "repeats"
