@@ -144,7 +144,7 @@ def evaluate_likelihood(
     shape = both.shape[1:]
     square, freedom = max(square, TINY), model.freedom
     phi = _choose_phi(parts, square, freedom)
-    directions = solve_triangular(lower, both[:-1].reshape(len(lower), -1), lower=True)
+    directions = solve_triangular(lower, both[:-1].reshape(len(lower), flat.shape[1]), lower=True)
     return Likelihood(
         model=model,
         parts=parts,

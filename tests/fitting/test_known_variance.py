@@ -113,3 +113,11 @@ def test_parts_are_chosen_by_name(parts) -> None:
         ("joint 1", "repeats", None),
         ("configuration", "repeats", None),
     ]
+
+
+def test_a_model_without_columns_has_a_likelihood(model) -> None:
+    bare = replace(model, columns=model.columns[:0], freedom=float(3 * ROWS))
+    at = evaluate_likelihood(bare, ())
+    square = float(np.square(model.response).sum())
+    assert at.log == pytest.approx(-3 * ROWS * np.log(square))
+    assert maximise_likelihood(bare, ()).phi == pytest.approx(square / (3 * ROWS))
