@@ -94,7 +94,7 @@ class _RowBlock:
             whole[self.measured] = own
             own = whole
         if self.mixing is not None:
-            by_vector = np.ascontiguousarray(own.reshape(c, m, -1).transpose(2, 0, 1))
+            by_vector = np.array(own.reshape(c, m, -1).transpose(2, 0, 1), order="C")
             return self.mixing.apply_transposed(by_vector).transpose(2, 1, 0)
         return own.reshape(c, m, -1).transpose(1, 0, 2)
 

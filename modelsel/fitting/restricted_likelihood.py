@@ -18,7 +18,7 @@ from scipy.linalg import solve_triangular
 
 from .._linalg import TINY
 from .._typing import Array, Mask
-from .shared_errors import Layout, Mixing, SharedError, keep_within
+from .shared_errors import Layout, Mixing, SharedError, confine, keep_within
 
 # of L-BFGS-B: changes of twice the log likelihood, and its slope, at which it ends
 EXACT = {"maxiter": 60, "ftol": 1e-13, "gtol": 1e-5}
@@ -72,7 +72,7 @@ class Likelihood:
         """Compute P times values (m, c, k)."""
         solved = values
         if self.mixing is not None:
-            by_column = np.ascontiguousarray(values.transpose(2, 1, 0))
+            by_column = np.array(values.transpose(2, 1, 0), order="C")
             mixed = self.mixing.apply_transposed(self.mixing.apply(by_column))
             solved = mixed.transpose(2, 1, 0)
         inside = np.einsum("mcp,mck->pk", self.directions, values)
@@ -80,9 +80,12 @@ class Likelihood:
 
     def slope(self, part: SharedError) -> tuple[float, Array]:
         """Compute (the slope of twice the log likelihood by a part's variance, V P y (m, c, 1))."""
-        moved = part.multiply(self.innovations)
+        number = next((k for k, own in enumerate(self.parts) if own.is_like(part)), None)
+        laid = self.layout.parts
+        own = confine(part, laid) if number is None else laid[number]
+        moved = own.multiply(self.innovations)
         seen = float(np.vdot(self.innovations, moved))
-        return seen / self.phi - self._trace(part), moved
+        return seen / self.phi - self._trace(own, number), moved
 
     def information(self, moved: Array) -> Array:
         """Compute the average information (k, k) of twice the log likelihood in the directions
@@ -91,12 +94,11 @@ class Likelihood:
         along = np.einsum("mck,mc->k", moved, self.innovations[:, :, 0])
         return np.asarray((seen - np.outer(along, along) / self.square) / self.phi)
 
-    def _trace(self, part: SharedError) -> float:
-        """Compute the trace of P V."""
+    def _trace(self, part: SharedError, number: int | None) -> float:
+        """Compute the trace of P V; `number`: of the part among those that are there."""
         taken = float(np.vdot(self.directions, part.multiply(self.directions)))
         if self.mixing is None:
             return float(np.square(part.loading).sum()) - taken
-        number = next((k for k, own in enumerate(self.parts) if own.is_like(part)), None)
         total = 0.0
         for k, (rows, precision) in enumerate(zip(self.mixing.rows, self._precisions, strict=True)):
             spread = part.spread(rows) if number is None else self.layout.spreads[k][number]
@@ -112,7 +114,7 @@ class Likelihood:
 
 def lay_out(parts: Sequence[SharedError]) -> Layout:
     """Lay out the rows of parts, with no level beyond a stretch of a lasting one."""
-    return Layout.of(keep_within(parts)) if parts else Layout((), ())
+    return Layout.of(keep_within(parts)) if parts else Layout((), (), ())
 
 
 def evaluate_likelihood(
