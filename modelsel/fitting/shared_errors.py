@@ -22,6 +22,8 @@ from .._typing import Array, Index, Rows
 
 # rows of a block at most: of a lasting error, and of those that others share
 MAX_BLOCK = 64
+# and of a block that several parts join
+MOST_ROWS = 256
 # size of a matrix up to which numpy inverts many faster than LAPACK one by one
 SMALL = 24
 
@@ -232,8 +234,17 @@ def group_blocks(block: Index) -> tuple[Index, ...]:
 
 
 def keep_within(parts: Sequence[SharedError]) -> tuple[SharedError, ...]:
-    """Return the parts with no level beyond the stretches of a lasting one, which stay blocks."""
-    return tuple(confine(part, parts) for part in parts)
+    """Return the parts with blocks that are not too large: no level goes beyond the stretches of a
+    lasting part, which stay blocks.
+
+    Where levels of several parts join more than MOST_ROWS rows, such as rounds in which all postures
+    are measured again, rows farther apart share nothing."""
+    if any(part.time is not None for part in parts):
+        return tuple(confine(part, parts) for part in parts)
+    if not parts or len(list_blocks(parts)[-1][0]) <= MOST_ROWS:
+        return tuple(parts)
+    stretch = np.arange(len(parts[0].level)) // MOST_ROWS
+    return tuple(_cut_levels(part, stretch) for part in parts)
 
 
 def confine(part: SharedError, parts: Sequence[SharedError]) -> SharedError:
@@ -241,6 +252,11 @@ def confine(part: SharedError, parts: Sequence[SharedError]) -> SharedError:
     lasting = next((own for own in parts if own.time is not None), part)
     if lasting is part:
         return part
-    pairs = np.stack([part.level, lasting.level], axis=1)
+    return _cut_levels(part, lasting.level)
+
+
+def _cut_levels(part: SharedError, stretch: Index) -> SharedError:
+    """Number a part's levels anew wherever a stretch of the rows (m,) ends."""
+    pairs = np.stack([part.level, stretch], axis=1)
     level = np.unique(pairs, axis=0, return_inverse=True)[1].reshape(-1)
     return replace(part, level=np.asarray(level, dtype=np.intp))
