@@ -462,7 +462,8 @@ def main() -> None:
     )
     parser.add_argument("--out", type=Path)
     asked = parser.parse_args()
-    old = [s for s in read_studies(asked.keep) if s.line in asked.lines]
+    kept = read_studies(asked.keep)
+    old = [s for s in kept if s.line in asked.lines and s.number < asked.studies]
     have = {(s.line, s.number) for s in old}
     jobs = [
         (name, asked.seed, k)
