@@ -32,6 +32,7 @@ CODES = {
     "other-session": "groups without an estimation configuration; drift is taken at the campaign's middle",
     "target-unseen": "held-out rows of a target without estimation rows are left out",
     "feature-unseen": "held-out rows of a feature without estimation rows are left out",
+    "part-untold": "a part of the errors that the study names is left out: these data cannot tell it",
     "kinds-alike": "rows of different kinds are weighted alike, since no uncertainty is stated",
     "registration-weak": "the tracker's frame is known poorly from these points",
     "target-weak": "a target's offset is known poorly from these configurations",

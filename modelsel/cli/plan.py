@@ -55,6 +55,12 @@ if TYPE_CHECKING:
     help="Say how many more configurations an effect of this size (mm rms) needs.",
 )
 @click.option(
+    "--repeats",
+    type=click.IntRange(2),
+    metavar="TIMES",
+    help="Measure some of them so many times in all, in separate rounds: what does not repeat is told by that.",
+)
+@click.option(
     "--out",
     type=click.Path(path_type=Path, dir_okay=False),
     help="CSV file to write the chosen configurations to.",
@@ -68,6 +74,7 @@ def plan_command(
     count: int,
     purpose: str | None,
     size: float | None,
+    repeats: int | None,
     out: Path | None,
     as_json: bool,
 ) -> None:
@@ -94,7 +101,13 @@ def plan_command(
         result = run_study(read, path.parent, registry=registry, say=say, sampling=False)
         say(planning)
         planned = plan_next(
-            result, count, pool=pool_file, purpose=purpose, limits=limits, joints=ranges
+            result,
+            count,
+            pool=pool_file,
+            purpose=purpose,
+            limits=limits,
+            joints=ranges,
+            repeats=repeats,
         )
     table = planned.to_frame()
     more = _count_more(result, planned, size)
@@ -142,6 +155,20 @@ def _to_dict(planned: MeasurementPlan) -> dict[str, Any]:
         "learning_curve": [
             {"size_mm": size, "more_configurations": more} for size, more in planned.learning
         ],
+        "repeats": _describe_repeats(planned),
+    }
+
+
+def _describe_repeats(planned: MeasurementPlan) -> dict[str, Any] | None:
+    """Describe which configurations to measure again, by their rows in the plan, from 0."""
+    repeats = planned.repeats
+    if repeats is None:
+        return None
+    return {
+        "plan_rows": repeats.numbers,
+        "times": repeats.times,
+        "degrees_of_freedom": repeats.freedom,
+        "relative_standard_error": repeats.precision,
     }
 
 

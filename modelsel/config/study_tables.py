@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_seriali
 from pydantic import SerializerFunctionWrapHandler as Plain
 
 from .._names import as_name
+from .._part_names import check_part_names, check_planted_names
 from .._typing import LARGEST
 from ..measurements.table import hash_source
 from ..robot.kinematics import Robot
@@ -19,6 +20,7 @@ from ..robot.rigid import Axis
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
 Positive = Annotated[float, Field(ge=1e-9, le=LARGEST, allow_inf_nan=False)]
+Scale = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
 Count = Annotated[int, Field(ge=1, le=10_000_000)]  # of configurations: what a computer holds
 Name = Annotated[str, AfterValidator(as_name)]
@@ -29,6 +31,15 @@ class _Table(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True
     )
+
+
+def _drop_defaults(written: dict[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    """Drop the keys that hold their defaults."""
+    return {
+        key: value
+        for key, value in written.items()
+        if key not in defaults or value != defaults[key]
+    }
 
 
 class RobotTable(_Table):
@@ -236,7 +247,7 @@ class ComparisonTable(_Table):
 
 
 class NoiseTable(_Table):
-    """[noise]: a known floor, or the instrument."""
+    """[noise]: a known floor, or the instrument; which parts the errors may have beside it."""
 
     floor_mm: Positive | None = Field(
         default=None, description="Known standard uncertainty of one coordinate [mm]."
@@ -251,6 +262,25 @@ class NoiseTable(_Table):
     tracker_mm: Vector = Field(
         default=[0.0, 0.0, 0.0], description="Where the tracker stands [mm]."
     )
+    parts: Literal["all"] | list[str] = Field(
+        default="all",
+        description='Parts of the errors that may be looked for: "joint 2", "joints", '
+        '"configuration", "group", "lasting"; [] = none.',
+    )
+    fixed: dict[str, Scale] = Field(
+        default={},
+        description="Parts of which the standard deviation is known [rad or mm], by name.",
+    )
+
+    @model_validator(mode="after")
+    def _parts_exist(self) -> NoiseTable:
+        check_part_names(self.parts, self.fixed)
+        return self
+
+    @model_serializer(mode="wrap")
+    def _since(self, plain: Plain) -> dict[str, Any]:
+        """Write a study without what earlier ones did not have: their hash stays."""
+        return _drop_defaults(plain(self), {"parts": "all", "fixed": {}})
 
     @property
     def instrument(self) -> bool:
@@ -296,10 +326,34 @@ class EffectTable(_Table):
 
 class SimulateTable(_Table):
     """[simulate]: what `modelsel simulate` makes; without a measurements file the configurations
-    are drawn."""
+    are drawn, and measured in `repeats` rounds and `groups`."""
 
     configurations: Count = Field(
         default=200, description="Number of configurations that are drawn."
     )
     noise_mm: NonNegative = Field(default=0.06, description="Noise of one coordinate [mm].")
     effect: list[EffectTable] = Field(default=[], description="Effects to plant.")
+    repeats: Count = Field(
+        default=1, description="Rounds in which all drawn configurations are measured."
+    )
+    groups: Count = Field(
+        default=1, description="Groups, one after another, that drawn visits are measured in."
+    )
+    parts: dict[str, Scale] = Field(
+        default={},
+        description="What does not repeat: standard deviations [rad or mm] by the part's name.",
+    )
+    lasting_visits: Scale = Field(
+        default=6.0, description="Correlation length of a lasting part, in visits."
+    )
+
+    @model_validator(mode="after")
+    def _parts_exist(self) -> SimulateTable:
+        check_planted_names(self.parts)
+        return self
+
+    @model_serializer(mode="wrap")
+    def _since(self, plain: Plain) -> dict[str, Any]:
+        """Write a study without what earlier ones did not have: their hash stays."""
+        later = {"repeats": 1, "groups": 1, "parts": {}, "lasting_visits": 6.0}
+        return _drop_defaults(plain(self), later)

@@ -12,12 +12,16 @@ class DiagnosisOptions:
     `memory_mb`: for the values of the causes, which are kept if they take no more than three quarters
     of it, else computed wherever they are needed. `max_rows`: estimation rows that are scanned; of more, whole
     configurations are drawn by the seed.
+    `parts`: names of the parts of the errors that may be looked for, "joints" for all of them (None:
+    every part); `fixed_parts`: names and scales [rad or mm] of those that are known.
     `max_cells`: cells of the error map; where the robot has more (some fifteen joints), a cell's
     cause may only depend on joints next to its place."""
 
     memory_mb: float = 500.0
     max_rows: int = 12_000
     max_cells: int = 40_000
+    parts: tuple[str, ...] | None = None
+    fixed_parts: tuple[tuple[str, float], ...] = ()
 
 
 DEFAULT_OPTIONS = DiagnosisOptions()

@@ -19,7 +19,7 @@ from .._typing import Array, Index, Mask, Say
 from .._workers import count_cores
 from ..fitting.design import Model, whitened
 from ..fitting.least_squares import fit
-from ..fitting.possible_parts import list_parts
+from ..fitting.possible_parts import choose_parts, list_parts
 from ..fitting.problem import Problem
 from ..mechanisms.registry import (
     BUILTIN,
@@ -143,7 +143,8 @@ def _alternate(split: Split, inquiry: Inquiry) -> tuple[Split, Diagnosis, tuple[
     without those. Rows are judged by themselves, whatever errors they share."""
     training = split.problem.take(split.estimation)
     outlying = find_gross_outliers(training, inquiry.base)
-    parts = list_parts(split.problem, split.estimation)
+    listed = list_parts(split.problem, split.estimation)
+    parts = choose_parts(listed, inquiry.options.parts, inquiry.options.fixed_parts)
     for _ in range(MAX_ROUNDS):
         split = replace(split, outlying=_expand_mask(split.estimation, outlying))
         found = build_candidates(

@@ -123,9 +123,9 @@ def find_structure(
 ) -> ErrorStructure:
     """Find the parts that the errors of a fitted model have, in the rows (m,) it was fitted to.
 
-    The `candidates` are of all rows of the problem. Parts are added while the likelihood gains
-    more than chance gives; one that the others make dispensable is dropped. Without candidates
-    nothing is told, not even the instrument's part."""
+    The `candidates` are of all rows of the problem; those of known variance are there. Parts are
+    added while the likelihood gains more than chance gives; one that the others make dispensable is
+    dropped. Without candidates nothing is told, not even the instrument's part."""
     if not candidates:
         return ErrorStructure()
     rows = _choose_rows(problem, training)
@@ -133,8 +133,8 @@ def find_structure(
     model = _build_model(problem.take(rows), fitted)
     if model.freedom < MIN_LEVELS:
         return ErrorStructure()
-    chosen: list[PossiblePart] = []
-    at = evaluate_likelihood(model, ())
+    chosen = [one for one in offered if one.error.known is not None]
+    at = _start_with_known(model, chosen)
     while len(chosen) < MAX_PARTS:
         new = _find_next(at, offered, chosen)
         if new is None:
@@ -144,6 +144,13 @@ def find_structure(
         at = maximise_likelihood(model, at.parts)
         chosen = _match(chosen, at)
     return _describe(problem, at, chosen, candidates, offered)
+
+
+def _start_with_known(model: LinearModel, known: Sequence[PossiblePart]) -> Likelihood:
+    """Compute the likelihood with the parts of known variance alone."""
+    none = evaluate_likelihood(model, ())
+    start = [replace(one.error, variance=(one.error.known or 0.0) / none.phi) for one in known]
+    return maximise_likelihood(model, start)
 
 
 def _choose_rows(problem: Problem, training: Mask) -> Index:
@@ -266,11 +273,13 @@ def _match(chosen: Sequence[PossiblePart], at: Likelihood) -> list[PossiblePart]
 
 
 def _measure_certainty(at: Likelihood) -> Array:
-    """Measure (k,) the parts' variances in their standard errors."""
+    """Measure (k,) the parts' variances in their standard errors; of a known one infinity."""
     moved = np.concatenate([at.slope(part)[1] for part in at.parts], axis=2)
     variances = np.array([part.variance for part in at.parts])
     # the information is of twice the log likelihood
-    return 1 / np.sqrt(_compute_relative_variance(0.5 * at.information(moved), variances))
+    certainty = 1 / np.sqrt(_compute_relative_variance(0.5 * at.information(moved), variances))
+    is_known = [part.known is not None for part in at.parts]
+    return np.where(is_known, np.inf, certainty)
 
 
 def _compute_relative_variance(information: Array, variances: Array) -> Array:
@@ -337,10 +346,11 @@ def _square_of_instrument(problem: Problem) -> float:
 
 def _count_freedom(at: Likelihood) -> Array:
     """Count (k,) the degrees of freedom of variances, 2 σ⁴ / Var(σ²) (Satterthwaite 1946), whatever
-    the length of what lasts is."""
-    ratios = [1.0, *(part.variance for part in at.parts)]
-    moved = [at.innovations, *(at.slope(part)[1] for part in at.parts)]
-    for part in at.parts:
+    the length of what lasts is; of a known one infinity."""
+    sought = [part for part in at.parts if part.known is None]
+    ratios = [1.0, *(part.variance for part in sought)]
+    moved = [at.innovations, *(at.slope(part)[1] for part in sought)]
+    for part in sought:
         if part.time is not None:
             longer = replace(part, length=part.length * STEP).multiply(at.innovations)
             moved.append(longer - part.multiply(at.innovations))
@@ -348,13 +358,19 @@ def _count_freedom(at: Likelihood) -> Array:
     stacked = np.concatenate(moved, axis=2)
     seen = np.einsum("mck,mcl->kl", stacked, at.solve(stacked))
     relative = _compute_relative_variance(0.5 * seen / at.phi, np.array(ratios))
-    return 2 / relative[: 1 + len(at.parts)]
+    freedom = np.full(1 + len(at.parts), np.inf)
+    is_sought = [True, *(part.known is None for part in at.parts)]
+    freedom[is_sought] = 2 / relative[: 1 + len(sought)]
+    return freedom
 
 
 def compute_interval(scale: float, freedom: float) -> tuple[float, float]:
-    """Compute the 95 % interval of a standard deviation of so many degrees of freedom."""
+    """Compute the 95 % interval of a standard deviation of so many degrees of freedom; a known one
+    is its own."""
     from scipy.special import chdtri
 
+    if np.isinf(freedom):
+        return scale, scale
     tail = (1 - COVERAGE) / 2
     freedom = max(freedom, 1.0)
     high_quantile, low_quantile = chdtri(freedom, [tail, 1 - tail])
@@ -373,6 +389,6 @@ def compute_criterion(
     residual = fitted.residuals(weighed).T.copy()
     square = float(np.square(weighed.whitening.apply(residual)).sum())
     N = weighed.coordinates
-    used = (fitted.rows - fitted.freedom) + len(errors.shared)
+    used = (fitted.rows - fitted.freedom) + sum(part.known is None for part in errors.shared)
     likelihood = N * np.log(square / N) + weighed.whitening.log_determinant()
     return float(likelihood + used * np.log(N) - 2 * log_prior)

@@ -74,9 +74,11 @@ def lack(floor: Floor, factor: float, freedom: float) -> Lack:
     return Lack(factor, least, most)
 
 
-def name_likeliest_mistake(ratio: float, where: str, scale: str = "mm") -> str:
+def name_likeliest_mistake(
+    ratio: float, where: str, scale: str = "mm", *, parts_found: bool = False
+) -> str:
     """Name the mistake that makes a stated uncertainty `ratio` times as large as what is left; `where` it is
-    stated; `scale`: "mm" or "rad"."""
+    stated; `scale`: "mm" or "rad"; `parts_found`: what does not repeat was found, and is not in what is left."""
     near = []
     for unit, words in UNIT_MISTAKES[scale]:
         distance = abs(np.log(ratio / unit))
@@ -91,9 +93,12 @@ def name_likeliest_mistake(ratio: float, where: str, scale: str = "mm") -> str:
             "Most likely this is an expanded uncertainty (k = 2 or 3), or that of a whole length: give one standard "
             "deviation of one coordinate."
         )
+    reason = "it leaves out how well the arm itself repeats, or an error remains"
+    if parts_found:
+        reason = "it is that of a mean of many readings, or an error remains"
     return (
-        "Most likely it leaves out how well the arm itself repeats, or an error remains that no candidate explains: give the "
-        "uncertainty of one coordinate as repeats show it."
+        f"Most likely {reason} that no candidate explains: give the uncertainty of one coordinate as repeats "
+        "show it."
     )
 
 

@@ -5,11 +5,13 @@ posture or of one group may share an error; and an error may last along the orde
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .._linalg import TINY
+from .._part_names import is_named
 from .._typing import Array, Index, Mask
 from ..measurements.measurements import Measurements
 from ..mechanisms.causes import ONE
@@ -65,6 +67,26 @@ def list_parts(problem: Problem, training: Mask) -> tuple[PossiblePart, ...]:
     )
 
 
+def choose_parts(
+    listed: Sequence[PossiblePart],
+    allowed: Sequence[str] | None,
+    fixed: Sequence[tuple[str, float]] = (),
+) -> tuple[PossiblePart, ...]:
+    """Choose the parts that may be looked for: the `allowed` names ("joints": all of them; None:
+    every part). Those with a `fixed` scale are known, and stand first."""
+    known = []
+    for name, scale in fixed:
+        found = next((one for one in listed if one.name == name), None)
+        if found is not None:
+            error = replace(found.error, known=scale**2)
+            known.append(replace(found, error=error))
+    taken = {(one.name, one.told_by) for one in known}
+    sought = [one for one in listed if (one.name, one.told_by) not in taken]
+    if allowed is not None:
+        sought = [one for one in sought if is_named(one.name, allowed)]
+    return (*known, *sought)
+
+
 def _list_joints(problem: Problem, seen: Measurements) -> list[PossiblePart]:
     """List the joints that move the target; `seen`: the rows that tell them."""
     prismatic = problem.robot.prismatic
@@ -77,9 +99,9 @@ def _list_joints(problem: Problem, seen: Measurements) -> list[PossiblePart]:
     whitened = problem.whitening.apply_by_row(moved.copy())
     size = np.sqrt(np.square(whitened).sum(1).mean(1))
     told_by = "directions"
-    if _count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
+    if count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
         told_by = "targets"
-    if _count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
+    if count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
         told_by = "repeats"
     found = []
     for j, slides in enumerate(prismatic):
@@ -93,7 +115,7 @@ def _list_joints(problem: Problem, seen: Measurements) -> list[PossiblePart]:
     return found
 
 
-def _count_excess(coarse: Index, fine: Index) -> int:
+def count_excess(coarse: Index, fine: Index) -> int:
     """Count the distinct `fine` numbers beyond one for each `coarse` number."""
     pairs = np.unique(np.stack([coarse, fine], axis=1), axis=0)
     return len(pairs) - len(np.unique(pairs[:, 0]))
@@ -114,10 +136,10 @@ def _list_shared(problem: Problem, seen: Measurements) -> list[PossiblePart]:
     data = problem.data
     found = []
     loading = _load_positions(problem)
-    if _count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
+    if count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
         error = SharedError(loading, data.configuration)
         found.append(PossiblePart("configuration", "mm", error, 3.0, "targets"))
-    if _count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
+    if count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
         error = SharedError(loading, data.block)
         found.append(PossiblePart("configuration", "mm", error, 3.0, "repeats"))
     count = np.bincount(seen.group)

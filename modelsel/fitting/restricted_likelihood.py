@@ -3,6 +3,7 @@
 With H = I + Σ_k ρ_k V_k the rows' covariance over the variance φ of one coordinate, and
 P = H⁻¹ − H⁻¹X (XᵀH⁻¹X)⁻¹ XᵀH⁻¹, twice the logarithm of the restricted likelihood is, φ at its best,
     −n ln(yᵀPy) − ln|H| − ln|XᵀH⁻¹X|                     (Patterson & Thompson 1971, Biometrika 58, 545).
+Where the variance of a part is known, ρ is that over φ, and φ is sought with the others.
 It is maximised over ρ ≥ 0 with its exact slope; standard errors are by the average information
 (Gilmour, Thompson & Cullis 1995, Biometrics 51, 1440)."""
 
@@ -16,7 +17,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from .._linalg import TINY
-from .._typing import Array
+from .._typing import Array, Mask
 from .shared_errors import Layout, Mixing, SharedError, confine, keep_within
 
 # of L-BFGS-B: changes of twice the log likelihood, and its slope, at which it ends
@@ -65,7 +66,7 @@ class Likelihood:
     @property
     def phi(self) -> float:
         """Variance φ of one coordinate."""
-        return self.square / self.model.freedom
+        return _choose_phi(self.parts, self.square, self.model.freedom)
 
     def solve(self, values: Array) -> Array:
         """Compute P times values (m, c, k)."""
@@ -143,17 +144,27 @@ def evaluate_likelihood(
     if mixing is not None:
         both = mixing.apply_transposed(both)
     shape = both.shape[1:]
+    square, freedom = max(square, TINY), model.freedom
+    phi = _choose_phi(parts, square, freedom)
     directions = solve_triangular(lower, both[:-1].reshape(len(lower), flat.shape[1]), lower=True)
     return Likelihood(
         model=model,
         parts=parts,
         layout=layout,
         mixing=mixing,
-        square=max(square, TINY),
-        log=-model.freedom * float(np.log(max(square, TINY))) - log_determinant,
+        square=square,
+        log=freedom * float(1 - np.log(phi * freedom)) - square / phi - log_determinant,
         innovations=np.ascontiguousarray(both[-1].T)[:, :, None],
         directions=np.ascontiguousarray(directions.reshape(-1, *shape).transpose(2, 1, 0)),
     )
+
+
+def _choose_phi(parts: Sequence[SharedError], square: float, freedom: float) -> float:
+    """Choose φ: by the parts of known variance where there are any, else its best."""
+    for part in parts:
+        if part.known is not None:
+            return part.known / part.variance
+    return square / freedom
 
 
 def maximise_likelihood(
@@ -164,44 +175,62 @@ def maximise_likelihood(
 ) -> Likelihood:
     """Maximise the restricted likelihood over the variances of parts, from those that they have.
 
-    Parts that are `held` keep theirs. A part whose variance ends at nought is none of the result's.
-    Unless `exact`, twice the log likelihood is within some hundredths of its maximum."""
+    Parts that are `held` keep theirs; where parts are of known variance, φ is sought in their
+    place. A part whose variance ends at nought is none of the result's. Unless `exact`, twice the
+    log likelihood is within some hundredths of its maximum."""
     from scipy.optimize import minimize
 
-    held = tuple(held)
+    every = [*held, *parts]
     if not parts:
-        return evaluate_likelihood(model, held)
-    layout = lay_out([*held, *parts])
-    start = np.log([part.variance for part in parts])
-    scale = _choose_scale(evaluate_likelihood(model, [*held, *parts], layout), len(held))
+        return evaluate_likelihood(model, every)
+    layout = lay_out(every)
+    start = np.log([part.variance for part in every])
+    is_known = np.array([part.known is not None for part in every])
+    is_sought = ~is_known & (np.arange(len(every)) >= len(held))
+    scale = _choose_scale(evaluate_likelihood(model, every, layout), is_sought)
+    # what the logarithms of the variances go by: their own, and that of φ where some are known
+    steps = np.eye(len(every))[:, is_sought]
+    if is_known.any():
+        steps = np.column_stack([steps, -is_known.astype(float)])
+        scale = np.append(scale, np.sqrt(model.freedom))
+    moves = np.flatnonzero(is_sought | is_known)
 
     def lose(x: Array) -> tuple[float, Array]:
-        variance = np.exp(start + x / scale)
-        changed = _set_variances(parts, variance)
-        at = evaluate_likelihood(model, [*held, *changed], layout)
-        slopes = np.array([at.slope(part)[0] for part in changed])
-        return -at.log, -slopes * variance / scale
+        variance = np.exp(start + steps @ (x / scale))
+        at = evaluate_likelihood(model, _set_variances(every, variance), layout)
+        slopes = np.array([at.slope(at.parts[k])[0] for k in moves])
+        loss = -steps[moves].T @ (slopes * variance[moves])
+        if is_known.any():
+            loss[-1] += model.freedom - at.square / at.phi
+        return -at.log, loss / scale
 
-    largest = LARGEST_SHARE / np.array([_mean_square(part) for part in parts])
-    low = (np.log(LEAST_SHARE * largest) - start) * scale
-    high = (np.log(largest) - start) * scale
-    bounds = list(zip(low.tolist(), high.tolist(), strict=True))
+    largest = LARGEST_SHARE / np.array([_mean_square(part) for part in every])
+    low, high = np.log(LEAST_SHARE * largest) - start, np.log(largest) - start
+    bounds = np.stack([low, high])[:, is_sought]
+    if is_known.any():
+        bounds = np.column_stack([bounds, [-high[is_known].min(), -low[is_known].max()]])
     options = EXACT if exact else ROUGH
     found = minimize(
-        lose, np.zeros(len(parts)), jac=True, method="L-BFGS-B", bounds=bounds, options=options
+        lose,
+        np.zeros(len(scale)),
+        jac=True,
+        method="L-BFGS-B",
+        bounds=(bounds * scale).T,
+        options=options,
     )
-    variance = np.exp(start + found.x / scale)
-    is_there = variance >= NO_PART * largest
-    changed = _set_variances(parts, variance)
-    there = [*held, *(part for part, kept in zip(changed, is_there, strict=True) if kept)]
+    variance = np.exp(start + steps @ (found.x / scale))
+    is_there = ~is_sought | (variance >= NO_PART * largest)
+    changed = _set_variances(every, variance)
+    there = [part for part, kept in zip(changed, is_there, strict=True) if kept]
     return evaluate_likelihood(model, there, layout if is_there.all() else None)
 
 
-def _choose_scale(at: Likelihood, held: int) -> Array:
-    """Choose (k,) what makes the likelihood about equally curved in the logarithms of all variances
-    but the first, which are held."""
+def _choose_scale(at: Likelihood, is_sought: Mask) -> Array:
+    """Choose (k,) what makes the likelihood about equally curved in the logarithms of the variances
+    that are sought."""
     scale = []
-    for part in at.parts[held:]:
+    for k in np.flatnonzero(is_sought):
+        part = at.parts[k]
         information = float(at.information(at.slope(part)[1])[0, 0])
         curvature = information * part.variance**2
         scale.append(np.sqrt(max(curvature, 1.0)))

@@ -35,6 +35,7 @@ class SharedError:
     loading: (m, c, d) what one unit of each of its d numbers moves a row, whitened.
     level: (m,) which draw a row has; of a lasting error, the stretch in which it lasts.
     variance: of a draw, over that of ε.
+    known: the variance of a draw itself, where it is given and not estimated.
     time: (m,) when a row was measured, and `length` in the same unit; None where nothing lasts.
     """
 
@@ -43,6 +44,7 @@ class SharedError:
     variance: float = 0.0
     time: Array | None = None
     length: float = np.inf
+    known: float | None = None
 
     def take(self, rows: Rows) -> SharedError:
         """Return the part of some rows."""

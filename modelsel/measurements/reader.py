@@ -35,6 +35,7 @@ from .observation_columns import (
     read_quaternions,
     read_uncertainties,
 )
+from .row_order import check_clock
 from .row_places import Where
 from .table import Source, Table, load_table, rename_columns
 from .unit_names import refuse_mapped_units, refuse_other_units
@@ -94,6 +95,8 @@ def read_measurements(
     if once:
         keep, notes = _find_distinct_rows(table, content)
     data = _select_rows(content, keep, prismatic)
+    if content.order is not None:
+        check_clock(data.order, data.covariates.get("time_s"), data.group, data.row, table.where)
     units = _find_reading_units(table, prismatic)
     return replace(
         data, notes=(*content.notes, *notes, *data.notes), where=table.where, units=units

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
+from .row_places import Where
 
 Index = NDArray[np.intp]
 
@@ -45,3 +46,29 @@ def _after_one_another(group: Index, time: Array | None) -> Index:
     # place of each group by the clock
     place: Index = np.argsort(by_clock)
     return place[group]
+
+
+def check_clock(order: Array, time: Array | None, group: Index, rows: Index, where: Where) -> None:
+    """Check that in no group `time_s` (m,) goes back while `order` (m,) goes on.
+
+    `rows` (m,): the table's rows, of which `where` says the places. Raises DataError."""
+    if time is None:
+        return
+    sequence = np.lexsort((time, order, group))
+    later, earlier = sequence[1:], sequence[:-1]
+    goes_back = (time[later] < time[earlier]) & (group[later] == group[earlier])
+    if not goes_back.any():
+        return
+    number = int(np.argmax(goes_back))
+    row, before = int(later[number]), int(earlier[number])
+    count = int(goes_back.sum())
+    more = f" (and {count - 1} more)" if count > 1 else ""
+    raise where.refuse(
+        f"order goes on from {order[before]:g} ({where.named(int(rows[before]))}) to "
+        f"{order[row]:g}, but time_s goes back from {time[before]:g} to {time[row]:g}{more}; "
+        "within a group both are expected to grow.",
+        row=int(rows[row]),
+        column="time_s",
+        remedy="Correct the column that is wrong or leave it out; where the clock was started anew, "
+        "give every session a name of its own in a column group.",
+    )

@@ -24,6 +24,7 @@ from ..mechanisms.registry import (
 from ..mechanisms.terms import Mechanism, unstorable
 from ..robot.files import load_robot, read_robot
 from ..robot.kinematics import Robot
+from .noise_parts import check_joints_of_parts
 
 
 def open_study(study: Study | Path | str, folder: Path | str | None) -> tuple[Study, Path]:
@@ -143,6 +144,7 @@ def read_inputs(
     """
     robot = read_nominal_robot(study, folder)
     check_mechanism_names(study, robot, registry)
+    check_joints_of_parts(study, robot)
     source = find_source(study, folder)
     columns = study.measurements.columns
     measured = read_measurements(source, robot.prismatic, columns)

@@ -26,11 +26,13 @@ from ..setup.feature_positions import place_features
 from ..setup.mistakes import MIN_CONFIGURATIONS
 from ..setup.registration import register
 from .checks import check_setup
+from .told_parts import describe_told_parts
 
 MAX_REGISTERED_POINTS = 2000
 MAX_LISTED_FEATURES = 6
 MAX_LISTED_GROUPS = 8
 ASSUMED_TOOL_MM = (0.0, 0.0, 100.0)  # nominal target, for what the configurations determine
+TOOL_OFF_AXIS_MM = (50.0, 0.0, 100.0)  # the same where every joint shall move it
 MIN_MOTION = 1e-6  # rad or mm: a joint with a smaller range does not move
 
 
@@ -48,6 +50,7 @@ def inspect_measurements(robot: Robot, data: Measurements) -> dict[str, Any]:
         "repeats": data.configurations - count_distinct(data.block),
         "noise_floor": _estimate_noise_floor(data),
         **_describe_geometry(robot, data),
+        "repeatability": _describe_repeatability(robot, data),
         **_describe_registration(robot, data),
         "warnings": [{"code": note.code, "sentence": note.sentence} for note in data.notes],
     }
@@ -128,6 +131,12 @@ def _describe_geometry(robot: Robot, data: Measurements) -> dict[str, Any]:
     return {"geometry": geometry, "unidentifiable": groups}
 
 
+def _describe_repeatability(robot: Robot, data: Measurements) -> dict[str, Any]:
+    """Return which parts of the errors the rows can tell, for targets off the last axis."""
+    tools = np.tile(TOOL_OFF_AXIS_MM, (len(data.targets), 1))
+    return describe_told_parts(Problem(robot, data, tools))
+
+
 def _describe_registration(robot: Robot, data: Measurements) -> dict[str, Any]:
     """Return how well the points fit the nominal robot once tracker and targets are found.
 
@@ -178,6 +187,8 @@ def format_inspection(inspection: dict[str, Any]) -> list[str]:
     noise_floor = _format_noise_floor(inspection)
     lines.append(noise_floor)
     lines += _format_geometry(inspection)
+    lines.append("What does not repeat:")
+    lines += [f"  {sentence}" for sentence in inspection["repeatability"]["sentences"]]
     if "registered" in inspection:
         lines += _format_registration(inspection["registered"])
     for warning in inspection["warnings"]:

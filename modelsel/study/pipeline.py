@@ -61,6 +61,7 @@ from .model_ladder import (
     remeasure,
     searches_cells,
 )
+from .noise_parts import note_untold_parts
 from .preparation import prepare, read_instrument, weigh_by_residuals
 from .result import Result
 from .stated_noise import check_stated_noise
@@ -130,6 +131,7 @@ def _analyse_prepared(
         split, base, mechanisms, study.seed, searches_cells(study), say, choose_options(study)
     )
     split, floor, noise_notes = check_stated_noise(split, floor, diagnosis.fit)
+    notes = (*notes, *note_untold_parts(study.noise, split))
 
     say(LADDER)
     steps = evaluate_steps(split, evaluate(split, base, study.model.base), diagnosis)
@@ -210,8 +212,13 @@ def weigh_orientations(study: Study, registry: Registry, split: Split, base: Mod
 
 def choose_options(study: Study) -> DiagnosisOptions:
     """Return the limits of the search for causes that the study sets."""
-    search = study.search
-    return DiagnosisOptions(memory_mb=search.memory_mb, max_rows=search.max_rows)
+    search, noise = study.search, study.noise
+    return DiagnosisOptions(
+        memory_mb=search.memory_mb,
+        max_rows=search.max_rows,
+        parts=None if noise.parts == "all" else tuple(noise.parts),
+        fixed_parts=tuple(noise.fixed.items()),
+    )
 
 
 def compare_candidates(

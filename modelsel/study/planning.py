@@ -29,7 +29,9 @@ from ..measurements.columns import UNITS
 from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
 from ..measurements.table import Source
+from ..measurements.visits import count_distinct
 from ..mechanisms.terms import Term
+from ..robot.kinematics import forward
 from .configuration_pool import (
     describe_ranges,
     draw_approaches,
@@ -37,6 +39,7 @@ from .configuration_pool import (
     find_joint_ranges,
     repeat_for_targets,
 )
+from .planned_repeats import RepeatPlan, add_rounds, format_repeats, plan_repeats
 from .result import Result
 
 if TYPE_CHECKING:
@@ -56,7 +59,9 @@ class MeasurementPlan:
     four times as many random configurations); `twins`: sentences on rivals that no configuration of
     the pool tells apart; `indices`: name -> observability before and after; `learning`: sizes of
     effects [mm rms], and how many more configurations than the `configurations` measured find one;
-    `within`: the ranges in which the pool was drawn.
+    `within`: the ranges in which the pool was drawn; `repeats`: which of the configurations to
+    measure again, so that the study tells what does not repeat (None where it has no points), whose
+    rounds the table holds where they were asked for.
     """
 
     rows: tuple[int, ...]
@@ -70,6 +75,7 @@ class MeasurementPlan:
     indices: dict[str, tuple[float, float]]
     learning: tuple[tuple[float, int], ...]
     within: str = ""
+    repeats: RepeatPlan | None = None
 
     def to_frame(self) -> pd.DataFrame:
         """Return the configurations in order, as a measurements file without positions."""
@@ -253,10 +259,7 @@ def tabulate_configurations(
     """
     robot = calibration.robot
     joints = range(robot.n)
-    _, first = np.unique(possible.configuration, return_index=True)
-    numbers = list(rows)
-    chosen_rows = first[numbers]
-    chosen = possible.take(chosen_rows)
+    chosen = _take_configurations(possible, rows)
     q, approach = chosen.q, chosen.approach
     if not units:
         units = [robot.unit(j + 1) for j in joints]
@@ -274,6 +277,25 @@ def tabulate_configurations(
     return columns
 
 
+def _take_configurations(possible: Measurements, rows: Sequence[int]) -> Measurements:
+    """Take the first row of each configuration, by their numbers in the pool."""
+    _, first = np.unique(possible.configuration, return_index=True)
+    return possible.take(first[list(rows)])
+
+
+def _plan_repeats(
+    result: Result, calibration: Calibration, chosen: Measurements, times: int | None
+) -> RepeatPlan | None:
+    """Plan which of the chosen configurations to measure again; None where no point is measured."""
+    known = result.split.training()
+    if not known.only_points:
+        return None
+    problem = calibration.problem(chosen)
+    places = forward(problem.robot, chosen.q, problem.tool)
+    before = known.data.configurations - count_distinct(known.data.block)
+    return plan_repeats(chosen.q, places, before, times)
+
+
 def plan_next(
     result: Result,
     count: int = 10,
@@ -282,6 +304,7 @@ def plan_next(
     purpose: str | None = None,
     limits: bool = False,
     joints: Mapping[str, tuple[float, float]] | None = None,
+    repeats: int | None = None,
 ) -> MeasurementPlan:
     """Plan what to measure next: the `count` best configurations of a pool.
 
@@ -292,6 +315,7 @@ def plan_next(
         purpose: as in `choose_configurations`.
         limits: draw the pool within the robot file's joint limits.
         joints: draw joints within these ranges, such as {"q2_deg": (-90, 45)}.
+        repeats: write some of the configurations so many times in all, in separate rounds.
 
     Raises:
         DataError or StudyError.
@@ -311,7 +335,12 @@ def plan_next(
         within = describe_ranges(robot, limits, given)
     possible = repeat_for_targets(possible, calibration.targets)
     plan = choose_configurations(result, calibration, possible, count, purpose)
-    return replace(plan, within=within)
+    chosen = _take_configurations(possible, plan.rows)
+    again = _plan_repeats(result, calibration, chosen, repeats)
+    table = plan.table
+    if repeats is not None and again is not None:
+        table = add_rounds(table, again)
+    return replace(plan, within=within, repeats=again, table=table)
 
 
 def format_plan(plan: MeasurementPlan) -> list[str]:
@@ -326,6 +355,8 @@ def format_plan(plan: MeasurementPlan) -> list[str]:
     lines.append(_format_indices(plan))
     if plan.learning:
         lines.append(_format_learning(plan))
+    if plan.repeats is not None:
+        lines.append(format_repeats(plan.repeats))
     return lines
 
 

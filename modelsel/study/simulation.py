@@ -16,6 +16,7 @@ import numpy as np
 from .._random import generator
 from .._typing import Array
 from ..config.study_file import Study, find_source
+from ..config.study_tables import SimulateTable
 from ..exceptions import StudyError
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
@@ -27,7 +28,9 @@ from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..setup.feature_positions import place_features
 from .inputs import open_study, read_known_features, read_nominal_robot
+from .noise_parts import check_joints_of_parts
 from .preparation import arrange_tools
+from .unrepeated import NOTHING, Unrepeated, draw_unrepeated
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -43,25 +46,31 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
     """
     study, folder = open_study(study, folder)
     robot = read_nominal_robot(study, folder)
+    check_joints_of_parts(study, robot)
     rng = generator(study.seed, "simulate")
     noise_mm = study.noise.floor_mm
     if noise_mm is None:
         noise_mm = study.simulate.noise_mm
     measured = _read_configurations(study, folder, robot)
     if measured is None:
-        q = robot.draw(rng, study.simulate.configurations)
-        position = np.zeros((len(q), 3))
-        configurations = build_measurements(q, position)
+        configurations = _draw_visits(study.simulate, robot, rng)
     else:
         configurations = _take_one_row_each(measured)
     effects = _parse_effects(study, robot, configurations)
     if measured is not None and measured.gauges is not None:
+        _refuse_parts(study.simulate)
         features = read_known_features(study)
         rows = apply_known_features(measured, features)
         tools = arrange_tools(study.robot, rows)
         return simulate_readings(robot, tools, effects, data=rows, noise_mm=noise_mm, rng=rng)
     simulate = partial(
-        simulate_points, robot, effects=effects, at=configurations, noise_mm=noise_mm, rng=rng
+        simulate_points,
+        robot,
+        effects=effects,
+        at=configurations,
+        noise_mm=noise_mm,
+        rng=rng,
+        unrepeated=draw_unrepeated(study.simulate, configurations, rng),
     )
     table = study.robot
     if table.tools_mm:
@@ -70,6 +79,32 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
         return _interleave(frames)
     tool_mm = table.tool_mm or (0.0, 0.0, 0.0)
     return simulate(np.array(tool_mm))
+
+
+def _draw_visits(table: SimulateTable, robot: Robot, rng: np.random.Generator) -> Measurements:
+    """Draw configurations, measured in rounds and in groups."""
+    drawn = robot.draw(rng, table.configurations)
+    q = np.tile(drawn, (table.repeats, 1))
+    visits = len(q)
+    group = None
+    if table.groups > 1:
+        group = [str(k * table.groups // visits + 1) for k in range(visits)]
+    return build_measurements(
+        q,
+        np.zeros((visits, 3)),
+        configuration=range(visits),
+        group=group,
+        prismatic=robot.prismatic,
+    )
+
+
+def _refuse_parts(table: SimulateTable) -> None:
+    """Refuse parts of the noise where rows are no points. Raises StudyError."""
+    if table.parts:
+        raise StudyError(
+            "simulate.parts: the measurements have rows that are no points, for which parts of the "
+            "noise are not simulated; leave parts out."
+        )
 
 
 def _read_configurations(study: Study, folder: Path, robot: Robot) -> Measurements | None:
@@ -129,17 +164,18 @@ def simulate_points(
     at: Measurements,
     noise_mm: float,
     rng: np.random.Generator,
+    unrepeated: Unrepeated = NOTHING,
 ) -> pd.DataFrame:
     """Simulate measured points at the configurations of `at`.
 
-    The positions are those of the exact chain with every effect, plus normal noise of `noise_mm`
-    per coordinate; the tracker's frame is frame 0. All else that is known of a configuration is
+    The positions are those of the exact chain with every effect, the arm being where `unrepeated`
+    puts it and not where the readings have it, plus normal noise of `noise_mm` per coordinate; the tracker's frame is frame 0. All else that is known of a configuration is
     kept. Raises StudyError for an effect that is not finite.
     """
     import pandas as pd
 
     unmeasured = np.zeros_like(at.position)
-    origin = replace(at, position=unmeasured)
+    origin = replace(at, position=unmeasured, q=at.q + unrepeated.joints)
     tools = np.atleast_2d(tool)
     problem = Problem(robot, origin, tools)
     # measured 0, so that it is minus the position
@@ -147,7 +183,7 @@ def simulate_points(
     position = -residual
     _check_finite(position)
     noise = rng.normal(0.0, noise_mm, position.shape)
-    position = position + noise
+    position = position + noise + unrepeated.shift
     columns: dict[str, Any] = {}
     for j, prismatic in enumerate(robot.prismatic):
         unit = "mm" if prismatic else "rad"

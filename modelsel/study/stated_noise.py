@@ -18,6 +18,10 @@ from ..notices import Note
 from ..selection.evaluation import Split
 from .preparation import POSITION, ROTATION
 
+LEFT = "the model leaves"
+# where parts of the errors were found, which a stated uncertainty need not hold
+LEFT_BESIDE_PARTS = "the model leaves beside the parts of the errors that were found"
+
 
 def check_stated_noise(
     split: Split, floor: Floor | None, fitted: Fit
@@ -65,8 +69,10 @@ def check_stated_orientation_noise(split: Split, fitted: Fit) -> tuple[Note, ...
     if not mismatch.far:
         return ()
     columns = "srx_rad, sry_rad and srz_rad"
-    text = describe_lack(columns, stated.coordinate_mm, left_rad, mismatch, "rad")
-    reason = name_likeliest_mistake(1 / mismatch.factor, columns, "rad")
+    has_parts = _has_parts(training)
+    model = LEFT_BESIDE_PARTS if has_parts else LEFT
+    text = describe_lack(columns, stated.coordinate_mm, left_rad, mismatch, "rad", model)
+    reason = name_likeliest_mistake(1 / mismatch.factor, columns, "rad", parts_found=has_parts)
     note = Note("stated-uncertainty", f"{text} {reason}")
     return (note,)
 
@@ -76,9 +82,9 @@ def _compare_with_floor(
 ) -> tuple[Lack, float] | None:
     """Compare a fitted model's residuals with a floor, in the coordinates `part`.
 
-    Returns the test and the root mean square [mm or rad] of one coordinate; None where there is no
-    floor or no degree of freedom. The model's own degrees of freedom are divided among the
-    coordinates.
+    Returns the test and the root mean square [mm or rad] of one coordinate, without the parts of
+    the errors that were found where the floor is stated; None where there is no floor or no degree
+    of freedom. The model's own degrees of freedom are divided among the coordinates.
     """
     residual = fitted.residuals(problem)
     measured = problem.measured
@@ -100,8 +106,15 @@ def _compare_with_floor(
     if is_stated:
         weighted = whitened(problem, residual)
         factor = _rms_of_part(weighted, measured, part, freedom)
+        if _has_parts(problem):
+            left = factor * floor.coordinate_mm
     mismatch = lack(floor, factor, freedom)
     return mismatch, left
+
+
+def _has_parts(problem: Problem) -> bool:
+    """Whether parts of the errors were found beside the instrument."""
+    return problem.whitening.stated is not None
 
 
 def _rms_of_part(
@@ -127,10 +140,10 @@ def _describe_wrong_statement(split: Split, floor: Floor, mismatch: Lack, left_m
         place = "s_mm"
     else:
         place = "sx_mm, sy_mm, sz_mm"
-    sentences = [
-        describe_lack(place, floor.coordinate_mm, left_mm, mismatch),
-        name_likeliest_mistake(1 / mismatch.factor, place),
-    ]
+    has_parts = _has_parts(split.problem)
+    model = LEFT_BESIDE_PARTS if has_parts else LEFT
+    mistake = name_likeliest_mistake(1 / mismatch.factor, place, parts_found=has_parts)
+    sentences = [describe_lack(place, floor.coordinate_mm, left_mm, mismatch, model=model), mistake]
     if mismatch.refuted:
         sentences.append("The figure is not used: what the model leaves takes its place.")
     return Note("stated-uncertainty", " ".join(sentences))

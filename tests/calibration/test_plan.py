@@ -12,7 +12,7 @@ import pytest
 from builders import drawn
 from click.testing import CliRunner
 
-from modelsel import Study, plan_next
+from modelsel import Study, plan_next, simulate_study
 from modelsel import run_study as study_run
 from modelsel._choices import PLAN_CRITERIA
 from modelsel.calibration.experiment_design import (
@@ -29,13 +29,19 @@ from modelsel.calibration.experiment_design import (
     merge_indistinct,
 )
 from modelsel.cli.main import run_command_line
+from modelsel.config.study_file import parse_study
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.design import compute_design
 from modelsel.fitting.linearisation import Linearisation
+from modelsel.fitting.possible_parts import MIN_EXCESS
+from modelsel.measurements.reader import read_measurements
+from modelsel.measurements.visits import count_distinct
 from modelsel.mechanisms.registry import build_mechanisms, mechanism
 from modelsel.mechanisms.terms import Term
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
+from modelsel.study.planned_repeats import MAX_POSTURES, TIMES, format_repeats, plan_repeats
+from modelsel.study.planning import format_plan
 
 ROBOT = load_robot("puma760")
 GEOMETRY = mechanism("geometric", ROBOT)
@@ -311,6 +317,12 @@ def test_command(tmp_path, rng) -> None:
     assert first.exit_code == 0, first.output
     assert first.stdout == again.stdout
     assert run("plan", tmp_path, "--pool", tmp_path / "pool.csv", "--limits").exit_code == 2
+    rounds = run("plan", tmp_path, "--count", "12", "--repeats", "4", "--json")
+    found = json.loads(rounds.stdout)
+    assert len(found["repeats"]["plan_rows"]) == MAX_POSTURES
+    assert found["repeats"]["degrees_of_freedom"] == 3 * MAX_POSTURES
+    assert len(found["configurations"]) == 12 + 3 * MAX_POSTURES
+    assert run("plan", tmp_path, "--repeats", "1").exit_code == 2
     result = study_run(tmp_path, sampling=False)
     planned = plan_next(result, 4, limits=True)  # the same from Python, and in a notebook
     pd.testing.assert_frame_equal(planned.to_frame(), chosen, atol=1e-6)
@@ -407,3 +419,63 @@ def load_calibration_like(at):
         False,
         {},
     )
+
+
+# -- repeats
+# --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """A study of 60 configurations, each measured once."""
+    study = parse_study(STUDY.replace("[model]", "[model]\nbase = []"), "study.toml")
+    frame = simulate_study(study)
+    return study_run(study.with_measurements(frame), sampling=False)
+
+
+def test_a_plan_proposes_repeats_and_writes_them_where_asked(fitted, tmp_path) -> None:
+    """The first round is the plan as it is without; the others repeat what is far apart, each visit
+    with a number of its own, and the file reads back."""
+    plain, rounds = plan_next(fitted, 16), plan_next(fitted, 16, repeats=4)
+    again = rounds.repeats
+    assert again.numbers == plain.repeats.numbers
+    assert (plain.repeats.times, again.times, again.before) == (TIMES, 4, 0)
+    assert len(again.numbers) == MAX_POSTURES
+    before, after = plain.to_frame(), rounds.to_frame()
+    assert len(before) == 16
+    assert list(after) == [*before, "configuration"]
+    pd.testing.assert_frame_equal(after[:16][list(before)], before)
+    for k in range(3):
+        own = after[16 + MAX_POSTURES * k :][:MAX_POSTURES]
+        np.testing.assert_array_equal(own[list(before)], before.iloc[list(again.numbers)])
+    after.to_csv(tmp_path / "next.csv", index=False)
+    data = read_measurements(tmp_path / "next.csv", fitted.robot, positions=False)
+    assert data.configurations == 16 + 3 * MAX_POSTURES
+    assert count_distinct(data.block) == 16
+
+    freedom = MAX_POSTURES * (TIMES - 1)
+    assert format_plan(plain)[-1] == (
+        f"Repeats: configurations {', '.join(str(k + 1) for k in again.numbers)} of these, each "
+        "measured 3 times in separate rounds, tell what a joint does not repeat, at best to "
+        f"{100 / np.sqrt(2 * freedom):.0f} % of it (one standard error; {freedom} degrees of "
+        "freedom); --repeats 3 writes these rounds."
+    )
+
+
+def test_few_configurations_are_repeated_more_often(fitted) -> None:
+    """As often as it takes to tell anything; a lone one, too. The study's own repeats count."""
+    for count, times in ((4, 4), (1, 11), (12, TIMES)):
+        planned = plan_next(fitted, count).repeats
+        assert planned.times == times
+        assert planned.freedom >= MIN_EXCESS
+    repeated = plan_repeats(np.eye(4), np.eye(4)[:, :3], before=40)
+    assert repeated.freedom == 40 + 4 * 3
+    assert "52 degrees of freedom, 40 of them the study's" in format_repeats(repeated)
+
+
+def test_repeats_are_spread_over_the_workspace(rng) -> None:
+    """Of a crowd and ten others far apart, one of the crowd at most."""
+    corners = 100 * np.concatenate([np.eye(5), -np.eye(5)])
+    q = np.concatenate([rng.normal(size=(30, 5)), corners])
+    chosen = plan_repeats(q, np.zeros((40, 3)), before=0).numbers
+    assert sum(number >= 30 for number in chosen) >= MAX_POSTURES - 1

@@ -108,3 +108,22 @@ def test_a_refusal_counts_lines_as_an_editor_does(tmp_path) -> None:
     (tmp_path / "data.csv").write_text(text.replace("wrong,d", "1"))
     with pytest.raises(DataError, match=r"data\.csv, line 7: 5 cells, but the header has 6"):
         read_measurements(tmp_path / "data.csv", (False, False))
+
+
+def test_a_clock_that_contradicts_the_order_is_refused_with_its_rows(tmp_path) -> None:
+    """Within a group time_s may not go back while order goes on; whatever order the rows are in."""
+    head = "q1_rad,q2_rad,x_mm,y_mm,z_mm,group,order,time_s"
+    sound = ["0,0,1,2,3,a,2,20", "1,0,1,2,3,a,1,10", "1,1,1,2,3,b,3,5", "2,1,1,2,3,b,3,4"]
+    file = tmp_path / "clock.csv"
+    file.write_text("\n".join([head, *sound]))
+    assert len(read_measurements(file, (False, False))) == 4
+
+    file.write_text("\n".join([head, *sound, "2,2,1,2,3,b,4,1", "2,3,1,2,3,b,5,0"]))
+    with pytest.raises(DataError) as caught:
+        read_measurements(file, (False, False))
+    assert str(caught.value) == (
+        "clock.csv, line 6, column time_s: order goes on from 3 (line 4) to 4, but time_s goes back "
+        "from 5 to 1 (and 1 more); within a group both are expected to grow. Correct the column "
+        "that is wrong or leave it out; where the clock was started anew, give every session a "
+        "name of its own in a column group."
+    )

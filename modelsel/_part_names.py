@@ -1,0 +1,59 @@
+"""Names of the parts of the errors in a study file: which there are, and joints among them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterable, Sequence
+
+from .exceptions import suggest
+
+JOINT_PART = re.compile(r"joint ([1-9][0-9]{0,3})")
+JOINTS = "joints"
+SHARED_PARTS = ("configuration", "group", "lasting")
+POSTURE = "posture"
+
+
+def check_part_names(parts: str | Sequence[str], fixed: Collection[str]) -> None:
+    """Check the parts that a study looks for, and those that it fixes. Raises ValueError."""
+    listed = [] if parts == "all" else list(parts)
+    _check_known("parts", listed, (JOINTS, *SHARED_PARTS))
+    _check_known("fixed", fixed, SHARED_PARTS)
+    if "lasting" in fixed:
+        raise ValueError(
+            '"lasting" cannot be fixed, since its length is found together with its scale; leave it '
+            "out of fixed"
+        )
+    for name in fixed:
+        is_forbidden = parts != "all" and not is_named(name, parts)
+        if is_forbidden:
+            raise ValueError(
+                f'"{name}" is fixed, and parts forbids it; name it in parts, too, or leave it out of '
+                "fixed"
+            )
+
+
+def check_planted_names(parts: Iterable[str]) -> None:
+    """Check the parts that are planted. Raises ValueError."""
+    _check_known("parts", parts, (*SHARED_PARTS, POSTURE))
+
+
+def is_named(name: str, names: Sequence[str]) -> bool:
+    """Whether names hold that of a part, or "joints", which are all of them."""
+    return name in names or (JOINTS in names and JOINT_PART.fullmatch(name) is not None)
+
+
+def list_joints(names: Iterable[str]) -> dict[str, int]:
+    """List the joints, from 1, among names of parts."""
+    matches = {name: JOINT_PART.fullmatch(name) for name in names}
+    return {name: int(match[1]) for name, match in matches.items() if match is not None}
+
+
+def _check_known(key: str, names: Iterable[str], known: Sequence[str]) -> None:
+    for name in names:
+        if name in known or JOINT_PART.fullmatch(name) is not None:
+            continue
+        number = re.search(r"[1-9][0-9]*", name)
+        joint = f"joint {number[0] if number else 1}"
+        hint = suggest(name, (joint, *known)).removesuffix(".")
+        hint = hint[0].lower() + hint[1:]
+        raise ValueError(f'{key} names "{name}", which is no part of the noise ({hint})')

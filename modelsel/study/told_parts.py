@@ -1,0 +1,94 @@
+"""Which parts of the errors measurements can tell, by what, and what would tell the others."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..fitting.possible_parts import MIN_GROUPS, MIN_LEVELS, count_excess, list_parts
+from ..fitting.problem import Problem
+from ..fitting.shared_errors import MAX_BLOCK
+from ..measurements.measurements import Measurements
+from ..measurements.visits import count_distinct
+from .planned_repeats import MAX_POSTURES, TIMES
+
+MEASURE_AGAIN = f"{MAX_POSTURES} postures measured {TIMES} times each, in separate rounds,"
+
+
+def describe_told_parts(problem: Problem) -> dict[str, Any]:
+    """Describe which parts of the errors the rows of a problem can tell: `parts`, each with what
+    tells it, and `sentences`."""
+    data = problem.data
+    told = list_parts(problem, np.ones(len(data), bool))
+    # of a part that two things tell, the first
+    by = {part.name: part.told_by for part in reversed(told)}
+    if not told:
+        return {"parts": {}, "sentences": [_describe_untellable(problem)]}
+    joints = {told_by for name, told_by in by.items() if name.startswith("joint ")}
+    sentences = [
+        *[_describe_joints(data, told_by) for told_by in joints],
+        _describe_configurations(data, by.get("configuration")),
+        _describe_groups(data, "group" in by),
+        "What lasts from visit to visit: told by the order of the visits.",
+    ]
+    return {"parts": dict(reversed(by.items())), "sentences": sentences}
+
+
+def _describe_untellable(problem: Problem) -> str:
+    if not problem.only_points:
+        return "Points alone tell it; rows of other kinds do not."
+    return (
+        f"It takes {MIN_LEVELS} configurations to tell any of it; these are "
+        f"{problem.data.configurations}."
+    )
+
+
+def _describe_joints(data: Measurements, told_by: str) -> str:
+    if told_by == "repeats":
+        again = data.configurations - count_distinct(data.block)
+        return (
+            f"What a joint does not repeat: told by {again:,} visits to postures measured before."
+        )
+    alone = "the direction in which it moves the target"
+    if told_by == "targets":
+        alone = "the targets that it moves together"
+    return (
+        f"{_describe_few_repeats(data)}: what a joint does not repeat is seen by {alone} and cannot be told from an "
+        f"error of that joint that repeats; {MEASURE_AGAIN} would tell them apart."
+    )
+
+
+def _describe_few_repeats(data: Measurements) -> str:
+    again = count_excess(data.block, data.configuration)
+    if not again:
+        return "No posture was measured twice"
+    return f"Only {again} visits were to postures measured before"
+
+
+def _describe_configurations(data: Measurements, told_by: str | None) -> str:
+    if told_by == "targets":
+        rows = count_excess(data.configuration, np.arange(len(data)))
+        return (
+            f"What the rows of one visit share: told by {rows:,} rows beyond the first of their "
+            "visit."
+        )
+    if told_by == "repeats":
+        return (
+            "What the visits to one posture share: told by the visits to postures measured before."
+        )
+    return (
+        "One target at a visit: what a visit adds to all its targets cannot be told from the "
+        "instrument's noise; a second target would tell it."
+    )
+
+
+def _describe_groups(data: Measurements, told: bool) -> str:
+    groups = count_distinct(data.group)
+    if told:
+        return f"What the rows of one group share: told by {groups:,} groups."
+    found = "these are one" if groups == 1 else f"these are {groups:,}"
+    return (
+        f"What the rows of one group share (a day, a place of the tracker): it takes {MIN_GROUPS} "
+        f"groups of 2 to {MAX_BLOCK} rows; {found}."
+    )
