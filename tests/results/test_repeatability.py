@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 import pandas as pd
 import pytest
-from builders import seeds, small_arm
+from builders import small_arm
 from error_parts import INSTRUMENT, many, part, records
 
 from modelsel import Study, load_result, run_study
@@ -250,25 +250,30 @@ PLANTED = {
 
 
 @pytest.mark.integration
-@seeds(101, 102, 103, 104)
-def test_a_joint_that_does_not_repeat_is_in_the_budget_and_no_finding(rng) -> None:
-    """Joint and size are drawn: twice to five times the noise where the lever is half a metre."""
+def test_a_joint_that_does_not_repeat_is_in_the_budget_and_no_finding() -> None:
+    """Joint, noise and size are drawn: noise from 2 to 20 µm, and twice to five times as much at a
+    lever of half a metre. A finding by chance in one study of twenty is one in three of ten in one
+    such test of a hundred, and so are four of ten where one of two intervals misses."""
     arm = small_arm()
-    joint = int(rng.integers(1, 4))
-    size = float(rng.uniform(2, 5)) * NOISE / 500.0
-    result = studied(arm, campaign(rng, arm, joint=joint, size=size))
-    record = result.record
-    assert record.findings == []
-    by_name = {one.part: one for one in record.repeatability}
-    assert set(by_name) == {"instrument", f"joint {joint}"}
-    found, instrument = by_name[f"joint {joint}"], by_name["instrument"]
-    assert (found.unit, found.told_by) == ("rad", "repeats")
-    for one, truth in ((found, size), (instrument, NOISE)):
-        assert 0 < one.low < one.scale < one.high
-        assert one.low < truth < one.high
-    assert found.share + instrument.share == pytest.approx(1, abs=1e-9)
-    assert f"Joint {joint} does not repeat better than" in found.sentence
-    assert "look the same" not in found.sentence
+    held, named = 0, 0
+    for seed in range(DRAWS):
+        rng = np.random.default_rng([1998, seed])
+        joint = int(rng.integers(1, 4))
+        noise = NOISE * 10 ** -float(rng.uniform(0, 1))
+        size = float(rng.uniform(2, 5)) * noise / 500.0
+        record = studied(arm, campaign(rng, arm, joint=joint, size=size, noise=noise)).record
+        by_name = {one.part: one for one in record.repeatability}
+        found, instrument = by_name[f"joint {joint}"], by_name["instrument"]
+        assert (found.unit, found.told_by) == ("rad", "repeats")
+        for one in (found, instrument):
+            assert 0 < one.low < one.scale < one.high
+        assert sum(one.share for one in record.repeatability) == pytest.approx(1, abs=1e-9)
+        assert f"Joint {joint} does not repeat better than" in found.sentence
+        assert "look the same" not in found.sentence
+        held += found.low < size < found.high and instrument.low < noise < instrument.high
+        named += bool(record.findings)
+    assert held >= DRAWS - 3
+    assert named <= 2
 
 
 @pytest.mark.integration
