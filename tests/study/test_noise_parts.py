@@ -251,6 +251,20 @@ def test_stated_uncertainties_are_held_against_the_instrument(
     assert ("how well the arm itself repeats" in said) == (factor < 1 and not planted)
 
 
+@pytest.mark.parametrize("part", ["lasting", "posture", "configuration", "group"])
+def test_repeats_are_the_pure_error_whatever_rows_share(tmp_path, part) -> None:
+    """The lack-of-fit test of a model that lacks nothing finds the instrument's noise and nothing
+    beyond it."""
+    frame = simulated(
+        tmp_path, configurations=30, repeats=3, groups=9, noise_mm=0.02, parts={part: 0.06}
+    )
+    result = found(frame)
+    assert {part, "configuration"} & set(parts_of(result))
+    lack = result.record.nothing_else.lack_of_fit
+    assert lack.floor_mm == pytest.approx(0.02, rel=0.2)
+    assert 0.001 < lack.p < 0.999
+
+
 # -- what `check` says
 # --------------------------------------------------------------------------------------------
 
