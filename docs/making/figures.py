@@ -1,5 +1,5 @@
-"""The figures of the statistics page, computed by modelsel on simulated campaigns: each is (SVG,
-what to see in it)."""
+"""The figures of the pages on statistics and repeatability, computed by modelsel on simulated campaigns:
+each is (SVG, what to see in it)."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from functools import cache
 import catalogue
 import lasting
 import numpy as np
+import repeating
 from arm import short
 from campaigns import BASE, NOISE, ROBOT, View, effect, look, measured
 
@@ -341,4 +342,5 @@ ALL: dict[str, Figure] = {
     "grouped": lasting.grouped,
     "detection": detection,
     "posterior": lasting.posterior,
+    "repeatability": repeating.parts,
 }

@@ -24,6 +24,7 @@ import figures
 import notebooks
 import rates
 import reference
+import repeating
 from example import run_example
 
 from modelsel.report.document import Source, collect_blocks
@@ -100,6 +101,7 @@ PARTS: dict[str, Any] = {
     "measured": rates.measured,
     "naming": rates.naming,
     "notebooks": _notebooks,
+    "repeatability": repeating.said,
 }
 
 

@@ -82,6 +82,7 @@ def separate(
         if is_last:
             break
         errors = left
+        del explored  # its columns, before others are made
     best = min(explanations, key=lambda one: one.criterion)
     return best.split, best.diagnosis
 

@@ -41,6 +41,8 @@ DIGITS = 4
 # columns of a model that are looked at
 MANY_COLUMNS = 96
 COVERAGE = 0.95
+# factor by which a length is changed to see what hangs on it
+STEP = 1.05
 # factor between variances, over the instrument's, that is no change
 MAX_CHANGE = 1.3
 
@@ -123,7 +125,9 @@ def find_structure(
 
     The `candidates` are of all rows of the problem; those of known variance are there. Parts are
     added while the likelihood gains more than chance gives; one that the others make dispensable is
-    dropped."""
+    dropped. Without candidates nothing is told, not even the instrument's part."""
+    if not candidates:
+        return ErrorStructure()
     rows = _choose_rows(problem, training)
     offered = [replace(one, error=one.error.take(rows)) for one in candidates]
     model = _build_model(problem.take(rows), fitted)
@@ -271,12 +275,17 @@ def _match(chosen: Sequence[PossiblePart], at: Likelihood) -> list[PossiblePart]
 def _measure_certainty(at: Likelihood) -> Array:
     """Measure (k,) the parts' variances in their standard errors; of a known one infinity."""
     moved = np.concatenate([at.slope(part)[1] for part in at.parts], axis=2)
-    # the information is of twice the log likelihood
-    covariance = 2 * np.linalg.pinv(at.information(moved))
     variances = np.array([part.variance for part in at.parts])
-    certainty = variances / np.sqrt(np.maximum(np.diagonal(covariance), TINY))
+    # the information is of twice the log likelihood
+    certainty = 1 / np.sqrt(_compute_relative_variance(0.5 * at.information(moved), variances))
     is_known = [part.known is not None for part in at.parts]
     return np.where(is_known, np.inf, certainty)
+
+
+def _compute_relative_variance(information: Array, variances: Array) -> Array:
+    """Compute (k,) Var(σ²) / σ⁴ of variances from their information (k, k), whatever their units."""
+    relative = information * np.outer(variances, variances)
+    return np.maximum(np.diagonal(np.linalg.pinv(relative)), TINY)
 
 
 # -- how large they are
@@ -292,7 +301,7 @@ def _describe(
 ) -> ErrorStructure:
     """Describe the parts: scales, intervals, shares."""
     variances = np.array([1.0, *(part.variance for part in at.parts)]) * at.phi
-    freedom = _count_freedom(at, variances)
+    freedom = _count_freedom(at)
     squares = [_square_of_instrument(problem), *(one.square for one in chosen)]
     total = float(variances @ squares)
     instrument = np.sqrt(squares[0] / 3)
@@ -335,18 +344,23 @@ def _square_of_instrument(problem: Problem) -> float:
     return float(np.trace(covariance, axis1=1, axis2=2).mean())
 
 
-def _count_freedom(at: Likelihood, variances: Array) -> Array:
-    """Count (k,) the degrees of freedom of variances, 2 σ⁴ / Var(σ²) (Satterthwaite 1946); of a
-    known one infinity."""
-    is_free = np.array([True, *(part.known is None for part in at.parts)])
+def _count_freedom(at: Likelihood) -> Array:
+    """Count (k,) the degrees of freedom of variances, 2 σ⁴ / Var(σ²) (Satterthwaite 1946), whatever
+    the length of what lasts is; of a known one infinity."""
     sought = [part for part in at.parts if part.known is None]
+    ratios = [1.0, *(part.variance for part in sought)]
     moved = [at.innovations, *(at.slope(part)[1] for part in sought)]
+    for part in sought:
+        if part.time is not None:
+            longer = replace(part, length=part.length * STEP).multiply(at.innovations)
+            moved.append(longer - part.multiply(at.innovations))
+            ratios.append(part.variance / np.log(STEP))
     stacked = np.concatenate(moved, axis=2)
     seen = np.einsum("mck,mcl->kl", stacked, at.solve(stacked))
-    information = 0.5 * seen / at.phi**3
-    covariance = np.linalg.pinv(information)
-    freedom = np.full(len(variances), np.inf)
-    freedom[is_free] = 2 * variances[is_free] ** 2 / np.maximum(np.diagonal(covariance), TINY)
+    relative = _compute_relative_variance(0.5 * seen / at.phi, np.array(ratios))
+    freedom = np.full(1 + len(at.parts), np.inf)
+    is_sought = [True, *(part.known is None for part in at.parts)]
+    freedom[is_sought] = 2 / relative[: 1 + len(sought)]
     return freedom
 
 

@@ -15,6 +15,7 @@ from ..results.schema import StudyRecord
 from .document import Page, Source, collect_blocks
 from .html import write_page
 from .pages.appendix import write_outliers_page, write_provenance_page, write_unidentifiable_page
+from .pages.error_budget import write_repeatability_page
 from .pages.findings import write_findings_pages
 from .pages.front import write_data_page, write_error_map_page, write_first_page
 from .pages.models import write_models_page
@@ -33,6 +34,7 @@ PAGES: dict[str, Page] = {
     "models": write_models_page,
     "map": write_error_map_page,
     "findings": write_findings_pages,
+    "repeatability": write_repeatability_page,
     "residuals": write_residuals_page,
     "significance": write_significance_page,
     "correlation": write_correlation_page,

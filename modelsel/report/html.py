@@ -15,6 +15,7 @@ from ..results.schema import RegistrationRecord, StudyRecord
 from ..results.study_sentences import describe_split, opening_sentences
 from ..results.tables import label_ladder
 from .document import Source
+from .error_parts_section import write_error_parts
 from .figures.errormap import find_named_cells
 from .figures.ladder import label_way, select_way
 from .pages.appendix import list_provenance
@@ -32,6 +33,7 @@ def write_page(source: Source) -> bytes:
         study=escape(record.study),
         about=escape(f"Robot {record.robot} · {describe_split(record)}"),
         verdict="\n".join(_paragraph(one, "verdict") for one in opening_sentences(record)),
+        repeatability=write_error_parts(record.repeatability),
         setup=_write_setup(record.registration),
         side=record.side.replace("_", "-"),
         made=escape(", ".join(f"{name} {value}" for name, value in list_provenance(record))),

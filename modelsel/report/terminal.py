@@ -14,6 +14,7 @@ from ..notices import ALARMS
 from ..results.details_schema import DetailsRecord
 from ..results.model_schema import SignificanceRecord
 from ..results.placements import describe_placements
+from ..results.repeatability import write_repeatability_lines
 from ..results.schema import ErrorMapRecord, StudyRecord
 from ..results.study_sentences import (
     NOMINAL_CAVEAT,
@@ -264,6 +265,7 @@ def _analysis_sentences(record: StudyRecord, details: DetailsRecord) -> list[str
         *hopeless_sentences(record),
         _describe_models(record),
         *(write_finding_line(finding) for finding in record.findings),
+        *write_repeatability_lines(record.repeatability),
         record.nothing_else.sentence,
         describe_predictable(record),
         describe_outliers(record, where, MAX_OUTLIERS),

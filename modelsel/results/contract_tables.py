@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from .._records import StrictRecord
 from .finding_schema import FindingRecord
-from .schema import StudyRecord
+from .schema import ErrorPartRecord, StudyRecord
 
 
 def write_key_table(model: type[StrictRecord]) -> str:
@@ -17,5 +17,8 @@ def write_key_table(model: type[StrictRecord]) -> str:
 
 
 def write_result_tables() -> str:
-    """Return the tables of result.json and of one of its findings, as docs/reference/files.md has them."""
-    return f"{write_key_table(StudyRecord)}\nA finding:\n\n{write_key_table(FindingRecord)}"
+    """Return the tables of result.json, of one of its findings and of a part of what does not repeat, as
+    docs/reference/files.md has them."""
+    tables = (write_key_table(record) for record in (StudyRecord, FindingRecord, ErrorPartRecord))
+    result, finding, part = tables
+    return f"{result}\nA finding:\n\n{finding}\nA part of `repeatability`:\n\n{part}"

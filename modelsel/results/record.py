@@ -18,6 +18,7 @@ from .finding_records import describe_fault, describe_finding, list_screws
 from .goodness_of_fit import describe_noise, locate_features, measure_lack_of_fit
 from .placements import locate_placements
 from .reading import SCHEMA
+from .repeatability import describe_errors
 from .schema import StudyRecord
 from .study_run import Explanation, ModelSearch, StudyRun
 from .verdict import Named, complete_verdict, write_verdict
@@ -46,6 +47,7 @@ def _values(run: StudyRun) -> Values:
         "ladder": [describe_rung(rung) for rung in models.ladder],
         "candidates": describe_candidates(models.comparison),
         "findings": _findings(run),
+        "repeatability": describe_errors(diagnosis.search.errors),
         "nothing_else": _nothing_else(run),
         "nested_cv": _nested(models),
         "chosen": _chosen(run),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from .._records import Number, StrictRecord, Text, Vector, Whole
 from .finding_schema import FindingRecord, ScrewRecord
@@ -21,6 +21,10 @@ from .model_schema import (
     SignificanceRecord,
 )
 from .record_types import Figure, Texts
+
+# the part that every list of parts has
+INSTRUMENT = "instrument"
+Size = Annotated[Number, Field(ge=0)]
 
 
 class ProvenanceRecord(StrictRecord):
@@ -105,6 +109,36 @@ class LackOfFitRecord(StrictRecord):
     high_mm: Number
 
 
+class ErrorPartRecord(StrictRecord):
+    """One part of what the chosen model leaves: its standard deviation with a 95 % interval, and its
+    share of the mean square at the target."""
+
+    part: Text = Field(description="`instrument`, `joint 2`, `configuration`, `group` or `lasting`")
+    scale: Size = Field(
+        description="standard deviation, of a joint's position, else of one coordinate"
+    )
+    unit: Literal["rad", "mm"] = Field(description="of `scale`, `low` and `high`")
+    low: Size = Field(description="begins the 95 % interval of `scale`")
+    high: Size = Field(description="ends it")
+    share: Annotated[Number, Field(gt=0, le=1)] = Field(
+        description="of the mean square that is left at the target; all add up to 1"
+    )
+    told_by: Text = Field(
+        description="what tells it from other parts: `repeats` of a posture, `targets` of a configuration, `directions` "
+        "alone, `groups`, `order` of motion; of the instrument `what is left`"
+    )
+    sentence: Text = Field(description="for people")
+
+
+def _check_instrument(parts: list[ErrorPartRecord]) -> list[ErrorPartRecord]:
+    if parts and INSTRUMENT not in [part.part for part in parts]:
+        raise ValueError("the instrument's part is missing")
+    return parts
+
+
+ErrorParts = Annotated[list[ErrorPartRecord], AfterValidator(_check_instrument)]
+
+
 class NothingElseRecord(StrictRecord):
     """What a further effect would have had to be."""
 
@@ -186,6 +220,12 @@ class StudyRecord(StrictRecord):
         "criterion nodes proven may_be_beaten_by best`)"
     )
     findings: list[FindingRecord] = Field(description="a list, below")
+    repeatability: ErrorParts = Field(
+        [],
+        description="[what does not repeat](../how-to/repeatability.md), the largest share first, below; never a finding. "
+        "The instrument alone where no other part was told; empty where none could be: fewer than 20 configurations, rows "
+        "of other kinds than points, no candidate to name",
+    )
     nothing_else: NothingElseRecord = Field(
         description="`sentence`, `detection_limit_mm` (rms displacement per row beyond the base), `predictable` "
         "(`share`, `p`: could a smooth function predict the rest); `lack_of_fit` (`f p floor_mm unexplained_mm low_mm "

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from .._records import StrictRecord
 from .finding_schema import FindingRecord
 from .model_schema import RungRecord
-from .schema import StudyRecord
+from .schema import ErrorPartRecord, StudyRecord
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -133,6 +133,14 @@ def _tabulate_records(records: Sequence[StrictRecord]) -> pd.DataFrame:
     return pd.DataFrame([record.to_dict() for record in records])
 
 
+def _tabulate_repeatability(record: StudyRecord) -> pd.DataFrame:
+    import pandas as pd
+
+    columns = list(ErrorPartRecord.model_fields)
+    rows = [part.to_dict() for part in record.repeatability]
+    return pd.DataFrame(rows, columns=columns)
+
+
 def _tabulate_parameters(record: StudyRecord) -> pd.DataFrame:
     return _tabulate_records(record.parameters)
 
@@ -155,6 +163,7 @@ TABLES: Mapping[str, Callable[[StudyRecord], pd.DataFrame]] = {
     "findings": _tabulate_findings,
     "credible sets": _tabulate_credible_sets,
     "estimates": _tabulate_estimates,
+    "repeatability": _tabulate_repeatability,
     "parameters": _tabulate_parameters,
     "significance": _tabulate_significance,
     "error map": _tabulate_error_map,

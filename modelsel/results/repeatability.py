@@ -1,0 +1,184 @@
+"""What does not repeat, in figures and in words: the parts of what the chosen model leaves, how large
+each is, its share at the target, and what else could look like it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .._typing import Array
+from ..diagnosis.sentences import choose_prefix
+from ..fitting.error_structure import ErrorPart, ErrorStructure
+from .schema import INSTRUMENT, ErrorPartRecord
+from .study_sentences import format_share
+
+JOINT = "joint"
+# mm below which a length is written in µm
+MAX_MICROMETRES = 0.1
+# ratio of an interval's ends below which two digits would not show it
+CLOSE_ENDS = 1.1
+# share that rounds to one percent
+MIN_SHARE = 0.005
+# lines of a terminal
+MAX_LINES = 6
+# what is shown of parts whose names say too little, by what tells them
+LABELS = {
+    ("configuration", "targets"): "targets of one configuration",
+    ("configuration", "repeats"): "repeats of one posture",
+    ("group", "groups"): "rows of one group",
+    ("lasting", "order"): "lasting errors",
+}
+
+Values = dict[str, Any]
+
+
+def describe_errors(errors: ErrorStructure) -> list[Values]:
+    """Return result.json's `repeatability`: the parts of what is left, the largest share first."""
+    parts = sorted(errors.parts, key=lambda part: -part.share)
+    return [
+        {
+            "part": part.name,
+            "scale": part.scale,
+            "unit": part.unit,
+            "low": part.low,
+            "high": part.high,
+            "share": part.share,
+            "told_by": part.told_by,
+            "sentence": _describe_part(part, is_alone=len(parts) == 1),
+        }
+        for part in parts
+    ]
+
+
+# -- sentences
+# --------------------------------------------------------------------------------------------------------------------
+
+
+def _describe_part(part: ErrorPart, is_alone: bool) -> str:
+    """Return one part in words: how large it is, what it does, and what else would look like it."""
+    size = _describe_scale(part)
+    moved = f"{round_digits(part.at_target)} mm"
+    effect = f"{moved} at the target, {describe_share(part.share)} of what is left"
+    if part.name == INSTRUMENT:
+        return _describe_alone(size, moved) if is_alone else _describe_instrument(size, effect)
+    if part.name == "configuration":
+        return _describe_shared(part, size, effect)
+    if part.name == "group":
+        return (
+            f"The measurements of one group share an error of {size}: {effect}. It is "
+            "new in every group, as where the instrument was set up anew."
+        )
+    if part.name == "lasting":
+        return (
+            f"Errors last from one configuration to the next, {size}, and fade over "
+            f"about {part.length:g} configurations: {effect}."
+        )
+    return _describe_joint(part, size, effect)
+
+
+def _describe_alone(size: str, moved: str) -> str:
+    return (
+        f"What is left is new in every row, as an instrument's errors are: {size}, "
+        f"{moved} at the target. No joint that does not repeat, and nothing that rows share, was told "
+        "from it."
+    )
+
+
+def _describe_instrument(size: str, effect: str) -> str:
+    return f"The instrument, and whatever else is new in every row, leaves {size}: {effect}."
+
+
+def _describe_shared(part: ErrorPart, size: str, effect: str) -> str:
+    """Return what the targets of one visit, or the visits of one posture, have in common."""
+    if part.told_by == "repeats":
+        return (
+            f"Repeated measurements of one posture share an error of {size}: {effect}. "
+            "It repeats, so it is an error of the model that no candidate describes, not of the "
+            "measurement."
+        )
+    return (
+        f"The targets of one configuration share an error of {size}: {effect}. The "
+        "flange or the base stood a little differently each time, or, where no posture was measured "
+        "again, the model errs there."
+    )
+
+
+def _describe_joint(part: ErrorPart, size: str, effect: str) -> str:
+    """Return how well a joint repeats; unless repeats tell it, what else would look the same."""
+    said = f"{part.name.capitalize()} does not repeat better than {size}: {effect}."
+    if part.told_by == "repeats":
+        return said
+    return (
+        f"{said} Too few postures were measured again to be sure: an error of {part.name} that "
+        "repeats, but that no candidate describes, would look the same. Measuring some postures again "
+        "would tell them apart."
+    )
+
+
+# -- figures
+# --------------------------------------------------------------------------------------------------------------------
+
+
+def _describe_scale(part: ErrorPart) -> str:
+    """Return a standard deviation with its interval: 21 µrad (95 %: 18 to 24 µrad)."""
+    scale, interval = format_scale(part)
+    each = "" if part.name.startswith(JOINT) else " per coordinate"
+    return f"{scale}{each} (95 %: {interval})"
+
+
+def format_scale(part: ErrorPart | ErrorPartRecord) -> tuple[str, str]:
+    """Return a standard deviation and its 95 % interval in one unit that reads well."""
+    factor, unit = _choose_unit(part.scale, part.unit)
+    is_close = part.high < CLOSE_ENDS * part.low
+    figures = [
+        round_digits(value / factor, 3 if is_close else 2)
+        for value in (part.scale, part.low, part.high)
+    ]
+    return f"{figures[0]} {unit}", f"{figures[1]} to {figures[2]} {unit}"
+
+
+def _choose_unit(size: float, unit: str) -> tuple[float, str]:
+    """Return (factor, unit) in which a scale [unit] reads well; it is to be divided by the factor."""
+    if unit == "mm":
+        return (1e-3, "µm") if size < MAX_MICROMETRES else (1.0, "mm")
+    return choose_prefix(size, unit)
+
+
+def round_digits(value: float, digits: int = 2) -> str:
+    """Return a figure of so many digits, without an exponent unless it is very large or small."""
+    rounded = float(f"{value:.{digits}g}")
+    return f"{rounded:g}"
+
+
+def describe_share(share: float) -> str:
+    """Return a share in percent that is never nought."""
+    return format_share(share) if share >= MIN_SHARE else "less than 1%"
+
+
+def label_part(part: ErrorPartRecord) -> str:
+    """Return what a table calls a part."""
+    return LABELS.get((part.part, part.told_by), part.part)
+
+
+def compute_target_rms(parts: Sequence[ErrorPartRecord]) -> Array:
+    """Compute (k,) the rms at the target [mm] of all parts, from their shares and the instrument's."""
+    instrument = next(part for part in parts if part.part == INSTRUMENT)
+    shares = np.array([part.share for part in parts])
+    return np.asarray(np.sqrt(3 * shares / instrument.share) * instrument.scale)
+
+
+# -- a terminal
+# --------------------------------------------------------------------------------------------------------------------
+
+
+def write_repeatability_lines(parts: Sequence[ErrorPartRecord]) -> list[str]:
+    """Return one line a part, the largest share first; of many, how many more there are."""
+    shown = list(parts)
+    more = []
+    if len(parts) > MAX_LINES:
+        shown = shown[: MAX_LINES - 1]
+        more = [f"{len(parts) - len(shown)} smaller parts are in result.json."]
+    sentences = [part.sentence for part in shown] + more
+    return [f"Repeatability: {sentence}" for sentence in sentences]
