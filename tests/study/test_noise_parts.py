@@ -200,16 +200,20 @@ def test_parts_may_be_looked_for_forbidden_or_fixed(repeated) -> None:
     free = parts_of(found(repeated))
     assert list(free) == ["instrument", "joint 2", "joint 4"]
     assert free["joint 2"][0] < 1e-4 < free["joint 2"][2]
-    assert list(parts_of(found(repeated, parts=[]))) == ["instrument"]
+    assert not parts_of(found(repeated, parts=[]))
     assert list(parts_of(found(repeated, parts=["joint 2"]))) == ["instrument", "joint 2"]
     assert parts_of(found(repeated, parts=["joints"])) == free
 
     # a fixed part is taken as it is, never tested, and the others are found beside it
-    fixed = parts_of(found(repeated, fixed={"joint 1": 2e-6, "joint 2": 8e-5}))
+    result = found(repeated, fixed={"joint 1": 2e-6, "joint 2": 8e-5})
+    fixed = parts_of(result)
     assert fixed["joint 1"] == pytest.approx((2e-6,) * 3)
     assert fixed["joint 2"] == pytest.approx((8e-5,) * 3)
     assert fixed["joint 4"][0] < 2e-4 < fixed["joint 4"][2]
     assert fixed["instrument"][0] < 0.02 < fixed["instrument"][2]
+    sentences = [part.sentence for part in result.record.repeatability]
+    (said,) = (sentence for sentence in sentences if sentence.startswith("Joint 2"))
+    assert said.startswith("Joint 2 does not repeat better than 80 µrad (as the study gives it): ")
 
 
 def test_a_part_that_the_data_cannot_tell_is_noted_and_left_out(repeated) -> None:
