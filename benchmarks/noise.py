@@ -28,6 +28,7 @@ import numpy as np
 from hidden_arm import off
 from hidden_oracle import critical_p, detection
 from scipy.optimize import brentq
+from scipy.stats import beta
 
 from modelsel import Model, mechanism
 from modelsel._random import generator
@@ -47,8 +48,6 @@ from modelsel.robot.kinematics import Robot, forward
 from modelsel.selection.evaluation import Split
 from modelsel.selection.splits import assign_folds
 from modelsel.uncertainty.parameters import bootstrap_parameters, describe_parameters
-
-from .nulls import interval
 
 Array = np.ndarray
 Generator = np.random.Generator
@@ -71,7 +70,7 @@ class Layout:
     target: Array
 
     @property
-    def reach(self) -> int:
+    def postures(self) -> int:
         """Number of postures."""
         return int(self.posture.max()) + 1
 
@@ -211,7 +210,7 @@ def build_campaign(
 ) -> tuple[Problem, Array, dict[str, float]]:
     """Build (a campaign, its geometric parameters, the scales of the parts of its errors)."""
     rows = line.rows
-    angles = robot.draw(rng, rows.reach)[rows.posture]
+    angles = robot.draw(rng, rows.postures)[rows.posture]
     nominal = _problem(robot, angles, rows)
     truth = np.zeros(len(base.terms))
     kept = list(fit(nominal, base).found.kept)
@@ -287,7 +286,7 @@ def run_one(job: tuple[str, int, int]) -> Study:
     rng, robot = np.random.default_rng((seed, crc32(name.encode()), number)), load_robot(arm)
     base = Model((mechanism("geometric", robot),))
     at, truth, scales = build_campaign(line, robot, base, rng)
-    split, diagnosis = _diagnose(at, base, number)
+    split, diagnosis = diagnose_campaign(at, base, number)
     fitted = fit(split.training(), base)
     bootstrap = bootstrap_parameters(split, fitted, generator(number, "bootstrap"))
     table = describe_parameters(split, fitted, bootstrap)
@@ -295,7 +294,7 @@ def run_one(job: tuple[str, int, int]) -> Study:
     without = None
     if line.power is not None:
         with patch.object(procedure, "list_parts", lambda *_: ()):
-            without = tuple(own for own, _ in _named(_diagnose(at, base, number)[1]))
+            without = tuple(own for own, _ in _named(diagnose_campaign(at, base, number)[1]))
     return Study(
         name,
         number,
@@ -312,7 +311,8 @@ def run_one(job: tuple[str, int, int]) -> Study:
     )
 
 
-def _diagnose(at: Problem, base: Model, seed: int) -> tuple[Split, Diagnosis]:
+def diagnose_campaign(at: Problem, base: Model, seed: int) -> tuple[Split, Diagnosis]:
+    """Diagnose a campaign whose rows all estimate, as `modelsel study` does."""
     m = len(at)
     folds = assign_folds(at.data, 10, generator(seed, "folds"))
     split = Split(at, np.ones(m, bool), np.zeros(m, bool), folds, False)
@@ -332,6 +332,13 @@ def _hold(errors: ErrorStructure, scales: dict[str, float]) -> tuple[tuple[str, 
 
 
 # -- tables
+
+
+def interval(hits: int, of: int) -> str:
+    """A rate with its Clopper-Pearson 95 % interval."""
+    low = beta.ppf(0.025, hits, of - hits + 1) if hits else 0.0
+    high = beta.ppf(0.975, hits + 1, of - hits) if hits < of else 1.0
+    return f"{hits / of:.3f} [{low:.3f}, {high:.3f}]"
 
 
 def count_most(names: Iterable[str], most: int = 4) -> str:
@@ -397,11 +404,12 @@ def tabulate(studies: Sequence[Study], command: str) -> str:
     done = {name: [s for s in studies if s.line == name] for name in LINES}
     done = {name: own for name, own in done.items() if own}
     seconds = sum(s.seconds for s in studies) / max(len(studies), 1)
+    arms = ", ".join(ARMS)
+    how = f"Rates with 95 % intervals (Clopper-Pearson), arms {arms}; {seconds:.1f} s a study."
     return "\n".join(
         (
             command,
-            f"Rates with 95 % intervals (Clopper-Pearson), arms {', '.join(ARMS)}; "
-            f"{seconds:.1f} s a study.",
+            how,
             "",
             *tabulate_names(done),
             "",
@@ -454,7 +462,8 @@ def main() -> None:
     )
     parser.add_argument("--out", type=Path)
     asked = parser.parse_args()
-    old = [s for s in read_studies(asked.keep) if s.line in asked.lines]
+    kept = read_studies(asked.keep)
+    old = [s for s in kept if s.line in asked.lines and s.number < asked.studies]
     have = {(s.line, s.number) for s in old}
     jobs = [
         (name, asked.seed, k)

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.special import stdtrit
-from scipy.stats import beta, kstest
+from scipy.stats import kstest
 
 import modelsel.diagnosis.state
 import modelsel.diagnosis.unexplained
@@ -29,20 +29,17 @@ import modelsel.uncertainty.parameters
 from modelsel import Model, mechanism
 from modelsel._random import generator
 from modelsel.diagnosis.data_faults import find_misplaced_rows
-from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.unexplained import estimate_predictability
 from modelsel.fitting.design import residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
-from modelsel.mechanisms.registry import every
 from modelsel.robot.kinematics import forward
-from modelsel.selection.evaluation import Split
-from modelsel.selection.splits import assign_folds
 from modelsel.uncertainty.parameters import bootstrap_parameters, describe_parameters
 from modelsel.uncertainty.significance import compare_nested
 
 from .calibration import ARM, TOOL
+from .noise import diagnose_campaign, interval
 
 GROUPS, EACH, SIGMA, LEVEL = 8, 6, 0.05, 0.05
 BASE = Model((mechanism("geometric", ARM),))
@@ -159,15 +156,7 @@ def take_equal_noise_for_granted() -> None:
 def study(condition: str, seed: Sequence[int]) -> Study:
     rng = np.random.default_rng(seed)
     at, truth = campaign(condition, rng)
-    m = len(at)
-    data = Split(
-        at,
-        np.ones(m, bool),
-        np.zeros(m, bool),
-        assign_folds(at.data, 10, generator(seed[-1], "folds")),
-        False,
-    )
-    data, extension, _ = diagnose_split(data, BASE, every(ARM), seed[-1], True)
+    data, extension = diagnose_campaign(at, BASE, seed[-1])
     base_fit = fit(data.training(), BASE)
     both = fit(data.training(), Model((*BASE.mechanisms, TESTED)))
     own = [
@@ -204,13 +193,6 @@ def study(condition: str, seed: Sequence[int]) -> Study:
         int((off < plain).sum()),
         int((off < half).sum()),
     )
-
-
-def interval(hits: int, of: int) -> str:
-    """A rate with its Clopper-Pearson 95 % interval."""
-    low = beta.ppf(0.025, hits, of - hits + 1) if hits else 0.0
-    high = beta.ppf(0.975, hits + 1, of - hits) if hits < of else 1.0
-    return f"{hits / of:.3f} [{low:.3f}, {high:.3f}]"
 
 
 def table(done: dict[str, list[Study]]) -> list[str]:

@@ -282,16 +282,16 @@ def test_the_criterion_is_that_of_the_density(rng: np.random.Generator, targets:
     at = move_joint(campaign(rng, targets=targets), 2, 8e-4, rng)
     found = structure_of(at)
     differences = []
-    for errors in (ErrorStructure(), found):
+    for errors, log_prior in ((ErrorStructure(), -3.0), (found, -5.0)):
         fitted = fit(errors.whiten(at), BASE)
-        said = compute_criterion(at, everywhere(at), fitted, errors, -3.0)
+        said = compute_criterion(at, everywhere(at), fitted, errors, log_prior)
         e = fitted.residuals(at).reshape(-1)
         N = len(e)
         V = covariance_of(errors, np.tile(np.eye(3), (len(at), 1, 1)))
         scale = float(e @ np.linalg.solve(V, e)) / N
         density = multivariate_normal(cov=scale * V).logpdf(e)
         used = fitted.rows - fitted.freedom + len(errors.shared)
-        differences.append(said - (-2 * density + used * np.log(N) + 6.0))
+        differences.append(said - (-2 * density + used * np.log(N) - 2 * log_prior))
     assert differences[0] == pytest.approx(differences[1], abs=1e-6)
 
 

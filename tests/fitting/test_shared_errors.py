@@ -17,6 +17,7 @@ from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.shared_errors import (
     MAX_BLOCK,
+    MOST_ROWS,
     SharedError,
     SharedErrors,
     keep_within,
@@ -164,6 +165,25 @@ def test_blocks_of_more_than_a_hundred_rows_are_inverted_too() -> None:
     values = mix([part]).apply(own[None, None].copy())
     # bᵀ(I + v b bᵀ)⁻¹b, by Sherman and Morrison
     assert np.square(values).sum() == pytest.approx(own @ own / (1 + 5.0 * own @ own))
+
+
+def test_no_block_that_parts_join_is_larger_than_is_bounded() -> None:
+    """Rounds in which all postures are measured again, two targets a visit."""
+    rows, postures = 2 * MOST_ROWS + 40, 60
+    visit = np.arange(rows) // 2
+    loading = np.ones((rows, 1, 1))
+    parts = [SharedError(loading, visit, 0.5), SharedError(loading, visit % postures, 0.5)]
+    assert len(list_blocks(parts)[-1][0]) < MOST_ROWS
+    crossed = [*parts, SharedError(loading, np.arange(rows) // 50, 0.5)]
+    assert len(list_blocks(crossed)[-1][0]) == rows
+    blocks = list_blocks(keep_within(crossed))
+    assert max(len(own[0]) for own in blocks) == MOST_ROWS
+    assert sorted(np.concatenate([own.ravel() for own in blocks])) == list(range(rows))
+    for part, kept in zip(crossed, keep_within(crossed), strict=True):
+        # rows share a draw as before, within a stretch
+        near = np.subtract.outer(np.arange(rows) // MOST_ROWS, np.arange(rows) // MOST_ROWS) == 0
+        same = (part.level[:, None] == part.level[None]) & near
+        np.testing.assert_array_equal(kept.level[:, None] == kept.level[None], same)
 
 
 # -- problems whose rows share errors
