@@ -97,23 +97,23 @@ JOINTS = ("joint 1", "joint 2", "joint 3")
 @pytest.mark.parametrize(
     ("make", "by", "others"),
     [
-        ({}, "directions", set()),
-        ({"targets": 2}, "targets", {("configuration", "targets")}),
-        ({"times": 2}, "repeats", {("configuration", "repeats")}),
+        ({}, "directions", ()),
+        ({"targets": 2}, "targets", (("configuration", "targets"),)),
+        ({"times": 2}, "repeats", (("configuration", "repeats"),)),
         (
             {"targets": 2, "times": 2},
             "repeats",
-            {("configuration", "targets"), ("configuration", "repeats")},
+            (("configuration", "targets"), ("configuration", "repeats")),
         ),
-        ({"groups": 6}, "directions", {("group", "groups")}),
-        ({"groups": 3}, "directions", set()),
+        ({"groups": 6}, "directions", (("group", "groups"),)),
+        ({"groups": 3}, "directions", ()),
     ],
     ids=str,
 )
 def test_what_rows_can_tell_is_offered(
-    rng: np.random.Generator, make: dict[str, int], by: str, others: set[tuple[str, str]]
+    rng: np.random.Generator, make: dict[str, int], by: str, others: tuple[tuple[str, str], ...]
 ) -> None:
-    expected = {(joint, by) for joint in JOINTS} | others | {("lasting", "order")}
+    expected = {(joint, by) for joint in JOINTS} | set(others) | {("lasting", "order")}
     assert told(parts_of(campaign(rng, **make))) == expected
 
 
