@@ -20,6 +20,8 @@ from .design import assemble
 from .problem import Problem
 from .shared_errors import MAX_BLOCK, SharedError
 
+# what tells a part whose scale is not estimated
+GIVEN = "given"
 # draws that a part needs, rows beyond the first of their configuration, and groups
 MIN_LEVELS = 20
 MIN_EXCESS = 10
@@ -74,14 +76,14 @@ def choose_parts(
 ) -> tuple[PossiblePart, ...]:
     """Choose the parts that may be looked for: the `allowed` names ("joints": all of them; None:
     every part). Those with a `fixed` scale are known, and stand first."""
-    known = []
+    taken, known = [], []
     for name, scale in fixed:
         found = next((one for one in listed if one.name == name), None)
         if found is not None:
             error = replace(found.error, known=scale**2)
-            known.append(replace(found, error=error))
-    taken = {(one.name, one.told_by) for one in known}
-    sought = [one for one in listed if (one.name, one.told_by) not in taken]
+            known.append(replace(found, error=error, told_by=GIVEN))
+            taken.append(found)
+    sought = [one for one in listed if one not in taken]
     if allowed is not None:
         sought = [one for one in sought if is_named(one.name, allowed)]
     return (*known, *sought)

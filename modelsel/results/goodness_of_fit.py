@@ -95,17 +95,18 @@ def sum_pure_error(problem: Problem) -> tuple[float, float]:
     """Return (sum of squares, degrees of freedom) of whitened positions at equal readings of one target, about their
     means."""
     data = problem.data
-    padded = np.pad(data.position, ((0, 0), (0, problem.components - 3)))
-    position = whitened(problem, padded)[:, :3]
     label = data.block * len(data.targets) + data.target
     posture = np.unique(label, return_inverse=True)[1].reshape(-1)
     count = np.bincount(posture)
-    mean = np.stack([np.bincount(posture, position[:, axis]) / count for axis in range(3)], 1)
+    totals = [np.bincount(posture, data.position[:, axis]) for axis in range(3)]
+    mean = np.stack(totals, 1) / count[:, None]
     # an arm read anew has moved its target, too: no repeat
     ranges = _reading_ranges(data.q, posture, len(count))
     still = ranges.max(1) <= SAME_READING
-    deviations = position - mean[posture]
-    squares = np.square(deviations[still[posture]])
+    deviations = np.where(still[posture, None], data.position - mean[posture], 0.0)
+    # about the means first: rows that share errors are mixed
+    padded = np.pad(deviations, ((0, 0), (0, problem.components - 3)))
+    squares = np.square(whitened(problem, padded)[:, :3])
     freedom = (count - 1)[still]
     return float(squares.sum()), 3.0 * float(freedom.sum())
 

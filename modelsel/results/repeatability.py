@@ -11,6 +11,7 @@ import numpy as np
 from .._typing import Array
 from ..diagnosis.sentences import choose_prefix
 from ..fitting.error_structure import ErrorPart, ErrorStructure
+from ..fitting.possible_parts import GIVEN
 from .schema import INSTRUMENT, ErrorPartRecord
 from .study_sentences import format_share
 
@@ -108,7 +109,7 @@ def _describe_shared(part: ErrorPart, size: str, effect: str) -> str:
 def _describe_joint(part: ErrorPart, size: str, effect: str) -> str:
     """Return how well a joint repeats; unless repeats tell it, what else would look the same."""
     said = f"{part.name.capitalize()} does not repeat better than {size}: {effect}."
-    if part.told_by == "repeats":
+    if part.told_by in ("repeats", GIVEN):
         return said
     return (
         f"{said} Too few postures were measured again to be sure: an error of {part.name} that "
@@ -125,6 +126,8 @@ def _describe_scale(part: ErrorPart) -> str:
     """Return a standard deviation with its interval: 21 µrad (95 %: 18 to 24 µrad)."""
     scale, interval = format_scale(part)
     each = "" if part.name.startswith(JOINT) else " per coordinate"
+    if part.told_by == GIVEN:
+        return f"{scale}{each} (as the study gives it)"
     return f"{scale}{each} (95 %: {interval})"
 
 

@@ -125,7 +125,7 @@ class ErrorPartRecord(StrictRecord):
     )
     told_by: Text = Field(
         description="what tells it from other parts: `repeats` of a posture, `targets` of a configuration, `directions` "
-        "alone, `groups`, `order` of motion; of the instrument `what is left`"
+        "alone, `groups`, `order` of motion; of the instrument `what is left`; `given` in `[noise.fixed]`"
     )
     sentence: Text = Field(description="for people")
 

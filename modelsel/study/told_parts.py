@@ -13,12 +13,17 @@ from ..measurements.measurements import Measurements
 from ..measurements.visits import count_distinct
 from .planned_repeats import MAX_POSTURES, TIMES
 
+MAX_ROWS = 100_000  # that are looked at: what they tell, more do
 MEASURE_AGAIN = f"{MAX_POSTURES} postures measured {TIMES} times each, in separate rounds,"
 
 
 def describe_told_parts(problem: Problem) -> dict[str, Any]:
     """Describe which parts of the errors the rows of a problem can tell: `parts`, each with what
-    tells it, and `sentences`."""
+    tells it, and `sentences`. Of many rows the first MAX_ROWS are looked at."""
+    seen = []
+    if len(problem) > MAX_ROWS:
+        problem = problem.take(slice(0, MAX_ROWS))
+        seen = [f"Seen by the first {MAX_ROWS:,} rows."]
     data = problem.data
     told = list_parts(problem, np.ones(len(data), bool))
     # of a part that two things tell, the first
@@ -27,6 +32,7 @@ def describe_told_parts(problem: Problem) -> dict[str, Any]:
         return {"parts": {}, "sentences": [_describe_untellable(problem)]}
     joints = {told_by for name, told_by in by.items() if name.startswith("joint ")}
     sentences = [
+        *seen,
         *[_describe_joints(data, told_by) for told_by in joints],
         _describe_configurations(data, by.get("configuration")),
         _describe_groups(data, "group" in by),

@@ -109,7 +109,7 @@ def test_parts_are_chosen_by_name(parts) -> None:
     assert chosen(["joints"]) == [("joint 1", "repeats", None)]
     assert chosen(["joint 11"]) == []
     assert chosen(None, ("configuration", 0.5), ("group", 1.0)) == [
-        ("configuration", "targets", 0.25),
+        ("configuration", "given", 0.25),
         ("joint 1", "repeats", None),
         ("configuration", "repeats", None),
     ]

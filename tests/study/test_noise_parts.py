@@ -200,16 +200,20 @@ def test_parts_may_be_looked_for_forbidden_or_fixed(repeated) -> None:
     free = parts_of(found(repeated))
     assert list(free) == ["instrument", "joint 2", "joint 4"]
     assert free["joint 2"][0] < 1e-4 < free["joint 2"][2]
-    assert list(parts_of(found(repeated, parts=[]))) == ["instrument"]
+    assert not parts_of(found(repeated, parts=[]))
     assert list(parts_of(found(repeated, parts=["joint 2"]))) == ["instrument", "joint 2"]
     assert parts_of(found(repeated, parts=["joints"])) == free
 
     # a fixed part is taken as it is, never tested, and the others are found beside it
-    fixed = parts_of(found(repeated, fixed={"joint 1": 2e-6, "joint 2": 8e-5}))
+    result = found(repeated, fixed={"joint 1": 2e-6, "joint 2": 8e-5})
+    fixed = parts_of(result)
     assert fixed["joint 1"] == pytest.approx((2e-6,) * 3)
     assert fixed["joint 2"] == pytest.approx((8e-5,) * 3)
     assert fixed["joint 4"][0] < 2e-4 < fixed["joint 4"][2]
     assert fixed["instrument"][0] < 0.02 < fixed["instrument"][2]
+    sentences = [part.sentence for part in result.record.repeatability]
+    (said,) = (sentence for sentence in sentences if sentence.startswith("Joint 2"))
+    assert said.startswith("Joint 2 does not repeat better than 80 µrad (as the study gives it): ")
 
 
 def test_a_part_that_the_data_cannot_tell_is_noted_and_left_out(repeated) -> None:
@@ -249,6 +253,20 @@ def test_stated_uncertainties_are_held_against_the_instrument(
     assert 0.018 < float(left[1]) < 0.022
     assert ("The figure is not used" in said) == (factor > 1)
     assert ("how well the arm itself repeats" in said) == (factor < 1 and not planted)
+
+
+@pytest.mark.parametrize("part", ["lasting", "posture", "configuration", "group"])
+def test_repeats_are_the_pure_error_whatever_rows_share(tmp_path, part) -> None:
+    """The lack-of-fit test of a model that lacks nothing finds the instrument's noise and nothing
+    beyond it."""
+    frame = simulated(
+        tmp_path, configurations=30, repeats=3, groups=9, noise_mm=0.02, parts={part: 0.06}
+    )
+    result = found(frame)
+    assert {part, "configuration"} & set(parts_of(result))
+    lack = result.record.nothing_else.lack_of_fit
+    assert lack.floor_mm == pytest.approx(0.02, rel=0.2)
+    assert 0.001 < lack.p < 0.999
 
 
 # -- what `check` says
