@@ -21,7 +21,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
-from unittest.mock import patch
 from zlib import crc32
 
 import numpy as np
@@ -32,10 +31,11 @@ from scipy.stats import beta
 
 from modelsel import Model, mechanism
 from modelsel._random import generator
-from modelsel.diagnosis import procedure
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.options import DEFAULT_OPTIONS, DiagnosisOptions
 from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.scan import build_scan, compute_basis
 from modelsel.fitting.design import residuals
 from modelsel.fitting.error_structure import ErrorStructure
@@ -293,8 +293,8 @@ def run_one(job: tuple[str, int, int]) -> Study:
     size = dict(zip([t.symbol for t in fitted.terms], truth, strict=True))
     without = None
     if line.power is not None:
-        with patch.object(procedure, "list_parts", lambda *_: ()):
-            without = tuple(own for own, _ in _named(diagnose_campaign(at, base, number)[1]))
+        plain = diagnose_campaign(at, base, number, DiagnosisOptions(parts=()))[1]
+        without = tuple(own for own, _ in _named(plain))
     return Study(
         name,
         number,
@@ -311,12 +311,15 @@ def run_one(job: tuple[str, int, int]) -> Study:
     )
 
 
-def diagnose_campaign(at: Problem, base: Model, seed: int) -> tuple[Split, Diagnosis]:
+def diagnose_campaign(
+    at: Problem, base: Model, seed: int, options: DiagnosisOptions = DEFAULT_OPTIONS
+) -> tuple[Split, Diagnosis]:
     """Diagnose a campaign whose rows all estimate, as `modelsel study` does."""
     m = len(at)
     folds = assign_folds(at.data, 10, generator(seed, "folds"))
     split = Split(at, np.ones(m, bool), np.zeros(m, bool), folds, False)
-    split, diagnosis, _ = procedure.diagnose_split(split, base, every(at.robot), seed, True)
+    robot = at.robot
+    split, diagnosis, _ = diagnose_split(split, base, every(robot), seed, True, options=options)
     return split, diagnosis
 
 
