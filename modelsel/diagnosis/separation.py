@@ -17,7 +17,7 @@ from .._typing import Say
 from ..fitting.design import Model
 from ..fitting.error_structure import ErrorStructure, compute_criterion, find_structure
 from ..fitting.least_squares import fit
-from ..fitting.possible_parts import PossiblePart
+from ..fitting.possible_parts import DIRECTIONS, PossiblePart
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Split
@@ -61,21 +61,43 @@ def separate(
 ) -> tuple[Split, Diagnosis]:
     """Separate what repeats from what does not: effects, given the parts of the errors, and in turn.
 
-    What the base leaves is the most that errors can be. Where effects explain some of that away, the
-    search goes on with what is left of it; of the explanations the criterion chooses. Returns the
-    split, its rows weighed so that they are independent."""
-    plain, used = split.problem, split.used
+    A joint's part that only directions tell may be an effect that is not named yet: the search
+    starts without such parts. Where some stay, it starts with them, too, and of the explanations
+    the criterion chooses. Returns the split, its rows weighed so that they are independent."""
     if not found:
         return split, inquiry.diagnose(split.training(), found)
-    errors = find_structure(plain, used, fit(split.training(), inquiry.base), parts)
+    base_fit = fit(split.training(), inquiry.base)
+    surer = tuple(part for part in parts if part.told_by != DIRECTIONS)
+    errors = find_structure(split.problem, split.used, base_fit, surer)
+    explanations = _search_in_turn(split, inquiry, found, parts, errors)
+    if explanations[-1].diagnosis.errors.shared:
+        every = find_structure(split.problem, split.used, base_fit, parts)
+        if any(part.told_by == DIRECTIONS for part in every.parts):
+            explanations += _search_in_turn(split, inquiry, found, parts, every)
+    best = min(explanations, key=lambda one: one.criterion)
+    return best.split, best.diagnosis
+
+
+def _search_in_turn(
+    split: Split,
+    inquiry: Inquiry,
+    found: tuple[Candidate, ...],
+    parts: tuple[PossiblePart, ...],
+    errors: ErrorStructure,
+) -> list[_Explanation]:
+    """Search for effects given parts of the errors, and with what these leave of the parts, in turn.
+
+    What the base leaves is the most that errors can be. Where effects explain some of that away, the
+    search goes on with what is left of it."""
+    plain, used = split.problem, split.used
     known: tuple[Candidate, ...] = ()
     explanations = []
     for k in range(MAX_STRUCTURES):
         weighed = replace(split, problem=errors.whiten(plain))
         explored = explore(inquiry.search(weighed.training(), found), known, inquiry.say)
         known = explored.chosen
-        left = find_structure(plain, used, explored.fitted, parts) if known else errors
-        is_settled = left.resembles(errors)
+        left = find_structure(plain, used, explored.fitted, parts)
+        is_settled = not known or left.resembles(errors)
         is_last = is_settled or (bool(left.shared) and k == 1) or k == MAX_STRUCTURES - 1
         if is_last or left.shared:
             explanations.append(_explain(split, conclude(explored), left))
@@ -83,8 +105,7 @@ def separate(
             break
         errors = left
         del explored  # its columns, before others are made
-    best = min(explanations, key=lambda one: one.criterion)
-    return best.split, best.diagnosis
+    return explanations
 
 
 class _Explanation(NamedTuple):

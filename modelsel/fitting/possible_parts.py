@@ -22,6 +22,8 @@ from .shared_errors import MAX_BLOCK, SharedError
 
 # what tells a part whose scale is not estimated
 GIVEN = "given"
+# what tells a joint's part where nothing was measured again and there is one target
+DIRECTIONS = "directions"
 # draws that a part needs, rows beyond the first of their configuration, and groups
 MIN_LEVELS = 20
 MIN_EXCESS = 10
@@ -100,7 +102,7 @@ def _list_joints(problem: Problem, seen: Measurements) -> list[PossiblePart]:
     moved = np.concatenate([assemble(p, terms, None)[:-1] for _, p in plain.parts()], axis=2)
     whitened = problem.whitening.apply_by_row(moved.copy())
     size = np.sqrt(np.square(whitened).sum(1).mean(1))
-    told_by = "directions"
+    told_by = DIRECTIONS
     if count_excess(seen.configuration, np.arange(len(seen))) >= MIN_EXCESS:
         told_by = "targets"
     if count_excess(seen.block, seen.configuration) >= MIN_EXCESS:
