@@ -425,7 +425,7 @@ def test_repeats_are_no_copies(telling: Telling) -> None:
 
     def coarse(frame: pd.DataFrame) -> pd.DataFrame:
         frame = repeated(frame)
-        frame["time_s"] = np.arange(len(frame))
+        frame["order"] = frame["time_s"] = np.arange(len(frame))
         return frame.assign(**{axis: frame[axis].round(1) for axis in ("x_mm", "y_mm", "z_mm")})
 
     for change in (repeated, coarse):
