@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from hidden_arm import geometry, holds, said
 from hidden_oracle import critical_p, held_by, naming_limit
+from searches import search_separated
 
 from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.stepwise import run_stepwise_search
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import every, mechanism
@@ -82,11 +82,8 @@ def run(seed: Sequence[int], count: int | None = None, rivals: bool = True) -> d
     problem, fresh = case.problem(), case.unseen()
     base = Model((mechanism("geometric", problem.robot),))
     start = time.perf_counter()
-    base_fit = fit(problem, base)
     found = build_candidates(problem, base, every(problem.robot))
-    extension = run_stepwise_search(
-        problem, base, base_fit, found, np.random.default_rng([*seed, 1])
-    )
+    extension = search_separated(problem, base, found, seed[-1])
     seconds = {"modelsel": time.perf_counter() - start}
     judge = Judge(case, fresh)
     out: dict[str, Any] = {
@@ -125,7 +122,7 @@ def run(seed: Sequence[int], count: int | None = None, rivals: bool = True) -> d
     out["methods"]["modelsel"] = mine
     if not rivals and not case.effects:
         return out
-    table = bench(problem, fresh, base, base_fit, found)
+    table = bench(problem, fresh, base, fit(problem, base), found)
     p_critical = critical_p(table.first, np.random.default_rng([*seed, 2]))
     power, delta = powers(case, p_critical)
     H = [held_by(e.displacement(case.state), table.first) for e in case.effects]

@@ -25,7 +25,7 @@ from modelsel.diagnosis.evidence import (
     sum_evidence,
 )
 from modelsel.diagnosis.state import LEVEL
-from modelsel.diagnosis.stepwise import run_stepwise_search
+from modelsel.diagnosis.stepwise import build_empty
 from modelsel.diagnosis.unexplained import POWER, compute_detection_limit
 from modelsel.mechanisms.registry import mechanism
 from modelsel.report.style import BLUE, GREY, INK, ORANGE, QUIET, svg, use_style
@@ -266,9 +266,7 @@ def _evidences(view: View, prior: Array, responses: Array) -> Array:
 def _limit(view: View, least: Array, prior: Array) -> tuple[float, float]:
     """(the bound of a scan, the detection limit that a study without findings states [mm])."""
     bound = float(np.quantile(least, 1 - LEVEL))
-    nothing = replace(
-        run_stepwise_search(view.at, BASE, view.fitted, (), np.random.default_rng(0)), bound=bound
-    )
+    nothing = replace(build_empty(BASE, view.fitted), bound=bound)
     return bound, compute_detection_limit(nothing, list(np.exp(prior)), 80, NOISE)
 
 

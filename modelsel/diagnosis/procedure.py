@@ -154,7 +154,9 @@ def _alternate(split: Split, inquiry: Inquiry) -> tuple[Split, Diagnosis, tuple[
         weighed, diagnosis = separate(split, inquiry, found, parts)
         again = _find_outliers(training, diagnosis, outlying)
         if outlying.any():
-            again = _reconsider_outliers(training, inquiry, found, outlying, again)
+            unmarked = replace(split, outlying=np.zeros(len(split.outlying), bool))
+            _, with_all = separate(unmarked, inquiry, found, parts)
+            again = _reconsider_outliers(training, with_all, outlying, again)
         is_settled = (again == outlying).all()
         if is_settled or again.mean() > MAX_OUTLIER_SHARE:
             break
@@ -163,13 +165,12 @@ def _alternate(split: Split, inquiry: Inquiry) -> tuple[Split, Diagnosis, tuple[
 
 
 def _reconsider_outliers(
-    training: Problem, inquiry: Inquiry, found: tuple[Candidate, ...], outlying: Mask, again: Mask
+    training: Problem, with_all: Diagnosis, outlying: Mask, again: Mask
 ) -> Mask:
-    """Reconsider outliers with all rows in the search.
+    """Reconsider outliers by a search with all rows.
 
     An effect of a few rows resembles outliers until it may be named. Returns the outliers of that
     search if they are at most half as many, else `again`."""
-    with_all = inquiry.diagnose(training, found)
     none = np.zeros(len(training), bool)
     fewer = _find_outliers(training, with_all, none)
     half = outlying.sum() / 2

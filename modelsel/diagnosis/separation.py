@@ -25,11 +25,11 @@ from .candidates import Candidate
 from .options import DiagnosisOptions
 from .outcome import Diagnosis
 from .state import Search
-from .stepwise import build_empty, conclude, explore
+from .stepwise import Exploration, build_empty, conclude, explore
 
-# searches at most, each with the parts of the errors that the one before has left; the third only
-# where none are left
-MAX_STRUCTURES = 3
+# searches at most, each with the parts of the errors that the one before has left: where some stay,
+# and where none do
+MAX_SEARCHES_WITH_PARTS, MAX_SEARCHES = 2, 3
 
 
 class Inquiry(NamedTuple):
@@ -49,12 +49,6 @@ class Inquiry(NamedTuple):
         base_fit = fit(problem, self.base)
         return Search(problem, self.base, found, rng, base_fit, self.options.memory_mb)
 
-    def diagnose(self, problem: Problem, found: tuple[Candidate, ...]) -> Diagnosis:
-        """Search for effects in a training problem whose rows are independent."""
-        if not found:
-            return build_empty(self.base, fit(problem, self.base))
-        return conclude(explore(self.search(problem, found), (), self.say))
-
 
 def separate(
     split: Split, inquiry: Inquiry, found: tuple[Candidate, ...], parts: tuple[PossiblePart, ...]
@@ -64,9 +58,9 @@ def separate(
     A joint's part that only directions tell may be an effect that is not named yet: the search
     starts without such parts. Where some stay, it starts with them, too, and of the explanations
     the criterion chooses. Returns the split, its rows weighed so that they are independent."""
-    if not found:
-        return split, inquiry.diagnose(split.training(), found)
     base_fit = fit(split.training(), inquiry.base)
+    if not found:
+        return split, build_empty(inquiry.base, base_fit)
     surer = tuple(part for part in parts if part.told_by != DIRECTIONS)
     errors = find_structure(split.problem, split.used, base_fit, surer)
     explanations = _search_in_turn(split, inquiry, found, parts, errors)
@@ -92,15 +86,16 @@ def _search_in_turn(
     plain, used = split.problem, split.used
     known: tuple[Candidate, ...] = ()
     explanations = []
-    for k in range(MAX_STRUCTURES):
+    for k in range(MAX_SEARCHES):
         weighed = replace(split, problem=errors.whiten(plain))
         explored = explore(inquiry.search(weighed.training(), found), known, inquiry.say)
         known = explored.chosen
         left = find_structure(plain, used, explored.fitted, parts)
         is_settled = not known or left.resembles(errors)
-        is_last = is_settled or (bool(left.shared) and k == 1) or k == MAX_STRUCTURES - 1
+        most = MAX_SEARCHES_WITH_PARTS if left.shared else MAX_SEARCHES
+        is_last = is_settled or k + 1 == most
         if is_last or left.shared:
-            explanations.append(_explain(split, conclude(explored), left))
+            explanations.append(_explain(split, explored, parts, left))
         if is_last:
             break
         errors = left
@@ -116,10 +111,16 @@ class _Explanation(NamedTuple):
     criterion: float
 
 
-def _explain(split: Split, diagnosis: Diagnosis, errors: ErrorStructure) -> _Explanation:
-    """Put effects and the parts that they leave together."""
+def _explain(
+    split: Split, explored: Exploration, parts: tuple[PossiblePart, ...], errors: ErrorStructure
+) -> _Explanation:
+    """Conclude a search, and put its effects and the parts that these leave together."""
     plain = split.problem
-    log_prior = sum(float(np.log(effect.candidate.prior)) for effect in diagnosis.effects)
+    diagnosis = conclude(explored)
+    named = [effect.candidate for effect in diagnosis.effects]
+    if len(named) != len(explored.chosen):
+        errors = find_structure(plain, split.used, diagnosis.fit, parts)
+    log_prior = sum(float(np.log(candidate.prior)) for candidate in named)
     criterion = compute_criterion(plain, split.used, diagnosis.fit, errors, log_prior)
     weighed = replace(split, problem=errors.whiten(plain))
     return _Explanation(weighed, replace(diagnosis, errors=errors), criterion)

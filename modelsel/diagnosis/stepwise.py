@@ -18,13 +18,11 @@ from .._progress import News
 from .._typing import Array, Say
 from ..fitting.design import Model
 from ..fitting.least_squares import STEP_MM, Fit
-from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
 from .candidates import Candidate
 from .credible_sets import CredibleSet
 from .effects import Effect
 from .evidence import compute_p_value, compute_single_f
-from .options import DEFAULT_OPTIONS
 from .outcome import Diagnosis
 from .renaming import settle_names
 from .state import LEVEL, Search, View
@@ -79,35 +77,11 @@ class Exploration:
         return self.progress.view.fitted
 
 
-def run_stepwise_search(
-    problem: Problem,
-    base: Model,
-    base_fit: Fit,
-    found: tuple[Candidate, ...],
-    rng: np.random.Generator,
-    say: Say = lambda _: None,
-    memory_mb: float = DEFAULT_OPTIONS.memory_mb,
-) -> Diagnosis:
-    """Extend the base by what the candidates `found` explain beyond chance.
-
-    One effect is named at a time, on a training problem; `memory_mb` is for the values of the
-    causes."""
-    if not found:
-        return build_empty(base, base_fit)
-    search = Search(problem, base, found, rng, base_fit, memory_mb)
-    return conclude(explore(search, (), say))
-
-
 def explore(search: Search, known: Sequence[Candidate], say: Say) -> Exploration:
     """Add effects to the base, or to candidates that an earlier search has chosen."""
     progress = _resume(search, known)
     remainder = _add_effects(search, progress, say)
     return Exploration(search, progress, remainder)
-
-
-def conclude(explored: Exploration) -> Diagnosis:
-    """Drop what the full model does not need, fit it exactly, and put the diagnosis together."""
-    return _conclude(explored.search, explored.progress, explored.remainder)
 
 
 def _resume(search: Search, known: Sequence[Candidate]) -> _Progress:
@@ -313,8 +287,9 @@ def _compute_largest_p(evidence: float, nulls: Sequence[Array]) -> float:
 # Conclude: the final fit, its effects, and what is left.
 
 
-def _conclude(search: Search, progress: _Progress, remainder: _Remainder) -> Diagnosis:
+def conclude(explored: Exploration) -> Diagnosis:
     """Drop what the full model does not need, fit it exactly, and put the diagnosis together."""
+    search, progress, remainder = explored.search, explored.progress, explored.remainder
     path, before = progress.path, list(progress.chosen)
     chosen, view = prune_effects(search, progress.chosen, progress.view, path)
     p, map_p, view = _confirm_effects(search, chosen, view, path)

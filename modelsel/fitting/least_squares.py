@@ -178,9 +178,10 @@ def fit(  # noqa: PLR0913  all but two have defaults
     Gauss-Newton on the exact chain, until all rows together move less than `step_mm`; then what is
     fitted, what is fixed and what the prior of usual sizes holds is judged at the solution, and the
     fit goes on until that stays. `iterations=1` is one linear step. Of very many rows a sample is
-    fitted first; their reduction is then kept fold by fold, too, `fold_of` (m,). Raises NotEstimable where the
-    data have no more coordinates than the model has estimable parameters, or the iteration does not
-    settle."""
+    fitted first; their reduction is then kept fold by fold, too, `fold_of` (m,).
+
+    Raises NotEstimable where the data have no more coordinates than the model has estimable
+    parameters, or the iteration does not settle."""
     if isinstance(problem, Problem) and takes_sample(problem, model, held):
         sample = draw_sample(problem)
         first = fit(sample, model, precision=precision, start=start, held=held)

@@ -30,7 +30,8 @@ def describe_told_parts(problem: Problem) -> dict[str, Any]:
     by = {part.name: part.told_by for part in reversed(told)}
     if not told:
         return {"parts": {}, "sentences": [_describe_untellable(problem)]}
-    joints = {told_by for name, told_by in by.items() if name.startswith("joint ")}
+    # all joints are told by the same
+    joints = [told_by for name, told_by in by.items() if name.startswith("joint ")][:1]
     sentences = [
         *seen,
         *[_describe_joints(data, told_by) for told_by in joints],

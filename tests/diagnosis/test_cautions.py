@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from builders import bind, measured, seeds, small_arm, study_of
+from searches import search_independent
 
 from modelsel.config.study_file import read_study
 from modelsel.diagnosis.candidate_kinds import CandidateKind
@@ -16,9 +17,7 @@ from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.sentences import list_cautions
-from modelsel.diagnosis.stepwise import run_stepwise_search
 from modelsel.fitting.design import Model
-from modelsel.fitting.least_squares import fit
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Applied, Named, q, sin
 from modelsel.mechanisms.registry import every, mechanism
@@ -120,7 +119,7 @@ def test_effects_that_undo_one_another_are_recognised(rng: np.random.Generator) 
     at = bind(ARM, build_measurements(readings, forward(ARM, moved, TOOL)), TOOL)
     at = measured(at, at.data.position + rng.normal(0, 0.003, (120, 3)))
     found = build_candidates(at, BASE, (one, other), cells=False)
-    extension = run_stepwise_search(at, BASE, fit(at, BASE), found, rng)
+    extension = search_independent(at, BASE, found, rng)
     assert {e.candidate.label for e in extension.effects} == {"one", "other"}
     share = np.linalg.norm(
         forward(ARM, moved, TOOL) - forward(ARM, readings, TOOL)
@@ -156,7 +155,7 @@ def test_an_effect_whose_size_is_open_is_told_with_no_wild_number(rng: np.random
     )
     base = Model((mechanism("geometric", arm),))
     found = build_candidates(at, base, (slow,), cells=False)
-    extension = run_stepwise_search(at, base, fit(at, base), found, rng)
+    extension = search_independent(at, base, found, rng)
     for e in extension.effects:
         assert np.abs(e.estimate).max() < 2e-3
         assert e.standard_error.max() < 2e-3

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from builders import drawn, measured, planted, seeds
+from searches import search_independent
 
 from modelsel._typing import Array
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
@@ -17,7 +18,6 @@ from modelsel.diagnosis.joint_curves import chain_effects, collect_curves, find_
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.scan import Released, build_scan, compute_basis
 from modelsel.diagnosis.state import LEVEL, Search
-from modelsel.diagnosis.stepwise import run_stepwise_search
 from modelsel.diagnosis.unregistered import BETWEEN
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
@@ -41,9 +41,7 @@ def turned(at: Problem, joint: int, curve: Array, rng: np.random.Generator) -> P
 
 def named(at: Problem, rng: np.random.Generator) -> Diagnosis:
     base = Model((mechanism("geometric", at.robot),))
-    return run_stepwise_search(
-        at, base, fit(at, base), build_candidates(at, base, every(at.robot)), rng
-    )
+    return search_independent(at, base, build_candidates(at, base, every(at.robot)), rng)
 
 
 def names(diagnosis: Diagnosis) -> list[str]:

@@ -22,6 +22,7 @@ from hidden_arm import Arm, State, arm, geometry, holds, measured, off, said
 from hidden_effects import REGISTERED, UNREGISTERED
 from hidden_engine import Engine
 from hidden_oracle import critical_p, detection, held_by, naming_limit
+from searches import search_separated
 
 from modelsel.diagnosis import state as search
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
@@ -29,7 +30,6 @@ from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.effects import Effect as Found
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
-from modelsel.diagnosis.stepwise import run_stepwise_search
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
@@ -98,7 +98,7 @@ class Ground:
         """What the tool says of positions (m, 3) of the campaign."""
         at = self.problem(x)
         base = Model((mechanism("geometric", at.robot),))
-        return run_stepwise_search(at, base, fit(at, base), self.found, np.random.default_rng(0))
+        return search_separated(at, base, self.found)
 
     def enough(self, displacement: np.ndarray, rank: int) -> float | None:
         """Factor on a displacement (3 m,) from which the oracle is sure to find it and to tell it

@@ -14,13 +14,13 @@ import pytest
 from builders import bind, one, planted, small_arm, study_of
 from scipy.special import bdtrc
 from scipy.stats import binom, kstest, t
+from searches import search_independent
 
 from modelsel.diagnosis.evidence import draw_null
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.residual_tests import adjust_residual, compute_group_p, partition_rows
 from modelsel.diagnosis.state import build_view
-from modelsel.diagnosis.stepwise import run_stepwise_search
 from modelsel.diagnosis.unexplained import estimate_predictability
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import Fit, fit
@@ -349,6 +349,4 @@ def test_signs_under_equal_noise_are_the_exact_null(rng) -> None:
         products = first.scan.columns.dot(u)
         flips.append(Chance(first.scan, log_prior, products, np.square(u).sum(0)).evidence)
     assert ks_2samp(exact, np.concatenate(flips)).pvalue > CHANCE
-    assert (
-        run_stepwise_search(at, BASE, base_fit, found, np.random.default_rng(1)).held_back is None
-    )
+    assert search_independent(at, BASE, found, np.random.default_rng(1)).held_back is None

@@ -1,0 +1,41 @@
+"""Searches for effects in one problem: as a study makes them, and where rows are taken for
+independent."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from modelsel.diagnosis.candidates import Candidate
+from modelsel.diagnosis.options import DEFAULT_OPTIONS
+from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.separation import Inquiry, separate
+from modelsel.diagnosis.state import Search
+from modelsel.diagnosis.stepwise import conclude, explore
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.possible_parts import list_parts
+from modelsel.fitting.problem import Problem
+from modelsel.selection.evaluation import Split
+
+
+def ignore(_: str) -> None:
+    """Say nothing of the progress."""
+
+
+def search_separated(
+    at: Problem, base: Model, found: tuple[Candidate, ...], seed: int = 0
+) -> Diagnosis:
+    """Name effects apart from errors that rows share, in all rows, none of them an outlier."""
+    rows = np.ones(len(at), bool)
+    split = Split(at, rows, ~rows, np.zeros(len(at), np.intp), known_sigma=False)
+    inquiry = Inquiry(base, (), seed, True, ignore, DEFAULT_OPTIONS)
+    _, diagnosis = separate(split, inquiry, found, list_parts(at, rows))
+    return diagnosis
+
+
+def search_independent(
+    at: Problem, base: Model, found: tuple[Candidate, ...], rng: np.random.Generator
+) -> Diagnosis:
+    """Name effects where the rows' errors are taken for independent."""
+    search = Search(at, base, found, rng, fit(at, base))
+    return conclude(explore(search, (), ignore))
