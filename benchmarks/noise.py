@@ -43,7 +43,7 @@ from modelsel.selection.evaluation import Split
 from modelsel.selection.splits import assign_folds
 from modelsel.uncertainty.parameters import bootstrap_parameters, describe_parameters
 
-from .runner import count_most, interval, name_command, read_arguments, run_lines
+from .runner import build_parser, count_most, interval, name_command, run_lines
 
 Array = np.ndarray
 Generator = np.random.Generator
@@ -414,7 +414,7 @@ def tabulate(studies: Sequence[Study], command: str) -> str:
 
 
 def main() -> None:
-    asked = read_arguments(__doc__.splitlines()[0], list(LINES), studies=200, seed=16)
+    asked = build_parser(__doc__.splitlines()[0], list(LINES), studies=200, seed=16).parse_args()
     studies = run_lines(asked, list(LINES), Study, run_one)
     said = tabulate(studies, name_command("noise", asked, list(LINES)))
     print(said)

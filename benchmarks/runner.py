@@ -31,10 +31,10 @@ def count_most(names: Iterable[str], most: int = 4) -> str:
     return ", ".join(f"{name} {count}" for name, count in Counter(names).most_common(most)) or "-"
 
 
-def read_arguments(
-    words: str, lines: Sequence[str], studies: int, seed: int, given: Sequence[str] | None = None
-) -> argparse.Namespace:
-    """Read what a benchmark is asked for; `given`: instead of the command line's arguments."""
+def build_parser(
+    words: str, lines: Sequence[str], studies: int, seed: int
+) -> argparse.ArgumentParser:
+    """Build the parser of what every benchmark by lines may be asked for."""
     parser = argparse.ArgumentParser(description=words)
     parser.add_argument("--studies", type=int, default=studies, help="studies of every line")
     parser.add_argument("--seed", type=int, default=seed)
@@ -44,7 +44,7 @@ def read_arguments(
         "--keep", type=Path, help="studies done, a line each; a run goes on from it"
     )
     parser.add_argument("--out", type=Path)
-    return parser.parse_args(given)
+    return parser
 
 
 def name_command(module: str, asked: argparse.Namespace, lines: Sequence[str]) -> str:
