@@ -132,9 +132,9 @@ class Claim:
 
 def read_finding(finding: Finding) -> tuple[str, float]:
     """Read (level, probability) of what a finding claims."""
-    claim = getattr(finding, "claim", None)
+    claim = finding.claim
     if claim is not None:
-        return claim["level"], claim["probability"]
+        return claim.level, claim.probability
     candidate = finding.candidate
     alike = [e for e in finding.named.entries if e.candidate.label == candidate.label]
     probability = float(sum(e.probability for e in alike))

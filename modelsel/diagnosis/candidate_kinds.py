@@ -15,6 +15,7 @@ class CandidateKind(Enum):
     JOINT_WAVE = "wave of a turning joint's own angle"
     SLIDE_WAVE = "wave of a slide's own reading"
     FREE_FUNCTION = "free function of a joint's own angle"
+    SHAPE = "shape that no list has, at the place of a finding or beside it"
 
 
 # kinds that are cells of the error map

@@ -7,6 +7,20 @@ from dataclasses import dataclass, field
 from .._typing import Array
 from .candidates import Candidate
 from .credible_sets import CredibleSet
+from .signatures import LEVELS
+
+
+@dataclass(frozen=True)
+class Claim:
+    """How deep a finding is proven: the deepest level that holds, the probability (4,) of each."""
+
+    level: str
+    levels: tuple[float, ...]
+
+    @property
+    def probability(self) -> float:
+        """The probability of the level that is claimed."""
+        return self.levels[LEVELS.index(self.level)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,7 +29,7 @@ class Effect:
 
     `p`: its family-wise p-value; `estimate` and `standard_error` (k,) of its terms in the full
     model; `cancels`: (label of another effect that undoes most of it at the target, the share that
-    is left of both)."""
+    is left of both); `claim`: how deep it is proven."""
 
     candidate: Candidate
     named: CredibleSet
@@ -23,3 +37,4 @@ class Effect:
     estimate: Array = field(repr=False)
     standard_error: Array = field(repr=False)
     cancels: tuple[str, float] | None = None
+    claim: Claim | None = None

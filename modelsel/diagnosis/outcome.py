@@ -8,6 +8,7 @@ from .._typing import Array
 from ..fitting.design import Model
 from ..fitting.error_structure import ErrorStructure
 from ..fitting.least_squares import Fit
+from .candidates import Candidate
 from .credible_sets import CredibleSet
 from .effects import Effect
 from .sentences import describe_effect
@@ -22,7 +23,7 @@ class Diagnosis:
     p-value `left_p`, whatever it is (None without candidates); `held_back`: its p-value under equal
     normal noise, where that would have named it and the signs of the residual's own rows do not.
     `bound`: the evidence that a further effect needs; `single_f` (G,): the F statistic of every
-    candidate alone on the base, `map_p` (G,): its family-wise p-value; `errors`: the parts that the
+    candidate `offered` alone on the base, `map_p` (G,): its family-wise p-value; `errors`: the parts that the
     errors have, which do not repeat and are no effects."""
 
     base: Model
@@ -37,6 +38,7 @@ class Diagnosis:
     bound: float
     single_f: Array = field(repr=False)
     map_p: Array = field(repr=False)
+    offered: tuple[Candidate, ...] = field(default=(), repr=False)
     errors: ErrorStructure = field(default_factory=ErrorStructure)
 
     @property

@@ -161,7 +161,7 @@ def _alternate(split: Split, inquiry: Inquiry) -> tuple[Split, Diagnosis, tuple[
         if is_settled or again.mean() > MAX_OUTLIER_SHARE:
             break
         outlying = again
-    return weighed, diagnosis, found
+    return weighed, diagnosis, diagnosis.offered or found
 
 
 def _reconsider_outliers(

@@ -7,6 +7,7 @@ effects, follows without a refit. The search itself adds the fits, the names and
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -32,6 +33,7 @@ from .joint_curves import collect_curves, find_better_curve, see_rest
 from .options import DEFAULT_OPTIONS
 from .residual_tests import FLIP_DRAWS, adjust_residual, compute_flip_p, draw_flips, partition_rows
 from .scan import Released, Response, Scan, build_scan_without, compute_basis, scan_residual
+from .signatures import read_signatures
 
 # largest family-wise p-value of an effect
 LEVEL = 0.05
@@ -165,20 +167,37 @@ class Search:
     ):
         self.problem = problem
         self.base = base
-        self.found = found
         self.rng = rng
-        self.columns: Columns = build_columns(problem, found, base_fit.at(), memory_mb)
-        self.log_prior = np.log([c.prior for c in found])
-        self.curves = collect_curves(found, self.columns, self.log_prior)
-        self.first = build_view(problem, self.columns, base, base_fit)
-        # candidates that the base has already: what a refit leaks of them is no cause
-        self.dead = np.flatnonzero(self.first.scan.sizes == 0)
+        self.memory_mb = memory_mb
+        self._see(found, base_fit)
         is_large = self.columns.screws.size >= LARGE_STUDY
         self.flip_draws = FLIP_DRAWS[is_large]
         null_draws = NULL_DRAWS[is_large]
         self.null, self.smallest_p = draw_null(self.first.scan, self.log_prior, null_draws, rng)
         self.bound = float(np.quantile(self.null, 1 - LEVEL))
+
+    def _see(self, found: tuple[Candidate, ...], base_fit: Fit) -> None:
+        """See the candidates from the base."""
+        self.found = found
+        self.columns: Columns = build_columns(self.problem, found, base_fit.at(), self.memory_mb)
+        self.log_prior = np.log([c.prior for c in found])
+        self.curves = collect_curves(found, self.columns, self.log_prior)
+        self.first = build_view(self.problem, self.columns, self.base, base_fit)
+        # candidates that the base has already: what a refit leaks of them is no cause
+        self.dead = np.flatnonzero(self.first.scan.sizes == 0)
         self._renamed: WeakKeyDictionary[View, dict[int, Renamed]] = WeakKeyDictionary()
+
+    def offer(self, more: Sequence[Candidate]) -> Search:
+        """Offer further candidates beside the others, with the same null distribution."""
+        new = copy(self)
+        new.__dict__.pop("signatures", None)
+        new._see(self.found + tuple(more), self.first.fitted)
+        return new
+
+    @cached_property
+    def signatures(self) -> tuple[Index, ...]:
+        """What every candidate says of the arm, level by level."""
+        return read_signatures(self.found)
 
     def fit_model(
         self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM

@@ -8,8 +8,8 @@ chance alone would explain what is left."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +20,9 @@ from ..fitting.design import Model
 from ..fitting.least_squares import STEP_MM, Fit
 from ..fitting.shrinkage import fit_shrunk
 from .candidates import Candidate
+from .claims import weigh_claims
 from .credible_sets import CredibleSet
-from .effects import Effect
+from .effects import Claim, Effect
 from .evidence import compute_p_value, compute_single_f
 from .outcome import Diagnosis
 from .renaming import settle_names
@@ -31,6 +32,8 @@ from .state import LEVEL, Search, View
 MAX_EFFECTS = 24
 # explanations that are tried in turn when the most probable one was tried before
 MAX_TRIED = 16
+# times that shapes which no list has are offered
+MAX_OFFERS = 2
 # share of either of two effects below which what is left of both is reported
 MAX_CANCELLED = 0.5
 
@@ -287,31 +290,94 @@ def _compute_largest_p(evidence: float, nulls: Sequence[Array]) -> float:
 # Conclude: the final fit, its effects, and what is left.
 
 
+class _Settled(NamedTuple):
+    """What stays of a search: its effects with their p-values, the map's p-values, and the view."""
+
+    p: dict[int, float]
+    map_p: Array
+    view: View
+
+    @property
+    def chosen(self) -> list[int]:
+        """The candidates that stay."""
+        return list(self.p)
+
+
 def conclude(explored: Exploration) -> Diagnosis:
-    """Drop what the full model does not need, fit it exactly, and put the diagnosis together."""
+    """Drop what the full model does not need, weigh how much of every effect is proven, and put the
+    diagnosis together.
+
+    Where a shape that no list has explains effects better, the search goes on with it."""
+    settled = _settle(explored)
+    weighed = weigh_claims(explored.search, settled.view, settled.chosen)
+    for _ in range(MAX_OFFERS):
+        if not weighed.better:
+            break
+        explored = _take_shapes(explored, settled, weighed.better)
+        settled = _settle(explored)
+        weighed = weigh_claims(explored.search, settled.view, settled.chosen)
+    return _build_diagnosis(explored, settled, weighed.claims)
+
+
+def _settle(explored: Exploration) -> _Settled:
+    """Drop the effects that the full model does not need, and confirm the others."""
+    search, progress = explored.search, explored.progress
+    chosen, view = prune_effects(search, progress.chosen, progress.view, progress.path)
+    return _Settled(*_confirm_effects(search, chosen, view, progress.path))
+
+
+def _take_shapes(
+    explored: Exploration, settled: _Settled, better: Sequence[tuple[tuple[int, ...], Candidate]]
+) -> Exploration:
+    """Put shapes that no list has in the place of effects, and let the search go on.
+
+    An effect that has given way to one shape does not give way to another."""
+    before, chosen, path = explored.search, settled.chosen, list(explored.progress.path)
+    shapes: list[Candidate] = []
+    for members, shape in better:
+        if set(members) <= set(chosen):
+            left = " & ".join(before.found[g].label for g in members)
+            path.append(f"{left} -> {shape.label}")
+            chosen = [g for g in chosen if g not in members]
+            shapes.append(shape)
+    search = before.offer(shapes)
+    chosen += range(len(before.found), len(search.found))
+    view = search.try_fit(chosen, settled.view.fitted)
+    if view is None:
+        return replace(explored, search=before)
+    progress = _Progress(chosen, view, path, {frozenset[int](), frozenset(chosen)})
+    return Exploration(search, progress, _add_effects(search, progress, _keep_silent))
+
+
+def _keep_silent(_: str) -> None:
+    """Say nothing of what is only put in other words."""
+
+
+def _build_diagnosis(
+    explored: Exploration, settled: _Settled, claims: Mapping[int, Claim]
+) -> Diagnosis:
+    """Fit the model exactly, and put the diagnosis together."""
     search, progress, remainder = explored.search, explored.progress, explored.remainder
-    path, before = progress.path, list(progress.chosen)
-    chosen, view = prune_effects(search, progress.chosen, progress.view, path)
-    p, map_p, view = _confirm_effects(search, chosen, view, path)
-    chosen = list(p)
-    if chosen != before:
+    view, chosen = settled.view, settled.chosen
+    if chosen != progress.chosen:
         remainder = _assess_remainder(search, view, chosen)
     fitted = view.fitted
     if chosen:
         fitted = fit_shrunk(search.problem, view.model, view.fitted, held="all")
     return Diagnosis(
         base=search.base,
-        effects=_build_effects(search, view, fitted, p),
+        effects=_build_effects(search, view, fitted, settled.p, claims),
         model=view.model,
         fit=fitted,
         null=search.null,
-        path=tuple(path),
+        path=tuple(progress.path),
         left=remainder.strongest,
         left_p=remainder.p,
         held_back=remainder.held_back,
         bound=search.bound,
         single_f=compute_single_f(search.first.scan, search.first.response),
-        map_p=map_p,
+        map_p=settled.map_p,
+        offered=search.found,
     )
 
 
@@ -327,7 +393,7 @@ def _assess_remainder(search: Search, view: View, chosen: Sequence[int]) -> _Rem
 
 
 def _build_effects(
-    search: Search, view: View, fitted: Fit, p: dict[int, float]
+    search: Search, view: View, fitted: Fit, p: dict[int, float], claims: Mapping[int, Claim]
 ) -> tuple[Effect, ...]:
     cancelled = _find_cancelling(search, list(p), view)
     effects = []
@@ -340,6 +406,7 @@ def _build_effects(
             estimate=fitted.theta[terms],
             standard_error=fitted.standard_errors[terms],
             cancels=cancelled.get(g),
+            claim=claims.get(g),
         )
         effects.append(effect)
     return tuple(effects)

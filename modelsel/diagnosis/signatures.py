@@ -1,0 +1,54 @@
+"""Signatures: what a candidate says of the arm, level by level.
+
+Where something moves (place), on what that depends (drivers), how (shape), and why (cause)."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+
+import numpy as np
+
+from .._typing import Index
+from .candidate_kinds import CandidateKind
+from .candidates import Candidate
+from .unlisted_shapes import list_parts_of
+
+LEVELS = ("place", "drivers", "shape", "cause")
+# probability from which a level holds
+PROVEN = 0.9
+# kinds that take any shape of their drivers
+SHAPELESS = (CandidateKind.WAVE_PRODUCT, CandidateKind.FREE_FUNCTION, CandidateKind.SHAPE)
+
+
+def read_signatures(found: Sequence[Candidate]) -> tuple[Index, ...]:
+    """Read off every candidate what it says at each level: equal numbers (G,) say the same, -1
+    nothing."""
+    signatures = []
+    for read in (_read_place, _read_drivers, _read_shape, _read_cause):
+        known: dict[Hashable, int] = {}
+        said = [read(candidate) for candidate in found]
+        signatures.append(
+            np.array([-1 if key is None else known.setdefault(key, len(known)) for key in said])
+        )
+    return tuple(signatures)
+
+
+def _read_place(candidate: Candidate) -> Hashable:
+    return frozenset(list_parts_of(candidate.mechanism)) or None
+
+
+def _read_drivers(candidate: Candidate) -> Hashable:
+    return frozenset(list_parts_of(candidate.mechanism).items()) or None
+
+
+def _read_shape(candidate: Candidate) -> Hashable:
+    """Of a registered mechanism the name, whatever its constant."""
+    if candidate.kind in SHAPELESS:
+        return None
+    if candidate.but_for_sign:
+        return candidate.but_for_sign[0].name
+    return candidate.registered_name or candidate.screws
+
+
+def _read_cause(candidate: Candidate) -> Hashable:
+    return candidate.registered_name

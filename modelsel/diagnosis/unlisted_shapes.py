@@ -1,0 +1,222 @@
+"""Shapes that no list has, as rivals of a finding: what else could stand where an effect was named.
+
+A rival is a free function of the finding's own drivers at its places, of one driver more or another
+one there, or of its own drivers at another place. All are smooth, with the prior of free functions.
+Together they are as probable beforehand as the finding itself: half of that for an unlisted shape of
+the same drivers, the rest for other drivers and other places."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from ..fitting.problem import Problem
+from ..mechanisms.causes import ONE, Bump, Cause, Named
+from ..mechanisms.terms import Mechanism, Screw, Term
+from .candidate_kinds import CandidateKind
+from .candidates import Candidate
+from .unregistered import list_places
+
+Place = tuple[int, str]
+Drivers = frozenset[str]
+
+# knot intervals over a driver's range, and values that a driver needs to have a shape
+INTERVALS = 6
+MIN_VALUES = 8
+# places times drivers from which a finding acts in too many ways for one free function
+MAX_PARTS = 6
+# prior probability of a further listed finding at a place, where one is
+FURTHER = 0.1
+# prior probability of all rivals over that of the finding, and how it is divided
+ODDS = 1.0
+SHARES = {"shape": 0.5, "drivers": 0.25, "place": 0.25}
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another explanation of a finding, with what it agrees in: "drivers" (and so the place),
+    "place" (other drivers there), or "" (another place)."""
+
+    candidate: Candidate
+    agrees: str
+
+
+@dataclass(frozen=True)
+class Company:
+    """Findings of one place: their numbers, all of them as one candidate, and shapes of their
+    drivers that no list has."""
+
+    members: tuple[int, ...]
+    listed: Candidate
+    shapes: tuple[Candidate, ...]
+
+
+def list_company(problem: Problem, effects: Mapping[int, Candidate]) -> list[Company]:
+    """List the findings that share a place: every two, and all of a place together.
+
+    One joint's own angle is left to `joint_curves`."""
+    by_place: dict[Place, list[int]] = {}
+    for g, candidate in effects.items():
+        for place in list_parts_of(candidate.mechanism):
+            by_place.setdefault(place, []).append(g)
+    groups: dict[tuple[int, ...], Place] = {}
+    for place, members in by_place.items():
+        for group in (*combinations(members, 2), tuple(members)):
+            if len(group) > 1:
+                groups.setdefault(group, place)
+    company = [_build_company(problem, effects, group, place) for group, place in groups.items()]
+    return [one for one in company if one is not None]
+
+
+def _build_company(
+    problem: Problem, effects: Mapping[int, Candidate], members: tuple[int, ...], place: Place
+) -> Company | None:
+    mechanisms = [effects[g].mechanism for g in members]
+    drivers = frozenset[str]().union(*(list_drivers_of(m) for m in mechanisms))
+    if drivers == {f"q{place[0]}"} or any(place not in list_parts_of(m) for m in mechanisms):
+        return None
+    shapes = tuple(_generate_shapes(problem, {place: drivers}))
+    if not shapes or any(m in shapes for m in mechanisms):
+        return None
+    terms = {term.key: term for mechanism in mechanisms for term in mechanism.terms}
+    name = " & ".join(mechanism.name for mechanism in mechanisms)
+    prior = max(effects[g].prior for g in members)
+    listed = Candidate(
+        Mechanism(name, tuple(terms.values())),
+        CandidateKind.SHAPE,
+        prior * FURTHER ** (len(members) - 1),
+    )
+    share = prior * ODDS * SHARES["shape"] / len(shapes)
+    return Company(members, listed, tuple(Candidate(m, CandidateKind.SHAPE, share) for m in shapes))
+
+
+def list_drivers_of(mechanism: Mechanism) -> Drivers:
+    """List the names that a mechanism depends on."""
+    return frozenset[str]().union(*list_parts_of(mechanism).values())
+
+
+def list_parts_of(mechanism: Mechanism) -> dict[Place, Drivers]:
+    """List the places where a mechanism acts, each with the names that it depends on there."""
+    parts: dict[Place, Drivers] = {}
+    for term in mechanism.terms:
+        for screw in term.screws:
+            place = screw.frame, screw.axis
+            parts[place] = parts.get(place, frozenset()) | screw.cause.names()
+    return parts
+
+
+def list_rivals(problem: Problem, candidate: Candidate) -> list[Rival]:
+    """List the shapes that no list has beside a candidate, with their prior probabilities."""
+    parts = list_parts_of(candidate.mechanism)
+    if not parts or len(parts) > MAX_PARTS:
+        return []
+    drivers = list_drivers_of(candidate.mechanism)
+    names = _list_drivers(problem)
+    alike = list(_generate_shapes(problem, parts))
+    others = list(_generate_other_drivers(problem, parts, drivers, names))
+    elsewhere = list(_generate_other_places(problem, parts, drivers, names))
+    prior = ODDS * candidate.prior
+    return [
+        *_weigh(alike, "drivers", prior * SHARES["shape"]),
+        *_weigh(others, "place", prior * SHARES["drivers"]),
+        *_weigh(elsewhere, "", prior * SHARES["place"]),
+    ]
+
+
+def _weigh(mechanisms: Sequence[Mechanism], agrees: str, prior: float) -> Iterator[Rival]:
+    for mechanism in mechanisms:
+        share = prior / len(mechanisms)
+        yield Rival(Candidate(mechanism, CandidateKind.SHAPE, share), agrees)
+
+
+def _list_drivers(problem: Problem) -> tuple[str, ...]:
+    """List what an error may depend on by a free function: joints, and the course of the campaign."""
+    joints = [f"q{j}" for j in range(1, problem.robot.n + 1)]
+    time = "time_s" if "time_s" in problem.data.covariates else "progress"
+    return tuple(name for name in (*joints, time) if _has_shape(problem, name))
+
+
+def _has_shape(problem: Problem, name: str) -> bool:
+    values = problem.state.value(name)
+    return len(np.unique(np.round(values, 9))) >= MIN_VALUES
+
+
+def _build_basis(problem: Problem, name: str) -> list[Bump]:
+    """Build the splines of a free function over the range of its driver."""
+    values = problem.state.value(name)
+    low, high = float(values.min()), float(values.max())
+    width = float(f"{(high - low) / INTERVALS:.6g}")
+    first, last = np.floor(low / width), np.ceil(high / width)
+    return [Bump(name, float(k * width), width) for k in np.arange(first, last + 1)]
+
+
+def _scale(problem: Problem, name: str) -> Cause:
+    """A driver from -1 to 1 over its range."""
+    values = problem.state.value(name)
+    low, high = float(values.min()), float(values.max())
+    middle, half = float(f"{(low + high) / 2:.6g}"), float(f"{(high - low) / 2:.6g}")
+    unit = problem.names().get(name, "1")
+    return (Named(name, unit) - middle) * (1 / half)
+
+
+def _build(functions: Iterable[tuple[Place, Cause]]) -> Mechanism:
+    terms = tuple(
+        Term(f"f{k}", (Screw(*place, cause),)) for k, (place, cause) in enumerate(functions, 1)
+    )
+    screws = [term.screws[0] for term in terms]
+    name = "; ".join(dict.fromkeys(f"{s.frame} {s.axis} {s.cause}" for s in screws))
+    return Mechanism(name, terms)
+
+
+def _free(
+    problem: Problem, places: Iterable[Place], name: str, times: Sequence[Cause] = (ONE,)
+) -> list[tuple[Place, Cause]]:
+    """List the functions of a free function of one driver at some places, times other causes."""
+    basis = _build_basis(problem, name)
+    return [
+        (place, bump if factor == ONE else factor * bump)
+        for place in places
+        for factor in times
+        for bump in basis
+    ]
+
+
+def _generate_shapes(problem: Problem, parts: dict[Place, Drivers]) -> Iterator[Mechanism]:
+    """Generate free functions of the own drivers at the own places."""
+    functions: list[tuple[Place, Cause]] = []
+    for place, drivers in parts.items():
+        shaped = sorted(name for name in drivers if _has_shape(problem, name))
+        if not shaped or len(shaped) > 2:
+            return
+        first, *second = shaped
+        times = (ONE, *(_scale(problem, name) for name in second))
+        functions += _free(problem, [place], first, times)
+    yield _build(functions)
+
+
+def _generate_other_drivers(
+    problem: Problem, parts: dict[Place, Drivers], drivers: Drivers, names: Sequence[str]
+) -> Iterator[Mechanism]:
+    """Generate free functions of another driver at the own places, and of an own one times another."""
+    own = next((name for name in sorted(drivers) if _has_shape(problem, name)), None)
+    for other in names:
+        if other in drivers:
+            continue
+        yield _build(_free(problem, parts, other))
+        if own is not None:
+            yield _build(_free(problem, parts, own, (ONE, _scale(problem, other))))
+
+
+def _generate_other_places(
+    problem: Problem, parts: dict[Place, Drivers], drivers: Drivers, names: Sequence[str]
+) -> Iterator[Mechanism]:
+    """Generate free functions of each own driver at every other place."""
+    for place in list_places(problem):
+        if place in parts:
+            continue
+        for name in sorted(drivers):
+            if _has_shape(problem, name):
+                yield _build(_free(problem, [place], name))
