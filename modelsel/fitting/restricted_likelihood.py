@@ -9,7 +9,7 @@ It is maximised over ρ ≥ 0 with its exact slope; standard errors are by the a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -96,7 +96,7 @@ class Likelihood:
 
     def _trace(self, part: SharedError, number: int | None) -> float:
         """Compute the trace of P V; `number`: of the part among those that are there."""
-        taken = float(np.vdot(self.directions, part.multiply(self.directions)))
+        taken = part.measure(self.directions)
         if self.mixing is None:
             return float(np.square(part.loading).sum()) - taken
         total = 0.0
@@ -167,6 +167,25 @@ def _choose_phi(parts: Sequence[SharedError], square: float, freedom: float) -> 
     return square / freedom
 
 
+@dataclass
+class _Best:
+    """The best likelihood that a search has seen, which begins and mostly ends there: it is not
+    computed again."""
+
+    evaluate: Callable[[Array], Likelihood]
+    x: Array
+    at: Likelihood
+
+    def look(self, x: Array) -> Likelihood:
+        """Return the likelihood at x."""
+        if np.array_equal(x, self.x):
+            return self.at
+        at = self.evaluate(x)
+        if not at.log < self.at.log:
+            self.x, self.at = x.copy(), at
+        return at
+
+
 def maximise_likelihood(
     model: LinearModel,
     parts: Sequence[SharedError],
@@ -187,7 +206,8 @@ def maximise_likelihood(
     start = np.log([part.variance for part in every])
     is_known = np.array([part.known is not None for part in every])
     is_sought = ~is_known & (np.arange(len(every)) >= len(held))
-    scale = _choose_scale(evaluate_likelihood(model, every, layout), is_sought)
+    first = evaluate_likelihood(model, every, layout)
+    scale = _choose_scale(first, is_sought)
     # what the logarithms of the variances go by: their own, and that of φ where some are known
     steps = np.eye(len(every))[:, is_sought]
     if is_known.any():
@@ -195,9 +215,15 @@ def maximise_likelihood(
         scale = np.append(scale, np.sqrt(model.freedom))
     moves = np.flatnonzero(is_sought | is_known)
 
-    def lose(x: Array) -> tuple[float, Array]:
+    def evaluate(x: Array) -> Likelihood:
         variance = np.exp(start + steps @ (x / scale))
-        at = evaluate_likelihood(model, _set_variances(every, variance), layout)
+        return evaluate_likelihood(model, _set_variances(every, variance), layout)
+
+    best = _Best(evaluate, np.zeros(len(scale)), first)
+
+    def lose(x: Array) -> tuple[float, Array]:
+        at = best.look(x)
+        variance = np.array([part.variance for part in at.parts])
         slopes = np.array([at.slope(at.parts[k])[0] for k in moves])
         loss = -steps[moves].T @ (slopes * variance[moves])
         if is_known.any():
@@ -212,17 +238,19 @@ def maximise_likelihood(
     options = EXACT if exact else ROUGH
     found = minimize(
         lose,
-        np.zeros(len(scale)),
+        best.x,
         jac=True,
         method="L-BFGS-B",
         bounds=(bounds * scale).T,
         options=options,
     )
-    variance = np.exp(start + steps @ (found.x / scale))
+    ended = best.look(found.x)
+    variance = np.array([part.variance for part in ended.parts])
     is_there = ~is_sought | (variance >= NO_PART * largest)
-    changed = _set_variances(every, variance)
-    there = [part for part, kept in zip(changed, is_there, strict=True) if kept]
-    return evaluate_likelihood(model, there, layout if is_there.all() else None)
+    if is_there.all():
+        return ended
+    there = [part for part, kept in zip(ended.parts, is_there, strict=True) if kept]
+    return evaluate_likelihood(model, there)
 
 
 def _choose_scale(at: Likelihood, is_sought: Mask) -> Array:

@@ -77,16 +77,26 @@ class SharedError:
     def multiply(self, values: Array) -> Array:
         """Compute the product (m, c, p) of the part's covariance, of unit variance, with values
         (m, c, p)."""
+        _, mixed = self._share(values)
+        return np.asarray(np.einsum("mcd,mdp->mcp", self.loading, mixed, optimize=True))
+
+    def measure(self, values: Array) -> float:
+        """Compute the sum over the columns of values (m, c, p) of their product with the part's
+        covariance, of unit variance, from both sides."""
+        inner, mixed = self._share(values)
+        return float(np.vdot(inner, mixed))
+
+    def _share(self, values: Array) -> tuple[Array, Array]:
+        """Return values (m, c, p) by draw (m, d, p), and what the rows have of one another's."""
         inner = np.einsum("mcd,mcp->mdp", self.loading, values, optimize=True)
         if self.time is None:
-            mixed = self._add_up(inner)
-        else:
-            mixed = np.empty_like(inner)
-            for rows in group_blocks(self.level):
-                correlation = self.correlate(rows)
-                own = inner[rows].reshape(*rows.shape, -1)
-                mixed[rows] = (correlation @ own).reshape(*rows.shape, *inner.shape[1:])
-        return np.asarray(np.einsum("mcd,mdp->mcp", self.loading, mixed, optimize=True))
+            return inner, self._add_up(inner)
+        mixed = np.empty_like(inner)
+        for rows in group_blocks(self.level):
+            correlation = self.correlate(rows)
+            own = inner[rows].reshape(*rows.shape, -1)
+            mixed[rows] = (correlation @ own).reshape(*rows.shape, *inner.shape[1:])
+        return inner, mixed
 
     def _add_up(self, inner: Array) -> Array:
         """Return for every row the sum of values (m, ...) over the rows of its level."""
@@ -187,9 +197,7 @@ class Layout:
         """Compute what makes rows independent, the parts having these variances."""
         inverses = []
         for own in self.spreads:
-            covariance = np.zeros_like(own[0]) + np.eye(own[0].shape[1])
-            for variance, spread in zip(variances, own, strict=True):
-                covariance += variance * spread
+            covariance = _combine(variances, own)
             lower = np.linalg.cholesky(covariance)
             inverses.append(_invert_lower(np.asarray(lower, dtype=np.float64)))
         return Mixing(self.rows, tuple(inverses))
@@ -200,12 +208,26 @@ def mix(parts: Sequence[SharedError]) -> Mixing:
     return Layout.of(parts).mix([part.variance for part in parts])
 
 
+def _combine(variances: Sequence[float], spreads: Sequence[Array]) -> Array:
+    """Combine spreads (B, n, n) of unit variance to covariances, with one for every row itself."""
+    total = variances[0] * spreads[0]
+    term = np.empty_like(total)
+    for variance, spread in zip(variances[1:], spreads[1:], strict=True):
+        total += np.multiply(spread, variance, out=term)
+    np.einsum("bii->bi", total)[...] += 1.0
+    return np.asarray(total)
+
+
 def _invert_lower(lower: Array) -> Array:
-    """Invert lower triangles (B, n, n)."""
+    """Invert lower triangles (B, n, n); they are overwritten.
+
+    LAPACK reads columns: what it sees are the upper triangles, and nothing is copied."""
     size = lower.shape[1]
     if size <= SMALL:
         return np.asarray(np.linalg.inv(lower))
-    return np.stack([dtrtri(one, lower=1)[0] for one in lower])
+    for one in lower:
+        dtrtri(one.T, lower=0, overwrite_c=1)
+    return lower
 
 
 def list_blocks(parts: Sequence[SharedError]) -> tuple[Index, ...]:
