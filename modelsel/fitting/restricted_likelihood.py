@@ -43,8 +43,9 @@ class LinearModel:
 
     @cached_property
     def stacked(self) -> Array:
-        """Columns and response together, (p+1, c, m)."""
-        return np.concatenate([self.columns, self.response[None]])
+        """Columns and response together, (m, c, p+1)."""
+        both = np.concatenate([self.columns, self.response[None]])
+        return np.ascontiguousarray(both.transpose(2, 1, 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +71,7 @@ class Likelihood:
 
     def solve(self, values: Array) -> Array:
         """Compute P times values (m, c, k)."""
-        solved = values
-        if self.mixing is not None:
-            by_column = np.array(values.transpose(2, 1, 0), order="C")
-            mixed = self.mixing.apply_transposed(self.mixing.apply(by_column))
-            solved = mixed.transpose(2, 1, 0)
+        solved = values if self.mixing is None else self.mixing.solve(values)
         inside = np.einsum("mcp,mck->pk", self.directions, values)
         return np.asarray(solved - np.einsum("mcp,pk->mck", self.directions, inside))
 
@@ -124,29 +121,26 @@ def evaluate_likelihood(
     parts = tuple(parts)
     layout = layout or lay_out(parts)
     mixing, log_determinant = None, 0.0
-    whitened = model.stacked
+    solved = model.stacked
     if parts:
         mixing = layout.mix([part.variance for part in parts])
-        whitened = mixing.apply(whitened.copy())
+        solved = mixing.solve(solved)
         log_determinant = -2 * sum(
             float(np.log(np.diagonal(inverse, 0, 1, 2)).sum()) for inverse in mixing.inverse
         )
-    flat = whitened.reshape(len(whitened), -1)
-    gram = flat @ flat.T
+    p = len(model.columns)
+    flat = solved.reshape(-1, p + 1)
+    gram = model.stacked.reshape(-1, p + 1).T @ flat
     lower = np.linalg.cholesky(gram[:-1, :-1])
     along = solve_triangular(lower, gram[:-1, -1], lower=True)
     square = float(gram[-1, -1] - along @ along)
     log_determinant += 2 * float(np.log(np.diagonal(lower)).sum())
     beta = solve_triangular(lower, along, lower=True, trans="T")
-    both = np.concatenate(
-        [whitened[:-1], (whitened[-1] - np.tensordot(beta, whitened[:-1], 1))[None]]
-    )
-    if mixing is not None:
-        both = mixing.apply_transposed(both)
-    shape = both.shape[1:]
+    innovations = flat[:, -1] - flat[:, :-1] @ beta
+    directions = solve_triangular(lower, flat[:, :-1].T, lower=True).T
+    rows = solved.shape[:2]
     square, freedom = max(square, TINY), model.freedom
     phi = _choose_phi(parts, square, freedom)
-    directions = solve_triangular(lower, both[:-1].reshape(len(lower), flat.shape[1]), lower=True)
     return Likelihood(
         model=model,
         parts=parts,
@@ -154,8 +148,8 @@ def evaluate_likelihood(
         mixing=mixing,
         square=square,
         log=freedom * float(1 - np.log(phi * freedom)) - square / phi - log_determinant,
-        innovations=np.ascontiguousarray(both[-1].T)[:, :, None],
-        directions=np.ascontiguousarray(directions.reshape(-1, *shape).transpose(2, 1, 0)),
+        innovations=innovations.reshape(*rows, 1),
+        directions=np.ascontiguousarray(directions).reshape(*rows, p),
     )
 
 
@@ -237,12 +231,7 @@ def maximise_likelihood(
         bounds = np.column_stack([bounds, [-high[is_known].min(), -low[is_known].max()]])
     options = EXACT if exact else ROUGH
     found = minimize(
-        lose,
-        best.x,
-        jac=True,
-        method="L-BFGS-B",
-        bounds=(bounds * scale).T,
-        options=options,
+        lose, best.x, jac=True, method="L-BFGS-B", bounds=(bounds * scale).T, options=options
     )
     ended = best.look(found.x)
     variance = np.array([part.variance for part in ended.parts])

@@ -153,6 +153,15 @@ class Mixing:
             _scatter(values, rows, np.matmul(inverse, own))
         return values
 
+    def solve(self, values: Array) -> Array:
+        """Multiply values (m, c, p) by the inverse of the rows' covariance."""
+        solved = np.empty_like(values)
+        for rows, inverse in zip(self.rows, self.inverse, strict=True):
+            own = values[rows].reshape(*inverse.shape[:2], -1)
+            own = np.matmul(inverse.transpose(0, 2, 1), np.matmul(inverse, own))
+            solved[rows] = own.reshape(*rows.shape, *values.shape[1:])
+        return solved
+
     def apply_transposed(self, values: Array) -> Array:
         """Multiply values (..., c, m) by the transpose; they are overwritten."""
         for rows, inverse in zip(self.rows, self.inverse, strict=True):
@@ -211,23 +220,19 @@ def mix(parts: Sequence[SharedError]) -> Mixing:
 def _combine(variances: Sequence[float], spreads: Sequence[Array]) -> Array:
     """Combine spreads (B, n, n) of unit variance to covariances, with one for every row itself."""
     total = variances[0] * spreads[0]
+    np.einsum("bii->bi", total)[...] += 1.0
     term = np.empty_like(total)
     for variance, spread in zip(variances[1:], spreads[1:], strict=True):
         total += np.multiply(spread, variance, out=term)
-    np.einsum("bii->bi", total)[...] += 1.0
     return np.asarray(total)
 
 
 def _invert_lower(lower: Array) -> Array:
-    """Invert lower triangles (B, n, n); they are overwritten.
-
-    LAPACK reads columns: what it sees are the upper triangles, and nothing is copied."""
+    """Invert lower triangles (B, n, n)."""
     size = lower.shape[1]
     if size <= SMALL:
         return np.asarray(np.linalg.inv(lower))
-    for one in lower:
-        dtrtri(one.T, lower=0, overwrite_c=1)
-    return lower
+    return np.stack([dtrtri(one, lower=1)[0] for one in lower])
 
 
 def list_blocks(parts: Sequence[SharedError]) -> tuple[Index, ...]:
