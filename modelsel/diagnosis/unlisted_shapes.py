@@ -60,6 +60,8 @@ def list_company(problem: Problem, effects: Mapping[int, Candidate]) -> list[Com
     One joint's own angle is left to `joint_curves`."""
     by_place: dict[Place, list[int]] = {}
     for g, candidate in effects.items():
+        if candidate.asked:
+            return []
         for place in list_parts_of(candidate.mechanism):
             by_place.setdefault(place, []).append(g)
     groups: dict[tuple[int, ...], Place] = {}
@@ -109,9 +111,11 @@ def list_parts_of(mechanism: Mechanism) -> dict[Place, Drivers]:
 
 
 def list_rivals(problem: Problem, candidate: Candidate) -> list[Rival]:
-    """List the shapes that no list has beside a candidate, with their prior probabilities."""
+    """List the shapes that no list has beside a candidate, with their prior probabilities.
+
+    None where the study considers no causes but those that it lists."""
     parts = list_parts_of(candidate.mechanism)
-    if not parts or len(parts) > MAX_PARTS:
+    if candidate.asked or not parts or len(parts) > MAX_PARTS:
         return []
     drivers = list_drivers_of(candidate.mechanism)
     names = _list_drivers(problem)
