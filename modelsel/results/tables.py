@@ -79,6 +79,11 @@ def _finding_row(finding: FindingRecord) -> dict[str, Any]:
         "held_out_rms_after_mm": gain.held_out_rms_after_mm,
         "gain_low_mm": low,
         "gain_high_mm": high,
+        "doubtful": finding.doubtful,
+        "matters": finding.matters,
+        "rms_mm": finding.rms_mm,
+        "worst_mm": None if finding.worst is None else finding.worst.mm,
+        "usable": "; ".join(one.text for one in finding.usable),
         "sentence": finding.sentence,
     }
 
@@ -93,6 +98,11 @@ FINDING_COLUMNS = (
     "held_out_rms_after_mm",
     "gain_low_mm",
     "gain_high_mm",
+    "doubtful",
+    "matters",
+    "rms_mm",
+    "worst_mm",
+    "usable",
     "sentence",
 )
 
