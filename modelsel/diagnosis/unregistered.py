@@ -266,7 +266,7 @@ def build_waves(robot: Robot) -> Iterator[Unregistered]:
                 mechanism = Mechanism(
                     name=f"{j} rz {count:g} waves",
                     terms=wave_terms(j, count, "rz", "m"),
-                    sentence=f"Joint {j} turns unevenly: {count:g} waves a turn",
+                    sentence=f"Joint {j} turns unevenly, {count:g} waves a turn",
                     usual_causes=RIPPLING_PARTS,
                 )
                 yield Unregistered(mechanism, CandidateKind.JOINT_WAVE, weight)
@@ -302,7 +302,7 @@ def _build_pitch_wave(joint: int, count: float, travel: float) -> Mechanism:
     return Mechanism(
         name=f"{joint} tz {count:g} waves",
         terms=terms,
-        sentence=f"Joint {joint} slides unevenly: a wave every {length:.3g} mm",
+        sentence=f"Joint {joint} slides unevenly, a wave every {length:.3g} mm",
         usual_causes=("pitch of the screw", "teeth of the rack", "joints of the scale"),
     )
 

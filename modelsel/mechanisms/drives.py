@@ -60,7 +60,7 @@ def gear_eccentricity(robot: Robot, joint: int) -> Mechanism:
     return Mechanism(
         f"gear-eccentricity:{joint}",
         wave_terms(joint, 1, "rz", f"e{joint}"),
-        f"Joint {joint} turns unevenly: one wave a turn.",
+        f"Joint {joint} turns unevenly, one wave a turn.",
         f"θ{joint} = q{joint} + es sin(q{joint}) + ec cos(q{joint})",
         "Whitney, Lozinski & Rourke 1986",
         usual_causes=("gear or shaft out of centre", "encoder disk out of centre"),
@@ -72,7 +72,7 @@ def encoder_eccentricity(robot: Robot, joint: int) -> Mechanism:
     return Mechanism(
         f"encoder-eccentricity:{joint}",
         wave_terms(joint, 2, "rz", f"d{joint}"),
-        f"Joint {joint} turns unevenly: two waves a turn.",
+        f"Joint {joint} turns unevenly, two waves a turn.",
         f"θ{joint} = q{joint} + ds sin(2 q{joint}) + dc cos(2 q{joint})",
         "Lopez-Rubio et al. 2010, encoder errors",
         usual_causes=(
@@ -89,7 +89,7 @@ def gear_ripple(robot: Robot, joint: int, waves: int) -> Mechanism:
     return Mechanism(
         f"gear-ripple:{joint}",
         wave_terms(joint, waves, "rz", f"r{joint}"),
-        f"Joint {joint} turns unevenly: {waves} waves a turn.",
+        f"Joint {joint} turns unevenly, {waves} waves a turn.",
         f"θ{joint} = q{joint} + rs sin({waves} q{joint}) + rc cos({waves} q{joint})",
         "Tuttle & Seering 1996, harmonic-drive gear transmission",
         usual_causes=RIPPLING_PARTS,
