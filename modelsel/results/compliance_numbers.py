@@ -6,7 +6,7 @@ load in N m: the robot file's masses, or a payload that is measured."""
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from .workspace import Fitted, Workspace
 
 TURNS = slice(3, 6)
 MILLI = 1e3
-NO_MASSES = " (no stiffness in N m/rad: the robot file gives no masses)"
+NO_MASSES = ", no stiffness in N m/rad as the robot file gives no masses"
 
 
 def measure_wind_up(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -68,8 +68,9 @@ def _measure_yield(words: str, part: Fitted, load: _Load) -> Iterator[Usable]:
     moved = part.moved_at(row)
     at_target, there = f"{words}, at the target", "at the target there"
     if not load.is_known:
-        yield express(words, angle.scale(MILLI), "mrad")
-        yield express(at_target, moved, "mm", f"{there}{NO_MASSES if load.ends else ''}")
+        wound = express(words, angle.scale(MILLI), "mrad")
+        yield replace(wound, text=f"{wound.text}{NO_MASSES if load.ends else ''}")
+        yield express(at_target, moved, "mm", there)
         return
     under = f"{words} ({format_figure(torque)} N m)"
     yield express(under, angle.scale(MILLI), "mrad")
