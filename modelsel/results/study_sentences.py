@@ -166,17 +166,20 @@ def write_finding_line(finding: FindingRecord) -> str:
     return f"{verdict}: {finding.sentence}"
 
 
-def write_figures(finding: FindingRecord) -> str:
-    """Return what a finding means in usable numbers, and its worst effect; empty where neither is known."""
+def list_figures(finding: FindingRecord) -> list[str]:
+    """Return what a finding means in usable numbers, and its worst effect; none of a fault of single rows."""
     worst = finding.worst
     # the worst says of its figure where that is, too
-    parts = [one.text for one in finding.usable if worst is None or one.value != worst.mm]
+    figures = [one.text for one in finding.usable if worst is None or one.value != worst.mm]
     if worst is not None:
-        parts.append(worst.text)
-    if not parts:
-        return ""
-    text = "; ".join(parts)
-    return f"{text[0].upper()}{text[1:]}."
+        figures.append(worst.text)
+    return figures
+
+
+def write_figures(finding: FindingRecord) -> str:
+    """Return `list_figures` as one sentence; empty where there are none."""
+    text = "; ".join(list_figures(finding))
+    return f"{text[0].upper()}{text[1:]}." if text else ""
 
 
 def write_finding_lines(record: StudyRecord) -> list[str]:

@@ -14,7 +14,7 @@ from modelsel.report.document import Source, collect_blocks
 from modelsel.report.html import write_page
 from modelsel.report.terminal import write_sentences
 from modelsel.results.small_findings import MIN_GROUPED, split_findings
-from modelsel.results.study_sentences import write_figures
+from modelsel.results.study_sentences import list_figures, write_figures
 
 SUM = "Three smaller errors, 0.0213 mm rms together: some names."
 
@@ -81,7 +81,7 @@ def test_the_pdf_has_no_page_of_a_small_finding(drawn) -> None:
     assert SUM in first["caption"]
     assert [row[0] for row in first["rows"]] == [f"{labels[1]} (doubtful)", *labels[4:6]]
     assert [row[0] for row in last["rows"]] == [labels[0], *labels[2:4]]
-    assert write_figures(source.record.findings[4]) in [block.get("text") for block in blocks]
+    assert list_figures(source.record.findings[4]) in [block.get("items") for block in blocks]
 
 
 def test_the_page_carries_what_it_tells_and_what_it_groups(drawn) -> None:

@@ -16,7 +16,7 @@ from ...results.study_sentences import (
     describe_probability,
     format_mm,
     label_entries,
-    write_figures,
+    list_figures,
 )
 from ..document import Block, Source, make_heading, make_list, make_table, make_text
 from ..figures.finding import MAX_BARS, draw_credible_set, draw_panels, name_axis
@@ -86,9 +86,9 @@ def _write_finding(
         make_heading(f"Finding {number}: {name_finding(finding, detail)}"),
         make_text(finding.sentence),
     ]
-    figures = write_figures(finding)
+    figures = list_figures(finding)
     if figures:
-        blocks.append(make_text(figures))
+        blocks.append(make_list(figures))
     blocks.append(make_text(_describe_verdict(finding, source.where), "quiet"))
     if detail.panels:
         blocks.append(_write_residuals(source, number, detail))
