@@ -12,8 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..diagnosis.sentences import has_contrary_signs, is_wave
+from ..fitting.design import PLACE
 from ..measurements.reference_temperature import TEMPERATURE
-from ..mechanisms.causes import Bump
+from ..measurements.state_names import StateKind, parse_state_name
+from ..mechanisms.causes import Bump, Cause, Combined, Named
 from ..mechanisms.environment import find_references
 from ..mechanisms.terms import Mechanism
 from .compliance_numbers import measure_base_tilt, measure_wind_up
@@ -21,7 +23,8 @@ from .quantities import ARC_SECONDS, Usable, express
 from .workspace import Fitted, Range
 
 SHIFTS = slice(0, 3)
-ALONG_Z = {"tz": slice(2, 3), "rz": slice(5, 6)}
+ABOUT_Z = slice(5, 6)
+SIDES = "difference between the two directions"
 # K over which thermal effects are told; rad and mm over which slopes are
 RISE = 10.0
 QUARTER_TURN = np.pi / 2
@@ -44,8 +47,22 @@ def _choose_by_shape(mechanism: Mechanism) -> Measure | None:
     if is_wave(mechanism.terms):
         return _measure_wave
     first = mechanism.terms[0].screws[0]
-    if isinstance(first.cause, Bump) and first.axis == "rz":
-        return _measure_curve
+    if isinstance(first.cause, Bump):
+        return _measure_curve if first.axis == "rz" else None
+    if len(mechanism.terms) > 1 or len(mechanism.terms[0].screws) > 1:
+        return None
+    return _choose_by_driver(first.cause)
+
+
+def _choose_by_driver(cause: Cause) -> Measure | None:
+    """Choose how to measure an effect of one screw: a side of approach, or a rise in temperature."""
+    (name, *others) = sorted(cause.names()) or [""]
+    variable = parse_state_name(name)
+    if variable is not None and variable.kind is StateKind.APPROACH and cause == Named(name):
+        return _measure_sides
+    is_rise = isinstance(cause, Named) or (isinstance(cause, Combined) and cause.operator in "+-")
+    if name == TEMPERATURE and not others and is_rise:
+        return _measure_warm_place
     return None
 
 
@@ -75,9 +92,22 @@ def _measure_play(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     yield express(f"{words} {at}", whole.scale(lever.mm), "mm", f"{at} at most")
 
 
+def _measure_sides(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure the whole step of a place that has no registered name."""
+    whole = fitted.range_of(np.array([2.0]))
+    yield _express_motion(SIDES, whole, mechanism.terms[0].screws[0].axis)
+
+
+def _express_motion(words: str, motion: Range, axis: str, where: str = "") -> Usable:
+    """Express a shift in mm, a turn in arc seconds."""
+    if axis[0] == "t":
+        return express(words, motion, "mm", where)
+    return express(words, motion.scale(ARC_SECONDS), "arcsec", where)
+
+
 def _describe_step(mechanism: Mechanism, fitted: Fitted) -> str:
     if mechanism.stem == "overshoot":
-        return "difference between the two directions"
+        return SIDES
     if has_contrary_signs(mechanism, fitted.estimate):
         return "step"
     return "play"
@@ -89,16 +119,15 @@ def _find_wrist_lever(fitted: Fitted, joint: int) -> _Lever:
     n = fitted.workspace.problem.robot.n
     wrist = n - 1 if n >= WRIST_JOINTS else n
     if joint >= wrist:
-        return _Lever(_find_lever(fitted, joint, "rz"), "target")
+        return _Lever(_find_lever(fitted, joint), "target")
     offset = pose.origins[wrist - 1] - pose.origins[joint - 1]
     moved = np.cross(pose.axes[joint - 1, 2], offset, axis=0)
     return _Lever(float(np.linalg.norm(moved, axis=0).max()), "wrist")
 
 
-def _find_lever(fitted: Fitted, frame: int, axis: str) -> float:
-    """Find how far the target moves at most per rad (per mm: 1) of a screw [mm]."""
-    place = {"tz": 2, "rz": 5}[axis]
-    moved = fitted.workspace.field[frame - 1, place, :3]
+def _find_lever(fitted: Fitted, frame: int) -> float:
+    """Find how far the target moves at most per rad about a frame's z axis [mm]."""
+    moved = fitted.workspace.field[frame - 1, PLACE["rz"], :3]
     return float(np.linalg.norm(moved, axis=0).max())
 
 
@@ -128,12 +157,12 @@ def _find_amplitude(fitted: Fitted) -> Range:
 def _measure_curve(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     """Measure a free function from its lowest to its highest point, within the measured range."""
     frame = mechanism.terms[0].screws[0].frame
-    turn, each = fitted.turn(frame, ALONG_Z["rz"])
+    turn, each = fitted.turn(frame, ABOUT_Z)
     seen = turn[0, : fitted.workspace.measured]
     gradient = each[:, 0, int(seen.argmax())] - each[:, 0, int(seen.argmin())]
     height = fitted.range_of(gradient)
     yield express("peak to peak", height.scale(ARC_SECONDS), "arcsec")
-    lever = _find_lever(fitted, frame, "rz")
+    lever = _find_lever(fitted, frame)
     moved = height.scale(lever)
     yield express("peak to peak at the target", moved, "mm", "at the target at most")
 
@@ -155,7 +184,7 @@ def _measure_slope(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
         over = slope.scale(QUARTER_TURN)
         words = f"over 90° {driver}"
         yield express(words, over.scale(ARC_SECONDS), "arcsec", words)
-        lever = _find_lever(fitted, screw.frame, "rz")
+        lever = _find_lever(fitted, screw.frame)
         moved = over.scale(lever)
         yield express(f"{words}, at the target", moved, "mm", "at the target at most")
 
@@ -183,17 +212,15 @@ def _measure_growth(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     yield _measure_warm_target(reference, warm)
 
 
-def _measure_warm_zero(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
-    """Measure what 10 K do to a joint's zero."""
+def _measure_warm_place(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure what 10 K do to a joint's zero, or to a place that has no registered name."""
     reference, warm = _warm(mechanism, fitted)
     screw = mechanism.terms[0].screws[0]
-    shift, each = warm.turn(screw.frame, ALONG_Z[screw.axis])
+    place = PLACE[screw.axis]
+    shift, each = warm.turn(screw.frame, slice(place, place + 1))
     moved = warm.length_at(shift, each, 0)
     words = f"per 10 K, counted from {reference:g} °C"
-    if screw.axis == "tz":
-        yield express(f"zero {words}", moved, "mm", words)
-    else:
-        yield express(f"zero {words}", moved.scale(ARC_SECONDS), "arcsec", words)
+    yield _express_motion(words, moved, screw.axis, words)
     yield _measure_warm_target(reference, warm)
 
 
@@ -219,17 +246,14 @@ def _measure_jump(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     if any(isinstance(screw.cause, Bump) for term in mechanism.terms for screw in term.screws):
         return
     axes = [term.screws[0].axis for term in mechanism.terms]
-    for kind, words, unit in (("t", "shift", "mm"), ("r", "turn", "rad")):
+    for kind, words in (("t", "shift"), ("r", "turn")):
         is_kind = np.array([axis[0] == kind for axis in axes])
         if not is_kind.any():
             continue
         vector = np.where(is_kind, fitted.estimate, 0.0)
         length = float(np.linalg.norm(vector))
         moved = fitted.range_of(vector / length) if length else Range(0.0, 0.0, 0.0)
-        if unit == "rad":
-            yield express(words, moved.scale(ARC_SECONDS), "arcsec")
-        else:
-            yield express(words, moved, unit)
+        yield _express_motion(words, moved, kind)
 
 
 def _measure_scale(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -266,7 +290,7 @@ MEASURES: Mapping[str, Measure] = {
     "settle": _measure_slope,
     "thermal-growth": _measure_growth,
     "thermal-expansion": _measure_growth,
-    "thermal-zero": _measure_warm_zero,
+    "thermal-zero": _measure_warm_place,
     "tracker-drift": _measure_jump,
     "tracker-step": _measure_jump,
     "target-step": _measure_jump,

@@ -7,10 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from builders import bind, drawn
+from builders import one as one_screw
 
 from modelsel.measurements.measurements import build_measurements
+from modelsel.mechanisms.causes import Bump, Named, q
+from modelsel.mechanisms.environment import temperature_rise
 from modelsel.mechanisms.registry import build_mechanisms, every, mechanism
-from modelsel.mechanisms.terms import Mechanism
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.results.finding_figures import find_worst, measure_sizes
 from modelsel.results.usable_numbers import list_usable
 from modelsel.results.workspace import Fitted, Workspace, build_workspace
@@ -129,9 +132,6 @@ def test_growth_is_told_per_10_kelvin_with_its_reference() -> None:
 
 
 def test_a_curve_is_told_from_its_lowest_to_its_highest_point_where_it_was_measured() -> None:
-    from modelsel.mechanisms.causes import Bump
-    from modelsel.mechanisms.terms import Screw, Term
-
     centres = np.arange(-7, 8) * 0.5
     terms = tuple(
         Term(f"f{k}", (Screw(1, "rz", Bump("q1", c, 0.5)),)) for k, c in enumerate(centres)
@@ -142,6 +142,39 @@ def test_a_curve_is_told_from_its_lowest_to_its_highest_point_where_it_was_measu
     curve = sum(1e-4 * np.sin(c * 1.7) * Bump("q1", c, 0.5).shape(seen) for c in centres)
     got = numbers(one, effect)["peak to peak"]
     assert got == (pytest.approx(np.ptp(curve) * 180 / np.pi * 3600), "arcsec")
+
+
+@pytest.mark.parametrize(
+    ("axis", "cause", "expected"),
+    [
+        ("tx", Named("approach3"), {"difference between the two directions": (4e-3, "mm")}),
+        (
+            "ry",
+            Named("approach3"),
+            {"difference between the two directions": (4e-3 * 180 / np.pi * 3600, "arcsec")},
+        ),
+        (
+            "tz",
+            temperature_rise(23.0),
+            {
+                "per 10 K, counted from 23 °C": (2e-2, "mm"),
+                "at the target per 10 K, counted from 23 °C": (2e-2, "mm"),
+            },
+        ),
+        ("tz", temperature_rise(23.0) * q(2), {}),
+        ("tz", Named("approach3") * q(2), {}),
+        ("tz", q(2), {}),
+    ],
+)
+def test_a_place_without_a_name_has_numbers_where_its_driver_has(axis, cause, expected) -> None:
+    place = one_screw(4, axis, cause)
+    got = numbers(place, fitted(place, 2e-3))
+    assert got == {key: (pytest.approx(value), unit) for key, (value, unit) in expected.items()}
+
+
+def test_a_step_of_the_target_is_its_whole_shift() -> None:
+    step = build_mechanisms("target-step:0.5", ARM)[0]
+    assert numbers(step, fitted(step, 0.3, 0.4, 0.0)) == {"shift": (pytest.approx(0.5), "mm")}
 
 
 @pytest.mark.parametrize("name", builtin_names())
