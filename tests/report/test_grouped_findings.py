@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import re
+from html import escape
 
 import pytest
 from report_studies import source_of, written
@@ -15,6 +16,7 @@ from modelsel.report.html import write_page
 from modelsel.report.terminal import write_sentences
 from modelsel.results.small_findings import MIN_GROUPED, split_findings
 from modelsel.results.study_sentences import list_figures, write_figures
+from modelsel.results.tables import write_notebook_page
 
 SUM = "Three smaller errors, 0.0213 mm rms together: some names."
 
@@ -95,6 +97,14 @@ def test_the_page_carries_what_it_tells_and_what_it_groups(drawn) -> None:
     assert data["small"] == SUM
     assert data["figures"] == [write_figures(finding) for finding in source.record.findings]
     assert data["result"]["findings"][1]["doubtful"]
+
+
+def test_a_notebook_tells_the_sum_too(drawn) -> None:
+    record = with_small(drawn, (0, 2, 3)).record
+    page = write_notebook_page(record)
+    assert page.count(SUM) == 1
+    assert '<td style="text-align:left">found, but doubtful</td>' in page
+    assert escape(record.findings[2].sentence) not in page
 
 
 @pytest.fixture(scope="module")
