@@ -10,6 +10,7 @@ from ..notices import HOPELESS_FIT, Note, list_alarms
 from .finding_schema import EntryRecord, FindingRecord
 from .model_schema import RungRecord
 from .schema import FeatureRecord, StudyRecord
+from .small_findings import split_findings
 
 # what the table of subsets is for, said with it
 TABLE_PURPOSE = (
@@ -160,7 +161,40 @@ def write_finding_line(finding: FindingRecord) -> str:
     if finding.first.is_fault:
         return finding.sentence
     verdict = "Found" if finding.is_found else "Not told apart"
+    if finding.doubtful:
+        verdict += ", but doubtful"
     return f"{verdict}: {finding.sentence}"
+
+
+def list_figures(finding: FindingRecord) -> list[str]:
+    """Return what a finding means in usable numbers, and its worst effect; none of a fault of single rows."""
+    worst = finding.worst
+    # the worst says of its figure where that is, too
+    figures = [one.text for one in finding.usable if worst is None or one.value != worst.mm]
+    if worst is not None:
+        figures.append(worst.text)
+    return figures
+
+
+def write_figures(finding: FindingRecord) -> str:
+    """Return `list_figures` as one sentence; empty where there are none."""
+    text = "; ".join(list_figures(finding))
+    return f"{text[0].upper()}{text[1:]}." if text else ""
+
+
+def write_finding_lines(record: StudyRecord) -> list[str]:
+    """Return the findings in lines of a terminal: those that matter with their numbers, the others in one line."""
+    told, grouped = split_findings(record.findings, record.small_findings)
+    lines = []
+    for k in told:
+        finding = record.findings[k]
+        lines.append(write_finding_line(finding))
+        figures = write_figures(finding)
+        if figures:
+            lines.append(f"    {figures}")
+    if grouped and record.small_findings is not None:
+        lines.append(record.small_findings.sentence)
+    return lines
 
 
 def describe_predictable(record: StudyRecord) -> str:
