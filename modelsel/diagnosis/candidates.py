@@ -86,6 +86,8 @@ class Candidate:
     def causes(self, conjunction: str) -> str:
         """Its causes in words, joined by a conjunction."""
         mechanism = self.mechanism
+        if self.kind is CandidateKind.SHAPE:
+            return f"free({', '.join(sorted(mechanism.names()))})"
         if self.kind is CandidateKind.WAVE_PRODUCT:
             first, second = sorted(mechanism.names())
             return f"waves of {first} times waves of {second}"

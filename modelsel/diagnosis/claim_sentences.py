@@ -6,13 +6,15 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from ..mechanisms.causes import Bump
 from ..mechanisms.terms import Mechanism
 from .candidate_kinds import CandidateKind
 from .credible_sets import CredibleSet
 from .effects import Effect
-from .sentences import MOTIONS, describe_candidate
+from .sentences import MOTIONS, describe_amount, describe_candidate, describe_effect, list_cautions
 from .signatures import LEVELS, PROVEN
-from .unlisted_shapes import Place, list_drivers_of, list_parts_of
+from .unlisted_shapes import list_drivers_of, list_parts_of
+from .unregistered import Place
 
 # what a name of the state stands for; {0} is its number
 DRIVERS = {
@@ -61,6 +63,50 @@ def describe_claim(effect: Effect) -> ClaimedLevel | None:
     if claim is None:
         return None
     return describe_levels(effect)[LEVELS.index(claim.level)]
+
+
+def describe_proven(effect: Effect, doubt: str = "") -> str:
+    """Describe one finding in one sentence, as deep as it is proven.
+
+    `doubt`, where there is one, stands beside its name."""
+    claimed = describe_claim(effect)
+    if claimed is None or _tells_as_much(effect, claimed):
+        return describe_effect(effect, doubt)
+    amount = describe_size(effect)
+    standing = f"probability {claimed.probability:.2f}"
+    if doubt:
+        standing = f"{standing}, {doubt}"
+    parts = [f"{claimed.text} ({amount}{standing})"]
+    if effect.candidate.kind is not CandidateKind.SHAPE:
+        parts.append(f"it is described as {_list_entries(effect.named)}")
+    return "; ".join([*parts, *list_cautions(effect)]) + "."
+
+
+def describe_what(effect: Effect) -> str:
+    """Describe what a finding says of the arm, without its size, as deep as it is proven."""
+    claimed = describe_claim(effect)
+    if claimed is None or _tells_as_much(effect, claimed):
+        return describe_candidate(effect.candidate, effect.estimate)
+    return claimed.text
+
+
+def describe_size(effect: Effect) -> str:
+    """Describe the size of an effect, where a few numbers do: "peak to peak 0.4 mrad, "."""
+    mechanism = effect.candidate.mechanism
+    causes = [term.screws[0].cause for term in mechanism.terms]
+    if effect.candidate.kind is CandidateKind.SHAPE and not all(
+        isinstance(c, Bump) for c in causes
+    ):
+        return ""
+    return f"{describe_amount(mechanism.terms, effect.estimate, effect.standard_error)}, "
+
+
+def _tells_as_much(effect: Effect, claimed: ClaimedLevel) -> bool:
+    """Whether the sentence of the named candidate says no more than is proven, or as much as can be
+    where not even the place is."""
+    if claimed.level == "cause" or claimed.probability < PROVEN:
+        return True
+    return claimed.level == "shape" and not effect.candidate.registered
 
 
 def _join(words: Sequence[str]) -> str:

@@ -149,11 +149,13 @@ def collect_curves(found: Sequence[Candidate], cols: Columns, log_prior: Array) 
         is_free = [spline(found[g].mechanism.terms[0]) is not None for g in indices]
         if not any(is_free):
             continue
-        curves[joint] = _build_curve(cols, which, log_prior[which], np.array(is_free))
+        curves[joint] = build_curve(cols, which, log_prior[which], np.array(is_free))
     return curves
 
 
-def _build_curve(cols: Columns, which: Index, log_prior: Array, free: Mask) -> Curve:
+def build_curve(cols: Columns, which: Index, log_prior: Array, free: Mask) -> Curve:
+    """Build what candidates `which` (k,) have in common, to weigh them together; `free` (k,) marks
+    the free functions among them."""
     index = np.unique(np.concatenate([cols.slices[g] for g in which]))
     blocks, homes = [], []
     for number, block in enumerate(cols.grams):

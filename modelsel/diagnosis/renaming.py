@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
 
 from .candidates import Candidate
 from .evidence import compute_p_value
+from .mechanism_families import find_families, generate_better_families
 from .state import LEVEL, MIN_LOG_ODDS, Search, View
 
 # changes of names that are tried in turn
@@ -114,8 +116,8 @@ def _find_change(
 ) -> _Change | None:
     """Find the first change that gives a new set of candidates.
 
-    Single effects change first, the weakest before the others, then the effects of one joint
-    together."""
+    Single effects change first, the weakest before the others, then the effects of one joint, or of
+    one family, together."""
     changing = [g for g in chosen if standing[g].better != g]
     changing.sort(key=lambda effect: (standing[effect].evidence, effect))
     for g in changing:
@@ -126,7 +128,11 @@ def _find_change(
         return _Change(
             effect=g, trial=trial, words=_describe_change(search, chosen, trial, g, better)
         )
-    for trial, words in search.generate_better_curves(chosen, view):
+    together = (
+        search.generate_better_curves(chosen, view),
+        generate_better_families(search, find_families(search.found), chosen, view),
+    )
+    for trial, words in chain.from_iterable(together):
         if frozenset(trial) not in visited:
             return _Change(None, trial, words)
     return None

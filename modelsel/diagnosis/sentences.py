@@ -145,7 +145,8 @@ def _describe_free_function(terms: Sequence[Term], estimate: Array) -> str:
         if moved[unit] >= least_shown:
             sizes.append(shown)
     text = f"peak to peak {' and '.join(sizes)}"
-    if set(values) != {"rad"}:
+    is_of_angle = str(terms[0].screws[0].cause).startswith("free(q")
+    if set(values) != {"rad"} or not is_of_angle:
         return text
     named = []
     for count, amplitude in find_waves(terms, estimate):

@@ -18,9 +18,8 @@ from ..mechanisms.causes import ONE, Bump, Cause, Named
 from ..mechanisms.terms import Mechanism, Screw, Term
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
-from .unregistered import list_places
+from .unregistered import Place, list_places
 
-Place = tuple[int, str]
 Drivers = frozenset[str]
 
 # knot intervals over a driver's range, and values that a driver needs to have a shape

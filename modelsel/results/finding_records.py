@@ -10,18 +10,25 @@ import numpy as np
 
 from .._typing import Array
 from ..diagnosis.candidates import Candidate
+from ..diagnosis.claim_sentences import (
+    ClaimedLevel,
+    describe_claim,
+    describe_levels,
+    describe_proven,
+)
 from ..diagnosis.credible_sets import Entry
 from ..diagnosis.data_faults import Fault, find_concerned_rows
 from ..diagnosis.effects import Effect
-from ..diagnosis.sentences import describe_effect, format_length, list_usual_causes
+from ..diagnosis.sentences import format_length, list_usual_causes
+from ..diagnosis.signatures import LEVELS
 from ..fitting.problem import Problem
-from ..mechanisms.causes import Bump, Cause
+from ..mechanisms.causes import Bump, Cause, factors
 from ..mechanisms.terms import Term
 from ..selection.gain import Gain
 
 KNOWN_COVARIATES = ("payload_kg", "temperature_C", "time_s")
 
-Place = tuple[int, str]  # frame, axis
+Spot = tuple[int, str, str]  # frame, axis, cause
 Values = dict[str, Any]
 
 
@@ -36,7 +43,7 @@ class Finding:
     def sentence(self) -> str:
         """In a metrologist's words: what moves, whether held-out configurations speak against it, and which parts
         usually do this."""
-        words = describe_effect(self.effect, self._doubt)
+        words = describe_proven(self.effect, self._doubt)
         if self.against:
             words += f" Held-out configurations speak against it: {self.against}."
         causes = list_usual_causes(self.effect)
@@ -80,19 +87,19 @@ def uses_derived_names(names: frozenset[str], problem: Problem) -> bool:
 
 
 def list_screws(
-    candidate: Candidate, problem: Problem, curves: Mapping[Place, Array] | None = None
+    candidate: Candidate, problem: Problem, curves: Mapping[Spot, Array] | None = None
 ) -> list[Values]:
     """Return the contract's screws of an entry: each place and cause once.
 
     Derived causes and free functions come with their values at the problem's rows (the estimation rows, in file
-    order); `curves` holds the fitted values of free functions by place. Screws that move nothing on these data are
+    order); `curves` holds the fitted values of free functions by place and cause. Screws that move nothing on these data are
     left out."""
     listed: dict[tuple[int, str, str], Values] = {}
     for term in candidate.mechanism.terms:
         for screw in term.screws:
             key = (screw.frame, screw.axis, str(screw.cause))
             if key not in listed:
-                curve = (curves or {}).get((screw.frame, screw.axis))
+                curve = (curves or {}).get(key)
                 values = _cause_values(screw.cause, problem, curve)
                 listed[key] = dict(zip(("frame", "axis", "cause"), key, strict=True)) | values
     return list(listed.values())
@@ -100,22 +107,27 @@ def list_screws(
 
 def _cause_values(cause: Cause, problem: Problem, curve: Array | None) -> Values:
     """Return the values that a screw's cause is written with, if any."""
-    if isinstance(cause, Bump):
+    if is_free(cause):
         return {"values": np.zeros(len(problem)) if curve is None else curve}
     if uses_derived_names(cause.names(), problem):
         return {"values": np.broadcast_to(cause.of(problem), (len(problem),))}
     return {}
 
 
-def fitted_curves(terms: Sequence[Term], estimate: Array, problem: Problem) -> dict[Place, Array]:
-    """Return the fitted values of free functions at the problem's rows, by place."""
-    curves: dict[Place, Array] = {}
+def is_free(cause: Cause) -> bool:
+    """Return whether a cause is a free function, or another cause times one."""
+    return any(isinstance(factor, Bump) for factor in factors(cause))
+
+
+def fitted_curves(terms: Sequence[Term], estimate: Array, problem: Problem) -> dict[Spot, Array]:
+    """Return the fitted values of free functions at the problem's rows, by place and cause."""
+    curves: dict[Spot, Array] = {}
     for term, coefficient in zip(terms, estimate, strict=True):
         for screw in term.screws:
-            if isinstance(screw.cause, Bump):
-                place = (screw.frame, screw.axis)
-                curve = curves.get(place, np.zeros(len(problem)))
-                curves[place] = curve + coefficient * screw.cause.of(problem)
+            if is_free(screw.cause):
+                spot = screw.frame, screw.axis, str(screw.cause)
+                curve = curves.get(spot, np.zeros(len(problem)))
+                curves[spot] = curve + coefficient * screw.cause.of(problem)
     return curves
 
 
@@ -131,11 +143,21 @@ def describe_finding(finding: Finding, problem: Problem) -> Values:
         **({} if rows is None else {"rows": rows}),
         "credible_set": [_entry(entry, effect, problem) for entry in effect.named.entries],
         "more_entries": effect.named.more,
+        **_describe_claims(effect),
         "estimate": _estimate(effect),
         "gain": asdict(finding.gain),
         "doubtful": finding.doubtful,
         "usual_causes": list(list_usual_causes(effect)),
     }
+
+
+def _describe_claims(effect: Effect) -> Values:
+    """Return the deepest level that is proven, and all four."""
+    claimed = describe_claim(effect)
+    if claimed is None:
+        return {}
+    levels = describe_levels(effect)
+    return {"claim": claimed._asdict(), "levels": [level._asdict() for level in levels]}
 
 
 def _entry(entry: Entry, effect: Effect, problem: Problem) -> Values:
@@ -169,6 +191,7 @@ def describe_fault(fault: Fault) -> Values:
         "screws": [],
         "alike": True,
     }
+    claimed = ClaimedLevel("cause", fault.probability, fault.sentence)
     return {
         "sentence": fault.sentence,
         "verdict": "found",
@@ -176,6 +199,8 @@ def describe_fault(fault: Fault) -> Values:
         "rows": fault.rows,
         "credible_set": [entry],
         "more_entries": 0,
+        "claim": claimed._asdict(),
+        "levels": [claimed._replace(level=level)._asdict() for level in LEVELS],
         "estimate": [],
         "gain": asdict(Gain(None, None, None)),
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -112,6 +112,14 @@ class SmallFindingsRecord(StrictRecord):
     sentence: Text
 
 
+class ClaimRecord(StrictRecord):
+    """What a finding says at one level, and how probable that is."""
+
+    level: Literal["place", "drivers", "shape", "cause"]
+    probability: Number
+    text: Text
+
+
 class FindingRecord(StrictRecord):
     """One decision of the search."""
 
@@ -128,6 +136,15 @@ class FindingRecord(StrictRecord):
         "every estimation row where the cause uses a derived name)"
     )
     more_entries: Whole = Field(description="how many are not listed")
+    claim: ClaimRecord | None = Field(
+        None,
+        description="the deepest level of which the probability is 0.9 or more, else the place: `level probability text`",
+    )
+    levels: list[ClaimRecord] = Field(
+        default_factory=list,
+        description="place (where something moves), drivers (with what), shape (how), cause (why), each with its "
+        "probability: the share of all explanations that agree so far, shapes that no list has among them",
+    )
     estimate: list[EstimateRecord] = Field(description="`symbol value standard_error unit`")
     gain: GainRecord = Field(
         description="`held_out_rms_before_mm held_out_rms_after_mm interval_mm`"

@@ -15,13 +15,15 @@ from typing import Any, Literal
 import numpy as np
 
 from .._typing import Array, Index
+from ..diagnosis.claim_sentences import describe_what
 from ..diagnosis.data_faults import Fault
-from ..diagnosis.sentences import describe_candidate, label_effect
+from ..diagnosis.sentences import label_effect
+from ..diagnosis.unregistered import Place
 from ..fitting.design import PLACE, compute_columns
 from ..fitting.problem import Problem
 from ..mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named
 from ..mechanisms.terms import Term
-from .finding_records import Finding, Place
+from .finding_records import Finding, is_free
 from .map_details import MIN_DISPLACEMENT, find_wave
 from .study_run import StudyRun
 
@@ -162,7 +164,7 @@ def _describe_finding(finding: Finding, problem: Problem, field: Array, residual
         shown = [] if whole is None else [whole]
     return {
         "label": label_effect(effect),
-        "what": describe_candidate(effect.candidate, estimate),
+        "what": describe_what(effect),
         "panels": shown,
         "more_panels": max(len(panels) - MAX_PANELS, 0),
         "rivals": [entry.candidate.label for entry in effect.named.entries],
@@ -170,7 +172,11 @@ def _describe_finding(finding: Finding, problem: Problem, field: Array, residual
 
 
 def _group_terms(terms: Sequence[Term], estimate: Array, units: Mapping[str, str]) -> list[_Group]:
-    """Return the finding's terms by place and variable; none where a term drives screws by different causes."""
+    """Return the finding's terms by place and variable; none where a term drives screws by different causes, or by a
+    free function times another cause."""
+    own = [term.screws[0].cause for term in terms]
+    if any(is_free(cause) and not isinstance(cause, Bump) for cause in own):
+        return []
     if any(len({screw.cause for screw in term.screws}) > 1 for term in terms):
         return []
     places = [tuple((screw.frame, screw.axis) for screw in term.screws) for term in terms]

@@ -1,0 +1,79 @@
+"""Families: a mechanism of several joints, and those of single joints that it is the sum of.
+
+Where three joints lag, "all joints lag" is found first, and then further joints that cancel the
+others. So the effects of a family are weighed together: the whole alone, parts alone, or both;
+whichever the data make more probable stands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ..mechanisms.terms import Mechanism, Screw
+from .candidates import Candidate
+from .joint_curves import build_curve, chain_effects, see_rest
+from .state import MIN_LOG_ODDS, Search, View
+
+
+class Family(NamedTuple):
+    """The number of a mechanism of several joints, and those of its parts."""
+
+    whole: int
+    parts: tuple[int, ...]
+
+
+def find_families(found: Sequence[Candidate]) -> list[Family]:
+    """Find the registered mechanisms of several frames whose screws others have one by one."""
+    screws = {g: _collect(c.mechanism) for g, c in enumerate(found) if c.registered}
+    families = []
+    for whole, own in screws.items():
+        if len({screw.frame for screw in own}) < 2:
+            continue
+        parts = tuple(g for g, other in screws.items() if other < own)
+        if len(parts) > 1:
+            families.append(Family(whole, parts))
+    return families
+
+
+def _collect(mechanism: Mechanism) -> frozenset[Screw]:
+    return frozenset(screw for term in mechanism.terms for screw in term.screws)
+
+
+def generate_better_families(
+    search: Search, families: Sequence[Family], chosen: Sequence[int], view: View
+) -> Iterator[tuple[list[int], str]]:
+    """Generate models in which the effects of a family are explained better together.
+
+    Yields the chosen candidates, and what changed in words."""
+    for family in families:
+        now = [g for g in chosen if g == family.whole or g in family.parts]
+        best = _find_better(search, family, now, view) if now else None
+        if best is None:
+            continue
+        rest = [g for g in chosen if g not in now]
+        before, after = (" & ".join(search.found[g].label for g in one) for one in (now, best))
+        yield [*rest, *best], f"{before} -> {after}"
+
+
+def _find_better(
+    search: Search, family: Family, now: Sequence[int], view: View
+) -> list[int] | None:
+    """Find the whole, or parts, or both, that explain more than `now`; None where none does."""
+    which = np.array(sorted((family.whole, *family.parts)), dtype=np.intp)
+    none_free = np.zeros(len(which), bool)
+    curve = build_curve(search.columns, which, search.log_prior[which], none_free)
+    released = view.release(*(search.found[g] for g in now))
+    start = see_rest(curve, view.scan, view.response, released)
+    present, _ = chain_effects(start.offer(np.isin(which, now)), len(now), at_any_cost=True)
+    is_whole = which == family.whole
+    trials = [
+        chain_effects(start.offer(is_whole), 1),
+        chain_effects(start.offer(~is_whole), len(family.parts)),
+        chain_effects(start, len(which)),
+    ]
+    value, best = max(trials, key=lambda trial: trial[0])
+    if best and value > present + MIN_LOG_ODDS and set(best) != set(now):
+        return best
+    return None
