@@ -14,7 +14,7 @@ COMPLIANCE = (1e-8, 1e-3)
 HEAVY = (1e-8, 1e-3)
 SOURCE = "Klimchik, Furet, Caro & Pashkevich 2015, elastostatic calibration"
 # parts that usually make a joint wind up
-WINDING_PARTS = ("gear that yields", "belt or shaft that yields", "position control that is soft")
+WINDING_PARTS = ("compliant gear or shaft", "belt", "soft servo")
 
 
 def find_bending_links(robot: Robot) -> tuple[int, ...]:

@@ -17,7 +17,7 @@ from .workspace import Fitted, Workspace
 
 TURNS = slice(3, 6)
 MILLI = 1e3
-NO_MASSES = ", no stiffness in N m/rad as the robot file gives no masses"
+NO_MASSES = " (no stiffness: the robot file gives no masses)"
 
 
 def measure_wind_up(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:

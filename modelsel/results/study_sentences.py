@@ -24,6 +24,8 @@ MAX_PREDICTABLE_P = 0.05
 MIN_PREDICTABLE_SHARE = 0.01
 # the smallest p that drawn signs can tell: below it, p is a bound
 SMALLEST_P = 0.001
+# units of angles, whose millimetres are told with them
+ANGLES = ("arcsec", "mrad")
 # mm from which three decimals are more than anyone reads
 LARGEST_FINE_MM = 9.9995
 FEATURE_POSITIONS = {
@@ -170,7 +172,15 @@ def list_figures(finding: FindingRecord) -> list[str]:
     """Return what a finding means in usable numbers, and its worst effect; none of a fault of single rows."""
     worst = finding.worst
     # the worst says of its figure where that is, too
-    figures = [one.text for one in finding.usable if worst is None or one.value != worst.mm]
+    usable = [one for one in finding.usable if worst is None or one.value != worst.mm]
+    figures: list[str] = []
+    previous = ""
+    for one in usable:
+        if one.unit == "mm" and previous in ANGLES:
+            figures[-1] += f", {one.text}"
+        else:
+            figures.append(one.text)
+        previous = one.unit
     if worst is not None:
         figures.append(worst.text)
     return figures
