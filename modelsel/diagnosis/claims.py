@@ -18,6 +18,7 @@ from .candidate_columns import build_columns
 from .candidates import Candidate
 from .effects import Claim
 from .evidence import compute_factors, sum_evidence
+from .mechanism_families import find_families, weigh_families
 from .scan import Response, Scan, build_scan, build_scan_without
 from .sentences import has_contrary_signs
 from .signatures import LEVELS, PROVEN
@@ -45,6 +46,8 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
         claims[g], shape = _weigh_alone(search, view, g, rivals[g], beside)
         if shape is not None:
             better.append(((g,), shape))
+    for g, share in weigh_families(search, find_families(search.found), chosen, view).items():
+        claims[g] = _conclude([p * share for p in claims[g].levels])
     for group in company:
         share, shape = _weigh_together(view, group, effects, beside)
         for g in group.members:

@@ -57,10 +57,41 @@ def generate_better_families(
         yield [*rest, *best], f"{before} -> {after}"
 
 
+def weigh_families(
+    search: Search, families: Sequence[Family], chosen: Sequence[int], view: View
+) -> dict[int, float]:
+    """Weigh the effects of every family against the others that would do: the probability that
+    those which are chosen are right, of each that would have to go."""
+    shares: dict[int, float] = {}
+    for family in families:
+        now = [g for g in chosen if g == family.whole or g in family.parts]
+        if not now:
+            continue
+        present, trials = _weigh(search, family, now, view)
+        others = {frozenset(best): value for value, best in trials if set(best) != set(now)}
+        odds = [(other, np.exp(min(value - present, 0.0))) for other, value in others.items()]
+        for g in now:
+            against = sum(odd for other, odd in odds if g not in other)
+            shares[g] = min(shares.get(g, 1.0), float(1 / (1 + against)))
+    return shares
+
+
 def _find_better(
     search: Search, family: Family, now: Sequence[int], view: View
 ) -> list[int] | None:
     """Find the whole, or parts, or both, that explain more than `now`; None where none does."""
+    present, trials = _weigh(search, family, now, view)
+    value, best = max(trials, key=lambda trial: trial[0])
+    if best and value > present + MIN_LOG_ODDS and set(best) != set(now):
+        return best
+    return None
+
+
+def _weigh(
+    search: Search, family: Family, now: Sequence[int], view: View
+) -> tuple[float, list[tuple[float, list[int]]]]:
+    """Weigh a family: the log evidence of its effects `now`, and that of the whole alone, of parts
+    alone, and of both, each with its effects."""
     which = np.array(sorted((family.whole, *family.parts)), dtype=np.intp)
     none_free = np.zeros(len(which), bool)
     curve = build_curve(search.columns, which, search.log_prior[which], none_free)
@@ -73,7 +104,4 @@ def _find_better(
         chain_effects(start.offer(~is_whole), len(family.parts)),
         chain_effects(start, len(which)),
     ]
-    value, best = max(trials, key=lambda trial: trial[0])
-    if best and value > present + MIN_LOG_ODDS and set(best) != set(now):
-        return best
-    return None
+    return present, trials
