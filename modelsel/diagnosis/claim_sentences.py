@@ -170,7 +170,10 @@ def _describe_drivers(effect: Effect) -> str:
     drivers = name_drivers(list_drivers_of(mechanism))
     if not drivers:
         return f"{name_places(mechanism)} by a constant amount"
-    return f"{name_places(mechanism)} with {drivers}, in a way that no listed mechanism is proven to have"
+    shape = "in a way that is not proven"
+    if effect.candidate.kind is CandidateKind.SHAPE:
+        shape = "in a way that no registered mechanism describes"
+    return f"{name_places(mechanism)}, depending on {drivers}, {shape}"
 
 
 def _describe_shape(effect: Effect) -> str:

@@ -1,0 +1,240 @@
+"""A finding claims as much as is proven: the cause where a registered mechanism is planted, no more
+than the drivers where something else is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from builders import seeds
+from hidden_arm import Arm, State, arm, measured
+from hidden_arm import Effect as Planted
+from hidden_effects import at, together
+
+from modelsel._typing import Array
+from modelsel.diagnosis.candidate_kinds import CandidateKind
+from modelsel.diagnosis.candidates import Candidate
+from modelsel.diagnosis.claim_sentences import (
+    describe_claim,
+    describe_levels,
+    describe_proven,
+    name_drivers,
+    name_places,
+)
+from modelsel.diagnosis.credible_sets import CredibleSet, Entry
+from modelsel.diagnosis.effects import Claim, Effect
+from modelsel.diagnosis.mechanism_families import find_families
+from modelsel.diagnosis.outcome import Diagnosis
+from modelsel.diagnosis.procedure import diagnose
+from modelsel.diagnosis.signatures import LEVELS, PROVEN, read_signatures
+from modelsel.diagnosis.unlisted_shapes import ODDS, list_company, list_rivals
+from modelsel.fitting.problem import Problem
+from modelsel.measurements.measurements import build_measurements
+from modelsel.mechanisms.causes import Bump, Named, cos, q, sin, torque
+from modelsel.mechanisms.registry import build_faults, every, mechanism
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.robot.files import load_robot
+
+SIGMA = 0.05
+ROBOTS = ("puma760", "ur10e", "irb120")
+Values = Callable[[State], Array]
+
+
+def plant(robot: str, rng: np.random.Generator, *turns: tuple[int, Values]) -> Problem:
+    """80 configurations of an arm whose joints turn by more than they read, by 8 times the noise at
+    the farthest, through the tests' own exact kinematics."""
+    body: Arm = arm(load_robot(robot), rng, (40.0, -25.0, 100.0))
+    state = State(body, body.draw(rng, 80), {})
+    exact = measured(body, state, ())
+    parts = []
+    for joint, values in turns:
+        term = together(at(joint, "rz", values))
+        size = np.linalg.norm(move(body, state, term, 1e-4) - exact, axis=1).max() / 1e-4
+        parts.append((term, 8 * SIGMA / size))
+    for term, size in parts:
+        exact = exact + move(body, state, term, size) - measured(body, state, ())
+    noisy = exact + SIGMA * rng.standard_normal(exact.shape)
+    return Problem(load_robot(robot), build_measurements(state.q, noisy), body.tool[None])
+
+
+def move(body: Arm, state: State, term: object, size: float) -> Array:
+    effect = Planted("planted", "", (term,), np.ones(1))  # type: ignore[arg-type]
+    return measured(body, state, (effect.scaled(size),))
+
+
+def claims_of(at: Problem) -> list[tuple[Effect, Claim]]:
+    effects = diagnose(at, seed=1).effects
+    assert all(effect.claim is not None for effect in effects)
+    return [(effect, effect.claim) for effect in effects if effect.claim is not None]
+
+
+# -- what is planted
+
+
+UNLISTED: dict[str, tuple[int, Values, set[str]]] = {
+    "growth": (3, lambda s: s.progress * np.sin(s.q[:, 2]), {"q3", "progress"}),
+    "pull": (4, lambda s: np.tanh(s.q[:, 3]) * (1 + np.tanh(s.q[:, 0])), {"q4", "q1"}),
+    "soft step": (3, lambda s: np.tanh(4 * s.q[:, 2]), {"q3"}),
+}
+
+
+@pytest.mark.integration
+@seeds(1, 2)
+@pytest.mark.parametrize("kind", UNLISTED)
+def test_no_cause_is_claimed_of_what_no_list_has(kind: str, rng: np.random.Generator) -> None:
+    joint, values, drivers = UNLISTED[kind]
+    told = claims_of(plant(ROBOTS[int(rng.integers(3))], rng, (joint, values)))
+    assert told
+    for effect, claim in told:
+        assert claim.level not in ("cause", "shape") or claim.probability < PROVEN, effect
+    named = {name for effect, _ in told for name in effect.candidate.mechanism.names()}
+    assert drivers <= named
+
+
+@pytest.mark.integration
+@seeds(1, 2)
+@pytest.mark.parametrize(
+    ("name", "joint", "values"),
+    [
+        ("encoder-scale:4", 4, lambda s: s.q[:, 3]),
+        ("gear-eccentricity:3", 3, lambda s: np.sin(s.q[:, 2] + 0.7)),
+        ("backlash:3", 3, lambda s: -np.sign(s.moment(3)[:, 2])),
+    ],
+)
+def test_the_cause_is_claimed_of_what_the_registry_has(
+    name: str, joint: int, values: Values, rng: np.random.Generator
+) -> None:
+    told = claims_of(plant(ROBOTS[int(rng.integers(3))], rng, (joint, values)))
+    own = [claim for effect, claim in told if effect.candidate.label == name]
+    assert [claim.level for claim in own] == ["cause"]
+
+
+@pytest.mark.integration
+@seeds(1, 2, 3)
+def test_joints_that_lag_are_named_one_by_one(rng: np.random.Generator) -> None:
+    shares = rng.uniform(0.4, 1.0, 3)
+    turns = [(j, lambda s, j=j, k=k: -k * s.move[:, j - 1]) for j, k in zip((1, 2, 3), shares)]
+    at_ = plant(ROBOTS[int(rng.integers(3))], rng, *turns)
+    found: Diagnosis = diagnose(at_, seed=1)
+    assert sorted(e.candidate.label for e in found.effects) == ["settle:1", "settle:2", "settle:3"]
+
+
+# -- what is weighed
+
+
+def small(rng: np.random.Generator) -> Problem:
+    return plant("puma760", rng, (3, lambda s: s.q[:, 2]))
+
+
+def single(place: tuple[int, str], *causes: object, prior: float = 0.01) -> Candidate:
+    terms = tuple(Term(f"m{k}", (Screw(*place, c),)) for k, c in enumerate(causes))  # type: ignore[arg-type]
+    return Candidate(Mechanism("own", terms), CandidateKind.CELL, prior)
+
+
+@seeds(1)
+def test_rivals_share_the_prior_of_a_finding(rng: np.random.Generator) -> None:
+    at_ = small(rng)
+    own = single((3, "rz"), q(3))
+    rivals = list_rivals(at_, own)
+    assert sum(r.candidate.prior for r in rivals) == pytest.approx(ODDS * own.prior)
+    assert {r.agrees for r in rivals} == {"drivers", "place", ""}
+    for rival in rivals:
+        (place,) = {(s.frame, s.axis) for t in rival.candidate.mechanism.terms for s in t.screws}
+        assert (place == (3, "rz")) == (rival.agrees != "")
+        if rival.agrees == "drivers":
+            assert rival.candidate.mechanism.names() == {"q3"}
+
+
+@seeds(1)
+def test_what_a_study_lists_has_no_rivals(rng: np.random.Generator) -> None:
+    at_ = small(rng)
+    asked = Candidate(single((3, "rz"), q(3)).mechanism, CandidateKind.MECHANISM, 0.01, asked=True)
+    assert list_rivals(at_, asked) == []
+    assert list_company(at_, {0: asked, 1: asked}) == []
+
+
+@seeds(1)
+def test_findings_of_one_place_are_weighed_together(rng: np.random.Generator) -> None:
+    at_ = small(rng)
+    effects = {
+        4: single((3, "rz"), torque(3)),
+        7: single((3, "rz"), q(1)),
+        9: single((2, "rz"), q(1)),
+        11: single((3, "rz"), q(3)),
+    }
+    groups = {one.members for one in list_company(at_, effects)}
+    assert (4, 7) in groups
+    assert all(9 not in members for members in groups)
+    # one joint's own angle is weighed elsewhere, three drivers are too many for one shape
+    assert (11,) not in groups
+    assert (4, 7, 11) not in groups
+
+
+def test_signatures_agree_level_by_level() -> None:
+    wave = [sin(q(2)), cos(q(2))]
+    found = [
+        single((3, "rz"), *wave),
+        single((3, "rz"), *wave[::-1]),
+        single((3, "rz"), q(2)),
+        single((4, "rz"), q(2)),
+        Candidate(single((3, "rz"), q(2)).mechanism, CandidateKind.SHAPE, 0.1),
+    ]
+    place, drivers, shape, cause = read_signatures(found)
+    assert list(place == place[0]) == [True, True, True, False, True]
+    assert list(drivers == drivers[0]) == [True, True, True, False, True]
+    assert list(shape[:4] == shape[0]) == [True, True, False, False]
+    assert shape[4] == -1
+    assert (cause == -1).all()
+
+
+def test_families_are_sums_of_single_joints() -> None:
+    robot = load_robot("puma760")
+    found = [
+        Candidate(m, CandidateKind.MECHANISM, 0.01) for m in (*build_faults(robot), *every(robot))
+    ]
+    families = {
+        found[one.whole].label: sorted(found[g].label for g in one.parts)
+        for one in find_families(found)
+    }
+    assert families["fault:read-too-early"] == [f"settle:{j}" for j in range(1, 7)]
+    assert families["gravity-twist"] == ["joint2-twist", "joint3-twist"]
+
+
+# -- what is said
+
+
+def effect_of(candidate: Candidate, *levels: float) -> Effect:
+    count = len(candidate.mechanism.terms)
+    held = [name for name, p in zip(LEVELS, levels, strict=True) if p >= PROVEN]
+    numbers = np.full(count, 1e-3)
+    entry = Entry(candidate, levels[-1], True, numbers, 0)
+    named = CredibleSet(10.0, (entry,), 0, "found", np.zeros(1), 0)
+    claim = Claim(held[-1] if held else "place", levels)
+    return Effect(candidate, named, 0.001, numbers, numbers / 10, claim=claim)
+
+
+def test_a_claim_says_no_more_than_is_proven() -> None:
+    robot = load_robot("puma760")
+    play = Candidate(mechanism("backlash:3", robot), CandidateKind.MECHANISM, 0.01)
+    sure = effect_of(play, 1.0, 0.99, 0.98, 0.95)
+    assert "play of joint 3" in describe_proven(sure)
+    doubtful = effect_of(play, 1.0, 0.99, 0.4, 0.4)
+    claimed = describe_claim(doubtful)
+    assert claimed is not None
+    assert claimed.level == "drivers"
+    assert claimed.probability == 0.99
+    assert "joint 3" in claimed.text
+    assert "play" not in claimed.text
+    assert describe_proven(doubtful).startswith(claimed.text)
+    assert [one.level for one in describe_levels(doubtful)] == list(LEVELS)
+
+
+def test_drivers_and_places_in_words() -> None:
+    assert name_drivers({"q4", "q1"}) == "the reading of joint 1 and the reading of joint 4"
+    assert name_drivers({"torque2"}) == "the gravity torque about joint 2"
+    assert name_drivers({"progress"}) == "the course of the campaign"
+    turns = single((4, "rz"), Named("torque2", "N m"))
+    assert name_places(turns.mechanism) == "Joint 4 turns by more or less than it reads"
+    shifts = single((5, "ty"), Bump("q2", 0.0, 0.5))
+    assert name_places(shifts.mechanism) == "Frame 5 shifts along its y axis"
