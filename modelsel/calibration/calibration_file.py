@@ -37,7 +37,7 @@ def calibration_text(c: Calibration) -> str:
 
 def calibration_record(c: Calibration) -> dict[str, Any]:
     """Return a calibration as JSON values, in the order of the file."""
-    return {
+    record: dict[str, Any] = {
         "schema": SCHEMA_VERSION,
         "kind": "calibration",
         "study": c.study,
@@ -83,9 +83,11 @@ def calibration_record(c: Calibration) -> dict[str, Any]:
         "held_out_rms_mm": c.held_out_rms_mm,
         "ranges": {name: list(pair) for name, pair in c.ranges.items()},
         "provenance": dict(c.provenance),
-        **(
-            {}
-            if c.refits is None
-            else {"refits": refits_record(c.refits, [t.symbol for t in c.terms])}
-        ),
     }
+    if c.refits is not None:
+        symbols = [term.symbol for term in c.terms]
+        record["refits"] = refits_record(c.refits, symbols)
+    source = c.robot.urdf
+    if source is not None:
+        record["urdf"] = {"base": source.base, "tip": source.tip, "text": source.text}
+    return record

@@ -27,18 +27,41 @@ ERRORS = ("rows", "nominal_rms_mm", "file_rms_mm", "model_rms_mm")
 @click.option(
     "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The file."
 )
+@click.option(
+    "--urdf",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Your URDF of this arm: it comes back with other origins. Without it, the study's own.",
+)
+@click.option("--base", help="Link of that URDF where the arm's chain starts.")
+@click.option("--tip", help="Link of that URDF where the arm's chain ends.")
 @click.option("--json", "as_json", is_flag=True)
-def export_command(result: Path, form: str, out: Path, as_json: bool) -> None:
+def export_command(
+    result: Path,
+    form: str,
+    out: Path,
+    urdf: Path | None,
+    base: str | None,
+    tip: str | None,
+    as_json: bool,
+) -> None:
     """Write a stored calibration (a study's folder, its result.json or calibration.json) in another
     form.
 
     The file is read back and compared with the fit; what the form cannot carry is listed.
     """
     from .._files import write_atomically
+    from ..calibration.export import attach_urdf
     from ..calibration.export import export as exported
     from ..calibration.loading import load_calibration
 
-    made = exported(load_calibration(result), form)
+    if urdf is not None and form != "urdf":
+        raise click.UsageError("--urdf goes with --format urdf.")
+    if urdf is None and (base or tip):
+        raise click.UsageError("--base and --tip choose a chain of --urdf FILE.")
+    calibration = load_calibration(result)
+    if urdf is not None:
+        calibration = attach_urdf(calibration, urdf, base, tip)
+    made = exported(calibration, form)
     write_atomically(out, made.text.encode())
     if as_json:
         print_json({"written": out.name, "format": form, **_to_dict(made)})

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from ...mechanisms.causes import Named
 from ...mechanisms.serialization import cause_from_record, cause_record
 from ...mechanisms.terms import Screw, Term
 from ...robot.rigid import AXES
+from ...robot.urdf import read_urdf
 from ..constant_part import (
     Part,
     compute_points,
@@ -77,6 +79,16 @@ def export(c: Calibration, form: str) -> Exported:
         notes=(*notes, *made.notes),
         errors=errors,
     )
+
+
+def attach_urdf(
+    c: Calibration, path: Path, base: str | None = None, tip: str | None = None
+) -> Calibration:
+    """Attach a URDF, or the chain of one between two links, as the file that an export in the form
+    "urdf" rewrites. Raises StudyError."""
+    read = read_urdf(path, base, tip)
+    robot = replace(c.robot, urdf=read.urdf)
+    return replace(c, robot=robot)
 
 
 def _check_names(c: Calibration) -> None:
@@ -206,4 +218,4 @@ _WRITERS: tuple[Writer, ...] = (
 FORMS: dict[str, Writer] = dict(zip(EXPORT_FORMS, _WRITERS, strict=True))
 GEOMETRY = ("urdf", "dh", "mdh")
 CARRIES = {**dict.fromkeys(GEOMETRY, "geometry"), "table": "table"}  # others carry the whole model
-__all__ = ["FORMS", "Exported", "export"]
+__all__ = ["FORMS", "Exported", "attach_urdf", "export"]
