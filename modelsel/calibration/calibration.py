@@ -137,7 +137,8 @@ class Calibration:
         return correct(self, targets, bound=bound)
 
     def export(self, form: str, *, urdf: Path | str | None = None) -> Exported:
-        """Export to "urdf", "dh", "mdh", "json", "csv", "python" or "table".
+        """Export to "urdf", "dh", "mdh", "hayati", "ur-calibration", "json", "csv", "python" or
+        "table".
 
         As "urdf", the file that the robot was read from, or the one given, comes back with other
         origins; a robot without one gets a new file. The result holds the text, its largest error

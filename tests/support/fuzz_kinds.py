@@ -79,7 +79,7 @@ def _fleet() -> Files:
 
 DRY = "study {i}/study.toml --out {o} --no-sampling --dry-run"
 RUN = ("study {i}/study.toml --out {o} --no-sampling --no-report",)
-FORMS = ("urdf", "dh", "mdh", "json", "csv", "python", "table")
+FORMS = ("urdf", "dh", "mdh", "hayati", "json", "csv", "python", "table")
 ON_TARGETS = (
     "compensate {i} {i}/targets.csv --out {o}/commands.csv --bound 100 20 --json",
     "compensate {i} {i}/targets.csv --out {o}/commands.csv --forward --json",

@@ -43,13 +43,14 @@ from .lookup import (
 )
 from .notes import list_notes
 from .python import to_python
+from .ur_calibration import to_ur_calibration
 
 if TYPE_CHECKING:
     from ..calibration import Calibration
 
 
 def export(c: Calibration, form: str) -> Exported:
-    """Export a calibration as "urdf", "dh", "mdh", "json", "csv", "python" or "table".
+    """Export a calibration in one of `EXPORT_FORMS`.
 
     A form that cannot carry all of it gets the best robot that it can carry, refitted. Raises
     StudyError for another form, or where a name cannot be written.
@@ -208,14 +209,16 @@ def to_table(c: Calibration, notes: Sequence[str] = ()) -> Exported:
 Writer = Callable[["Calibration", Sequence[str]], Exported]
 _WRITERS: tuple[Writer, ...] = (
     to_urdf,
-    lambda c, notes: to_dh(c, False, notes),
-    lambda c, notes: to_dh(c, True, notes),
+    lambda c, notes: to_dh(c, "standard", notes),
+    lambda c, notes: to_dh(c, "modified", notes),
+    lambda c, notes: to_dh(c, "hayati", notes),
+    to_ur_calibration,
     to_json,
     to_csv,
     to_python,
     to_table,
 )
 FORMS: dict[str, Writer] = dict(zip(EXPORT_FORMS, _WRITERS, strict=True))
-GEOMETRY = ("urdf", "dh", "mdh")
+GEOMETRY = ("urdf", "dh", "mdh", "hayati", "ur-calibration")
 CARRIES = {**dict.fromkeys(GEOMETRY, "geometry"), "table": "table"}  # others carry the whole model
 __all__ = ["FORMS", "Exported", "attach_urdf", "export"]

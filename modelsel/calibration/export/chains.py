@@ -13,7 +13,7 @@ from ..._typing import Array
 from ...exceptions import StudyError
 from ...fitting.problem import Problem
 from ...robot.alignment import align_chains
-from ...robot.dh import compute_dh_rows, format_dh_file
+from ...robot.dh import DhForm, compute_dh_rows, format_dh_file
 from ...robot.files import robot_from_table
 from ...robot.kinematics import Robot, UrdfSource, forward
 from ...robot.rigid import inverse, to_rpy, transform
@@ -167,20 +167,28 @@ def _is_reserved(name: str) -> bool:
     return name.startswith("link")
 
 
-def to_dh(c: Calibration, modified: bool, notes: Sequence[str]) -> Exported:
-    """Write the calibrated chain as standard or modified DH rows, targets in the notes."""
+def to_dh(c: Calibration, form: DhForm, notes: Sequence[str]) -> Exported:
+    """Write the calibrated chain as standard or modified DH rows, or with Hayati's between nearly
+    parallel axes; targets in the notes."""
     made = build_constant_chain(c)
-    rows = compute_dh_rows(made.robot, modified)
+    rows = compute_dh_rows(made.robot, form)
     nearly = []
     for a, b in rows.nearly:
-        sentence = f"joints {a} and {b} are almost parallel: their rows have a large d; small changes of the angle change it much"
+        sentence = (
+            f"joints {a} and {b} are almost parallel: their rows have a large d, which small changes "
+            "of the angle change much; `--format hayati` has a second angle in its place"
+        )
+        if form == "hayati":
+            sentence = (
+                f"joints {a} and {b} are almost parallel: row {a} has the angle beta, and no d"
+            )
         nearly.append(sentence)
     where = []
     for name, T in made.targets.items():
         offset = T[:3, 3].tolist()
         numbers = ", ".join(map(repr, offset))
         where.append(f"target {name} on the flange: x, y, z = {numbers} mm")
-    text = format_dh_file(made.robot, modified, [*notes, *where, *nearly])
+    text = format_dh_file(made.robot, form, [*notes, *where, *nearly])
 
     def read(text: str, target: int) -> Callable[[Array], Array]:
         record = tomllib.loads(text)
