@@ -133,7 +133,9 @@ class Page(HTMLParser):
         self.text.append(data)
 
 
-FORMS = [form for form in EVERY_FORM if form != "ur-calibration"]  # of any arm
+FORMS = [
+    form for form in EVERY_FORM if form not in ("grid", "ur-calibration")
+]  # of any arm, quickly
 
 
 @cache

@@ -34,6 +34,7 @@ from ..constant_part import (
 from .chains import to_dh, to_urdf
 from .corrections import to_csv
 from .form import Exported, describe_left_out, measure_whole
+from .grid import GridOptions, to_grid
 from .lookup import (
     MAX_INTERPOLATION_MM,
     build_constant_tables,
@@ -47,6 +48,12 @@ from .ur_calibration import to_ur_calibration
 
 if TYPE_CHECKING:
     from ..calibration import Calibration
+
+
+def export_grid(c: Calibration, options: GridOptions) -> Exported:
+    """Export a table of the target's error over joints of one's own choice. Raises StudyError."""
+    _check_names(c)
+    return to_grid(c, options)
 
 
 def export(c: Calibration, form: str) -> Exported:
@@ -65,6 +72,8 @@ def export(c: Calibration, form: str) -> Exported:
     restricted = restrict_to_form(c, carried)
     notes = list_notes(c, carried, geometry)
     write = FORMS[form]
+    if form in MEASURED:
+        return write(c, ())
     made = write(restricted, notes)
     targets = range(len(c.targets) if geometry else 1)
     differences = [_measure_left_out(c, restricted, target) for target in targets]
@@ -217,8 +226,10 @@ _WRITERS: tuple[Writer, ...] = (
     to_csv,
     to_python,
     to_table,
+    lambda c, notes: to_grid(c),
 )
 FORMS: dict[str, Writer] = dict(zip(EXPORT_FORMS, _WRITERS, strict=True))
 GEOMETRY = ("urdf", "dh", "mdh", "hayati", "ur-calibration")
+MEASURED = ("grid",)  # of the whole model, and what it leaves out is measured with it
 CARRIES = {**dict.fromkeys(GEOMETRY, "geometry"), "table": "table"}  # others carry the whole model
-__all__ = ["FORMS", "Exported", "attach_urdf", "export"]
+__all__ = ["FORMS", "Exported", "GridOptions", "attach_urdf", "export", "export_grid"]
