@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from own_urdf import OWN, calibrated
-from test_urdf_origins import without_origins
+from own_urdf import OWN, calibrated, without_origins
 
 from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.constant_part import (

@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from own_urdf import OWN
+from own_urdf import OWN, without_origins
 
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_rpy, transform
@@ -26,10 +26,6 @@ def moved(rng, some=range(6)):
         else joint.before
         for k, joint in enumerate(arm.joints)
     ]
-
-
-def without_origins(text: str) -> str:
-    return re.sub(r"<origin[^<>]*?>", "", text)
 
 
 def stripped(text: str) -> bytes:

@@ -3,6 +3,7 @@ white space and quotes."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -75,6 +76,11 @@ OWN = """<?xml version="1.0" encoding="utf-8"?>
   </transmission>
 </robot>
 """.replace("{body}", BODY.format(mass=2.5))
+
+
+def without_origins(text: str) -> str:
+    """The text of a URDF, every origin's tag cut out."""
+    return re.sub(r"<origin[^<>]*?>", "", text)
 
 
 def calibrated(robot: Robot, rng: np.random.Generator, geometry: float = 1.0) -> Calibration:
