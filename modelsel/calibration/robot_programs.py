@@ -242,6 +242,7 @@ LANGUAGES = {
     "robodk": Language("RoboDK's Python", _write_robodk, 9, (1, 12), may_slide=True),
     "urscript": Language("URScript", _write_urscript, 9, (6, 6), radians=True),
     "krl": Language("KRL", _write_krl, 6, (1, 6), may_slide=True, max_name=24),
-    "rapid": Language("RAPID", _write_rapid, 6, (1, 6)),
+    # 32 characters with run_ before it
+    "rapid": Language("RAPID", _write_rapid, 6, (1, 6), max_name=28),
     "ls": Language("Fanuc's LS", _write_ls, 3, (1, 9), may_slide=True),
 }

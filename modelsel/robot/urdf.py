@@ -9,7 +9,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from .._names import find_name_problem
+from .._names import find_name_problem, quote_name
 from .._text import read_text
 from .._typing import Array
 from ..exceptions import StudyError, one_line
@@ -148,6 +148,12 @@ def read_urdf_text(text: str, where: str, base: str | None = None, tip: str | No
         raise StudyError(*placed) from None
     first_link = parent_of(chain[0])
     last_link = child_of(chain[-1])
+    for link in (first_link, last_link):
+        problem = find_name_problem(link)
+        if problem is not None:
+            raise StudyError(
+                f"{where}: the name of link {quote_name(link)} is not valid: {problem}."
+            )
     return replace(robot, urdf=UrdfSource(text, first_link, last_link))
 
 

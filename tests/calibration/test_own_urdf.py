@@ -166,6 +166,18 @@ def test_arms_of_slides_and_of_parallel_axes(rng) -> None:
         np.testing.assert_allclose(forward(back, q, tip[:3, 3]), points, atol=1e-8)
 
 
+def test_a_robot_that_a_script_changed_has_no_file(made) -> None:
+    """It can be stored and loaded, and a new URDF is written of it."""
+    first, *rest = made.robot.joints
+    moved = replace(first, before=first.before @ transform(None, (0, 0, 0.1)))
+    changed = replace(made, robot=replace(made.robot, joints=(moved, *rest)))
+    stored = parse_calibration(calibration_text(changed))
+    assert stored.robot.urdf is None
+    found = export(stored, "urdf")
+    assert 'name="joint1"' in found.text
+    assert "`--urdf FILE` writes the calibration into your own URDF" in " ".join(found.notes)
+
+
 def test_damaged_file_is_refused(made) -> None:
     record = json.loads(calibration_text(made))
     record["urdf"]["text"] = record["urdf"]["text"].replace("0.089159", "0.09")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from own_urdf import OWN, without_origins
 
+from modelsel.exceptions import StudyError
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_rpy, transform
 from modelsel.robot.urdf import read_urdf, read_urdf_text
@@ -98,3 +99,14 @@ def test_every_way_to_write_an_origin(tag, says) -> None:
     np.testing.assert_allclose(
         forward(back, np.zeros((1, 1)), point)[0], wanted[:3, :3] @ point + wanted[:3, 3]
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [("fl\u200bange", "U\\+200B"), (" ", "no letter"), ("x" * 300, "200 are the most")],
+)
+def test_names_of_links_can_be_told(name, says) -> None:
+    """They stand in notes and in calibration.json."""
+    text = OWN.replace('"flange"', f'"{name}"')
+    with pytest.raises(StudyError, match=f"own.urdf: the name of link .* is not valid: .*{says}"):
+        read_urdf_text(text, "own.urdf", tip=name)

@@ -26,6 +26,11 @@ from .form import Exported, measure_export
 if TYPE_CHECKING:
     from ..calibration import Calibration
 
+OWN_NAMES = (
+    "joints and links have names of modelsel's own; `--urdf FILE` writes the calibration into your "
+    "own URDF of this arm"
+)
+
 
 def measure_chain(
     c: Calibration,
@@ -69,7 +74,7 @@ def to_urdf(c: Calibration, notes: Sequence[str] = ()) -> Exported:
         origin = np.zeros(3)
         return lambda q: forward(back, q, origin)
 
-    return measure_chain(c, text, read, bounded)
+    return measure_chain(c, text, read, (*bounded, OWN_NAMES))
 
 
 def rewrite_urdf(c: Calibration, source: UrdfSource) -> Exported:
