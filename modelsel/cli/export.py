@@ -15,7 +15,7 @@ from ._options import print_json
 if TYPE_CHECKING:
     from ..calibration.calibration import Calibration
     from ..calibration.export.form import Exported
-    from ..calibration.export.grid import GridOptions
+    from ..calibration.export.grid_options import GridOptions
 
 ROUNDING_MM = 1e-6  # below it a difference is rounding
 EXACT_MM = 1e-3  # 1 µm: what a form can carry must come back
@@ -104,7 +104,7 @@ def _read_grid_options(
     c: Calibration, joints: str | None, at: tuple[str, ...], within: float | None
 ) -> GridOptions:
     """Read the options of a grid. Raises UsageError for what is not written as they are."""
-    from ..calibration.export.grid import GridOptions, default_joints, read_ranges
+    from ..calibration.export.grid_options import GridOptions, default_joints, read_ranges
 
     numbers = default_joints(c)
     ranges: dict[int, tuple[float, float]] = {}

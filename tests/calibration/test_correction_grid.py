@@ -132,6 +132,14 @@ def test_too_near_is_said(monkeypatch, made) -> None:
     assert len(read(found.text)[1].values.reshape(-1, 3)) <= 200
 
 
+def test_the_range_that_is_said_is_taken(made) -> None:
+    """Rounded outwards by what a message shows."""
+    low, high = (float(f"{v:.3g}") for v in made.ranges["q2"])
+    found = export_grid(made, GridOptions((2,), 0.5, {}, {2: (low, high)}))
+    axis = read(found.text)[1].grid[0]
+    np.testing.assert_allclose(axis[[0, -1]], [low, high], atol=1e-9)
+
+
 def test_slides_are_in_mm(rng) -> None:
     c = calibrated(replace(small_arm(prismatic=True), gravity=(0.0, 0.0, -1.0)), rng)
     found = export_grid(c, GridOptions((3,), 0.01, {}, {3: (50.0, 200.0)}))

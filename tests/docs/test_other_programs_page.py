@@ -16,7 +16,8 @@ from shown_code import ROOT, fenced
 
 from modelsel._choices import EXPORT_FORMS, TARGET_FORMS
 from modelsel.calibration.calibration_file import calibration_text
-from modelsel.calibration.export.grid import CHECKED, LARGEST_MM, MAX_POINTS
+from modelsel.calibration.export.grid import CHECKED, MAX_POINTS
+from modelsel.calibration.export.grid_options import LARGEST_MM
 from modelsel.cli.main import run_command_line
 from modelsel.robot.alignment import MAX_ANGLE, MAX_DISTANCE_MM
 from modelsel.robot.files import load_robot

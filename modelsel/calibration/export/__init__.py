@@ -34,7 +34,8 @@ from ..constant_part import (
 from .chains import to_dh, to_urdf
 from .corrections import to_csv
 from .form import Exported, describe_left_out, measure_whole
-from .grid import GridOptions, to_grid
+from .grid import to_grid
+from .grid_options import GridOptions
 from .lookup import (
     MAX_INTERPOLATION_MM,
     build_constant_tables,
