@@ -90,22 +90,29 @@ def test_hayati_read_by_hand(made) -> None:
         np.testing.assert_allclose(T[:3, :3] @ target + T[:3, 3], x, atol=1e-8)
 
 
-def test_rounded_tables(made) -> None:
-    """Angles to 0.0001 deg, lengths to a µm, as a controller takes them."""
-    errors = {}
-    for form in ("dh", "hayati"):
-        table = tomllib.loads(export(made, form).text)
-        exact = robot_from_table(table, "table")
-        for joint in table["joint"]:
-            joint["dh"] = {
-                key: round(v, 4 if key.endswith("deg") else 3) for key, v in joint["dh"].items()
-            }
-        rounded = robot_from_table(table, "table")
-        q = made.robot.draw(np.random.default_rng(1), 200)
-        difference = forward(rounded, q, np.zeros(3)) - forward(exact, q, np.zeros(3))
-        errors[form] = np.linalg.norm(difference, axis=1).max()
-    assert errors["hayati"] < 0.01
-    assert errors["dh"] > 10 * errors["hayati"]
+def test_rounded_tables() -> None:
+    """Angles to 0.0001 deg, lengths to a µm, of four drawn arms: the figures of the page on exports
+    (docs/how-to/other-programs.md)."""
+    farthest: dict[str, list[float]] = {"dh": [], "hayati": []}
+    errors: dict[str, list[float]] = {"dh": [], "hayati": []}
+    for seed in range(4, 8):
+        arm = calibrated(load_robot("ur10e"), np.random.default_rng(seed))
+        q = arm.robot.draw(np.random.default_rng(1), 300)
+        for form in errors:
+            table = tomllib.loads(export(arm, form).text)
+            exact = robot_from_table(table, "table")
+            farthest[form].append(max(abs(joint["dh"]["d_mm"]) for joint in table["joint"]))
+            for joint in table["joint"]:
+                joint["dh"] = {
+                    key: round(v, 4 if key.endswith("deg") else 3) for key, v in joint["dh"].items()
+                }
+            rounded = robot_from_table(table, "table")
+            difference = forward(rounded, q, np.zeros(3)) - forward(exact, q, np.zeros(3))
+            errors[form].append(np.linalg.norm(difference, axis=1).max())
+    assert 300e3 < min(farthest["dh"]) < max(farthest["dh"]) < 600e3
+    assert max(farthest["hayati"]) < 200
+    assert [round(f(errors["dh"]), 1) for f in (min, max)] == [0.1, 0.3]
+    assert round(max(errors["hayati"]) * 1e3) == 2
 
 
 @pytest.mark.parametrize("convention", ["standard", "modified"])
