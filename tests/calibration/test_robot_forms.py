@@ -98,7 +98,7 @@ def test_rounded_tables() -> None:
     for seed in range(4, 8):
         arm = calibrated(load_robot("ur10e"), np.random.default_rng(seed))
         q = arm.robot.draw(np.random.default_rng(1), 300)
-        for form in errors:
+        for form in ("dh", "hayati"):
             table = tomllib.loads(export(arm, form).text)
             exact = robot_from_table(table, "table")
             farthest[form].append(max(abs(joint["dh"]["d_mm"]) for joint in table["joint"]))
