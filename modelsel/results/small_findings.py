@@ -22,6 +22,14 @@ NUMBERS = (
     "Ten",
     "Eleven",
     "Twelve",
+    "Thirteen",
+    "Fourteen",
+    "Fifteen",
+    "Sixteen",
+    "Seventeen",
+    "Eighteen",
+    "Nineteen",
+    "Twenty",
 )
 
 

@@ -314,7 +314,7 @@ def test_a_step_of_the_tracker_is_the_whole_move(rng: np.random.Generator) -> No
 
 @pytest.mark.integration
 @pytest.mark.parametrize(
-    ("sign", "words"), [(1, "joints were read before"), (-1, "targets were measured before")]
+    ("sign", "words"), [(1, "stand past their readings"), (-1, "are short of their readings")]
 )
 def test_an_arm_with_slides_that_is_read_too_early_is_told(
     sign: int, words: str, rng: np.random.Generator
