@@ -63,4 +63,5 @@ class LocalCauses:
     def sum_squares(self) -> Array:
         """Sum the squares (l,) of every cause over the rows."""
         cause = np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
-        return np.bincount(cause, np.square(self.values), len(self.starts) - 1)
+        squares = np.bincount(cause, np.square(self.values), len(self.starts) - 1)
+        return np.asarray(squares, dtype=float)

@@ -22,6 +22,7 @@ from .sampled import SampledSolver, draw_sample, takes_sample
 from .solver import ITERATIONS, Held, Solver
 
 STEP_MM = 1e-4  # 0.1 µm
+UNSETTLED_MM = 0.1  # last step of all rows together from which a fit has not arrived
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,11 @@ class Fit:
         prior says more."""
         fitted = self.found.rank
         return fitted - self.weak.held
+
+    @property
+    def settled(self) -> bool:
+        """Whether the iteration has arrived at the minimum."""
+        return self.step_mm <= UNSETTLED_MM
 
     @cached_property
     def freedom(self) -> float:

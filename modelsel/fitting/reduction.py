@@ -264,13 +264,19 @@ def reduce_folds(
     triangles = [
         np.zeros((len(wanted), len(wanted)), order="F") for _ in range(int(fold_of.max()) + 1)
     ]
+    if problem.whitening.shared is None:  # one fold after the other: nothing is picked from a block
+        order = np.argsort(fold_of, kind="stable")
+        problem, fold_of = problem.take(order), fold_of[order]
     space = Workspace()
     for rows, part in problem.parts(STREAM):
-        design = whiten(part, assemble(part, terms, at, space=space))[wanted]
+        design = whiten(part, assemble(part, terms, at, space=space))
+        if len(wanted) < len(design):
+            design = design[wanted]
         folds = fold_of[rows]
         for k in np.unique(folds).tolist():
-            block = design[:, :, folds == k].reshape(len(wanted), -1)
-            _stack(triangles[k], block.T)
+            own = folds == k
+            block = design if own.all() else design[:, :, own]
+            _stack(triangles[k], block.reshape(len(wanted), -1).T)
     counts = problem.counted(fold_of, len(triangles)).tolist()
     return [Reduction(R, rows) for R, rows in zip(triangles, counts, strict=True)]
 
