@@ -44,13 +44,20 @@ class LocalCauses:
 
     def dot(self, which: Index | slice, vectors: NDArray[Any]) -> NDArray[Any]:
         """Compute the products (k, B) of some causes with vectors (m, B), in their precision."""
+        return np.asarray(self._sparse(vectors.dtype)[which] @ vectors)
+
+    def gram(self, which: Index, weight: Array) -> Array:
+        """Compute the products (k, k) of some causes with one another, rows weighted (m,)."""
+        some = self._sparse(weight.dtype)[which]
+        return np.asarray((some.multiply(weight).tocsr() @ some.T).toarray())
+
+    def _sparse(self, dtype: np.dtype[Any]) -> Any:
+        """Return the causes as a sparse matrix (l, m)."""
         from scipy.sparse import csr_array
 
-        matrix: Any = csr_array(
-            (self.values.astype(vectors.dtype, copy=False), self.rows, self.starts),
-            shape=(len(self.starts) - 1, self.count),
-        )
-        return np.asarray(matrix[which] @ vectors)
+        values = self.values.astype(dtype, copy=False)
+        shape = len(self.starts) - 1, self.count
+        return csr_array((values, self.rows, self.starts), shape=shape)
 
     def expand(self, which: Index) -> Array:
         """Return some causes (k, m) in full."""

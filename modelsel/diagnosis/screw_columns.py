@@ -207,6 +207,27 @@ class ScrewColumns:
             out[:, block.coordinates] = flat if block.measured is None else flat[:, block.measured]
         return out
 
+    def combine(self, columns: Index, coefficients: Array) -> Array:
+        """Compute the sum (N,) of some columns (k,) times coefficients (k,)."""
+        out = np.zeros(self.rows)
+        first, last = self.starts[columns], self.starts[columns + 1]
+        screws = np.concatenate([np.arange(*ends) for ends in zip(first, last, strict=True)])
+        _, number, cause = self.pairs[:, screws.astype(np.intp)]
+        weight = np.repeat(coefficients, last - first)
+        for block in self.blocks:
+            m, _, c = block.fields.shape
+            moved = np.zeros((c, m))
+            for field in np.unique(number):
+                own = number == field
+                moved += (weight[own] @ block.evaluate_causes(cause[own])) * block.fields[
+                    :, field
+                ].T
+            if block.mixing is not None:
+                moved = block.mixing.apply(moved[None])[0]
+            flat = moved.reshape(-1)
+            out[block.coordinates] = flat if block.measured is None else flat[block.measured]
+        return out
+
     @cached_property
     def lone_field(self) -> Index:
         """The field (C,) of columns of one screw, -1 of others, and of all where rows share
@@ -236,14 +257,30 @@ class ScrewColumns:
         fields = self.lone_field[columns]
         if len(columns) and fields[0] >= 0 and (fields == fields[0]).all():
             for block in self.blocks:
-                X = self._expand_lengths(block, columns)
-                total += X @ X.T
+                total += self._gram_at_place(block, columns)
             return total
         for block in self.blocks:
             size = CACHED_ROWS if block.mixing is None else len(block.fields)
             for rows in split_range(len(block.fields), size):
                 X = self._expand_rows(block, columns, rows)
                 total += np.einsum("kcm,lcm->kl", X, X, optimize=True)
+        return total
+
+    def _gram_at_place(self, block: _RowBlock, columns: Index) -> Array:
+        """Compute the products (k, k) of some columns of one screw at one place over a block."""
+        _, number, cause = self.pairs[:, self.starts[columns]]
+        square = np.square(block.fields[:, number[0]]).sum(1)
+        wide = np.flatnonzero(cause < len(block.wide))
+        local = np.flatnonzero(cause >= len(block.wide))
+        length = np.sqrt(square)
+        values = block.evaluate_causes(cause[wide]) * length
+        total = np.empty((len(columns), len(columns)))
+        total[np.ix_(wide, wide)] = values @ values.T
+        which = cause[local] - len(block.wide)
+        across = block.local.dot(which, (values * length).T)
+        total[np.ix_(local, wide)] = across
+        total[np.ix_(wide, local)] = across.T
+        total[np.ix_(local, local)] = block.local.gram(which, square)
         return total
 
     def _expand_rows(self, block: _RowBlock, columns: Index, rows: slice) -> Array:

@@ -47,6 +47,8 @@ def test_products_are_those_of_the_columns(rng: np.random.Generator, rows: int) 
     np.testing.assert_allclose(screws.dot(V[:, 0]), X.T @ V[:-prior, 0], rtol=1e-11, atol=1e-9)
     some = np.array([3, 1, 2])
     np.testing.assert_allclose(screws.expand(some), X[:, some].T, rtol=1e-12, atol=1e-12)
+    sizes = rng.normal(size=3)
+    np.testing.assert_allclose(screws.combine(some, sizes), X[:, some] @ sizes, rtol=1e-10)
     np.testing.assert_allclose(screws.gram(some), X[:, some].T @ X[:, some], rtol=1e-12)
     lone = np.array([0, 4, 0])  # at one place
     np.testing.assert_allclose(screws.gram(lone), X[:, lone].T @ X[:, lone], rtol=1e-12)
@@ -91,6 +93,13 @@ def test_splines_are_kept_where_they_are_not_zero(rng: np.random.Generator) -> N
     assert single.dtype == np.float32
     every = np.arange(len(terms))
     np.testing.assert_allclose(screws.expand(every), X.T, rtol=1e-12, atol=1e-12)
+    sizes = rng.normal(size=len(terms))
+    np.testing.assert_allclose(screws.combine(every, sizes), X @ sizes, rtol=1e-9, atol=1e-9)
+    at_one_place = np.setdiff1d(every, [len(terms) - 2])
+    own_columns = X[:, at_one_place]
+    np.testing.assert_allclose(
+        screws.gram(at_one_place), own_columns.T @ own_columns, rtol=1e-11, atol=1e-6
+    )
     squares = screws.mean_squares(at, splines)
     for one in splines:
         assert squares[one] == pytest.approx(np.square(one.of(at.state)).mean(), rel=1e-12)
