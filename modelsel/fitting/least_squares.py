@@ -18,7 +18,7 @@ from .linearisation import Linearisation
 from .prior import WeakPrior, fitted_terms, prior_root, prior_rows, with_prior
 from .problem import Problem
 from .reduction import Reduction, Source
-from .sampled import SampledSolver, draw_sample, takes_sample
+from .sampled import SAMPLE_STEP_MM, SampledSolver, draw_sample, takes_sample
 from .solver import ITERATIONS, Held, Solver
 
 STEP_MM = 1e-4  # 0.1 µm
@@ -190,7 +190,9 @@ def fit(  # noqa: PLR0913  all but two have defaults
     parameters, or the iteration does not settle."""
     if isinstance(problem, Problem) and takes_sample(problem, model, held):
         sample = draw_sample(problem)
-        first = fit(sample, model, precision=precision, start=start, held=held)
+        first = fit(
+            sample, model, precision=precision, start=start, step_mm=SAMPLE_STEP_MM, held=held
+        )
         start = first.theta
         solver: Solver = sampled_solver(problem, sample, first, held, fold_of)
     else:

@@ -30,6 +30,8 @@ SHARE = 1 / 8
 GOLDEN = (np.sqrt(5) - 1) / 2
 # mm of a coordinate (rms): as far from a point do its columns change by a ten millionth
 NEAR_MM = 1e-4
+# step of the sample's own fit [mm]: chance moves its solution by far more
+SAMPLE_STEP_MM = 1e-2
 # steps by the sample's products at most, what a step should leave of the one before, and what it
 # leaves by the sample's own chance, in standard errors of its products
 STEPS = 8
