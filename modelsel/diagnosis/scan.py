@@ -209,7 +209,7 @@ class Scan(Beyond):
         """Compute the whitened displacement by candidate g, fitted alone beyond the model."""
         terms = self.fit_alone(g, response)
         own = self.columns.slices[g]
-        raw = self.columns.screws.combine(own, terms)
+        raw = terms @ self.columns.expand(g)
         return Displacement(raw, terms @ self.inside[own], terms @ self.back[own])
 
 

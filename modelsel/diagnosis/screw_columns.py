@@ -12,8 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,36 +27,18 @@ from ..mechanisms.causes import ONE, Bump, Cause
 from ..mechanisms.terms import Screw, Term
 from ..robot.rigid import AXES
 from .local_causes import LocalCauses
+from .screw_places import Place, build_places
 
 # rows of one product, which is of full speed with as many, and numbers of the products by place
 # that are held together
 CACHED_ROWS = 1024
 TOGETHER = 1_500_000
-# causes in a row from which they are worth a product of their own, without a copy
-MIN_RUN = 16
 # place after all others
 LAST = 1 << 62
 # products of columns, rows and vectors from which a second core pays
 MANY_PRODUCTS = 5e7
 # share of the memory of a diagnosis that the values of the causes may take
 CAUSES_SHARE = 0.75
-
-
-class _Run(NamedTuple):
-    """Causes (k,) of one place and their columns (k,), in slices where they are consecutive."""
-
-    causes: Index | slice
-    columns: Index | slice
-
-
-@dataclass(frozen=True, eq=False)
-class _Place:
-    """The columns of one place: the number of its field, and its causes with their columns.
-
-    No column stands there twice."""
-
-    number: int
-    runs: tuple[_Run, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,8 +113,8 @@ class ScrewColumns:
     count: int
     rows: int
     blocks: tuple[_RowBlock, ...]
-    places: tuple[_Place, ...]
-    local_places: tuple[_Place, ...]
+    places: tuple[Place, ...]
+    local_places: tuple[Place, ...]
     local: tuple[Cause, ...]
     pairs: Index
     starts: Index
@@ -205,27 +186,6 @@ class ScrewColumns:
             m, _, c = block.fields.shape
             flat = self._expand_rows(block, columns, slice(0, m)).reshape(len(columns), c * m)
             out[:, block.coordinates] = flat if block.measured is None else flat[:, block.measured]
-        return out
-
-    def combine(self, columns: Index, coefficients: Array) -> Array:
-        """Compute the sum (N,) of some columns (k,) times coefficients (k,)."""
-        out = np.zeros(self.rows)
-        first, last = self.starts[columns], self.starts[columns + 1]
-        screws = np.concatenate([np.arange(*ends) for ends in zip(first, last, strict=True)])
-        _, number, cause = self.pairs[:, screws.astype(np.intp)]
-        weight = np.repeat(coefficients, last - first)
-        for block in self.blocks:
-            m, _, c = block.fields.shape
-            moved = np.zeros((c, m))
-            for field in np.unique(number):
-                own = number == field
-                moved += (weight[own] @ block.evaluate_causes(cause[own])) * block.fields[
-                    :, field
-                ].T
-            if block.mixing is not None:
-                moved = block.mixing.apply(moved[None])[0]
-            flat = moved.reshape(-1)
-            out[block.coordinates] = flat if block.measured is None else flat[block.measured]
         return out
 
     @cached_property
@@ -365,8 +325,8 @@ def build_screw_columns(
         count=len(terms),
         rows=row_blocks[-1].coordinates.stop,
         blocks=row_blocks,
-        places=tuple(_build_places(wide_pairs)),
-        local_places=tuple(_build_places(local_pairs)),
+        places=tuple(build_places(wide_pairs)),
+        local_places=tuple(build_places(local_pairs)),
         local=local,
         pairs=pairs,
         starts=starts,
@@ -421,33 +381,3 @@ def _build_row_blocks(
             mixing=None if part.whitening.shared is None else part.whitening.shared.mixing,
         )
         start = stop
-
-
-def _build_places(pairs: Index) -> Iterator[_Place]:
-    """Group the screws by field; a term's second screw at one field stands in a group of its own."""
-    column, number, cause = pairs
-    layer = np.zeros(len(column), np.intp)
-    starts = np.flatnonzero(np.diff(column, prepend=-1))
-    for first, last in pairwise([*starts.tolist(), len(column)]):
-        if last - first > 1:
-            own = number[first:last]
-            layer[first:last] = [int((own[:k] == own[k]).sum()) for k in range(last - first)]
-    for field, depth in np.unique(np.stack([number, layer]), axis=1).T.tolist():
-        inside = np.flatnonzero((number == field) & (layer == depth))
-        yield _Place(field, tuple(_find_runs(cause[inside], column[inside])))
-
-
-def _find_runs(causes: Index, columns: Index) -> Iterator[_Run]:
-    """Find where causes and columns are consecutive; what is in no run stands together."""
-    order = np.argsort(causes, kind="stable")
-    causes, columns = causes[order], columns[order]
-    is_end = (np.diff(causes) != 1) | (np.diff(columns) != 1)
-    ends = np.flatnonzero(np.append(is_end, True)) + 1
-    alone = np.ones(len(causes), bool)
-    for start, end in pairwise([0, *ends.tolist()]):
-        if end - start >= MIN_RUN:
-            first, top = int(causes[start]), int(columns[start])
-            yield _Run(slice(first, first + end - start), slice(top, top + end - start))
-            alone[start:end] = False
-    if alone.any():
-        yield _Run(causes[alone], columns[alone])

@@ -19,8 +19,8 @@ from .linearisation import add_feature_changes
 from .observation import predict_readings, reading_gradients
 from .problem import Problem
 
-# numbers of causes that are kept between evaluations (320 MB); of more, a block's are made anew
-MAX_KEPT = 40_000_000
+# numbers of causes that are kept between evaluations (240 MB); of more, a block's are made anew
+MAX_KEPT = 30_000_000
 ROWS = 2000  # of a block, whose screw field a core's cache about holds
 
 

@@ -7,7 +7,7 @@ import pytest
 from builders import drawn, seeds
 
 from modelsel import _workers
-from modelsel.diagnosis import screw_columns
+from modelsel.diagnosis import candidate_columns, screw_columns
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.evidence import Chance
@@ -47,8 +47,6 @@ def test_products_are_those_of_the_columns(rng: np.random.Generator, rows: int) 
     np.testing.assert_allclose(screws.dot(V[:, 0]), X.T @ V[:-prior, 0], rtol=1e-11, atol=1e-9)
     some = np.array([3, 1, 2])
     np.testing.assert_allclose(screws.expand(some), X[:, some].T, rtol=1e-12, atol=1e-12)
-    sizes = rng.normal(size=3)
-    np.testing.assert_allclose(screws.combine(some, sizes), X[:, some] @ sizes, rtol=1e-10)
     np.testing.assert_allclose(screws.gram(some), X[:, some].T @ X[:, some], rtol=1e-12)
     lone = np.array([0, 4, 0])  # at one place
     np.testing.assert_allclose(screws.gram(lone), X[:, lone].T @ X[:, lone], rtol=1e-12)
@@ -93,8 +91,6 @@ def test_splines_are_kept_where_they_are_not_zero(rng: np.random.Generator) -> N
     assert single.dtype == np.float32
     every = np.arange(len(terms))
     np.testing.assert_allclose(screws.expand(every), X.T, rtol=1e-12, atol=1e-12)
-    sizes = rng.normal(size=len(terms))
-    np.testing.assert_allclose(screws.combine(every, sizes), X @ sizes, rtol=1e-9, atol=1e-9)
     at_one_place = np.setdiff1d(every, [len(terms) - 2])
     own_columns = X[:, at_one_place]
     np.testing.assert_allclose(
@@ -106,6 +102,20 @@ def test_splines_are_kept_where_they_are_not_zero(rng: np.random.Generator) -> N
     kept = sum(len(block.local.values) for block in screws.blocks)
     assert kept == sum(np.count_nonzero(one.of(at.state)) for one in splines)
     assert kept < 0.2 * len(splines) * len(at)
+
+
+def test_columns_that_are_asked_for_again_are_kept_within_bounds(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at = drawn("puma760", rng, 30)
+    cols = build_columns(at, build_candidates(at, Model(()), every(at.robot)))
+    first = cols.expand(0)
+    assert cols.expand(0) is first
+    monkeypatch.setattr(candidate_columns, "KEPT_NUMBERS", 10 * cols.rows)
+    for g in range(20):
+        assert np.array_equal(cols.expand(g), cols.screws.expand(cols.slices[g]))
+    assert cols.expand(0) is not first
+    assert cols.expand(19) is cols.expand(19)
 
 
 def test_gram_matrices_are_those_of_the_columns(rng: np.random.Generator) -> None:
