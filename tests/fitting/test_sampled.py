@@ -22,8 +22,10 @@ from modelsel.fitting.solver import ITERATIONS, Solver
 from modelsel.mechanisms.causes import Bump, Named, q, sin
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.notices import CODES
 from modelsel.robot.files import load_robot
-from modelsel.selection.evaluation import Split, evaluate
+from modelsel.selection.evaluation import Evaluation, Split, evaluate
+from modelsel.study.study_notes import collect_fit_notes
 
 ARM = load_robot("puma760")
 ROWS = 1600
@@ -161,6 +163,19 @@ def figures(split: Split) -> tuple[list[float], Array]:
         evaluation.bic,
     ]
     return numbers, evaluation.crossed
+
+
+def test_a_fit_that_has_not_settled_is_said(rng) -> None:
+    split = split_of(measure(rng, PLAIN), rng)
+    evaluation = evaluate(split, PLAIN, PLAIN.names)
+    stopped = replace(evaluation, fit=replace(evaluation.fit, step_mm=1.0))
+
+    def warned(ladder: list[Evaluation]) -> list[str]:
+        return [note.code for note in collect_fit_notes(split, ladder, None, floor_doubted=True)]
+
+    assert warned([evaluation]) == []
+    assert warned([stopped, evaluation]) == ["fit-unsettled"]
+    assert "fit-unsettled" in CODES
 
 
 def test_folds_come_with_the_fit(rng, many) -> None:
