@@ -108,7 +108,8 @@ def _tells_as_much(effect: Effect, claimed: ClaimedLevel) -> bool:
         return True
     if claimed.level == "drivers":
         return effect.candidate.kind is CandidateKind.FREE_FUNCTION
-    return claimed.level == "shape" and not effect.candidate.registered
+    is_contrary = has_contrary_signs(effect.candidate.mechanism, effect.estimate)
+    return claimed.level == "shape" and (is_contrary or not effect.candidate.registered)
 
 
 def _join(words: Sequence[str]) -> str:
