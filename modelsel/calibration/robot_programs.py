@@ -77,7 +77,8 @@ def write_program(
 def round_commands(form: str, q: Array, slides: Sequence[bool]) -> Array:
     """Return commands q (m, n) [rad, mm] as they come back from a program's decimals."""
     language = LANGUAGES[form]
-    rounded = np.round(_to_unit(language, q, slides), language.digits)
+    commands = _to_unit(language, q, slides)
+    rounded = np.round(commands, language.digits)
     if language.radians:
         return rounded
     return np.where(slides, rounded, np.radians(rounded))
@@ -92,7 +93,9 @@ def _to_unit(language: Language, q: Array, slides: Sequence[bool]) -> Array:
 def _check_name(language: Language, path: Path) -> None:
     name = path.stem
     is_word = re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name, re.ASCII)
-    if is_word and len(name) <= language.max_name and not RESERVED.fullmatch(name):
+    is_short = len(name) <= language.max_name
+    is_reserved = RESERVED.fullmatch(name)
+    if is_word and is_short and not is_reserved:
         return
     plain = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_")
     advice = f"commands_{plain}"[: language.max_name].rstrip("_")
