@@ -278,7 +278,8 @@ def keep_within(parts: Sequence[SharedError]) -> tuple[SharedError, ...]:
 
 def confine(part: SharedError, parts: Sequence[SharedError]) -> SharedError:
     """Return a part with no level beyond a stretch of the lasting one among `parts`."""
-    lasting = next((own for own in parts if own.time is not None), part)
+    all_lasting = (own for own in parts if own.time is not None)
+    lasting = next(all_lasting, part)
     if lasting is part:
         return part
     return _cut_levels(part, lasting.level)

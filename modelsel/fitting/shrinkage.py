@@ -156,8 +156,10 @@ class _Marginal:
         known = self.state.shrinkage.precision
         groups = zip(self.groups, self.inside, strict=True)
         for group, positions in groups:
-            first = group[0]
-            initial = 1.0 if known is None else known[first]
+            initial = 1.0
+            if known is not None:
+                first = group[0]
+                initial = known[first]
             precision[positions] = initial
         return precision
 
