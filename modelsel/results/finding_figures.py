@@ -261,7 +261,9 @@ def _write_sizes(sizes: Sequence[tuple[Named, float]], rms_mm: float) -> str:
     """Write the line of small findings with their rms [mm], and what they are together."""
     parts = []
     for one, size in sizes:
-        doubt = " (doubtful)" if one.doubtful else ""
+        doubt = ""
+        if one.doubtful:
+            doubt = " (doubtful)"
         parts.append(f"{one.name} {format_length(size)}{doubt}")
     listed = ", ".join(parts)
     if len(sizes) == 1:

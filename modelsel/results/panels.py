@@ -197,7 +197,8 @@ def _choose_abscissa(
 ) -> _Abscissa:
     """Return what to draw a cause against: a wave against its angle, a sign against its argument."""
     if isinstance(cause, Bump):
-        return _Abscissa(Named(cause.name, units.get(cause.name, "1")), "free")
+        unit = units.get(cause.name, "1")
+        return _Abscissa(Named(cause.name, unit), "free")
     if isinstance(cause, Applied) and cause.function == "sign":
         return _Abscissa(cause.argument, "step")
     for sibling in siblings:
@@ -242,7 +243,8 @@ def _observed_part(moved: Array) -> slice:
     """Return which coordinates show a group: the position, else the orientation that it only turns."""
     displacement = float(np.abs(moved[:3]).max())
     has_orientation = len(moved) > 3
-    if has_orientation and displacement <= MIN_DISPLACEMENT:
+    only_turns = has_orientation and displacement <= MIN_DISPLACEMENT
+    if only_turns:
         return slice(3, 6)
     return slice(0, 3)
 
@@ -283,7 +285,9 @@ def _describe_abscissa(abscissa: _Abscissa) -> Values:
     against = str(abscissa.variable)
     if abscissa.is_folded:
         against = f"{abscissa.waves:g}*{against}, folded"
-    unit = "deg" if abscissa.is_angle else abscissa.variable.unit
+    unit = abscissa.variable.unit
+    if abscissa.is_angle:
+        unit = "deg"
     return {"against": against, "against_unit": unit}
 
 

@@ -52,7 +52,9 @@ def format_figure(value: float) -> str:
     if value == 0:
         return "0"
     rounded = float(f"{value:.3g}")
-    if abs(rounded) >= LARGE:
+    size = abs(rounded)
+    if size >= LARGE:
         return f"{rounded:,.0f}"
-    places = max(2 - int(np.floor(np.log10(abs(rounded)))), 0)
+    order = np.floor(np.log10(size))
+    places = max(2 - int(order), 0)
     return f"{rounded:.{places}f}"

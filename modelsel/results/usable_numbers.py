@@ -44,12 +44,14 @@ def list_usable(mechanism: Mechanism, fitted: Fitted) -> list[Usable]:
 
 
 def _choose_by_shape(mechanism: Mechanism) -> Measure | None:
-    if is_wave(mechanism.terms):
+    terms = mechanism.terms
+    if is_wave(terms):
         return _measure_wave
-    first = mechanism.terms[0].screws[0]
+    screws = terms[0].screws
+    first = screws[0]
     if isinstance(first.cause, Bump):
         return _measure_curve if first.axis == "rz" else None
-    if len(mechanism.terms) > 1 or len(mechanism.terms[0].screws) > 1:
+    if len(terms) > 1 or len(screws) > 1:
         return None
     return _choose_by_driver(first.cause)
 
