@@ -69,8 +69,11 @@ def write_program(
     name = path.stem
     _check_name(language, path)
     _check_joints(language, slides)
-    plain = [line for comment in comments for line in _plain_lines(comment, MAX_COMMENT)]
-    program = Program(name, _to_unit(language, q, slides), tuple(slides), tuple(plain))
+    plain = list[str]()
+    for comment in comments:
+        plain += _plain_lines(comment, MAX_COMMENT)
+    values = _to_unit(language, q, slides)
+    program = Program(name, values, tuple(slides), tuple(plain))
     return language.write(program)
 
 
@@ -140,11 +143,14 @@ def _write_urscript(program: Program) -> str:
     """Write a URScript function: angles in rad, slow moves that stop at every point."""
     lines = [f"def {program.name}():"]
     lines += [f"  # {comment}" for comment in program.comments]
-    for values in program.rows(LANGUAGES["urscript"].digits):
+    language = LANGUAGES["urscript"]
+    rows = program.rows(language.digits)
+    for values in rows:
         listed = ", ".join(values)
         lines.append(f"  movej([{listed}], a=0.5, v=0.25)")
     lines.append("end")
-    return "\n".join(lines) + "\n"
+    text = "\n".join(lines)
+    return text + "\n"
 
 
 def _write_krl(program: Program) -> str:

@@ -139,13 +139,15 @@ def find_worst(fitted: Fitted) -> Worst:
     row = fitted.find_worst()
     readings = workspace.q[row]
     low, high = workspace.seen
-    beyond = np.flatnonzero((readings < low) | (readings > high)) + 1
-    shown = [
-        float(reading if slides else np.degrees(reading)) + 0.0
-        for reading, slides in zip(readings, workspace.problem.robot.prismatic, strict=True)
-    ]
-    slides = workspace.problem.robot.prismatic
-    return Worst(fitted.moved_at(row), tuple(shown), slides, tuple(beyond.tolist()))
+    is_beyond = (readings < low) | (readings > high)
+    beyond = np.flatnonzero(is_beyond) + 1
+    prismatic = workspace.problem.robot.prismatic
+    shown = []
+    for reading, slides in zip(readings, prismatic, strict=True):
+        value = reading if slides else np.degrees(reading)
+        shown.append(float(value) + 0.0)
+    moved = fitted.moved_at(row)
+    return Worst(moved, tuple(shown), prismatic, tuple(beyond.tolist()))
 
 
 # -- sizes

@@ -228,7 +228,8 @@ def refine_without_gross_rows(sight: Sight, at: Placed) -> tuple[Placed, Mask]:
     for _ in range(GROSS_ROUNDS):
         misfits = compute_misfits(sight, at)
         median = float(compute_trimmed_median(misfits, sight.unknowns))
-        good = misfits <= GROSS * median
+        limit = GROSS * median
+        good = misfits <= limit
         weight = good.astype(float)
         sigma = median / MEDIAN_3
         objective = _Objective(sight, scale=None, weight=weight, sigma=sigma)
