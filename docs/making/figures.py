@@ -15,6 +15,7 @@ from arm import short
 from campaigns import BASE, NOISE, ROBOT, View, effect, look, measured
 
 from modelsel._typing import Array
+from modelsel.diagnosis.conclusion import build_empty
 from modelsel.diagnosis.credible_sets import ask
 from modelsel.diagnosis.evidence import (
     RATIOS,
@@ -25,7 +26,6 @@ from modelsel.diagnosis.evidence import (
     sum_evidence,
 )
 from modelsel.diagnosis.state import LEVEL
-from modelsel.diagnosis.stepwise import build_empty
 from modelsel.diagnosis.unexplained import POWER, compute_detection_limit
 from modelsel.mechanisms.registry import mechanism
 from modelsel.report.style import BLUE, GREY, INK, ORANGE, QUIET, svg, use_style

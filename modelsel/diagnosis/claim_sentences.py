@@ -106,6 +106,8 @@ def _tells_as_much(effect: Effect, claimed: ClaimedLevel) -> bool:
     where not even the place is."""
     if claimed.level == "cause" or claimed.probability < PROVEN:
         return True
+    if claimed.level == "drivers":
+        return effect.candidate.kind is CandidateKind.FREE_FUNCTION
     return claimed.level == "shape" and not effect.candidate.registered
 
 

@@ -22,10 +22,11 @@ from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Split
 from .candidates import Candidate
+from .conclusion import build_empty, conclude
 from .options import DiagnosisOptions
 from .outcome import Diagnosis
 from .state import Search
-from .stepwise import Exploration, build_empty, conclude, explore
+from .stepwise import Exploration, explore
 
 # searches at most, each with the parts of the errors that the one before has left: where some stay,
 # and where none do

@@ -6,11 +6,12 @@ from __future__ import annotations
 import numpy as np
 
 from modelsel.diagnosis.candidates import Candidate
+from modelsel.diagnosis.conclusion import conclude
 from modelsel.diagnosis.options import DEFAULT_OPTIONS
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.separation import Inquiry, separate
 from modelsel.diagnosis.state import Search
-from modelsel.diagnosis.stepwise import conclude, explore
+from modelsel.diagnosis.stepwise import explore
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.possible_parts import list_parts

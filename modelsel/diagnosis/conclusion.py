@@ -1,0 +1,266 @@
+"""The conclusion of a search: what the full model needs, how much of it is proven, and what is left.
+
+Effects that chance explains given the others are dropped; shapes that no list has may take the place
+of some; the rest is fitted exactly and told with its claims."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from .._typing import Array
+from ..fitting.design import Model
+from ..fitting.least_squares import STEP_MM, Fit
+from ..fitting.shrinkage import fit_shrunk
+from ..mechanisms.terms import Mechanism
+from .candidates import Candidate
+from .claims import weigh_claims
+from .effects import Claim, Effect
+from .evidence import compute_p_value, compute_single_f
+from .outcome import Diagnosis
+from .state import LEVEL, Search, View
+from .stepwise import Exploration, Remainder, explore_further
+
+# times that shapes which no list has are offered
+MAX_OFFERS = 2
+# share of either of two effects below which what is left of both is reported
+MAX_CANCELLED = 0.5
+
+
+class _Settled(NamedTuple):
+    """What stays of a search: its effects with their p-values, the map's p-values, and the view."""
+
+    p: dict[int, float]
+    map_p: Array
+    view: View
+
+    @property
+    def chosen(self) -> list[int]:
+        """The candidates that stay."""
+        return list(self.p)
+
+
+def build_empty(base: Model, base_fit: Fit) -> Diagnosis:
+    """Build the diagnosis without candidates: nothing may extend the base."""
+    nothing = np.zeros(0)
+    return Diagnosis(
+        base=base,
+        effects=(),
+        model=base,
+        fit=base_fit,
+        null=nothing,
+        path=(),
+        left=None,
+        left_p=1.0,
+        held_back=None,
+        bound=np.inf,
+        single_f=nothing,
+        map_p=nothing,
+    )
+
+
+def conclude(explored: Exploration) -> Diagnosis:
+    """Drop what the full model does not need, weigh how much of every effect is proven, and put the
+    diagnosis together.
+
+    Where a shape that no list has explains effects better, the search goes on with it."""
+    settled = _settle(explored)
+    weighed = weigh_claims(explored.search, settled.view, settled.chosen)
+    for _ in range(MAX_OFFERS):
+        if not weighed.better:
+            break
+        explored = _take_shapes(explored, settled, weighed.better)
+        settled = _settle(explored)
+        weighed = weigh_claims(explored.search, settled.view, settled.chosen)
+    return _build_diagnosis(explored, settled, weighed.claims)
+
+
+def _settle(explored: Exploration) -> _Settled:
+    """Drop the effects that the full model does not need, and confirm the others."""
+    search, progress = explored.search, explored.progress
+    chosen, view = prune_effects(search, progress.chosen, progress.view, progress.path)
+    return _Settled(*_confirm_effects(search, chosen, view, progress.path))
+
+
+def _take_shapes(
+    explored: Exploration, settled: _Settled, better: Sequence[tuple[tuple[int, ...], Candidate]]
+) -> Exploration:
+    """Put shapes that no list has in the place of effects, and let the search go on.
+
+    An effect that has given way to one shape does not give way to another."""
+    before, chosen, path = explored.search, settled.chosen, list(explored.progress.path)
+    shapes: dict[Mechanism, Candidate] = {}
+    for members, shape in better:
+        if set(members) <= set(chosen):
+            left = " & ".join(before.found[g].label for g in members)
+            path.append(f"{left} -> {shape.label}")
+            chosen = [g for g in chosen if g not in members]
+            shapes.setdefault(shape.mechanism, shape)
+    search = before.offer(tuple(shapes.values()))
+    chosen += range(len(before.found), len(search.found))
+    further = explore_further(search, chosen, settled.view.fitted, path)
+    return further or explored
+
+
+def _build_diagnosis(
+    explored: Exploration, settled: _Settled, claims: Mapping[int, Claim]
+) -> Diagnosis:
+    """Fit the model exactly, and put the diagnosis together."""
+    search, progress, remainder = explored.search, explored.progress, explored.remainder
+    view, chosen = settled.view, settled.chosen
+    if chosen != progress.chosen:
+        remainder = _assess_remainder(search, view, chosen)
+    fitted = view.fitted
+    if chosen:
+        fitted = fit_shrunk(search.problem, view.model, view.fitted, held="all")
+    return Diagnosis(
+        base=search.base,
+        effects=_build_effects(search, view, fitted, settled.p, claims),
+        model=view.model,
+        fit=fitted,
+        null=search.null,
+        path=tuple(progress.path),
+        left=remainder.strongest,
+        left_p=remainder.p,
+        held_back=remainder.held_back,
+        bound=search.bound,
+        single_f=compute_single_f(search.first.scan, search.first.response),
+        map_p=settled.map_p,
+        offered=search.found,
+    )
+
+
+# Drop: effects whose size stays open, and those that chance explains given the others.
+
+
+def prune_effects(
+    search: Search, chosen: list[int], view: View, path: list[str]
+) -> tuple[list[int], View]:
+    """Drop the effects that the others make dispensable, the weakest first.
+
+    Such are those whose size the others leave open, and those that chance alone would explain."""
+    while chosen:
+        g = _find_dispensable(search, chosen, view)
+        if g is None:
+            break
+        rest = [k for k in chosen if k != g]
+        after = search.try_fit(rest, view.fitted)
+        if after is None:
+            break
+        path.append(f"- {search.found[g].label}")
+        chosen = rest
+        view = after
+    return chosen, view
+
+
+def _find_dispensable(search: Search, chosen: Sequence[int], view: View) -> int | None:
+    for g in reversed(chosen):
+        if search.is_unbounded(g, view):
+            return g
+    evidence = {g: search.rename(g, view).evidence for g in chosen}
+    weakest = min(chosen, key=lambda g: evidence[g])
+    p = compute_p_value(evidence[weakest], search.null)
+    if p > LEVEL:
+        return weakest
+    return None
+
+
+def _confirm_effects(
+    search: Search, chosen: list[int], view: View, path: list[str]
+) -> tuple[dict[int, float], Array, View]:
+    """Confirm every effect given the others, under every null.
+
+    Returns p of every effect that stays, the map's family-wise p (G,), and the model's view.
+
+    An effect that passed when it came may fail once the others stand, and is dropped, the weakest
+    first; one that stands alone was tested when it came."""
+    while True:
+        if chosen:
+            refitted = search.try_fit(chosen, view.fitted, STEP_MM)
+            view = refitted or view
+        evidence = {g: search.rename(g, view).evidence for g in chosen}
+        nulls, map_p = search.draw_final_nulls(view, min(evidence.values(), default=np.inf))
+        p = {g: _compute_largest_p(evidence[g], nulls) for g in chosen}
+        if len(chosen) < 2:
+            return p, map_p, view
+        weakest = max(chosen, key=lambda g: p[g])
+        if p[weakest] <= LEVEL:
+            return p, map_p, view
+        rest = [g for g in chosen if g != weakest]
+        after = search.try_fit(rest, view.fitted)
+        if after is None:
+            return p, map_p, view
+        label = search.found[weakest].label
+        path.append(f"- {label}")
+        chosen = rest
+        view = after
+
+
+def _compute_largest_p(evidence: float, nulls: Sequence[Array]) -> float:
+    return max(compute_p_value(evidence, null) for null in nulls)
+
+
+# Tell: the effects, and what is left.
+
+
+def _assess_remainder(search: Search, view: View, chosen: Sequence[int]) -> Remainder:
+    """Assess the strongest explanation of what a model leaves, under both nulls."""
+    strongest = search.name_strongest(view, chosen)
+    evidence = strongest.evidence
+    p = compute_p_value(evidence, search.null)
+    if p <= LEVEL:
+        p_by_signs = search.compute_sign_p(view, chosen, evidence)
+        p = max(p, p_by_signs)
+    return Remainder(strongest, p)
+
+
+def _build_effects(
+    search: Search, view: View, fitted: Fit, p: dict[int, float], claims: Mapping[int, Claim]
+) -> tuple[Effect, ...]:
+    cancelled = _find_cancelling(search, list(p), view)
+    effects = []
+    for g, p_value in p.items():
+        terms = search.locate_terms(g, view)
+        effect = Effect(
+            candidate=search.found[g],
+            named=search.rename(g, view).named,
+            p=p_value,
+            estimate=fitted.theta[terms],
+            standard_error=fitted.standard_errors[terms],
+            cancels=cancelled.get(g),
+            claim=claims.get(g),
+        )
+        effects.append(effect)
+    return tuple(effects)
+
+
+def _find_cancelling(
+    search: Search, chosen: Sequence[int], view: View
+) -> dict[int, tuple[str, float]]:
+    """Find the effects of which another one takes back more than half at the target.
+
+    Maps each to the other's label, and the share of the smaller one that is left of both."""
+    displacement = {}
+    size = {}
+    for g in chosen:
+        moved = search.compute_displacement(g, view)
+        displacement[g] = moved
+        size[g] = float(np.linalg.norm(moved))
+    cancelled = {}
+    for g in chosen:
+        shares = []
+        for h in chosen:
+            smaller = min(size[g], size[h])
+            if h == g or smaller == 0:
+                continue
+            both = displacement[g] + displacement[h]
+            left = float(np.linalg.norm(both))
+            share = left / smaller
+            shares.append((share, h))
+        share, other = min(shares, default=(np.inf, -1))
+        if share < MAX_CANCELLED:
+            label = search.found[other].label
+            cancelled[g] = (label, share)
+    return cancelled
