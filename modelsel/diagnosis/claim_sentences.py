@@ -11,7 +11,14 @@ from ..mechanisms.terms import Mechanism
 from .candidate_kinds import CandidateKind
 from .credible_sets import CredibleSet
 from .effects import Effect
-from .sentences import MOTIONS, describe_amount, describe_candidate, describe_effect, list_cautions
+from .sentences import (
+    MOTIONS,
+    describe_amount,
+    describe_candidate,
+    describe_effect,
+    has_contrary_signs,
+    list_cautions,
+)
 from .signatures import LEVELS, PROVEN
 from .unlisted_shapes import list_drivers_of, list_parts_of
 from .unregistered import Place
@@ -108,7 +115,8 @@ def _tells_as_much(effect: Effect, claimed: ClaimedLevel) -> bool:
         return True
     if claimed.level == "drivers":
         return effect.candidate.kind is CandidateKind.FREE_FUNCTION
-    return claimed.level == "shape" and not effect.candidate.registered
+    is_contrary = has_contrary_signs(effect.candidate.mechanism, effect.estimate)
+    return claimed.level == "shape" and (is_contrary or not effect.candidate.registered)
 
 
 def _join(words: Sequence[str]) -> str:
