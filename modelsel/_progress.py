@@ -86,9 +86,10 @@ class Progress:
             return
         self.stage = line
         self.seen = None
+        count = len(self.steps)
         for number, step in enumerate(self.steps, 1):
             if line.startswith(step):
-                self.count = f"step {number} of {len(self.steps)}"
+                self.count = f"step {number} of {count}"
         self.screen.begin(f"{now:6.1f} s  {line}")
         self._show(now)
 
@@ -105,7 +106,8 @@ class Progress:
             left = f"{news.done:.0%}"
             seconds = self._extrapolate(news.done, now)
             if seconds is not None:
-                left += f", {format_seconds(seconds)} left"
+                remaining = format_seconds(seconds)
+                left += f", {remaining} left"
         self._show(now, shown, left)
 
     def _extrapolate(self, done: float, now: float) -> float | None:

@@ -146,7 +146,8 @@ def _expectation(error: Any) -> str:
 def _describe_bound(kind: str, context: dict[str, Any]) -> str:
     """Describe a number's bound; the bound of all numbers is that they are finite."""
     bound = next(iter(context.values()))
-    if abs(bound) == MAX_NUMBER:
+    allows_all = abs(bound) == MAX_NUMBER
+    if allows_all:
         is_whole = isinstance(bound, int)
         return "a whole number" if is_whole else "a finite number"
     words = {"greater_than": "above", "less_than": "below", "less_than_equal": "at most"}

@@ -91,6 +91,7 @@ def list_alarms(notes: Sequence[Note]) -> list[str]:
     fit is the verdict's own first sentence."""
     sentences = []
     for code, lead in ALARMS.items():
-        if code != HOPELESS_FIT:
-            sentences += [f"{lead}: {note.sentence}" for note in notes if note.code == code]
+        if code == HOPELESS_FIT:
+            continue
+        sentences += [f"{lead}: {note.sentence}" for note in notes if note.code == code]
     return sentences

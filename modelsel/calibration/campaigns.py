@@ -166,9 +166,11 @@ def _test_parameters(space: CommonSpace, tested: Index) -> tuple[tuple[Change, .
     errors = space.standard_errors[tested]
     z = differences / errors
     p_values = [two_sided_p(value) for value in z.tolist()]
-    p = correct_holm(np.array(p_values))
+    uncorrected = np.array(p_values)
+    p = correct_holm(uncorrected)
     changes = []
-    for i, corrected in zip(tested, p.tolist(), strict=True):
+    tests = zip(tested, p.tolist(), strict=True)
+    for i, corrected in tests:
         change = _build_change(space, i, corrected)
         changes.append(change)
 

@@ -74,7 +74,8 @@ def _describe_beyond_ranges(c: Calibration, data: Measurements) -> list[str]:
 def _describe_past_limits(c: Calibration, data: Measurements) -> list[str]:
     past = find_past_limits(c, data.q)
     sentences = []
-    for j, count in enumerate(past.sum(0).tolist(), 1):
+    counts = past.sum(0).tolist()
+    for j, count in enumerate(counts, 1):
         sentence = f"joint {j}: {count} of {len(data)} rows lie beyond its limits."
         if count:
             sentences.append(sentence)

@@ -341,7 +341,8 @@ def _describe_largest_change(c: Calibration, commands: Commands, row: int, joint
         distance = commands.before_mm[row]
         return f"the target would be moved by {distance:.3g} mm"
     change = commands.change[row, joint]
-    size = f"{change * 1e3:.3g} mrad"
+    mrad = change * 1e3
+    size = f"{mrad:.3g} mrad"
     is_slide = c.robot.joints[joint].prismatic
     if is_slide:
         size = f"{change:.3g} mm"

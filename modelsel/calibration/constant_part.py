@@ -197,9 +197,10 @@ def sample_workspace(
     values = {}
     covariates = {}
     for name, (low, high) in c.ranges.items():
-        values[name] = rng.uniform(low, high, m)
+        drawn = rng.uniform(low, high, m)
+        values[name] = drawn
         if not is_state_name(name):
-            covariates[name] = values[name]
+            covariates[name] = drawn
     readings = [values[f"q{joint}"] for joint in joints]
     q = np.stack(readings, 1)
     approach = rng.choice([-1.0, 1.0], q.shape)
@@ -208,7 +209,8 @@ def sample_workspace(
     for joint in joints:
         move = values.get(f"move{joint}", still)
         moves.append(move)
-    return bind_configurations(c, q, covariates, approach, np.stack(moves, 1), target, group)
+    moved = np.stack(moves, 1)
+    return bind_configurations(c, q, covariates, approach, moved, target, group)
 
 
 def bind_configurations(

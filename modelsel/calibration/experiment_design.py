@@ -259,8 +259,10 @@ def _choose_next(pairs: list[tuple[float, list[_Pair]]], blocked: Sequence[int])
         right = np.min(probabilities, axis=0)
         apart = np.min(distances, axis=0)
         # the farther apart, where all are sure
-        preference = 1e-3 * np.tanh(apart / 1e3)
-        value = value + weight * (right + preference)
+        farness = np.tanh(apart / 1e3)
+        preference = 1e-3 * farness
+        worth = right + preference
+        value = value + weight * worth
     value[list(blocked)] = -np.inf
     return int(np.argmax(value))
 

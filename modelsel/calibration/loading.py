@@ -79,18 +79,20 @@ def _restore(record: CalibrationRecord) -> Calibration:
     _check_estimates(record, model)
     x, y, z = bounded_array(record.tracker_mm).tolist()
     estimable = enumerate(estimate.estimable for estimate in record.estimates)
+    values = [estimate.value for estimate in record.estimates]
+    tools = [target.tool_mm for target in record.targets]
     calibration = Calibration(
         study=record.study,
         robot=_restore_robot(record),
         targets=tuple(target.name for target in record.targets),
         groups=tuple(group.name for group in record.groups),
-        tools=bounded_array([target.tool_mm for target in record.targets]),
+        tools=bounded_array(tools),
         tool_rotations=_restore_tool_rotations(record),
         placement=_restore_placement(record),
         registered=record.registered,
         tracker=(x, y, z),
         model=model,
-        theta=np.array([estimate.value for estimate in record.estimates]),
+        theta=np.array(values),
         factor=_restore_factor(record),
         kept=tuple(term for term, kept in estimable if kept),
         floor=_restore_floor(record.noise_floor),

@@ -76,7 +76,8 @@ class Refits:
         estimation["whole"], held_out["whole"] = self.whole
         if "nominal" not in held_out or form not in held_out:
             return None
-        for rms, rows in ((held_out, "held out"), (estimation, "on the rows that were fitted")):
+        sides = ((held_out, "held out"), (estimation, "on the rows that were fitted"))
+        for rms, rows in sides:
             nominal = rms["nominal"]
             own = rms[form]
             whole = rms["whole"]

@@ -69,15 +69,19 @@ def write_program(
     name = path.stem
     _check_name(language, path)
     _check_joints(language, slides)
-    plain = [line for comment in comments for line in _plain_lines(comment, MAX_COMMENT)]
-    program = Program(name, _to_unit(language, q, slides), tuple(slides), tuple(plain))
+    plain = list[str]()
+    for comment in comments:
+        plain += _plain_lines(comment, MAX_COMMENT)
+    values = _to_unit(language, q, slides)
+    program = Program(name, values, tuple(slides), tuple(plain))
     return language.write(program)
 
 
 def round_commands(form: str, q: Array, slides: Sequence[bool]) -> Array:
     """Return commands q (m, n) [rad, mm] as they come back from a program's decimals."""
     language = LANGUAGES[form]
-    rounded = np.round(_to_unit(language, q, slides), language.digits)
+    commands = _to_unit(language, q, slides)
+    rounded = np.round(commands, language.digits)
     if language.radians:
         return rounded
     return np.where(slides, rounded, np.radians(rounded))
@@ -92,7 +96,9 @@ def _to_unit(language: Language, q: Array, slides: Sequence[bool]) -> Array:
 def _check_name(language: Language, path: Path) -> None:
     name = path.stem
     is_word = re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", name, re.ASCII)
-    if is_word and len(name) <= language.max_name and not RESERVED.fullmatch(name):
+    is_short = len(name) <= language.max_name
+    is_reserved = RESERVED.fullmatch(name)
+    if is_word and is_short and not is_reserved:
         return
     plain = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_")
     advice = f"commands_{plain}"[: language.max_name].rstrip("_")
@@ -137,11 +143,14 @@ def _write_urscript(program: Program) -> str:
     """Write a URScript function: angles in rad, slow moves that stop at every point."""
     lines = [f"def {program.name}():"]
     lines += [f"  # {comment}" for comment in program.comments]
-    for values in program.rows(LANGUAGES["urscript"].digits):
+    language = LANGUAGES["urscript"]
+    rows = program.rows(language.digits)
+    for values in rows:
         listed = ", ".join(values)
         lines.append(f"  movej([{listed}], a=0.5, v=0.25)")
     lines.append("end")
-    return "\n".join(lines) + "\n"
+    text = "\n".join(lines)
+    return text + "\n"
 
 
 def _write_krl(program: Program) -> str:

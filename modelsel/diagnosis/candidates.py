@@ -133,9 +133,10 @@ def build_candidates(
         offered = generate_unregistered(problem, adjacent_only=within)
         unregistered = _select_new(offered, base, taken)
     share = _share_of_registered(bool(registered), bool(unregistered))
+    rest = 1 - share
     return (
         *_weigh_registered(registered, share, asked=not cells),
-        *_weigh_unregistered(unregistered, 1 - share, one_sided),
+        *_weigh_unregistered(unregistered, rest, one_sided),
     )
 
 
@@ -227,7 +228,8 @@ def _select_new(
     new: dict[Screws, Unregistered] = {}
     for explanation in offered:
         screws = collect_screws(explanation.mechanism)
-        if screws not in taken and not screws <= present:
+        is_new = screws not in taken and not screws <= present
+        if is_new:
             new.setdefault(screws, explanation)
     return new
 

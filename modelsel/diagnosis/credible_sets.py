@@ -163,7 +163,8 @@ def rename_effect(question: Question, g: int, without: Index) -> CredibleSet:
     but unrelated to g are set aside until g is the most probable, or none is left."""
     named = question.answer(without)
     displacement = question.displace(g)
-    if displacement.dot(displacement) <= 0:
+    square = displacement.dot(displacement)
+    if square <= 0:
         return named  # the other effects absorb it completely
     aside = without.tolist()
     for _ in range(MAX_PASSES):
@@ -172,7 +173,8 @@ def rename_effect(question: Question, g: int, without: Index) -> CredibleSet:
         if not unrelated or named.top == g:
             break
         aside += unrelated
-        named = question.answer(np.array(aside, dtype=np.intp))
+        set_aside = np.array(aside, dtype=np.intp)
+        named = question.answer(set_aside)
     return named
 
 
@@ -183,11 +185,12 @@ def include_candidate(question: Question, named: CredibleSet, g: int) -> Credibl
     not tell, and the verdict says so."""
     if named.contains(g):
         return named
+    estimate = question.scan.fit_alone(g, question.response)
     entry = Entry(
         candidate=question.candidates[g],
         probability=float(np.exp(named.log_probability[g])),
         alike=False,
-        estimate=question.scan.fit_alone(g, question.response),
+        estimate=estimate,
         place=g,
     )
     kept = named.entries[: LISTED - 1]

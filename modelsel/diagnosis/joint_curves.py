@@ -156,14 +156,18 @@ def collect_curves(found: Sequence[Candidate], cols: Columns, log_prior: Array) 
 def build_curve(cols: Columns, which: Index, log_prior: Array, free: Mask) -> Curve:
     """Build what candidates `which` (k,) have in common, to weigh them together; `free` (k,) marks
     the free functions among them."""
-    index = np.unique(np.concatenate([cols.slices[g] for g in which]))
+    columns = [cols.slices[g] for g in which]
+    index = np.unique(np.concatenate(columns))
     blocks, homes = [], []
     for number, block in enumerate(cols.grams):
-        inside = np.flatnonzero(np.isin(block.which, which))
+        is_inside = np.isin(block.which, which)
+        inside = np.flatnonzero(is_inside)
         if len(inside):
             own = block.take(inside)
-            places = np.searchsorted(which, own.which)
-            blocks.append(replace(own, which=places, index=np.searchsorted(index, own.index)))
+            candidates = np.searchsorted(which, own.which)
+            own_columns = np.searchsorted(index, own.index)
+            renumbered = replace(own, which=candidates, index=own_columns)
+            blocks.append(renumbered)
             homes.append((number, inside))
     signs = tuple(cols.signs[g] for g in which)
     return Curve(
@@ -171,7 +175,7 @@ def build_curve(cols: Columns, which: Index, log_prior: Array, free: Mask) -> Cu
         log_prior=log_prior,
         free=free,
         index=index,
-        slices=tuple(np.searchsorted(index, cols.slices[g]) for g in which),
+        slices=tuple(np.searchsorted(index, own) for own in columns),
         gram=cols.screws.gram(index),
         blocks=tuple(blocks),
         homes=tuple(homes),

@@ -57,7 +57,8 @@ class LocalCauses:
 
         values = self.values.astype(dtype, copy=False)
         shape = len(self.starts) - 1, self.count
-        return csr_array((values, self.rows, self.starts), shape=shape)
+        entries = values, self.rows, self.starts
+        return csr_array(entries, shape=shape)
 
     def expand(self, which: Index) -> Array:
         """Return some causes (k, m) in full."""

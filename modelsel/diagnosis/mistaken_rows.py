@@ -217,9 +217,11 @@ def _find_slipped_rows(
     for _ in range(MAX_ROUNDS):
         data_as_given = replace(current.data, q=given.q, position=given.position)
         as_given = replace(current, data=data_as_given)
-        plain = compute_lengths(residuals(as_given))
+        left_as_given = residuals(as_given)
+        plain = compute_lengths(left_as_given)
         all_corrected = slip.correct(current)
-        corrected = compute_lengths(residuals(all_corrected))
+        left_corrected = residuals(all_corrected)
+        corrected = compute_lengths(left_corrected)
         again = corrected < plain / 2
         if (again == marked).all():
             break

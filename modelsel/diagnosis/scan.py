@@ -296,12 +296,14 @@ def build_buckets(
     `count`: 0 for one of no block."""
     buckets = []
     sizes = np.zeros(count)
-    for block, left in zip(blocks, lefts, strict=True):
+    pairs = zip(blocks, lefts, strict=True)
+    for block, left in pairs:
         W, size = _whiten(block, left)
         sizes[block.which] = size
         weights = None
-        if block.root is not None:
-            W, weights = _separate_by_prior(W, left, block.root)
+        root = block.root
+        if root is not None:
+            W, weights = _separate_by_prior(W, left, root)
         bucket = Bucket(block, left, W, weights)
         buckets.append(bucket)
     return tuple(buckets), sizes

@@ -361,10 +361,12 @@ def _build_row_blocks(
     is_kept: bool,
 ) -> Iterator[_RowBlock]:
     start = 0
-    by_row = replace(problem, whitening=problem.whitening.by_row())
+    whitening = problem.whitening.by_row()
+    by_row = replace(problem, whitening=whitening)
     for rows, values, _ in blocks(by_row, fields, at):
         whole = rows.stop - rows.start == len(problem)
         part = problem if whole else problem.take(rows)
+        shared = part.whitening.shared
         measured = None
         stop = start + values[0].size
         if problem.measured is not None:
@@ -378,6 +380,6 @@ def _build_row_blocks(
             wide=wide,
             kept=_evaluate(part, wide) if is_kept else None,
             local=LocalCauses.of(part, local),
-            mixing=None if part.whitening.shared is None else part.whitening.shared.mixing,
+            mixing=None if shared is None else shared.mixing,
         )
         start = stop

@@ -307,8 +307,9 @@ def _generate_size_cautions(term: Term, value: float, error: float) -> Iterator[
 def describe_effect(effect: Effect, doubt: str = "") -> str:
     """Describe one finding in one sentence; `doubt`, where there is one, stands beside its name."""
     candidate = effect.candidate
+    terms = candidate.mechanism.terms
     what = describe_candidate(candidate, effect.estimate)
-    amount = describe_amount(candidate.mechanism.terms, effect.estimate, effect.standard_error)
+    amount = describe_amount(terms, effect.estimate, effect.standard_error)
     if effect.named.verdict == FOUND:
         standing = _describe_probability(effect)
     else:

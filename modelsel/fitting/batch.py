@@ -84,7 +84,8 @@ class Ensemble:
         for place, (index, causes) in self._places.items():
             if place in columns:
                 column = columns[place]
-                entries[place] = constant[:, column : column + 1]
+                end = column + 1
+                entries[place] = constant[:, column:end]
             else:
                 entries[place] = theta[:, index] @ causes
         return entries

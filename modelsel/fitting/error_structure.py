@@ -130,7 +130,8 @@ def find_structure(
         return ErrorStructure()
     rows = _choose_rows(problem, training)
     offered = [replace(one, error=one.error.take(rows)) for one in candidates]
-    model = _build_model(problem.take(rows), fitted)
+    used = problem.take(rows)
+    model = _build_model(used, fitted)
     if model.freedom < MIN_LEVELS:
         return ErrorStructure()
     chosen = [one for one in offered if one.error.known is not None]
@@ -374,8 +375,10 @@ def compute_interval(scale: float, freedom: float) -> tuple[float, float]:
     tail = (1 - COVERAGE) / 2
     freedom = max(freedom, 1.0)
     high_quantile, low_quantile = chdtri(freedom, [tail, 1 - tail])
-    low = scale * np.sqrt(freedom / high_quantile)
-    high = scale * np.sqrt(freedom / low_quantile)
+    low_ratio = freedom / high_quantile
+    high_ratio = freedom / low_quantile
+    low = scale * np.sqrt(low_ratio)
+    high = scale * np.sqrt(high_ratio)
     return float(low), float(high)
 
 

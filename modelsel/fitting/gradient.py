@@ -139,7 +139,8 @@ class Rows:
 
     def at(self, theta: Array) -> Slope:
         """Evaluate at parameters theta (p,)."""
-        squares, products = 0.0, np.zeros(len(theta))
+        squares = 0.0
+        products = np.zeros(len(theta))
         for _, part in self.parts():
             slope = part.at(theta, self.space)
             squares += slope.squares
@@ -158,13 +159,17 @@ class _Part:
     def arm(self) -> _Arm:
         """The chain up to the target, of rows that are points or are taken for such."""
         problem = self.problem
-        return _Arm(problem if problem.only_points else problem.bare, self.screws)
+        if not problem.only_points:
+            problem = problem.bare
+        return _Arm(problem, self.screws)
 
     @cached_property
     def origin(self) -> _Arm | None:
         """The chain where the rows' distances begin."""
         origin = self.problem.origin
-        return None if origin is None else _Arm(origin, self.screws)
+        if origin is None:
+            return None
+        return _Arm(origin, self.screws)
 
     def at(self, theta: Array, space: Workspace) -> Slope:
         """Evaluate at parameters theta (p,)."""
@@ -179,8 +184,9 @@ class _Part:
         m) is overwritten."""
         whitening = self.problem.whitening
         white = whitening.apply(residual)
-        squares = float(np.vdot(white, white))
-        return squares, whitening.apply_transposed(white)
+        squares = np.vdot(white, white)
+        back = whitening.apply_transposed(white)
+        return float(squares), back
 
     def _readings_at(self, theta: Array) -> Slope:
         """`at` where not every row is a point: see `design.assemble`."""

@@ -79,7 +79,8 @@ class State:
         if self.damping:
             return False
         as_far_as_can_be = self.own and self.share > SLOW
-        return self.step_mm < (step_mm if as_far_as_can_be else LAST * step_mm)
+        longest = step_mm if as_far_as_can_be else LAST * step_mm
+        return self.step_mm < longest
 
 
 def relax_damping(state: State, delta: Array, gained: float) -> float:

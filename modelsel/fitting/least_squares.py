@@ -248,7 +248,8 @@ def go_on(solver: Solver, state: State, iterations: int, step_mm: float) -> Stat
     NotEstimable."""
     if solver.held != "nothing":
         state = solver.settle(state, iterations, step_mm)
-    solver.refuse(state, iterations == ITERATIONS, step_mm)
+    should_settle = iterations == ITERATIONS
+    solver.refuse(state, should_settle, step_mm)
     return state
 
 

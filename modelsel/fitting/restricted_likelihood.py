@@ -172,7 +172,8 @@ class _Best:
 
     def look(self, x: Array) -> Likelihood:
         """Return the likelihood at x."""
-        if np.array_equal(x, self.x):
+        is_here = np.array_equal(x, self.x)
+        if is_here:
             return self.at
         at = self.evaluate(x)
         if not at.log < self.at.log:

@@ -272,6 +272,7 @@ class SampledSolver(Solver):
 
     def conclude(self, state: State) -> Reduction:
         """Return the reduction at the solution: that of the expansion, which is near."""
-        reduction = state.expansion.reduction
+        expansion = state.expansion
+        reduction = expansion.reduction
         assert reduction is not None
-        return reduction.shift(state.theta - state.expansion.theta)
+        return reduction.shift(state.theta - expansion.theta)

@@ -101,9 +101,11 @@ class SharedError:
     def _add_up(self, inner: Array) -> Array:
         """Return for every row the sum of values (m, ...) over the rows of its level."""
         order, starts, number = self._levels
-        if len(starts) == len(order):
+        are_alone = len(starts) == len(order)
+        if are_alone:
             return inner
-        totals = np.add.reduceat(inner[order], starts, axis=0)
+        sorted_rows = inner[order]
+        totals = np.add.reduceat(sorted_rows, starts, axis=0)
         return np.asarray(totals[number])
 
     @cached_property
@@ -150,7 +152,8 @@ class Mixing:
         """Make the rows of values (..., c, m) independent; they are overwritten."""
         for rows, inverse in zip(self.rows, self.inverse, strict=True):
             own = _gather(values, rows)
-            _scatter(values, rows, np.matmul(inverse, own))
+            independent = np.matmul(inverse, own)
+            _scatter(values, rows, independent)
         return values
 
     def solve(self, values: Array) -> Array:
@@ -208,7 +211,9 @@ class Layout:
         for own in self.spreads:
             covariance = _combine(variances, own)
             lower = np.linalg.cholesky(covariance)
-            inverses.append(_invert_lower(np.asarray(lower, dtype=np.float64)))
+            triangle = np.asarray(lower, dtype=np.float64)
+            inverse = _invert_lower(triangle)
+            inverses.append(inverse)
         return Mixing(self.rows, tuple(inverses))
 
 
@@ -278,7 +283,8 @@ def keep_within(parts: Sequence[SharedError]) -> tuple[SharedError, ...]:
 
 def confine(part: SharedError, parts: Sequence[SharedError]) -> SharedError:
     """Return a part with no level beyond a stretch of the lasting one among `parts`."""
-    lasting = next((own for own in parts if own.time is not None), part)
+    all_lasting = (own for own in parts if own.time is not None)
+    lasting = next(all_lasting, part)
     if lasting is part:
         return part
     return _cut_levels(part, lasting.level)

@@ -111,11 +111,14 @@ class _Marginal:
     @cached_property
     def fixed_gram(self) -> Array:
         """`gram` (f, f) of the fixed terms, with the prior on what the data hardly determine."""
-        gram = self.gram[np.ix_(self.fixed, self.fixed)]
+        fixed = self.fixed
+        pairs = np.ix_(fixed, fixed)
+        gram = self.gram[pairs]
         rows = self.state.weak.rows
         if rows is None:
             return gram
-        weak = rows[:, self.kept][:, self.fixed]
+        kept_rows = rows[:, self.kept]
+        weak = kept_rows[:, fixed]
         weak_gram = weak.T @ weak
         return np.asarray(gram + weak_gram)
 
@@ -156,8 +159,10 @@ class _Marginal:
         known = self.state.shrinkage.precision
         groups = zip(self.groups, self.inside, strict=True)
         for group, positions in groups:
-            first = group[0]
-            initial = 1.0 if known is None else known[first]
+            initial = 1.0
+            if known is not None:
+                first = group[0]
+                initial = known[first]
             precision[positions] = initial
         return precision
 
@@ -186,16 +191,22 @@ class _Marginal:
     def _every(self, shrunk: Array) -> Array:
         """Return the estimates (k,) of all kept terms, from those (s,) of the shrunk ones."""
         coefficients, constants = self.elimination
-        out = np.empty(len(self.kept))
+        explained = coefficients @ shrunk
+        count = len(self.kept)
+        out = np.empty(count)
         out[self.shrunk] = shrunk
-        out[self.fixed] = constants - coefficients @ shrunk
+        out[self.fixed] = constants - explained
         return out
 
     def _noise_variance(self, beta: Array, effective: Sequence[float]) -> float:
         """Estimate sigma² from what beta leaves."""
-        step = beta - self.state.theta[self.kept]
+        state = self.state
+        before = state.theta[self.kept]
+        step = beta - before
+        descent = step @ self.left
         curved = step @ self.gram @ step
-        rss = self.state.slope.squares - 2 * float(step @ self.left) + float(curved)
+        squares = state.slope.squares
+        rss = squares - 2 * float(descent) + float(curved)
         counts = map(len, self.inside)
         shrunk = sum(counts)
         count = len(self.kept)

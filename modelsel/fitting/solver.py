@@ -81,7 +81,9 @@ class Solver:
     def count(self) -> int:
         """Count of the measured numbers of all rows."""
         problem = self.problem
-        return problem.coordinates if isinstance(problem, Problem) else self.nominal.rows
+        if isinstance(problem, Problem):
+            return problem.coordinates
+        return self.nominal.rows
 
     @cached_property
     def free(self) -> list[int]:
@@ -118,10 +120,13 @@ class Solver:
 
     def reduce(self, theta: Array, only: Sequence[int] | None = None) -> Reduction:
         """Reduce the rows at theta (p,)."""
-        if not theta.any() and not self.shrunk.any():
+        is_nominal = not theta.any()
+        if is_nominal and not self.shrunk.any():
             return self.nominal
         terms = self.model.terms
-        at = Linearisation(terms, theta) if theta.any() else None
+        at = None
+        if not is_nominal:
+            at = Linearisation(terms, theta)
         return reduce_problem(self.problem, terms, at, only)
 
     def expand(self, theta: Array) -> Expansion:
@@ -303,14 +308,18 @@ class Solver:
         """Judge what is fitted: by the dependences at the nominal chain, or, far from it, by those
         where the expansion is, which are returned, too."""
         if not self.is_far(state.theta):
-            return fitted_terms(self.exact, self.model), None
-        point = state.expansion.theta
-        if state.far is not None and state.far.point is point:
-            return state.far.found, state.far
-        reduction = state.expansion.free
+            nominal = fitted_terms(self.exact, self.model)
+            return nominal, None
+        expansion = state.expansion
+        point = expansion.theta
+        far = state.far
+        if far is not None and far.point is point:
+            return far.found, far
+        reduction = expansion.free
         if reduction is None:
-            reduction = self.reduce_free(state.expansion)
-        found = fitted_terms(self.identified(reduction), self.model)
+            reduction = self.reduce_free(expansion)
+        identified = self.identified(reduction)
+        found = fitted_terms(identified, self.model)
         return found, Far(point, found)
 
     def reduce_free(self, expansion: Expansion) -> Reduction:

@@ -330,7 +330,8 @@ def _restore_term(record: TermRecord, mechanism: str) -> Term:
     term = Term(record.symbol, tuple(screws), size, record.sign, record.usual)
     printed = [str(screw.cause) for screw in screws]
     stored = [screw_record.prints for screw_record in record.screws]
-    if term.unit != record.unit or printed != stored:
+    differs = term.unit != record.unit or printed != stored
+    if differs:
         raise ValueError(
             f"the unit or the printed causes of {term.symbol} of {mechanism} are not those of its screws"
         )

@@ -31,7 +31,8 @@ def _note(words: str) -> str:
 def _table(parts: list[ErrorPartRecord]) -> str:
     rms, _, high = scale_intervals(parts)
     end = measure_axis(rms, high)
-    factor, unit = choose_unit("mm", float(rms.max()))
+    largest = float(rms.max())
+    factor, unit = choose_unit("mm", largest)
     columns = [
         *COLUMNS,
         "share of what is left",
@@ -39,10 +40,9 @@ def _table(parts: list[ErrorPartRecord]) -> str:
     ]
     head = "".join(f'<th scope="col">{escape(name)}</th>' for name in columns)
     pictures = _draw_rows(parts, end)
-    body = "\n".join(
-        f"<tr>{_cells(row)}{picture}</tr>"
-        for row, picture in zip(tabulate_parts(parts), pictures, strict=True)
-    )
+    rows = zip(tabulate_parts(parts), pictures, strict=True)
+    lines = [f"<tr>{_cells(row)}{picture}</tr>" for row, picture in rows]
+    body = "\n".join(lines)
     table = f"<thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody>"
     return f'<table class="plain stack">\n{table}\n</table>\n{_note(SHARES)}'
 

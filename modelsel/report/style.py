@@ -119,4 +119,5 @@ def shorten(text: str, longest: int) -> str:
     """Return a name cut to a length, with an ellipsis."""
     if len(text) <= longest:
         return text
-    return text[: longest - 1].rstrip(" ·&") + "…"
+    kept = text[: longest - 1].rstrip(" ·&")
+    return kept + "…"

@@ -70,7 +70,8 @@ def show_analysis(record: StudyRecord, details: DetailsRecord, console: Console)
         console.print(_map_table(record.error_map))
     if record.significance:
         console.print(_significance_table(record.significance))
-    _print_sentences(_analysis_sentences(record, details), console)
+    sentences = _analysis_sentences(record, details)
+    _print_sentences(sentences, console)
 
 
 def show_sampling(record: StudyRecord, console: Console) -> None:

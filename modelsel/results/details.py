@@ -101,7 +101,8 @@ def _values(run: StudyRun, drawing: _Drawing) -> Values:
 
 
 def _describe_rows(run: StudyRun, drawing: _Drawing) -> Values:
-    data, rows = drawing.problem.data, drawing.rows
+    data = drawing.problem.data
+    rows = drawing.rows
     return {
         "of": len(run.problem),
         "row": data.row.tolist(),
@@ -178,7 +179,8 @@ def _spread(mask: Mask, count: int) -> Index:
     indices = np.flatnonzero(mask)
     if len(indices) <= count:
         return indices
-    steps = np.linspace(0, len(indices) - 1, max(count, 1)).astype(int)
+    last = len(indices) - 1
+    steps = np.linspace(0, last, max(count, 1)).astype(int)
     spread: Index = indices[steps]
     return spread
 

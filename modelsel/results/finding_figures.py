@@ -139,13 +139,15 @@ def find_worst(fitted: Fitted) -> Worst:
     row = fitted.find_worst()
     readings = workspace.q[row]
     low, high = workspace.seen
-    beyond = np.flatnonzero((readings < low) | (readings > high)) + 1
-    shown = [
-        float(reading if slides else np.degrees(reading)) + 0.0
-        for reading, slides in zip(readings, workspace.problem.robot.prismatic, strict=True)
-    ]
-    slides = workspace.problem.robot.prismatic
-    return Worst(fitted.moved_at(row), tuple(shown), slides, tuple(beyond.tolist()))
+    is_beyond = (readings < low) | (readings > high)
+    beyond = np.flatnonzero(is_beyond) + 1
+    prismatic = workspace.problem.robot.prismatic
+    shown = []
+    for reading, slides in zip(readings, prismatic, strict=True):
+        value = reading if slides else np.degrees(reading)
+        shown.append(float(value) + 0.0)
+    moved = fitted.moved_at(row)
+    return Worst(moved, tuple(shown), prismatic, tuple(beyond.tolist()))
 
 
 # -- sizes
@@ -261,7 +263,9 @@ def _write_sizes(sizes: Sequence[tuple[Named, float]], rms_mm: float) -> str:
     """Write the line of small findings with their rms [mm], and what they are together."""
     parts = []
     for one, size in sizes:
-        doubt = " (doubtful)" if one.doubtful else ""
+        doubt = ""
+        if one.doubtful:
+            doubt = " (doubtful)"
         parts.append(f"{one.name} {format_length(size)}{doubt}")
     listed = ", ".join(parts)
     if len(sizes) == 1:

@@ -57,13 +57,16 @@ def surprise_notes(split: Split, chosen: Evaluation) -> tuple[Note, ...]:
         return ()
     held = ~split.estimation & ~split.outlying
     block = split.problem.data.block
-    errors = np.linalg.norm(chosen.residual[held][:, :3], axis=1)
+    positions = chosen.residual[held][:, :3]
+    errors = np.linalg.norm(positions, axis=1)
     times, p = compare_held_out(chosen.crossed, block[split.used], errors, block[held])
     if times < MIN_SURPRISE or p > MAX_SURPRISE_P:
         return ()
+    found = format_length(root_mean_square(errors))
+    promised = format_length(root_mean_square(chosen.crossed))
     sentence = (
-        f"The held-out configurations err by {format_length(root_mean_square(errors))} rms where cross-validation within the "
-        f"estimation configurations promises {format_length(root_mean_square(chosen.crossed))} (by chance with probability "
+        f"The held-out configurations err by {found} rms where cross-validation within the "
+        f"estimation configurations promises {promised} (by chance with probability "
         f"{p:.1g}): something acts there that the estimation configurations do not show. Neither the findings nor "
         "their absence speak of it: let such configurations estimate, too."
     )

@@ -55,7 +55,9 @@ def _describe_place(frame: int, axis: str, problem: Problem, field: Array) -> Va
     turns_only = problem.components == 6 and is_still
     part = displacement[3:] if turns_only else displacement[:3]
     is_lever = axis[0] == "r" and not turns_only
-    decimals = 1 if is_lever else 4
+    decimals = 4
+    if is_lever:
+        decimals = 1
     return {
         "frame": frame,
         "axis": axis,

@@ -88,7 +88,8 @@ class _Group:
         """Return the fitted twist where the variable is x."""
         twist = np.zeros(len(x))
         for coefficient, cause in self.parts:
-            twist = twist + coefficient * self._cause_along(cause, x)
+            values = self._cause_along(cause, x)
+            twist = twist + coefficient * values
         return twist
 
     def _cause_along(self, cause: Cause, x: Array) -> Array:
@@ -98,9 +99,12 @@ class _Group:
         if self.abscissa.kind == "step" and isinstance(cause, Applied):
             return np.sign(x)
         if isinstance(variable, Named):
-            return np.asarray(cause.of(_Line(variable.name, x)))
+            line = _Line(variable.name, x)
+            values = cause.of(line)
+            return np.asarray(values)
         if isinstance(cause, Applied):
-            return np.asarray(FUNCTIONS[cause.function](x))
+            function = FUNCTIONS[cause.function]
+            return np.asarray(function(x))
         return np.zeros(len(x))
 
 
@@ -197,7 +201,8 @@ def _choose_abscissa(
 ) -> _Abscissa:
     """Return what to draw a cause against: a wave against its angle, a sign against its argument."""
     if isinstance(cause, Bump):
-        return _Abscissa(Named(cause.name, units.get(cause.name, "1")), "free")
+        unit = units.get(cause.name, "1")
+        return _Abscissa(Named(cause.name, unit), "free")
     if isinstance(cause, Applied) and cause.function == "sign":
         return _Abscissa(cause.argument, "step")
     for sibling in siblings:
@@ -242,7 +247,8 @@ def _observed_part(moved: Array) -> slice:
     """Return which coordinates show a group: the position, else the orientation that it only turns."""
     displacement = float(np.abs(moved[:3]).max())
     has_orientation = len(moved) > 3
-    if has_orientation and displacement <= MIN_DISPLACEMENT:
+    only_turns = has_orientation and displacement <= MIN_DISPLACEMENT
+    if only_turns:
         return slice(3, 6)
     return slice(0, 3)
 
@@ -250,10 +256,12 @@ def _observed_part(moved: Array) -> slice:
 def _select_points(mask: Array) -> Index | None:
     """Return at most MAX_POINTS rows of a mask, evenly spread; None of fewer than two."""
     rows = np.flatnonzero(mask)
-    if len(rows) < 2:
+    count = len(rows)
+    if count < 2:
         return None
-    steps = np.linspace(0, len(rows) - 1, min(len(rows), MAX_POINTS)).astype(int)
-    chosen: Index = rows[np.unique(steps)]
+    steps = np.linspace(0, count - 1, min(count, MAX_POINTS))
+    places = np.unique(steps.astype(int))
+    chosen: Index = rows[places]
     return chosen
 
 
@@ -261,14 +269,16 @@ def _place_points(group: _Group, x: Array, before: Array, after: Array, weight: 
     """Return the points and the fitted curve, folded where waves are, in degrees where the variable is an angle."""
     abscissa = group.abscissa
     if abscissa.is_folded:
-        x = abscissa.waves * x % (2 * np.pi)
-        grid = np.linspace(0, 2 * np.pi, CURVE_POINTS)
+        turn = 2 * np.pi
+        x = abscissa.waves * x % turn
+        grid = np.linspace(0, turn, CURVE_POINTS)
         curve = group.evaluate(grid / abscissa.waves)
     else:
         grid = _grid(x)
         curve = group.evaluate(grid)
     if abscissa.is_angle:
-        return _Points(np.degrees(x), before, after, weight, np.degrees(grid), curve)
+        x = np.degrees(x)
+        grid = np.degrees(grid)
     return _Points(x, before, after, weight, grid, curve)
 
 
@@ -283,7 +293,9 @@ def _describe_abscissa(abscissa: _Abscissa) -> Values:
     against = str(abscissa.variable)
     if abscissa.is_folded:
         against = f"{abscissa.waves:g}*{against}, folded"
-    unit = "deg" if abscissa.is_angle else abscissa.variable.unit
+    unit = abscissa.variable.unit
+    if abscissa.is_angle:
+        unit = "deg"
     return {"against": against, "against_unit": unit}
 
 

@@ -41,10 +41,13 @@ def describe_ends(value: Range) -> str:
     if value.low is None and value.high is None:
         return ""
     if value.low is None:
-        return f" (95 %: at most {format_figure(value.high or 0.0)})"
+        high = format_figure(value.high or 0.0)
+        return f" (95 %: at most {high})"
+    low = format_figure(value.low)
     if value.high is None:
-        return f" (95 %: at least {format_figure(value.low)})"
-    return f" (95 %: {format_figure(value.low)} to {format_figure(value.high)})"
+        return f" (95 %: at least {low})"
+    high = format_figure(value.high)
+    return f" (95 %: {low} to {high})"
 
 
 def format_figure(value: float) -> str:
@@ -52,7 +55,9 @@ def format_figure(value: float) -> str:
     if value == 0:
         return "0"
     rounded = float(f"{value:.3g}")
-    if abs(rounded) >= LARGE:
+    size = abs(rounded)
+    if size >= LARGE:
         return f"{rounded:,.0f}"
-    places = max(2 - int(np.floor(np.log10(abs(rounded)))), 0)
+    order = np.floor(np.log10(size))
+    places = max(2 - int(order), 0)
     return f"{rounded:.{places}f}"

@@ -110,7 +110,8 @@ def _placements(run: StudyRun, data: Measurements) -> Values:
     values: Values = {}
     register = run.study.robot.register_
     if register:
-        values["registration"] = locate_placements(run.problem, register == "per group")
+        per_group = register == "per group"
+        values["registration"] = locate_placements(run.problem, per_group)
     if data.gauges is not None:
         features = locate_features(run.problem, run.models.chosen.fit)
         values["features"] = [asdict(feature) for feature in features]

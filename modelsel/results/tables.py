@@ -26,8 +26,10 @@ def label_models(models: Sequence[Sequence[str]]) -> list[str]:
     above: list[str] = []
     for names in map(list, models):
         common = len(above)
-        if above and len(names) > common and names[:common] == above:
-            labels.append("+ " + " + ".join(names[common:]))
+        extends = len(names) > common and names[:common] == above
+        if above and extends:
+            added = " + ".join(names[common:])
+            labels.append(f"+ {added}")
         else:
             labels.append(" + ".join(names) or "set-up alone")
         above = names
@@ -57,7 +59,8 @@ def _tabulate_ladder(record: StudyRecord) -> pd.DataFrame:
 
     labels = label_ladder(record)
     rungs = zip(labels, record.ladder, strict=True)
-    return pd.DataFrame([{"model": label} | _model_row(rung) for label, rung in rungs])
+    rows = [{"model": label} | _model_row(rung) for label, rung in rungs]
+    return pd.DataFrame(rows)
 
 
 def _tabulate_candidates(record: StudyRecord) -> pd.DataFrame:

@@ -40,16 +40,20 @@ def list_usable(mechanism: Mechanism, fitted: Fitted) -> list[Usable]:
     measure = MEASURES.get(mechanism.stem)
     if measure is None:
         measure = _choose_by_shape(mechanism)
-    return [] if measure is None else list(measure(mechanism, fitted))
+    if measure is None:
+        return []
+    return list(measure(mechanism, fitted))
 
 
 def _choose_by_shape(mechanism: Mechanism) -> Measure | None:
-    if is_wave(mechanism.terms):
+    terms = mechanism.terms
+    if is_wave(terms):
         return _measure_wave
-    first = mechanism.terms[0].screws[0]
+    screws = terms[0].screws
+    first = screws[0]
     if isinstance(first.cause, Bump):
         return _measure_curve if first.axis == "rz" else None
-    if len(mechanism.terms) > 1 or len(mechanism.terms[0].screws) > 1:
+    if len(terms) > 1 or len(screws) > 1:
         return None
     return _choose_by_driver(first.cause)
 
@@ -82,14 +86,17 @@ def _measure_play(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     """Measure the whole step between the two sides, and what it is at the wrist."""
     screw = mechanism.terms[0].screws[0]
     words = _describe_step(mechanism, fitted)
-    whole = fitted.range_of(np.array([2.0]))
+    both_sides = np.array([2.0])
+    whole = fitted.range_of(both_sides)
     if screw.axis == "tz":
         yield express(words, whole, "mm")
         return
-    yield express(words, whole.scale(ARC_SECONDS), "arcsec")
+    turn = whole.scale(ARC_SECONDS)
+    yield express(words, turn, "arcsec")
     lever = _find_wrist_lever(fitted, screw.frame)
+    moved = whole.scale(lever.mm)
     at = f"at the {lever.point}"
-    yield express(f"{words} {at}", whole.scale(lever.mm), "mm", f"{at} at most")
+    yield express(f"{words} {at}", moved, "mm", f"{at} at most")
 
 
 def _measure_sides(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -102,7 +109,8 @@ def _express_motion(words: str, motion: Range, axis: str, where: str = "") -> Us
     """Express a shift in mm, a turn in arc seconds."""
     if axis[0] == "t":
         return express(words, motion, "mm", where)
-    return express(words, motion.scale(ARC_SECONDS), "arcsec", where)
+    turn = motion.scale(ARC_SECONDS)
+    return express(words, turn, "arcsec", where)
 
 
 def _describe_step(mechanism: Mechanism, fitted: Fitted) -> str:
@@ -173,17 +181,21 @@ def _measure_curve(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
 
 def _measure_slope(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     """Measure what every term turns over a quarter of a turn of its driver, or slides over a metre."""
-    for k, term in enumerate(mechanism.terms):
+    terms = mechanism.terms
+    units = np.eye(len(terms))
+    for term, unit in zip(terms, units, strict=True):
         screw = term.screws[0]
         driver = _describe_driver(mechanism, str(screw.cause))
-        slope = fitted.range_of(np.eye(len(mechanism.terms))[k])
+        slope = fitted.range_of(unit)
         if screw.axis == "tz":
             words = f"over 1 m {driver}"
-            yield express(words, slope.scale(METRE), "mm", words)
+            shift = slope.scale(METRE)
+            yield express(words, shift, "mm", words)
             continue
         over = slope.scale(QUARTER_TURN)
         words = f"over 90° {driver}"
-        yield express(words, over.scale(ARC_SECONDS), "arcsec", words)
+        turn = over.scale(ARC_SECONDS)
+        yield express(words, turn, "arcsec", words)
         lever = _find_lever(fitted, screw.frame)
         moved = over.scale(lever)
         yield express(f"{words}, at the target", moved, "mm", "at the target at most")
@@ -232,7 +244,8 @@ def _warm(mechanism: Mechanism, fitted: Fitted) -> tuple[float, Fitted]:
 
 
 def _measure_warm_target(reference: float, warm: Fitted) -> Usable:
-    moved = warm.moved_at(warm.find_worst())
+    row = warm.find_worst()
+    moved = warm.moved_at(row)
     words = f"at the target per 10 K, counted from {reference:g} °C"
     return express(words, moved, "mm", "at the target at most, per 10 K")
 

@@ -133,7 +133,9 @@ def _describe_named(every: NamedErrors, extends: bool) -> str:
     number = write_number(len(named))
     errors = "error was" if len(named) == 1 else "errors were"
     doubt = _describe_rivals(named)
-    addition = "" if extends else "; the study adds none of them to the model"
+    addition = ""
+    if not extends:
+        addition = "; the study adds none of them to the model"
     small = [one for one in named if not one.matters]
     if len(small) < MIN_GROUPED:
         listed = _list_names(named)

@@ -133,7 +133,8 @@ class Fitted:
     def columns(self) -> Array:
         """The target's displacement (k, 3, m) per unit of every term."""
         if not self._columns:
-            self._columns.append(self.workspace.displace(self.terms))
+            columns = self.workspace.displace(self.terms)
+            self._columns.append(columns)
         return self._columns[0]
 
     def moved(self) -> Array:
@@ -151,7 +152,9 @@ class Fitted:
         length = float(np.linalg.norm(here))
         if length == 0:
             return Range(0.0, 0.0, 0.0)
-        return self.range_of(each[:, :, row] @ (here / length))
+        direction = here / length
+        along = each[:, :, row] @ direction
+        return self.range_of(along)
 
     def range_of(self, gradient: Array) -> Range:
         """Return a positive number that is linear in the terms, with its interval from zero up."""

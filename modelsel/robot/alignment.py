@@ -82,7 +82,8 @@ def _align_at(
     frames = []
     differences = []
     for k, slides in enumerate(prismatic):
-        between = inverse(base @ own[k]) @ theirs[k]
+        placed = base @ own[k]
+        between = inverse(placed) @ theirs[k]
         difference = _compare_axes(k + 1, between, slides)
         differences.append(difference)
         frame = _keep_free_part(between, slides)

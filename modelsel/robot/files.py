@@ -66,11 +66,13 @@ def _read_transform(
         return np.eye(4), np.eye(4)
     form = given[0]
     if form == "transform_mm":
-        before = _read_matrix(read, f"{place}.transform_mm", row["transform_mm"])
+        matrix = row["transform_mm"]
+        before = _read_matrix(read, f"{place}.transform_mm", matrix)
         return before, np.eye(4)
     if form == "xyz_mm":
         return _read_origin(read, place, row)
-    return _read_dh(read, f"{place}.dh", row["dh"], modified)
+    numbers = row["dh"]
+    return _read_dh(read, f"{place}.dh", numbers, modified)
 
 
 def _read_matrix(read: Reader, place: str, value: Any) -> Array:
@@ -196,7 +198,8 @@ def _read_chain(
         place = f"joint {k}"
         read.check_keys(place, row, JOINT_KEYS)
         before, after = _read_transform(read, place, row, modified)
-        joint = _read_joint(read, place, row, pending @ before)
+        to_joint = pending @ before
+        joint = _read_joint(read, place, row, to_joint)
         joints.append(joint)
         pending = after
     last = table.get("last")

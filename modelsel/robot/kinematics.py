@@ -111,7 +111,9 @@ class Robot:
                 slides.append(travel)
         offset = self.last[:3, 3]
         last = np.linalg.norm(offset)
-        return sum(links) + sum(slides) + float(last)
+        fixed = sum(links)
+        travels = sum(slides)
+        return fixed + travels + float(last)
 
     @cached_property
     def fixed(self) -> tuple[FixedTransform, ...]:

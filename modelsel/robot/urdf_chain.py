@@ -110,12 +110,14 @@ def _list_paths(
     stack = [(base, [])]
     while stack:
         link, path = stack.pop()
-        if len(path) > MAX_CHAIN_LENGTH:
+        is_loop = len(path) > MAX_CHAIN_LENGTH
+        if is_loop:
             raise StudyError(f"{where}: the links form a loop. A serial chain is expected.")
         is_end = tip is None or link == tip
         if is_end:
             paths.append(path)
-        for joint in joints_on.get(link, []):
+        following = joints_on.get(link, [])
+        for joint in following:
             child = child_of(joint)
             longer = [*path, joint]
             stack.append((child, longer))

@@ -77,7 +77,9 @@ class _Places:
 
     def start(self, name: str, attributes: Mapping[str, str]) -> None:
         depth = len(self.path)
-        inside = self.path[-1] if self.path else ""
+        inside = ""
+        if self.path:
+            inside = self.path[-1]
         self.path.append(name)
         at = self.parser.CurrentByteIndex
         if depth == 1 and name == "joint":

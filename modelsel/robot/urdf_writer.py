@@ -94,7 +94,9 @@ def _add_joint(root: ET.Element, number: int, joint: Joint) -> None:
         kind = "continuous"
     element = ET.SubElement(root, "joint", name=f"joint{number}", type=kind)
     _add_origin(element, joint.before)
-    parent = "base" if number == 1 else f"link{number - 1}"
+    parent = "base"
+    if number > 1:
+        parent = f"link{number - 1}"
     child = f"link{number}"
     ET.SubElement(element, "parent", link=parent)
     ET.SubElement(element, "child", link=child)

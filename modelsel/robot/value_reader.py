@@ -61,7 +61,8 @@ class Reader:
         if shape:
             lengths = " x ".join(map(str, shape))
             expected = f"{lengths} finite numbers"
-        if has_shape and np.isfinite(array).all():
+        is_finite = np.isfinite(array).all()
+        if has_shape and is_finite:
             expected += f" below {LARGEST:g}"
         found = str(value)[:120]
         self.report(place, f"expected {expected}, found {found}")

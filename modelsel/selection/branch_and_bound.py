@@ -343,7 +343,8 @@ def _solve_members(A: Array, b: Array, members: Index) -> Array:
     coefficients = np.zeros(len(b))
     if not len(members):
         return coefficients
-    gram = A[np.ix_(members, members)]
+    pairs = np.ix_(members, members)
+    gram = A[pairs]
     products = b[members]
     solution = np.linalg.lstsq(gram, products, rcond=ROUNDING)
     coefficients[members] = solution[0]

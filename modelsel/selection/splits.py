@@ -36,7 +36,8 @@ def split_configurations(
     block, first = order_units(data.block, data.progress)
     blocks = len(first)
     # the rows of a configuration are in one block
-    block_of = np.full(int(data.configuration.max()) + 1, -1)
+    configurations = int(data.configuration.max()) + 1
+    block_of = np.full(configurations, -1)
     block_of[data.configuration] = block
     weight = np.bincount(block_of[block_of >= 0])
     order = rng.permutation(blocks)

@@ -170,7 +170,8 @@ class _Objective:
         else:
             loss, _ = compute_redescending_loss(square, self.scale)
         offset = self._offset(at)
-        penalty = self.prior @ offset**2
+        squared_offset = offset**2
+        penalty = self.prior @ squared_offset
         total = loss.sum() + penalty
         return float(total)
 
@@ -215,7 +216,8 @@ def refine_robustly(sight: Sight, at: Placed) -> Placed:
         if median > STALLED * before:
             break
         before = median
-        objective = _Objective(sight, scale=LOSS * median, weight=ones, sigma=median / MEDIAN_3)
+        sigma = median / MEDIAN_3
+        objective = _Objective(sight, scale=LOSS * median, weight=ones, sigma=sigma)
         at = objective.minimise(at, COARSE)
     return at
 
@@ -226,9 +228,10 @@ def refine_without_gross_rows(sight: Sight, at: Placed) -> tuple[Placed, Mask]:
     for _ in range(GROSS_ROUNDS):
         misfits = compute_misfits(sight, at)
         median = float(compute_trimmed_median(misfits, sight.unknowns))
-        good = misfits <= GROSS * median
-        objective = _Objective(
-            sight, scale=None, weight=good.astype(float), sigma=median / MEDIAN_3
-        )
+        limit = GROSS * median
+        good = misfits <= limit
+        weight = good.astype(float)
+        sigma = median / MEDIAN_3
+        objective = _Objective(sight, scale=None, weight=weight, sigma=sigma)
         at = objective.minimise(at, CONVERGED)
     return at, good

@@ -160,8 +160,10 @@ def _solve_anchor(feature: Feature, x: Array, reading: Array, known: float, is_o
     design = np.column_stack(columns)
     squared_distance = np.square(near).sum(1)
     squared_length = np.square(full)
-    solution, *_ = np.linalg.lstsq(design, squared_distance - squared_length, rcond=None)
-    return np.asarray(middle + solution[:3])
+    difference = squared_distance - squared_length
+    solution, *_ = np.linalg.lstsq(design, difference, rcond=None)
+    anchor = middle + solution[:3]
+    return np.asarray(anchor)
 
 
 def _refine_anchor(

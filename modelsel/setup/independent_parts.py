@@ -61,7 +61,8 @@ def split_independent(sight: Sight) -> Iterator[Part]:
     """Split the rows into parts that share neither a group nor a target."""
     G = sight.groups
     T = len(sight.usual)
-    pairs = np.column_stack([sight.group, G + sight.target])
+    after_groups = G + sight.target
+    pairs = np.column_stack([sight.group, after_groups])
     label = connected_components(G + T, pairs)
     of_group = label[:G]
     of_target = label[G:]

@@ -112,7 +112,8 @@ def note_undetermined(
     a target's place; `usual` (T, 3): where the targets were expected."""
     gauges = problem.data.gauges
     if gauges is not None:
-        use = use & gauges.of("point")
+        points = gauges.of("point")
+        use = use & points
     selected = problem.take(use)
     group, count = number_groups(selected, per_group)
     sight = build_sight(selected, group, count)
@@ -120,7 +121,8 @@ def note_undetermined(
     notes: list[Note] = []
     for part in split_independent(expected):
         at = _read_placement(selected, part, group)
-        notes += _note_weak_part(part, at, selected, per_group)
+        weak = _note_weak_part(part, at, selected, per_group)
+        notes += weak
     return tuple(notes)
 
 
@@ -150,12 +152,13 @@ def _read_placement(problem: Problem, part: Part, group: Index) -> Placed:
         rows.append(of_group[0])
     first = np.array(rows)
     placed = problem.data.group[first]
+    targets = part.targets
     rotations = problem.tool_rotations
     turned = None
     if rotations is not None:
-        turned = rotations[part.targets]
+        turned = rotations[targets]
     R, t = problem.placement
-    return Placed(R[placed], t[placed], problem.tools[part.targets], turned)
+    return Placed(R[placed], t[placed], problem.tools[targets], turned)
 
 
 def _find_placement(sight: Sight) -> tuple[Placed, Mask]:

@@ -191,7 +191,9 @@ def list_reversed_joints(n: int) -> Iterator[Mistake]:
             sign[list(joints)] = -1.0
             numbers = [str(j + 1) for j in joints]
             names = sentence_list(numbers)
-            reversal = _change_readings(f"joints {names} turn the other way", look, np.diag(sign))
+            words = f"joints {names} turn the other way"
+            signs = np.diag(sign)
+            reversal = _change_readings(words, look, signs)
             yield replace(reversal, parts=size)
 
 
@@ -199,7 +201,8 @@ def list_position_mistakes(n: int, framed: bool) -> Iterator[Mistake]:
     """List mistakes of the positions: units and handedness; axis by axis where the positions are
     said to be in the robot's own frame (`framed`)."""
     for unit in SCALES:
-        yield _change_positions(f"the positions {unit.words}", unit.look, np.eye(3) * unit.scale, n)
+        scaling = np.eye(3) * unit.scale
+        yield _change_positions(f"the positions {unit.words}", unit.look, scaling, n)
     if not framed:
         words, look = MIRRORED
         yield _change_positions(f"the positions {words}", look, -np.eye(3), n)

@@ -93,9 +93,11 @@ def _add_target_rotations(sight: Sight, at: Placed) -> Placed:
     """Add the mean rotation of every target frame on the flange, where orientations are measured."""
     if sight.seen is None:
         return at
-    each = np.einsum("mji,mkj,mkl->mil", sight.F, at.R[sight.group], sight.seen)
+    R = at.R[sight.group]
+    each = np.einsum("mji,mkj,mkl->mil", sight.F, R, sight.seen)
     rotations = []
-    for k in range(len(at.tools)):
+    count = len(at.tools)
+    for k in range(count):
         of_target = each[sight.target == k]
         mean = _average_rotations(of_target)
         rotations.append(mean)

@@ -112,7 +112,8 @@ def _generate_starts(problem: Problem, before: float) -> Iterator[Index]:
     given = data.target
     yield given
     names = np.unique(given)
-    is_bad = before > BAD_SHARE * problem.reach_mm
+    limit = BAD_SHARE * problem.reach_mm
+    is_bad = before > limit
     if is_bad and len(names) == 2:
         middle = np.median(data.row)
         is_late = data.row > middle

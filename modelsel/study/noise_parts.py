@@ -44,12 +44,15 @@ def note_untold_parts(noise: NoiseTable, split: Split) -> tuple[Note, ...]:
     named = dict.fromkeys((*listed, *noise.fixed))
     if not named:
         return ()
-    told = [part.name for part in list_parts(split.problem, split.estimation)]
-    return tuple(
-        Note("part-untold", _describe_untold(name, split))
-        for name in named
-        if not any(is_named(part, [name]) for part in told)
-    )
+    parts = list_parts(split.problem, split.estimation)
+    told = [part.name for part in parts]
+    notes = []
+    for name in named:
+        if any(is_named(part, [name]) for part in told):
+            continue
+        sentence = _describe_untold(name, split)
+        notes.append(Note("part-untold", sentence))
+    return tuple(notes)
 
 
 def _describe_untold(name: str, split: Split) -> str:

@@ -80,9 +80,10 @@ def format_repeats(repeats: RepeatPlan) -> str:
     """Return in words which configurations to measure again, and what that tells."""
     numbers = ", ".join(str(number + 1) for number in repeats.numbers)
     own = f", {repeats.before:,} of them the study's" if repeats.before else ""
+    percent = 100 * repeats.precision
     return (
         f"Repeats: configurations {numbers} of these, each measured {repeats.times} times in "
         "separate rounds, tell what a joint does not repeat, at best to "
-        f"{100 * repeats.precision:.0f} % of it (one standard error; {repeats.freedom:,} degrees of "
+        f"{percent:.0f} % of it (one standard error; {repeats.freedom:,} degrees of "
         f"freedom{own}); --repeats {repeats.times} writes these rounds."
     )

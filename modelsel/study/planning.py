@@ -333,7 +333,8 @@ def plan_next(
         ranges = find_joint_ranges(robot, data, limits, given)
         possible = draw_pool(calibration, seed, data, ranges)
         within = describe_ranges(robot, limits, given)
-    possible = repeat_for_targets(possible, calibration.targets)
+    targets = calibration.targets
+    possible = repeat_for_targets(possible, targets)
     plan = choose_configurations(result, calibration, possible, count, purpose)
     chosen = _take_configurations(possible, plan.rows)
     again = _plan_repeats(result, calibration, chosen, repeats)

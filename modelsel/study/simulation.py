@@ -186,7 +186,9 @@ def simulate_points(
     position = position + noise + unrepeated.shift
     columns: dict[str, Any] = {}
     for j, prismatic in enumerate(robot.prismatic):
-        unit = "mm" if prismatic else "rad"
+        unit = "rad"
+        if prismatic:
+            unit = "mm"
         name = f"q{j + 1}_{unit}"
         columns[name] = at.q[:, j]
     for axis, values in zip("xyz", position.T, strict=True):

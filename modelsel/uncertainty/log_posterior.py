@@ -194,8 +194,9 @@ class LogPosterior:
         """(ψ, ψ) triangle of the linear problem with β projected out, the prior's rows included."""
         fitted = self.fitted
         reduction = fitted.reduction
-        if fitted.prior is not None:
-            joined = reduction.add(fitted.prior)
+        prior = fitted.prior
+        if prior is not None:
+            joined = reduction.add(prior)
             reduction = Reduction(joined.R, reduction.rows)
         integrated = self._integrated
         count = len(integrated)

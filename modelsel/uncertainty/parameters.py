@@ -111,7 +111,9 @@ def bootstrap_parameters(split: Split, fitted: Fit, rng: np.random.Generator) ->
     positions = residual[:, :3]
     p = compute_group_p(data, positions, rng)
     grouped = p <= GROUP_LEVEL
-    unit = data.group if grouped else data.block
+    unit = data.block
+    if grouped:
+        unit = data.group
     at = fitted.at()
     parts = fold_by_unit(training, fitted.terms, unit, at)
     boot = run_bootstrap(parts, fitted, rng)

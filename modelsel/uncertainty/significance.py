@@ -238,14 +238,16 @@ class _ReducedModels:
         self.coordinates = coordinates
         training = split.training()
         folds = split.training_folds()
-        rows = LinearRows(training, fitted.terms, fitted.at())
+        at = fitted.at()
+        rows = LinearRows(training, fitted.terms, at)
         self.rows = len(training)
         self.whitening = training.whitening
         self.moments = measure_fit(rows, fitted, coordinates, folds)
         self.plain = None
         if not self.whitening.uniform:
             self.plain = measure_moments(rows, coordinates, folds, weighted=False)
-        held = split.problem.take(~split.estimation & ~split.outlying)
+        is_held = ~split.estimation & ~split.outlying
+        held = split.problem.take(is_held)
         self.held_rows = len(held)
         self.held = None
         if self.held_rows:

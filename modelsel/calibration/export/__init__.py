@@ -104,7 +104,8 @@ def attach_urdf(
 
 def _check_names(c: Calibration) -> None:
     """Raise StudyError with every name that cannot be written."""
-    names = [("study", c.study), ("robot", c.robot.name)]
+    robot = c.robot
+    names = [("study", c.study), ("robot", robot.name)]
     names += [("target", target) for target in c.targets]
     names += [("group", group) for group in c.groups]
     problems = []
@@ -112,7 +113,8 @@ def _check_names(c: Calibration) -> None:
         reason = find_name_problem(name)
         if reason:
             quoted = quote_name(name)
-            problems.append(f"{kind} {quoted}: not a name: {reason}.")
+            problem = f"{kind} {quoted}: not a name: {reason}."
+            problems.append(problem)
     if problems:
         raise StudyError(*problems)
 

@@ -44,7 +44,8 @@ def measure_chain(
     def compute_difference(target: int, at: Problem) -> Array:
         constant, _ = split_parts(c, target)
         predict = read(text, target)
-        return predict(at.data.q) - compute_points(at, constant)
+        intended = compute_points(at, constant)
+        return predict(at.data.q) - intended
 
     return measure_export(c, text, compute_difference, notes)
 

@@ -75,8 +75,10 @@ def measure_export(
     configurations = 0
     for target in range(len(c.targets)):
         at = sample_workspace(c, target)
-        errors = np.linalg.norm(compute_difference(target, at), axis=1)
-        worst = max(worst, float(errors.max()))
+        difference = compute_difference(target, at)
+        errors = np.linalg.norm(difference, axis=1)
+        largest = float(errors.max())
+        worst = max(worst, largest)
         configurations += len(at)
     return Exported(text, worst, configurations, notes=notes)
 

@@ -137,7 +137,8 @@ def _format(origins: Sequence[Array], notes: Sequence[str]) -> str:
 
 def _format_number(value: float) -> str:
     """Write a number in full, with a point: YAML 1.1 takes 1e-05 for a word."""
-    digits, exponent, power = repr(value).partition("e")
+    written = repr(value)
+    digits, exponent, power = written.partition("e")
     if exponent and "." not in digits:
         digits += ".0"
     return f"{digits}{exponent}{power}"

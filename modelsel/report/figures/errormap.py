@@ -127,16 +127,13 @@ def _label_axes(ax: Any, whole: ErrorMapRecord, columns: Sequence[int]) -> None:
     """Name places and causes, and part the frames by lines."""
     rows = len(whole.places)
     ax.set_ylim(rows - 0.5, -0.5)
+    causes = [shorten(whole.causes[column], LONGEST_CAUSE) for column in columns]
     ax.set_xticks(
-        range(len(columns)),
-        [shorten(whole.causes[column], LONGEST_CAUSE) for column in columns],
-        rotation=60,
-        ha="left",
-        rotation_mode="anchor",
-        fontsize=6.5,
+        range(len(columns)), causes, rotation=60, ha="left", rotation_mode="anchor", fontsize=6.5
     )
     ax.xaxis.tick_top()
-    ax.set_yticks(range(rows), [f"frame {name}" for name in whole.places], fontsize=6.5)
+    places = [f"frame {name}" for name in whole.places]
+    ax.set_yticks(range(rows), places, fontsize=6.5)
     ax.tick_params(length=0, colors=INK)
     frames = [name.split()[0] for name in whole.places]
     for row in range(1, rows):

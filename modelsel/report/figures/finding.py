@@ -68,6 +68,7 @@ def draw_panels(panels: Sequence[PanelRecord]) -> bytes:
     effect."""
     count = len(panels)
     height = 2.2 if count > 1 else 2.7
+    font_size = 7.5 if count < 3 else 6.5
     with use_style() as sheets:
         fig, axes = sheets.subplots(
             1, count, figsize=(WIDTH, height), layout="constrained", squeeze=False
@@ -77,7 +78,7 @@ def draw_panels(panels: Sequence[PanelRecord]) -> bytes:
             _draw_points(ax, panel)
             _draw_curve(ax, panel)
             _draw_means(ax, panel)
-            _label_panel(ax, panel, 7.5 if count < 3 else 6.5)
+            _label_panel(ax, panel, font_size)
         fig.legend(handles=_legend(), loc="outside lower center", ncols=3, fontsize=7)
         return svg(fig, "Residual against cause")
 
@@ -203,20 +204,25 @@ def draw_credible_set(entries: Sequence[tuple[str, float, bool]]) -> bytes:
     alike."""
     names, probabilities, alike = zip(*entries[:MAX_BARS], strict=True)
     rows = np.arange(len(names))
+    fills = [BLUE if is_alike else "white" for is_alike in alike]
+    edges = [BLUE if is_alike else QUIET for is_alike in alike]
+    hatches = ["" if is_alike else "////" for is_alike in alike]
+    labels = [shorten(name, LONGEST_NAME) for name in names]
+    height = 0.19 * len(rows) + 0.5
     with use_style() as sheets:
-        fig, ax = sheets.subplots(figsize=(WIDTH, 0.19 * len(rows) + 0.5), layout="constrained")
+        fig, ax = sheets.subplots(figsize=(WIDTH, height), layout="constrained")
         ax.barh(
             rows,
             probabilities,
             height=0.62,
-            color=[BLUE if is_alike else "white" for is_alike in alike],
-            edgecolor=[BLUE if is_alike else QUIET for is_alike in alike],
+            color=fills,
+            edgecolor=edges,
             linewidth=0.8,
-            hatch=["" if is_alike else "////" for is_alike in alike],
+            hatch=hatches,
         )
         for row, probability in enumerate(probabilities):
             _write_probability(ax, row, probability)
-        ax.set_yticks(rows, [shorten(name, LONGEST_NAME) for name in names], color=INK)
+        ax.set_yticks(rows, labels, color=INK)
         ax.set_ylim(len(rows) - 0.4, -0.6)
         ax.set_xlim(0, 1.1)
         ax.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])

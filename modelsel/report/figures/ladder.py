@@ -139,8 +139,9 @@ def _draw_rungs(ax: Any, scale: _Scale) -> None:
     if scale.is_held_out:
         ax.plot(scale.shown, rows, "o", ms=4.5, color=AFTER, label="held-out configurations")
     for row, shown in enumerate(scale.shown):
+        figure = f"{shown:.2g}" if shown < 0.1 else f"{shown:.2f}"
         ax.annotate(
-            f"{shown:.2g}" if shown < 0.1 else f"{shown:.2f}",
+            figure,
             (np.nanmax([scale.estimation[row], shown]), row),
             (6, 0),
             textcoords="offset points",

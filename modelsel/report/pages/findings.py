@@ -166,7 +166,8 @@ def _describe_verdict(finding: FindingRecord, where: Where) -> str:
         parts.append(f"Held-out error when it joins the ladder: {before} to {after} mm rms{change}")
     if finding.rows:
         listed = where.listed(finding.rows, MAX_ROWS)
-        parts.append(f"It concerns {count_rows(finding.rows)} of the measurements ({listed})")
+        count = count_rows(finding.rows)
+        parts.append(f"It concerns {count} of the measurements ({listed})")
     return ". ".join(parts) + "."
 
 

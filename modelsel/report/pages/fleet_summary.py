@@ -83,7 +83,8 @@ def _lead_sentences(rows: Sequence[Row], done: Sequence[Row], failed: Sequence[R
         sentences.append(f"Done, but the chain has not converged: {_list_studies(unsure)}.")
     if failed:
         count = _count_studies(len(failed))
-        sentences.append(f"{count} of {len(rows)} failed: {_list_studies(failed)}.")
+        listed = _list_studies(failed)
+        sentences.append(f"{count} of {len(rows)} failed: {listed}.")
     return sentences
 
 

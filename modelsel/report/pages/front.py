@@ -82,12 +82,13 @@ def _named_row(finding: FindingRecord, detail: FindingDetailsRecord) -> list[str
 def _ladder_words(record: StudyRecord) -> str:
     """Return the ladder's picture for those who cannot see it."""
     way = select_way(record)
+    side = record.side.replace("_", "-")
     steps = [
         f"{label} {format_mm(record.ladder[rung].side(record.side).mean_mm)} mm"
         for rung, label in zip(way, label_way(record, way), strict=True)
     ]
     return (
-        f"Ladder of models, mean error on {record.side.replace('_', '-')} configurations: {'; '.join(steps)}. "
+        f"Ladder of models, mean error on {side} configurations: {'; '.join(steps)}. "
         f"Noise floor {record.noise_floor.coordinate_mm:.3g} mm per coordinate."
     )
 

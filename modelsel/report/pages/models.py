@@ -31,9 +31,10 @@ def write_models_page(source: Source) -> list[Block]:
 
 
 def _write_ladder(record: StudyRecord) -> list[Block]:
+    labels = label_ladder(record)
     rows = [
         [label, str(rung.parameters), str(rung.rank), *list_errors(rung), format_mm(rung.cv_rms_mm)]
-        for label, rung in zip(label_ladder(record), record.ladder, strict=True)
+        for label, rung in zip(labels, record.ladder, strict=True)
     ]
     columns = [("model", "left"), *((name, "right") for name in LADDER_COLUMNS)]
     caption = (
@@ -41,7 +42,8 @@ def _write_ladder(record: StudyRecord) -> list[Block]:
         "estimation configurations. A row that begins with + adds to the row above it."
     )
     widths = [1.0, *[0.0] * len(LADDER_COLUMNS)]
-    return [make_heading("The ladder", 2), make_table(columns, rows, caption, widths)]
+    table = make_table(columns, rows, caption, widths)
+    return [make_heading("The ladder", 2), table]
 
 
 def _write_subsets(candidates: CandidatesRecord) -> list[Block]:

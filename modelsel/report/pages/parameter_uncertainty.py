@@ -84,7 +84,9 @@ def write_held_out_page(source: Source) -> list[Block]:
         f"Distribution of {side} errors per model: 95 % stay below {before} mm with the nominal and below {after} mm with the "
         "chosen model."
     )
-    return [make_heading(title, opens=False), source.add_figure("held-out", draw, caption, words)]
+    heading = make_heading(title, opens=False)
+    figure = source.add_figure("held-out", draw, caption, words)
+    return [heading, figure]
 
 
 # -- significance
@@ -97,7 +99,8 @@ def write_significance_page(source: Source) -> list[Block]:
     blocks: list[Block] = []
     bounded = [parameter for parameter in record.parameters if _is_bounded(parameter)]
     if bounded:
-        blocks.append(_write_forest(source, bounded))
+        forest = _write_forest(source, bounded)
+        blocks.append(forest)
     if record.significance:
         blocks += _write_mechanisms(record.significance)
     return [make_heading("Significance"), *blocks] if blocks else []
