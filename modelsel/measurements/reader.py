@@ -1,5 +1,5 @@
-"""The contract's columns -> Measurements, from CSV, Parquet or a DataFrame: strict, and every
-refusal says place and remedy."""
+"""The contract's columns -> Measurements, from a file or a DataFrame: strict, and every refusal says
+place and remedy."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def read_measurements(
     positions: bool = True,
     once: bool = True,
 ) -> Measurements:
-    """Read measurements of a robot from a CSV or Parquet file or a pandas DataFrame.
+    """Read measurements of a robot from a text table, spreadsheet or Parquet file, or a DataFrame.
 
     source: a path, or a DataFrame with the columns of a measurements file.
     robot: the robot, or which of its joints are prismatic.
@@ -98,9 +98,8 @@ def read_measurements(
     if content.order is not None:
         check_clock(data.order, data.covariates.get("time_s"), data.group, data.row, table.where)
     units = _find_reading_units(table, prismatic)
-    return replace(
-        data, notes=(*content.notes, *notes, *data.notes), where=table.where, units=units
-    )
+    said = (*table.notes, *content.notes, *notes, *data.notes)
+    return replace(data, notes=said, where=table.where, units=units)
 
 
 def _load_contract_table(

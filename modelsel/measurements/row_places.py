@@ -15,14 +15,17 @@ from ..exceptions import DataError
 @dataclass(frozen=True, eq=False)
 class Where:
     """Where a table comes from and what its user calls its rows: a text file has `lines`, the
-    header line 1; a DataFrame and a Parquet file have rows, counted from 0. `first`: the number of
-    the table's first row, where it is a piece of a file; `at` (m,): the line of every row, where
-    cells with line breaks in them put rows further down."""
+    header line 1 unless `header` says another; the sheet of a spreadsheet has rows, numbered as
+    the spreadsheet does; a DataFrame and a Parquet file have rows, counted from 0. `first`: the
+    number of the table's first row, where it is a piece of a file; `at` (m,): the line or sheet
+    row of every row, where rows do not follow one another from the second line on."""
 
     file: str = ""
     lines: bool = True
     first: int = 0
     at: Mapping[int, int] | NDArray[np.intp] | None = None
+    header: int = 1
+    sheet: str = ""
 
     @property
     def is_file(self) -> bool:
@@ -32,8 +35,13 @@ class Where:
     @property
     def is_text(self) -> bool:
         """Whether it is a file of lines."""
-        is_lines = self.lines
+        is_lines = self.lines and not self.sheet
         return self.is_file and is_lines
+
+    @property
+    def is_counted_from_zero(self) -> bool:
+        """Whether its first row is row 0."""
+        return not self.is_text and not self.sheet
 
     def number(self, row: int) -> int:
         """Number the 0-based `row` as the user does."""
@@ -50,9 +58,12 @@ class Where:
         """Return the error to raise, with its place: 0-based `row`, without it the header's."""
         number = None if row is None else self.number(row)
         if self.is_text:
-            line = 1 if number is None else number
+            line = self.header if number is None else number
             return DataError(what, file=self.file, line=line, column=column, remedy=remedy)
         place = self.file or "DataFrame"
+        if self.sheet:
+            place = f'{self.file}, sheet "{self.sheet}"'
+            number = self.header if number is None else number
         return DataError(what, file=place, row=number, column=column, remedy=remedy)
 
     def named(self, row: int) -> str:
@@ -82,7 +93,7 @@ class Where:
         if count != 1:
             word += "s"
         ellipsis = " …" if is_cut else ""
-        base = "" if self.is_text else ", counted from 0"
+        base = ", counted from 0" if self.is_counted_from_zero else ""
         return f"{word} {shown}{ellipsis}{base}"
 
     def record(self, rows: NDArray[np.intp]) -> dict[str, Any]:
@@ -90,7 +101,8 @@ class Where:
         reads them."""
         at = None if self.at is None else {str(row): self.number(row) for row in rows.tolist()}
         first = 2 if self.is_text else self.first
-        return {"word": "line" if self.is_text else "row", "first": first, "at": at}
+        word = "sheet row" if self.sheet else "line" if self.is_text else "row"
+        return {"word": word, "first": first, "at": at}
 
     def mapping(self, wanted: str, given: str) -> str:
         """Say how to map a column that has another name."""
@@ -116,4 +128,5 @@ def where_from_record(record: Mapping[str, Any] | None) -> Where:
     is_text = record["word"] == "line"
     if not is_text:
         first = record["first"]
-    return Where("the file", is_text, first, at)
+    sheet = "the sheet" if record["word"] == "sheet row" else ""
+    return Where("the file", is_text, first, at, sheet=sheet)
