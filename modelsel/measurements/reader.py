@@ -15,6 +15,7 @@ from ..exceptions import StudyError, suggest
 from ..notices import Note
 from ..robot.kinematics import Robot
 from ..robot.rigid import from_quaternion
+from .column_guesses import propose_columns
 from .columns import READING_UNITS, Mask, read_column_set, read_names, read_numbers, read_quantity
 from .contract_columns import (
     JOINT_COLUMN,
@@ -89,7 +90,7 @@ def read_measurements(
     Raises DataError with file, line and column, or row (from 0) and column of the DataFrame;
     StudyError for a name that the contract does not have."""
     prismatic = robot.prismatic if isinstance(robot, Robot) else tuple(robot)
-    table = _load_contract_table(source, group, columns or {}, prismatic)
+    table = _load_contract_table(source, group, columns or {}, prismatic, positions)
     content = _read_columns(table, prismatic, positions)
     keep, notes = np.ones(len(table), bool), list[Note]()
     if once:
@@ -103,17 +104,24 @@ def read_measurements(
 
 
 def _load_contract_table(
-    source: Source, group: int | None, mapping: Mapping[str, str], prismatic: Sequence[bool]
+    source: Source,
+    group: int | None,
+    mapping: Mapping[str, str],
+    prismatic: Sequence[bool],
+    positions: bool,
 ) -> Table:
     """Load the table under the contract's names; refuse wrong mappings and foreign units."""
     _check_mapping(mapping, prismatic)
     table = load_table(source, group)
-    refuse_mapped_units(mapping, prismatic, table.where)
+    refuse_mapped_units(mapping, prismatic, table)
     table = rename_columns(table, mapping)
     has_kinds = "kind" in table and "feature" in table
     known = list_contract_names(prismatic)
     if not has_kinds:
         known -= set(KIND_COLUMNS)
+    proposal = None if has_kinds else propose_columns(table, prismatic)
+    if proposal is not None and positions:
+        raise proposal
     refuse_other_units(table, known, prismatic, has_kinds)
     return table
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -106,15 +107,21 @@ class Where:
 
     def mapping(self, wanted: str, given: str) -> str:
         """Say how to map a column that has another name."""
+        return self.mapping_all({wanted: given})
+
+    def mapping_all(self, columns: Mapping[str, str]) -> str:
+        """Say how to map columns that have other names: contract name -> their own."""
         if self.is_file:
-            return (
-                f'in the study file: [measurements] columns = {{ {wanted} = "{given}" }} (for a command '
-                f"without a study file: --column {wanted}={given})"
+            pairs = ", ".join(f'{wanted} = "{given}"' for wanted, given in columns.items())
+            options = " ".join(
+                f"--column {shlex.quote(f'{wanted}={given}')}" for wanted, given in columns.items()
             )
-        return (
-            f'by columns={{"{wanted}": "{given}"}} (for a Study: measurements={{"frame": …, '
-            '"columns": …})'
-        )
+            return (
+                f"in the study file: [measurements] columns = {{ {pairs} }} (for a command without a "
+                f"study file: {options})"
+            )
+        pairs = ", ".join(f'"{wanted}": "{given}"' for wanted, given in columns.items())
+        return f'by columns={{{pairs}}} (for a Study: measurements={{"frame": …, "columns": …}})'
 
 
 def where_from_record(record: Mapping[str, Any] | None) -> Where:

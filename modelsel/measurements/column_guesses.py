@@ -1,0 +1,270 @@
+"""Guess which columns of a file are joint readings and positions, and in which unit: all of them at
+once, each with its reason, and with every reading that fits."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import TypeAlias
+
+import numpy as np
+
+from .._typing import Array
+from ..exceptions import DataError, one_line, sentence_list
+from .column_names import OTHER_QUANTITIES, WEAK_JOINT_WORDS, ColumnName, parse_column_name
+from .columns import READING_UNITS, convert_to_numbers
+from .table import Table
+
+# rad: readings beyond it are degrees; below it, and above the next, they are radians
+MAX_READING_RAD = 4 * np.pi
+MAX_USUAL_RAD = 6.4
+MIN_USUAL_RAD = 1.5
+# extent of the measured positions: in mm above the first, in m below the second
+MIN_EXTENT_MM = 20.0
+MAX_EXTENT_M = 10.0
+# share of cells that are numbers in a column of numbers
+MIN_NUMBERS = 0.8
+AXES = ("x", "y", "z")
+# the word that says the quantity, and the others in a name
+Family: TypeAlias = tuple[str, frozenset[str]]
+UNIT_NAMES = {"deg": "degrees", "rad": "radians", "mm": "mm", "m": "m"}
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to read columns: the contract's names for the file's, in words, and why."""
+
+    columns: Mapping[str, str]
+    words: str
+    reason: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """Say how the columns are read."""
+        return f"{self.words} ({self.reason})" if self.reason else self.words
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The readings that fit, the best first; doubtful where there are several, absent where none."""
+
+    what: str
+    readings: tuple[Reading, ...]
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether several readings fit."""
+        return len(self.readings) > 1
+
+
+def guess_columns(table: Table, prismatic: Sequence[bool]) -> list[Choice]:
+    """Guess the columns that a table does not have under the contract's names."""
+    names = [parse_column_name(name, table.units.get(name)) for name in table.columns]
+    numeric = [name for name in names if _is_numeric(table, name.given)]
+    missing = list_missing_joints(table, prismatic)
+    choices = []
+    if missing:
+        choices.append(Choice("the joint readings", _read_joint_columns(table, numeric, prismatic)))
+    if is_position_missing(table):
+        choices.append(Choice("the position", _read_position_columns(table, numeric)))
+    return choices
+
+
+def list_missing_joints(table: Table, prismatic: Sequence[bool]) -> list[int]:
+    """List the joints, from 1, that a table has no column of."""
+    return [
+        j
+        for j, slides in enumerate(prismatic, 1)
+        if not any(f"q{j}_{unit}" in table for unit in READING_UNITS[slides])
+    ]
+
+
+def is_position_missing(table: Table) -> bool:
+    """Whether a table of points lacks a coordinate."""
+    return any(f"{a}_mm" not in table and f"{a}_m" not in table for a in AXES)
+
+
+def _is_numeric(table: Table, name: str) -> bool:
+    values = convert_to_numbers(table.columns[name])
+    return bool(len(values) and np.isfinite(values).mean() >= MIN_NUMBERS)
+
+
+# -- joints
+# --------------------------------------------------------------------------------------------
+
+
+def _read_joint_columns(
+    table: Table, names: Sequence[ColumnName], prismatic: Sequence[bool]
+) -> tuple[Reading, ...]:
+    """List the readings of columns that are numbered like the joints."""
+    count = len(prismatic)
+    families: dict[Family, dict[int, ColumnName]] = defaultdict(dict)
+    for name in names:
+        is_other = bool(name.words & OTHER_QUANTITIES)
+        if name.quantity == "joint" and name.number is not None and not is_other:
+            families[name.stem, name.words].setdefault(name.number, name)
+    complete = []
+    for family in families.values():
+        first = 0 if 0 in family else 1
+        if all(first + j in family for j in range(count)):
+            complete.append([family[first + j] for j in range(count)])
+    strong = [family for family in complete if family[0].stem not in WEAK_JOINT_WORDS]
+    complete = strong or complete
+    readings = list[Reading]()
+    for columns in _prefer_measured(complete):
+        readings += _read_family(table, columns, prismatic)
+    return tuple(readings)
+
+
+def _prefer_measured(families: list[list[ColumnName]]) -> list[list[ColumnName]]:
+    """Return the families whose names say that they were measured, else those that do not say
+    that they were commanded, else all."""
+    measured = [family for family in families if all(name.is_measured for name in family)]
+    neutral = [family for family in families if not any(name.is_commanded for name in family)]
+    return measured or neutral or families
+
+
+def _read_family(
+    table: Table, family: Sequence[ColumnName], prismatic: Sequence[bool]
+) -> list[Reading]:
+    """List the readings of one column per joint: in the units that are said, else in those that
+    the values allow."""
+    angles, reason_angles = _list_units(table, family, prismatic, slides=False)
+    slides, reason_slides = _list_units(table, family, prismatic, slides=True)
+    readings = []
+    for angle, length in product(angles, slides):
+        columns, units = {}, []
+        for j, (name, is_sliding) in enumerate(zip(family, prismatic, strict=True), 1):
+            unit = length if is_sliding else angle
+            columns[f"q{j}_{unit}"] = name.given
+            units.append(UNIT_NAMES[unit])
+        span = f"{_quote(family[0].given)} to {_quote(family[-1].given)}"
+        words = f"{span} in {sentence_list(list(dict.fromkeys(units)))}"
+        reasons = [reason for reason in (reason_angles, reason_slides) if reason]
+        readings.append(Reading(columns, words, "; ".join(reasons)))
+    return readings
+
+
+def _list_units(
+    table: Table, family: Sequence[ColumnName], prismatic: Sequence[bool], slides: bool
+) -> tuple[list[str], str]:
+    """List the units that the joints of one kind may have, the likelier first, and say why."""
+    chosen = [name for name, sliding in zip(family, prismatic, strict=True) if sliding == slides]
+    allowed = READING_UNITS[slides]
+    if not chosen:
+        return [allowed[0]], ""
+    said = {name.unit for name in chosen}
+    if said != {None}:
+        is_read = len(said) == 1 and said <= set(allowed)
+        return ([str(unit) for unit in said] if is_read else []), ""
+    values = np.concatenate([_read_values(table, name) for name in chosen])
+    if slides:
+        extent = float(np.nanmax(values) - np.nanmin(values))
+        return _list_length_units(extent, "travel")
+    return _list_angle_units(float(np.nanmax(np.abs(values))))
+
+
+def _list_angle_units(largest: float) -> tuple[list[str], str]:
+    """List the units that angles up to some size may have, and say why."""
+    reason = f"up to {largest:.3g}"
+    if largest > MAX_READING_RAD:
+        return ["deg"], reason
+    if largest > MAX_USUAL_RAD:
+        return ["deg", "rad"], reason
+    return (["rad"] if largest >= MIN_USUAL_RAD else ["rad", "deg"]), reason
+
+
+# -- positions
+# --------------------------------------------------------------------------------------------
+
+
+def _read_position_columns(table: Table, names: Sequence[ColumnName]) -> tuple[Reading, ...]:
+    """List the readings of columns that are called x, y and z."""
+    families: dict[Family, dict[str, ColumnName]] = defaultdict(dict)
+    for name in names:
+        if name.quantity in AXES and not name.words & OTHER_QUANTITIES:
+            families[name.stem, name.words].setdefault(str(name.quantity), name)
+    complete = [
+        [family[axis] for axis in AXES] for family in families.values() if len(family) == len(AXES)
+    ]
+    readings = []
+    for family in _prefer_measured(complete):
+        units, reason = _list_position_units(table, family)
+        for unit in units:
+            columns = {f"{a}_{unit}": name.given for a, name in zip(AXES, family, strict=True)}
+            listed = sentence_list([_quote(name.given) for name in family])
+            readings.append(Reading(columns, f"{listed} in {unit}", reason))
+    return tuple(readings)
+
+
+def _list_position_units(table: Table, family: Sequence[ColumnName]) -> tuple[list[str], str]:
+    said = {name.unit for name in family}
+    if len(said) == 1 and said <= {"mm", "m"}:
+        return [str(said.pop())], ""
+    if said != {None}:
+        return [], ""
+    values = np.stack([_read_values(table, name) for name in family])
+    extents = np.nanmax(values, axis=1) - np.nanmin(values, axis=1)
+    return _list_length_units(float(extents.max()), "over a range of")
+
+
+def _list_length_units(extent: float, words: str) -> tuple[list[str], str]:
+    size = f"{extent:.0f}" if extent >= 100 else f"{extent:.3g}"
+    reason = f"{words} {size}"
+    if extent > MIN_EXTENT_MM:
+        return ["mm"], reason
+    return (["m"] if extent <= MAX_EXTENT_M else ["mm", "m"]), reason
+
+
+def _read_values(table: Table, name: ColumnName) -> Array:
+    values = convert_to_numbers(table.columns[name.given])
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _quote(name: str) -> str:
+    return f'"{one_line(name)}"'
+
+
+# -- what is said of a guess
+# --------------------------------------------------------------------------------------------
+
+
+def propose_columns(table: Table, prismatic: Sequence[bool]) -> DataError | None:
+    """Return the error that proposes names for all missing columns at once; None where fewer than
+    two are missing, or nothing looks like any of them."""
+    lacking = len(list_missing_joints(table, prismatic))
+    lacking += sum(f"{a}_mm" not in table and f"{a}_m" not in table for a in AXES)
+    if lacking < 2:
+        return None
+    choices = guess_columns(table, prismatic)
+    if not any(choice.readings for choice in choices):
+        return None
+    sentences = [_describe_choice(choice) for choice in choices]
+    mapping = merge_columns([choice.readings[0] for choice in choices if choice.readings])
+    where = table.where
+    what = f"{lacking} columns do not have the names of a measurements file."
+    remedy = f"{' '.join(sentences)} Map them {where.mapping_all(mapping)}."
+    if where.is_file:
+        remedy += f" modelsel init {where.file} --robot NAME writes a study that does."
+    return where.refuse(what, remedy=remedy)
+
+
+def merge_columns(readings: Sequence[Reading]) -> dict[str, str]:
+    """Merge the mappings of several readings."""
+    merged: dict[str, str] = {}
+    for reading in readings:
+        merged |= reading.columns
+    return merged
+
+
+def _describe_choice(choice: Choice) -> str:
+    if not choice.readings:
+        return f"Nothing looks like {choice.what}."
+    first, *others = choice.readings
+    looks = "look" if choice.what.endswith("s") else "looks"
+    said = f"{choice.what.capitalize()} {looks} like {first.sentence}"
+    for other in others:
+        said += f", or {other.words}"
+    return f"{said}."
