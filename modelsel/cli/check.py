@@ -26,14 +26,10 @@ def check_command(
 ) -> None:
     """What is in a measurements file, what it can tell and what it cannot."""
     from ..measurements.reader import read_measurements
-    from ..robot.files import load_robot, read_robot
+    from ..robot.files import is_robot_file, load_robot, read_robot
     from ..study.inspection import format_inspection, inspect_measurements
 
-    arm = (
-        read_robot(Path(robot), base, tip)
-        if robot.endswith((".toml", ".urdf", ".xml"))
-        else load_robot(robot)
-    )
+    arm = read_robot(Path(robot), base, tip) if is_robot_file(robot) else load_robot(robot)
     found = inspect_measurements(arm, read_measurements(data, arm.prismatic, columns))
     if as_json:
         print_json(found)

@@ -3,6 +3,7 @@ once, each with its reason, and with every reading that fits."""
 
 from __future__ import annotations
 
+import shlex
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -247,7 +248,7 @@ def propose_columns(table: Table, prismatic: Sequence[bool]) -> DataError | None
     what = f"{lacking} columns do not have the names of a measurements file."
     remedy = f"{' '.join(sentences)} Map them {where.mapping_all(mapping)}."
     if where.is_file:
-        remedy += f" modelsel init {where.file} --robot NAME writes a study that does."
+        remedy += f" modelsel init {shlex.quote(where.file)} --robot NAME writes a study that does."
     return where.refuse(what, remedy=remedy)
 
 

@@ -12,12 +12,14 @@ import numpy as np
 
 from .._text import parse_toml, read_text
 from .._typing import Array
-from ..exceptions import StudyError, suggest
+from ..exceptions import StudyError
 from .kinematics import Joint, Robot
 from .plain_values import check_robot_name
 from .rigid import align_z, from_rpy, inverse, rotation_matrix, transform
+from .robot_names import find_robot_name, suggest_robots
 from .value_reader import Reader
 
+ROBOT_SUFFIXES = (".toml", ".urdf", ".xml")
 # the forms of a fixed transform, one of which every joint has
 JOINT_FORMS = ("transform_mm", "xyz_mm", "dh")
 JOINT_KEYS = {
@@ -266,16 +268,22 @@ def builtin_names() -> list[str]:
     return sorted(names)
 
 
+def is_robot_file(source: str) -> bool:
+    """Whether a name is that of a robot file, by its suffix."""
+    return Path(source).suffix.lower() in ROBOT_SUFFIXES
+
+
 def load_robot(source: str | Path) -> Robot:
-    """Load a nominal robot: a built-in one by its name, or a robot file (TOML, URDF) by its path.
+    """Load a nominal robot: a built-in one by its name, however it is spelled, or a robot file
+    (TOML, URDF) by its path.
 
     A name with a suffix (.toml, .urdf, .xml) is a path. Raises StudyError for an unknown name, with
-    a suggestion, and for a file that cannot be read, with the place."""
-    path = Path(source)
-    if isinstance(source, Path) or path.suffix.lower() in (".toml", ".urdf", ".xml"):
-        return read_robot(path)
-    if source not in builtin_names():
-        raise StudyError(f'unknown robot "{source}". {suggest(source, builtin_names())}')
-    file = f"{source}.toml"
+    suggestions, and for a file that cannot be read, with the place."""
+    if isinstance(source, Path) or is_robot_file(source):
+        return read_robot(Path(source))
+    name = find_robot_name(source, builtin_names())
+    if name is None:
+        raise StudyError(f'unknown robot "{source}". {suggest_robots(source, builtin_names())}')
+    file = f"{name}.toml"
     text = files("modelsel").joinpath("robot", "catalogue", file).read_text(encoding="utf-8")
     return robot_from_table(parse_toml(text, file), file)

@@ -1,0 +1,182 @@
+"""A study from a file as people have it: how its columns are read, checked on the nominal arm."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from ..exceptions import DataError, ModelselError, NotEstimable
+from ..fitting.problem import Problem
+from ..measurements.column_guesses import Choice, Reading, guess_columns, merge_columns
+from ..measurements.measurements import Measurements
+from ..measurements.optional_columns import guess_optional_columns
+from ..measurements.reader import read_measurements
+from ..measurements.table import DataFile, Table, load_table, rename_columns
+from ..robot.kinematics import Robot
+from ..setup.other_robots import compute_registered_misfit, sample_positions
+
+# readings of the columns that are tried on the arm
+MAX_TRIED = 16
+# a reading is the right one where the nominal arm fits to this share of its reach and so much
+# better than by any other
+MAX_REACH_SHARE = 0.02
+MIN_IMPROVEMENT = 4.0
+# configurations from which a part of them is held out, and how many at most
+MIN_SPLIT = 30
+HELD_OUT_SHARE = 0.4
+MAX_HELD_OUT = 40
+
+
+@dataclass(frozen=True)
+class StudyDraft:
+    """What a file is read as: the choices that are open or settled, optional columns, and the
+    measurements once nothing is open."""
+
+    robot: Robot
+    file: DataFile
+    table: Table
+    given: Mapping[str, str]
+    choices: tuple[Choice, ...]
+    optional: tuple[Reading, ...] = ()
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """Contract name -> name in the file, by the first reading of every choice."""
+        first = [choice.readings[0] for choice in self.choices]
+        return {**self.given, **merge_columns([*first, *self.optional])}
+
+    def choose(self, what: str, reading: Reading) -> StudyDraft:
+        """Return the draft with one choice settled."""
+        choices = tuple(
+            replace(choice, readings=(reading,)) if choice.what == what else choice
+            for choice in self.choices
+        )
+        return replace(self, choices=choices)
+
+    def read(self) -> Measurements:
+        """Read the measurements. Raises DataError with file, line and column."""
+        return read_measurements(self.file, self.robot, self.columns)
+
+
+def draft_study(file: DataFile, robot: Robot, given: Mapping[str, str]) -> StudyDraft:
+    """Read a file's columns as well as its names, its values and the nominal arm tell; `given`:
+    what the user says. Raises DataError where nothing looks like a required column."""
+    table = load_table(file)
+    renamed = rename_columns(table, given)
+    choices = guess_columns(renamed, robot.prismatic)
+    for choice in choices:
+        if not choice.readings:
+            raise _refuse_missing(table, choice, robot)
+    draft = StudyDraft(robot, file, table, given, tuple(choices))
+    taken = {*draft.columns.values(), *given}
+    draft = replace(draft, optional=tuple(guess_optional_columns(renamed, taken)))
+    return settle_by_arm(draft)
+
+
+def _refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
+    is_joints = "joint" in choice.what
+    first, wanted = "x_mm", "x_mm, y_mm and z_mm"
+    if is_joints:
+        first, wanted = "q1_deg", f"q1_deg to q{robot.n}_deg"
+    listed = ", ".join(f'"{name}"' for name in list(table.columns)[:20])
+    return table.where.refuse(
+        f"nothing looks like {choice.what}: {robot.name} has {robot.n} joints, and the columns are "
+        f"{listed}.",
+        remedy=f"Say which they are: --column {first}=NAME, and so on ({wanted}).",
+    )
+
+
+# -- which reading the arm fits
+# --------------------------------------------------------------------------------------------
+
+
+def settle_by_arm(draft: StudyDraft) -> StudyDraft:
+    """Settle choices that names and values leave open by the nominal arm, where it fits one
+    reading clearly better than all others."""
+    if not any(choice.is_doubtful for choice in draft.choices):
+        return draft
+    combinations = list(product(*(choice.readings for choice in draft.choices)))
+    if len(combinations) > MAX_TRIED:
+        return draft
+    misfits = [_try_readings(draft, readings) for readings in combinations]
+    order = np.argsort(misfits)
+    best, second = misfits[order[0]], misfits[order[1]]
+    is_good = best <= MAX_REACH_SHARE * draft.robot.reach
+    if not (is_good and second >= MIN_IMPROVEMENT * best):
+        return draft
+    other = "not at all" if not np.isfinite(second) else f"to {second:.3g} mm"
+    reason = f"the nominal arm then fits to {best:.3g} mm, otherwise {other}"
+    for choice, reading in zip(draft.choices, combinations[order[0]], strict=True):
+        if choice.is_doubtful:
+            reasons = "; ".join(filter(None, (reading.reason, reason)))
+            draft = draft.choose(choice.what, replace(reading, reason=reasons))
+    return draft
+
+
+def _try_readings(draft: StudyDraft, readings: Sequence[Reading]) -> float:
+    """Compute how far the positions are from the nominal arm [mm] by some readings; infinite where
+    the file cannot be read so."""
+    columns = {**draft.given, **merge_columns(readings)}
+    try:
+        data = read_measurements(draft.file, draft.robot, columns)
+    except ModelselError:
+        return float("inf")
+    misfit = measure_misfit(draft.robot, data)
+    return float("inf") if misfit is None else misfit
+
+
+def measure_misfit(robot: Robot, data: Measurements) -> float | None:
+    """Compute the median distance [mm] of measured positions from the nominal arm, tracker and
+    target found from them; None where there are too few configurations."""
+    try:
+        problem = Problem(robot, data, np.zeros((len(data.targets), 3)))
+        sample = sample_positions(problem, np.ones(len(data), bool))
+    except (DataError, NotEstimable):
+        return None
+    return None if sample is None else compute_registered_misfit(sample)
+
+
+# -- what is said and written
+# --------------------------------------------------------------------------------------------
+
+
+def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
+    """Say how a file is read, and how well the nominal arm fits it."""
+    robot = draft.robot
+    lines = [f"Robot: {robot.name}, {robot.n} joints, reach {robot.reach:.0f} mm."]
+    lines += [note.sentence for note in draft.table.notes]
+    for choice in draft.choices:
+        lines.append(f"{choice.what[0].upper()}{choice.what[1:]}: {choice.readings[0].sentence}.")
+    lines += [f"Also: {reading.sentence}." for reading in draft.optional]
+    targets = f", {len(data.targets)} targets" if len(data.targets) > 1 else ""
+    lines.append(f"{len(data)} rows, {data.configurations} configurations{targets}.")
+    return [*lines, *_describe_misfit(robot, data), _describe_split(data)]
+
+
+def _describe_misfit(robot: Robot, data: Measurements) -> list[str]:
+    misfit = measure_misfit(robot, data)
+    if misfit is None or not np.isfinite(misfit):
+        return ["Too few configurations to try the nominal arm on."]
+    said = f"Tracker and target found from the rows, the nominal arm fits to {misfit:.3g} mm"
+    if misfit <= MAX_REACH_SHARE * robot.reach:
+        return [f"{said} (median)."]
+    said += " (median): that is far. Check the robot, the order of the joints and the units; "
+    return [said + "modelsel check looks for the likeliest mistake."]
+
+
+def count_estimation(data: Measurements) -> int | None:
+    """Return how many configurations estimate; None where all of them do."""
+    if data.configurations < MIN_SPLIT:
+        return None
+    held_out = min(round(HELD_OUT_SHARE * data.configurations), MAX_HELD_OUT)
+    return data.configurations - held_out
+
+
+def _describe_split(data: Measurements) -> str:
+    count = count_estimation(data)
+    if count is None:
+        return f"All configurations estimate: from {MIN_SPLIT} on, some would be held out."
+    return f"{count} configurations estimate, {data.configurations - count} are held out."
