@@ -53,7 +53,7 @@ def init_command(
     show how they are read, ask, and write what `modelsel study` runs."""
     from ..measurements.table import DataFile
     from ..robot.files import is_robot_file, load_robot, read_robot
-    from ..study.new_study import describe_draft, draft_study
+    from ..study.new_study import add_orientation, describe_draft, draft_study
     from ..study.study_folder import check_new, write_study_folder
 
     folder = out if out is not None else Path(file.stem)
@@ -65,10 +65,10 @@ def init_command(
         arm = load_robot(robot)
         named = {"name": arm.name}
     source = DataFile(file, sheet, None if decimal is None else MARKS[decimal])
-    draft = draft_study(source, arm, columns)
-    draft, remarks = _settle(draft, yes)
+    draft = _settle(draft_study(source, arm, columns), yes)
+    draft = _settle(add_orientation(draft), yes)
     data = draft.read()
-    lines = [*describe_draft(draft, data), *remarks]
+    lines = describe_draft(draft, data)
     if not as_json:
         click.echo("\n".join(lines))
     if not yes:
@@ -83,18 +83,17 @@ def init_command(
     click.echo(f"Next: modelsel study {shlex.quote(str(folder))}")
 
 
-def _settle(draft: StudyDraft, yes: bool) -> tuple[StudyDraft, list[str]]:
+def _settle(draft: StudyDraft, yes: bool) -> StudyDraft:
     """Ask which reading is right where several fit; with `yes` take the first, and say so."""
-    remarks = []
     for choice in draft.choices:
         if not choice.is_doubtful:
             continue
         reading = choice.readings[0] if yes else _ask_which(choice)
+        draft = draft.choose(choice.what, reading)
         if yes:
             others = " or ".join(other.words for other in choice.readings[1:])
-            remarks.append(f"Not sure: {choice.what} may also be {others}.")
-        draft = draft.choose(choice.what, reading)
-    return draft, remarks
+            draft = draft.remark(f"Not sure: {choice.what} may also be {others}.")
+    return draft
 
 
 def _ask_which(choice: Choice) -> Reading:

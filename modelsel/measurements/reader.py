@@ -20,7 +20,6 @@ from .columns import READING_UNITS, Mask, read_column_set, read_names, read_numb
 from .contract_columns import (
     JOINT_COLUMN,
     LABEL_COLUMNS,
-    QUATERNION_COLUMNS,
     ROTATION_UNCERTAINTY_COLUMNS,
     UNCERTAINTY_COLUMNS,
     list_contract_names,
@@ -36,6 +35,7 @@ from .observation_columns import (
     read_quaternions,
     read_uncertainties,
 )
+from .orientation_columns import QUATERNION_COLUMNS, convert_orientations
 from .row_order import check_clock
 from .row_places import Where
 from .table import Source, Table, load_table, rename_columns
@@ -123,7 +123,7 @@ def _load_contract_table(
     if proposal is not None and positions:
         raise proposal
     refuse_other_units(table, known, prismatic, has_kinds)
-    return table
+    return convert_orientations(table)
 
 
 def _read_columns(table: Table, prismatic: Sequence[bool], positions: bool) -> _Columns:

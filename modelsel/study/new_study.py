@@ -13,10 +13,13 @@ from ..fitting.problem import Problem
 from ..measurements.column_guesses import Choice, Reading, guess_columns, merge_columns
 from ..measurements.measurements import Measurements
 from ..measurements.optional_columns import guess_optional_columns
+from ..measurements.orientation_columns import ORIENTATION_COLUMNS
+from ..measurements.orientation_guesses import guess_orientation
 from ..measurements.reader import read_measurements
 from ..measurements.table import DataFile, Table, load_table, rename_columns
 from ..robot.kinematics import Robot
 from ..setup.other_robots import compute_registered_misfit, sample_positions
+from .orientation_reading import settle_orientation
 
 # readings of the columns that are tried on the arm
 MAX_TRIED = 16
@@ -24,6 +27,8 @@ MAX_TRIED = 16
 # better than by any other
 MAX_REACH_SHARE = 0.02
 MIN_IMPROVEMENT = 4.0
+# a smaller median misfit [mm] is not one of measurements
+MIN_MISFIT_MM = 0.003
 # configurations from which a part of them is held out, and how many at most
 MIN_SPLIT = 30
 HELD_OUT_SHARE = 0.4
@@ -41,6 +46,7 @@ class StudyDraft:
     given: Mapping[str, str]
     choices: tuple[Choice, ...]
     optional: tuple[Reading, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     @property
     def columns(self) -> dict[str, str]:
@@ -55,6 +61,10 @@ class StudyDraft:
             for choice in self.choices
         )
         return replace(self, choices=choices)
+
+    def remark(self, sentence: str) -> StudyDraft:
+        """Return the draft with one sentence more to say."""
+        return replace(self, remarks=(*self.remarks, sentence))
 
     def read(self) -> Measurements:
         """Read the measurements. Raises DataError with file, line and column."""
@@ -74,6 +84,18 @@ def draft_study(file: DataFile, robot: Robot, given: Mapping[str, str]) -> Study
     taken = {*draft.columns.values(), *given}
     draft = replace(draft, optional=tuple(guess_optional_columns(renamed, taken)))
     return settle_by_arm(draft)
+
+
+def add_orientation(draft: StudyDraft) -> StudyDraft:
+    """Add the orientation where columns look like one and follow the nominal arm, to a draft whose
+    other choices are settled."""
+    choice = guess_orientation(draft.table, set(draft.columns.values()), draft.robot.name)
+    if choice is None or any(name in draft.given for name in ORIENTATION_COLUMNS):
+        return draft
+    choice, remark = settle_orientation(draft.file, draft.robot, draft.columns, choice)
+    if not choice.readings:
+        return draft.remark(remark)
+    return replace(draft, choices=(*draft.choices, choice))
 
 
 def _refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
@@ -153,7 +175,8 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     lines += [f"Also: {reading.sentence}." for reading in draft.optional]
     targets = f", {len(data.targets)} targets" if len(data.targets) > 1 else ""
     lines.append(f"{len(data)} rows, {data.configurations} configurations{targets}.")
-    return [*lines, *_describe_misfit(robot, data), _describe_split(data)]
+    lines += _describe_misfit(robot, data)
+    return [*lines, _describe_split(data), *draft.remarks]
 
 
 def _describe_misfit(robot: Robot, data: Measurements) -> list[str]:
@@ -161,6 +184,9 @@ def _describe_misfit(robot: Robot, data: Measurements) -> list[str]:
     if misfit is None or not np.isfinite(misfit):
         return ["Too few configurations to try the nominal arm on."]
     said = f"Tracker and target found from the rows, the nominal arm fits to {misfit:.3g} mm"
+    if misfit < MIN_MISFIT_MM:
+        said += " (median): no arm is measured so well. These positions look computed, by the "
+        return [said + "controller or a simulation; a calibration needs measured ones."]
     if misfit <= MAX_REACH_SHARE * robot.reach:
         return [f"{said} (median)."]
     said += " (median): that is far. Check the robot, the order of the joints and the units; "

@@ -173,3 +173,67 @@ def test_another_robot_is_told_by_its_misfit() -> None:
     unknown = invoked("init", "m.csv", "--robot", "ur1", "--yes", "--out", "other")
     assert unknown.exit_code == 2
     assert 'unknown robot "ur1". Did you mean "ur10"' in unknown.stderr
+
+
+# -- orientations
+# --------------------------------------------------------------------------------------------
+
+
+def poses(order: str, turned: bool = True) -> pd.DataFrame:
+    """The campaign with the target's orientation in the tracker's frame (or, not `turned`, in the
+    robot's own), as angles in degrees about the axes of `order`, intrinsic."""
+    from scipy.spatial.transform import Rotation
+
+    from modelsel.robot.kinematics import pose
+
+    frame = campaign()
+    q = np.radians(frame.iloc[:, :6].to_numpy())
+    flange = pose(load_robot("ur10"), q, TOOL).axes[-1, :3].transpose(2, 1, 0)
+    tracker = rotation_matrix(2, 0.7) if turned else np.eye(3)
+    on_flange = Rotation.from_euler("XYZ", [20, 40, 70], degrees=True).as_matrix()
+    seen = Rotation.from_matrix(tracker @ flange @ on_flange)
+    values = np.degrees(seen.as_rotvec()) if order == "vector" else seen.as_euler(order, True)
+    return frame.join(pd.DataFrame(values.round(5), columns=["1", "2", "3"]))
+
+
+@pytest.mark.parametrize(
+    ("order", "letters", "expected"),
+    [
+        ("ZYX", ["A", "B", "C"], {"kuka_a_deg": "A", "kuka_b_deg": "B", "kuka_c_deg": "C"}),
+        ("ZYX", ["R", "P", "W"], {"fanuc_w_deg": "W", "fanuc_p_deg": "P", "fanuc_r_deg": "R"}),
+        ("XYZ", ["Rx [°]", "Ry [°]", "Rz [°]"], {"staubli_rx_deg": "Rx [°]"}),
+        ("ZYX", ["Rz", "Ry", "Rx"], {"yaskawa_rx_deg": "Rx", "yaskawa_rz_deg": "Rz"}),
+        ("vector", ["Rx", "Ry", "Rz"], {"ur_rx_deg": "Rx", "ur_rz_deg": "Rz"}),
+        ("ZYX", ["C", "B", "A"], {"roll_deg": "A", "pitch_deg": "B", "yaw_deg": "C"}),
+    ],
+)
+def test_the_arm_tells_the_convention(order, letters, expected) -> None:
+    named = dict(zip("123", letters, strict=True))
+    poses(order).rename(columns=named).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", "--json")
+    assert ran.exit_code == 0, ran.output
+    told = json.loads(ran.stdout)
+    assert expected.items() <= told["columns"].items()
+    assert "from the nominal arm's" in " ".join(told["said"])
+    assert invoked("study", "m", "--dry-run").exit_code == 0
+
+
+def test_a_controllers_own_orientation_is_left_out_and_said() -> None:
+    """In the robot's base frame beside a tracker's positions: it follows by no convention."""
+    named = dict(zip("123", "ABC", strict=True))
+    poses("ZYX", turned=False).rename(columns=named).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert 'Orientations are left out: read as "A B C"' in ran.stdout
+    assert "kuka" not in (ran.stdout.split("Written")[1])
+
+
+def test_positions_that_no_instrument_gives_are_told() -> None:
+    """A log with the controller's own X Y Z: computed, not measured."""
+    frame = campaign()
+    q = np.radians(frame.iloc[:, :6].to_numpy())
+    from modelsel.robot.kinematics import forward
+
+    frame[["X", "Y", "Z"]] = forward(load_robot("ur10"), q, TOOL).round(4)
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert "These positions look computed" in ran.stdout
