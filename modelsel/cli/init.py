@@ -35,6 +35,23 @@ MARKS = {"comma": ",", "point": "."}
     type=click.Choice(list(MARKS)),
     help="The decimal mark, where the file's numbers leave it open.",
 )
+@click.option(
+    "--joints",
+    type=click.Path(path_type=Path),
+    help="A log of joint readings, where FILE has an instrument's points alone.",
+)
+@click.option(
+    "--join",
+    type=click.Choice(("name", "time", "order")),
+    help="How the points belong to the readings; default the way that fits.",
+)
+@click.option(
+    "--max-gap",
+    type=click.FloatRange(0, min_open=True),
+    default=0.5,
+    show_default=True,
+    help="Seconds that the times of a point and of its readings may differ.",
+)
 @column_option
 @click.option("--json", "as_json", is_flag=True)
 def init_command(
@@ -46,6 +63,9 @@ def init_command(
     tip: str | None,
     sheet: str | None,
     decimal: str | None,
+    joints: Path | None,
+    join: str | None,
+    max_gap: float,
     columns: dict[str, str],
     as_json: bool,
 ) -> None:
@@ -53,6 +73,7 @@ def init_command(
     show how they are read, ask, and write what `modelsel study` runs."""
     from ..measurements.table import DataFile
     from ..robot.files import is_robot_file, load_robot, read_robot
+    from ..study.joined_study import draft_joined_study
     from ..study.new_study import add_orientation, describe_draft, draft_study
     from ..study.study_folder import check_new, write_study_folder
 
@@ -65,7 +86,12 @@ def init_command(
         arm = load_robot(robot)
         named = {"name": arm.name}
     source = DataFile(file, sheet, None if decimal is None else MARKS[decimal])
-    draft = _settle(draft_study(source, arm, columns), yes)
+    if joints is None:
+        draft = draft_study(source, arm, columns)
+    else:
+        log = DataFile(joints, decimal=source.decimal)
+        draft = draft_joined_study(source, log, arm, columns, join, max_gap)
+    draft = _settle(draft, yes)
     draft = _settle(add_orientation(draft), yes)
     data = draft.read()
     lines = describe_draft(draft, data)

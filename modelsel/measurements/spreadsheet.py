@@ -16,7 +16,7 @@ from ..exceptions import DataError, suggest
 from .number_format import convert_number_text, find_decimal_mark, is_number, needs_conversion
 from .row_places import Where
 from .table_layout import find_layout, is_blank_row
-from .text_table import Grid, check_file, describe_lines, refuse_doubtful_commas
+from .text_table import Grid, check_file, describe_lines, refuse_doubtful_commas, refuse_headerless
 
 SPREADSHEET_SUFFIXES = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 # what a sheet must hold to be a table of measurements
@@ -34,11 +34,7 @@ def load_spreadsheet(path: Path, sheet: str | None = None, decimal: str | None =
     rows = sheets[name]
     layout = find_layout(rows[:HEADER_ROWS])
     if layout is None:
-        raise DataError(
-            "the table begins with numbers: it has no header.",
-            file=f'{path.name}, sheet "{name}"',
-            remedy="Write the columns' names in a row above them: q1_deg, …, x_mm, y_mm, z_mm.",
-        )
+        raise refuse_headerless(f'{path.name}, sheet "{name}"')
     body = list(enumerate(rows[layout.skipped :], layout.skipped + 1))
     kept = [(number, row) for number, row in body if not is_blank_row(row)]
     at = np.array([number for number, _ in kept], np.intp)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 PARQUET_SUFFIXES = (".parquet", ".pq")
 Columns = Mapping[str, "NDArray[Any]"]
-Source: TypeAlias = Union[str, "os.PathLike[str]", "pd.DataFrame"]
+Source: TypeAlias = Union[str, "os.PathLike[str]", "pd.DataFrame", "Table"]
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,12 @@ class Table:
 @dataclass(frozen=True)
 class DataFile(os.PathLike[str]):
     """A file and what its user says of it: the sheet of a spreadsheet, the decimal mark where the
-    numbers leave it open."""
+    numbers leave it open, whether it may have no header."""
 
     path: Path
     sheet: str | None = None
     decimal: str | None = None
+    headerless: bool = False
 
     def __fspath__(self) -> str:
         return str(self.path)
@@ -61,14 +62,15 @@ class DataFile(os.PathLike[str]):
 
 def load_table(source: Source, group: int | None = None) -> Table:
     """Load a text table, a spreadsheet, a Parquet file (`group`: one row group of it alone) or a
-    DataFrame. Raises DataError."""
+    DataFrame; a table is returned as it is. Raises DataError."""
     if isinstance(source, (str, os.PathLike)):
         path = Path(source)
         if path.suffix.lower() in PARQUET_SUFFIXES:
             return _load_parquet(path, group)
-        if isinstance(source, DataFile):
-            return _load_grid(path, source.sheet, source.decimal)
-        return _load_grid(path, None, None)
+        file = source if isinstance(source, DataFile) else DataFile(path)
+        return _load_grid(file)
+    if isinstance(source, Table):
+        return source
     import pandas as pd
 
     if not isinstance(source, pd.DataFrame):
@@ -91,6 +93,10 @@ def hash_source(source: Source) -> str:
                 file=Path(source).name,
                 remedy="Run again when it is there.",
             ) from None
+    if isinstance(source, Table):
+        import pandas as pd
+
+        source = pd.DataFrame(dict(source.columns))
     text = source.to_csv(index=False, lineterminator="\n")
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
@@ -124,13 +130,14 @@ def _load_series(column: pd.Series[Any]) -> NDArray[Any]:
     return np.asarray(column.to_numpy())
 
 
-def _load_grid(path: Path, sheet: str | None, decimal: str | None) -> Table:
+def _load_grid(file: DataFile) -> Table:
     """Load a text table or a spreadsheet, without columns that have neither name nor cells; a note
     says what is unusual about the file."""
+    path = Path(file)
     if path.suffix.lower() in SPREADSHEET_SUFFIXES:
-        grid = load_spreadsheet(path, sheet, decimal)
+        grid = load_spreadsheet(path, file.sheet, file.decimal)
     else:
-        grid = load_text_table(path, decimal)
+        grid = load_text_table(path, file.decimal, file.headerless)
     names = [name.strip() for name in grid.names]
     kept = [k for k, name in enumerate(names) if name or not is_blank_row(grid.columns[k].tolist())]
     _check_distinct([names[k] for k in kept], grid.where)

@@ -68,12 +68,13 @@ class _Reading:
         return len(self.layout.names)
 
 
-def load_text_table(path: Path, decimal: str | None = None) -> Grid:
+def load_text_table(path: Path, decimal: str | None = None, headerless: bool = False) -> Grid:
     """Load a text table, whatever separates its cells and however it is encoded; `decimal`: its
-    decimal mark where both fit. Raises DataError."""
+    decimal mark where both fit; `headerless`: whether it may have no header, its columns then
+    called column 1 and so on. Raises DataError."""
     check_file(path)
     try:
-        reading = _prepare_reading(path, decimal)
+        reading = _prepare_reading(path, decimal, headerless)
         parts, starts = [], []
         for rows, lines in _read_chunks(reading):
             starts.append(lines)
@@ -112,7 +113,7 @@ def check_file(path: Path) -> None:
 # --------------------------------------------------------------------------------------------
 
 
-def _prepare_reading(path: Path, decimal: str | None) -> _Reading:
+def _prepare_reading(path: Path, decimal: str | None, headerless: bool) -> _Reading:
     """Find a file's form, header and decimal mark in its beginning."""
     form, text = sniff_text(path)
     rows, ends, comments = sample_rows(text, form)
@@ -122,7 +123,10 @@ def _prepare_reading(path: Path, decimal: str | None) -> _Reading:
         first = ends[layout.skipped - 1] + 1
         body = rows[layout.skipped :]
     else:
-        line, names = _find_commented_header(rows, form, comments, path)
+        line, names = _find_commented_header(rows, form, comments)
+        if not names and not headerless:
+            raise refuse_headerless(path.name)
+        names = names or number_columns(rows)
         layout, first, body = Layout(names, 0, 0), 1, rows
     layout = replace(layout, header=line)
     cells = [cell for row in body for cell in row]
@@ -148,10 +152,10 @@ def refuse_doubtful_commas(file: str, example: Any) -> DataError:
 
 
 def _find_commented_header(
-    rows: Sequence[Sequence[str]], form: TextFormat, comments: dict[int, str], path: Path
+    rows: Sequence[Sequence[str]], form: TextFormat, comments: dict[int, str]
 ) -> tuple[int, list[str]]:
-    """Find (line, names) of a header that is a comment, as numpy writes it. Raises DataError for a
-    table that begins with numbers."""
+    """Find (line, names) of a header that is a comment, as numpy writes it; no names where there
+    is none."""
     filled = [row for row in rows if not is_blank_row(row)]
     width = len(filled[0]) if filled else 0
     for line in sorted(comments, reverse=True):
@@ -164,9 +168,20 @@ def _find_commented_header(
         if len(names) == width > 1 and any(names):
             names[0] = names[0] or mark
             return line, names
-    raise DataError(
+    return 0, []
+
+
+def number_columns(rows: Sequence[Sequence[Any]]) -> list[str]:
+    """Number the columns of a table without header, as many as its first row has."""
+    first = next(row for row in rows if not is_blank_row(row))
+    return [f"column {k}" for k in range(1, len(first) + 1)]
+
+
+def refuse_headerless(file: str) -> DataError:
+    """Return the error of a table that begins with numbers."""
+    return DataError(
         "the table begins with numbers: it has no header.",
-        file=path.name,
+        file=file,
         line=1,
         remedy="Write the columns' names in a line above them: q1_deg, …, x_mm, y_mm, z_mm.",
     )
@@ -269,6 +284,8 @@ def _describe_reading(reading: _Reading) -> list[str]:
     elif reading.convert:
         said.append("thousands in groups of digits")
     header = reading.layout.header
+    if header == 0:
+        said.append("no header")
     if header > 1:
         said.append(f"the header on line {header}")
     if reading.layout.units:

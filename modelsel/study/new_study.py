@@ -41,7 +41,7 @@ class StudyDraft:
     measurements once nothing is open."""
 
     robot: Robot
-    file: DataFile
+    source: DataFile | Table
     table: Table
     given: Mapping[str, str]
     choices: tuple[Choice, ...]
@@ -68,19 +68,19 @@ class StudyDraft:
 
     def read(self) -> Measurements:
         """Read the measurements. Raises DataError with file, line and column."""
-        return read_measurements(self.file, self.robot, self.columns)
+        return read_measurements(self.source, self.robot, self.columns)
 
 
-def draft_study(file: DataFile, robot: Robot, given: Mapping[str, str]) -> StudyDraft:
+def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]) -> StudyDraft:
     """Read a file's columns as well as its names, its values and the nominal arm tell; `given`:
     what the user says. Raises DataError where nothing looks like a required column."""
-    table = load_table(file)
+    table = load_table(source)
     renamed = rename_columns(table, given)
     choices = guess_columns(renamed, robot.prismatic)
     for choice in choices:
         if not choice.readings:
             raise _refuse_missing(table, choice, robot)
-    draft = StudyDraft(robot, file, table, given, tuple(choices))
+    draft = StudyDraft(robot, source, table, given, tuple(choices))
     taken = {*draft.columns.values(), *given}
     draft = replace(draft, optional=tuple(guess_optional_columns(renamed, taken)))
     return settle_by_arm(draft)
@@ -92,7 +92,7 @@ def add_orientation(draft: StudyDraft) -> StudyDraft:
     choice = guess_orientation(draft.table, set(draft.columns.values()), draft.robot.name)
     if choice is None or any(name in draft.given for name in ORIENTATION_COLUMNS):
         return draft
-    choice, remark = settle_orientation(draft.file, draft.robot, draft.columns, choice)
+    choice, remark = settle_orientation(draft.source, draft.robot, draft.columns, choice)
     if not choice.readings:
         return draft.remark(remark)
     return replace(draft, choices=(*draft.choices, choice))
@@ -143,7 +143,7 @@ def _try_readings(draft: StudyDraft, readings: Sequence[Reading]) -> float:
     the file cannot be read so."""
     columns = {**draft.given, **merge_columns(readings)}
     try:
-        data = read_measurements(draft.file, draft.robot, columns)
+        data = read_measurements(draft.source, draft.robot, columns)
     except ModelselError:
         return float("inf")
     misfit = measure_misfit(draft.robot, data)

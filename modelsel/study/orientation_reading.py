@@ -12,7 +12,7 @@ from ..exceptions import DataError, ModelselError, NotEstimable
 from ..fitting.problem import Problem
 from ..measurements.column_guesses import Choice, Reading
 from ..measurements.reader import read_measurements
-from ..measurements.table import DataFile
+from ..measurements.table import Source
 from ..robot.kinematics import Robot
 from ..robot.rigid import nearest_rotation, rotation_vector
 from ..setup.other_robots import select_most_frequent
@@ -26,11 +26,11 @@ MIN_IMPROVEMENT = 4.0
 
 
 def settle_orientation(
-    file: DataFile, robot: Robot, columns: Mapping[str, str], choice: Choice
+    source: Source, robot: Robot, columns: Mapping[str, str], choice: Choice
 ) -> tuple[Choice, str]:
     """Keep the readings of an orientation that follow the nominal arm, the best alone where it is
     clearly better; return also what is said of columns that follow it by none."""
-    angles = [_try_reading(file, robot, {**columns, **r.columns}) for r in choice.readings]
+    angles = [_try_reading(source, robot, {**columns, **r.columns}) for r in choice.readings]
     order = np.argsort(angles)
     best = angles[order[0]]
     if not best <= GOOD_ANGLE:
@@ -50,11 +50,11 @@ def _explain(reading: Reading, angle: float) -> Reading:
     return replace(reading, reason=reason)
 
 
-def _try_reading(file: DataFile, robot: Robot, columns: Mapping[str, str]) -> float:
+def _try_reading(source: Source, robot: Robot, columns: Mapping[str, str]) -> float:
     """Compute the median angle [rad] of measured orientations from the nominal arm's, the target's
     own turn on the flange free; infinite where the file cannot be read so."""
     try:
-        data = read_measurements(file, robot, columns)
+        data = read_measurements(source, robot, columns)
         problem = Problem(robot, data, np.zeros((len(data.targets), 3)))
         rows = select_most_frequent(problem, np.ones(len(data), bool))[:MAX_ROWS]
         sample = problem.take(rows)
