@@ -188,6 +188,9 @@ def fit(  # noqa: PLR0913  all but two have defaults
         start = first.theta
         solver: Solver = sampled_solver(problem, sample, first, held, fold_of)
     else:
+        if start is None and isinstance(problem, Problem) and problem.whitening.stated is not None:
+            # far from the solution an error of the arm resembles what rows share
+            start = fit(problem.as_stated(), model, precision=precision, held=held).theta
         solver = solver_of(problem, model, precision, held)
     theta = np.zeros(len(model.terms)) if start is None else start
     state = begin(solver, theta, precision, iterations, step_mm)
