@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..exceptions import StudyError
-from ._options import column_option, print_json
+from ._options import column_option, print_json, read_robot_option, xacro_option
 
 if TYPE_CHECKING:
     from ..measurements.column_guesses import Choice, Reading
@@ -52,6 +52,7 @@ MARKS = {"comma": ",", "point": "."}
     show_default=True,
     help="Seconds that the times of a point and of its readings may differ.",
 )
+@xacro_option
 @column_option
 @click.option("--json", "as_json", is_flag=True)
 def init_command(
@@ -66,25 +67,20 @@ def init_command(
     joints: Path | None,
     join: str | None,
     max_gap: float,
+    arguments: dict[str, str],
     columns: dict[str, str],
     as_json: bool,
 ) -> None:
     """Write a study folder from a measurements file as it is: find the columns and their units,
     show how they are read, ask, and write what `modelsel study` runs."""
     from ..measurements.table import DataFile
-    from ..robot.files import is_robot_file, load_robot, read_robot
     from ..study.joined_study import draft_joined_study
     from ..study.new_study import add_orientation, describe_draft, draft_study
-    from ..study.study_folder import check_new, write_study_folder
+    from ..study.study_folder import RobotSource, check_new, write_study_folder
 
     folder = out if out is not None else Path(file.stem)
     check_new(folder)
-    if is_robot_file(robot):
-        arm = read_robot(Path(robot), base, tip)
-        named = {"file": robot, **{k: v for k, v in (("base", base), ("tip", tip)) if v}}
-    else:
-        arm = load_robot(robot)
-        named = {"name": arm.name}
+    arm, urdf = read_robot_option(robot, base, tip, arguments)
     source = DataFile(file, sheet, None if decimal is None else MARKS[decimal])
     if joints is None:
         draft = draft_study(source, arm, columns)
@@ -99,7 +95,7 @@ def init_command(
         click.echo("\n".join(lines))
     if not yes:
         _ask_whether(f"Write a study to {folder}?")
-    written = write_study_folder(draft, data, named, folder)
+    written = write_study_folder(draft, data, RobotSource(robot, base, tip, urdf), folder)
     if as_json:
         print_json(
             {"written": [str(path) for path in written], "columns": draft.columns, "said": lines}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from ..config.study_file import parse_study
 from ..exceptions import StudyError
 from ..measurements.measurements import Measurements
 from ..measurements.table import Table, rename_columns
+from ..robot.files import is_robot_file
 from .new_study import StudyDraft, count_estimation
 
 JOINED_FILE = "measurements.csv"
@@ -21,29 +23,64 @@ STUDY_FILE = "study.toml"
 PLAIN_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
+@dataclass(frozen=True)
+class RobotSource:
+    """How a user names a robot: its name or file, of a URDF the links `base` and `tip`; `urdf`: what
+    a xacro file expands to."""
+
+    given: str
+    base: str | None = None
+    tip: str | None = None
+    urdf: bytes | None = None
+
+    def list_keys(self, name: str) -> dict[str, str]:
+        """List the keys of the study's table [robot], for a robot of some `name`."""
+        if not is_robot_file(self.given):
+            return {"name": name}
+        keys = {"file": self.file, "base": self.base, "tip": self.tip}
+        return {key: value for key, value in keys.items() if value is not None}
+
+    @property
+    def file(self) -> str:
+        """The robot file's name in the study folder."""
+        path = Path(self.given)
+        if self.urdf is None:
+            return path.name
+        return f"{path.name.removesuffix(path.suffix).removesuffix('.urdf')}.urdf"
+
+    def read(self) -> bytes:
+        """Read the robot file."""
+        if self.urdf is not None:
+            return self.urdf
+        return read_text(Path(self.given), "the robot file").encode()
+
+
 def write_study_folder(
-    draft: StudyDraft, data: Measurements, robot: Mapping[str, str], folder: Path
+    draft: StudyDraft, data: Measurements, robot: RobotSource, folder: Path
 ) -> list[Path]:
-    """Write a study of a draft; `robot`: the keys of its table, `name` or `file` with `base` and
-    `tip`. Returns the files written. Raises StudyError where there is a study already."""
+    """Write a study of a draft. Returns the files written. Raises StudyError where there is a study
+    already."""
     check_new(folder)
     files: dict[str, bytes] = {}
     source = draft.source
     if isinstance(source, Table):
         files[JOINED_FILE] = _write_table(rename_columns(source, draft.columns))
-    elif source.path.resolve().parent != folder.resolve():
+    elif not _is_inside(source.path, folder):
         files[source.path.name] = source.path.read_bytes()
-    robot = dict(robot)
-    if "file" in robot:
-        path = Path(robot["file"])
-        robot["file"] = path.name
-        if path.resolve().parent != folder.resolve():
-            files[path.name] = read_text(path, "the robot file").encode()
-    text = format_study(draft, data, robot, folder.resolve().name)
+    if is_robot_file(robot.given):
+        written = robot.urdf is not None
+        if written or not _is_inside(Path(robot.given), folder):
+            files[robot.file] = robot.read()
+    keys = robot.list_keys(draft.robot.name)
+    text = format_study(draft, data, keys, folder.resolve().name)
     parse_study(text, STUDY_FILE)
     files[STUDY_FILE] = text.encode()
     write_all(folder, files)
     return [folder / name for name in files]
+
+
+def _is_inside(path: Path, folder: Path) -> bool:
+    return path.resolve().parent == folder.resolve()
 
 
 def check_new(folder: Path) -> None:
