@@ -110,11 +110,14 @@ def _settle(draft: StudyDraft, yes: bool) -> StudyDraft:
     for choice in draft.choices:
         if not choice.is_doubtful:
             continue
-        reading = choice.readings[0] if yes else _ask_which(choice)
-        draft = draft.choose(choice.what, reading)
-        if yes:
-            others = " or ".join(other.words for other in choice.readings[1:])
-            draft = draft.remark(f"Not sure: {choice.what} may also be {others}.")
+        if not yes:
+            reading = _ask_which(choice)
+            draft = draft.choose(choice.what, reading)
+            continue
+        first, *others = choice.readings
+        draft = draft.choose(choice.what, first)
+        listed = " or ".join(other.words for other in others)
+        draft = draft.remark(f"Not sure: {choice.what} may also be {listed}.")
     return draft
 
 

@@ -57,7 +57,8 @@ class Choice:
     @property
     def is_doubtful(self) -> bool:
         """Whether several readings fit."""
-        return len(self.readings) > 1
+        count = len(self.readings)
+        return count > 1
 
 
 def guess_columns(table: Table, prismatic: Sequence[bool]) -> list[Choice]:
@@ -109,7 +110,8 @@ def _read_joint_columns(
     complete = []
     for family in families.values():
         first = 0 if 0 in family else 1
-        if all(first + j in family for j in range(count)):
+        goes_on = first + count in family
+        if all(first + j in family for j in range(count)) and not goes_on:
             complete.append([family[first + j] for j in range(count)])
     strong = [family for family in complete if family[0].stem not in WEAK_JOINT_WORDS]
     complete = strong or complete
@@ -212,10 +214,14 @@ def _list_position_units(table: Table, family: Sequence[ColumnName]) -> tuple[li
 
 
 def _list_length_units(extent: float, words: str) -> tuple[list[str], str]:
-    size = f"{extent:.0f}" if extent >= 100 else f"{extent:.3g}"
+    size = f"{extent:.3g}"
+    if extent >= 100:
+        size = f"{extent:.0f}"
     reason = f"{words} {size}"
     if extent > MIN_EXTENT_MM:
         return ["mm"], reason
+    if not extent:
+        return ["mm", "m"], reason
     return (["m"] if extent <= MAX_EXTENT_M else ["mm", "m"]), reason
 
 
@@ -264,8 +270,9 @@ def _describe_choice(choice: Choice) -> str:
     if not choice.readings:
         return f"Nothing looks like {choice.what}."
     first, *others = choice.readings
-    looks = "look" if choice.what.endswith("s") else "looks"
-    said = f"{choice.what.capitalize()} {looks} like {first.sentence}"
-    for other in others:
-        said += f", or {other.words}"
-    return f"{said}."
+    is_plural = choice.what.endswith("s")
+    looks = "look" if is_plural else "looks"
+    subject = choice.what.capitalize()
+    said = [f"{subject} {looks} like {first.sentence}"]
+    said += [f"or {other.words}" for other in others]
+    return f"{', '.join(said)}."

@@ -94,13 +94,7 @@ class ColumnName:
 
 def parse_column_name(name: str, unit: str | None = None) -> ColumnName:
     """Take a column's name apart; `unit`: what a row of units says below it."""
-    bare, inside = name, []
-    for match in BRACKETS.finditer(name):
-        inside.append(match[1])
-        bare = bare.replace(match[0], " ")
-    words = [word.lower() for word in WORD_BREAK.split(CAMEL.sub(" ", bare.strip())) if word]
-    said = [unit.strip("[](){}<> ").lower()] if unit else []
-    said += [text.lower() for text in inside]
+    words, said = _split_name(name, unit)
     found = next((find_unit(text) for text in said if find_unit(text) is not None), None)
     brackets = [word for text in said if find_unit(text) is None for word in text.split()]
     if found is None and len(words) > 1 and find_unit(words[-1]) is not None:
@@ -109,6 +103,25 @@ def parse_column_name(name: str, unit: str | None = None) -> ColumnName:
             words.pop()
     quantity, number, stem, rest = _find_quantity(words)
     return ColumnName(name, quantity, number, stem, found, frozenset([*rest, *brackets]))
+
+
+def list_units(name: str, unit: str | None = None) -> list[str]:
+    """List the words that a name, and a row of units, say as its unit, in small letters."""
+    words, said = _split_name(name, unit)
+    candidates = [*said, *words[1:][-1:]]
+    return [word for word in candidates if find_unit(word) is not None]
+
+
+def _split_name(name: str, unit: str | None) -> tuple[list[str], list[str]]:
+    """Split a name into (its words, what stands in brackets or in the row of units), in small
+    letters."""
+    bare, inside = name, []
+    for match in BRACKETS.finditer(name):
+        inside.append(match[1])
+        bare = bare.replace(match[0], " ")
+    words = [word.lower() for word in WORD_BREAK.split(CAMEL.sub(" ", bare.strip())) if word]
+    said = [unit.strip("[](){}<> ").lower()] if unit else []
+    return words, [*said, *(text.strip().lower() for text in inside)]
 
 
 def find_unit(text: str) -> str | None:

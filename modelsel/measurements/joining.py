@@ -51,13 +51,15 @@ class Join:
 def find_joins(points: Table, log: Table, max_gap: float) -> tuple[dict[str, Join], dict[str, str]]:
     """Find the ways that join two tables, and why others do not; `max_gap`: seconds that the time
     of a point and that of its readings may differ."""
-    attempts = {
-        "name": _join_by_name(points, log),
-        "time": _join_by_time(points, log, max_gap),
-        "order": _join_by_order(points, log),
-    }
-    joins = {way: found for way, found in attempts.items() if isinstance(found, Join)}
-    reasons = {way: found for way, found in attempts.items() if isinstance(found, str)}
+    by_name = _join_by_name(points, log)
+    by_time = _join_by_time(points, log, max_gap)
+    by_order = _join_by_order(points, log)
+    joins, reasons = {}, {}
+    for way, found in zip(WAYS, (by_name, by_time, by_order), strict=True):
+        if isinstance(found, Join):
+            joins[way] = found
+        else:
+            reasons[way] = found
     return joins, reasons
 
 
@@ -135,8 +137,9 @@ def _list_rows(where: Where, rows: Index) -> str:
 def _check_coordinates(points: Table) -> None:
     for name in points.columns:
         parsed = parse_column_name(name)
-        is_other = bool(parsed.words - MEASURED)
-        if parsed.quantity in COORDINATES and not is_other:
+        other_words = parsed.words - MEASURED
+        is_coordinate = parsed.quantity in COORDINATES
+        if is_coordinate and not other_words:
             read_numbers(points, name)
 
 
@@ -166,19 +169,26 @@ def _list_names(table: Table) -> dict[str, Any]:
     found = {}
     for name, cells in table.columns.items():
         parsed = parse_column_name(name)
-        is_other = parsed.quantity is not None or bool(parsed.words & (TIME_WORDS | DATE_WORDS))
-        if not is_other and _holds_names(cells):
+        is_quantity = parsed.quantity is not None
+        is_time = parsed.words & (TIME_WORDS | DATE_WORDS)
+        if is_quantity or is_time:
+            continue
+        if _holds_names(cells):
             found[name] = cells
     return found
 
 
 def _holds_names(cells: Any) -> bool:
     """Whether cells may be names: filled, and text other than times, or whole numbers."""
-    if find_blank_cells(cells).any() or not len(cells) or are_clock_times(cells):
+    if not len(cells) or are_clock_times(cells):
+        return False
+    if find_blank_cells(cells).any():
         return False
     values = convert_to_numbers(cells)
     is_number = np.isfinite(values)
-    return bool((values[is_number] == np.round(values[is_number])).all())
+    numbers = values[is_number]
+    whole = np.round(numbers)
+    return bool(np.array_equal(numbers, whole))
 
 
 def _squeeze_name(cell: Any) -> str:

@@ -12,7 +12,10 @@ POINT_GROUPS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?")
 COMMA_GROUPS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")
 # blanks and apostrophes between groups of three digits, as in Swiss and French files
 OTHER_GROUPS = re.compile(r"[+-]?\d{1,3}(?:[ '’\u00a0\u202f]\d{3})+(?:[.,]\d*)?")
+FORMS = (PLAIN, WITH_COMMA, POINT_GROUPS, COMMA_GROUPS, OTHER_GROUPS)
 GROUP_MARKS = re.compile(r"[ '’\u00a0\u202f]")
+# share of a table's numbers that are written another way, from which that is its way
+MIN_ODD_SHARE = 0.02
 MINUS = "\u2212"
 
 
@@ -22,9 +25,16 @@ def is_number(cell: Any) -> bool:
         return False
     if isinstance(cell, (int, float)):
         return True
-    text = str(cell).strip().replace(MINUS, "-")
-    forms = (PLAIN, WITH_COMMA, POINT_GROUPS, COMMA_GROUPS, OTHER_GROUPS)
-    return any(form.fullmatch(text) for form in forms)
+    text = _clean_number(cell)
+    return any(form.fullmatch(text) for form in FORMS)
+
+
+def _clean_number(cell: Any) -> str:
+    """Return a text cell without blanks around it, its minus a plain one; "" for any other cell."""
+    if not isinstance(cell, str):
+        return ""
+    text = cell.strip()
+    return text.replace(MINUS, "-")
 
 
 def find_decimal_mark(cells: Iterable[Any]) -> str | None:
@@ -33,10 +43,12 @@ def find_decimal_mark(cells: Iterable[Any]) -> str | None:
     Cells that contradict each other have a point: the commas among them are refused later."""
     commas, points, doubtful = 0, 0, 0
     for cell in cells:
-        text = str(cell).strip().replace(MINUS, "-") if isinstance(cell, str) else ""
+        text = _clean_number(cell)
         grouped = OTHER_GROUPS.fullmatch(text)
-        text = GROUP_MARKS.sub("", text) if grouped else text
-        has_comma, has_point = "," in text, "." in text
+        if grouped:
+            text = GROUP_MARKS.sub("", text)
+        has_comma = "," in text
+        has_point = "." in text
         if has_comma and has_point:
             commas += POINT_GROUPS.fullmatch(text) is not None
             points += COMMA_GROUPS.fullmatch(text) is not None
@@ -58,7 +70,7 @@ def convert_number_text(cell: Any, decimal: str) -> Any:
     as it is."""
     if not isinstance(cell, str):
         return cell
-    text = cell.strip().replace(MINUS, "-")
+    text = _clean_number(cell)
     if OTHER_GROUPS.fullmatch(text):
         text = GROUP_MARKS.sub("", text)
     if decimal == "," and POINT_GROUPS.fullmatch(text):
@@ -71,6 +83,13 @@ def convert_number_text(cell: Any, decimal: str) -> Any:
 
 
 def needs_conversion(cells: Sequence[Any]) -> bool:
-    """Whether any of the cells is text that is a number, but not in Python's form."""
-    texts = [cell.strip() for cell in cells if isinstance(cell, str)]
-    return any(is_number(text) and not PLAIN.fullmatch(text) for text in texts)
+    """Whether cells are written another way than Python's as a rule: a single odd cell among many
+    is a mistake, and stays one."""
+    numbers = [cell for cell in cells if is_number(cell)]
+    odd = sum(map(is_odd_number, numbers))
+    return odd >= max(1, MIN_ODD_SHARE * len(numbers))
+
+
+def is_odd_number(cell: Any) -> bool:
+    """Whether a cell is text that is a number, but not in Python's form."""
+    return isinstance(cell, str) and is_number(cell) and not PLAIN.fullmatch(cell.strip())

@@ -81,9 +81,12 @@ def _parse_texts(texts: NDArray[Any]) -> Array | None:
     words = [str(text).strip() for text in texts]
     if not are_clock_times(words):
         return None
-    day_first = any(word[2:3] == "." or word[1:2] == "." for word in words)
+    day_first = any("." in word[1:3] for word in words)
+    series = pd.Series(words)
     try:
-        parsed = pd.to_datetime(pd.Series(words), format="mixed", dayfirst=day_first, utc=True)
+        moments = pd.to_datetime(series, format="mixed", dayfirst=day_first, utc=True)
     except (ValueError, TypeError, OverflowError):
         return None
-    return np.asarray((parsed - pd.Timestamp(0, tz="UTC")).dt.total_seconds(), float)
+    beginning = pd.Timestamp(0, tz="UTC")
+    since = moments - beginning
+    return np.asarray(since.dt.total_seconds(), float)

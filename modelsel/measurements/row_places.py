@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,8 @@ class Where:
     header line 1 unless `header` says another; the sheet of a spreadsheet has rows, numbered as
     the spreadsheet does; a DataFrame and a Parquet file have rows, counted from 0. `first`: the
     number of the table's first row, where it is a piece of a file; `at` (m,): the line or sheet
-    row of every row, where rows do not follow one another from the second line on."""
+    row of every row, where rows do not follow one another from the second line on; `names`: what
+    the user calls columns that are renamed."""
 
     file: str = ""
     lines: bool = True
@@ -27,6 +28,7 @@ class Where:
     at: Mapping[int, int] | NDArray[np.intp] | None = None
     header: int = 1
     sheet: str = ""
+    names: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def is_file(self) -> bool:
@@ -47,7 +49,7 @@ class Where:
     def number(self, row: int) -> int:
         """Number the 0-based `row` as the user does."""
         if self.at is not None:
-            return int(self.at[row])
+            return int(self.at[row]) if len(self.at) else self.header + 1
         first = self.first
         if self.is_text:
             first = 2
@@ -57,6 +59,8 @@ class Where:
         self, what: str, *, row: int | None = None, column: str | None = None, remedy: str = ""
     ) -> DataError:
         """Return the error to raise, with its place: 0-based `row`, without it the header's."""
+        if column is not None:
+            column = self.names.get(column, column)
         number = None if row is None else self.number(row)
         if self.is_text:
             line = self.header if number is None else number
@@ -113,15 +117,20 @@ class Where:
         """Say how to map columns that have other names: contract name -> their own."""
         if self.is_file:
             pairs = ", ".join(f'{wanted} = "{given}"' for wanted, given in columns.items())
-            options = " ".join(
-                f"--column {shlex.quote(f'{wanted}={given}')}" for wanted, given in columns.items()
-            )
+            options = " ".join(_write_options(columns))
             return (
                 f"in the study file: [measurements] columns = {{ {pairs} }} (for a command without a "
                 f"study file: {options})"
             )
         pairs = ", ".join(f'"{wanted}": "{given}"' for wanted, given in columns.items())
         return f'by columns={{{pairs}}} (for a Study: measurements={{"frame": …, "columns": …}})'
+
+
+def _write_options(columns: Mapping[str, str]) -> Iterator[str]:
+    """Write a mapping of columns as options of a command."""
+    for wanted, given in columns.items():
+        pair = f"{wanted}={given}"
+        yield f"--column {shlex.quote(pair)}"
 
 
 def where_from_record(record: Mapping[str, Any] | None) -> Where:

@@ -13,7 +13,13 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import DataError, suggest
-from .number_format import convert_number_text, find_decimal_mark, is_number, needs_conversion
+from .number_format import (
+    convert_number_text,
+    find_decimal_mark,
+    is_number,
+    is_odd_number,
+    needs_conversion,
+)
 from .row_places import Where
 from .table_layout import find_layout, is_blank_row
 from .text_table import Grid, check_file, describe_lines, refuse_doubtful_commas, refuse_headerless
@@ -45,7 +51,7 @@ def load_spreadsheet(path: Path, sheet: str | None = None, decimal: str | None =
     if convert:
         decimal = decimal or find_decimal_mark(cells)
         if decimal is None:
-            example = next(cell for cell in cells if needs_conversion([cell]))
+            example = next(filter(is_odd_number, cells))
             raise refuse_doubtful_commas(path.name, example)
         said.append("numbers kept as text")
     if layout.header:

@@ -134,7 +134,14 @@ def _load_grid(file: DataFile) -> Table:
     """Load a text table or a spreadsheet, without columns that have neither name nor cells; a note
     says what is unusual about the file."""
     path = Path(file)
-    if path.suffix.lower() in SPREADSHEET_SUFFIXES:
+    is_spreadsheet = path.suffix.lower() in SPREADSHEET_SUFFIXES
+    if file.sheet is not None and not is_spreadsheet:
+        raise DataError(
+            f'it has no sheets; "{file.sheet}" would be one of a spreadsheet.',
+            file=path.name,
+            remedy=f"Leave sheet out, or give a spreadsheet: {', '.join(SPREADSHEET_SUFFIXES)}.",
+        )
+    if is_spreadsheet:
         grid = load_spreadsheet(path, file.sheet, file.decimal)
     else:
         grid = load_text_table(path, file.decimal, file.headerless)
@@ -247,4 +254,5 @@ def rename_columns(table: Table, columns: Mapping[str, str]) -> Table:
     new = {given: wanted for wanted, given in columns.items()}
     kept = [name for name in table.columns if name in new or name not in columns]
     _check_distinct([new.get(name, name) for name in kept], table.where)
-    return replace(table, columns={new.get(name, name): table.columns[name] for name in kept})
+    renamed = {new.get(name, name): table.columns[name] for name in kept}
+    return replace(table, columns=renamed, where=replace(table.where, names=dict(columns)))

@@ -72,7 +72,8 @@ def _find_header(rows: Sequence[Row]) -> int | None:
     usual = max(counts, key=lambda width: (counts[width], width), default=0)
     first = next((k for k in filled if _is_data_row(rows[k], usual)), None)
     if first is None:
-        return filled[0] if filled else None
+        widest = [k for k in filled if _count_filled(rows[k]) == usual]
+        return widest[0] if widest else None
     above = [k for k in filled if k < first]
     for k in above:
         is_wide = _count_filled(rows[k]) >= MIN_HEADER_SHARE * usual

@@ -158,14 +158,23 @@ def mask_comments(
     quoted = False
     for number, line in enumerate(lines, 1):
         bare = line.lstrip()
-        is_hint = number == 1 and bare.lower().startswith(EXCEL_HINT) and len(bare.rstrip()) == 5
-        if not quoted and (bare.startswith(marks) or is_hint):
+        is_comment = bare.startswith(marks)
+        if number == 1:
+            is_comment = is_comment or _is_excel_hint(bare)
+        if is_comment and not quoted:
             comments[number] = bare.rstrip()
             yield "\n"
             continue
         if '"' in line and line.count('"') % 2:
             quoted = not quoted
         yield line
+
+
+def _is_excel_hint(line: str) -> bool:
+    """Whether a line is Excel's own, that names the separator."""
+    hint = line.rstrip().lower()
+    names_one = len(hint) == len(EXCEL_HINT) + 1
+    return names_one and hint.startswith(EXCEL_HINT)
 
 
 # -- rows
@@ -182,7 +191,8 @@ def split_rows(lines: Iterable[str], separator: str) -> Reader:
 def sample_rows(text: str, form: TextFormat) -> tuple[list[list[str]], list[int], dict[int, str]]:
     """Split a sample into (rows, the lines they end on, its comments by line)."""
     comments: dict[int, str] = {}
-    lines = mask_comments(io.StringIO(text, newline=""), form.marks, comments)
+    file = io.StringIO(text, newline="")
+    lines = mask_comments(file, form.marks, comments)
     reader = split_rows(lines, form.separator)
     rows, ends = [], []
     for row in reader:
@@ -195,19 +205,21 @@ def sample_rows(text: str, form: TextFormat) -> tuple[list[list[str]], list[int]
 
 def _find_separator(sample: str, marks: tuple[str, ...]) -> str:
     """Find what separates the cells: what gives rows of one width, and most numbers."""
-    hint = sample[:5].lower()
-    if hint.startswith(EXCEL_HINT) and sample[4] in SEPARATOR_NAMES:
-        return sample[4]
-    scores = {
-        separator: _score_rows(sample, TextFormat("", separator, marks))
-        for separator in SEPARATOR_NAMES
-    }
+    first_line, _, _ = sample.partition("\n")
+    if _is_excel_hint(first_line):
+        return first_line.rstrip()[-1]
+    scores = {}
+    for separator in SEPARATOR_NAMES:
+        form = TextFormat("", separator, marks)
+        scores[separator] = _score_rows(sample, form)
     best = max(scores, key=lambda separator: scores[separator])
-    if scores[best][0] >= CLEAR_SCORE:
+    share, _ = scores[best]
+    if share >= CLEAR_SCORE:
         return best
     # blanks stand within cells as well
-    by_blanks = _score_rows(sample, TextFormat("", BLANKS, marks))
-    return BLANKS if by_blanks[0] > scores[best][0] else best
+    form = TextFormat("", BLANKS, marks)
+    share_by_blanks, _ = _score_rows(sample, form)
+    return BLANKS if share_by_blanks > share else best
 
 
 def _score_rows(sample: str, form: TextFormat) -> tuple[float, float]:

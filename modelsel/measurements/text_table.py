@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from .._text import find_read_problem
 from ..exceptions import DataError
-from .number_format import convert_number_text, find_decimal_mark, needs_conversion
+from .number_format import convert_number_text, find_decimal_mark, is_odd_number, needs_conversion
 from .row_places import Where
 from .table_layout import Layout, find_layout, is_blank_row
 from .text_format import (
@@ -134,7 +134,7 @@ def _prepare_reading(path: Path, decimal: str | None, headerless: bool) -> _Read
     if convert:
         decimal = decimal or find_decimal_mark(cells)
         if decimal is None:
-            example = next(cell for cell in cells if needs_conversion([cell]))
+            example = next(filter(is_odd_number, cells))
             raise refuse_doubtful_commas(path.name, example)
     return _Reading(path, form, layout, first, decimal or ".", convert)
 

@@ -75,7 +75,9 @@ def _drop_equal(joins: Mapping[str, Join]) -> dict[str, Join]:
         return {"name": joins["name"]}
     kept: dict[str, Join] = {}
     for way, join in joins.items():
-        if not any(join.is_like(other) for other in kept.values()):
+        others = kept.values()
+        is_new = not any(join.is_like(other) for other in others)
+        if is_new:
             kept[way] = join
     return kept
 

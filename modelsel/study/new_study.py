@@ -11,10 +11,12 @@ import numpy as np
 from ..exceptions import DataError, ModelselError, NotEstimable
 from ..fitting.problem import Problem
 from ..measurements.column_guesses import Choice, Reading, guess_columns, merge_columns
+from ..measurements.headerless_columns import is_headerless, list_orders
 from ..measurements.measurements import Measurements
 from ..measurements.optional_columns import guess_optional_columns
 from ..measurements.orientation_columns import ORIENTATION_COLUMNS
 from ..measurements.orientation_guesses import guess_orientation
+from ..measurements.other_units import convert_units
 from ..measurements.reader import read_measurements
 from ..measurements.table import DataFile, Table, load_table, rename_columns
 from ..robot.kinematics import Robot
@@ -74,16 +76,50 @@ class StudyDraft:
 def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]) -> StudyDraft:
     """Read a file's columns as well as its names, its values and the nominal arm tell; `given`:
     what the user says. Raises DataError where nothing looks like a required column."""
+    if isinstance(source, DataFile):
+        source = replace(source, headerless=True)
     table = load_table(source)
+    if is_headerless(table):
+        return _draft_headerless(table, robot, given)
+    if not len(table):
+        raise table.where.refuse("a header, but no rows.")
+    table, remarks = convert_units(table, robot.prismatic)
+    if remarks:
+        source = table
     renamed = rename_columns(table, given)
     choices = guess_columns(renamed, robot.prismatic)
     for choice in choices:
         if not choice.readings:
             raise _refuse_missing(table, choice, robot)
-    draft = StudyDraft(robot, source, table, given, tuple(choices))
+    draft = StudyDraft(robot, source, table, given, tuple(choices), remarks=remarks)
     taken = {*draft.columns.values(), *given}
     draft = replace(draft, optional=tuple(guess_optional_columns(renamed, taken)))
     return settle_by_arm(draft)
+
+
+def _draft_headerless(table: Table, robot: Robot, given: Mapping[str, str]) -> StudyDraft:
+    """Read a table without header, of readings and coordinates in the order that the nominal arm
+    fits. Raises DataError where it fits neither clearly better."""
+    drafts = [draft_study(each, robot, given) for each in list_orders(table, robot.n)]
+    misfits = [_measure_draft(draft) for draft in drafts]
+    best = int(np.argmin(misfits))
+    least, most = min(misfits), max(misfits)
+    is_good = least <= MAX_REACH_SHARE * robot.reach
+    is_clear = most >= MIN_IMPROVEMENT * least
+    if not (is_good and is_clear):
+        raise table.where.refuse(
+            "there is no header, and the nominal arm tells neither that joint readings come before "
+            "X, Y, Z nor that they come after.",
+            remedy="Write the columns' names in a line above them: q1_deg, …, x_mm, y_mm, z_mm.",
+        )
+    order = ("joint readings, then X, Y, Z", "X, Y, Z, then joint readings")[best]
+    return drafts[best].remark(f"Without a header: {order}, as the nominal arm fits them.")
+
+
+def _measure_draft(draft: StudyDraft) -> float:
+    """Compute how far the positions are from the nominal arm [mm]; infinite where they cannot be
+    read."""
+    return _try_readings(draft, [choice.readings[0] for choice in draft.choices])
 
 
 def add_orientation(draft: StudyDraft) -> StudyDraft:
@@ -103,10 +139,11 @@ def _refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
     first, wanted = "x_mm", "x_mm, y_mm and z_mm"
     if is_joints:
         first, wanted = "q1_deg", f"q1_deg to q{robot.n}_deg"
-    listed = ", ".join(f'"{name}"' for name in list(table.columns)[:20])
+    names = list(table.columns)[:20]
+    listed = ", ".join(f'"{name}"' for name in names)
+    joints = f"{robot.name} has {robot.n} joints"
     return table.where.refuse(
-        f"nothing looks like {choice.what}: {robot.name} has {robot.n} joints, and the columns are "
-        f"{listed}.",
+        f"nothing looks like {choice.what}: {joints}, and the columns are {listed}.",
         remedy=f"Say which they are: --column {first}=NAME, and so on ({wanted}).",
     )
 
@@ -154,8 +191,10 @@ def measure_misfit(robot: Robot, data: Measurements) -> float | None:
     """Compute the median distance [mm] of measured positions from the nominal arm, tracker and
     target found from them; None where there are too few configurations."""
     try:
-        problem = Problem(robot, data, np.zeros((len(data.targets), 3)))
-        sample = sample_positions(problem, np.ones(len(data), bool))
+        no_tools = np.zeros((len(data.targets), 3))
+        problem = Problem(robot, data, no_tools)
+        all_rows = np.ones(len(data), bool)
+        sample = sample_positions(problem, all_rows)
     except (DataError, NotEstimable):
         return None
     return None if sample is None else compute_registered_misfit(sample)
@@ -174,7 +213,10 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
         lines.append(f"{choice.what[0].upper()}{choice.what[1:]}: {choice.readings[0].sentence}.")
     lines += [f"Also: {reading.sentence}." for reading in draft.optional]
     targets = f", {len(data.targets)} targets" if len(data.targets) > 1 else ""
-    lines.append(f"{len(data)} rows, {data.configurations} configurations{targets}.")
+    rows = "1 row" if len(data) == 1 else f"{len(data)} rows"
+    count = data.configurations
+    configurations = "1 configuration" if count == 1 else f"{count} configurations"
+    lines.append(f"{rows}, {configurations}{targets}.")
     lines += _describe_misfit(robot, data)
     return [*lines, _describe_split(data), *draft.remarks]
 

@@ -175,6 +175,61 @@ def test_another_robot_is_told_by_its_misfit() -> None:
     assert 'unknown robot "ur1". Did you mean "ur10"' in unknown.stderr
 
 
+@pytest.mark.parametrize("order", ["joints", "points"])
+def test_without_a_header_the_arm_tells_the_order(order) -> None:
+    frame = campaign()
+    columns = list(frame.columns)
+    columns = columns if order == "joints" else [*columns[6:], *columns[:6]]
+    frame[columns].to_csv("m.csv", index=False, header=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    first = "joint readings, then X, Y, Z" if order == "joints" else "X, Y, Z, then joint"
+    assert f"Without a header: {first}" in ran.stdout
+    assert invoked("study", "m", "--dry-run").exit_code == 0
+    other = invoked("init", "m.csv", "--robot", "ur5", "--yes", "--out", "n")
+    assert (other.exit_code, "there is no header" in other.stderr) == (3, True)
+    fewer = invoked("init", "m.csv", "--robot", "fr3", "--yes", "--out", "n")
+    assert (fewer.exit_code, "are not the readings of 7 joints" in fewer.stderr) == (3, True)
+
+
+def test_other_units_are_converted_and_said() -> None:
+    frame = campaign()
+    frame.iloc[:, 6:] /= 25.4
+    frame.iloc[:, :6] /= 0.9
+    named = {f"J{k}": f"J{k} [gon]" for k in range(1, 7)} | {a: f"{a} (inch)" for a in "XYZ"}
+    frame.rename(columns=named).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    assert '"X (inch)", "Y (inch)", "Z (inch)" from inch to mm' in ran.stdout
+    assert '"J6 [gon]" from gon to rad' in ran.stdout
+    assert "the nominal arm fits to 0.0" in ran.stdout
+    assert invoked("study", "m", "--dry-run").exit_code == 0
+
+
+def test_a_seventh_reading_is_not_cut_off() -> None:
+    frame = campaign()
+    frame.insert(6, "J7", 0.0)
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert (ran.exit_code, "ur10 has 6 joints" in ran.stderr) == (3, True)
+
+
+@pytest.mark.parametrize("title", ["", "Campaign of May\n"])
+def test_a_header_alone_is_told(title, tmp_path) -> None:
+    (tmp_path / "m.csv").write_text(f"{title}J1,J2,J3,J4,J5,J6,X,Y,Z\n")
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert (ran.exit_code, "a header, but no rows" in ran.stderr) == (3, True)
+    (tmp_path / "c.csv").write_text(f"{title}q1_rad,q2_rad,q3_rad,x_mm,y_mm,z_mm\n")
+    ran = invoked("check", "c.csv", "--robot", "ur10")
+    assert ran.exit_code == 3
+
+
+def test_a_sheet_of_a_text_table_is_refused() -> None:
+    campaign().to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", "--sheet", "May")
+    assert (ran.exit_code, "has no sheets" in ran.stderr) == (3, True)
+
+
 # -- orientations
 # --------------------------------------------------------------------------------------------
 

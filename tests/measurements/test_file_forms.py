@@ -166,6 +166,18 @@ def test_numbers_are_written_with_points(text, mark, number) -> None:
     assert convert_number_text(text, mark) == number
 
 
+@pytest.mark.parametrize("text", ["\u22121.5", "1 000", "1'000", '"1,5"', '"1,000.5"'])
+def test_a_single_odd_cell_is_a_mistake_not_a_form(text, tmp_path) -> None:
+    """One cell among hundreds that are plain; written so throughout, it is how the file is."""
+    rng = np.random.default_rng(1)
+    lines = [",".join(f"{value:.3f}" for value in rng.uniform(-1, 1, 6)) for _ in range(40)]
+    lines[20] = f"{text},0,0,1,2,3"
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join([",".join(NAMES[1:]), *lines]), encoding="utf-8")
+    with pytest.raises(DataError, match="line 22, column q1_deg"):
+        read(path)
+
+
 def doubtful() -> str:
     """Commas that may be either: 1,234 and 12,345 alone."""
     rows = [

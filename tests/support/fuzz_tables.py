@@ -165,7 +165,7 @@ def separators(grid: Grid, rng: np.random.Generator) -> Mutant:
 
 def decimal_comma(grid: Grid, rng: np.random.Generator) -> Mutant:
     grid = [grid[0], *([cell.replace(".", ",") for cell in row] for row in grid[1:])]
-    return Mutant("decimal commas", csv_of(grid), REFUSED, (3,))
+    return Mutant("decimal commas", csv_of(grid))
 
 
 def as_people_write(grid: Grid, rng: np.random.Generator) -> Mutant:
