@@ -12,22 +12,15 @@ value, finds in 50 % and 90 % of studies: each is searched with and without part
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 import time
-from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
-from multiprocessing import get_context
-from pathlib import Path
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from zlib import crc32
 
 import numpy as np
 from hidden_arm import off
 from hidden_oracle import critical_p, detection
 from scipy.optimize import brentq
-from scipy.stats import beta
 
 from modelsel import Model, mechanism
 from modelsel._random import generator
@@ -43,11 +36,14 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import every
+from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.selection.evaluation import Split
 from modelsel.selection.splits import assign_folds
 from modelsel.uncertainty.parameters import bootstrap_parameters, describe_parameters
+
+from .runner import build_parser, count_most, interval, name_command, run_lines
 
 Array = np.ndarray
 Generator = np.random.Generator
@@ -312,14 +308,19 @@ def run_one(job: tuple[str, int, int]) -> Study:
 
 
 def diagnose_campaign(
-    at: Problem, base: Model, seed: int, options: DiagnosisOptions = DEFAULT_OPTIONS
+    at: Problem,
+    base: Model,
+    seed: int,
+    options: DiagnosisOptions = DEFAULT_OPTIONS,
+    faults: Sequence[Mechanism] = (),
 ) -> tuple[Split, Diagnosis]:
-    """Diagnose a campaign whose rows all estimate, as `modelsel study` does."""
+    """Diagnose a campaign whose rows all estimate, as `modelsel study` does; `faults`: of the data,
+    that may be named besides what is registered."""
     m = len(at)
     folds = assign_folds(at.data, 10, generator(seed, "folds"))
     split = Split(at, np.ones(m, bool), np.zeros(m, bool), folds, False)
-    robot = at.robot
-    split, diagnosis, _ = diagnose_split(split, base, every(robot), seed, True, options=options)
+    everything = (*faults, *every(at.robot))
+    split, diagnosis, _ = diagnose_split(split, base, everything, seed, True, options=options)
     return split, diagnosis
 
 
@@ -335,17 +336,6 @@ def _hold(errors: ErrorStructure, scales: dict[str, float]) -> tuple[tuple[str, 
 
 
 # -- tables
-
-
-def interval(hits: int, of: int) -> str:
-    """A rate with its Clopper-Pearson 95 % interval."""
-    low = beta.ppf(0.025, hits, of - hits + 1) if hits else 0.0
-    high = beta.ppf(0.975, hits + 1, of - hits) if hits < of else 1.0
-    return f"{hits / of:.3f} [{low:.3f}, {high:.3f}]"
-
-
-def count_most(names: Iterable[str], most: int = 4) -> str:
-    return ", ".join(f"{name} {count}" for name, count in Counter(names).most_common(most)) or "-"
 
 
 def tabulate_names(done: dict[str, list[Study]]) -> list[str]:
@@ -423,64 +413,10 @@ def tabulate(studies: Sequence[Study], command: str) -> str:
     ).rstrip()
 
 
-def read_studies(path: Path | None) -> list[Study]:
-    """Read the studies that an earlier run kept."""
-    if path is None or not path.exists():
-        return []
-    kept = [json.loads(line) for line in path.read_text().splitlines()]
-    return [
-        Study(**{**own, **{k: _freeze(v) for k, v in own.items() if isinstance(v, list)}})
-        for own in kept
-    ]
-
-
-def _freeze(values: list) -> tuple:
-    return tuple(_freeze(v) if isinstance(v, list) else v for v in values)
-
-
-def run(jobs: Sequence[tuple[str, int, int]], workers: int, keep: Path | None) -> list[Study]:
-    """Run studies over processes; print progress, and keep each as it ends."""
-    done: list[Study] = []
-    started = time.monotonic()
-    with get_context("fork").Pool(workers) as pool:
-        for study in pool.imap_unordered(run_one, jobs):
-            done.append(study)
-            if keep is not None:
-                with keep.open("a") as file:
-                    file.write(json.dumps(asdict(study)) + "\n")
-            if len(done) % len(LINES) == 0:
-                passed = time.monotonic() - started
-                print(f"{len(done)} of {len(jobs)}, {passed:.0f} s", file=sys.stderr, flush=True)
-    return done
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--studies", type=int, default=200, help="studies of every line")
-    parser.add_argument("--seed", type=int, default=16)
-    parser.add_argument("--lines", nargs="*", choices=list(LINES), default=list(LINES))
-    parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument(
-        "--keep", type=Path, help="studies done, a line each; a run goes on from it"
-    )
-    parser.add_argument("--out", type=Path)
-    asked = parser.parse_args()
-    kept = read_studies(asked.keep)
-    old = [s for s in kept if s.line in asked.lines and s.number < asked.studies]
-    have = {(s.line, s.number) for s in old}
-    jobs = [
-        (name, asked.seed, k)
-        for k in range(asked.studies)
-        for name in asked.lines
-        if (name, k) not in have
-    ]
-    studies = sorted(
-        old + run(jobs, asked.workers, asked.keep),
-        key=lambda s: (list(LINES).index(s.line), s.number),
-    )
-    lines = "" if asked.lines == list(LINES) else " --lines " + " ".join(asked.lines)
-    command = f"python -m benchmarks.noise --studies {asked.studies} --seed {asked.seed}{lines}"
-    said = tabulate(studies, command)
+    asked = build_parser(__doc__.splitlines()[0], list(LINES), studies=200, seed=16).parse_args()
+    studies = run_lines(asked, list(LINES), Study, run_one)
+    said = tabulate(studies, name_command("noise", asked, list(LINES)))
     print(said)
     if asked.out:
         asked.out.write_text(said + "\n")

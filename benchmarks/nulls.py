@@ -39,7 +39,8 @@ from modelsel.uncertainty.parameters import bootstrap_parameters, describe_param
 from modelsel.uncertainty.significance import compare_nested
 
 from .calibration import ARM, TOOL
-from .noise import diagnose_campaign, interval
+from .noise import diagnose_campaign
+from .runner import interval
 
 GROUPS, EACH, SIGMA, LEVEL = 8, 6, 0.05, 0.05
 BASE = Model((mechanism("geometric", ARM),))

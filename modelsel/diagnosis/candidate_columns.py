@@ -6,7 +6,7 @@ configuration."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from math import sqrt
 from typing import Any
@@ -29,8 +29,10 @@ from .screw_columns import ScrewColumns, build_screw_columns, order_terms, split
 LARGEST_SCREW = {"t": 100.0, "r": 0.1}
 # norm up to which a column moves nothing: single precision has to hold its inverse
 NO_COLUMN = 1e-30
-# numbers of candidates' columns that are expanded together for their Gram matrices
+# numbers of candidates' columns that are expanded together for their Gram matrices, and of those
+# that are kept for the next question, which mostly concerns the same candidates
 EXPANDED_NUMBERS = 1_000_000
+KEPT_NUMBERS = 2_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +77,7 @@ class Columns:
     slices: tuple[Index, ...]
     grams: tuple[Block, ...]
     signs: tuple[Array, ...]
+    _expanded: dict[int, Array] = field(default_factory=dict, repr=False)
 
     @property
     def groups(self) -> int:
@@ -113,7 +116,13 @@ class Columns:
 
     def expand(self, g: int) -> Array:
         """Compute the columns (k, N) of candidate g."""
-        return self.screws.expand(self.slices[g])
+        known = self._expanded
+        if g not in known:
+            columns = self.screws.expand(self.slices[g])
+            while known and sum(own.size for own in known.values()) + columns.size > KEPT_NUMBERS:
+                del known[next(iter(known))]
+            known[g] = columns
+        return known[g]
 
 
 def find_signed(signs: Sequence[Array]) -> Index:

@@ -9,7 +9,7 @@ It is maximised over ρ ≥ 0 with its exact slope; standard errors are by the a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -43,8 +43,9 @@ class LinearModel:
 
     @cached_property
     def stacked(self) -> Array:
-        """Columns and response together, (p+1, c, m)."""
-        return np.concatenate([self.columns, self.response[None]])
+        """Columns and response together, (m, c, p+1)."""
+        both = np.concatenate([self.columns, self.response[None]])
+        return np.ascontiguousarray(both.transpose(2, 1, 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +71,7 @@ class Likelihood:
 
     def solve(self, values: Array) -> Array:
         """Compute P times values (m, c, k)."""
-        solved = values
-        if self.mixing is not None:
-            by_column = np.array(values.transpose(2, 1, 0), order="C")
-            mixed = self.mixing.apply_transposed(self.mixing.apply(by_column))
-            solved = mixed.transpose(2, 1, 0)
+        solved = values if self.mixing is None else self.mixing.solve(values)
         inside = np.einsum("mcp,mck->pk", self.directions, values)
         return np.asarray(solved - np.einsum("mcp,pk->mck", self.directions, inside))
 
@@ -96,7 +93,7 @@ class Likelihood:
 
     def _trace(self, part: SharedError, number: int | None) -> float:
         """Compute the trace of P V; `number`: of the part among those that are there."""
-        taken = float(np.vdot(self.directions, part.multiply(self.directions)))
+        taken = part.measure(self.directions)
         if self.mixing is None:
             return float(np.square(part.loading).sum()) - taken
         total = 0.0
@@ -124,29 +121,26 @@ def evaluate_likelihood(
     parts = tuple(parts)
     layout = layout or lay_out(parts)
     mixing, log_determinant = None, 0.0
-    whitened = model.stacked
+    solved = model.stacked
     if parts:
         mixing = layout.mix([part.variance for part in parts])
-        whitened = mixing.apply(whitened.copy())
+        solved = mixing.solve(solved)
         log_determinant = -2 * sum(
             float(np.log(np.diagonal(inverse, 0, 1, 2)).sum()) for inverse in mixing.inverse
         )
-    flat = whitened.reshape(len(whitened), -1)
-    gram = flat @ flat.T
+    p = len(model.columns)
+    flat = solved.reshape(-1, p + 1)
+    gram = model.stacked.reshape(-1, p + 1).T @ flat
     lower = np.linalg.cholesky(gram[:-1, :-1])
     along = solve_triangular(lower, gram[:-1, -1], lower=True)
     square = float(gram[-1, -1] - along @ along)
     log_determinant += 2 * float(np.log(np.diagonal(lower)).sum())
     beta = solve_triangular(lower, along, lower=True, trans="T")
-    both = np.concatenate(
-        [whitened[:-1], (whitened[-1] - np.tensordot(beta, whitened[:-1], 1))[None]]
-    )
-    if mixing is not None:
-        both = mixing.apply_transposed(both)
-    shape = both.shape[1:]
+    innovations = flat[:, -1] - flat[:, :-1] @ beta
+    directions = solve_triangular(lower, flat[:, :-1].T, lower=True).T
+    rows = solved.shape[:2]
     square, freedom = max(square, TINY), model.freedom
     phi = _choose_phi(parts, square, freedom)
-    directions = solve_triangular(lower, both[:-1].reshape(len(lower), flat.shape[1]), lower=True)
     return Likelihood(
         model=model,
         parts=parts,
@@ -154,8 +148,8 @@ def evaluate_likelihood(
         mixing=mixing,
         square=square,
         log=freedom * float(1 - np.log(phi * freedom)) - square / phi - log_determinant,
-        innovations=np.ascontiguousarray(both[-1].T)[:, :, None],
-        directions=np.ascontiguousarray(directions.reshape(-1, *shape).transpose(2, 1, 0)),
+        innovations=innovations.reshape(*rows, 1),
+        directions=np.ascontiguousarray(directions).reshape(*rows, p),
     )
 
 
@@ -165,6 +159,25 @@ def _choose_phi(parts: Sequence[SharedError], square: float, freedom: float) -> 
         if part.known is not None:
             return part.known / part.variance
     return square / freedom
+
+
+@dataclass
+class _Best:
+    """The best likelihood that a search has seen, which begins and mostly ends there: it is not
+    computed again."""
+
+    evaluate: Callable[[Array], Likelihood]
+    x: Array
+    at: Likelihood
+
+    def look(self, x: Array) -> Likelihood:
+        """Return the likelihood at x."""
+        if np.array_equal(x, self.x):
+            return self.at
+        at = self.evaluate(x)
+        if not at.log < self.at.log:
+            self.x, self.at = x.copy(), at
+        return at
 
 
 def maximise_likelihood(
@@ -187,7 +200,8 @@ def maximise_likelihood(
     start = np.log([part.variance for part in every])
     is_known = np.array([part.known is not None for part in every])
     is_sought = ~is_known & (np.arange(len(every)) >= len(held))
-    scale = _choose_scale(evaluate_likelihood(model, every, layout), is_sought)
+    first = evaluate_likelihood(model, every, layout)
+    scale = _choose_scale(first, is_sought)
     # what the logarithms of the variances go by: their own, and that of φ where some are known
     steps = np.eye(len(every))[:, is_sought]
     if is_known.any():
@@ -195,9 +209,15 @@ def maximise_likelihood(
         scale = np.append(scale, np.sqrt(model.freedom))
     moves = np.flatnonzero(is_sought | is_known)
 
-    def lose(x: Array) -> tuple[float, Array]:
+    def evaluate(x: Array) -> Likelihood:
         variance = np.exp(start + steps @ (x / scale))
-        at = evaluate_likelihood(model, _set_variances(every, variance), layout)
+        return evaluate_likelihood(model, _set_variances(every, variance), layout)
+
+    best = _Best(evaluate, np.zeros(len(scale)), first)
+
+    def lose(x: Array) -> tuple[float, Array]:
+        at = best.look(x)
+        variance = np.array([part.variance for part in at.parts])
         slopes = np.array([at.slope(at.parts[k])[0] for k in moves])
         loss = -steps[moves].T @ (slopes * variance[moves])
         if is_known.any():
@@ -211,18 +231,15 @@ def maximise_likelihood(
         bounds = np.column_stack([bounds, [-high[is_known].min(), -low[is_known].max()]])
     options = EXACT if exact else ROUGH
     found = minimize(
-        lose,
-        np.zeros(len(scale)),
-        jac=True,
-        method="L-BFGS-B",
-        bounds=(bounds * scale).T,
-        options=options,
+        lose, best.x, jac=True, method="L-BFGS-B", bounds=(bounds * scale).T, options=options
     )
-    variance = np.exp(start + steps @ (found.x / scale))
+    ended = best.look(found.x)
+    variance = np.array([part.variance for part in ended.parts])
     is_there = ~is_sought | (variance >= NO_PART * largest)
-    changed = _set_variances(every, variance)
-    there = [part for part, kept in zip(changed, is_there, strict=True) if kept]
-    return evaluate_likelihood(model, there, layout if is_there.all() else None)
+    if is_there.all():
+        return ended
+    there = [part for part, kept in zip(ended.parts, is_there, strict=True) if kept]
+    return evaluate_likelihood(model, there)
 
 
 def _choose_scale(at: Likelihood, is_sought: Mask) -> Array:

@@ -77,16 +77,26 @@ class SharedError:
     def multiply(self, values: Array) -> Array:
         """Compute the product (m, c, p) of the part's covariance, of unit variance, with values
         (m, c, p)."""
+        _, mixed = self._share(values)
+        return np.asarray(np.einsum("mcd,mdp->mcp", self.loading, mixed, optimize=True))
+
+    def measure(self, values: Array) -> float:
+        """Compute the sum over the columns of values (m, c, p) of their product with the part's
+        covariance, of unit variance, from both sides."""
+        inner, mixed = self._share(values)
+        return float(np.vdot(inner, mixed))
+
+    def _share(self, values: Array) -> tuple[Array, Array]:
+        """Return values (m, c, p) by draw (m, d, p), and what the rows have of one another's."""
         inner = np.einsum("mcd,mcp->mdp", self.loading, values, optimize=True)
         if self.time is None:
-            mixed = self._add_up(inner)
-        else:
-            mixed = np.empty_like(inner)
-            for rows in group_blocks(self.level):
-                correlation = self.correlate(rows)
-                own = inner[rows].reshape(*rows.shape, -1)
-                mixed[rows] = (correlation @ own).reshape(*rows.shape, *inner.shape[1:])
-        return np.asarray(np.einsum("mcd,mdp->mcp", self.loading, mixed, optimize=True))
+            return inner, self._add_up(inner)
+        mixed = np.empty_like(inner)
+        for rows in group_blocks(self.level):
+            correlation = self.correlate(rows)
+            own = inner[rows].reshape(*rows.shape, -1)
+            mixed[rows] = (correlation @ own).reshape(*rows.shape, *inner.shape[1:])
+        return inner, mixed
 
     def _add_up(self, inner: Array) -> Array:
         """Return for every row the sum of values (m, ...) over the rows of its level."""
@@ -143,6 +153,15 @@ class Mixing:
             _scatter(values, rows, np.matmul(inverse, own))
         return values
 
+    def solve(self, values: Array) -> Array:
+        """Multiply values (m, c, p) by the inverse of the rows' covariance."""
+        solved = np.empty_like(values)
+        for rows, inverse in zip(self.rows, self.inverse, strict=True):
+            own = values[rows].reshape(*inverse.shape[:2], -1)
+            own = np.matmul(inverse.transpose(0, 2, 1), np.matmul(inverse, own))
+            solved[rows] = own.reshape(*rows.shape, *values.shape[1:])
+        return solved
+
     def apply_transposed(self, values: Array) -> Array:
         """Multiply values (..., c, m) by the transpose; they are overwritten."""
         for rows, inverse in zip(self.rows, self.inverse, strict=True):
@@ -187,9 +206,7 @@ class Layout:
         """Compute what makes rows independent, the parts having these variances."""
         inverses = []
         for own in self.spreads:
-            covariance = np.zeros_like(own[0]) + np.eye(own[0].shape[1])
-            for variance, spread in zip(variances, own, strict=True):
-                covariance += variance * spread
+            covariance = _combine(variances, own)
             lower = np.linalg.cholesky(covariance)
             inverses.append(_invert_lower(np.asarray(lower, dtype=np.float64)))
         return Mixing(self.rows, tuple(inverses))
@@ -198,6 +215,16 @@ class Layout:
 def mix(parts: Sequence[SharedError]) -> Mixing:
     """Compute what makes rows independent that share errors."""
     return Layout.of(parts).mix([part.variance for part in parts])
+
+
+def _combine(variances: Sequence[float], spreads: Sequence[Array]) -> Array:
+    """Combine spreads (B, n, n) of unit variance to covariances, with one for every row itself."""
+    total = variances[0] * spreads[0]
+    np.einsum("bii->bi", total)[...] += 1.0
+    term = np.empty_like(total)
+    for variance, spread in zip(variances[1:], spreads[1:], strict=True):
+        total += np.multiply(spread, variance, out=term)
+    return np.asarray(total)
 
 
 def _invert_lower(lower: Array) -> Array:

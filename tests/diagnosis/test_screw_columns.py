@@ -7,7 +7,7 @@ import pytest
 from builders import drawn, seeds
 
 from modelsel import _workers
-from modelsel.diagnosis import screw_columns
+from modelsel.diagnosis import candidate_columns, screw_columns
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.evidence import Chance
@@ -73,6 +73,20 @@ def test_products_do_not_depend_on_the_memory_that_is_allowed(
     assert np.array_equal(kept.expand(np.arange(5)), evaluated.expand(np.arange(5)))
     monkeypatch.setattr(screw_columns, "CACHED_ROWS", 7)
     np.testing.assert_allclose(evaluated.dot(V), kept.dot(V), rtol=1e-12, atol=1e-9)
+
+
+def test_columns_that_are_asked_for_again_are_kept_within_bounds(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at = drawn("puma760", rng, 30)
+    cols = build_columns(at, build_candidates(at, Model(()), every(at.robot)))
+    first = cols.expand(0)
+    assert cols.expand(0) is first
+    monkeypatch.setattr(candidate_columns, "KEPT_NUMBERS", 10 * cols.rows)
+    for g in range(20):
+        assert np.array_equal(cols.expand(g), cols.screws.expand(cols.slices[g]))
+    assert cols.expand(0) is not first
+    assert cols.expand(19) is cols.expand(19)
 
 
 def test_gram_matrices_are_those_of_the_columns(rng: np.random.Generator) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +13,10 @@ from builders import seeds
 from scipy.stats import f, multivariate_normal
 
 from modelsel._typing import Array
+from modelsel.fitting import restricted_likelihood
 from modelsel.fitting.error_structure import compute_interval, compute_p
 from modelsel.fitting.restricted_likelihood import (
+    Likelihood,
     LinearModel,
     evaluate_likelihood,
     maximise_likelihood,
@@ -215,6 +218,26 @@ def test_its_slope_is_that_of_finite_differences(rng: np.random.Generator) -> No
             moved[k] = SharedError(own.loading, own.level, variance, own.time, own.length)
             logs.append(evaluate_likelihood(model, moved).log)
         assert at.slope(at.parts[k])[0] == pytest.approx((logs[0] - logs[1]) / 2e-5, rel=1e-6)
+
+
+def test_no_point_of_a_search_is_evaluated_twice(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither where it begins nor where it ends; what it returns is the likelihood there."""
+    labels = np.repeat(np.arange(12), 5)
+    y = 2.0 * rng.normal(size=12)[labels] + rng.normal(size=60)
+    model, parts = model_of(np.ones((60, 1)), y), [part_of(labels)]
+    seen: list[tuple[float, ...]] = []
+
+    def evaluate(*given: Any) -> Likelihood:
+        seen.append(tuple(part.variance for part in given[1]))
+        return evaluate_likelihood(*given)
+
+    monkeypatch.setattr(restricted_likelihood, "evaluate_likelihood", evaluate)
+    at = maximise_likelihood(model, parts)
+    assert len(set(seen)) == len(seen) > 2
+    assert at.log == pytest.approx(evaluate_likelihood(model, at.parts).log, rel=1e-12)
+    assert at.log > evaluate_likelihood(model, parts).log
 
 
 @seeds(1, 2)

@@ -126,6 +126,19 @@ def test_a_part_multiplies_by_its_covariance(rng: np.random.Generator, kind: Kin
             -1, 2
         )
         np.testing.assert_allclose(part.multiply(values).reshape(-1, 2), expected, atol=1e-10)
+        both = np.vdot(values.reshape(-1, 2), expected)
+        np.testing.assert_allclose(part.measure(values), both, rtol=1e-10)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_rows_are_multiplied_by_the_inverse_of_their_covariance(
+    rng: np.random.Generator, kind: Kind
+) -> None:
+    parts = kind(rng)
+    values = rng.normal(size=(M, C, 2))
+    expected = np.linalg.solve(spread_of(parts), values.reshape(-1, 2))
+    solved = mix(keep_within(parts)).solve(values)
+    np.testing.assert_allclose(solved.reshape(-1, 2), expected, atol=1e-10)
 
 
 @pytest.mark.parametrize("kind", [visits, repeats, groups])

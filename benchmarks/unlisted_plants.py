@@ -1,0 +1,330 @@
+"""What `benchmarks.unlisted` plants: the kinds of its table, and what is true of each.
+
+Kinematics, gravity and every formula are those of tests/support/hidden_arm.py and of this file; of
+the package come only the robots' drawings. What is true, kind by kind:
+
+| kind | place | drivers | registered names that are true |
+|---|---|---|---|
+| hardening spring: θj + c sign(τ) abs(τ)^1.5 | joint j | joints that turn its torque | joint-compliance:j and joint's twist: it does wind up under gravity |
+| cable pull: θ4 + c tanh(q4) (1 + tanh(q1)) | joint 4 | q4, q1 | none |
+| base sag: base down by c r³, r the target's horizontal distance | base | joints that change r | none |
+| lag of all joints: θ - c last move, one c | joints | own last moves | fault:read-too-early, settle:j |
+| growth: θj + c t sin(qj), t from 0 to 1 | joint j | qj, time | none: an eccentric gear does not grow |
+| encoder jump: θj + c where qj > a | joint j | qj | none |
+| sawtooth: θj + c times a saw of k teeth a turn, k 3 to 12 | joint j | qj | gear-ripple:j of k, 2 k … waves |
+| random stiction: joint j stays c behind in a third of its moves | joint j | its last move | approach-backlash:j, which is its mean |
+| exponential drift: base along x, y or z by c (1 - exp(-t/T)) | base | time | tracker-drift |
+| coupling of 2 to 3: θ3 + c max(0, q2 - a)² | joint 3 | q2 | none |
+| a link longer with load: along the link by c payload_kg | next frame | payload | none |
+| noise that varies: up to 1 to 8 times louder with sin(qj) | - | - | none |
+| constant tool error: the target off by c | - | - | none: geometry has it |
+| lag of joints 1 to 3: each by its own share of its last move | joints 1 to 3 | own last moves | settle:1, settle:2, settle:3 |
+
+A place is true also where another axis moves the target exactly alike (joint 4's and the one across
+it in frame 5, where they meet); what moves
+the base may turn it, too, but not alone. A formula (a shape) is true if place and drivers are, and it holds
+0.97 of what one part of the plant does to the target beyond the geometry; of a sawtooth, every wave
+of a multiple of its teeth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from hidden_arm import Arm, Effect, State
+from hidden_effects import Values, at, together
+
+Array = np.ndarray
+Generator = np.random.Generator
+
+# the target's largest displacement by what is planted, over the noise; of the joints that lag alone
+SIZES, LAGS = (1.0, 8.0), (4.0, 8.0)
+# share of moves in which a joint sticks
+STICKS = 1 / 3
+# share of a value's variance that goes with a driver: from which it must be named, and may be
+NEEDED, ALLOWED = 0.2, 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """What is planted in a study, and what is true of it.
+
+    `parts`: effects with a size each; `known`: as much of them as readings tell (None: all);
+    `stems`: registered names that are true at a true place; `teeth`: of a sawtooth; `drivers`
+    beyond the joints' readings: those that must be named; `joints`: whether readings of joints
+    drive it; `louder`: over the plain noise, of every row; `base`: the base moves as a whole."""
+
+    words: str
+    parts: tuple[Effect, ...] = ()
+    known: tuple[Effect, ...] | None = None
+    stems: frozenset[str] = frozenset()
+    teeth: int = 0
+    drivers: frozenset[str] = frozenset()
+    optional: frozenset[str] = frozenset()
+    joints: bool = False
+    louder: Values | None = None
+    base: bool = False
+
+    @property
+    def told(self) -> tuple[Effect, ...]:
+        """What the readings tell of the parts."""
+        return self.parts if self.known is None else self.known
+
+
+Draw = Callable[[Generator, Arm], Plant]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A line of the benchmark: how it is drawn; `exact`: the names that must be found, and no
+    other; `sizes`; whether the payload varies; whether geometry leaves something to find."""
+
+    words: str
+    draw: Draw
+    exact: tuple[str, ...] = ()
+    sizes: tuple[float, float] = SIZES
+    payload: bool = False
+    visible: bool = True
+
+
+def turn(joint: int, values: Values) -> Effect:
+    """A turn of a joint on top of its reading."""
+    return one_part(f"joint {joint}", at(joint, "rz", values))
+
+
+def one_part(words: str, *terms: object) -> Effect:
+    """Screws that one number scales."""
+    return Effect("planted", words, (together(*terms),), np.ones(1))  # type: ignore[arg-type]
+
+
+def draw_joint(rng: Generator, arm: Arm) -> int:
+    return int(rng.integers(1, arm.n + 1))
+
+
+def draw_spring(rng: Generator, arm: Arm) -> Plant:
+    probe = State(arm, arm.draw(np.random.default_rng(0), 100))
+    loads = [probe.moment(j)[:, 2].std() for j in range(1, arm.n + 1)]
+    j = int(rng.choice(np.argsort(loads)[-2:])) + 1
+
+    def harden(s: State) -> Array:
+        torque = s.moment(j)[:, 2]
+        return np.sign(torque) * np.abs(torque) ** 1.5
+
+    stems = frozenset(("joint-compliance", "joint2-twist", "joint3-twist"))
+    return Plant(f"spring of joint {j} hardens", (turn(j, harden),), stems=stems, joints=True)
+
+
+def draw_cable(rng: Generator, arm: Arm) -> Plant:
+    def pull(s: State) -> Array:
+        return np.tanh(s.q[:, 3]) * (1 + np.tanh(s.q[:, 0]))
+
+    return Plant("a cable pulls joint 4", (turn(4, pull),), joints=True)
+
+
+def draw_sag(rng: Generator, arm: Arm) -> Plant:
+    def sag(s: State) -> Array:
+        x, _ = s.places()
+        return -((np.linalg.norm(x[:, :2], axis=1) / 1e3) ** 3)
+
+    return Plant("the base sags", (one_part("base", at(1, "tz", sag)),), joints=True, base=True)
+
+
+def stay_behind(joint: int) -> Values:
+    return lambda s: -s.move[:, joint - 1]
+
+
+def draw_lag(rng: Generator, arm: Arm) -> Plant:
+    joints = range(1, arm.n + 1)
+    every = one_part("all joints", *(at(j, "rz", stay_behind(j)) for j in joints))
+    moves = frozenset(f"move{j}" for j in joints)
+    stems = frozenset(("fault:read-too-early", "settle"))
+    return Plant("all joints lag", (every,), stems=stems, optional=moves)
+
+
+def draw_three_lags(rng: Generator, arm: Arm) -> Plant:
+    parts = tuple(turn(j, stay_behind(j)) for j in (1, 2, 3))
+    moves = frozenset(f"move{j}" for j in (1, 2, 3))
+    return Plant("joints 1 to 3 lag", parts, stems=frozenset(("settle",)), drivers=moves)
+
+
+def draw_growth(rng: Generator, arm: Arm) -> Plant:
+    j = draw_joint(rng, arm)
+    grow = turn(j, lambda s: s.progress * np.sin(s.q[:, j - 1]))
+    return Plant(f"an error of joint {j} grows", (grow,), drivers=frozenset(("time",)), joints=True)
+
+
+def draw_jump(rng: Generator, arm: Arm) -> Plant:
+    j = draw_joint(rng, arm)
+    low, high = arm.limits[j - 1]
+    angle = low + rng.uniform(0.25, 0.75) * (high - low)
+    jump = turn(j, lambda s: (s.q[:, j - 1] > angle).astype(float))
+    return Plant(f"joint {j} jumps at {np.degrees(angle):.0f}°", (jump,), joints=True)
+
+
+def draw_sawtooth(rng: Generator, arm: Arm) -> Plant:
+    j, teeth, phase = draw_joint(rng, arm), int(rng.integers(3, 13)), rng.uniform(0, 2 * np.pi)
+
+    def saw(s: State) -> Array:
+        return np.mod(teeth * s.q[:, j - 1] + phase, 2 * np.pi) / np.pi - 1
+
+    stems = frozenset(("gear-ripple",))
+    words = f"joint {j}, a saw of {teeth} teeth"
+    return Plant(words, (turn(j, saw),), stems=stems, teeth=teeth, joints=True)
+
+
+def draw_stiction(rng: Generator, arm: Arm) -> Plant:
+    j, seed = draw_joint(rng, arm), int(rng.integers(2**31))
+
+    def stick(s: State) -> Array:
+        sticks = np.random.default_rng((seed, s.m)).random(s.m) < STICKS
+        return -np.sign(s.move[:, j - 1]) * sticks
+
+    mean = turn(j, lambda s: -STICKS * np.sign(s.move[:, j - 1]))
+    return Plant(
+        f"joint {j} sticks at random",
+        (turn(j, stick),),
+        (mean,),
+        frozenset(("approach-backlash",)),
+        drivers=frozenset((f"move{j}",)),
+    )
+
+
+def draw_drift(rng: Generator, arm: Arm) -> Plant:
+    axis, lasts = str(rng.choice(["tx", "ty", "tz"])), rng.uniform(0.05, 0.4)
+    drift = one_part("base", at(1, axis, lambda s: 1 - np.exp(-s.progress / lasts)))
+    return Plant(
+        f"base drifts along {axis}",
+        (drift,),
+        stems=frozenset(("tracker-drift",)),
+        drivers=frozenset(("time",)),
+        base=True,
+    )
+
+
+def draw_coupling(rng: Generator, arm: Arm) -> Plant:
+    low, high = arm.limits[1]
+    angle = low + rng.uniform(0.3, 0.6) * (high - low)
+    tighten = turn(3, lambda s: np.maximum(s.q[:, 1] - angle, 0) ** 2)
+    return Plant(f"joint 2 turns joint 3 beyond {np.degrees(angle):.0f}°", (tighten,), joints=True)
+
+
+def draw_link(rng: Generator, arm: Arm) -> Plant:
+    shifts = [N[:3, :3].T @ N[:3, 3] for N in arm.before]
+    long = [k for k in range(1, arm.n) if np.linalg.norm(shifts[k]) > 100]
+    k = int(rng.choice(long))
+    along = shifts[k] / np.linalg.norm(shifts[k])
+    terms = [
+        at(k + 1, f"t{'xyz'[a]}", lambda s, a=a: along[a] * s.covariates["payload_kg"])
+        for a in np.flatnonzero(np.abs(along) > 1e-6)
+    ]
+    longer = one_part(f"link {k}", *terms)
+    return Plant(f"link {k} longer with load", (longer,), drivers=frozenset(("payload",)))
+
+
+def draw_uneven(rng: Generator, arm: Arm) -> Plant:
+    j, most = draw_joint(rng, arm), rng.uniform(*SIZES)
+    louder: Values = lambda s: most ** ((1 + np.sin(s.q[:, j - 1])) / 2)  # noqa: E731
+    return Plant(f"up to {most:.1f} times louder with joint {j}", louder=louder)
+
+
+def draw_tool(rng: Generator, arm: Arm) -> Plant:
+    way = rng.standard_normal(3)
+    terms = [at(arm.n + 1, f"t{'xyz'[a]}", lambda s, a=a: np.full(s.m, way[a])) for a in range(3)]
+    return Plant("the tool is off", (one_part("tool", *terms),), ())
+
+
+KINDS: Mapping[str, Kind] = {
+    "spring": Kind("spring, c|tau|^1.5", draw_spring),
+    "cable": Kind("cable pull, tanh(q4, q1)", draw_cable),
+    "sag": Kind("base sag ~ reach^3", draw_sag),
+    "lag": Kind("lag of all joints", draw_lag),
+    "growth": Kind("growth, t sin q", draw_growth),
+    "jump": Kind("encoder jump at one angle", draw_jump),
+    "sawtooth": Kind("sawtooth of a joint", draw_sawtooth),
+    "stiction": Kind("random stiction", draw_stiction),
+    "drift": Kind("exponential drift", draw_drift),
+    "coupling": Kind("coupling of 2 to 3", draw_coupling),
+    "link": Kind("link longer with load", draw_link, payload=True),
+    "noise": Kind("noise that varies", draw_uneven, visible=False),
+    "tool": Kind("constant tool error", draw_tool, visible=False),
+    "lag-123": Kind(
+        "lag of joints 1 to 3", draw_three_lags, ("settle:1", "settle:2", "settle:3"), LAGS
+    ),
+}
+
+
+def scale_parts(plant: Plant, state: State, sizes: Array) -> Plant:
+    """The same plant, the target's largest displacement by every part of a size [mm] (parts,)."""
+    J = state.arm.screws(state.q)
+    factors = [
+        size / np.linalg.norm((part.columns(state, J) @ part.sizes).reshape(-1, 3), axis=1).max()
+        for part, size in zip(plant.parts, sizes, strict=True)
+    ]
+    parts = tuple(part.scaled(f) for part, f in zip(plant.parts, factors, strict=True))
+    known = plant.known
+    if known:
+        known = tuple(part.scaled(f) for part, f in zip(known, factors, strict=True))
+    return replace(plant, parts=parts, known=known)
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is true of a plant on a campaign: places (frame, axis), of which those `aside` are true
+    with others only; drivers that must be named, and that may be."""
+
+    places: frozenset[tuple[int, str]] = frozenset()
+    aside: frozenset[tuple[int, str]] = frozenset()
+    needed: frozenset[str] = frozenset()
+    allowed: frozenset[str] = frozenset()
+
+    def holds_place(self, places: frozenset[tuple[int, str]]) -> bool:
+        """Whether something that moves these places is where the plant is."""
+        return places <= self.places and not places <= self.aside
+
+
+def find_truth(plant: Plant, state: State, rng: Generator) -> Truth:
+    """Find what is true of a plant, on configurations drawn anew."""
+    parts = plant.told
+    if not parts:
+        return Truth()
+    twist = sum(np.abs(part.perturbation(state)[0]) for part in parts).max(0)
+    axes = ("tx", "ty", "tz", "rx", "ry", "rz")
+    own = [(int(f), int(a)) for f, a in zip(*np.nonzero(twist))]
+    places = find_alike(state, own)
+    if plant.base:
+        places |= {(0, a) for a in range(6)}
+    shares = measure_drivers(lambda s: sum(p.perturbation(s)[0] for p in parts), state, rng)
+    joints = shares if plant.joints else {}
+    return Truth(
+        frozenset((f + 1, axes[a]) for f, a in places),
+        frozenset(((1, "rz"),) if plant.base else ()),
+        plant.drivers | {j for j, share in joints.items() if share > NEEDED},
+        plant.drivers | plant.optional | {j for j, share in joints.items() if share > ALLOWED},
+    )
+
+
+def find_alike(state: State, own: list[tuple[int, int]]) -> set[tuple[int, int]]:
+    """Find the places (frame, axis), counted from 0, that move the target as one of these does."""
+    J = state.arm.screws(state.q, exact=False)
+    flat = J.transpose(1, 2, 0, 3).reshape(J.shape[1], 6, -1)
+    unit = flat / np.maximum(np.linalg.norm(flat, axis=-1, keepdims=True), 1e-12)
+    alike = [np.abs(unit @ unit[f, a]) > 0.999 for f, a in own]
+    return {(int(f), int(a)) for hits in alike for f, a in zip(*np.nonzero(hits))}
+
+
+def measure_drivers(
+    values: Callable[[State], Array], state: State, rng: Generator
+) -> dict[str, float]:
+    """Measure the share of the variance of a function of the state that goes with every joint's
+    reading: its total effect, by readings exchanged between configurations."""
+    plain = values(state)
+    varies = float(np.square(plain - plain.mean(0)).sum())
+    order = rng.permutation(state.m)
+    shares = {}
+    for j in range(state.arm.n):
+        q = state.q.copy()
+        q[:, j] = q[order, j]
+        changed = float(np.square(values(replace(state, q=q)) - plain).sum())
+        shares[f"q{j + 1}"] = changed / (2 * varies) if varies else 0.0
+    return shares
