@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 
 from .._text import find_read_problem
 from ..exceptions import DataError
-from .number_format import convert_number_text, find_decimal_mark, is_odd_number, needs_conversion
+from .number_format import (
+    convert_number_text,
+    find_decimal_mark,
+    is_number,
+    is_odd_number,
+    needs_conversion,
+)
 from .row_places import Where
 from .table_layout import Layout, find_layout, is_blank_row
 from .text_format import (
@@ -59,6 +65,7 @@ class _Reading:
     first: int  # line of the first row
     decimal: str
     convert: bool
+    padded: int  # cells of a row with the empty ones that end all rows
     comments: dict[int, str] = field(default_factory=dict)
     blank: list[int] = field(default_factory=list)
     last: int = 0  # line of the last row that was read
@@ -93,9 +100,29 @@ def load_text_table(path: Path, decimal: str | None = None, headerless: bool = F
         np.concatenate([part[k] for part in parts]) if parts else np.zeros(0, object)
         for k in range(reading.width)
     ]
+    _refuse_doubtful_comments(reading, columns)
     grid = Grid(reading.layout.names, columns, where, reading.layout.units)
     grid.said = _describe_reading(reading)
     return grid
+
+
+def _refuse_doubtful_comments(reading: _Reading, columns: Sequence[NDArray[Any]]) -> None:
+    """Refuse a comment that may be a row of measurements whose name begins with the mark: as wide
+    as the others, with numbers, where the other rows begin with a name."""
+    first: Sequence[Any] = columns[0][:1].tolist() if columns else []
+    if not first or is_number(first[0]):
+        return
+    for line, text in reading.comments.items():
+        for cells in split_rows([text], reading.form.separator):
+            numbers = sum(map(is_number, cells))
+            if len(cells) == reading.width and numbers >= 2:
+                raise DataError(
+                    f'"{cells[0]}" begins like a comment, but the line has the cells of a row.',
+                    file=reading.path.name,
+                    line=line,
+                    remedy="If it is a name, write it in quotation marks; if the row is not to be "
+                    "read, remove it.",
+                )
 
 
 def check_file(path: Path) -> None:
@@ -136,7 +163,16 @@ def _prepare_reading(path: Path, decimal: str | None, headerless: bool) -> _Read
         if decimal is None:
             example = next(filter(is_odd_number, cells))
             raise refuse_doubtful_commas(path.name, example)
-    return _Reading(path, form, layout, first, decimal or ".", convert)
+    padded = _find_padding(body, len(layout.names))
+    return _Reading(path, form, layout, first, decimal or ".", convert, padded)
+
+
+def _find_padding(body: Sequence[Sequence[str]], width: int) -> int:
+    """Find how many cells rows have where all of them end with the same number of empty ones."""
+    widths = {len(row) for row in body if not is_blank_row(row)}
+    longest = max(widths, default=width)
+    is_padded = len(widths) == 1 and all(is_blank_row(row[width:]) for row in body)
+    return longest if is_padded else width
 
 
 def refuse_doubtful_commas(file: str, example: Any) -> DataError:
@@ -236,12 +272,12 @@ def _drop_blank_rows(
 
 
 def _fit_row(reading: _Reading, row: list[str], line: int) -> list[str]:
-    """Return a row as wide as the header: separators at its end may be there or not. Raises
-    DataError for another width."""
+    """Return a row as wide as the header, without the separators that end all rows of the file.
+    Raises DataError for another width."""
     width = reading.width
     if len(row) == width:
         return row
-    if len(row) > width and is_blank_row(row[width:]):
+    if len(row) == reading.padded and is_blank_row(row[width:]):
         return row[:width]
     remedy = "Every row needs as many cells as the header."
     if len(row) > width and reading.form.separator == ",":

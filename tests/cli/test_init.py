@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -63,6 +64,9 @@ def test_german_excel_to_a_study_that_runs(tmp_path) -> None:
         "40 rows, 40 configurations.",
     ]
     assert "the nominal arm fits to 0.0" in said[6]
+    page = Path(__file__).parents[2] / "docs" / "how-to" / "your-files.md"
+    shown = "```text\n" + "\n".join(said[:8]) + "\n```"
+    assert shown in page.read_text(encoding="utf-8"), shown
     assert said[-1] == "Next: modelsel study 'Messung 3'"
     folder = tmp_path / "Messung 3"
     assert (folder / file.name).read_bytes() == file.read_bytes()

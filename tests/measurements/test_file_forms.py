@@ -210,6 +210,20 @@ def test_the_study_file_says_which(tmp_path) -> None:
     assert "sheet" not in study.model_dump()["measurements"]
 
 
+@pytest.mark.parametrize("rows", ["all", "one"])
+def test_separators_that_end_rows(rows, tmp_path) -> None:
+    """All rows may end with one that the header lacks; a single row that does is another width."""
+    header, *lines = written().splitlines()
+    lines = [line + "," if rows == "all" or k == 3 else line for k, line in enumerate(lines)]
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join([header, *lines]))
+    if rows == "all":
+        check(read(path))
+        return
+    with pytest.raises(DataError, match="line 5: 8 cells, but the header has 7"):
+        read(path)
+
+
 def test_binary_is_no_text(tmp_path) -> None:
     path = tmp_path / "m.csv"
     path.write_bytes(bytes(range(256)) * 9)
@@ -228,6 +242,29 @@ def test_names_with_a_hash_are_no_comments(tmp_path) -> None:
     path = tmp_path / "m.csv"
     path.write_text(written().replace("Prüfkugel ", "#"))
     assert read(path).targets == ("#0", "#1")
+
+
+def test_a_row_whose_name_begins_like_a_comment_is_not_dropped(tmp_path) -> None:
+    """One reflector of three is called #1: neither left out nor guessed."""
+    lines = written().replace("Prüfkugel 1", "B").splitlines()
+    lines[5] = lines[5].replace(lines[5].partition(",")[0], "#1")
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join(lines))
+    with pytest.raises(DataError, match='line 6: "#1" begins like a comment, but the line has'):
+        read(path)
+    path.write_text("\n".join(lines).replace("#1,", '"#1",'))
+    assert "#1" in read(path).targets
+
+
+def test_a_row_that_is_commented_out_is_left_out(tmp_path) -> None:
+    """Where rows begin with numbers, a mark before one can only be a comment."""
+    lines = [line.partition(",")[2] for line in written().splitlines()]
+    lines[5] = "#" + lines[5]
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join(lines))
+    data = read(path)
+    assert len(data) == ROWS - 1
+    assert "line 6 is a comment" in data.notes[0].sentence
 
 
 # -- spreadsheets
