@@ -17,6 +17,7 @@ PURPOSES = (
     "bootstrap",
     "halves",
     "scan",
+    "workspace",
 )
 
 

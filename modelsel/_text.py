@@ -35,8 +35,9 @@ def find_read_problem(path: Path) -> str | None:
     )
 
 
-def read_text(path: Path, what: str) -> str:
-    """Read a file's text; `what` it is, for the message. Raises StudyError."""
+def read_text(path: Path, what: str, as_it_is: bool = False) -> str:
+    """Read a file's text; `what` it is, for the message. Lines end in \\n, or `as_it_is` as in the
+    file. Raises StudyError."""
     why = find_read_problem(path)
     if why is None:
         try:
@@ -44,7 +45,8 @@ def read_text(path: Path, what: str) -> str:
                 raise StudyError(
                     f"{path.name}: {what} has more than {MAX_FILE_BYTES // 1_000_000} MB: another file? Check its name."
                 )
-            return path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
+            text = path.read_bytes().decode("utf-8-sig")
+            return text if as_it_is else text.replace("\r\n", "\n")
         except UnicodeDecodeError:
             why = "it is not UTF-8 text"
         except OSError as error:

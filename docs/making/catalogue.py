@@ -185,6 +185,7 @@ def entry(
         "",
         *_parameters(card),
         "",
+        *([f"- **Usual causes**: {', '.join(m.usual_causes)}."] if m.usual_causes else []),
         f"- **Told apart.** {text['apart'].replace(chr(10), ' ')}",
         f"- **Similar effects**, on {COUNT} configurations drawn for {ROBOT}: {of_it}.",
         f"- **Applies to** {_applies(stem, registry)}.",

@@ -136,15 +136,21 @@ class Calibration:
             bound = MAX_CORRECTION
         return correct(self, targets, bound=bound)
 
-    def export(self, form: str) -> Exported:
-        """Export to "urdf", "dh", "mdh", "json", "csv", "python" or "table".
+    def export(self, form: str, *, urdf: Path | str | None = None) -> Exported:
+        """Export to "urdf", "dh", "mdh", "hayati", "ur-calibration", "json", "csv", "python" or
+        "table".
 
-        The result holds the text, its largest error when read back, and what the form leaves out.
-        Raises StudyError for another form, or where a name cannot be written.
+        As "urdf", the file that the robot was read from, or the one given, comes back with other
+        origins; a robot without one gets a new file. The result holds the text, its largest error
+        when read back, and what the form leaves out. Raises StudyError for another form, or where a
+        name cannot be written.
         """
-        from .export import export
+        from .export import attach_urdf, export
 
-        return export(self, form)
+        calibration = self
+        if urdf is not None:
+            calibration = attach_urdf(self, Path(urdf))
+        return export(calibration, form)
 
     def save(self, folder: Path | str) -> Path:
         """Write calibration.json into a folder and return its path; `load_calibration` reads it.

@@ -10,7 +10,10 @@ import numpy as np
 
 from .._files import write_atomically
 from ..mechanisms.serialization import mechanism_record
+from ..robot.alignment import have_same_chain
+from ..robot.kinematics import Robot, UrdfSource
 from ..robot.plain_values import robot_record
+from ..robot.urdf import read_urdf_text
 from .calibration_schema import SCHEMA_VERSION
 from .refitting import refits_record
 
@@ -37,7 +40,7 @@ def calibration_text(c: Calibration) -> str:
 
 def calibration_record(c: Calibration) -> dict[str, Any]:
     """Return a calibration as JSON values, in the order of the file."""
-    return {
+    record: dict[str, Any] = {
         "schema": SCHEMA_VERSION,
         "kind": "calibration",
         "study": c.study,
@@ -83,9 +86,18 @@ def calibration_record(c: Calibration) -> dict[str, Any]:
         "held_out_rms_mm": c.held_out_rms_mm,
         "ranges": {name: list(pair) for name, pair in c.ranges.items()},
         "provenance": dict(c.provenance),
-        **(
-            {}
-            if c.refits is None
-            else {"refits": refits_record(c.refits, [t.symbol for t in c.terms])}
-        ),
     }
+    if c.refits is not None:
+        symbols = [term.symbol for term in c.terms]
+        record["refits"] = refits_record(c.refits, symbols)
+    source = c.robot.urdf
+    if source is not None and _is_of(source, c.robot):
+        record["urdf"] = {"base": source.base, "tip": source.tip, "text": source.text}
+    return record
+
+
+def _is_of(source: UrdfSource, robot: Robot) -> bool:
+    """Whether a robot still has the chain of the URDF that it was read from: a script may have
+    changed it."""
+    read = read_urdf_text(source.text, "urdf", source.base, source.tip)
+    return have_same_chain(robot, read)

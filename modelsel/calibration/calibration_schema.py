@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from .._records import Number, Pair, StrictRecord, Text, Vector, Whole
+from .._text import MAX_FILE_BYTES
 from ..mechanisms.serialization import MechanismRecord
 
 SCHEMA_VERSION = 1
@@ -37,6 +38,14 @@ class RobotRecord(StrictRecord):
     usual: Pair = Field(default=[1.0, 1e-3])
     joints: Annotated[list[JointRecord], Field(min_length=1)]
     last_mm: Transform
+
+
+class UrdfRecord(StrictRecord):
+    """The URDF that the robot was read from, and the links that its chain starts and ends at."""
+
+    text: Annotated[str, Field(max_length=MAX_FILE_BYTES)]
+    base: Text
+    tip: Text
 
 
 class TargetRecord(StrictRecord):
@@ -129,6 +138,7 @@ class CalibrationRecord(StrictRecord):
     ranges: dict[Text, Pair]
     provenance: dict[Text, Text]
     refits: RefitsRecord | None = None
+    urdf: UrdfRecord | None = None
 
     @model_validator(mode="after")
     def _check_names(self) -> CalibrationRecord:

@@ -203,22 +203,35 @@ def sample_workspace(
     readings = [values[f"q{joint}"] for joint in joints]
     q = np.stack(readings, 1)
     approach = rng.choice([-1.0, 1.0], q.shape)
-    unmeasured = np.zeros((m, 3))
-    data: Measurements = build_measurements(
-        q,
-        unmeasured,
-        target=[c.targets[target]] * m,
-        group=[c.groups[group]] * m,
-        approach=approach,
-        covariates=covariates,
-    )
     still = np.ones(m)
     moves = []
     for joint in joints:
         move = values.get(f"move{joint}", still)
         moves.append(move)
-    data = replace(data, move=np.stack(moves, 1))
-    return c.problem(data)
+    return bind_configurations(c, q, covariates, approach, np.stack(moves, 1), target, group)
+
+
+def bind_configurations(
+    c: Calibration,
+    q: Array,
+    covariates: Mapping[str, Array],
+    approach: Array,
+    move: Array,
+    target: int = 0,
+    group: int = 0,
+) -> Problem:
+    """Bind configurations to the calibrated set-up: q, approach and move (m, n), covariates
+    (m,)."""
+    m = len(q)
+    data: Measurements = build_measurements(
+        q,
+        np.zeros((m, 3)),
+        target=[c.targets[target]] * m,
+        group=[c.groups[group]] * m,
+        approach=approach,
+        covariates=covariates,
+    )
+    return c.problem(replace(data, move=move))
 
 
 def compute_points(at: Problem, parts: Sequence[Part]) -> Array:

@@ -3,6 +3,7 @@ one sentence with the place."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,10 @@ from ..exceptions import StudyError
 from ..fitting.design import Model
 from ..fitting.noise import Floor
 from ..mechanisms.serialization import find_members, mechanism_from_record
+from ..robot.alignment import have_same_chain
+from ..robot.kinematics import Robot
 from ..robot.plain_values import bounded_array, check_rotation, robot_from_record
+from ..robot.urdf import read_urdf_text
 from .calibration import Calibration
 from .calibration_file import CALIBRATION_FILE
 from .calibration_schema import SCHEMA_VERSION, CalibrationRecord, NoiseFloorRecord
@@ -77,7 +81,7 @@ def _restore(record: CalibrationRecord) -> Calibration:
     estimable = enumerate(estimate.estimable for estimate in record.estimates)
     calibration = Calibration(
         study=record.study,
-        robot=robot_from_record(record.robot.to_dict()),
+        robot=_restore_robot(record),
         targets=tuple(target.name for target in record.targets),
         groups=tuple(group.name for group in record.groups),
         tools=bounded_array([target.tool_mm for target in record.targets]),
@@ -98,6 +102,22 @@ def _restore(record: CalibrationRecord) -> Calibration:
     _check_standard_errors(record, calibration.standard_errors)
     _check_screws(record, model)
     return calibration
+
+
+def _restore_robot(record: CalibrationRecord) -> Robot:
+    """Return the nominal robot, with the URDF that it was read from. Raises ValueError where that
+    is another robot's."""
+    robot = robot_from_record(record.robot.to_dict())
+    stored = record.urdf
+    if stored is None:
+        return robot
+    try:
+        read = read_urdf_text(stored.text, "urdf", stored.base, stored.tip)
+    except StudyError as error:
+        raise ValueError(f"its urdf cannot be read: {error}") from None
+    if not have_same_chain(robot, read):
+        raise ValueError("its urdf is not that of its robot: its transforms are others")
+    return replace(robot, urdf=read.urdf)
 
 
 def _restore_tool_rotations(record: CalibrationRecord) -> Array | None:

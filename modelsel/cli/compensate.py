@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,10 +11,12 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from .._choices import TARGET_FORMS
 from ..exceptions import CHECK_FAILED
 from ._options import column_option, print_json
 
 if TYPE_CHECKING:
+    from ..calibration.calibration import Calibration
     from ..calibration.compensation import Commands
     from ..measurements.measurements import Measurements
 
@@ -25,6 +29,14 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path, dir_okay=False),
     required=True,
     help="CSV (or Parquet) file to write.",
+)
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(TARGET_FORMS),
+    default="csv",
+    show_default=True,
+    help="A table, targets for RoboDK, or a program: URScript, KRL, RAPID, Fanuc's LS.",
 )
 @click.option(
     "--bound",
@@ -44,6 +56,7 @@ def compensate_command(
     result: Path,
     targets: Path,
     out: Path,
+    form: str,
     bound: tuple[float, float],
     forward: bool,
     columns: dict[str, str],
@@ -53,13 +66,16 @@ def compensate_command(
 
     TARGETS has a row a target: nominal commands q1_rad … (or _deg), wanted positions x_mm y_mm z_mm
     (left out: where the nominal robot has the target) in the tracker's frame, wanted orientations,
-    and what the model needs. Commands are written in the units in which they were given."""
+    and what the model needs. A table has commands in the units in which they were given; a program
+    has the units of its language, slow moves, and is called as its file is."""
     from .._files import write_frame
     from ..calibration.command_notes import describe_extrapolation, describe_order_dependence
     from ..calibration.compensation import build_commands_table, correct_measurements
     from ..calibration.loading import load_calibration
     from ..measurements.reader import read_measurements
 
+    if forward and form != "csv":
+        raise click.UsageError("--forward corrects no command: it goes with --format csv.")
     c = load_calibration(result)
     data = read_measurements(targets, c.robot.prismatic, columns, positions=False, once=False)
     commands: Commands | None = None
@@ -69,7 +85,11 @@ def compensate_command(
     else:
         commands, notes = correct_measurements(c, data, (bound[0] / 1e3, bound[1]), targets.name)
         table = build_commands_table(c, data, commands.q, commands.wanted, commands.figures())
-    write_frame(table, out, "%.10g")
+    if commands is None or form == "csv":
+        write_frame(table, out, "%.10g")
+    else:
+        _check_commands(commands, data, written=False)
+        notes += _write_program(c, data, commands, form, out, notes)
     if as_json:
         figures = {} if commands is None else _figures(commands)
         print_json({"written": out.name, "rows": len(data), "warnings": notes, **figures})
@@ -83,14 +103,48 @@ def compensate_command(
         _check_commands(commands, data)
 
 
-def _check_commands(commands: Commands, data: Measurements) -> None:
-    """Exit with CHECK_FAILED where a row is not reached or beyond a joint's limits, and say
-    which."""
+def _write_program(
+    c: Calibration,
+    data: Measurements,
+    commands: Commands,
+    form: str,
+    out: Path,
+    notes: Sequence[str],
+) -> list[str]:
+    """Write the commands as a program, and note what its decimals cost. Raises StudyError."""
+    from .._files import write_atomically
+    from ..calibration.compensation import REACHED_MM
+    from ..calibration.prediction import predict
+    from ..calibration.robot_programs import round_commands, write_program
+
+    expected = commands.expected_mm.max()
+    comments = [
+        f"{len(data)} joint commands, corrected by modelsel. Study {c.study}, robot {c.robot.name}.",
+        f"Expected error of the target: {expected:.3g} mm at most.",
+        *notes,
+        "Moves are slow and stop at every point. Check the path before the arm runs it.",
+    ]
+    slides = c.robot.prismatic
+    text = write_program(form, out, commands.q, slides, comments)
+    write_atomically(out, text.encode("ascii"))
+    at = [
+        predict(c, c.problem(replace(data, q=q)))
+        for q in (commands.q, round_commands(form, commands.q, slides))
+    ]
+    moved = float(np.linalg.norm(at[1] - at[0], axis=1).max())
+    if moved <= REACHED_MM:
+        return []
+    return [f"the decimals of the file move the target by {moved:.2g} mm at most."]
+
+
+def _check_commands(commands: Commands, data: Measurements, written: bool = True) -> None:
+    """Exit with CHECK_FAILED where a row is not reached or beyond a joint's limits, and say which;
+    and whether there is a file."""
     missed, stuck = ~commands.reached, commands.beyond.any(1)
     if missed.any():
         click.echo(
             f"modelsel: {int(missed.sum())} rows are not reached, next to a jump of the model or at the edge of the "
-            f"workspace ({data.where.listed(data.row[missed])}); {commands.where_left} says what is left.",
+            f"workspace ({data.where.listed(data.row[missed])}); {_where_left(commands, written)}.",
             err=True,
         )
     if stuck.any():
@@ -100,7 +154,15 @@ def _check_commands(commands: Commands, data: Measurements) -> None:
             err=True,
         )
     if missed.any() or stuck.any():
+        if not written:
+            click.echo("modelsel: no program was written.", err=True)
         raise SystemExit(CHECK_FAILED)
+
+
+def _where_left(commands: Commands, written: bool) -> str:
+    if written:
+        return f"{commands.where_left} says what is left"
+    return f"up to {commands.left_mm.max():.3g} mm are left"
 
 
 def _figures(commands: Commands) -> dict[str, Any]:

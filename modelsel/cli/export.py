@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,9 @@ from ..exceptions import CHECK_FAILED
 from ._options import print_json
 
 if TYPE_CHECKING:
+    from ..calibration.calibration import Calibration
     from ..calibration.export.form import Exported
+    from ..calibration.export.grid_options import GridOptions
 
 ROUNDING_MM = 1e-6  # below it a difference is rounding
 EXACT_MM = 1e-3  # 1 µm: what a form can carry must come back
@@ -27,26 +30,99 @@ ERRORS = ("rows", "nominal_rms_mm", "file_rms_mm", "model_rms_mm")
 @click.option(
     "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The file."
 )
+@click.option(
+    "--urdf",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Your URDF of this arm: it comes back with other origins. Without it, the study's own.",
+)
+@click.option("--base", help="Link of that URDF where the arm's chain starts.")
+@click.option("--tip", help="Link of that URDF where the arm's chain ends.")
+@click.option(
+    "--joints",
+    metavar="LIST",
+    help="Of a grid: up to three joints, such as 1,2,3 or 1=-90:90,2 (degrees or mm).",
+)
+@click.option(
+    "--at",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Of a grid: where another joint (q5_deg=-90) or covariate is held; may be repeated.",
+)
+@click.option(
+    "--within",
+    type=click.FloatRange(min=1e-4),
+    metavar="MM",
+    help="Of a grid: how near it shall be between its points.  [default: 0.01]",
+)
 @click.option("--json", "as_json", is_flag=True)
-def export_command(result: Path, form: str, out: Path, as_json: bool) -> None:
+def export_command(
+    result: Path,
+    form: str,
+    out: Path,
+    urdf: Path | None,
+    base: str | None,
+    tip: str | None,
+    joints: str | None,
+    at: tuple[str, ...],
+    within: float | None,
+    as_json: bool,
+) -> None:
     """Write a stored calibration (a study's folder, its result.json or calibration.json) in another
     form.
 
     The file is read back and compared with the fit; what the form cannot carry is listed.
     """
     from .._files import write_atomically
+    from ..calibration.export import attach_urdf, export_grid
     from ..calibration.export import export as exported
     from ..calibration.loading import load_calibration
 
-    made = exported(load_calibration(result), form)
+    if urdf is not None and form != "urdf":
+        raise click.UsageError("--urdf goes with --format urdf.")
+    if urdf is None and (base or tip):
+        raise click.UsageError("--base and --tip choose a chain of --urdf FILE.")
+    if form != "grid" and (joints or at or within):
+        raise click.UsageError("--joints, --at and --within go with --format grid.")
+    calibration = load_calibration(result)
+    if urdf is not None:
+        calibration = attach_urdf(calibration, urdf, base, tip)
+    if form == "grid":
+        made = export_grid(calibration, _read_grid_options(calibration, joints, at, within))
+    else:
+        made = exported(calibration, form)
     write_atomically(out, made.text.encode())
     if as_json:
         print_json({"written": out.name, "format": form, **_to_dict(made)})
     else:
         _print_export(made, out)
-    if form != "table" and made.error_mm > EXACT_MM:
+    if form not in ("table", "grid") and made.error_mm > EXACT_MM:
         click.echo("modelsel: the file does not carry the geometry to 1 µm.", err=True)
         raise SystemExit(CHECK_FAILED)
+
+
+def _read_grid_options(
+    c: Calibration, joints: str | None, at: tuple[str, ...], within: float | None
+) -> GridOptions:
+    """Read the options of a grid. Raises UsageError for what is not written as they are."""
+    from ..calibration.export.grid_options import GridOptions, default_joints, read_ranges
+
+    numbers = default_joints(c)
+    ranges: dict[int, tuple[float, float]] = {}
+    if joints is not None:
+        numbers, ranges = read_ranges(c, joints)
+    held = {}
+    for pair in at:
+        name, _, value = pair.partition("=")
+        try:
+            held[name] = float(value)
+        except ValueError:
+            held[name] = math.nan
+        if not math.isfinite(held[name]):
+            raise click.UsageError(f"--at {pair}: expected NAME=NUMBER, as q5_deg=-90.")
+    nearest = GridOptions.largest_mm if within is None else within
+    if not math.isfinite(nearest):
+        raise click.UsageError("--within: expected a length in mm.")
+    return GridOptions(numbers, nearest, held, ranges)
 
 
 def _to_dict(made: Exported) -> dict[str, Any]:

@@ -133,6 +133,9 @@ def _print_card(card: dict[str, Any], *, in_full: bool) -> None:
         return
     equation = card["equation"]
     source = card["source"]
+    causes = ", ".join(card["usual_causes"])
+    if causes:
+        click.echo(f"    usual causes  {causes}")
     click.echo(f"    equation  {equation}")
     click.echo(f"    source    {source}")
     for term in card["terms"]:

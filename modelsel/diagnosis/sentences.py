@@ -150,7 +150,7 @@ def _describe_free_function(terms: Sequence[Term], estimate: Array) -> str:
     named = []
     for count, amplitude in find_waves(terms, estimate):
         shown = format_quantity(amplitude, None, "rad")
-        named.append(f"{count} waves per turn of {shown}")
+        named.append(f"{count} waves a turn of {shown}")
     if named:
         text += f", mostly {' and '.join(named)}"
     return text
@@ -201,22 +201,46 @@ def has_contrary_signs(mechanism: Mechanism, estimate: Array) -> bool:
 def describe_candidate(candidate: Candidate, estimate: Array) -> str:
     """Describe what a candidate says of the arm, without its size.
 
-    The sentence follows the signs of its fitted terms `estimate` (k,)."""
+    The sentence follows the signs of its fitted terms `estimate` (k,): what physics forbids is not
+    told as the mechanism."""
     mechanism = candidate.mechanism
-    if mechanism.contrary and has_contrary_signs(mechanism, estimate):
-        return mechanism.contrary.rstrip(".")
+    if has_contrary_signs(mechanism, estimate):
+        if mechanism.contrary:
+            return mechanism.contrary.rstrip(".")
+        return (
+            f"{_describe_place(candidate)}; {mechanism.name} would have the opposite sign, so this "
+            "is something else"
+        )
     if mechanism.sentence:
         return mechanism.sentence.rstrip(".")
-    first_term = mechanism.terms[0]
+    return f"{_describe_place(candidate)}; no registered mechanism describes this"
+
+
+def _describe_place(candidate: Candidate) -> str:
+    """Describe what a candidate's first screw moves, and with what."""
+    first_term = candidate.mechanism.terms[0]
     screw = first_term.screws[0]
     motion = MOTIONS[screw.axis[0]]
-    axis = screw.axis[1]
     symbol = f"{LETTERS[screw.axis]}{screw.frame}"
     causes = candidate.causes(" and ")
-    return (
-        f"Frame {screw.frame} {motion} its {axis} axis ({symbol}) with {causes}; "
-        "no registered mechanism describes this"
-    )
+    return f"Frame {screw.frame} {motion} its {screw.axis[1]} axis ({symbol}) with {causes}"
+
+
+def label_effect(effect: Effect) -> str:
+    """Return the short name of an effect; that its signs are not the mechanism's is part of it."""
+    label = effect.candidate.label
+    if has_contrary_signs(effect.candidate.mechanism, effect.estimate):
+        return f"{label} with the opposite sign"
+    return label
+
+
+def list_usual_causes(effect: Effect) -> tuple[str, ...]:
+    """List the parts that usually do what an effect does; none where its signs are not the
+    mechanism's."""
+    mechanism = effect.candidate.mechanism
+    if has_contrary_signs(mechanism, effect.estimate):
+        return ()
+    return mechanism.usual_causes
 
 
 def list_cautions(effect: Effect) -> list[str]:
@@ -225,10 +249,13 @@ def list_cautions(effect: Effect) -> list[str]:
     Such are signs, sizes, and another effect that cancels it."""
     cautions = list(_generate_sign_cautions(effect))
     mechanism = effect.candidate.mechanism
+    # which the sentence says
+    is_contrary = has_contrary_signs(mechanism, effect.estimate)
     for term, value, error in zip(
         mechanism.terms, effect.estimate, effect.standard_error, strict=True
     ):
-        if term.sign and not mechanism.contrary and value * term.sign < -2 * error:
+        is_forbidden = term.sign and not mechanism.contrary and not is_contrary
+        if is_forbidden and value * term.sign < -2 * error:
             cautions.append(
                 f"the sign of {term.symbol} is opposite to what physics predicts, so another cause "
                 "is likely"
@@ -276,8 +303,8 @@ def _generate_size_cautions(term: Term, value: float, error: float) -> Iterator[
         yield f"{term.symbol} is larger than usual ({limit})"
 
 
-def describe_effect(effect: Effect) -> str:
-    """Describe one finding in one sentence."""
+def describe_effect(effect: Effect, doubt: str = "") -> str:
+    """Describe one finding in one sentence; `doubt`, where there is one, stands beside its name."""
     candidate = effect.candidate
     what = describe_candidate(candidate, effect.estimate)
     amount = describe_amount(candidate.mechanism.terms, effect.estimate, effect.standard_error)
@@ -285,6 +312,8 @@ def describe_effect(effect: Effect) -> str:
         standing = _describe_probability(effect)
     else:
         standing = _describe_rivals(effect)
+    if doubt:
+        standing = f"{standing}, {doubt}"
     parts = [f"{what}: {amount}{standing}", *list_cautions(effect)]
     return "; ".join(parts) + "."
 
@@ -310,7 +339,7 @@ def _describe_probability(effect: Effect) -> str:
     probability = f"probability {sum(of_label):.2f}"
     if candidate.asked:
         probability += " among those considered"
-    text = f" ({label}, {probability}"
+    text = f" ({label_effect(effect)}, {probability}"
     alike = [e for e in entries if e.alike]
     labels_alike = {e.candidate.label for e in alike}
     rivals = _list_rivals(effect)

@@ -17,7 +17,7 @@ from .._typing import Array
 from ..fitting.problem import Problem
 from ..measurements.reference_temperature import TEMPERATURE
 from ..mechanisms.causes import Applied, Bump, Cause, Named, cos, q, sign, sin, torque
-from ..mechanisms.drives import WAVES, wave_terms
+from ..mechanisms.drives import RIPPLING_PARTS, WAVES, wave_terms
 from ..mechanisms.environment import temperature_rise
 from ..mechanisms.gravity_effects import forearm_lever, upper_arm_lever
 from ..mechanisms.terms import Mechanism, Screw, Term
@@ -266,7 +266,8 @@ def build_waves(robot: Robot) -> Iterator[Unregistered]:
                 mechanism = Mechanism(
                     name=f"{j} rz {count:g} waves",
                     terms=wave_terms(j, count, "rz", "m"),
-                    sentence=f"Joint {j} turns unevenly: {count:g} waves a turn",
+                    sentence=f"Joint {j} turns unevenly, {count:g} waves a turn",
+                    usual_causes=RIPPLING_PARTS,
                 )
                 yield Unregistered(mechanism, CandidateKind.JOINT_WAVE, weight)
 
@@ -302,6 +303,7 @@ def _build_pitch_wave(joint: int, count: float, travel: float) -> Mechanism:
         name=f"{joint} tz {count:g} waves",
         terms=terms,
         sentence=f"Joint {joint} slides unevenly, a wave every {length:.3g} mm",
+        usual_causes=("pitch of the screw", "teeth of the rack", "joints of the scale"),
     )
 
 
@@ -337,4 +339,9 @@ def _build_free_function(joint: int, readings: Array, width: float) -> Mechanism
         if count >= MIN_READINGS
     )
     name = f"free(q{joint}) {np.degrees(width):.0f}"
-    return Mechanism(name, terms, f"Joint {joint} turns unevenly, by a shape no list has.")
+    return Mechanism(
+        name,
+        terms,
+        f"Joint {joint} turns unevenly, by a shape no list has.",
+        usual_causes=("strain-wave gear", "encoder", "cable or hose that pulls"),
+    )

@@ -13,6 +13,8 @@ COMPLIANCE = (1e-8, 1e-3)
 # rad/(N m) times some kg: of a compliance with an unknown mass
 HEAVY = (1e-8, 1e-3)
 SOURCE = "Klimchik, Furet, Caro & Pashkevich 2015, elastostatic calibration"
+# parts that usually make a joint wind up
+WINDING_PARTS = ("compliant gear or shaft", "belt", "soft servo")
 
 
 def find_bending_links(robot: Robot) -> tuple[int, ...]:
@@ -56,9 +58,10 @@ def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
     return Mechanism(
         f"joint-compliance:{joint}",
         terms,
-        f"Joint {joint} winds up under gravity: its drive is compliant.",
+        f"Joint {joint} winds up in proportion to its gravity torque.",
         f"θ{joint} = q{joint} + c · gravity torque about joint {joint}",
         SOURCE,
+        usual_causes=WINDING_PARTS,
     )
 
 
@@ -79,9 +82,10 @@ def lateral_compliance(robot: Robot, joint: int) -> Mechanism:
     return Mechanism(
         f"lateral-compliance:{joint}",
         terms,
-        f"The bearing of joint {joint} yields across its axis under gravity.",
+        f"The axis of joint {joint} tilts in proportion to the moment of the weight across it.",
         f"α{joint}, β{joint} = l · moment of the weight about x, y of frame {joint}",
         SOURCE,
+        usual_causes=("compliant bearing", "compliant housing or link before it"),
     )
 
 
@@ -102,9 +106,10 @@ def link_bending(robot: Robot, link: int, masses: int) -> Mechanism:
     return Mechanism(
         f"link-bending:{link}",
         terms,
-        f"Link {link} bends under the weight it carries.",
+        f"The far end of link {link} turns in proportion to the moment of the weight beyond it.",
         f"rotation of frame {f} = b · moment of the weight beyond it",
         SOURCE,
+        usual_causes=("link that bends", "flange or bolts at its end", f"bearing of joint {f}"),
     )
 
 
@@ -120,9 +125,10 @@ def payload_deflection(robot: Robot, joint: int) -> Mechanism:
     return Mechanism(
         f"payload-deflection:{joint}",
         (Term(f"p{joint}", (Screw(joint, "rz", cause),), COMPLIANCE, 1),),
-        f"Joint {joint} yields under the payload.",
+        f"Joint {joint} winds up in proportion to the torque of the payload.",
         f"θ{joint} = q{joint} + p · payload_kg · torque of 1 kg at the target",
         SOURCE,
+        usual_causes=WINDING_PARTS,
     )
 
 
@@ -138,9 +144,10 @@ def counterbalance(robot: Robot) -> Mechanism | None:
             Term("u1", (Screw(j, "rz", sin(angle)),), (1e-5, 1e-2)),
             Term("u2", (Screw(j, "rz", sin(2.0 * angle)),), (1e-5, 1e-2)),
         ),
-        f"The counterbalance of joint {j} is not the gravity it should cancel.",
+        f"Joint {j} turns with the sine of its angle from level and of twice that angle.",
         f"θ{j} = q{j} + u1 {sin(angle)} + u2 {sin(2.0 * angle)}",
         "Klimchik, Caro, Wu, Pashkevich & Furet 2013, gravity compensators",
+        usual_causes=("counterbalance that does not match the weight",),
     )
 
 
@@ -154,7 +161,8 @@ def tool_droop(robot: Robot) -> Mechanism | None:
     return Mechanism(
         "tool-droop",
         (Term("g", screws, (1e-3, 2.0), 1),),
-        "The tool droops: it bends where gravity pulls across it.",
+        "The target shifts across the flange in proportion to the gravity across it.",
         "target offset = g · gravity direction across the flange axis",
         "cantilever beam; ISO 230-1, stiffness of spindles",
+        usual_causes=("tool that bends", "flange or tool changer that yields", "loose target nest"),
     )

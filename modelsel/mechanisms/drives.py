@@ -11,6 +11,12 @@ from .terms import Mechanism, Screw, Term
 RUNOUT = (5e-6, 3e-3)
 # rad/rad: usual size of a scale error
 SCALE = (1e-6, 1e-2)
+# parts that usually make a joint turn unevenly, some waves a turn
+RIPPLING_PARTS = (
+    "gear teeth",
+    "strain-wave gear",
+    "encoder or motor that errs once a turn of its own",
+)
 # waves a turn that gear ripple is scanned over
 WAVES = tuple(range(3, 61))
 
@@ -54,9 +60,10 @@ def gear_eccentricity(robot: Robot, joint: int) -> Mechanism:
     return Mechanism(
         f"gear-eccentricity:{joint}",
         wave_terms(joint, 1, "rz", f"e{joint}"),
-        f"Joint {joint} turns unevenly, once a turn: its gear runs out of centre.",
+        f"Joint {joint} turns unevenly, one wave a turn.",
         f"θ{joint} = q{joint} + es sin(q{joint}) + ec cos(q{joint})",
         "Whitney, Lozinski & Rourke 1986",
+        usual_causes=("gear or shaft out of centre", "encoder disk out of centre"),
     )
 
 
@@ -65,9 +72,15 @@ def encoder_eccentricity(robot: Robot, joint: int) -> Mechanism:
     return Mechanism(
         f"encoder-eccentricity:{joint}",
         wave_terms(joint, 2, "rz", f"d{joint}"),
-        f"Joint {joint} turns unevenly, twice a turn: its encoder disk or ring is oval or read by two heads.",
+        f"Joint {joint} turns unevenly, two waves a turn.",
         f"θ{joint} = q{joint} + ds sin(2 q{joint}) + dc cos(2 q{joint})",
         "Lopez-Rubio et al. 2010, encoder errors",
+        usual_causes=(
+            "oval encoder ring",
+            "off-centre encoder disk with two heads",
+            "oval gear or bearing",
+            "universal joint",
+        ),
     )
 
 
@@ -76,9 +89,10 @@ def gear_ripple(robot: Robot, joint: int, waves: int) -> Mechanism:
     return Mechanism(
         f"gear-ripple:{joint}",
         wave_terms(joint, waves, "rz", f"r{joint}"),
-        f"Joint {joint} turns unevenly: {waves} waves per turn, gear ripple.",
+        f"Joint {joint} turns unevenly, {waves} waves a turn.",
         f"θ{joint} = q{joint} + rs sin({waves} q{joint}) + rc cos({waves} q{joint})",
         "Tuttle & Seering 1996, harmonic-drive gear transmission",
+        usual_causes=RIPPLING_PARTS,
     )
 
 
@@ -88,9 +102,14 @@ def encoder_scale(robot: Robot, joint: int) -> Mechanism:
     return Mechanism(
         f"encoder-scale:{joint}",
         (Term(f"s{joint}", (screw,), SCALE),),
-        f"Joint {joint} moves more (or less) than its encoder says, in proportion.",
+        f"Joint {joint} moves more (or less) than its reading says, in proportion.",
         f"θ{joint} = (1 + s) q{joint}",
         "Whitney, Lozinski & Rourke 1986",
+        usual_causes=(
+            "gear ratio or encoder count in the controller",
+            "slipping belt",
+            "scale or screw of a slide",
+        ),
     )
 
 
@@ -106,6 +125,9 @@ def axis_wobble(robot: Robot, joint: int, waves: int) -> Mechanism:
         f"The axis of joint {joint} wobbles, {'once' if waves == 1 else 'twice'} a turn.",
         f"α{joint}, β{joint} ∝ sin({waves} q{joint}), cos({waves} q{joint})",
         "ISO 230-7, axes of rotation: tilt",
+        usual_causes=("inclined bearing race", "bent shaft")
+        if waves == 1
+        else ("oval bearing", "oval seat"),
     )
 
 
@@ -145,6 +167,11 @@ def wrist_coupling(robot: Robot, joint: int) -> Mechanism:
         sentence,
         equation,
         "Whitney, Lozinski & Rourke 1986; the reference, non-geometric errors",
+        usual_causes=(
+            "wrist drives that run through each other",
+            "coupling ratio in the controller",
+            "cable or hose",
+        ),
     )
 
 
@@ -156,9 +183,14 @@ def approach_backlash(robot: Robot, joint: int) -> Mechanism:
     return Mechanism(
         f"approach-backlash:{joint}",
         (_side(robot, joint, f"k{joint}", -1),),
-        f"Joint {joint} stops short of its reading, on the side that it came from: backlash or friction.",
+        f"Joint {joint} stops short of its reading, on the side that it came from.",
         f"θ{joint} = q{joint} + k · direction of joint {joint}'s last motion, k < 0",
         "Slamani, Nubiola & Bonev 2012, backlash of robots",
+        usual_causes=(
+            "backlash of the gear",
+            "friction with a drive that winds up",
+            "play of a key or a coupling",
+        ),
     )
 
 
@@ -168,9 +200,14 @@ def overshoot(robot: Robot, joint: int) -> Mechanism:
     return Mechanism(
         f"overshoot:{joint}",
         (_side(robot, joint, f"o{joint}", 1),),
-        f"Joint {joint} rests past its reading, in the direction of its last motion: overshoot, not play.",
+        f"Joint {joint} rests past its reading, in the direction of its last motion, where play would leave it short.",
         f"θ{joint} = q{joint} + o · direction of joint {joint}'s last motion, o > 0",
         "Slamani, Nubiola & Bonev 2012, backlash of robots; the sign is that of an overshoot",
+        usual_causes=(
+            "servo that overshoots",
+            "friction compensation that is too strong",
+            "directions of approach with the wrong sign",
+        ),
     )
 
 
@@ -201,10 +238,12 @@ def read_too_early(robot: Robot) -> Mechanism:
     return Mechanism(
         "fault:read-too-early",
         (Term("lag", screws, (1e-6, 5e-2), 1),),
-        "A fault of the data: joints were read before the arm stood still; the error grows with the last move.",
+        "A fault of the data: all joints stand past their readings by the same share of their last moves.",
         "θ = q + lag · last move, all joints alike",
         "ISO 9283, position stabilisation time",
-        "A fault of the data: targets were measured before the arm stood still; the error grows with the last move.",
+        "A fault of the data: all joints are short of their readings by the same share of their last moves, as when "
+        "targets are measured before the arm stands still.",
+        ("joints read before the arm stood still",),
     )
 
 
@@ -214,8 +253,9 @@ def settling(robot: Robot, joint: int) -> Mechanism:
     return Mechanism(
         f"settle:{joint}",
         (Term(f"m{joint}", (_last_move(robot, joint),), (1e-6, 1e-2), -1),),
-        f"Joint {joint} had not settled when it was measured: a share of its last move was still missing.",
+        f"Joint {joint} is short of its reading by a share of its last move.",
         f"θ{joint} = q{joint} + m · last move of joint {joint}",
         "ISO 9283, position stabilisation time",
-        f"Joint {joint} was past its reading by a share of its last move: it was read too early, or swung past.",
+        f"Joint {joint} is past its reading by a share of its last move, as when it is read too early or swings past.",
+        ("target measured before the arm stood still", "creep of a belt or a gear"),
     )

@@ -83,6 +83,7 @@ def thermal_growth(robot: Robot, link: int, reference: float = REFERENCE) -> Mec
         f"Link {link} grows with temperature, counted from {reference:g} °C.",
         f"length of link {link} · (1 + g ({temperature_rise(reference)}))",
         "ISO 230-3, thermal effects; ISO 1, 20 °C",
+        usual_causes=("expansion of its material", "heat of a motor or a gear in it"),
     )
 
 
@@ -97,6 +98,10 @@ def thermal_expansion(robot: Robot, reference: float = REFERENCE) -> Mechanism |
         f"The whole arm grows with temperature, counted from {reference:g} °C.",
         f"every length · (1 + g ({temperature_rise(reference)}))",
         "ISO 230-3, thermal effects; ISO 1, 20 °C",
+        usual_causes=(
+            "expansion of its material",
+            "instrument's scale that follows the temperature",
+        ),
     )
 
 
@@ -113,6 +118,11 @@ def thermal_zero(robot: Robot, joint: int, reference: float = REFERENCE) -> Mech
         f"The zero of joint {joint} wanders with temperature, counted from {reference:g} °C.",
         f"θ{joint} = q{joint} + z ({rise})",
         "ISO 230-3, thermal effects; ISO 1, 20 °C",
+        usual_causes=(
+            "heat of its motor or gear",
+            "encoder's mount",
+            "link that warms on one side",
+        ),
     )
 
 
@@ -131,9 +141,14 @@ def tracker_drift(robot: Robot, knots: float) -> Mechanism:
     return Mechanism(
         "tracker-drift",
         terms,
-        "Tracker and base drift against each other while the campaign lasts.",
+        "Instrument and base drift against each other while the campaign lasts.",
         "H_1 = v · progress" if knots >= 1 else "H_1 = free function of progress",
         "ISO 10360-10, laser trackers: drift",
+        usual_causes=(
+            "instrument or its stand warming up",
+            "foundation",
+            "column of the arm warming up",
+        ),
     )
 
 
@@ -150,9 +165,10 @@ def target_step(robot: Robot, at: float) -> Mechanism:
     return Mechanism(
         "target-step",
         tuple(Term(f"s{a}", (Screw(robot.n + 1, a, cause),), STEP["t"]) for a in AXES[:3]),
-        f"The target was moved on the flange after {at:.1%} of the campaign.",
+        f"The target stands elsewhere on the flange after {at:.1%} of the campaign.",
         f"H_{robot.n + 1} = s · {cause}",
         "ISO 10360-10, laser trackers: stability of the target's nest",
+        usual_causes=("reflector put back in its nest", "tool or nest that slipped or was knocked"),
     )
 
 
@@ -163,9 +179,14 @@ def tracker_step(robot: Robot, at: float) -> Mechanism:
     return Mechanism(
         "tracker-step",
         tuple(Term(f"j{a}", (Screw(1, a, cause),), STEP[a[0]]) for a in AXES),
-        f"Tracker or base was moved after {at:.1%} of the campaign.",
+        f"Instrument and base stand differently to each other after {at:.1%} of the campaign.",
         f"H_1 = j · {cause}",
         "ISO 10360-10, laser trackers: stability",
+        usual_causes=(
+            "instrument or its stand knocked or moved",
+            "anchor bolts",
+            "instrument started anew",
+        ),
     )
 
 
@@ -175,9 +196,10 @@ def tracker_bumped(robot: Robot, at: float) -> Mechanism:
     return Mechanism(
         "fault:tracker-bumped",
         step.terms,
-        f"A fault of the data: the tracker was bumped after {at:.1%} of the campaign.",
+        f"A fault of the data: instrument and base stand differently to each other after {at:.1%} of the campaign.",
         step.equation,
         step.source,
+        usual_causes=step.usual_causes,
     )
 
 
@@ -212,9 +234,14 @@ def tracker_scale(robot: Robot) -> Mechanism:
     return Mechanism(
         "tracker-scale",
         (Term("σ", tuple(Screw(1, axis, cause) for axis, cause in _seen(robot)), (1e-7, 2e-3)),),
-        "The instrument's scale is off: measured lengths are too long or too short in proportion.",
+        "Measured lengths are too long or too short in proportion.",
         "x = (1 + σ) x",
         "ISO 10360-10, laser trackers: scale",
+        usual_causes=(
+            "instrument's scale",
+            "air temperature and pressure given to it",
+            "arm that is warm",
+        ),
     )
 
 
@@ -234,7 +261,8 @@ def refraction(robot: Robot) -> Mechanism | None:
     return Mechanism(
         "refraction",
         (Term("ρ", screws, (1e-12, 1e-7)),),
-        "The beam is bent by the air: the error grows with the square of the distance.",
+        "Measured heights err with the square of the distance.",
         "height error = ρ · range²",
         "Estler et al. 2002, large-scale metrology",
+        usual_causes=("air whose temperature changes with the height",),
     )

@@ -7,11 +7,14 @@ from ..robot.gravity import ArmPair, find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .causes import Cause, Named, Number, cos, q, shifted, sign, torque
+from .compliance import WINDING_PARTS
 from .terms import Mechanism, Screw, Term
 
 PAPER = "Positioning error analysis (the reference), Eq. 6-7"
 TWIST = (2e-5, 1e-2)  # rad at full lever: 10 N m … 1 kN m over 1e5 … 1e6 N m/rad
 BACKLASH = (2e-5, 2e-3)  # rad
+# parts that usually make a base tilt
+YIELDING_BASE = ("floor or pedestal", "anchor bolts", "bearing of joint 1")
 
 
 def upper_arm_lever(pair: ArmPair) -> Cause:
@@ -46,6 +49,7 @@ def joint2_twist(robot: Robot) -> Mechanism | None:
         f"Joint {j} winds up under the weight of the upper arm and the forearm.",
         f"θ{j} = q{j} + h1 {forearm_lever(pair)} + h2 {upper_arm_lever(pair)}",
         PAPER,
+        usual_causes=WINDING_PARTS,
     )
 
 
@@ -61,6 +65,7 @@ def joint3_twist(robot: Robot) -> Mechanism | None:
         f"Joint {j} winds up under the weight of the forearm.",
         f"θ{j} = q{j} + h3 {forearm_lever(pair)}",
         PAPER,
+        usual_causes=WINDING_PARTS,
     )
 
 
@@ -75,6 +80,7 @@ def gravity_twist(robot: Robot) -> Mechanism | None:
         "Shoulder and elbow wind up together under the arm's weight.",
         f"{shoulder.equation}; {elbow.equation}",
         PAPER,
+        usual_causes=WINDING_PARTS,
     )
 
 
@@ -96,10 +102,11 @@ def backlash(robot: Robot, joint: int) -> Mechanism:
     return Mechanism(
         f"backlash:{joint}",
         (Term(f"h4[{joint}]", (Screw(joint, "rz", cause),), BACKLASH, direction),),
-        f"The play of joint {joint} is taken up by gravity, to either side.",
+        f"Joint {joint} steps where its gravity torque changes sign, to the side that gravity pulls.",
         f"θ{joint} = q{joint} + h4 {cause}",
         PAPER,
         against if direction < 0 else "",
+        ("backlash of the gear", "play of a key or a coupling"),
     )
 
 
@@ -144,9 +151,10 @@ def base_tilt(robot: Robot) -> Mechanism | None:
     return Mechanism(
         "base-tilt",
         terms,
-        "The base tilts under the moment of the arm's weight.",
+        "The base tilts in proportion to the moment of the arm's weight.",
         "rotation of frame 0 = k · moment of the weight about it",
         "Whitney, Lozinski & Rourke 1986",
+        usual_causes=YIELDING_BASE,
     )
 
 
@@ -178,7 +186,8 @@ def payload_tilt(robot: Robot) -> Mechanism | None:
     return Mechanism(
         "payload-tilt",
         tuple(terms),
-        "The base tilts under the payload.",
+        "The base tilts in proportion to the moment of the payload.",
         "rotation of frame 0 = p · payload_kg · horizontal lever of the target",
         "Whitney, Lozinski & Rourke 1986",
+        usual_causes=YIELDING_BASE,
     )

@@ -222,6 +222,7 @@ def mechanism(name: str, robot: Robot, registry: Registry = BUILTIN) -> Mechanis
         " ".join(m.sentence for m in each),
         "; ".join(m.equation for m in each),
         each[0].source,
+        usual_causes=each[0].usual_causes,
     )
 
 

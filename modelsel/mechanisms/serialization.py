@@ -48,6 +48,7 @@ def describe_mechanism(mechanism: Mechanism) -> dict[str, Any]:
         "sentence": mechanism.sentence,
         "equation": mechanism.equation,
         "source": mechanism.source,
+        "usual_causes": list(mechanism.usual_causes),
         "terms": [
             {
                 "symbol": t.symbol,
@@ -195,6 +196,7 @@ class MechanismRecord(StrictRecord):
     equation: Text
     source: Text
     contrary: Text = ""
+    usual_causes: list[Text] = Field(default_factory=list)
     terms: list[TermRecord]
 
 
@@ -276,6 +278,7 @@ def mechanism_record(mechanism: Mechanism) -> dict[str, Any]:
         "equation": mechanism.equation,
         "source": mechanism.source,
         **({"contrary": mechanism.contrary} if mechanism.contrary else {}),
+        **({"usual_causes": list(mechanism.usual_causes)} if mechanism.usual_causes else {}),
         "terms": [
             {
                 "symbol": t.symbol,
@@ -303,7 +306,15 @@ def mechanism_from_record(record: MechanismRecord) -> Mechanism:
     are not the stored ones."""
     name = record.name
     terms = tuple(_restore_term(term, name) for term in record.terms)
-    return Mechanism(name, terms, record.sentence, record.equation, record.source, record.contrary)
+    return Mechanism(
+        name,
+        terms,
+        record.sentence,
+        record.equation,
+        record.source,
+        record.contrary,
+        tuple(record.usual_causes),
+    )
 
 
 def _restore_term(record: TermRecord, mechanism: str) -> Term:

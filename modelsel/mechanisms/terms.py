@@ -155,7 +155,8 @@ def _unit_factors(unit: str) -> list[str]:
 class Mechanism:
     """A named bundle of terms: what goes wrong, in one sentence, with its equation and its source.
     `contrary`: the sentence where its terms have the signs that physics does not expect; without
-    one they are then not told as this mechanism."""
+    one they are then not told as this mechanism. A sentence says what moves; `usual_causes` are
+    the parts that usually do this, of which the data say nothing."""
 
     name: str
     terms: tuple[Term, ...]
@@ -163,6 +164,7 @@ class Mechanism:
     equation: str = ""
     source: str = ""
     contrary: str = ""
+    usual_causes: tuple[str, ...] = ()
 
     @property
     def stem(self) -> str:
@@ -230,6 +232,7 @@ def unstorable(mechanism: Mechanism) -> str | None:
         return f"its name is not one: {misfit}."
     symbols = [term.symbol for term in mechanism.terms]
     texts = (mechanism.sentence, mechanism.equation, mechanism.source, *symbols)
+    texts += mechanism.usual_causes
     character = find_hidden_character("".join(texts))
     if character is not None:
         return (

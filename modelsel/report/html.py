@@ -12,7 +12,8 @@ from typing import Any
 from ..results.finding_schema import EntryRecord, FindingRecord
 from ..results.placements import describe_placements
 from ..results.schema import RegistrationRecord, StudyRecord
-from ..results.study_sentences import describe_split, opening_sentences
+from ..results.small_findings import split_findings
+from ..results.study_sentences import describe_split, opening_sentences, write_figures
 from ..results.tables import label_ladder
 from .document import Source
 from .error_parts_section import write_error_parts
@@ -61,12 +62,17 @@ def _write_setup(registration: RegistrationRecord | None) -> str:
 def _page_data(source: Source) -> dict[str, Any]:
     """Return what the page's scripts compute with."""
     record, way = source.record, select_way(source.record)
+    told, grouped = split_findings(record.findings, record.small_findings)
     return {
         "result": slim_record(record),
         "details": source.details.to_dict(),
         "names": label_ladder(record),
         "ladder": list(zip(way, label_way(record, way), strict=True)),
         "cells": find_named_cells(record),
+        "told": told,
+        "grouped": grouped,
+        "small": "" if record.small_findings is None else record.small_findings.sentence,
+        "figures": [write_figures(finding) for finding in record.findings],
     }
 
 
@@ -88,6 +94,8 @@ def _slim_finding(finding: FindingRecord) -> dict[str, Any]:
     values = finding.to_dict()
     values["credible_set"] = [_slim_entry(entry) for entry in finding.credible_set]
     values["estimate"] = []
+    for key in ("usable", "worst"):
+        values.pop(key, None)
     return values
 
 

@@ -33,7 +33,7 @@ from ..results.study_sentences import (
     gain_sentence,
     hopeless_sentences,
     list_errors,
-    write_finding_line,
+    write_finding_lines,
     write_sampling_sentences,
 )
 from ..results.tables import label_ladder
@@ -264,7 +264,7 @@ def _analysis_sentences(record: StudyRecord, details: DetailsRecord) -> list[str
         *alarm_sentences(record),
         *hopeless_sentences(record),
         _describe_models(record),
-        *(write_finding_line(finding) for finding in record.findings),
+        *write_finding_lines(record),
         *write_repeatability_lines(record.repeatability),
         record.nothing_else.sentence,
         describe_predictable(record),

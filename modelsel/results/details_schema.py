@@ -89,6 +89,7 @@ class CardRecord(StrictRecord):
     sentence: Text
     equation: Text
     source: Text
+    usual_causes: Texts = Field(default_factory=list)
     terms: list[CardTermRecord]
 
 

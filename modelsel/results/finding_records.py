@@ -13,7 +13,7 @@ from ..diagnosis.candidates import Candidate
 from ..diagnosis.credible_sets import Entry
 from ..diagnosis.data_faults import Fault, find_concerned_rows
 from ..diagnosis.effects import Effect
-from ..diagnosis.sentences import describe_effect, format_length
+from ..diagnosis.sentences import describe_effect, format_length, list_usual_causes
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Bump, Cause
 from ..mechanisms.terms import Term
@@ -34,11 +34,33 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        """In a metrologist's words, and whether held-out configurations speak against it."""
-        words = describe_effect(self.effect)
+        """In a metrologist's words: what moves, whether held-out configurations speak against it, and which parts
+        usually do this."""
+        words = describe_effect(self.effect, self._doubt)
         if self.against:
             words += f" Held-out configurations speak against it: {self.against}."
+        causes = list_usual_causes(self.effect)
+        if causes:
+            words += f" Usual causes: {', '.join(causes)}."
         return words
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the held-out error does not fall when it joins the model."""
+        before, after = self.gain.held_out_rms_before_mm, self.gain.held_out_rms_after_mm
+        return before is not None and after is not None and after >= before
+
+    @property
+    def _doubt(self) -> str:
+        """What stands beside its name where it is doubtful."""
+        if not self.doubtful:
+            return ""
+        if self.against:
+            return "doubtful"
+        more = (self.gain.held_out_rms_after_mm or 0.0) - (self.gain.held_out_rms_before_mm or 0.0)
+        return (
+            f"doubtful: the held-out error does not fall with it ({format_length(more)} rms more)"
+        )
 
     @property
     def against(self) -> str:
@@ -98,7 +120,7 @@ def fitted_curves(terms: Sequence[Term], estimate: Array, problem: Problem) -> d
 
 
 def describe_finding(finding: Finding, problem: Problem) -> Values:
-    """Return the contract's finding; `problem` holds the estimation rows in file order."""
+    """Return the contract's finding without its figures; `problem` holds the estimation rows in file order."""
     effect = finding.effect
     is_fault = effect.candidate.fault is not None
     rows = find_concerned_rows(effect.candidate.mechanism, problem) if is_fault else None
@@ -111,6 +133,8 @@ def describe_finding(finding: Finding, problem: Problem) -> Values:
         "more_entries": effect.named.more,
         "estimate": _estimate(effect),
         "gain": asdict(finding.gain),
+        "doubtful": finding.doubtful,
+        "usual_causes": list(list_usual_causes(effect)),
     }
 
 

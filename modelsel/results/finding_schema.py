@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from .._records import Number, Pair, StrictRecord, Text, Whole
-from .record_types import Axis, Figure
+from .record_types import Axis, Figure, Texts
 
 FAULT = "fault:"  # begins the name of a data fault
 
@@ -82,6 +82,36 @@ class GainRecord(StrictRecord):
     interval_mm: Pair | None
 
 
+class UsableRecord(StrictRecord):
+    """A number in a unit that people use, with its 95 % interval."""
+
+    quantity: Text
+    value: Number
+    low: Figure
+    high: Figure
+    unit: Text
+    text: Text
+
+
+class WorstRecord(StrictRecord):
+    """Where in the workspace a finding moves the target most."""
+
+    mm: Number
+    low: Figure
+    high: Figure
+    joints_deg: list[Number]
+    unmeasured_joints: list[Whole]
+    text: Text
+
+
+class SmallFindingsRecord(StrictRecord):
+    """The findings that do not matter, together."""
+
+    count: Whole
+    rms_mm: Number
+    sentence: Text
+
+
 class FindingRecord(StrictRecord):
     """One decision of the search."""
 
@@ -101,6 +131,34 @@ class FindingRecord(StrictRecord):
     estimate: list[EstimateRecord] = Field(description="`symbol value standard_error unit`")
     gain: GainRecord = Field(
         description="`held_out_rms_before_mm held_out_rms_after_mm interval_mm`"
+    )
+    doubtful: bool = Field(
+        False, description="the held-out error does not fall when it joins the model"
+    )
+    usual_causes: Texts = Field(
+        default_factory=list,
+        description="the parts that usually do this, of which the data say nothing",
+    )
+    matters: bool = Field(
+        True,
+        description="its mean square is above a tenth of that of what is left, or it is above the noise; the others "
+        "are told in one line",
+    )
+    rms_mm: Figure = Field(
+        None,
+        description="rms displacement at the target over the estimation rows, beyond the base and the other findings "
+        "that matter; null for faults of single rows",
+    )
+    worst: WorstRecord | None = Field(
+        None,
+        description="where it moves the target most, over the measured and 4,000 drawn configurations: `mm`, `low`, "
+        "`high` (95 %), `joints_deg` (mm of a slide), `unmeasured_joints` (those beyond their measured range there), `text`; "
+        "null for faults of single rows",
+    )
+    usable: list[UsableRecord] = Field(
+        default_factory=list,
+        description="[usable numbers](../how-to/numbers.md): `quantity value low high unit text`; units `arcsec mrad mm "
+        "ppm ppm/K N m/rad`; an end is null where the data leave it open",
     )
 
     @property

@@ -16,7 +16,7 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..diagnosis.data_faults import Fault
-from ..diagnosis.sentences import describe_candidate
+from ..diagnosis.sentences import describe_candidate, label_effect
 from ..fitting.design import PLACE, compute_columns
 from ..fitting.problem import Problem
 from ..mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named
@@ -161,7 +161,7 @@ def _describe_finding(finding: Finding, problem: Problem, field: Array, residual
         whole = _draw_displacement(terms, estimate, problem, field, residual)
         shown = [] if whole is None else [whole]
     return {
-        "label": effect.candidate.label,
+        "label": label_effect(effect),
         "what": describe_candidate(effect.candidate, estimate),
         "panels": shown,
         "more_panels": max(len(panels) - MAX_PANELS, 0),

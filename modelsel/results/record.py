@@ -9,11 +9,13 @@ from typing import Any
 from .._json import to_plain
 from .._records import parse_record
 from ..diagnosis.candidates import Candidate
+from ..diagnosis.sentences import label_effect
 from ..measurements.measurements import Measurements
 from ..notices import HOPELESS_FIT, Note
 from ..selection.branch_and_bound import Certified
 from ..selection.comparison import SubsetComparison
 from ..selection.evaluation import Evaluation, measure_orientation
+from .finding_figures import FindingFigures, describe_figures, describe_small, measure_effects
 from .finding_records import describe_fault, describe_finding, list_screws
 from .goodness_of_fit import describe_noise, locate_features, measure_lack_of_fit
 from .placements import locate_placements
@@ -21,7 +23,7 @@ from .reading import SCHEMA
 from .repeatability import describe_errors
 from .schema import StudyRecord
 from .study_run import Explanation, ModelSearch, StudyRun
-from .verdict import Named, complete_verdict, write_verdict
+from .verdict import Named, NamedErrors, complete_verdict, write_verdict
 
 Values = dict[str, Any]
 
@@ -34,19 +36,22 @@ def record_run(run: StudyRun) -> StudyRecord:
 def _values(run: StudyRun) -> Values:
     """Return the contract's keys, in the order of the file."""
     models, diagnosis, data = run.models, run.diagnosis, run.problem.data
+    figures = measure_effects(run)
+    named = collect_named(run.diagnosis, figures)
     return {
         "schema": SCHEMA,
         "study": run.study.name,
         "robot": run.robot.name,
         "seed": run.study.seed,
         "provenance": dict(run.provenance),
-        "verdict": list(_verdict(run)),
+        "verdict": list(_verdict(run, NamedErrors(named, figures.small_rms_mm))),
         "configurations": _configurations(run),
         "noise_floor": describe_noise(run.floor, data),
         **_placements(run, data),
         "ladder": [describe_rung(rung) for rung in models.ladder],
         "candidates": describe_candidates(models.comparison),
-        "findings": _findings(run),
+        "findings": _findings(run, figures),
+        "small_findings": describe_small(named, figures),
         "repeatability": describe_errors(diagnosis.search.errors),
         "nothing_else": _nothing_else(run),
         "nested_cv": _nested(models),
@@ -63,7 +68,7 @@ def _values(run: StudyRun) -> Values:
     }
 
 
-def _verdict(run: StudyRun) -> tuple[str, ...]:
+def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
     """Return the sentences of the first page."""
     models, diagnosis = run.models, run.diagnosis
     nominal = models.ladder[0]
@@ -72,7 +77,7 @@ def _verdict(run: StudyRun) -> tuple[str, ...]:
         models.chosen,
         models.gain,
         run.floor,
-        collect_named(diagnosis),
+        named,
         run.study.model.candidates,
         diagnosis.nothing_else[0],
     )
@@ -81,12 +86,13 @@ def _verdict(run: StudyRun) -> tuple[str, ...]:
     return complete_verdict(sentences, orientation, hopeless[0] if hopeless else None)
 
 
-def collect_named(diagnosis: Explanation) -> list[Named]:
-    """Return (name, verdict) of every finding, faults of the data first, as result.json lists them."""
-    named = [(fault.kind.label, "found") for fault in diagnosis.faults]
-    for finding in diagnosis.findings:
+def collect_named(diagnosis: Explanation, figures: FindingFigures) -> list[Named]:
+    """Return what the verdict tells of every finding, faults of the data first, as result.json lists them."""
+    named = [Named(fault.kind.label, "found") for fault in diagnosis.faults]
+    for finding, of in zip(diagnosis.findings, figures.each, strict=True):
         effect = finding.effect
-        named.append((effect.candidate.label, effect.named.verdict))
+        label = label_effect(effect)
+        named.append(Named(label, effect.named.verdict, of.matters, finding.doubtful))
     return named
 
 
@@ -162,12 +168,15 @@ def _search(considered: Sequence[str], certified: Certified) -> Values:
     }
 
 
-def _findings(run: StudyRun) -> list[Values]:
+def _findings(run: StudyRun, figures: FindingFigures) -> list[Values]:
     """Return every finding, faults of the data first."""
     training = run.problem.take(run.split.estimation)
     diagnosis = run.diagnosis
     faults = [describe_fault(fault) for fault in diagnosis.faults]
-    findings = [describe_finding(finding, training) for finding in diagnosis.findings]
+    findings = [
+        describe_finding(finding, training) | describe_figures(of)
+        for finding, of in zip(diagnosis.findings, figures.each, strict=True)
+    ]
     return [*faults, *findings]
 
 

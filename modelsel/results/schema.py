@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from .._records import Number, StrictRecord, Text, Vector, Whole
-from .finding_schema import FindingRecord, ScrewRecord
+from .finding_schema import FindingRecord, ScrewRecord, SmallFindingsRecord
 from .model_schema import (
     CandidatesRecord,
     CorrelationRecord,
@@ -220,6 +220,11 @@ class StudyRecord(StrictRecord):
         "criterion nodes proven may_be_beaten_by best`)"
     )
     findings: list[FindingRecord] = Field(description="a list, below")
+    small_findings: SmallFindingsRecord | None = Field(
+        None,
+        description="the findings that do not matter, together: `count`, `rms_mm` (of their sum, beyond the others), "
+        "`sentence`; null where every finding matters",
+    )
     repeatability: ErrorParts = Field(
         [],
         description="[what does not repeat](../how-to/repeatability.md), the largest share first, below; never a finding. "

@@ -10,6 +10,7 @@ from ..notices import HOPELESS_FIT, Note, list_alarms
 from .finding_schema import EntryRecord, FindingRecord
 from .model_schema import RungRecord
 from .schema import FeatureRecord, StudyRecord
+from .small_findings import split_findings
 
 # what the table of subsets is for, said with it
 TABLE_PURPOSE = (
@@ -23,6 +24,8 @@ MAX_PREDICTABLE_P = 0.05
 MIN_PREDICTABLE_SHARE = 0.01
 # the smallest p that drawn signs can tell: below it, p is a bound
 SMALLEST_P = 0.001
+# units of angles, whose millimetres are told with them
+ANGLES = ("arcsec", "mrad")
 # mm from which three decimals are more than anyone reads
 LARGEST_FINE_MM = 9.9995
 FEATURE_POSITIONS = {
@@ -160,7 +163,48 @@ def write_finding_line(finding: FindingRecord) -> str:
     if finding.first.is_fault:
         return finding.sentence
     verdict = "Found" if finding.is_found else "Not told apart"
+    if finding.doubtful:
+        verdict += ", but doubtful"
     return f"{verdict}: {finding.sentence}"
+
+
+def list_figures(finding: FindingRecord) -> list[str]:
+    """Return what a finding means in usable numbers, and its worst effect; none of a fault of single rows."""
+    worst = finding.worst
+    # the worst says of its figure where that is, too
+    usable = [one for one in finding.usable if worst is None or one.value != worst.mm]
+    figures: list[str] = []
+    previous = ""
+    for one in usable:
+        if one.unit == "mm" and previous in ANGLES:
+            figures[-1] += f", {one.text}"
+        else:
+            figures.append(one.text)
+        previous = one.unit
+    if worst is not None:
+        figures.append(worst.text)
+    return figures
+
+
+def write_figures(finding: FindingRecord) -> str:
+    """Return `list_figures` as one sentence; empty where there are none."""
+    text = "; ".join(list_figures(finding))
+    return f"{text[0].upper()}{text[1:]}." if text else ""
+
+
+def write_finding_lines(record: StudyRecord) -> list[str]:
+    """Return the findings in lines of a terminal: those that matter with their numbers, the others in one line."""
+    told, grouped = split_findings(record.findings, record.small_findings)
+    lines = []
+    for k in told:
+        finding = record.findings[k]
+        lines.append(write_finding_line(finding))
+        figures = write_figures(finding)
+        if figures:
+            lines.append(f"    {figures}")
+    if grouped and record.small_findings is not None:
+        lines.append(record.small_findings.sentence)
+    return lines
 
 
 def describe_predictable(record: StudyRecord) -> str:

@@ -10,6 +10,7 @@ from .._records import StrictRecord
 from .finding_schema import FindingRecord
 from .model_schema import RungRecord
 from .schema import ErrorPartRecord, StudyRecord
+from .small_findings import split_findings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -79,6 +80,11 @@ def _finding_row(finding: FindingRecord) -> dict[str, Any]:
         "held_out_rms_after_mm": gain.held_out_rms_after_mm,
         "gain_low_mm": low,
         "gain_high_mm": high,
+        "doubtful": finding.doubtful,
+        "matters": finding.matters,
+        "rms_mm": finding.rms_mm,
+        "worst_mm": None if finding.worst is None else finding.worst.mm,
+        "usable": "; ".join(one.text for one in finding.usable),
         "sentence": finding.sentence,
     }
 
@@ -93,6 +99,11 @@ FINDING_COLUMNS = (
     "held_out_rms_after_mm",
     "gain_low_mm",
     "gain_high_mm",
+    "doubtful",
+    "matters",
+    "rms_mm",
+    "worst_mm",
+    "usable",
     "sentence",
 )
 
@@ -217,16 +228,22 @@ def _notebook_ladder(record: StudyRecord) -> str:
 def _notebook_findings(record: StudyRecord) -> str:
     if not record.findings:
         return ""
-    rows = [
-        [
-            escape(finding.first.name),
-            escape(finding.verdict),
-            f"{finding.alike:.2f}",
-            escape(finding.sentence),
-        ]
-        for finding in record.findings
-    ]
-    return _html_table(["named", "verdict", "probability", "what"], rows)
+    told, grouped = split_findings(record.findings, record.small_findings)
+    rows = []
+    for finding in [record.findings[k] for k in told]:
+        doubt = ", but doubtful" if finding.doubtful else ""
+        rows.append(
+            [
+                escape(finding.first.name),
+                escape(f"{finding.verdict}{doubt}"),
+                f"{finding.alike:.2f}",
+                escape(finding.sentence),
+            ]
+        )
+    table = _html_table(["named", "verdict", "probability", "what"], rows)
+    if grouped and record.small_findings is not None:
+        table += f"<p>{escape(record.small_findings.sentence)}</p>"
+    return table
 
 
 def _notebook_notes(record: StudyRecord) -> str:

@@ -4,31 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import degrees
+from typing import NamedTuple
 
 from ..exceptions import sentence_list
 from ..fitting.noise import Floor
 from ..selection.evaluation import Evaluation
 from ..selection.gain import Gain
 from .cautions import explain_restriction
+from .small_findings import MIN_GROUPED, write_number
 
-Named = tuple[str, str]  # of a finding: its name, its verdict
 SHOWN_NAMES = 6  # in a sentence
 LARGEST_MRAD = 0.1  # rad from which an angle is written in degrees
-NUMBERS = (
-    "No",
-    "One",
-    "Two",
-    "Three",
-    "Four",
-    "Five",
-    "Six",
-    "Seven",
-    "Eight",
-    "Nine",
-    "Ten",
-    "Eleven",
-    "Twelve",
-)
+
+
+class Named(NamedTuple):
+    """A finding as the verdict tells it: its name, its verdict, whether it matters, and whether it is doubtful."""
+
+    name: str
+    verdict: str
+    matters: bool = True
+    doubtful: bool = False
+
+    @property
+    def shown(self) -> str:
+        """The name, and beside it that it is doubtful."""
+        return f"{self.name} (doubtful)" if self.doubtful else self.name
+
+
+class NamedErrors(NamedTuple):
+    """Every finding, and the rms [mm] of those that do not matter, together."""
+
+    each: Sequence[Named]
+    small_rms_mm: float = 0.0
 
 
 def write_verdict(
@@ -36,7 +43,7 @@ def write_verdict(
     chosen: Evaluation,
     gain: Gain,
     floor: Floor,
-    named: Sequence[Named],
+    named: NamedErrors,
     candidates: Sequence[str] | str,
     nothing_else: str,
 ) -> tuple[str, str, str]:
@@ -118,19 +125,27 @@ def _rms_length(floor: Floor) -> float:
     return floor.coordinate_mm * float(floor.coordinates**0.5)
 
 
-def _describe_named(named: Sequence[Named], extends: bool) -> str:
-    """Return what was named, each name once, and how many names have rivals."""
+def _describe_named(every: NamedErrors, extends: bool) -> str:
+    """Return what was named, each name once, and how many names have rivals; of small findings their sum."""
+    named = every.each
     if not named:
         return "No error beyond the base model was named."
-    number = NUMBERS[len(named)] if len(named) < len(NUMBERS) else str(len(named))
+    number = write_number(len(named))
     errors = "error was" if len(named) == 1 else "errors were"
     doubt = _describe_rivals(named)
     addition = "" if extends else "; the study adds none of them to the model"
-    return f"{number} {errors} named beyond the base: {_list_names(named)}{doubt}{addition}."
+    small = [one for one in named if not one.matters]
+    if len(small) < MIN_GROUPED:
+        listed = _list_names(named)
+    else:
+        sum_of_small = f"{len(small)} smaller ones, {every.small_rms_mm:.3g} mm rms together"
+        main = [one for one in named if one.matters]
+        listed = f"{_list_names(main)}, and {sum_of_small}" if main else sum_of_small
+    return f"{number} {errors} named beyond the base: {listed}{doubt}{addition}."
 
 
 def _list_names(named: Sequence[Named]) -> str:
-    every = [name for name, _ in named]
+    every = [one.shown for one in named]
     names = list(dict.fromkeys(every))
     shown = names[:SHOWN_NAMES]
     more = sum(name not in shown for name in every)
@@ -141,7 +156,7 @@ def _list_names(named: Sequence[Named]) -> str:
 
 def _describe_rivals(named: Sequence[Named]) -> str:
     """Return how many of the named errors have rivals, as the end of a sentence."""
-    unsure = sum(verdict != "found" for _, verdict in named)
+    unsure = sum(one.verdict != "found" for one in named)
     if not unsure:
         return ""
     if len(named) == 1:

@@ -1,16 +1,20 @@
-"""Denavit-Hartenberg parameters of any chain, standard and modified, exactly; and the robot file
-that holds them.
+"""Denavit-Hartenberg parameters of any chain, standard, modified and with Hayati's rows, exactly;
+and the robot file that holds them.
 
 A fixed transform between two joints is Rz(φ) Tz(d) · Tx(a) Rx(α) · Rz(ψ) Tz(e): along the first
 axis to the common normal, along the normal, along the second axis (Denavit & Hartenberg 1955). What
-turns about an axis or slides along it goes into its own joint's row."""
+turns about an axis or slides along it goes into its own joint's row.
+
+Where the axes are nearly parallel the normal lies far away. There Hayati's row has a second angle β
+in place of d: Rz(φ) Tx(a) Rx(α) Ry(β) · Rz(ψ) Tz(e), from the first axis straight to where the
+second pierces the plane across it (Hayati 1983)."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -23,23 +27,47 @@ from .rigid import inverse, rotation_matrix, transform
 PARALLEL_ANGLE = 1e-9
 # rad: below this, offsets along the axes are many times the link's length
 NEARLY_PARALLEL_ANGLE = 0.02
+# rad: of the two directions that a normal has, the one that turns a joint's zero by less is taken;
+# between two that turn it nearly alike, either
+MAX_TURN = np.pi / 2 + 0.1
+DhForm = Literal["standard", "modified", "hayati"]
+
+
+@dataclass(frozen=True)
+class DhRow:
+    """A row of a table: angles [rad], lengths [mm]; `beta` in Hayati's rows alone."""
+
+    theta: float
+    d: float
+    a: float
+    alpha: float
+    beta: float | None = None
+
+    def to_table(self) -> dict[str, float]:
+        """Return the row as a robot file has it: degrees and mm."""
+        table = {"theta_deg": float(np.degrees(self.theta)), "d_mm": float(self.d)}
+        table["a_mm"] = float(self.a)
+        table["alpha_deg"] = float(np.degrees(self.alpha))
+        if self.beta is not None:
+            table["beta_deg"] = float(np.degrees(self.beta))
+        return table
 
 
 @dataclass(frozen=True)
 class DhRows:
-    """`base` (4, 4) from frame 0 to the first row; one row a joint: θ [rad], d, a [mm], α [rad];
-    `shift` (n, 4, 4): from a joint's frame in the chain to its frame here; `nearly` (k, k+1) joints
-    whose axes are almost, not quite, parallel."""
+    """`base` (4, 4) from frame 0 to the first row; one row a joint; `shift` (n, 4, 4): from a
+    joint's frame in the chain to its frame here; `nearly` (k, k+1) joints whose axes are almost,
+    not quite, parallel."""
 
     base: Array
-    rows: tuple[tuple[float, float, float, float], ...]
+    rows: tuple[DhRow, ...]
     shift: tuple[Array, ...]
     nearly: tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True)
-class _CommonNormal:
-    """A transform between two axes: angles φ, α, ψ [rad], lengths d, a, e [mm]."""
+class _Link:
+    """A transform between two axes: angles φ, α, β, ψ [rad], lengths d, a, e [mm]."""
 
     phi: float = 0.0
     d: float = 0.0
@@ -47,9 +75,10 @@ class _CommonNormal:
     alpha: float = 0.0
     psi: float = 0.0
     e: float = 0.0
+    beta: float | None = None
 
 
-def _find_common_normal(N: Array) -> _CommonNormal:
+def _find_common_normal(N: Array) -> _Link:
     """Decompose a transform (4, 4) along the first axis, the common normal and the second axis."""
     axis = N[:3, 2]
     origin = N[:3, 3]
@@ -67,35 +96,67 @@ def _find_common_normal(N: Array) -> _CommonNormal:
         across = np.array([-np.sin(phi), np.cos(phi), 0.0])
         e = float(-(origin @ across) / sine)
         d = float(z - e * axis[2])
+    if abs(phi) > MAX_TURN:
+        phi -= np.copysign(np.pi, phi)
+        alpha = -alpha
     cosine = np.cos(phi)
     a = float(x * cosine + y * np.sin(phi))
-    to_normal = rotation_matrix(2, phi)
-    to_second_axis = to_normal @ rotation_matrix(0, alpha)
-    rest = to_second_axis.T @ N[:3, :3]
-    psi = np.arctan2(rest[1, 0], rest[0, 0])
-    return _CommonNormal(phi, d, a, float(alpha), float(psi), e)
+    psi = _find_last_turn(N, phi, alpha, 0.0)
+    return _Link(phi, d, a, float(alpha), psi, e)
 
 
-def compute_dh_rows(robot: Robot, modified: bool) -> DhRows:
-    """Compute the DH rows of a chain; `robot.last` stays as it is, after the last row."""
-    rows = list[tuple[float, float, float, float]]()
+def _find_last_turn(N: Array, phi: float, alpha: float, beta: float) -> float:
+    """Find the turn about the second axis that is left of a transform."""
+    turned = rotation_matrix(2, phi) @ rotation_matrix(0, alpha) @ rotation_matrix(1, beta)
+    rest = turned.T @ N[:3, :3]
+    return float(np.arctan2(rest[1, 0], rest[0, 0]))
+
+
+def _find_piercing(N: Array) -> _Link:
+    """Decompose a transform (4, 4) between nearly parallel axes: along the straight line to where
+    the second pierces the first's xy plane, by two angles, along the second axis."""
+    axis = N[:3, 2]
+    origin = N[:3, 3]
+    e = float(origin[2] / axis[2])
+    x, y, _ = origin - e * axis
+    is_apart = np.hypot(x, y) > PARALLEL_ANGLE
+    phi = float(np.arctan2(y, x)) if is_apart else 0.0
+    if abs(phi) > MAX_TURN:
+        phi -= np.copysign(np.pi, phi)
+    a = float(x * np.cos(phi) + y * np.sin(phi))
+    direction = rotation_matrix(2, -phi) @ axis
+    beta = float(np.arcsin(direction[0]))
+    alpha = float(np.arctan2(-direction[1], direction[2]))
+    psi = _find_last_turn(N, phi, alpha, beta)
+    return _Link(phi, 0.0, a, alpha, psi, e, beta)
+
+
+def compute_dh_rows(robot: Robot, form: DhForm) -> DhRows:
+    """Compute the DH rows of a chain; `robot.last` stays as it is, after the last row. The form
+    "hayati" is standard, with Hayati's rows between nearly parallel axes."""
+    modified = form == "modified"
+    rows = list[DhRow]()
     shifts = list[Array]()
     nearly = list[tuple[int, int]]()
     # the transform that leads to this joint
-    before = _CommonNormal()
+    before = _Link()
     for k in range(robot.n):
         number = k + 1
-        after = _CommonNormal()
+        after = _Link()
+        start = before.e
         if number < robot.n:
-            following = robot.joints[number]
-            after = _find_common_normal(following.before)
-        sine = np.sin(after.alpha)
-        if PARALLEL_ANGLE < sine < NEARLY_PARALLEL_ANGLE:
-            nearly.append((number, number + 1))
+            following = robot.joints[number].before
+            after = _find_common_normal(following)
+            sine = abs(np.sin(after.alpha))
+            if PARALLEL_ANGLE < sine < NEARLY_PARALLEL_ANGLE:
+                nearly.append((number, number + 1))
+            if form == "hayati" and sine < NEARLY_PARALLEL_ANGLE:
+                # this row starts where the one before ended, and what is left along the axis goes on
+                after = _find_piercing(transform(t=(0, 0, start)) @ following)
+                start = 0.0
         link = before if modified else after
-        theta = before.psi + after.phi
-        d = before.e + after.d
-        rows.append((theta, d, link.a, link.alpha))
+        row = DhRow(before.psi + after.phi, start + after.d, link.a, link.alpha, link.beta)
+        rows.append(row)
         along = after.d if modified else -before.e
         turn = rotation_matrix(2, after.phi)
         shift = transform(turn, (0.0, 0.0, along))
@@ -106,10 +167,10 @@ def compute_dh_rows(robot: Robot, modified: bool) -> DhRows:
     )
 
 
-def dh_table(robot: Robot, modified: bool) -> dict[str, Any]:
+def dh_table(robot: Robot, form: DhForm) -> dict[str, Any]:
     """Return a robot as the table of a robot file in DH rows, which `robot_from_table` reads;
     masses and limits move along."""
-    dh = compute_dh_rows(robot, modified)
+    dh = compute_dh_rows(robot, form)
     table: dict[str, Any] = {"name": robot.name, "source": robot.source}
     if robot.gravity is not None:
         table["gravity"] = list(robot.gravity)
@@ -117,7 +178,7 @@ def dh_table(robot: Robot, modified: bool) -> dict[str, Any]:
         length, angle = robot.usual
         table["usual_mm"] = length
         table["usual_mrad"] = angle * 1e3
-    table["convention"] = "modified" if modified else "standard"
+    table["convention"] = "modified" if form == "modified" else "standard"
     base = dh.base[:3]
     table["base_mm"] = base.tolist()
     joints = []
@@ -130,17 +191,8 @@ def dh_table(robot: Robot, modified: bool) -> dict[str, Any]:
     return table
 
 
-def _joint_table(
-    joint: Joint, row: tuple[float, float, float, float], shift: Array
-) -> dict[str, Any]:
-    theta, d, a, alpha = row
-    row_values = {
-        "theta_deg": float(np.degrees(theta)),
-        "d_mm": float(d),
-        "a_mm": float(a),
-        "alpha_deg": float(np.degrees(alpha)),
-    }
-    table: dict[str, Any] = {"dh": row_values}
+def _joint_table(joint: Joint, row: DhRow, shift: Array) -> dict[str, Any]:
+    table: dict[str, Any] = {"dh": row.to_table()}
     if joint.prismatic:
         table["kind"] = "prismatic"
     if joint.limits is not None:
@@ -156,9 +208,9 @@ def _joint_table(
     return table
 
 
-def format_dh_file(robot: Robot, modified: bool, notes: Sequence[str] = ()) -> str:
+def format_dh_file(robot: Robot, form: DhForm, notes: Sequence[str] = ()) -> str:
     """Write a robot as the text of a robot file (TOML) of DH rows; numbers in full."""
-    table = dh_table(robot, modified)
+    table = dh_table(robot, form)
     joints = table.pop("joint")
     last = table.pop("last")
     lines = []

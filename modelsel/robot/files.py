@@ -46,7 +46,8 @@ TOP_KEYS = {
     "usual_mm",
     "usual_mrad",
 }
-DH_KEYS = ("theta_deg", "d_mm", "a_mm", "alpha_deg")
+# the last one in Hayati's rows
+DH_KEYS = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
 JOINT_KINDS = ("revolute", "prismatic")
 DH_CONVENTIONS = ("standard", "modified")
 # entries of R Rᵀ of a rotation in a file differ from the identity's by less
@@ -117,17 +118,17 @@ def _read_dh(read: Reader, place: str, row: Any, modified: bool) -> tuple[Array,
     for key in DH_KEYS:
         value = read.number(f"{place}.{key}", row.get(key, 0))
         values.append(value)
-    theta, d, a, alpha = values
+    theta, d, a, alpha, beta = values
     R_theta = rotation_matrix(2, np.radians(theta))
     R_alpha = rotation_matrix(0, np.radians(alpha))
+    R_beta = rotation_matrix(1, np.radians(beta))
     Rz = transform(R_theta)
-    Rx = transform(R_alpha)
+    link = transform(R_alpha @ R_beta, (a, 0, 0))
     Tz = transform(t=(0, 0, d))
-    Tx = transform(t=(a, 0, 0))
     if modified:
-        before = Rx @ Tx @ Tz @ Rz
+        before = link @ Tz @ Rz
         return before, np.eye(4)
-    after = Tz @ Tx @ Rx
+    after = Tz @ link
     return Rz, after
 
 

@@ -57,11 +57,21 @@ class Joint:
         return -np.pi, np.pi
 
 
+@dataclass(frozen=True)
+class UrdfSource:
+    """The URDF that a robot was read from: its text, and the links that its chain starts and ends
+    at."""
+
+    text: str = field(repr=False)
+    base: str
+    tip: str
+
+
 @dataclass(frozen=True, eq=False)
 class Robot:
     """A serial chain; `gravity` is the unit direction in frame 0, None where it is not known;
     `usual` the standard deviation of such an arm's lengths [mm] and angles [rad] about its
-    drawing."""
+    drawing; `urdf` the file that it was read from, None where that is another."""
 
     name: str
     source: str
@@ -70,6 +80,7 @@ class Robot:
     last: Array = field(repr=False)
     gravity: tuple[float, float, float] | None = (0.0, 0.0, -1.0)
     usual: tuple[float, float] = (1.0, 1e-3)
+    urdf: UrdfSource | None = field(default=None, repr=False)
 
     @property
     def n(self) -> int:

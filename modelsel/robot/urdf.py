@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from .._names import find_name_problem
+from .._names import find_name_problem, quote_name
 from .._text import read_text
 from .._typing import Array
 from ..exceptions import StudyError, one_line
-from .kinematics import Joint, Robot
+from .kinematics import Joint, Robot, UrdfSource
 from .rigid import align_z, inverse, transform
 from .urdf_chain import check_tree, find_chain, list_moving_names
 from .urdf_elements import (
@@ -125,7 +127,7 @@ def _sum_weights(root: ET.Element, start: str, stop: set[str]) -> tuple[float, A
 
 def read_urdf(path: Path, base: str | None = None, tip: str | None = None) -> Robot:
     """Read a robot from a URDF file. Raises StudyError."""
-    text = read_text(path, "the URDF")
+    text = read_text(path, "the URDF", as_it_is=True)
     return read_urdf_text(text, path.name, base, tip)
 
 
@@ -136,22 +138,37 @@ def read_urdf_text(text: str, where: str, base: str | None = None, tip: str | No
 
     Entities and document types are refused: a URDF needs none, and they are how XML files attack
     their reader."""
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise StudyError(f"{where}: a document type or entity in a URDF is refused. Remove it.")
+    root = parse_urdf(text, where)
     try:
-        root = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise StudyError(f"{where}: not valid XML: {error}. Correct this place.") from None
-    try:
-        return _read_chain(root, where, base, tip)
+        check_tree(root, where)
+        chain = find_chain(root, where, base, tip)
+        robot = _read_chain(root, chain, where)
     except StudyError as error:
         placed = [p if p.startswith(where) else f"{where}: {p}" for p in error.problems]
         raise StudyError(*placed) from None
+    first_link = parent_of(chain[0])
+    last_link = child_of(chain[-1])
+    for link in (first_link, last_link):
+        problem = find_name_problem(link)
+        if problem is not None:
+            raise StudyError(
+                f"{where}: the name of link {quote_name(link)} is not valid: {problem}."
+            )
+    return replace(robot, urdf=UrdfSource(text, first_link, last_link))
 
 
-def _read_chain(root: ET.Element, where: str, base: str | None, tip: str | None) -> Robot:
-    check_tree(root, where)
-    chain = find_chain(root, where, base, tip)
+def parse_urdf(text: str, where: str) -> ET.Element:
+    """Parse a URDF's text. Raises StudyError for what is not XML, and for what XML files attack
+    their reader with."""
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise StudyError(f"{where}: a document type or entity in a URDF is refused. Remove it.")
+    try:
+        return ET.fromstring(text)
+    except ET.ParseError as error:
+        raise StudyError(f"{where}: not valid XML: {error}. Correct this place.") from None
+
+
+def _read_chain(root: ET.Element, chain: Sequence[ET.Element], where: str) -> Robot:
     moving = set(list_moving_names(chain))
     pending = np.eye(4)
     joints = []

@@ -155,14 +155,38 @@ def test_no_test_against_what_is_estimated(rng) -> None:
 def test_a_finding_that_held_out_rows_speak_against(interval, said, monkeypatch) -> None:
     effect = SimpleNamespace(candidate=SimpleNamespace(label="play"))
     monkeypatch.setattr(
-        "modelsel.results.finding_records.describe_effect", lambda _: "Joint 2 has play."
+        "modelsel.results.finding_records.describe_effect",
+        lambda _, doubt: f"Joint 2 has play, {doubt}.",
+    )
+    monkeypatch.setattr(
+        "modelsel.results.finding_records.list_usual_causes", lambda _: ("gear", "key")
     )
     finding = Finding(effect, Gain(0.1, 0.12, interval))
-    assert finding.sentence.startswith("Joint 2 has play.")
+    assert finding.doubtful
+    doubt = (
+        "doubtful"
+        if said
+        else "doubtful: the held-out error does not fall with it (0.02 mm rms more)"
+    )
+    assert finding.sentence.startswith(f"Joint 2 has play, {doubt}.")
+    assert finding.sentence.endswith(" Usual causes: gear, key.")
     assert (
         "speak against it: their error grows by 0.01 mm to 0.03 mm rms" in finding.sentence
     ) == said
     assert [n.code for n in opposed_finding_notes([finding])] == ["held-out-against"] * said
+
+
+@pytest.mark.parametrize(
+    ("gain", "doubtful"),
+    [
+        (Gain(0.1, 0.09, (-0.01, 0.03)), False),
+        (Gain(0.1, 0.1, (-0.01, 0.01)), True),
+        (Gain(0.1, 0.101, None), True),
+        (Gain(None, None, None), False),
+    ],
+)
+def test_a_finding_without_a_gain_is_doubtful(gain, doubtful) -> None:
+    assert Finding(SimpleNamespace(), gain).doubtful == doubtful
 
 
 def test_free_functions_have_no_f(rng) -> None:

@@ -7,6 +7,7 @@ evidence from integrals."""
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,17 +15,18 @@ from builders import bind, drawn, measured, seeds, small_arm, study_of
 from scipy.integrate import quad
 
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
+from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.evidence import compute_log_bayes_factors, normalise_strength
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
-from modelsel.diagnosis.sentences import describe_effect
+from modelsel.diagnosis.sentences import describe_effect, label_effect, list_usual_causes
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
-from modelsel.mechanisms.registry import build_faults, every, mechanism
+from modelsel.mechanisms.registry import build_faults, build_mechanisms, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import builtin_names, load_robot
 from modelsel.robot.gravity import compute_joint_torques
@@ -203,6 +205,37 @@ def test_play_is_short_of_the_reading_and_overshoot_past_it(
     assert words in describe_effect(effect)
 
 
+@pytest.mark.parametrize(
+    ("name", "sign", "label", "words"),
+    [
+        ("joint-compliance:2", 1, "joint-compliance:2", "Joint 2 winds up in proportion"),
+        (
+            "joint-compliance:2",
+            -1,
+            "joint-compliance:2 with the opposite sign",
+            (
+                "Frame 2 turns about its z axis (γ2) with torque2; joint-compliance:2 would have the "
+                "opposite sign, so this is something else"
+            ),
+        ),
+        ("settle:3", 1, "settle:3 with the opposite sign", "Joint 3 is past its reading"),
+        ("settle:3", -1, "settle:3", "Joint 3 is short of its reading"),
+        ("encoder-scale:3", -1, "encoder-scale:3", "Joint 3 moves more (or less)"),
+    ],
+)
+def test_a_sign_that_physics_forbids_is_not_told_as_the_mechanism(name, sign, label, words) -> None:
+    """Whatever fitted it so: neither its sentence, nor its bare name, nor the parts that cause it."""
+    one = build_mechanisms(name, ARM)[0]
+    candidate = Candidate(one, CandidateKind.MECHANISM, 1.0)
+    named_alone = SimpleNamespace(entries=(), verdict="found")
+    effect = Effect(candidate, named_alone, 0.01, np.array([sign * 1e-5]), np.array([1e-7]))  # type: ignore[arg-type]
+    assert label_effect(effect) == label
+    said = describe_effect(effect)
+    assert said.startswith(words)
+    assert f" ({label}, probability" in said
+    assert (list_usual_causes(effect) == one.usual_causes) == (label == name)
+
+
 def test_a_one_sided_mechanism_has_a_cell_without_a_name_beside_it(
     rng: np.random.Generator,
 ) -> None:
@@ -263,7 +296,7 @@ def test_a_target_that_was_moved_is_a_step_at_the_target_and_its_size_the_whole_
     position[60:] = forward(ARM, q, TOOL + move)[60:]
     (effect,) = named(position, q, rng)
     assert effect.candidate.label == "target-step"
-    assert "The target was moved on the flange after 6" in describe_effect(effect)
+    assert "The target stands elsewhere on the flange after 6" in describe_effect(effect)
     assert np.abs((effect.estimate - move) / effect.standard_error).max() < 4
     assert effect.standard_error.max() < 0.05
 
@@ -281,7 +314,7 @@ def test_a_step_of_the_tracker_is_the_whole_move(rng: np.random.Generator) -> No
 
 @pytest.mark.integration
 @pytest.mark.parametrize(
-    ("sign", "words"), [(1, "joints were read before"), (-1, "targets were measured before")]
+    ("sign", "words"), [(1, "stand past their readings"), (-1, "are short of their readings")]
 )
 def test_an_arm_with_slides_that_is_read_too_early_is_told(
     sign: int, words: str, rng: np.random.Generator

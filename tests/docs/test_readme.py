@@ -31,6 +31,7 @@ from modelsel.robot.files import load_robot
 
 README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
 AGAIN = "python tests/rewrite.py readme writes it anew"
+NAMED = ("Found", "Not told apart")
 SHOWN_FINDINGS = 2
 EXCERPT = ("Nominal model", "Found", "Not told apart", "Nothing else", "On held-out")
 
@@ -41,17 +42,20 @@ def section(title: str, text: str) -> str:
 
 
 def excerpt(result: modelsel.Result) -> str:
-    """The sentences of a study's output; of the findings the first SHOWN_FINDINGS."""
+    """The sentences of a study's output; of the findings the first SHOWN_FINDINGS, each with its numbers."""
     from rich.console import Console
 
     stream = io.StringIO()
     show_study(result.record, result.details, Console(file=stream, width=10_000))
-    lines = [line for line in stream.getvalue().splitlines() if line.startswith(EXCERPT)]
-    named = [line for line in lines if line.startswith(("Found", "Not told apart"))]
-    for line in named[SHOWN_FINDINGS:]:
-        lines.remove(line)
-    if named[SHOWN_FINDINGS:]:
-        lines.insert(lines.index(named[SHOWN_FINDINGS - 1]) + 1, "…")
+    lines: list[str] = []
+    findings = 0
+    for line in stream.getvalue().splitlines():
+        findings += line.startswith(NAMED)
+        is_figure = line.startswith("    ") and lines[-1:] != ["…"] and findings > 0
+        if line.startswith(NAMED) and findings > SHOWN_FINDINGS:
+            lines += ["…"] * (findings == SHOWN_FINDINGS + 1)
+        elif line.startswith(EXCERPT) or is_figure:
+            lines.append(line)
     return (
         "\n".join(
             textwrap.fill(line, 130, subsequent_indent="    ", break_on_hyphens=False)

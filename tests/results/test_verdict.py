@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from modelsel.fitting.noise import Floor
-from modelsel.results.verdict import write_verdict
+from modelsel.results.verdict import Named, NamedErrors, write_verdict
 from modelsel.selection.gain import Gain
 
 FLOOR = Floor(0.03, "repeats", 100)
@@ -21,9 +21,10 @@ def rung(rms: float | None) -> SimpleNamespace:
 
 
 def said(
-    named: list[tuple[str, str]], gain: Gain = GAIN, asked: list[str] | str = "all"
+    named: list[tuple], gain: Gain = GAIN, asked: list[str] | str = "all"
 ) -> tuple[str, str, str]:
-    return write_verdict(rung(3.0), rung(0.5), gain, FLOOR, named, asked, LEFT)
+    errors = NamedErrors([Named(*one) for one in named], 0.0213)
+    return write_verdict(rung(3.0), rung(0.5), gain, FLOOR, errors, asked, LEFT)
 
 
 def test_three_sentences() -> None:
@@ -96,3 +97,18 @@ def test_bad_news_is_said(gain, words) -> None:
 def test_what_was_named(named, asked, sentence) -> None:
     """Names that come twice are written once; those written and the rest add up."""
     assert said(named, asked=asked)[1] == sentence
+
+
+def test_small_findings_are_told_by_their_sum() -> None:
+    """Three or more; fewer are named."""
+    big = ("a", "found", True, False)
+    small = [(name, "found", False, name == "d") for name in "bcd"]
+    assert said([big, *small])[1] == (
+        "Four errors were named beyond the base: a, and 3 smaller ones, 0.0213 mm rms together."
+    )
+    assert said(small)[1] == (
+        "Three errors were named beyond the base: 3 smaller ones, 0.0213 mm rms together."
+    )
+    assert said([big, *small[1:]])[1] == (
+        "Three errors were named beyond the base: a, c and d (doubtful)."
+    )

@@ -3,8 +3,10 @@ read it."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from fuzz_base import FLEET, STUDY, base_files, gauged_files, stored_files
@@ -15,6 +17,9 @@ from fuzz_parquet import columns_of, parquet_mutant, parquet_of, residuals_mutan
 from fuzz_tables import csv_mutant, csv_of, grid_of
 from fuzz_urdf import urdf_mutant
 from fuzz_words import ANY, Mutant
+
+from modelsel.robot.plain_values import robot_from_record
+from modelsel.robot.urdf_writer import write_urdf
 
 Files = dict[str, bytes]
 
@@ -77,12 +82,24 @@ def _fleet() -> Files:
     )
 
 
+@cache
+def _with_urdf() -> dict[str, bytes]:
+    """What a study leaves, its robot read from a URDF."""
+    files = stored_files()
+    record = json.loads(files["calibration.json"])
+    robot = robot_from_record(record["robot"])
+    text = write_urdf(robot, {}, {}, ["kept"])
+    record["urdf"] = {"base": "base", "tip": "flange", "text": text}
+    return files | {"calibration.json": json.dumps(record, indent=1).encode()}
+
+
 DRY = "study {i}/study.toml --out {o} --no-sampling --dry-run"
 RUN = ("study {i}/study.toml --out {o} --no-sampling --no-report",)
-FORMS = ("urdf", "dh", "mdh", "json", "csv", "python", "table")
+FORMS = ("urdf", "dh", "mdh", "hayati", "json", "csv", "python", "table")
 ON_TARGETS = (
     "compensate {i} {i}/targets.csv --out {o}/commands.csv --bound 100 20 --json",
     "compensate {i} {i}/targets.csv --out {o}/commands.csv --forward --json",
+    "compensate {i} {i}/targets.csv --out {o}/go.src --format krl --bound 100 20 --json",
 )
 ON_DATA = (
     "validate {i} {i}/measurements.csv --json",
@@ -94,6 +111,7 @@ ON_CALIBRATION = (
     "compare {i} {i}/other.json --json",
     "compare {i}/other.json {i} --json",
     *(f"export {{i}} --format {form} --out {{o}}/made --json" for form in FORMS),
+    "export {i} --format grid --joints 1,3 --within 0.5 --out {o}/made --json",
 )
 PAGES = (
     "report {i} --pages first,map --json",
@@ -128,7 +146,7 @@ KINDS = {
         ("fleet {i}/fleet.toml --out {o} --no-sampling",),
         0.08,
     ),
-    "calibration": Kind("calibration.json", stored_files, _text(json_mutant), ON_CALIBRATION, 0.25),
+    "calibration": Kind("calibration.json", _with_urdf, _text(json_mutant), ON_CALIBRATION, 0.25),
     "targets": Kind(
         "targets.csv",
         stored_files,

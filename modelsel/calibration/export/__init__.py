@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from ...mechanisms.causes import Named
 from ...mechanisms.serialization import cause_from_record, cause_record
 from ...mechanisms.terms import Screw, Term
 from ...robot.rigid import AXES
+from ...robot.urdf import read_urdf
 from ..constant_part import (
     Part,
     compute_points,
@@ -32,6 +34,8 @@ from ..constant_part import (
 from .chains import to_dh, to_urdf
 from .corrections import to_csv
 from .form import Exported, describe_left_out, measure_whole
+from .grid import to_grid
+from .grid_options import GridOptions
 from .lookup import (
     MAX_INTERPOLATION_MM,
     build_constant_tables,
@@ -41,13 +45,20 @@ from .lookup import (
 )
 from .notes import list_notes
 from .python import to_python
+from .ur_calibration import to_ur_calibration
 
 if TYPE_CHECKING:
     from ..calibration import Calibration
 
 
+def export_grid(c: Calibration, options: GridOptions) -> Exported:
+    """Export a table of the target's error over joints of one's own choice. Raises StudyError."""
+    _check_names(c)
+    return to_grid(c, options)
+
+
 def export(c: Calibration, form: str) -> Exported:
-    """Export a calibration as "urdf", "dh", "mdh", "json", "csv", "python" or "table".
+    """Export a calibration in one of `EXPORT_FORMS`.
 
     A form that cannot carry all of it gets the best robot that it can carry, refitted. Raises
     StudyError for another form, or where a name cannot be written.
@@ -62,6 +73,8 @@ def export(c: Calibration, form: str) -> Exported:
     restricted = restrict_to_form(c, carried)
     notes = list_notes(c, carried, geometry)
     write = FORMS[form]
+    if form in MEASURED:
+        return write(c, ())
     made = write(restricted, notes)
     targets = range(len(c.targets) if geometry else 1)
     differences = [_measure_left_out(c, restricted, target) for target in targets]
@@ -77,6 +90,16 @@ def export(c: Calibration, form: str) -> Exported:
         notes=(*notes, *made.notes),
         errors=errors,
     )
+
+
+def attach_urdf(
+    c: Calibration, path: Path, base: str | None = None, tip: str | None = None
+) -> Calibration:
+    """Attach a URDF, or the chain of one between two links, as the file that an export in the form
+    "urdf" rewrites. Raises StudyError."""
+    read = read_urdf(path, base, tip)
+    robot = replace(c.robot, urdf=read.urdf)
+    return replace(c, robot=robot)
 
 
 def _check_names(c: Calibration) -> None:
@@ -196,14 +219,18 @@ def to_table(c: Calibration, notes: Sequence[str] = ()) -> Exported:
 Writer = Callable[["Calibration", Sequence[str]], Exported]
 _WRITERS: tuple[Writer, ...] = (
     to_urdf,
-    lambda c, notes: to_dh(c, False, notes),
-    lambda c, notes: to_dh(c, True, notes),
+    lambda c, notes: to_dh(c, "standard", notes),
+    lambda c, notes: to_dh(c, "modified", notes),
+    lambda c, notes: to_dh(c, "hayati", notes),
+    to_ur_calibration,
     to_json,
     to_csv,
     to_python,
     to_table,
+    lambda c, notes: to_grid(c),
 )
 FORMS: dict[str, Writer] = dict(zip(EXPORT_FORMS, _WRITERS, strict=True))
-GEOMETRY = ("urdf", "dh", "mdh")
+GEOMETRY = ("urdf", "dh", "mdh", "hayati", "ur-calibration")
+MEASURED = ("grid",)  # of the whole model, and what it leaves out is measured with it
 CARRIES = {**dict.fromkeys(GEOMETRY, "geometry"), "table": "table"}  # others carry the whole model
-__all__ = ["FORMS", "Exported", "export"]
+__all__ = ["FORMS", "Exported", "GridOptions", "attach_urdf", "export", "export_grid"]

@@ -10,18 +10,26 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..._typing import Array
+from ...exceptions import StudyError
 from ...fitting.problem import Problem
-from ...robot.dh import compute_dh_rows, format_dh_file
+from ...robot.alignment import align_chains
+from ...robot.dh import DhForm, compute_dh_rows, format_dh_file
 from ...robot.files import robot_from_table
-from ...robot.kinematics import Robot, forward
-from ...robot.rigid import inverse, transform
+from ...robot.kinematics import Robot, UrdfSource, forward
+from ...robot.rigid import inverse, to_rpy, transform
 from ...robot.urdf import read_urdf_text
+from ...robot.urdf_origins import replace_origins
 from ...robot.urdf_writer import write_urdf
 from ..constant_part import ConstantChain, build_constant_chain, compute_points, split_parts
 from .form import Exported, measure_export
 
 if TYPE_CHECKING:
     from ..calibration import Calibration
+
+OWN_NAMES = (
+    "joints and links have names of modelsel's own; `--urdf FILE` writes the calibration into your "
+    "own URDF of this arm"
+)
 
 
 def measure_chain(
@@ -42,7 +50,11 @@ def measure_chain(
 
 
 def to_urdf(c: Calibration, notes: Sequence[str] = ()) -> Exported:
-    """Write the calibrated chain as a URDF: targets on the flange, the tracker on the base."""
+    """Write the calibrated chain as a URDF: the one that the robot was read from, with other
+    origins; where there is none a new one, with targets on the flange and the tracker on the
+    base."""
+    if c.robot.urdf is not None:
+        return rewrite_urdf(c, c.robot.urdf)
     made = build_constant_chain(c)
     links = _name_links(c.targets)
     tips = {}
@@ -62,7 +74,60 @@ def to_urdf(c: Calibration, notes: Sequence[str] = ()) -> Exported:
         origin = np.zeros(3)
         return lambda q: forward(back, q, origin)
 
-    return measure_chain(c, text, read, bounded)
+    return measure_chain(c, text, read, (*bounded, OWN_NAMES))
+
+
+def rewrite_urdf(c: Calibration, source: UrdfSource) -> Exported:
+    """Write the calibrated chain into the origins of a URDF, all else as it stands there. Raises
+    StudyError where it is the URDF of another arm."""
+    made = build_constant_chain(c)
+    nominal = read_urdf_text(source.text, "the URDF", source.base, source.tip)
+    try:
+        alignment = align_chains(c.robot, nominal)
+    except ValueError as error:
+        raise StudyError(
+            f'the URDF\'s chain from "{source.base}" to "{source.tip}" is not the calibrated '
+            f"arm's: {error}. Give the URDF of this arm, or name its chain with --base and --tip."
+        ) from None
+    before = [joint.before for joint in made.robot.joints]
+    text = replace_origins(source, alignment.express(before))
+    to_tip = inverse(alignment.frames[-1] @ nominal.last) @ made.robot.last
+    places = {name: to_tip @ place for name, place in made.targets.items()}
+    from_base = inverse(alignment.base)
+
+    def read(text: str, target: int) -> Callable[[Array], Array]:
+        back = read_urdf_text(text, "the export", source.base, source.tip)
+        name = c.targets[target]
+        offset = places[name][:3, 3]
+        R = from_base[:3, :3]
+        t = from_base[:3, 3]
+        return lambda q: forward(back, q, offset) @ R.T + t
+
+    notes = _describe_rewritten(source, places, alignment.base)
+    return measure_chain(c, text, read, notes)
+
+
+def _describe_rewritten(
+    source: UrdfSource, places: Mapping[str, Array], base: Array
+) -> tuple[str, ...]:
+    """Describe what the URDF itself does not say: which joints are new, where targets and frame 0
+    are."""
+    said = (
+        f'the file differs from the robot\'s own URDF in the origins of the joints from "{source.base}" '
+        f'to "{source.tip}" alone; meshes and masses move along with their links'
+    )
+    notes = [said]
+    for name, place in places.items():
+        x, y, z = place[:3, 3].tolist()
+        notes.append(f'target {name} in link "{source.tip}": x, y, z = {x!r}, {y!r}, {z!r} mm')
+    if not np.array_equal(base, np.eye(4)):
+        x, y, z = base[:3, 3].tolist()
+        angles = ", ".join(f"{angle:.9g}" for angle in np.degrees(to_rpy(base[:3, :3])))
+        notes.append(
+            f'frame 0 of the calibration in link "{source.base}": x, y, z = {x:.9g}, {y:.9g}, {z:.9g} '
+            f"mm; roll, pitch, yaw = {angles} deg"
+        )
+    return tuple(notes)
 
 
 def _bound_slides(
@@ -107,20 +172,28 @@ def _is_reserved(name: str) -> bool:
     return name.startswith("link")
 
 
-def to_dh(c: Calibration, modified: bool, notes: Sequence[str]) -> Exported:
-    """Write the calibrated chain as standard or modified DH rows, targets in the notes."""
+def to_dh(c: Calibration, form: DhForm, notes: Sequence[str]) -> Exported:
+    """Write the calibrated chain as standard or modified DH rows, or with Hayati's between nearly
+    parallel axes; targets in the notes."""
     made = build_constant_chain(c)
-    rows = compute_dh_rows(made.robot, modified)
+    rows = compute_dh_rows(made.robot, form)
     nearly = []
     for a, b in rows.nearly:
-        sentence = f"joints {a} and {b} are almost parallel: their rows have a large d; small changes of the angle change it much"
+        sentence = (
+            f"joints {a} and {b} are almost parallel: their rows have a large d, which small changes "
+            "of the angle change much; `--format hayati` has a second angle in its place"
+        )
+        if form == "hayati":
+            sentence = (
+                f"joints {a} and {b} are almost parallel: row {a} has the angle beta, and no d"
+            )
         nearly.append(sentence)
     where = []
     for name, T in made.targets.items():
         offset = T[:3, 3].tolist()
         numbers = ", ".join(map(repr, offset))
         where.append(f"target {name} on the flange: x, y, z = {numbers} mm")
-    text = format_dh_file(made.robot, modified, [*notes, *where, *nearly])
+    text = format_dh_file(made.robot, form, [*notes, *where, *nearly])
 
     def read(text: str, target: int) -> Callable[[Array], Array]:
         record = tomllib.loads(text)

@@ -67,7 +67,7 @@ def draw_panels(panels: Sequence[PanelRecord]) -> bytes:
     """Draw up to three panels: grey, what the model without the effect leaves; blue, with it; orange, the fitted
     effect."""
     count = len(panels)
-    height = 2.8 if count > 1 else 3.2
+    height = 2.2 if count > 1 else 2.7
     with use_style() as sheets:
         fig, axes = sheets.subplots(
             1, count, figsize=(WIDTH, height), layout="constrained", squeeze=False
@@ -204,7 +204,7 @@ def draw_credible_set(entries: Sequence[tuple[str, float, bool]]) -> bytes:
     names, probabilities, alike = zip(*entries[:MAX_BARS], strict=True)
     rows = np.arange(len(names))
     with use_style() as sheets:
-        fig, ax = sheets.subplots(figsize=(WIDTH, 0.21 * len(rows) + 0.5), layout="constrained")
+        fig, ax = sheets.subplots(figsize=(WIDTH, 0.19 * len(rows) + 0.5), layout="constrained")
         ax.barh(
             rows,
             probabilities,

@@ -10,7 +10,14 @@ from ...diagnosis.sentences import format_quantity
 from ...measurements.row_places import Where
 from ...results.details_schema import FindingDetailsRecord
 from ...results.finding_schema import EntryRecord, EstimateRecord, FindingRecord
-from ...results.study_sentences import count_rows, format_mm, label_entries
+from ...results.small_findings import split_findings
+from ...results.study_sentences import (
+    count_rows,
+    describe_probability,
+    format_mm,
+    label_entries,
+    list_figures,
+)
 from ..document import Block, Source, make_heading, make_list, make_table, make_text
 from ..figures.finding import MAX_BARS, draw_credible_set, draw_panels, name_axis
 
@@ -26,24 +33,63 @@ REMEDIES = (  # names in a cause, how to measure again
 
 
 def write_findings_pages(source: Source) -> list[Block]:
-    """Write all findings, each on a page of its own."""
+    """Write the findings, each on a page of its own; small ones together on one."""
     record, details = source.record, source.details
     if not record.findings:
         return [make_heading("Findings"), make_text(record.nothing_else.sentence)]
+    told, grouped = split_findings(record.findings, record.small_findings)
     blocks: list[Block] = []
-    for number, finding in enumerate(record.findings, 1):
-        blocks += _write_finding(source, number, finding, details.findings[number - 1])
-    return blocks
+    for k in told:
+        blocks += _write_finding(source, k + 1, record.findings[k], details.findings[k])
+    return blocks + _write_grouped(source, grouped)
+
+
+def _write_grouped(source: Source, grouped: Sequence[int]) -> list[Block]:
+    """Write the findings that hardly change what is left: their sum, and a line each."""
+    record, details = source.record, source.details
+    if not grouped or record.small_findings is None:
+        return []
+    rows = [_grouped_row(record.findings[k], details.findings[k]) for k in grouped]
+    columns = [("named", "left"), ("what goes wrong", "left"), ("rms, mm", "right")]
+    columns += [("at most, mm", "right"), ("probability", "left")]
+    caption = (
+        "rms: at the measured configurations, beyond the other findings that matter; at most: in the workspace. All that "
+        "is known of them is in result.json and in report.html."
+    )
+    return [
+        make_heading("Smaller findings"),
+        make_text(record.small_findings.sentence),
+        make_table(columns, rows, caption, [0.4, 1.0, 0.0, 0.0, 0.0]),
+    ]
+
+
+def _grouped_row(finding: FindingRecord, detail: FindingDetailsRecord) -> list[str]:
+    worst = None if finding.worst is None else finding.worst.mm
+    return [
+        name_finding(finding, detail),
+        detail.what,
+        format_mm(finding.rms_mm),
+        format_mm(worst),
+        describe_probability(finding),
+    ]
+
+
+def name_finding(finding: FindingRecord, detail: FindingDetailsRecord) -> str:
+    """Return the name of a finding, and beside it that it is doubtful."""
+    return f"{detail.label} (doubtful)" if finding.doubtful else detail.label
 
 
 def _write_finding(
     source: Source, number: int, finding: FindingRecord, detail: FindingDetailsRecord
 ) -> list[Block]:
     blocks = [
-        make_heading(f"Finding {number}: {detail.label}"),
+        make_heading(f"Finding {number}: {name_finding(finding, detail)}"),
         make_text(finding.sentence),
-        make_text(_describe_verdict(finding, source.where), "quiet"),
     ]
+    figures = list_figures(finding)
+    if figures:
+        blocks.append(make_list(figures))
+    blocks.append(make_text(_describe_verdict(finding, source.where), "quiet"))
     if detail.panels:
         blocks.append(_write_residuals(source, number, detail))
     if finding.estimate:

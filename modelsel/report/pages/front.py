@@ -10,6 +10,7 @@ from ...results.details_schema import DetailsRecord, FindingDetailsRecord
 from ...results.finding_schema import FindingRecord
 from ...results.placements import describe_placements
 from ...results.schema import ErrorMapRecord, StudyRecord
+from ...results.small_findings import split_findings
 from ...results.study_sentences import (
     describe_noise_floor,
     describe_probability,
@@ -20,6 +21,7 @@ from ..document import Block, Source, make_heading, make_list, make_table, make_
 from ..figures import errormap, space
 from ..figures.ladder import draw_ladder, label_way, select_way
 from ..style import shorten
+from .findings import name_finding
 
 MAX_NAMED = 9  # rows of the first page's table
 LONGEST_NAME = 40  # letters
@@ -50,24 +52,28 @@ def write_first_page(source: Source) -> list[Block]:
 
 def _write_named(source: Source) -> list[Block]:
     """Write the table of what was named; nothing where nothing was."""
-    findings = source.record.findings
+    findings, small = source.record.findings, source.record.small_findings
     if not findings:
         return []
-    described = list(zip(findings, source.details.findings, strict=True))
-    rows = [_named_row(finding, detail) for finding, detail in described[:MAX_NAMED]]
+    told, grouped = split_findings(findings, small)
+    details = source.details.findings
+    shown = told[:MAX_NAMED]
+    rows = [_named_row(findings[k], details[k]) for k in shown]
     columns = [("named", "left"), ("what goes wrong", "left"), ("probability", "left")]
     caption = "Probability: of this name; alike: of this and of others that would move the target as it does"
     has_rivals = any(not finding.is_found for finding in findings)
     caption += "; rivals: others that the data cannot tell from it." if has_rivals else "."
-    if len(findings) > len(rows):
-        caption += f" And {len(findings) - len(rows)} more: see Findings."
+    if len(told) > len(shown):
+        caption += f" And {len(told) - len(shown)} more: see Findings."
+    if grouped and small is not None:
+        caption += f" {small.sentence}"
     return [make_table(columns, rows, caption, [0.36, 1.0, 0.0])]
 
 
 def _named_row(finding: FindingRecord, detail: FindingDetailsRecord) -> list[str]:
     probability = describe_probability(finding)
     return [
-        shorten(detail.label, LONGEST_NAME),
+        shorten(name_finding(finding, detail), LONGEST_NAME),
         shorten(detail.what, LONGEST_MEANING),
         probability if finding.is_found else f"{probability}, rivals",
     ]

@@ -49,7 +49,8 @@ function card(data, name) {
   const found = data.details.cards[name];
   if (!found) return null;
   const list = el("dl", { class: "card" });
-  for (const [term, words] of [["mechanism", found.name], ["what goes wrong", found.sentence], ["equation", found.equation], ["source", found.source],
+  for (const [term, words] of [["mechanism", found.name], ["what goes wrong", found.sentence],
+    ["usual causes", (found.usual_causes || []).join(", ")], ["equation", found.equation], ["source", found.source],
     ...found.terms.map((t) => [`${t.symbol} [${t.unit}]`, t.screws.slice(0, 4).join(", ") + (t.screws.length > 4 ? " …" : "") + t.expected])]) {
     if (words) list.append(el("dt", { text: term }), el("dd", { text: words }));
   }
@@ -88,6 +89,7 @@ function cellPanel(data, i, j, openFinding) {
 function findingPanel(data, k) {
   const finding = data.result.findings[k], said = data.details.findings[k];
   const out = [el("h3", { text: `Finding ${k + 1}: ${said.label}` }), el("p", { text: finding.sentence })];
+  if (data.figures[k]) out.push(el("p", { class: "quiet", text: data.figures[k] }));
   for (const p of said.panels) out.push(scatter({ ...p, title: p.frames.length ? `Residual about frame ${p.frames.join(", ")} ${p.axis}` : "Displacement" }));
   if (said.panels.length) out.push(el("p", { class: "quiet", text: "Squares: without this effect. Dots: with it. Line: the fitted effect." }));
   out.push(el("h3", { text: "Credible set" }), probabilities(finding.credible_set.slice(0, 12).map((e, n) => [said.rivals[n], e.probability, e.alike])));

@@ -31,12 +31,21 @@
   else {
     const table = el("table", { class: "plain stack" }), rows = el("tbody");
     table.append(el("thead", {}, el("tr", {}, ...["named", "what goes wrong", "verdict"].map((h) => el("th", { scope: "col", text: h })))), rows);
-    result.findings.forEach((f, k) => {
+    const open = (k) => {
       const button = el("button", { type: "button", text: details.findings[k].label });
       button.addEventListener("click", () => { openFinding(k); panel.scrollIntoView({ block: "nearest" }); });
-      rows.append(el("tr", {}, el("td", {}, button), el("td", { text: f.sentence }), el("td", { text: f.verdict })));
+      return button;
+    };
+    data.told.forEach((k) => {
+      const f = result.findings[k], what = el("td", { text: f.sentence });
+      if (data.figures[k]) what.append(el("p", { class: "quiet", text: data.figures[k] }));
+      rows.append(el("tr", {}, el("td", {}, open(k)), what, el("td", { text: f.doubtful ? `${f.verdict}, but doubtful` : f.verdict })));
     });
     findings.append(table);
+    if (data.grouped.length) {
+      findings.append(el("p", { text: data.small }));
+      findings.append(el("p", { class: "tools" }, ...data.grouped.map(open)));
+    }
   }
 
   const map = result.error_map, columns = details.map.columns.map((c, j) => [c, j]);

@@ -1,0 +1,109 @@
+"""Compliance as a mechanic tells it: wind-up at full stretch, and one stiffness.
+
+Full stretch is the row of the workspace with the largest load. A stiffness in N m/rad needs the
+load in N m: the robot file's masses, or a payload that is measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .._typing import Array
+from ..mechanisms.terms import Mechanism
+from .quantities import Usable, express, format_figure
+from .workspace import Fitted, Workspace
+
+TURNS = slice(3, 6)
+MILLI = 1e3
+NO_MASSES = " (no stiffness: the robot file gives no masses)"
+
+
+def measure_wind_up(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure wind-up, its millimetres and the stiffness of every joint or link that yields."""
+    frames = [term.screws[0].frame for term in mechanism.terms]
+    for frame in sorted(set(frames)):
+        own = [k for k, of in enumerate(frames) if of == frame]
+        part = Fitted(
+            tuple(mechanism.terms[k] for k in own),
+            fitted.estimate[own],
+            fitted.covariance[np.ix_(own, own)],
+            fitted.workspace,
+        )
+        load = _find_load(mechanism, frame, fitted.workspace)
+        is_known = mechanism.stem == "payload-deflection" or _has_masses(fitted.workspace)
+        words = f"{_describe_motion(mechanism, frame)} at full stretch"
+        ends = frame == max(frames)
+        yield from _measure_yield(words, part, _Load(frame, load, is_known, ends))
+
+
+def measure_base_tilt(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure the tilt of the base, its millimetres and its stiffness."""
+    moments = [fitted.workspace.problem.value(f"moment_{axis}") for axis in "xyz"]
+    down = np.array(fitted.workspace.problem.robot.gravity)
+    across = np.array(moments) - np.outer(down, down @ np.array(moments))
+    load = np.linalg.norm(across, axis=0)
+    words = "tilt of the base at full stretch"
+    yield from _measure_yield(words, fitted, _Load(1, load, _has_masses(fitted.workspace), True))
+
+
+@dataclass(frozen=True, eq=False)
+class _Load:
+    """What a frame yields to: `size` (m,), whether it is known in N m, and whether no other frame of the
+    effect follows."""
+
+    frame: int
+    size: Array
+    is_known: bool
+    ends: bool
+
+
+def _measure_yield(words: str, part: Fitted, load: _Load) -> Iterator[Usable]:
+    """Measure what yields where the load is largest; with a load in N m, its stiffness."""
+    row = int(load.size.argmax())
+    turn, each = part.turn(load.frame, TURNS)
+    angle = part.length_at(turn, each, row)
+    torque = float(load.size[row])
+    moved = part.moved_at(row)
+    at_target, there = f"{words}, at the target", "at the target there"
+    if not load.is_known:
+        wound = express(words, angle.scale(MILLI), "mrad")
+        yield replace(wound, text=f"{wound.text}{NO_MASSES if load.ends else ''}")
+        yield express(at_target, moved, "mm", there)
+        return
+    under = f"{words} ({format_figure(torque)} N m)"
+    yield express(under, angle.scale(MILLI), "mrad")
+    yield express(at_target, moved, "mm", there)
+    if torque and angle.value:
+        yield express("stiffness", angle.invert(torque), "N m/rad")
+
+
+def _find_load(mechanism: Mechanism, frame: int, workspace: Workspace) -> Array:
+    """Find the load (m,) that a joint or a link's end yields to [N m; of 1 kg everywhere where the
+    robot file has no masses]."""
+    problem = workspace.problem
+    if mechanism.stem == "payload-deflection":
+        lever = problem.value(f"torque{frame}_{problem.robot.n + 1}")
+        return np.asarray(np.abs(lever) * problem.value("payload_kg"))
+    about = problem.value(f"torque{frame}")
+    across = [problem.value(f"moment{frame}_{axis}") for axis in "xy"]
+    if mechanism.stem == "lateral-compliance":
+        return np.hypot(*across)
+    if mechanism.stem == "link-bending":
+        return np.hypot(np.hypot(*across), about)
+    return np.asarray(np.abs(about))
+
+
+def _describe_motion(mechanism: Mechanism, frame: int) -> str:
+    if mechanism.stem == "lateral-compliance":
+        return f"tilt of joint {frame}'s axis"
+    if mechanism.stem == "link-bending":
+        return f"turn of the end of link {frame - 1}"
+    if mechanism.stem == "payload-deflection":
+        return f"wind-up of joint {frame} under the largest payload"
+    return f"wind-up of joint {frame}"
+
+
+def _has_masses(workspace: Workspace) -> bool:
+    return any(joint.mass for joint in workspace.problem.robot.joints)

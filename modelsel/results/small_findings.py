@@ -1,0 +1,50 @@
+"""Small findings: those that hardly change what is left, in one line with their sum."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .finding_schema import FindingRecord, SmallFindingsRecord
+
+# small findings from which one line tells them
+MIN_GROUPED = 3
+NUMBERS = (
+    "No",
+    "One",
+    "Two",
+    "Three",
+    "Four",
+    "Five",
+    "Six",
+    "Seven",
+    "Eight",
+    "Nine",
+    "Ten",
+    "Eleven",
+    "Twelve",
+    "Thirteen",
+    "Fourteen",
+    "Fifteen",
+    "Sixteen",
+    "Seventeen",
+    "Eighteen",
+    "Nineteen",
+    "Twenty",
+)
+
+
+def write_number(count: int) -> str:
+    """Return a count as the first word of a sentence."""
+    return NUMBERS[count] if count < len(NUMBERS) else str(count)
+
+
+def split_findings(
+    findings: Sequence[FindingRecord], small: SmallFindingsRecord | None
+) -> tuple[list[int], list[int]]:
+    """Return the places of findings that are told one by one, those that matter first, and of those that
+    one line tells: none where they are fewer than MIN_GROUPED."""
+    main = [k for k, finding in enumerate(findings) if finding.matters]
+    rest = [k for k, finding in enumerate(findings) if not finding.matters]
+    if small is None or len(rest) < MIN_GROUPED:
+        return [*main, *rest], []
+    return main, rest

@@ -1,0 +1,299 @@
+"""Usable numbers: what a finding means in units that a mechanic, a buyer or a controller takes.
+
+Angles of play and ripple are in arc seconds with their millimetres at the wrist or at the target,
+thermal effects are per 10 K, slopes per quarter of a turn; `compliance_numbers` has wind-up and
+stiffness. A finding without an entry here has its worst effect alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..diagnosis.sentences import has_contrary_signs, is_wave
+from ..fitting.design import PLACE
+from ..measurements.reference_temperature import TEMPERATURE
+from ..measurements.state_names import StateKind, parse_state_name
+from ..mechanisms.causes import Bump, Cause, Combined, Named
+from ..mechanisms.environment import find_references
+from ..mechanisms.terms import Mechanism
+from .compliance_numbers import measure_base_tilt, measure_wind_up
+from .quantities import ARC_SECONDS, Usable, express
+from .workspace import Fitted, Range
+
+SHIFTS = slice(0, 3)
+ABOUT_Z = slice(5, 6)
+SIDES = "difference between the two directions"
+# K over which thermal effects are told; rad and mm over which slopes are
+RISE = 10.0
+QUARTER_TURN = np.pi / 2
+METRE = 1000.0
+# joints of an arm that has a wrist of three
+WRIST_JOINTS = 6
+
+Measure = Callable[[Mechanism, Fitted], Iterator[Usable]]
+
+
+def list_usable(mechanism: Mechanism, fitted: Fitted) -> list[Usable]:
+    """List the usable numbers of an effect; none where the catalogue knows none."""
+    measure = MEASURES.get(mechanism.stem)
+    if measure is None:
+        measure = _choose_by_shape(mechanism)
+    return [] if measure is None else list(measure(mechanism, fitted))
+
+
+def _choose_by_shape(mechanism: Mechanism) -> Measure | None:
+    if is_wave(mechanism.terms):
+        return _measure_wave
+    first = mechanism.terms[0].screws[0]
+    if isinstance(first.cause, Bump):
+        return _measure_curve if first.axis == "rz" else None
+    if len(mechanism.terms) > 1 or len(mechanism.terms[0].screws) > 1:
+        return None
+    return _choose_by_driver(first.cause)
+
+
+def _choose_by_driver(cause: Cause) -> Measure | None:
+    """Choose how to measure an effect of one screw: a side of approach, or a rise in temperature."""
+    (name, *others) = sorted(cause.names()) or [""]
+    variable = parse_state_name(name)
+    if variable is not None and variable.kind is StateKind.APPROACH and cause == Named(name):
+        return _measure_sides
+    is_rise = isinstance(cause, Named) or (isinstance(cause, Combined) and cause.operator in "+-")
+    if name == TEMPERATURE and not others and is_rise:
+        return _measure_warm_place
+    return None
+
+
+# -- play
+# --------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Lever:
+    """The longest lever [mm] of a joint's rotation, and of what."""
+
+    mm: float
+    point: str
+
+
+def _measure_play(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure the whole step between the two sides, and what it is at the wrist."""
+    screw = mechanism.terms[0].screws[0]
+    words = _describe_step(mechanism, fitted)
+    whole = fitted.range_of(np.array([2.0]))
+    if screw.axis == "tz":
+        yield express(words, whole, "mm")
+        return
+    yield express(words, whole.scale(ARC_SECONDS), "arcsec")
+    lever = _find_wrist_lever(fitted, screw.frame)
+    at = f"at the {lever.point}"
+    yield express(f"{words} {at}", whole.scale(lever.mm), "mm", f"{at} at most")
+
+
+def _measure_sides(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure the whole step of a place that has no registered name."""
+    whole = fitted.range_of(np.array([2.0]))
+    yield _express_motion(SIDES, whole, mechanism.terms[0].screws[0].axis)
+
+
+def _express_motion(words: str, motion: Range, axis: str, where: str = "") -> Usable:
+    """Express a shift in mm, a turn in arc seconds."""
+    if axis[0] == "t":
+        return express(words, motion, "mm", where)
+    return express(words, motion.scale(ARC_SECONDS), "arcsec", where)
+
+
+def _describe_step(mechanism: Mechanism, fitted: Fitted) -> str:
+    if mechanism.stem == "overshoot":
+        return SIDES
+    if has_contrary_signs(mechanism, fitted.estimate):
+        return "step"
+    return "play"
+
+
+def _find_wrist_lever(fitted: Fitted, joint: int) -> _Lever:
+    """Find how far the wrist (the target, for a joint of the wrist) is from a joint's axis at most."""
+    pose = fitted.workspace.pose
+    n = fitted.workspace.problem.robot.n
+    wrist = n - 1 if n >= WRIST_JOINTS else n
+    if joint >= wrist:
+        return _Lever(_find_lever(fitted, joint), "target")
+    offset = pose.origins[wrist - 1] - pose.origins[joint - 1]
+    moved = np.cross(pose.axes[joint - 1, 2], offset, axis=0)
+    return _Lever(float(np.linalg.norm(moved, axis=0).max()), "wrist")
+
+
+def _find_lever(fitted: Fitted, frame: int) -> float:
+    """Find how far the target moves at most per rad about a frame's z axis [mm]."""
+    moved = fitted.workspace.field[frame - 1, PLACE["rz"], :3]
+    return float(np.linalg.norm(moved, axis=0).max())
+
+
+# -- ripple
+# --------------------------------------------------------------------------------------------------
+
+
+def _measure_wave(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure the amplitude of a wave: of the larger direction, where it has two."""
+    is_turn = mechanism.terms[0].screws[0].axis[0] == "r"
+    amplitude = _find_amplitude(fitted)
+    if is_turn:
+        yield express("amplitude", amplitude.scale(ARC_SECONDS), "arcsec")
+    else:
+        yield express("amplitude", amplitude, "mm")
+    moved = fitted.moved_at(fitted.find_worst())
+    yield express("amplitude at the target", moved, "mm", "at the target at most")
+
+
+def _find_amplitude(fitted: Fitted) -> Range:
+    """Find the largest amplitude of sine and cosine terms, two an axis."""
+    pairs = fitted.estimate.reshape(-1, 2)
+    left, _, right = np.linalg.svd(pairs)
+    return fitted.range_of(np.outer(left[:, 0], right[0]).reshape(-1))
+
+
+def _measure_curve(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure a free function from its lowest to its highest point, within the measured range."""
+    frame = mechanism.terms[0].screws[0].frame
+    turn, each = fitted.turn(frame, ABOUT_Z)
+    seen = turn[0, : fitted.workspace.measured]
+    gradient = each[:, 0, int(seen.argmax())] - each[:, 0, int(seen.argmin())]
+    height = fitted.range_of(gradient)
+    yield express("peak to peak", height.scale(ARC_SECONDS), "arcsec")
+    lever = _find_lever(fitted, frame)
+    moved = height.scale(lever)
+    yield express("peak to peak at the target", moved, "mm", "at the target at most")
+
+
+# -- slopes
+# --------------------------------------------------------------------------------------------------
+
+
+def _measure_slope(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure what every term turns over a quarter of a turn of its driver, or slides over a metre."""
+    for k, term in enumerate(mechanism.terms):
+        screw = term.screws[0]
+        driver = _describe_driver(mechanism, str(screw.cause))
+        slope = fitted.range_of(np.eye(len(mechanism.terms))[k])
+        if screw.axis == "tz":
+            words = f"over 1 m {driver}"
+            yield express(words, slope.scale(METRE), "mm", words)
+            continue
+        over = slope.scale(QUARTER_TURN)
+        words = f"over 90° {driver}"
+        yield express(words, over.scale(ARC_SECONDS), "arcsec", words)
+        lever = _find_lever(fitted, screw.frame)
+        moved = over.scale(lever)
+        yield express(f"{words}, at the target", moved, "mm", "at the target at most")
+
+
+def _describe_driver(mechanism: Mechanism, cause: str) -> str:
+    if mechanism.stem == "settle":
+        return f"of joint {mechanism.joint}'s last move"
+    return f"of joint {cause.removeprefix('q')}"
+
+
+# -- temperature
+# --------------------------------------------------------------------------------------------------
+
+
+def _measure_growth(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure a thermal coefficient, and what 10 K do to the link and to the target."""
+    reference, warm = _warm(mechanism, fitted)
+    yield express("expansion", fitted.range_of(np.ones(1)).scale(1e6), "ppm/K")
+    if mechanism.stem == "thermal-growth":
+        frame = mechanism.terms[0].screws[0].frame
+        shift, each = warm.turn(frame, SHIFTS)
+        longer = warm.length_at(shift, each, 0)
+        words = f"per 10 K, counted from {reference:g} °C"
+        yield express(f"growth of the link {words}", longer, "mm", words)
+    yield _measure_warm_target(reference, warm)
+
+
+def _measure_warm_place(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure what 10 K do to a joint's zero, or to a place that has no registered name."""
+    reference, warm = _warm(mechanism, fitted)
+    screw = mechanism.terms[0].screws[0]
+    place = PLACE[screw.axis]
+    shift, each = warm.turn(screw.frame, slice(place, place + 1))
+    moved = warm.length_at(shift, each, 0)
+    words = f"per 10 K, counted from {reference:g} °C"
+    yield _express_motion(words, moved, screw.axis, words)
+    yield _measure_warm_target(reference, warm)
+
+
+def _warm(mechanism: Mechanism, fitted: Fitted) -> tuple[float, Fitted]:
+    """Return the reference [°C] that an effect counts from, and the effect 10 K above it."""
+    (reference,) = find_references(mechanism.terms[0].screws[0].cause)
+    workspace = fitted.workspace.at_covariate(TEMPERATURE, reference + RISE)
+    return reference, Fitted(fitted.terms, fitted.estimate, fitted.covariance, workspace)
+
+
+def _measure_warm_target(reference: float, warm: Fitted) -> Usable:
+    moved = warm.moved_at(warm.find_worst())
+    words = f"at the target per 10 K, counted from {reference:g} °C"
+    return express(words, moved, "mm", "at the target at most, per 10 K")
+
+
+# -- set-up and tool
+# --------------------------------------------------------------------------------------------------
+
+
+def _measure_jump(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure how far a frame moves between the beginning and the end; nothing of a free course."""
+    if any(isinstance(screw.cause, Bump) for term in mechanism.terms for screw in term.screws):
+        return
+    axes = [term.screws[0].axis for term in mechanism.terms]
+    for kind, words in (("t", "shift"), ("r", "turn")):
+        is_kind = np.array([axis[0] == kind for axis in axes])
+        if not is_kind.any():
+            continue
+        vector = np.where(is_kind, fitted.estimate, 0.0)
+        length = float(np.linalg.norm(vector))
+        moved = fitted.range_of(vector / length) if length else Range(0.0, 0.0, 0.0)
+        yield _express_motion(words, moved, kind)
+
+
+def _measure_scale(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    yield express("scale", fitted.range_of(np.ones(1)).scale(1e6), "ppm")
+
+
+def _measure_droop(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    yield express("droop of a level flange axis", fitted.range_of(np.ones(1)), "mm")
+
+
+MEASURES: Mapping[str, Measure] = {
+    **dict.fromkeys(
+        (
+            "joint-compliance",
+            "joint2-twist",
+            "joint3-twist",
+            "gravity-twist",
+            "lateral-compliance",
+            "link-bending",
+            "payload-deflection",
+        ),
+        measure_wind_up,
+    ),
+    "base-tilt": measure_base_tilt,
+    "backlash": _measure_play,
+    "approach-backlash": _measure_play,
+    "overshoot": _measure_play,
+    "gear-eccentricity": _measure_wave,
+    "encoder-eccentricity": _measure_wave,
+    "gear-ripple": _measure_wave,
+    "axis-wobble": _measure_wave,
+    "encoder-scale": _measure_slope,
+    "wrist-coupling": _measure_slope,
+    "settle": _measure_slope,
+    "thermal-growth": _measure_growth,
+    "thermal-expansion": _measure_growth,
+    "thermal-zero": _measure_warm_place,
+    "tracker-drift": _measure_jump,
+    "tracker-step": _measure_jump,
+    "target-step": _measure_jump,
+    "tracker-scale": _measure_scale,
+    "tool-droop": _measure_droop,
+}

@@ -1,0 +1,285 @@
+"""Usable numbers against the chain itself: readings are moved by the error, and the target is looked at."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from builders import bind, drawn
+from builders import one as one_screw
+
+from modelsel.measurements.measurements import build_measurements
+from modelsel.mechanisms.causes import Bump, Named, q
+from modelsel.mechanisms.environment import temperature_rise
+from modelsel.mechanisms.registry import build_mechanisms, every, mechanism
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.results.finding_figures import find_worst, measure_sizes
+from modelsel.results.usable_numbers import list_usable
+from modelsel.results.workspace import Fitted, Workspace, build_workspace
+from modelsel.robot.files import builtin_names, load_robot
+from modelsel.robot.gravity import compute_joint_torques
+from modelsel.robot.kinematics import Robot, forward, pose
+
+ARM = load_robot("ur10")
+TOOL = np.array([60.0, -40.0, 120.0])
+UNITS = {"arcsec", "mrad", "mm", "ppm", "ppm/K", "N m/rad"}
+PARTS = ("gear", "encoder", "bearing", "drive", "spring", "belt", "tracker", "backlash", "friction")
+
+
+def workspace_of(arm: Robot = ARM, rows: int = 60) -> Workspace:
+    at = drawn(arm, np.random.default_rng(5), rows, TOOL)
+    return build_workspace(at, np.random.default_rng(6))
+
+
+def fitted(one: Mechanism, *estimate: float, error: float = 0.05, arm: Robot = ARM) -> Fitted:
+    theta = np.array(estimate)
+    return Fitted(one.terms, theta, np.diag(np.square(error * theta)), workspace_of(arm))
+
+
+def numbers(one: Mechanism, effect: Fitted) -> dict[str, tuple[float, str]]:
+    return {u.quantity: (u.value, u.unit) for u in list_usable(one, effect)}
+
+
+def moved_by(effect: Fitted, joint: int, by: np.ndarray | float) -> np.ndarray:
+    """How far the target moves at every row where a joint stands off its reading."""
+    q = effect.workspace.q.copy()
+    q[:, joint - 1] += by
+    return np.linalg.norm(forward(ARM, q, TOOL) - forward(ARM, effect.workspace.q, TOOL), axis=1)
+
+
+# -- quantities
+# --------------------------------------------------------------------------------------------------
+
+
+def test_play_is_the_whole_step_and_its_millimetres_are_those_of_the_wrist() -> None:
+    one = mechanism("approach-backlash:2", ARM)
+    effect = fitted(one, -1e-4)
+    got = numbers(one, effect)
+    assert got["play"] == (pytest.approx(2e-4 * 180 / np.pi * 3600), "arcsec")
+    q = effect.workspace.q
+    turned = q.copy()
+    turned[:, 1] += 2e-4
+    wrist = pose(ARM, turned, TOOL).origins[4] - pose(ARM, q, TOOL).origins[4]
+    largest = np.linalg.norm(wrist, axis=0).max()
+    assert got["play at the wrist"] == (pytest.approx(largest, rel=1e-4), "mm")
+
+
+def test_a_joint_of_the_wrist_has_its_play_at_the_target() -> None:
+    one = mechanism("approach-backlash:6", ARM)
+    effect = fitted(one, -1e-4)
+    assert numbers(one, effect)["play at the target"][0] == pytest.approx(
+        moved_by(effect, 6, 2e-4).max(), rel=1e-4
+    )
+
+
+def test_ripple_has_its_amplitude_and_its_worst_at_the_target() -> None:
+    one = build_mechanisms("gear-ripple:3:17", ARM)[0]
+    effect = fitted(one, 3e-5, 4e-5)
+    got = numbers(one, effect)
+    assert got["amplitude"] == (pytest.approx(5e-5 * 180 / np.pi * 3600), "arcsec")
+    angle = effect.workspace.q[:, 2]
+    by = 3e-5 * np.sin(17 * angle) + 4e-5 * np.cos(17 * angle)
+    assert got["amplitude at the target"][0] == pytest.approx(
+        moved_by(effect, 3, by).max(), rel=1e-3
+    )
+
+
+def test_compliance_is_wind_up_at_full_stretch_and_one_stiffness() -> None:
+    """Of an arm whose masses are known: 1 / c, with the ends of c's interval the other way round."""
+    one = build_mechanisms("joint-compliance:2", ARM)[0]
+    effect = fitted(one, 2e-5)
+    usable = {u.quantity.partition(" (")[0]: u for u in list_usable(one, effect)}
+    q = effect.workspace.q
+    torque = np.abs(compute_joint_torques(ARM, pose(ARM, q, TOOL), q)[1])
+    wound = usable["wind-up of joint 2 at full stretch"]
+    assert wound.value == pytest.approx(2e-5 * torque.max() * 1e3)
+    assert f"({torque.max():.0f} N m)" in wound.quantity
+    there = usable["wind-up of joint 2 at full stretch, at the target"].value
+    row = int(torque.argmax())
+    assert there == pytest.approx(moved_by(effect, 2, 2e-5 * torque)[row], rel=1e-2)
+    stiffness = usable["stiffness"]
+    assert stiffness.unit == "N m/rad"
+    assert stiffness.value == pytest.approx(1 / 2e-5)
+    assert stiffness.low == pytest.approx(1 / (2e-5 * (1 + 1.96 * 0.05)))
+    assert stiffness.high == pytest.approx(1 / (2e-5 * (1 - 1.96 * 0.05)))
+
+
+def test_a_stiffness_whose_compliance_may_be_none_has_no_upper_end() -> None:
+    one = build_mechanisms("joint-compliance:2", ARM)[0]
+    stiffness = list_usable(one, fitted(one, 2e-5, error=1.0))[-1]
+    assert stiffness.high is None
+    assert "at least" in stiffness.text
+
+
+def test_no_stiffness_is_said_of_an_arm_without_masses() -> None:
+    joints = tuple(replace(joint, mass=None) for joint in ARM.joints)
+    arm = replace(ARM, joints=joints)
+    one = build_mechanisms("joint-compliance:2", arm)[0]
+    usable = list_usable(one, fitted(one, 2e-5, arm=arm))
+    assert {u.unit for u in usable} == {"mrad", "mm"}
+    assert usable[0].text.endswith("(no stiffness: the robot file gives no masses)")
+
+
+def test_growth_is_told_per_10_kelvin_with_its_reference() -> None:
+    one = mechanism("thermal-growth:2", ARM)
+    got = numbers(one, fitted(one, 12e-6))
+    length = np.linalg.norm(ARM.joints[2].before[:3, 3])
+    assert got["expansion"] == (pytest.approx(12.0), "ppm/K")
+    growth = got["growth of the link per 10 K, counted from 20 °C"]
+    assert growth == (pytest.approx(12e-6 * length * 10), "mm")
+    assert got["at the target per 10 K, counted from 20 °C"][0] == pytest.approx(growth[0])
+
+
+def test_a_curve_is_told_from_its_lowest_to_its_highest_point_where_it_was_measured() -> None:
+    centres = np.arange(-7, 8) * 0.5
+    terms = tuple(
+        Term(f"f{k}", (Screw(1, "rz", Bump("q1", c, 0.5)),)) for k, c in enumerate(centres)
+    )
+    one = Mechanism("free(q1) 29", terms)
+    effect = fitted(one, *np.sin(centres * 1.7) * 1e-4)
+    seen = effect.workspace.q[: effect.workspace.measured, 0]
+    curve = sum(1e-4 * np.sin(c * 1.7) * Bump("q1", c, 0.5).shape(seen) for c in centres)
+    got = numbers(one, effect)["peak to peak"]
+    assert got == (pytest.approx(np.ptp(curve) * 180 / np.pi * 3600), "arcsec")
+
+
+@pytest.mark.parametrize(
+    ("axis", "cause", "expected"),
+    [
+        ("tx", Named("approach3"), {"difference between the two directions": (4e-3, "mm")}),
+        (
+            "ry",
+            Named("approach3"),
+            {"difference between the two directions": (4e-3 * 180 / np.pi * 3600, "arcsec")},
+        ),
+        (
+            "tz",
+            temperature_rise(23.0),
+            {
+                "per 10 K, counted from 23 °C": (2e-2, "mm"),
+                "at the target per 10 K, counted from 23 °C": (2e-2, "mm"),
+            },
+        ),
+        ("tz", temperature_rise(23.0) * q(2), {}),
+        ("tz", Named("approach3") * q(2), {}),
+        ("tz", q(2), {}),
+    ],
+)
+def test_a_place_without_a_name_has_numbers_where_its_driver_has(axis, cause, expected) -> None:
+    place = one_screw(4, axis, cause)
+    got = numbers(place, fitted(place, 2e-3))
+    assert got == {key: (pytest.approx(value), unit) for key, (value, unit) in expected.items()}
+
+
+def test_a_step_of_the_target_is_its_whole_shift() -> None:
+    step = build_mechanisms("target-step:0.5", ARM)[0]
+    assert numbers(step, fitted(step, 0.3, 0.4, 0.0)) == {"shift": (pytest.approx(0.5), "mm")}
+
+
+@pytest.mark.parametrize("name", builtin_names())
+def test_every_mechanism_has_numbers_in_known_units_and_words_without_a_part(name: str) -> None:
+    arm = load_robot(name)
+    at = bind(arm, drawn(arm, np.random.default_rng(1), 30, TOOL).data, TOOL)
+    workspace = build_workspace(at, np.random.default_rng(2))
+    seen = {m.name: m for m in reversed(every(arm)) if m.name != "geometric"}
+    for one in seen.values():
+        theta = np.array([1e-5 * (t.sign or 1) for t in one.terms])
+        effect = Fitted(one.terms, theta, np.diag(theta**2) / 100, workspace)
+        usable = list_usable(one, effect)
+        is_free = one.stem in ("refraction", "payload-tilt", "counterbalance")
+        assert bool(usable) != is_free, one.name
+        assert {u.unit for u in usable} <= UNITS
+        assert all(u.low is None or u.low <= u.value for u in usable)
+        assert one.usual_causes, one.name
+        said = one.sentence.lower()
+        assert not [part for part in PARTS if part in said], one.sentence
+
+
+# -- the workspace
+# --------------------------------------------------------------------------------------------------
+
+
+def test_the_worst_is_where_the_chain_moves_most_and_the_same_every_time() -> None:
+    one = mechanism("encoder-scale:2", ARM)
+    effect = fitted(one, 1e-4)
+    worst = find_worst(effect)
+    angle = effect.workspace.q[:, 1]
+    moved = moved_by(effect, 2, 1e-4 * angle)
+    assert worst.moved.value == pytest.approx(moved.max(), rel=2e-3)
+    assert np.radians(worst.readings) == pytest.approx(effect.workspace.q[moved.argmax()])
+    assert find_worst(fitted(one, 1e-4)) == worst
+    margin = 1.96 * 0.05 * worst.moved.value
+    assert worst.moved.high - worst.moved.value == pytest.approx(margin)
+
+
+def test_configurations_are_drawn_within_limits_or_where_the_arm_was_measured() -> None:
+    joints = list(ARM.joints)
+    joints[0] = replace(joints[0], limits=(-0.5, 0.25))
+    joints[1] = replace(joints[1], limits=None)
+    arm = replace(ARM, joints=tuple(joints))
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-0.1, 0.1, (40, 6))
+    at = bind(arm, build_measurements(q, forward(arm, q, TOOL)), TOOL)
+    workspace = build_workspace(at, rng)
+    assert (workspace.q[:40] == q).all()
+    drawn_ones = workspace.q[40:]
+    low, high = drawn_ones.min(0), drawn_ones.max(0)
+    assert -0.5 <= low[0] < -0.49
+    assert 0.24 < high[0] <= 0.25
+    assert low[1] >= q[:, 1].min()
+    assert high[1] <= q[:, 1].max()
+    worst = find_worst(
+        Fitted(
+            mechanism("encoder-scale:1", arm).terms, np.array([1e-3]), np.zeros((1, 1)), workspace
+        )
+    )
+    assert 1 in worst.beyond
+    assert "beyond the measured range of joint" in worst.text
+
+
+# -- sizes
+# --------------------------------------------------------------------------------------------------
+
+
+def three_effects() -> tuple[list[Fitted], np.ndarray]:
+    """Two that move the target alike, and a small one; the base's displacements."""
+    workspace = workspace_of()
+    scale, wave, small = (
+        mechanism(name, ARM)
+        for name in ("encoder-scale:2", "gear-eccentricity:4", "approach-backlash:5")
+    )
+    effects = []
+    for one, theta in ((scale, [2e-4]), (scale, [3e-4]), (wave, [1e-3, 2e-3]), (small, [-1e-6])):
+        estimate = np.array(theta)
+        effects.append(Fitted(one.terms, estimate, np.zeros((len(theta),) * 2), workspace))
+    return effects, workspace.displace(mechanism("geometric", ARM).terms)
+
+
+def beyond(own: list[Fitted], others: list[Fitted], base: np.ndarray) -> float:
+    """By least squares on the measured rows."""
+    rows = own[0].workspace.measured
+    moved = sum(one.moved()[:, :rows].reshape(-1) for one in own)
+    columns = np.concatenate([base, *(one.columns for one in others)])[:, :, :rows]
+    X = columns.reshape(len(columns), -1).T
+    X = X / np.linalg.norm(X, axis=0)
+    left = moved - X @ np.linalg.lstsq(X, moved, rcond=1e-10)[0]
+    return float(np.sqrt(np.square(left).sum() / rows))
+
+
+def test_of_two_that_stand_for_each_other_one_stays_and_small_ones_are_set_aside() -> None:
+    effects, base = three_effects()
+    sizes = measure_sizes(effects, base, 0.01)
+    assert sizes.matters.tolist() in ([True, False, True, False], [False, True, True, False])
+    kept = [one for one, matters in zip(effects, sizes.matters, strict=True) if matters]
+    small = [one for one, matters in zip(effects, sizes.matters, strict=True) if not matters]
+    assert sizes.small_rms == pytest.approx(beyond(small, kept, base), rel=1e-3)
+    for one, rms in zip(effects, sizes.rms, strict=True):
+        others = [other for other in kept if other is not one]
+        assert rms == pytest.approx(beyond([one], others, base), rel=1e-3, abs=1e-5)
+
+
+def test_what_is_above_the_threshold_matters() -> None:
+    effects, base = three_effects()
+    assert measure_sizes(effects[1:], base, 1e-9).matters.all()
+    assert not measure_sizes(effects[1:], base, 1e3).matters.any()
