@@ -63,14 +63,18 @@ class Choice:
 
 def guess_columns(table: Table, prismatic: Sequence[bool]) -> list[Choice]:
     """Guess the columns that a table does not have under the contract's names."""
-    names = [parse_column_name(name, table.units.get(name)) for name in table.columns]
+    units = table.units
+    names = [parse_column_name(name, units.get(name)) for name in table.columns]
     numeric = [name for name in names if _is_numeric(table, name.given)]
-    missing = list_missing_joints(table, prismatic)
     choices = []
-    if missing:
-        choices.append(Choice("the joint readings", _read_joint_columns(table, numeric, prismatic)))
+    if list_missing_joints(table, prismatic):
+        readings = _read_joint_columns(table, numeric, prismatic)
+        choice = Choice("the joint readings", readings)
+        choices.append(choice)
     if is_position_missing(table):
-        choices.append(Choice("the position", _read_position_columns(table, numeric)))
+        readings = _read_position_columns(table, numeric)
+        choice = Choice("the position", readings)
+        choices.append(choice)
     return choices
 
 
@@ -90,7 +94,10 @@ def is_position_missing(table: Table) -> bool:
 
 def _is_numeric(table: Table, name: str) -> bool:
     values = convert_to_numbers(table.columns[name])
-    return bool(len(values) and np.isfinite(values).mean() >= MIN_NUMBERS)
+    if not len(values):
+        return False
+    share = np.isfinite(values).mean()
+    return bool(share >= MIN_NUMBERS)
 
 
 # -- joints
@@ -104,21 +111,32 @@ def _read_joint_columns(
     count = len(prismatic)
     families: dict[Family, dict[int, ColumnName]] = defaultdict(dict)
     for name in names:
-        is_other = bool(name.words & OTHER_QUANTITIES)
-        if name.quantity == "joint" and name.number is not None and not is_other:
-            families[name.stem, name.words].setdefault(name.number, name)
+        is_other = name.words & OTHER_QUANTITIES
+        is_joint = name.quantity == "joint"
+        if is_other or not is_joint or name.number is None:
+            continue
+        family = families[name.stem, name.words]
+        family.setdefault(name.number, name)
     complete = []
     for family in families.values():
         first = 0 if 0 in family else 1
+        numbers = range(first, first + count)
         goes_on = first + count in family
-        if all(first + j in family for j in range(count)) and not goes_on:
-            complete.append([family[first + j] for j in range(count)])
-    strong = [family for family in complete if family[0].stem not in WEAK_JOINT_WORDS]
+        if goes_on or not set(numbers) <= set(family):
+            continue
+        complete.append([family[number] for number in numbers])
+    strong = [family for family in complete if not _is_weak(family)]
     complete = strong or complete
     readings = list[Reading]()
     for columns in _prefer_measured(complete):
         readings += _read_family(table, columns, prismatic)
     return tuple(readings)
+
+
+def _is_weak(family: Sequence[ColumnName]) -> bool:
+    """Whether columns are joints' only where no others are."""
+    first = family[0]
+    return first.stem in WEAK_JOINT_WORDS
 
 
 def _prefer_measured(families: list[list[ColumnName]]) -> list[list[ColumnName]]:
@@ -143,10 +161,13 @@ def _read_family(
             unit = length if is_sliding else angle
             columns[f"q{j}_{unit}"] = name.given
             units.append(UNIT_NAMES[unit])
-        span = f"{_quote(family[0].given)} to {_quote(family[-1].given)}"
-        words = f"{span} in {sentence_list(list(dict.fromkeys(units)))}"
-        reasons = [reason for reason in (reason_angles, reason_slides) if reason]
-        readings.append(Reading(columns, words, "; ".join(reasons)))
+        first = _quote(family[0].given)
+        last = _quote(family[-1].given)
+        distinct = list(dict.fromkeys(units))
+        words = f"{first} to {last} in {sentence_list(distinct)}"
+        reasons = filter(None, (reason_angles, reason_slides))
+        reading = Reading(columns, words, "; ".join(reasons))
+        readings.append(reading)
     return readings
 
 
@@ -160,13 +181,21 @@ def _list_units(
         return [allowed[0]], ""
     said = {name.unit for name in chosen}
     if said != {None}:
-        is_read = len(said) == 1 and said <= set(allowed)
-        return ([str(unit) for unit in said] if is_read else []), ""
+        return _keep_read_unit(said, allowed), ""
     values = np.concatenate([_read_values(table, name) for name in chosen])
+    highest = float(np.nanmax(values))
+    lowest = float(np.nanmin(values))
     if slides:
-        extent = float(np.nanmax(values) - np.nanmin(values))
-        return _list_length_units(extent, "travel")
-    return _list_angle_units(float(np.nanmax(np.abs(values))))
+        return _list_length_units(highest - lowest, "travel")
+    return _list_angle_units(max(highest, -lowest))
+
+
+def _keep_read_unit(said: set[str | None], allowed: Sequence[str]) -> list[str]:
+    """Keep the unit that all columns say, where it is one that is read; none otherwise."""
+    count = len(said)
+    if count > 1:
+        return []
+    return [unit for unit in allowed if unit in said]
 
 
 def _list_angle_units(largest: float) -> tuple[list[str], str]:
@@ -187,30 +216,36 @@ def _read_position_columns(table: Table, names: Sequence[ColumnName]) -> tuple[R
     """List the readings of columns that are called x, y and z."""
     families: dict[Family, dict[str, ColumnName]] = defaultdict(dict)
     for name in names:
-        if name.quantity in AXES and not name.words & OTHER_QUANTITIES:
-            families[name.stem, name.words].setdefault(str(name.quantity), name)
-    complete = [
-        [family[axis] for axis in AXES] for family in families.values() if len(family) == len(AXES)
-    ]
+        is_other = name.words & OTHER_QUANTITIES
+        axis = name.quantity
+        if axis in AXES and not is_other:
+            family = families[name.stem, name.words]
+            family.setdefault(str(axis), name)
+    found = families.values()
+    whole = [family for family in found if len(family) == len(AXES)]
+    complete = [[family[axis] for axis in AXES] for family in whole]
     readings = []
-    for family in _prefer_measured(complete):
-        units, reason = _list_position_units(table, family)
+    for columns in _prefer_measured(complete):
+        units, reason = _list_position_units(table, columns)
+        given = [name.given for name in columns]
+        listed = sentence_list([_quote(name) for name in given])
         for unit in units:
-            columns = {f"{a}_{unit}": name.given for a, name in zip(AXES, family, strict=True)}
-            listed = sentence_list([_quote(name.given) for name in family])
-            readings.append(Reading(columns, f"{listed} in {unit}", reason))
+            wanted = [f"{axis}_{unit}" for axis in AXES]
+            mapped = dict(zip(wanted, given, strict=True))
+            reading = Reading(mapped, f"{listed} in {unit}", reason)
+            readings.append(reading)
     return tuple(readings)
 
 
 def _list_position_units(table: Table, family: Sequence[ColumnName]) -> tuple[list[str], str]:
     said = {name.unit for name in family}
-    if len(said) == 1 and said <= {"mm", "m"}:
-        return [str(said.pop())], ""
     if said != {None}:
-        return [], ""
+        return _keep_read_unit(said, ("mm", "m")), ""
     values = np.stack([_read_values(table, name) for name in family])
-    extents = np.nanmax(values, axis=1) - np.nanmin(values, axis=1)
-    return _list_length_units(float(extents.max()), "over a range of")
+    highest = np.nanmax(values, axis=1)
+    lowest = np.nanmin(values, axis=1)
+    extent = np.max(highest - lowest)
+    return _list_length_units(float(extent), "over a range of")
 
 
 def _list_length_units(extent: float, words: str) -> tuple[list[str], str]:
@@ -227,7 +262,8 @@ def _list_length_units(extent: float, words: str) -> tuple[list[str], str]:
 
 def _read_values(table: Table, name: ColumnName) -> Array:
     values = convert_to_numbers(table.columns[name.given])
-    return np.where(np.isfinite(values), values, np.nan)
+    is_finite = np.isfinite(values)
+    return np.where(is_finite, values, np.nan)
 
 
 def _quote(name: str) -> str:
@@ -270,9 +306,11 @@ def _describe_choice(choice: Choice) -> str:
     if not choice.readings:
         return f"Nothing looks like {choice.what}."
     first, *others = choice.readings
-    is_plural = choice.what.endswith("s")
-    looks = "look" if is_plural else "looks"
-    subject = choice.what.capitalize()
+    what = choice.what
+    looks = "looks"
+    if what.endswith("s"):
+        looks = "look"
+    subject = what.capitalize()
     said = [f"{subject} {looks} like {first.sentence}"]
     said += [f"or {other.words}" for other in others]
     return f"{', '.join(said)}."

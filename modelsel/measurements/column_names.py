@@ -84,12 +84,14 @@ class ColumnName:
     @property
     def is_measured(self) -> bool:
         """Whether the name says that this was measured."""
-        return bool(self.words & MEASURED)
+        found = self.words & MEASURED
+        return bool(found)
 
     @property
     def is_commanded(self) -> bool:
         """Whether the name says that this was commanded."""
-        return bool(self.words & COMMANDED)
+        found = self.words & COMMANDED
+        return bool(found)
 
 
 def parse_column_name(name: str, unit: str | None = None) -> ColumnName:

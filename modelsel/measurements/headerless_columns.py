@@ -58,11 +58,14 @@ def is_headerless(table: Table) -> bool:
 
 
 def _number_joints(joints: int) -> tuple[str, ...]:
-    return tuple(f"J{k}" for k in range(1, joints + 1))
+    numbers = range(1, joints + 1)
+    return tuple(f"J{number}" for number in numbers)
 
 
 def _rename(table: Table, renamed: Mapping[str, str]) -> Table:
-    columns = {renamed[name]: cells for name, cells in table.columns.items()}
+    columns = {}
+    for name, cells in table.columns.items():
+        columns[renamed[name]] = cells
     return replace(table, columns=columns)
 
 
@@ -87,4 +90,6 @@ def _sort_columns(table: Table) -> tuple[list[str], dict[str, str]]:
 
 def _number_name(number: int, count: int) -> str:
     """Call the last column of names the point's; collection and group stand before it."""
-    return "point" if number == count else f"name {number}"
+    if number == count:
+        return "point"
+    return f"name {number}"

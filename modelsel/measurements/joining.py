@@ -4,7 +4,6 @@ nearest time, or by the order of the rows. What does not match is said."""
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -45,7 +44,11 @@ class Join:
 
     def is_like(self, other: Join) -> bool:
         """Whether two ways join the same rows."""
-        return np.array_equal(self.points, other.points) and np.array_equal(self.log, other.log)
+        points = other.points
+        log = other.log
+        has_points = np.array_equal(self.points, points)
+        has_log = np.array_equal(self.log, log)
+        return has_points and has_log
 
 
 def find_joins(points: Table, log: Table, max_gap: float) -> tuple[dict[str, Join], dict[str, str]]:
@@ -69,61 +72,95 @@ def join_tables(points: Table, log: Table, join: Join) -> Table:
     file."""
     _check_coordinates(points)
     order = np.lexsort((join.points, join.log))
-    at_points, at_log = join.points[order], join.log[order]
+    at_points = join.points[order]
+    at_log = join.log[order]
     dropped = list_dropped_columns(log)
-    columns = {name: cells[at_log] for name, cells in log.columns.items() if name not in dropped}
-    columns |= {name: cells[at_points] for name, cells in points.columns.items()}
+    columns = {}
+    for name, cells in log.columns.items():
+        if name not in dropped:
+            columns[name] = cells[at_log]
+    for name, cells in points.columns.items():
+        columns[name] = cells[at_points]
     units = {**log.units, **points.units}
-    lines = np.array([log.where.number(int(row)) for row in at_log], np.intp)
-    where = replace(log.where, at=lines)
-    return Table(columns, where, units, (*points.notes, *log.notes))
+    place = log.where
+    lines = [place.number(row) for row in at_log.tolist()]
+    at = np.array(lines, np.intp)
+    where = replace(place, at=at)
+    notes = (*points.notes, *log.notes)
+    return Table(columns, where, units, notes)
 
 
 def find_reflectors(joined: Table, readings: Index) -> str | None:
     """Find the column that tells reflectors apart, where rows share their readings (the same number
     in `readings`, (m,)) and stand apart; None where there is none."""
-    if len(np.unique(readings)) == len(readings):
+    distinct = np.unique(readings)
+    if len(distinct) == len(readings):
         return None
-    position = np.stack([_read_coordinate(joined, axis) for axis in COORDINATES], 1)
+    coordinates = [_read_coordinate(joined, axis) for axis in COORDINATES]
+    position = np.stack(coordinates, 1)
+    if not _stand_apart(position, readings):
+        return None
     for name, cells in joined.columns.items():
         labels = [str(cell) for cell in cells]
-        if not 1 < len(set(labels)) <= MAX_REFLECTORS or find_blank_cells(cells).any():
+        different = set(labels)
+        count = len(different)
+        is_blank = find_blank_cells(cells).any()
+        if is_blank or not 1 < count <= MAX_REFLECTORS:
             continue
-        pairs = set(zip(readings.tolist(), labels, strict=True))
-        if len(pairs) == len(labels) and _stand_apart(position, readings):
+        pairs = zip(readings.tolist(), labels, strict=True)
+        if len(set(pairs)) == len(labels):
             return name
     return None
 
 
 def _read_coordinate(joined: Table, axis: str) -> Array:
-    named = [name for name in joined.columns if parse_column_name(name).quantity == axis]
-    measured = [name for name in named if parse_column_name(name).is_measured]
-    chosen = (measured or named or [""])[0]
-    return convert_to_numbers(joined.columns[chosen]) if chosen else np.zeros(len(joined))
+    parsed = map(parse_column_name, joined.columns)
+    named = [name for name in parsed if name.quantity == axis]
+    measured = [name for name in named if name.is_measured]
+    chosen = measured or named
+    if not chosen:
+        count = len(joined)
+        return np.zeros(count)
+    first = chosen[0]
+    given = first.given
+    return convert_to_numbers(joined.columns[given])
 
 
 def _stand_apart(position: Array, readings: Index) -> bool:
     """Whether rows of the same readings are further apart than an arm that comes again."""
     order = np.argsort(readings, kind="stable")
-    same = readings[order][1:] == readings[order][:-1]
-    apart = np.abs(np.diff(position[order], axis=0)).max(axis=1)[same]
-    return bool(np.median(apart) > MIN_APART * np.ptp(position))
+    same = np.diff(readings[order]) == 0
+    steps = np.diff(position[order], axis=0)
+    apart = np.abs(steps).max(axis=1)
+    typical = np.median(apart[same])
+    extent = np.ptp(position)
+    return bool(typical > MIN_APART * extent)
 
 
 def list_dropped_columns(log: Table) -> list[str]:
     """List the coordinates of a log: the controller's own, not the instrument's."""
-    return [name for name in log.columns if parse_column_name(name).quantity in COORDINATES]
+    parsed = [parse_column_name(name) for name in log.columns]
+    coordinates = [name for name in parsed if name.quantity in COORDINATES]
+    return [name.given for name in coordinates]
 
 
 def describe_unmatched(points: Table, log: Table, join: Join) -> list[str]:
     """Say which rows of the points, and of the log, have no partner."""
-    said = [f"Joined {join.words}: {len(np.unique(join.points))} of {len(points)} points."]
-    alone = np.setdiff1d(np.arange(len(points)), join.points)
+    count = len(points)
+    all_points = np.arange(count)
+    alone = np.setdiff1d(all_points, join.points)
+    matched = count - len(alone)
+    said = [f"Joined {join.words}: {matched} of {count} points."]
     if len(alone):
-        said.append(f"Points without joint readings: {_list_rows(points.where, alone)}.")
-    unused = np.setdiff1d(np.arange(len(log)), join.log)
-    if len(unused) and join.way != "time":
-        said.append(f"Joint readings without a point: {_list_rows(log.where, unused)}.")
+        listed = _list_rows(points.where, alone)
+        said.append(f"Points without joint readings: {listed}.")
+    readings = len(log)
+    all_readings = np.arange(readings)
+    unused = np.setdiff1d(all_readings, join.log)
+    is_dense = join.way == "time"
+    if len(unused) and not is_dense:
+        listed = _list_rows(log.where, unused)
+        said.append(f"Joint readings without a point: {listed}.")
     dropped = ", ".join(list_dropped_columns(log))
     if dropped:
         said.append(f"Left out of {log.where.file}, the controller's own coordinates: {dropped}.")
@@ -131,7 +168,9 @@ def describe_unmatched(points: Table, log: Table, join: Join) -> list[str]:
 
 
 def _list_rows(where: Where, rows: Index) -> str:
-    return f"{where.file}, {where.spans(rows, MAX_LISTED)}"
+    spans = where.spans(rows, MAX_LISTED)
+    file = where.file
+    return f"{file}, {spans}"
 
 
 def _check_coordinates(points: Table) -> None:
@@ -150,17 +189,20 @@ def _check_coordinates(points: Table) -> None:
 def _join_by_name(points: Table, log: Table) -> Join | str:
     """Join by the pair of columns that have most names in common."""
     for shorten in (_squeeze_name, _keep_number):
-        matches = [
-            (len(np.unique(pairs[1])), name, other, pairs)
-            for name, cells in _list_names(points).items()
-            for other, readings in _list_names(log).items()
-            if (pairs := _match_names(cells, readings, shorten)) is not None
-            and len(pairs[0]) >= MIN_SHARE * len(points)
-            and len(np.unique(pairs[1])) >= MIN_NAMES
-        ]
-        if matches:
-            _, name, other, (rows, partners) = max(matches, key=lambda match: match[0])
-            return Join("name", rows, partners, f'by name ("{name}" = "{other}")')
+        best, most = None, MIN_NAMES - 1
+        for name, cells in _list_names(points).items():
+            for other, readings in _list_names(log).items():
+                rows, partners = _match_names(cells, readings, shorten)
+                different = np.unique(partners)
+                distinct = len(different)
+                least = MIN_SHARE * len(points)
+                is_enough = len(rows) >= least
+                if is_enough and distinct > most:
+                    words = f'by name ("{name}" = "{other}")'
+                    best = Join("name", rows, partners, words)
+                    most = distinct
+        if best is not None:
+            return best
     return "no column of names has half of the points in common with one of the joint log"
 
 
@@ -194,25 +236,35 @@ def _holds_names(cells: Any) -> bool:
 def _squeeze_name(cell: Any) -> str:
     """Write a name without what differs between programs: capitals, the collection and group that
     stand before it."""
-    text = str(cell).strip().rpartition("::")[2].casefold()
-    return text.removesuffix(".0")
+    text = str(cell).strip()
+    parts = text.split("::")
+    name = parts[-1]
+    plain = name.casefold()
+    return plain.removesuffix(".0")
 
 
 def _keep_number(cell: Any) -> str:
     """Write a name without the letters and zeros before its number: P007 and 7 are one."""
-    return LETTERS_BEFORE.sub("", _squeeze_name(cell))
+    name = _squeeze_name(cell)
+    return LETTERS_BEFORE.sub("", name)
 
 
-def _match_names(cells: Any, readings: Any, shorten: Any) -> tuple[Index, Index] | None:
-    """Match names (rows of the points, rows of the log); None where the log has a name twice."""
+def _match_names(cells: Any, readings: Any, shorten: Any) -> tuple[Index, Index]:
+    """Match names: (rows of the points, rows of the log); none where the log has a name twice."""
     keys = [shorten(cell) for cell in readings]
-    if max(Counter(keys).values()) > 1:
-        return None
     place = {key: row for row, key in enumerate(keys)}
-    found = [(row, place.get(shorten(cell))) for row, cell in enumerate(cells)]
-    pairs = [(row, partner) for row, partner in found if partner is not None]
-    matched = np.array(pairs, np.intp).reshape(-1, 2)
-    return matched[:, 0], matched[:, 1]
+    rows, partners = list[int](), list[int]()
+    if len(place) < len(keys):
+        place = {}
+    for row, cell in enumerate(cells):
+        key = shorten(cell)
+        partner = place.get(key)
+        if partner is not None:
+            rows.append(row)
+            partners.append(partner)
+    of_points = np.array(rows, np.intp)
+    of_log = np.array(partners, np.intp)
+    return of_points, of_log
 
 
 # -- by time and by order
@@ -221,46 +273,56 @@ def _match_names(cells: Any, readings: Any, shorten: Any) -> tuple[Index, Index]
 
 def _join_by_time(points: Table, log: Table, max_gap: float) -> Join | str:
     """Join every point with the readings of the nearest time."""
-    times, readings = find_times(points), find_times(log)
+    times = find_times(points)
+    readings = find_times(log)
     if times is None or readings is None:
         lacking = points if times is None else log
         return f"{lacking.where.file} has no column of times"
     if times.absolute != readings.absolute:
         return "one file has the time of day, the other a time that begins at zero"
+    of_points, of_log = times.seconds, readings.seconds
     both_dated = times.dated and readings.dated
-    of_points, of_log = (
-        each.seconds if both_dated or not each.absolute else each.seconds % DAY_SECONDS
-        for each in (times, readings)
-    )
+    if times.absolute and not both_dated:
+        of_points = of_points % DAY_SECONDS
+        of_log = of_log % DAY_SECONDS
     order = np.argsort(of_log, kind="stable")
-    nearest = order[_find_nearest(of_log[order], of_points)]
-    gap = np.abs(of_log[nearest] - of_points)
+    sorted_times = of_log[order]
+    nearest = order[_find_nearest(sorted_times, of_points)]
+    difference = of_log[nearest] - of_points
+    gap = np.abs(difference)
     close = np.flatnonzero(gap <= max_gap)
-    if len(close) < MIN_SHARE * len(points):
+    matched = len(close)
+    count = len(points)
+    if matched < MIN_SHARE * count:
+        median = np.median(gap)
         return (
-            f"{len(close)} of {len(points)} points have readings within {max_gap:g} s; the median "
-            f"gap is {np.median(gap):.3g} s (--max-gap, if the clocks differ by less)"
+            f"{matched} of {count} points have readings within {max_gap:g} s; the median "
+            f"gap is {median:.3g} s (--max-gap, if the clocks differ by less)"
         )
     largest = float(gap[close].max())
-    words = (
-        f'by nearest time ("{times.column}" and "{readings.column}", {largest:.3g} s apart at most)'
-    )
+    columns = f'"{times.column}" and "{readings.column}"'
+    words = f"by nearest time ({columns}, {largest:.3g} s apart at most)"
     return Join("time", close, nearest[close], words)
 
 
 def _find_nearest(sorted_times: Array, times: Array) -> Index:
-    after = np.clip(np.searchsorted(sorted_times, times), 1, max(len(sorted_times) - 1, 1))
-    before = after - 1
-    after = np.minimum(after, len(sorted_times) - 1)
-    is_before = times - sorted_times[before] <= sorted_times[after] - times
-    return np.asarray(np.where(is_before, before, after), np.intp)
+    last = len(sorted_times) - 1
+    place = np.searchsorted(sorted_times, times)
+    after = np.minimum(place, last)
+    before = np.maximum(place - 1, 0)
+    since = times - sorted_times[before]
+    until = sorted_times[after] - times
+    nearest = np.where(np.abs(since) <= np.abs(until), before, after)
+    return np.asarray(nearest, np.intp)
 
 
 def _join_by_order(points: Table, log: Table) -> Join | str:
     """Join row by row, where both have as many."""
-    if len(points) != len(log):
-        return f"{len(points)} points and {len(log)} rows of joint readings are not as many"
-    rows = np.arange(len(points))
+    count = len(points)
+    readings = len(log)
+    if count != readings:
+        return f"{count} points and {readings} rows of joint readings are not as many"
+    rows = np.arange(count)
     return Join("order", rows, rows, "row by row, in their order")
 
 

@@ -55,9 +55,13 @@ def _find_labels(
     found = []
     for name in names:
         column = table.columns[name.given]
-        if name.words & words and not find_blank_cells(column).any():
-            distinct = len({str(cell) for cell in column})
-            found += [name] if 1 <= distinct <= most else []
+        is_blank = find_blank_cells(column)
+        is_called = name.words & words
+        if is_blank.any() or not is_called:
+            continue
+        different = {str(cell) for cell in column}
+        if 1 <= len(different) <= most:
+            found.append(name)
     return found
 
 
@@ -95,7 +99,10 @@ def _find_time(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:
 
 def _is_complete(table: Table, name: str) -> bool:
     values = convert_to_numbers(table.columns[name])
-    return len(values) > 0 and bool(np.isfinite(values).all())
+    if not len(values):
+        return False
+    is_finite = np.isfinite(values)
+    return bool(is_finite.all())
 
 
 def _describe(table: Table, name: str) -> str:

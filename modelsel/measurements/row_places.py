@@ -38,13 +38,16 @@ class Where:
     @property
     def is_text(self) -> bool:
         """Whether it is a file of lines."""
-        is_lines = self.lines and not self.sheet
-        return self.is_file and is_lines
+        has_lines = self.lines
+        is_sheet = bool(self.sheet)
+        return self.is_file and has_lines and not is_sheet
 
     @property
     def is_counted_from_zero(self) -> bool:
         """Whether its first row is row 0."""
-        return not self.is_text and not self.sheet
+        is_sheet = bool(self.sheet)
+        is_numbered = self.is_text or is_sheet
+        return not is_numbered
 
     def number(self, row: int) -> int:
         """Number the 0-based `row` as the user does."""
@@ -111,7 +114,8 @@ class Where:
 
     def mapping(self, wanted: str, given: str) -> str:
         """Say how to map a column that has another name."""
-        return self.mapping_all({wanted: given})
+        columns = {wanted: given}
+        return self.mapping_all(columns)
 
     def mapping_all(self, columns: Mapping[str, str]) -> str:
         """Say how to map columns that have other names: contract name -> their own."""

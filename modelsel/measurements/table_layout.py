@@ -38,7 +38,8 @@ class Layout:
 
 def is_blank_row(row: Row) -> bool:
     """Whether no cell of a row holds anything."""
-    return not any(cell is not None and str(cell).strip() for cell in row)
+    filled = map(_as_text, row)
+    return not any(filled)
 
 
 def find_layout(rows: Sequence[Row]) -> Layout | None:
@@ -114,8 +115,12 @@ def _complete_names(names: Sequence[str], above: Row) -> list[str]:
 
 
 def _count_filled(row: Row) -> int:
-    return sum(bool(_as_text(cell)) for cell in row)
+    filled = filter(_as_text, row)
+    return len(list(filled))
 
 
 def _as_text(cell: Any) -> str:
-    return "" if cell is None else str(cell).strip()
+    if cell is None:
+        return ""
+    text = str(cell)
+    return text.strip()

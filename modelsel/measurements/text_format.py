@@ -184,7 +184,9 @@ def _is_excel_hint(line: str) -> bool:
 def split_rows(lines: Iterable[str], separator: str) -> Reader:
     """Split lines into rows of cells; `line_num` counts the lines."""
     if separator == BLANKS:
-        return csv.reader(("\t".join(line.split()) for line in lines), delimiter="\t")
+        words = (line.split() for line in lines)
+        joined = ("\t".join(cells) for cells in words)
+        return csv.reader(joined, delimiter="\t")
     return csv.reader(lines, delimiter=separator)
 
 
@@ -241,4 +243,5 @@ def _score_rows(sample: str, form: TextFormat) -> tuple[float, float]:
 
 
 def _count_numbers(row: Sequence[str]) -> int:
-    return sum(is_number(cell) for cell in row)
+    numbers = filter(is_number, row)
+    return len(list(numbers))

@@ -209,8 +209,10 @@ def _find_commented_header(
 
 def number_columns(rows: Sequence[Sequence[Any]]) -> list[str]:
     """Number the columns of a table without header, as many as its first row has."""
-    first = next(row for row in rows if not is_blank_row(row))
-    return [f"column {k}" for k in range(1, len(first) + 1)]
+    filled = [row for row in rows if not is_blank_row(row)]
+    width = len(filled[0])
+    numbers = range(1, width + 1)
+    return [f"column {number}" for number in numbers]
 
 
 def refuse_headerless(file: str) -> DataError:
@@ -294,11 +296,17 @@ def _find_starts(chunk: list[list[str]], line: int) -> NDArray[np.intp]:
     """Find the lines (m,) on which rows begin, the first on `line`: a cell between quotes may have
     several."""
     spans = [1 + _count_breaks(row) for row in chunk]
-    return np.asarray(line + np.cumsum([0, *spans[:-1]]), dtype=np.intp)
+    before = [0, *spans[:-1]]
+    starts = line + np.cumsum(before)
+    return np.asarray(starts, dtype=np.intp)
 
 
 def _count_breaks(row: Sequence[str]) -> int:
-    return sum(len(LINE_BREAK.findall(cell)) for cell in row)
+    count = 0
+    for cell in row:
+        breaks = LINE_BREAK.findall(cell)
+        count += len(breaks)
+    return count
 
 
 # -- what is said of a file

@@ -17,7 +17,7 @@ from .kinematics import Joint, Robot
 from .plain_values import check_robot_name
 from .rigid import align_z, from_rpy, inverse, rotation_matrix, transform
 from .robot_names import find_robot_name, suggest_robots
-from .ur_calibration import YAML_SUFFIXES, read_ur_calibration
+from .ur_kinematics import YAML_SUFFIXES, read_ur_calibration
 from .value_reader import Reader
 from .xacro_files import XACRO_SUFFIX, is_xacro, refuse_xacro
 
@@ -277,7 +277,8 @@ def builtin_names() -> list[str]:
 
 def is_robot_file(source: str) -> bool:
     """Whether a name is that of a robot file, by its suffix."""
-    return Path(source).suffix.lower() in ROBOT_SUFFIXES
+    suffix = Path(source).suffix
+    return suffix.lower() in ROBOT_SUFFIXES
 
 
 def load_robot(source: str | Path) -> Robot:

@@ -20,8 +20,11 @@ def find_robot_name(given: str, known: Sequence[str]) -> str | None:
     or without its maker's; None where there is none, or more than one."""
     if given in known:
         return given
-    means = {name for name in known if _squeeze(name) in _list_spellings(given)}
-    return means.pop() if len(means) == 1 else None
+    spellings = _list_spellings(given)
+    means = [name for name in known if _squeeze(name) in spellings]
+    if len(means) == 1:
+        return means[0]
+    return None
 
 
 def suggest_robots(given: str, known: Sequence[str]) -> str:
@@ -46,4 +49,5 @@ def _list_spellings(given: str) -> list[str]:
 
 
 def _squeeze(name: str) -> str:
-    return re.sub(r"[^a-z0-9]", "", name.lower())
+    small = name.lower()
+    return re.sub(r"[^a-z0-9]", "", small)

@@ -25,7 +25,8 @@ BY_HAND = (
 
 def is_xacro(path: Path | str) -> bool:
     """Whether a file is written in xacro, by its suffix."""
-    return Path(path).suffix.lower() == XACRO_SUFFIX
+    suffix = Path(path).suffix
+    return suffix.lower() == XACRO_SUFFIX
 
 
 def expand_xacro(path: Path, arguments: Mapping[str, str]) -> str:

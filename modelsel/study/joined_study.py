@@ -36,8 +36,8 @@ def draft_joined_study(
 ) -> StudyDraft:
     """Join points with joint readings and read the columns of both; `way`: by name, time or order,
     else the one that fits. Raises DataError where none fits, or two that differ do."""
-    measured = name_columns(load_table(replace(points, headerless=True)), robot.n)
-    readings = name_columns(load_table(replace(log, headerless=True)), robot.n)
+    measured = _load_named(points, robot)
+    readings = _load_named(log, robot)
     joins, reasons = find_joins(measured, readings, max_gap)
     if way is not None:
         if way not in joins:
@@ -45,15 +45,21 @@ def draft_joined_study(
         joins = {way: joins[way]}
     if not joins:
         raise refuse_join(measured, readings, reasons, WAYS)
-    drafts = {
-        each: _draft_join(measured, readings, join, robot, given)
-        for each, join in _drop_equal(joins).items()
-    }
+    drafts = {}
+    for each, join in _drop_equal(joins).items():
+        drafts[each] = _draft_join(measured, readings, join, robot, given)
     chosen, reason = _choose_way(drafts, joins, measured)
     draft = drafts[chosen]
     for sentence in describe_unmatched(measured, readings, joins[chosen]):
         draft = draft.remark(sentence)
     return draft.remark(reason) if reason else draft
+
+
+def _load_named(file: DataFile, robot: Robot) -> Table:
+    """Load a file, with names for its columns where it has no header."""
+    source = replace(file, headerless=True)
+    table = load_table(source)
+    return name_columns(table, robot.n)
 
 
 def _draft_join(

@@ -23,6 +23,8 @@ from ..robot.kinematics import Robot
 from ..setup.other_robots import compute_registered_misfit, sample_positions
 from .orientation_reading import settle_orientation
 
+# columns that a message names
+MAX_SHOWN = 20
 # readings of the columns that are tried on the arm
 MAX_TRIED = 16
 # a reading is the right one where the nominal arm fits to this share of its reach and so much
@@ -54,7 +56,11 @@ class StudyDraft:
     def columns(self) -> dict[str, str]:
         """Contract name -> name in the file, by the first reading of every choice."""
         first = [choice.readings[0] for choice in self.choices]
-        return {**self.given, **merge_columns([*first, *self.optional])}
+        optional = self.optional
+        readings = [*first, *optional]
+        guessed = merge_columns(readings)
+        given = self.given
+        return {**given, **guessed}
 
     def choose(self, what: str, reading: Reading) -> StudyDraft:
         """Return the draft with one choice settled."""
@@ -66,11 +72,15 @@ class StudyDraft:
 
     def remark(self, sentence: str) -> StudyDraft:
         """Return the draft with one sentence more to say."""
-        return replace(self, remarks=(*self.remarks, sentence))
+        before = self.remarks
+        remarks = (*before, sentence)
+        return replace(self, remarks=remarks)
 
     def read(self) -> Measurements:
         """Read the measurements. Raises DataError with file, line and column."""
-        return read_measurements(self.source, self.robot, self.columns)
+        columns = self.columns
+        robot = self.robot
+        return read_measurements(self.source, robot, columns)
 
 
 def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]) -> StudyDraft:
@@ -93,17 +103,20 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
             raise _refuse_missing(table, choice, robot)
     draft = StudyDraft(robot, source, table, given, tuple(choices), remarks=remarks)
     taken = {*draft.columns.values(), *given}
-    draft = replace(draft, optional=tuple(guess_optional_columns(renamed, taken)))
+    optional = guess_optional_columns(renamed, taken)
+    draft = replace(draft, optional=tuple(optional))
     return settle_by_arm(draft)
 
 
 def _draft_headerless(table: Table, robot: Robot, given: Mapping[str, str]) -> StudyDraft:
     """Read a table without header, of readings and coordinates in the order that the nominal arm
     fits. Raises DataError where it fits neither clearly better."""
-    drafts = [draft_study(each, robot, given) for each in list_orders(table, robot.n)]
+    orders = list_orders(table, robot.n)
+    drafts = [draft_study(each, robot, given) for each in orders]
     misfits = [_measure_draft(draft) for draft in drafts]
-    best = int(np.argmin(misfits))
-    least, most = min(misfits), max(misfits)
+    least = min(misfits)
+    most = max(misfits)
+    best = misfits.index(least)
     is_good = least <= MAX_REACH_SHARE * robot.reach
     is_clear = most >= MIN_IMPROVEMENT * least
     if not (is_good and is_clear):
@@ -119,30 +132,40 @@ def _draft_headerless(table: Table, robot: Robot, given: Mapping[str, str]) -> S
 def _measure_draft(draft: StudyDraft) -> float:
     """Compute how far the positions are from the nominal arm [mm]; infinite where they cannot be
     read."""
-    return _try_readings(draft, [choice.readings[0] for choice in draft.choices])
+    first = [choice.readings[0] for choice in draft.choices]
+    return _try_readings(draft, first)
 
 
 def add_orientation(draft: StudyDraft) -> StudyDraft:
     """Add the orientation where columns look like one and follow the nominal arm, to a draft whose
     other choices are settled."""
-    choice = guess_orientation(draft.table, set(draft.columns.values()), draft.robot.name)
-    if choice is None or any(name in draft.given for name in ORIENTATION_COLUMNS):
+    robot = draft.robot
+    columns = draft.columns
+    taken = set(columns.values())
+    choice = guess_orientation(draft.table, taken, robot.name)
+    given = set(draft.given)
+    is_given = given & set(ORIENTATION_COLUMNS)
+    if choice is None or is_given:
         return draft
-    choice, remark = settle_orientation(draft.source, draft.robot, draft.columns, choice)
+    choice, remark = settle_orientation(draft.source, robot, columns, choice)
     if not choice.readings:
         return draft.remark(remark)
-    return replace(draft, choices=(*draft.choices, choice))
+    before = draft.choices
+    choices = (*before, choice)
+    return replace(draft, choices=choices)
 
 
 def _refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
     is_joints = "joint" in choice.what
+    where = table.where
     first, wanted = "x_mm", "x_mm, y_mm and z_mm"
     if is_joints:
         first, wanted = "q1_deg", f"q1_deg to q{robot.n}_deg"
-    names = list(table.columns)[:20]
-    listed = ", ".join(f'"{name}"' for name in names)
+    names = list(table.columns)
+    shown = names[:MAX_SHOWN]
+    listed = ", ".join(f'"{name}"' for name in shown)
     joints = f"{robot.name} has {robot.n} joints"
-    return table.where.refuse(
+    return where.refuse(
         f"nothing looks like {choice.what}: {joints}, and the columns are {listed}.",
         remedy=f"Say which they are: --column {first}=NAME, and so on ({wanted}).",
     )
@@ -157,21 +180,28 @@ def settle_by_arm(draft: StudyDraft) -> StudyDraft:
     reading clearly better than all others."""
     if not any(choice.is_doubtful for choice in draft.choices):
         return draft
-    combinations = list(product(*(choice.readings for choice in draft.choices)))
+    readings = [choice.readings for choice in draft.choices]
+    combinations = list(product(*readings))
     if len(combinations) > MAX_TRIED:
         return draft
-    misfits = [_try_readings(draft, readings) for readings in combinations]
-    order = np.argsort(misfits)
-    best, second = misfits[order[0]], misfits[order[1]]
+    misfits = [_try_readings(draft, combination) for combination in combinations]
+    ordered = sorted(misfits)
+    best, second = ordered[:2]
     is_good = best <= MAX_REACH_SHARE * draft.robot.reach
-    if not (is_good and second >= MIN_IMPROVEMENT * best):
+    is_clear = second >= MIN_IMPROVEMENT * best
+    if not (is_good and is_clear):
         return draft
-    other = "not at all" if not np.isfinite(second) else f"to {second:.3g} mm"
+    other = "not at all"
+    if np.isfinite(second):
+        other = f"to {second:.3g} mm"
     reason = f"the nominal arm then fits to {best:.3g} mm, otherwise {other}"
-    for choice, reading in zip(draft.choices, combinations[order[0]], strict=True):
-        if choice.is_doubtful:
-            reasons = "; ".join(filter(None, (reading.reason, reason)))
-            draft = draft.choose(choice.what, replace(reading, reason=reasons))
+    chosen = combinations[misfits.index(best)]
+    for choice, reading in zip(draft.choices, chosen, strict=True):
+        if not choice.is_doubtful:
+            continue
+        reasons = filter(None, (reading.reason, reason))
+        explained = replace(reading, reason="; ".join(reasons))
+        draft = draft.choose(choice.what, explained)
     return draft
 
 
@@ -210,15 +240,25 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     lines = [f"Robot: {robot.name}, {robot.n} joints, reach {robot.reach:.0f} mm."]
     lines += [note.sentence for note in draft.table.notes]
     for choice in draft.choices:
-        lines.append(f"{choice.what[0].upper()}{choice.what[1:]}: {choice.readings[0].sentence}.")
+        first, *_ = choice.readings
+        what = choice.what.capitalize()
+        lines.append(f"{what}: {first.sentence}.")
     lines += [f"Also: {reading.sentence}." for reading in draft.optional]
-    targets = f", {len(data.targets)} targets" if len(data.targets) > 1 else ""
-    rows = "1 row" if len(data) == 1 else f"{len(data)} rows"
-    count = data.configurations
-    configurations = "1 configuration" if count == 1 else f"{count} configurations"
-    lines.append(f"{rows}, {configurations}{targets}.")
+    counts = [_count(len(data), "row"), _count(data.configurations, "configuration")]
+    targets = len(data.targets)
+    if targets > 1:
+        counts.append(_count(targets, "target"))
+    lines.append(f"{', '.join(counts)}.")
     lines += _describe_misfit(robot, data)
-    return [*lines, _describe_split(data), *draft.remarks]
+    lines.append(_describe_split(data))
+    return [*lines, *draft.remarks]
+
+
+def _count(number: int, word: str) -> str:
+    """Write a number with its word, in the plural where it is one of several."""
+    if number != 1:
+        word += "s"
+    return f"{number} {word}"
 
 
 def _describe_misfit(robot: Robot, data: Measurements) -> list[str]:

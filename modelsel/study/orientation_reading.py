@@ -46,7 +46,8 @@ def settle_orientation(
 
 
 def _explain(reading: Reading, angle: float) -> Reading:
-    reason = f"{np.degrees(angle):.2g}° from the nominal arm's, in the median"
+    degrees = np.degrees(angle)
+    reason = f"{degrees:.2g}° from the nominal arm's, in the median"
     return replace(reading, reason=reason)
 
 

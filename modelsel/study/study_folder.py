@@ -46,7 +46,9 @@ class RobotSource:
         path = Path(self.given)
         if self.urdf is None:
             return path.name
-        return f"{path.name.removesuffix(path.suffix).removesuffix('.urdf')}.urdf"
+        name = path.name.removesuffix(path.suffix)
+        stem = name.removesuffix(".urdf")
+        return f"{stem}.urdf"
 
     def read(self) -> bytes:
         """Read the robot file."""
@@ -80,7 +82,9 @@ def write_study_folder(
 
 
 def _is_inside(path: Path, folder: Path) -> bool:
-    return path.resolve().parent == folder.resolve()
+    real = path.resolve()
+    parent = real.parent
+    return parent == folder.resolve()
 
 
 def check_new(folder: Path) -> None:
@@ -112,11 +116,11 @@ def _format_measurements(draft: StudyDraft) -> list[str]:
     source = draft.source
     if isinstance(source, Table):
         return [f"file = {_quote(JOINED_FILE)}"]
-    lines = [f"file = {_quote(source.path.name)}"]
-    if source.sheet is not None:
-        lines.append(f"sheet = {_quote(source.sheet)}")
-    if source.decimal is not None:
-        lines.append(f"decimal = {_quote(source.decimal)}")
+    keys = {"file": source.path.name, "sheet": source.sheet, "decimal": source.decimal}
+    lines = []
+    for key, value in keys.items():
+        if value is not None:
+            lines.append(f"{key} = {_quote(value)}")
     if draft.columns:
         lines += ["", "[measurements.columns]  # name of a measurements file = name in this one"]
         lines += [f"{_key(name)} = {_quote(given)}" for name, given in draft.columns.items()]
@@ -132,7 +136,8 @@ def _write_table(table: Table) -> bytes:
 
 def _quote(text: str) -> str:
     """Write a text as a TOML string."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+    quoted = json.dumps(text, ensure_ascii=False)
+    return quoted.replace("\x7f", "\\u007f")
 
 
 def _key(name: Any) -> str:

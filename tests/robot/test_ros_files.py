@@ -188,6 +188,13 @@ def test_ur_calibration_of_the_nominal_arm_is_the_nominal_arm(tmp_path) -> None:
     assert np.allclose(forward(robot, q, tool), forward(load_robot("ur10e"), q, tool), atol=1e-6)
 
 
+def test_numbers_that_yaml_takes_for_words(tmp_path) -> None:
+    pytest.importorskip("yaml")
+    path = tmp_path / "c.yaml"
+    path.write_text(kinematics("y: 0", "y: 1e-05"))
+    assert load_robot(path).joints[0].before[1, 3] == pytest.approx(0.01)
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -87,7 +87,12 @@ def _read_link(
 
 
 def _as_number(value: Any) -> float | None:
-    """Return a finite number; None for anything else."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+    """Return a finite number; None for anything else. YAML 1.1 takes 1e-05 for a word."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         return None
-    return float(value) if math.isfinite(value) and abs(value) <= LARGEST else None
+    try:
+        number = float(value)
+    except ValueError:
+        return None
+    is_finite = math.isfinite(number)
+    return number if is_finite and abs(number) <= LARGEST else None
