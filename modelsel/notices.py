@@ -53,6 +53,7 @@ CODES = {
     "base-worse-than-nominal": "the base model is worse than the nominal one on held-out rows",
     "scan-of-some": "causes were looked for in a part of the estimation rows, drawn by the seed",
     "cv-not-estimable": "a model cannot be estimated without one of the folds; its cv_rms_mm is null",
+    "fit-unsettled": "a model of the ladder was not fitted to its minimum, which is far from the nominal arm",
     "table-differs": "the table of subsets chooses another model than naming",
     "search-unproven": "the best subset found by BIC is not proven to be the best",
     "held-out-against": "held-out rows speak against a finding",

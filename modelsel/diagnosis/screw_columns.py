@@ -4,15 +4,15 @@ At row i a screw of unit size moves the measured components by F_i (c,), which d
 alone, and a term moves them by F_i u_i, with the cause u_i. Thousands of candidates share some
 forty places, so no column is stored: with w_i = F_i · v_i, the product of a column with a vector v
 is Σ_i u_i w_i. Products with many vectors are one matrix product a place, of a third of the work
-that the columns themselves would take (a column-wise Khatri-Rao product)."""
+that the columns themselves would take (a column-wise Khatri-Rao product). The many splines of free
+functions are zero at most rows: only their other values are kept."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,16 +23,16 @@ from ..fitting.design import blocks
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
 from ..fitting.shared_errors import Mixing
-from ..mechanisms.causes import ONE, Cause
+from ..mechanisms.causes import ONE, Bump, Cause
 from ..mechanisms.terms import Screw, Term
 from ..robot.rigid import AXES
+from .local_causes import LocalCauses
+from .screw_places import Place, build_places
 
 # rows of one product, which is of full speed with as many, and numbers of the products by place
 # that are held together
 CACHED_ROWS = 1024
 TOGETHER = 1_500_000
-# causes in a row from which they are worth a product of their own, without a copy
-MIN_RUN = 16
 # place after all others
 LAST = 1 << 62
 # products of columns, rows and vectors from which a second core pays
@@ -41,46 +41,40 @@ MANY_PRODUCTS = 5e7
 CAUSES_SHARE = 0.75
 
 
-class _Run(NamedTuple):
-    """Causes (k,) of one place and their columns (k,), in slices where they are consecutive."""
-
-    causes: Index | slice
-    columns: Index | slice
-
-
-@dataclass(frozen=True, eq=False)
-class _Place:
-    """The columns of one place: the number of its field, and its causes with their columns.
-
-    No column stands there twice."""
-
-    number: int
-    runs: tuple[_Run, ...]
-
-
 @dataclass(frozen=True, eq=False)
 class _RowBlock:
     """A block of rows of the problem.
 
     `fields` (m, f, c): whitened displacement by a unit screw at every place; `coordinates`: its
     slice of all measured coordinates; `measured` (c·m,): which of its components are measured, None
-    for all; `kept` (u, m): the causes, None where they are evaluated each time. Fields are whitened
-    row by row; where rows share errors, the columns are made independent by `mixing`."""
+    for all; `local`: the splines among the causes, which are the last of them; `kept` (w, m): the
+    others, None where they are evaluated each time. Fields are whitened row by row; where rows share
+    errors, the columns are made independent by `mixing`."""
 
     problem: Problem
     fields: Array
     coordinates: slice
     measured: Index | None
-    causes: tuple[Cause, ...]
+    wide: tuple[Cause, ...]
     kept: Array | None
+    local: LocalCauses
     mixing: Mixing | None
 
-    def evaluate_causes(self, which: Index | None = None) -> Array:
-        """Return all causes (u, m) of the rows, or those `which` are asked for."""
-        if self.kept is not None:
-            return self.kept if which is None else self.kept[which]
-        causes = self.causes if which is None else [self.causes[k] for k in which]
-        return _evaluate(self.problem, causes)
+    def evaluate_wide(self) -> Array:
+        """Return the causes (w, m) that are not zero at most rows."""
+        return _evaluate(self.problem, self.wide) if self.kept is None else self.kept
+
+    def evaluate_causes(self, which: Index) -> Array:
+        """Return some causes (k, m) of the rows."""
+        out = np.empty((len(which), len(self.problem)))
+        is_wide = which < len(self.wide)
+        numbers = which[is_wide]
+        if self.kept is None:
+            out[is_wide] = _evaluate(self.problem, [self.wide[k] for k in numbers])
+        else:
+            out[is_wide] = self.kept[numbers]
+        out[~is_wide] = self.local.expand(which[~is_wide] - len(self.wide))
+        return out
 
     def arrange(self, values: NDArray[Any]) -> NDArray[Any]:
         """Arrange values (N, B) of all coordinates as (m, c, B) of this block's rows.
@@ -111,13 +105,17 @@ def _evaluate(problem: Problem, causes: Sequence[Cause]) -> Array:
 class ScrewColumns:
     """Whitened columns of C terms at N measured coordinates, by place and cause.
 
-    Coordinates are ordered by block of rows, component, row. `pairs` (3, n): column, field and
-    cause of every screw, ordered by column; `starts` (C+1,): where each column's screws begin."""
+    Coordinates are ordered by block of rows, component, row. `places` are those of causes that are
+    not zero at most rows, `local_places` those of the others, `local` (l,). `pairs` (3, n): column,
+    field and cause of every screw, ordered by column; `starts` (C+1,): where each column's screws
+    begin."""
 
     count: int
     rows: int
     blocks: tuple[_RowBlock, ...]
-    places: tuple[_Place, ...]
+    places: tuple[Place, ...]
+    local_places: tuple[Place, ...]
+    local: tuple[Cause, ...]
     pairs: Index
     starts: Index
 
@@ -136,7 +134,7 @@ class ScrewColumns:
         parts = 2 if is_large else 1
         out = np.zeros((self.count, matrix.shape[1]), matrix.dtype)
         for block in self.blocks:
-            causes = block.evaluate_causes()
+            causes = block.evaluate_wide()
             arranged = block.arrange(matrix)
             halves = list(split_range(len(arranged), -(-len(arranged) // parts)))
             # what is summed apart has a place of its own, but for the first
@@ -145,7 +143,16 @@ class ScrewColumns:
             map_in_threads(add_up, list(zip(halves, totals, strict=True)), worth=is_large)
             for total in totals[1:]:
                 out += total
+            self._add_local(block, arranged, out)
         return out.reshape(self.count, *values.shape[1:])
+
+    def _add_local(self, block: _RowBlock, values: NDArray[Any], out: NDArray[Any]) -> None:
+        """Add up the products of local causes over a block with values (m, c, B), to `out` (C, B)."""
+        for place in self.local_places:
+            field = block.fields[:, place.number].astype(values.dtype, copy=False)
+            by_place = np.matmul(field[:, None], values)[:, 0]
+            for run in place.runs:
+                out[run.columns] += block.local.dot(run.causes, by_place)
 
     def _add_up(
         self,
@@ -210,14 +217,30 @@ class ScrewColumns:
         fields = self.lone_field[columns]
         if len(columns) and fields[0] >= 0 and (fields == fields[0]).all():
             for block in self.blocks:
-                X = self._expand_lengths(block, columns)
-                total += X @ X.T
+                total += self._gram_at_place(block, columns)
             return total
         for block in self.blocks:
             size = CACHED_ROWS if block.mixing is None else len(block.fields)
             for rows in split_range(len(block.fields), size):
                 X = self._expand_rows(block, columns, rows)
                 total += np.einsum("kcm,lcm->kl", X, X, optimize=True)
+        return total
+
+    def _gram_at_place(self, block: _RowBlock, columns: Index) -> Array:
+        """Compute the products (k, k) of some columns of one screw at one place over a block."""
+        _, number, cause = self.pairs[:, self.starts[columns]]
+        square = np.square(block.fields[:, number[0]]).sum(1)
+        wide = np.flatnonzero(cause < len(block.wide))
+        local = np.flatnonzero(cause >= len(block.wide))
+        length = np.sqrt(square)
+        values = block.evaluate_causes(cause[wide]) * length
+        total = np.empty((len(columns), len(columns)))
+        total[np.ix_(wide, wide)] = values @ values.T
+        which = cause[local] - len(block.wide)
+        across = block.local.dot(which, (values * length).T)
+        total[np.ix_(local, wide)] = across
+        total[np.ix_(wide, local)] = across.T
+        total[np.ix_(local, local)] = block.local.gram(which, square)
         return total
 
     def _expand_rows(self, block: _RowBlock, columns: Index, rows: slice) -> Array:
@@ -237,11 +260,12 @@ class ScrewColumns:
 
     def mean_squares(self, problem: Problem, causes: Iterable[Cause]) -> dict[Cause, float]:
         """Compute the mean square of causes over the rows of the problem."""
-        known = self.blocks[0].causes
+        known = (*self.blocks[0].wide, *self.local)
         total = np.zeros(len(known))
         for block in self.blocks:
-            values = block.evaluate_causes()
-            total += np.einsum("um,um->u", values, values)
+            values = block.evaluate_wide()
+            squares = np.einsum("um,um->u", values, values)
+            total += np.concatenate([squares, block.local.sum_squares()])
         out = dict(zip(known, (total / len(problem)).tolist(), strict=True))
         for cause in causes:
             if cause not in out:
@@ -284,19 +308,26 @@ def build_screw_columns(
 
     The causes of all rows are kept where they take no more than their share of `memory_mb`."""
     fields, screws = _find_fields(problem, terms)
-    causes = tuple(dict.fromkeys(cause for own in screws for _, cause in own))
-    number = {cause: k for k, cause in enumerate(causes)}
+    causes = dict.fromkeys(cause for own in screws for _, cause in own)
+    wide = tuple(cause for cause in causes if not isinstance(cause, Bump))
+    local = tuple(cause for cause in causes if isinstance(cause, Bump))
+    number = {cause: k for k, cause in enumerate((*wide, *local))}
     pairs = np.array(
         [(k, f, number[cause]) for k, own in enumerate(screws) for f, cause in own], dtype=np.intp
     ).T.reshape(3, -1)
     starts = np.searchsorted(pairs[0], np.arange(len(terms) + 1))
-    is_kept = 8e-6 * len(causes) * len(problem) <= CAUSES_SHARE * memory_mb
-    row_blocks = tuple(_build_row_blocks(problem, fields, at, causes, is_kept))
+    is_kept = 8e-6 * len(wide) * len(problem) <= CAUSES_SHARE * memory_mb
+    row_blocks = tuple(_build_row_blocks(problem, fields, at, wide, local, is_kept))
+    is_wide = pairs[2] < len(wide)
+    wide_pairs, local_pairs = pairs[:, is_wide], pairs[:, ~is_wide]
+    local_pairs[2] -= len(wide)
     return ScrewColumns(
         count=len(terms),
         rows=row_blocks[-1].coordinates.stop,
         blocks=row_blocks,
-        places=tuple(_build_places(pairs, starts)),
+        places=tuple(build_places(wide_pairs)),
+        local_places=tuple(build_places(local_pairs)),
+        local=local,
         pairs=pairs,
         starts=starts,
     )
@@ -325,7 +356,8 @@ def _build_row_blocks(
     problem: Problem,
     fields: Sequence[Term],
     at: Linearisation | None,
-    causes: tuple[Cause, ...],
+    wide: tuple[Cause, ...],
+    local: tuple[Cause, ...],
     is_kept: bool,
 ) -> Iterator[_RowBlock]:
     start = 0
@@ -343,37 +375,9 @@ def _build_row_blocks(
             fields=np.ascontiguousarray(values.transpose(2, 0, 1)),
             coordinates=slice(start, stop),
             measured=measured,
-            causes=causes,
-            kept=_evaluate(part, causes) if is_kept else None,
+            wide=wide,
+            kept=_evaluate(part, wide) if is_kept else None,
+            local=LocalCauses.of(part, local),
             mixing=None if part.whitening.shared is None else part.whitening.shared.mixing,
         )
         start = stop
-
-
-def _build_places(pairs: Index, starts: Index) -> Iterator[_Place]:
-    """Group the screws by field; a term's second screw at one field stands in a group of its own."""
-    column, number, cause = pairs
-    layer = np.zeros(len(column), np.intp)
-    for first, last in pairwise(starts.tolist()):
-        if last - first > 1:
-            own = number[first:last]
-            layer[first:last] = [int((own[:k] == own[k]).sum()) for k in range(last - first)]
-    for field, depth in np.unique(np.stack([number, layer]), axis=1).T.tolist():
-        inside = np.flatnonzero((number == field) & (layer == depth))
-        yield _Place(field, tuple(_find_runs(cause[inside], column[inside])))
-
-
-def _find_runs(causes: Index, columns: Index) -> Iterator[_Run]:
-    """Find where causes and columns are consecutive; what is in no run stands together."""
-    order = np.argsort(causes, kind="stable")
-    causes, columns = causes[order], columns[order]
-    is_end = (np.diff(causes) != 1) | (np.diff(columns) != 1)
-    ends = np.flatnonzero(np.append(is_end, True)) + 1
-    alone = np.ones(len(causes), bool)
-    for start, end in pairwise([0, *ends.tolist()]):
-        if end - start >= MIN_RUN:
-            first, top = int(causes[start]), int(columns[start])
-            yield _Run(slice(first, first + end - start), slice(top, top + end - start))
-            alone[start:end] = False
-    if alone.any():
-        yield _Run(causes[alone], columns[alone])

@@ -19,8 +19,8 @@ from .linearisation import add_feature_changes
 from .observation import predict_readings, reading_gradients
 from .problem import Problem
 
-# numbers of causes that are kept between evaluations (80 MB); of more, a block's are made anew
-MAX_KEPT = 10_000_000
+# numbers of causes that are kept between evaluations (240 MB); of more, a block's are made anew
+MAX_KEPT = 30_000_000
 ROWS = 2000  # of a block, whose screw field a core's cache about holds
 
 
@@ -117,23 +117,30 @@ class Rows:
         """The model's screws."""
         return _Screws(self.terms)
 
+    def parts(self) -> Iterator[tuple[slice, _Part]]:
+        """Yield the blocks of the rows; their causes are kept where they are not too many."""
+        varying = sum(map(len, self.screws.varying.values()))
+        is_kept = varying * len(self.problem) <= MAX_KEPT
+        yield from self._kept if is_kept else self._make()
+
     @cached_property
-    def parts(self) -> list[_Part]:
-        """Blocks of the rows, where their causes may be kept."""
-        return [_Part(part, self.screws) for _, part in self.problem.parts(ROWS)]
+    def _kept(self) -> list[tuple[slice, _Part]]:
+        return list(self._make())
+
+    def _make(self) -> Iterator[tuple[slice, _Part]]:
+        for rows, part in self.problem.parts(ROWS):
+            yield rows, _Part(part, self.screws)
 
     def along(self, theta: Array, change: Array) -> Iterator[tuple[slice, Array, Array]]:
         """Yield, of every block of rows that are points, (rows, residual (c, rows), the columns at
         theta (p,) times a change (p,) of it), not whitened; overwritten by the next."""
-        for rows, part in self.problem.parts(ROWS):
-            yield rows, *_Arm(part, self.screws).along(theta, change, self.space)
+        for rows, part in self.parts():
+            yield rows, *part.arm.along(theta, change, self.space)
 
     def at(self, theta: Array) -> Slope:
         """Evaluate at parameters theta (p,)."""
         squares, products = 0.0, np.zeros(len(theta))
-        is_kept = len(self.terms) * len(self.problem) <= MAX_KEPT
-        fresh = (_Part(part, self.screws) for _, part in self.problem.parts(ROWS))
-        for part in self.parts if is_kept else fresh:
+        for _, part in self.parts():
             slope = part.at(theta, self.space)
             squares += slope.squares
             products += slope.products

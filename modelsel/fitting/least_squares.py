@@ -18,10 +18,11 @@ from .linearisation import Linearisation
 from .prior import WeakPrior, fitted_terms, prior_root, prior_rows, with_prior
 from .problem import Problem
 from .reduction import Reduction, Source
-from .sampled import SampledSolver, draw_sample, takes_sample
+from .sampled import SAMPLE_STEP_MM, SampledSolver, draw_sample, takes_sample
 from .solver import ITERATIONS, Held, Solver
 
 STEP_MM = 1e-4  # 0.1 µm
+UNSETTLED_MM = 0.1  # last step of all rows together from which a fit has not arrived
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +58,11 @@ class Fit:
         prior says more."""
         fitted = self.found.rank
         return fitted - self.weak.held
+
+    @property
+    def settled(self) -> bool:
+        """Whether the iteration has arrived at the minimum."""
+        return self.step_mm <= UNSETTLED_MM
 
     @cached_property
     def freedom(self) -> float:
@@ -184,7 +190,9 @@ def fit(  # noqa: PLR0913  all but two have defaults
     parameters, or the iteration does not settle."""
     if isinstance(problem, Problem) and takes_sample(problem, model, held):
         sample = draw_sample(problem)
-        first = fit(sample, model, precision=precision, start=start, held=held)
+        first = fit(
+            sample, model, precision=precision, start=start, step_mm=SAMPLE_STEP_MM, held=held
+        )
         start = first.theta
         solver: Solver = sampled_solver(problem, sample, first, held, fold_of)
     else:

@@ -18,7 +18,7 @@ from ..mechanisms.terms import Term
 from ..robot._kernels import Workspace
 from .design import assemble, whiten
 from .linearisation import Linearisation
-from .problem import Problem
+from .problem import BLOCK, Problem
 from .whitening import UNIT, Whitening
 
 TOLERANCE = 1e-11  # of a unit column: structural dependence leaves 1e-14, NIST's Filip 1e-9 or more
@@ -264,15 +264,28 @@ def reduce_folds(
     triangles = [
         np.zeros((len(wanted), len(wanted)), order="F") for _ in range(int(fold_of.max()) + 1)
     ]
+    problem, fold_of = sort_by_fold(problem, fold_of)
     space = Workspace()
     for rows, part in problem.parts(STREAM):
-        design = whiten(part, assemble(part, terms, at, space=space))[wanted]
+        design = whiten(part, assemble(part, terms, at, space=space))
+        if len(wanted) < len(design):
+            design = design[wanted]
         folds = fold_of[rows]
         for k in np.unique(folds).tolist():
-            block = design[:, :, folds == k].reshape(len(wanted), -1)
-            _stack(triangles[k], block.T)
+            own = folds == k
+            block = design if own.all() else design[:, :, own]
+            _stack(triangles[k], block.reshape(len(wanted), -1).T)
     counts = problem.counted(fold_of, len(triangles)).tolist()
     return [Reduction(R, rows) for R, rows in zip(triangles, counts, strict=True)]
+
+
+def sort_by_fold(problem: Problem, fold_of: Index) -> tuple[Problem, Index]:
+    """Return many rows and their folds (m,), one fold after the other: most blocks are of one fold,
+    and nothing is picked from them. Rows that share errors stay in their order."""
+    if len(problem) <= BLOCK or problem.whitening.shared is not None:
+        return problem, fold_of
+    order = np.argsort(fold_of, kind="stable")
+    return problem.take(order), fold_of[order]
 
 
 def multiply_problem(

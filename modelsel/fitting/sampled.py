@@ -16,11 +16,12 @@ from .design import Model
 from .expansion import Expansion
 from .gradient import Slope
 from .identifiability import Identified
-from .iteration import State, compute_direction
+from .iteration import Before, State, compute_direction, extrapolate
 from .linearisation import Linearisation
+from .prior import WeakPrior
 from .problem import Problem
 from .reduction import Reduction, merged, mix_dependent, reduce_folds
-from .solver import ITERATIONS, Held, Solver
+from .solver import ROUNDS, STUCK, Held, Solver
 
 # rows, of which a sample is fitted first
 MANY_ROWS = 50_000
@@ -29,9 +30,19 @@ SHARE = 1 / 8
 GOLDEN = (np.sqrt(5) - 1) / 2
 # mm of a coordinate (rms): as far from a point do its columns change by a ten millionth
 NEAR_MM = 1e-4
-# steps by the sample's products, and what a step should leave of the one before
+# step of the sample's own fit [mm]: chance moves its solution by far more
+SAMPLE_STEP_MM = 1e-2
+# steps by the sample's products at most, what a step should leave of the one before, and what it
+# leaves by the sample's own chance, in standard errors of its products
 STEPS = 8
 QUICK = 0.2
+SPREAD = 3.0
+# share of the cost below which a gain shows in no figure
+GAIN = 1e-7
+# damping of a step that overshoots, of the columns' squares, and what it grows by if it still does
+FIRST_DAMPING, MORE_DAMPING = 1e-6, 100.0
+# times that the rows are reduced for one fit
+EXPANSIONS = 3
 
 
 def takes_sample(problem: Problem, model: Model, held: Held) -> bool:
@@ -109,16 +120,35 @@ class SampledSolver(Solver):
         theta = np.where(np.isin(np.arange(len(theta)), found.kept), theta, 0.0)
         slope = self.rows.at(theta)
         state = super().begin(theta, precision, found, self.expand_sample(theta, slope))
-        size = np.inf
+        return self.expanded(self.approach(replace(state, slope=slope)))
+
+    def approach(self, state: State) -> State:
+        """Approach the solution by the exact slope and the sample's products, as long as that lowers
+        the cost.
+
+        Far from the nominal arm these products may say nothing of a direction along which the rows
+        change: steps that overshoot are damped."""
+        size, share = np.inf, SPREAD * np.sqrt(len(state.theta) / self.sample.count)
         for _ in range(STEPS):
             state = self.judge(state)
+            if state.far is not None and not state.damping:
+                state = replace(state, damping=FIRST_DAMPING)
             delta, step = compute_direction(state)
-            theta = state.theta + delta
-            left, size = step / size, step
-            if left > QUICK or 0 < size * left < self.near:
+            if np.isfinite(size):
+                share = step / size
+            there = replace(state, theta=state.theta + delta)
+            if step * share < self.near and not state.damping:
+                return there
+            there = replace(there, slope=self.rows.at(there.theta))
+            gained = state.cost - there.cost
+            if gained < 0:
+                damping = max(MORE_DAMPING * state.damping, FIRST_DAMPING)
+                state, size = replace(state, damping=damping), np.inf
+                continue
+            state, size = there, step
+            if gained < GAIN * state.cost or share > QUICK:
                 break
-            state = replace(state, theta=theta, slope=self.rows.at(theta))
-        return self.expanded(replace(state, theta=theta))
+        return replace(state, damping=0.0)
 
     def expand_sample(self, theta: Array, slope: Slope) -> Expansion:
         """Return the expansion about theta (p,) of the exact slope there and the products of the
@@ -166,24 +196,71 @@ class SampledSolver(Solver):
         """Return whether the expansion is as good as one about theta."""
         return state.expansion.distance(state.theta) < self.near
 
+    def settle(self, state: State, iterations: int, step_mm: float) -> State:
+        """Judge what is fitted and solve, until that stays. The rows are reduced again where the
+        solution is far from where they were; where the exact cost is higher there, the fit ends
+        where they were."""
+        if state.damping:
+            return self.judge(state)
+        for _ in range(EXPANSIONS):
+            state = self.settle_linear(state, iterations, step_mm)
+            if self.is_near(state):
+                return state
+            start = self.restart(state)
+            there = replace(state, slope=self.rows.at(state.theta))
+            if there.cost > start.cost:
+                return replace(start, damping=STUCK)
+            state = self.expanded(there)
+        return state
+
+    def settle_linear(self, state: State, iterations: int, step_mm: float) -> State:
+        """Judge what is fitted and solve, about the point of one expansion."""
+        earlier: list[WeakPrior] = []
+        for _ in range(ROUNDS):
+            judged = self.judge(state)
+            has_more = judged.weak.count > state.weak.count
+            returns = not has_more and any(judged.weak.like(weak) for weak in earlier)
+            stays = returns or judged.weak.like(state.weak)
+            if judged.found.kept == state.found.kept and stays and state.step_mm < step_mm:
+                break
+            earlier.append(state.weak)
+            state = self.solve(judged, iterations, step_mm)
+        return state
+
+    def restart(self, state: State) -> State:
+        """Return to the point of the expansion."""
+        expansion = state.expansion
+        step = expansion.distance(state.theta) / self.weight
+        return replace(state, theta=expansion.theta, slope=expansion.slope, step_mm=step)
+
     def confirm(self, state: State, step_mm: float) -> State:
         """Go on from where the iteration has ended, until a step by the exact slope is shorter than
-        `step_mm`; where steps do not get shorter quickly, the squares are expanded anew. Where that
-        leads nowhere, by steps that are damped."""
-        size = np.inf
+        `step_mm` or no shorter than the one before; where that leads far, the rows are reduced
+        again, once. Steps that do not get shorter quickly are accelerated."""
+        size, again, before = np.inf, True, None
         for _ in range(STEPS):
-            exact = replace(state, slope=self.rows.at(state.theta))
-            delta, step = compute_direction(exact)
-            if step < step_mm * self.weight:
-                return replace(exact, step_mm=step / self.weight)
-            state = replace(exact, theta=exact.theta + delta)
-            is_slow, size = step > QUICK * size, step
-            if is_slow or not self.is_near(state):
-                state = self.settle(self.expanded(exact), ITERATIONS, step_mm)
-                size = np.inf
-        state = super().solve(state, ITERATIONS, step_mm)
-        self.refuse(state, True, step_mm)
+            exact = replace(state, slope=self.rows.at(state.theta), before=before)
+            delta, step = compute_direction(replace(exact, damping=0.0))
+            exact = replace(exact, step_mm=step / self.weight)
+            if state.damping or step < step_mm * self.weight or step > size:
+                return exact
+            if not self.is_near(exact) and again:
+                state = self.settle(self.expanded(exact), 1, step_mm)
+                size, again, before = np.inf, False, None
+                continue
+            is_slow = before is not None and step > QUICK * size
+            move = extrapolate(exact, delta) if is_slow else delta
+            state, size, before = (
+                replace(exact, theta=exact.theta + move),
+                step,
+                Before(exact.theta, delta),
+            )
         return state
+
+    def refuse(self, state: State, settled: bool, step_mm: float) -> None:
+        """Raise NotEstimable where the data have no more coordinates than the model has parameters;
+        a fit that ends where its cost gets no lower is taken."""
+        super().refuse(state, False, step_mm)
 
     def solve(self, state: State, iterations: int, step_mm: float) -> State:
         """Go to the minimum of the squares about the expansion's point: one step leads there."""

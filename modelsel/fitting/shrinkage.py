@@ -16,7 +16,7 @@ from .design import Model
 from .iteration import State
 from .least_squares import STEP_MM, Fit, begin, finish, fit, go_on, sampled_solver, solver_of
 from .problem import Problem
-from .sampled import draw_sample, takes_sample
+from .sampled import SAMPLE_STEP_MM, draw_sample, takes_sample
 from .solver import ITERATIONS, Held, Solver
 from .splines import spline, spline_groups
 
@@ -223,7 +223,7 @@ def fit_shrunk(
     groups = wide_groups(model)
     if groups and takes_sample(problem, model, held):
         sample = draw_sample(problem)
-        start = fit_shrunk(sample, model, start, step_mm, held=held)
+        start = fit_shrunk(sample, model, start, SAMPLE_STEP_MM, held=held)
     if start is not None:
         known = _by_key(start, start.theta)
         theta = np.array([known.get(term.key, 0.0) for term in model.terms])

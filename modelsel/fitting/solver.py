@@ -141,14 +141,11 @@ class Solver:
         found: Identified,
         expansion: Expansion | None = None,
     ) -> State:
-        """Begin at parameters theta (p,), the fixed terms at zero; the expansion is of a point
-        nearby."""
+        """Begin at parameters theta (p,), the fixed terms at zero; the expansion is one there."""
         theta = np.where(np.isin(np.arange(len(theta)), found.kept), theta, 0.0)
         if expansion is None:
             expansion = self.expand(theta)
         slope = expansion.slope
-        if isinstance(self.problem, Problem) and expansion.theta is not theta:
-            slope = self.rows.at(theta)
         shrinkage = Shrinkage.of(self.model.terms, precision)
         expansion, triangle = self.factorise(expansion, found, shrinkage)
         return State(

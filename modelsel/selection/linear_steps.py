@@ -17,7 +17,7 @@ from ..fitting.least_squares import Fit
 from ..fitting.linear_step import Step, one_step
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
-from ..fitting.reduction import Reduction, scatter_columns
+from ..fitting.reduction import Reduction, scatter_columns, sort_by_fold
 from ..robot._kernels import Workspace
 from .cross_validation import CrossValidation, FoldedData, validate_moments
 from .evaluation import Evaluation, Split, build_evaluation, summarise_lengths
@@ -158,6 +158,7 @@ def _measure_ends(training: Problem, ends: Sequence[_End], folds_of: Index) -> N
     for end in ends:
         end.products = np.zeros((folds, *end.products.shape[1:]))
     spaces = [Workspace() for _ in ends]
+    training, folds_of = sort_by_fold(training, folds_of)
     for rows, part in training.parts():
         for end, space in zip(ends, spaces, strict=True):
             block = assemble(part, end.step.model.terms, end.at(), space=space)

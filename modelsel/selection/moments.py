@@ -263,8 +263,10 @@ def transform(block: Array, columns: Array) -> Array:
 def add_products(products: Array, values: Array, fold_of: Index) -> None:
     """Add the products of values (r+1, c, rows) to those (K, r+1, r+1) of their rows' folds."""
     for k in np.unique(fold_of):
-        chosen = values[:, :, fold_of == k].reshape(len(values), -1)
-        products[k] += chosen @ chosen.T
+        own = fold_of == k
+        chosen = values if own.all() else values[:, :, own]
+        flat = chosen.reshape(len(values), -1)
+        products[k] += flat @ flat.T
 
 
 def rows_by_unit(

@@ -102,7 +102,8 @@ def collect_held_out_notes(
 def collect_fit_notes(
     split: Split, ladder: Sequence[Evaluation], known_floor: Floor | None, floor_doubted: bool
 ) -> list[Note]:
-    """Return the warnings on lack of fit and on models that could not be cross-validated.
+    """Return the warnings on lack of fit, and on models that could not be cross-validated or whose
+    fit has not settled.
 
     `known_floor`: None where it is estimated; `floor_doubted`: whether another warning says already
     how far the floor is from what is left.
@@ -123,6 +124,17 @@ def collect_fit_notes(
                 f"No cross-validation of {', '.join(unvalidated)}: without one of the folds the "
                 "data do not determine it, and its cv_rms_mm is null. More folds or configurations "
                 "are needed.",
+            )
+        )
+    unsettled = [" + ".join(model.names) for model in ladder if not model.fit.settled]
+    if unsettled:
+        notes.append(
+            Note(
+                "fit-unsettled",
+                f"The fit of {', '.join(unsettled)} ended before its minimum: without a cause that "
+                "is there, the parameters drift far from the nominal arm along combinations that "
+                "hardly move the target. The error that is given is where no step lowered it any "
+                "more; at the minimum it may be a little smaller.",
             )
         )
     return notes

@@ -17,7 +17,7 @@ from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.problem import Problem
-from modelsel.mechanisms.causes import Named, cos, q, sin
+from modelsel.mechanisms.causes import Bump, Named, cos, q, sin
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Screw, Term
 
@@ -73,6 +73,35 @@ def test_products_do_not_depend_on_the_memory_that_is_allowed(
     assert np.array_equal(kept.expand(np.arange(5)), evaluated.expand(np.arange(5)))
     monkeypatch.setattr(screw_columns, "CACHED_ROWS", 7)
     np.testing.assert_allclose(evaluated.dot(V), kept.dot(V), rtol=1e-12, atol=1e-9)
+
+
+def test_splines_are_kept_where_they_are_not_zero(rng: np.random.Generator) -> None:
+    """Products, columns and mean squares are those of the splines in full, of a few of the rows'
+    numbers."""
+    at = drawn("puma760", rng, 5000)  # more than one block of rows
+    splines = [Bump("q2", centre, 0.1) for centre in np.arange(-2.0, 0.5, 0.1).tolist()]
+    own = [Term(f"s{k}", (Screw(2, "rz", one),)) for k, one in enumerate(splines)]
+    twice = Term("twice", (Screw(2, "rz", splines[3]), Screw(4, "tx", splines[4])))
+    terms = (TERMS[0], *own, twice, TERMS[4])
+    screws = build_screw_columns(at, terms, None, 500.0)
+    X, _ = stack_design(at, terms, None)
+    V = rng.normal(size=(len(X), 4))
+    np.testing.assert_allclose(screws.dot(V), X.T @ V, rtol=1e-11, atol=1e-7)
+    single = screws.dot(V.astype(np.float32))
+    assert single.dtype == np.float32
+    every = np.arange(len(terms))
+    np.testing.assert_allclose(screws.expand(every), X.T, rtol=1e-12, atol=1e-12)
+    at_one_place = np.setdiff1d(every, [len(terms) - 2])
+    own_columns = X[:, at_one_place]
+    np.testing.assert_allclose(
+        screws.gram(at_one_place), own_columns.T @ own_columns, rtol=1e-11, atol=1e-6
+    )
+    squares = screws.mean_squares(at, splines)
+    for one in splines:
+        assert squares[one] == pytest.approx(np.square(one.of(at.state)).mean(), rel=1e-12)
+    kept = sum(len(block.local.values) for block in screws.blocks)
+    assert kept == sum(np.count_nonzero(one.of(at.state)) for one in splines)
+    assert kept < 0.2 * len(splines) * len(at)
 
 
 def test_columns_that_are_asked_for_again_are_kept_within_bounds(

@@ -11,15 +11,21 @@ from builders import drawn, planted
 from modelsel._typing import Array
 from modelsel.fitting import sampled
 from modelsel.fitting.design import Model
-from modelsel.fitting.least_squares import Fit, fit
+from modelsel.fitting.gradient import Slope
+from modelsel.fitting.iteration import compute_direction
+from modelsel.fitting.least_squares import STEP_MM, Fit, finish, fit, sampled_solver
 from modelsel.fitting.problem import Problem
+from modelsel.fitting.reduction import Reduction
 from modelsel.fitting.sampled import draw_sample
 from modelsel.fitting.shrinkage import fit_shrunk
+from modelsel.fitting.solver import ITERATIONS, Solver
 from modelsel.mechanisms.causes import Bump, Named, q, sin
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.notices import CODES
 from modelsel.robot.files import load_robot
-from modelsel.selection.evaluation import Split, evaluate
+from modelsel.selection.evaluation import Evaluation, Split, evaluate
+from modelsel.study.study_notes import collect_fit_notes
 
 ARM = load_robot("puma760")
 ROWS = 1600
@@ -99,6 +105,45 @@ def test_what_few_rows_show_is_fitted(rng, many) -> None:
     assert len(model.terms) - 1 in whole.found.kept
 
 
+def test_a_step_that_overshoots_is_damped(rng) -> None:
+    """By products of a sample that say too little, a full step would raise the cost."""
+    at = measure(rng, PLAIN)
+    sample = draw_sample(at)
+    first = fit(sample, PLAIN)
+    solver = sampled_solver(at, sample, first, "geometry", None)
+    slope = solver.rows.at(first.theta)
+    faint = replace(solver, reduction=Reduction(0.3 * first.reduction.R, first.reduction.rows))
+    start = Solver.begin(
+        faint, first.theta, None, first.found, faint.expand_sample(first.theta, slope)
+    )
+    start = replace(start, slope=slope)
+    delta, _ = compute_direction(faint.judge(start))
+    assert solver.rows.at(first.theta + delta).squares > slope.squares
+    arrived = faint.approach(start)
+    assert arrived.cost < start.cost
+    assert solver.rows.at(arrived.theta).squares < slope.squares
+
+
+def test_a_fit_ends_where_its_cost_gets_no_lower(rng) -> None:
+    """Where the rows' second order leads uphill, the fit stays where they were reduced, and says
+    so; nothing is raised."""
+    at = measure(rng, PLAIN)
+    sample = draw_sample(at)
+    first = fit(sample, PLAIN)
+    assert first.settled
+    solver = sampled_solver(at, sample, first, "geometry", None)
+    state = solver.begin(first.theta, None, first.found)
+    gram, squares = state.expansion.gram, state.slope.squares
+    tilt = gram[0] * np.sqrt(0.5 * squares / gram[0, 0])
+    steep = Slope(squares, state.slope.products + tilt)
+    uphill = replace(state, slope=steep, expansion=replace(state.expansion, slope=steep))
+    ended = solver.settle(uphill, ITERATIONS, STEP_MM)
+    assert np.array_equal(ended.theta, state.expansion.theta)
+    fitted = finish(solver, solver.confirm(ended, STEP_MM))
+    assert np.array_equal(fitted.theta, state.expansion.theta)
+    assert not replace(fitted, step_mm=1.0).settled
+
+
 def split_of(at: Problem, rng: np.random.Generator) -> Split:
     estimation = np.arange(ROWS) % 5 > 0
     folds = np.where(estimation, rng.integers(0, 4, ROWS), -1)
@@ -118,6 +163,19 @@ def figures(split: Split) -> tuple[list[float], Array]:
         evaluation.bic,
     ]
     return numbers, evaluation.crossed
+
+
+def test_a_fit_that_has_not_settled_is_said(rng) -> None:
+    split = split_of(measure(rng, PLAIN), rng)
+    evaluation = evaluate(split, PLAIN, PLAIN.names)
+    stopped = replace(evaluation, fit=replace(evaluation.fit, step_mm=1.0))
+
+    def warned(ladder: list[Evaluation]) -> list[str]:
+        return [note.code for note in collect_fit_notes(split, ladder, None, floor_doubted=True)]
+
+    assert warned([evaluation]) == []
+    assert warned([stopped, evaluation]) == ["fit-unsettled"]
+    assert "fit-unsettled" in CODES
 
 
 def test_folds_come_with_the_fit(rng, many) -> None:

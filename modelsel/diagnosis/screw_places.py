@@ -1,0 +1,62 @@
+"""Where the columns of screws stand: by place, in runs that products take without a copy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from .._typing import Index
+
+# causes in a row from which they are worth a product of their own, without a copy
+MIN_RUN = 16
+
+
+class Run(NamedTuple):
+    """Causes (k,) of one place and their columns (k,), in slices where they are consecutive."""
+
+    causes: Index | slice
+    columns: Index | slice
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """The columns of one place: the number of its field, and its causes with their columns.
+
+    No column stands there twice."""
+
+    number: int
+    runs: tuple[Run, ...]
+
+
+def build_places(pairs: Index) -> Iterator[Place]:
+    """Group the screws by field; a term's second screw at one field stands in a group of its own."""
+    column, number, cause = pairs
+    layer = np.zeros(len(column), np.intp)
+    starts = np.flatnonzero(np.diff(column, prepend=-1))
+    for first, last in pairwise([*starts.tolist(), len(column)]):
+        if last - first > 1:
+            own = number[first:last]
+            layer[first:last] = [int((own[:k] == own[k]).sum()) for k in range(last - first)]
+    for field, depth in np.unique(np.stack([number, layer]), axis=1).T.tolist():
+        inside = np.flatnonzero((number == field) & (layer == depth))
+        yield Place(field, tuple(_find_runs(cause[inside], column[inside])))
+
+
+def _find_runs(causes: Index, columns: Index) -> Iterator[Run]:
+    """Find where causes and columns are consecutive; what is in no run stands together."""
+    order = np.argsort(causes, kind="stable")
+    causes, columns = causes[order], columns[order]
+    is_end = (np.diff(causes) != 1) | (np.diff(columns) != 1)
+    ends = np.flatnonzero(np.append(is_end, True)) + 1
+    alone = np.ones(len(causes), bool)
+    for start, end in pairwise([0, *ends.tolist()]):
+        if end - start >= MIN_RUN:
+            first, top = int(causes[start]), int(columns[start])
+            yield Run(slice(first, first + end - start), slice(top, top + end - start))
+            alone[start:end] = False
+    if alone.any():
+        yield Run(causes[alone], columns[alone])
