@@ -10,6 +10,7 @@ from __future__ import annotations
 import codecs
 import csv
 import io
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -44,8 +45,10 @@ SAMPLE_ROWS = 2000
 BLOCK_BYTES = 1 << 20
 # score from which a separator is not doubted (see `_score_rows`)
 CLEAR_SCORE = 0.8
-# control characters that no table of text has
-CONTROLS = frozenset(map(chr, range(32))) - set("\t\n\r\f\v\x1a")
+# a character of two bytes or more; in Windows-1252 it would be two or more signs and accents
+UTF8_CHARACTER = re.compile(
+    rb"[\xc2-\xdf][\x80-\xbf]|[\xe0-\xef][\x80-\xbf]{2}|[\xf0-\xf4][\x80-\xbf]{3}"
+)
 
 
 class Reader(Protocol):
@@ -78,7 +81,7 @@ def sniff_text(path: Path) -> tuple[TextFormat, str]:
     is_cut = len(head) > SAMPLE_BYTES
     decoder = codecs.getincrementaldecoder(encoding)()
     sample = decoder.decode(head, final=not is_cut)
-    if not sample.strip() or CONTROLS & set(sample):
+    if not sample.strip() or "\0" in sample:
         raise DataError(
             "the file is empty or not text.",
             file=path.name,
@@ -104,7 +107,10 @@ def find_encoding(path: Path) -> str:
             candidates = [*_guess_utf16(head), "utf-8", "cp1252"]
         for encoding in candidates:
             file.seek(0)
-            if _can_decode(iter(lambda: file.read(BLOCK_BYTES), b""), encoding):
+            blocks = iter(lambda: file.read(BLOCK_BYTES), b"")
+            if encoding == "cp1252":
+                blocks = _refuse_broken_utf8(blocks)
+            if _can_decode(blocks, encoding):
                 return encoding
     raise DataError(
         "the file cannot be read: it is not UTF-8 text, nor UTF-16 or Windows-1252.",
@@ -123,6 +129,15 @@ def _guess_utf16(head: bytes) -> list[str]:
     if head[::2].count(0) > 0.8 * half:
         return ["utf-16-be"]
     return []
+
+
+def _refuse_broken_utf8(blocks: Iterator[bytes]) -> Iterator[bytes]:
+    """Pass blocks on until one has characters of UTF-8: a file of both is a damaged one. Raises
+    UnicodeError."""
+    for block in blocks:
+        if UTF8_CHARACTER.search(block):
+            raise UnicodeError("characters of UTF-8 in a file that is not UTF-8")
+        yield block
 
 
 def _can_decode(blocks: Iterable[bytes], encoding: str) -> bool:

@@ -231,6 +231,16 @@ def test_binary_is_no_text(tmp_path) -> None:
         read(path)
 
 
+@pytest.mark.parametrize("bad", [b"\xff", b"\xed\xa0\x80"])
+def test_damaged_utf8_is_not_taken_for_another_encoding(bad, tmp_path) -> None:
+    """Half a surrogate pair, or a stray byte among characters of UTF-8."""
+    path = tmp_path / "m.csv"
+    content = written().encode()
+    path.write_bytes(content.replace(b"kugel 0", b"kugel " + bad, 1))
+    with pytest.raises(DataError, match="it is not UTF-8 text, nor"):
+        read(path)
+
+
 def test_a_table_without_header_is_refused(tmp_path) -> None:
     path = tmp_path / "m.csv"
     path.write_text("".join(line + "\n" for line in written().splitlines()[1:]))
