@@ -171,7 +171,9 @@ def _find_padding(body: Sequence[Sequence[str]], width: int) -> int:
     """Find how many cells rows have where all of them end with the same number of empty ones."""
     widths = {len(row) for row in body if not is_blank_row(row)}
     longest = max(widths, default=width)
-    is_padded = len(widths) == 1 and all(is_blank_row(row[width:]) for row in body)
+    if len(widths) != 1 or longest <= width:
+        return width
+    is_padded = all(is_blank_row(row[width:]) for row in body)
     return longest if is_padded else width
 
 

@@ -210,6 +210,14 @@ def test_the_study_file_says_which(tmp_path) -> None:
     assert "sheet" not in study.model_dump()["measurements"]
 
 
+def test_rows_that_are_all_narrower_than_the_header(tmp_path) -> None:
+    header, *lines = written().splitlines()
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join([f"{header},note", *lines]))
+    with pytest.raises(DataError, match="line 2: 7 cells, but the header has 8"):
+        read(path)
+
+
 @pytest.mark.parametrize("rows", ["all", "one"])
 def test_separators_that_end_rows(rows, tmp_path) -> None:
     """All rows may end with one that the header lacks; a single row that does is another width."""

@@ -306,6 +306,12 @@ def test_the_rows_of_a_join_keep_the_lines_of_the_log(tmp_path) -> None:
     assert [joined.where.number(row) for row in (0, ROWS - 1)] == [2, ROWS + 1]
 
 
+def test_a_log_without_rows_is_told(tmp_path) -> None:
+    written(tmp_path, spatial_analyzer(NAMES), "Time,J1,J2,J3,J4,J5,J6\n")
+    ran = invoked()
+    assert (ran.exit_code, "log.txt, line 1: a header, but no rows" in ran.stderr) == (3, True)
+
+
 def test_json_says_what_was_done(tmp_path) -> None:
     written(tmp_path, spatial_analyzer(NAMES), log(NAMES))
     told = json.loads(invoked("--json").stdout)
