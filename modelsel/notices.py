@@ -20,6 +20,7 @@ ROWS_MISTAKEN, HOPELESS_FIT = "rows-mistaken", "hopeless-fit"
 # Every code of a warning in result.json, and when it is given.
 CODES = {
     # reading the measurements
+    "file-format": "how the file is written, where that is not CSV with commas and points",
     "columns-ignored": "text columns that the contract does not name are ignored",
     "covariates-ignored": "numeric columns that cannot serve as causes are ignored",
     "duplicate-rows": "rows that repeat another cell for cell are counted once",

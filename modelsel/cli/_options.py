@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
+
+from ..exceptions import StudyError
+
+if TYPE_CHECKING:
+    from ..robot.kinematics import Robot
 
 
 def _parse_pairs(
@@ -32,6 +38,48 @@ def column_option(command: Callable[..., Any]) -> Callable[..., Any]:
         callback=_parse_pairs,
         help="A column that the file calls otherwise: q1_rad=J1. May be repeated.",
     )(command)
+
+
+def _parse_arguments(
+    context: click.Context, option: click.Parameter, given: tuple[str, ...]
+) -> dict[str, str]:
+    """Read name:=value pairs, as xacro's own command has them."""
+    bad = [pair for pair in given if not all(pair.partition(":="))]
+    if bad:
+        raise click.BadParameter(f'"{bad[0]}" is not name:=value: ur_type:=ur10e, for instance.')
+    return dict(pair.split(":=", 1) for pair in given)
+
+
+def xacro_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the option --xacro, of commands that take a robot file: `arguments` of a xacro file."""
+    return click.option(
+        "--xacro",
+        "arguments",
+        multiple=True,
+        metavar="NAME:=VALUE",
+        callback=_parse_arguments,
+        help="An argument of a xacro file: ur_type:=ur10e. May be repeated.",
+    )(command)
+
+
+def read_robot_option(
+    robot: str, base: str | None, tip: str | None, arguments: Mapping[str, str]
+) -> tuple[Robot, bytes | None]:
+    """Read the robot that a command names: built in, a robot file, or a xacro file, whose URDF is
+    returned too. Raises StudyError."""
+    from ..robot.files import is_robot_file, load_robot, read_robot
+    from ..robot.urdf import read_urdf_text
+    from ..robot.xacro_files import expand_xacro, is_xacro
+
+    path = Path(robot)
+    if is_xacro(path):
+        text = expand_xacro(path, arguments)
+        return read_urdf_text(text, path.name, base, tip), text.encode()
+    if arguments:
+        raise StudyError("--xacro gives arguments to a xacro file: --robot FILE.xacro.")
+    if is_robot_file(robot):
+        return read_robot(path, base, tip), None
+    return load_robot(robot), None
 
 
 def print_json(value: Any) -> None:

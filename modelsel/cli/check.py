@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ._options import column_option, print_json
+from ._options import column_option, print_json, read_robot_option, xacro_option
 
 
 @click.command("check")
@@ -14,6 +14,7 @@ from ._options import column_option, print_json
 @click.option("--robot", required=True, help="A built-in robot's name, or a robot file.")
 @click.option("--base", help="Of a URDF: the link the chain starts at; default its root.")
 @click.option("--tip", help="Of a URDF: the link the chain ends at; default the longest chain's.")
+@xacro_option
 @column_option
 @click.option("--json", "as_json", is_flag=True)
 def check_command(
@@ -21,19 +22,15 @@ def check_command(
     robot: str,
     base: str | None,
     tip: str | None,
+    arguments: dict[str, str],
     columns: dict[str, str],
     as_json: bool,
 ) -> None:
     """What is in a measurements file, what it can tell and what it cannot."""
     from ..measurements.reader import read_measurements
-    from ..robot.files import load_robot, read_robot
     from ..study.inspection import format_inspection, inspect_measurements
 
-    arm = (
-        read_robot(Path(robot), base, tip)
-        if robot.endswith((".toml", ".urdf", ".xml"))
-        else load_robot(robot)
-    )
+    arm, _ = read_robot_option(robot, base, tip, arguments)
     found = inspect_measurements(arm, read_measurements(data, arm.prismatic, columns))
     if as_json:
         print_json(found)

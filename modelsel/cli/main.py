@@ -26,6 +26,7 @@ RESUMES = ("study", "fleet")  # commands that take up what was interrupted
 
 
 COMMANDS = {  # name: what `modelsel --help` says of it; modelsel/cli/<name>.py has it
+    "init": "Write a study from a measurements file as it is.",
     "study": "Run a study: what is wrong, the ladder of models, the gain.",
     "report": "Draw the report of a finished study again.",
     "fleet": "Run many studies as one job.",

@@ -13,7 +13,7 @@ from pydantic import SerializerFunctionWrapHandler as Plain
 
 from .._text import parse_toml, read_text
 from ..exceptions import StudyError, suggest
-from ..measurements.table import Source
+from ..measurements.table import DataFile, Source
 from .messages import describe_value_problem, format_place, to_toml_values
 from .study_tables import (
     ComparisonTable,
@@ -174,7 +174,10 @@ def find_source(study: Study, folder: Path) -> Source:
     held = measurements.frame
     if held is not None:
         return held.frame
-    return find_data(measurements.file, folder)
+    path = find_data(measurements.file, folder)
+    if measurements.sheet is None and measurements.decimal is None:
+        return path
+    return DataFile(path, measurements.sheet, measurements.decimal)
 
 
 def _list_shared_folders(beside: Path) -> list[Path]:

@@ -148,22 +148,27 @@ class MeasurementsTable(_Table):
     that rows share. From Python `frame` may be a DataFrame in the file's place; a path or a
     DataFrame alone stands for the table."""
 
-    file: FileName = Field(description="CSV or Parquet file, beside the study or in MODELSEL_DATA.")
+    file: FileName = Field(
+        description="CSV, spreadsheet or Parquet file, beside the study or in MODELSEL_DATA."
+    )
     frame: HeldFrame | None = Field(  # its hash is that of the data
         default=None, exclude=True, description="A DataFrame in the file's place; from Python only."
     )
     columns: dict[str, str] = Field(default={}, description="Contract name = name in the file.")
+    sheet: str | None = Field(
+        default=None, description="Sheet of a spreadsheet, where several hold a table of numbers."
+    )
+    decimal: Literal[",", "."] | None = Field(
+        default=None, description="Decimal mark, where the file's numbers leave it open."
+    )
     features: dict[Name, FeatureTable] = Field(
         default={}, description="What is known of the features that rows share, by name."
     )
 
     @model_serializer(mode="wrap")
     def _since(self, plain: Plain) -> dict[str, Any]:
-        """Write, and hash, a study without features as it was before there were any."""
-        written: dict[str, Any] = plain(self)
-        if not written.get("features"):
-            written.pop("features", None)
-        return written
+        """Write, and hash, a study without what earlier ones did not have as it was then."""
+        return _drop_defaults(plain(self), {"features": {}, "sheet": None, "decimal": None})
 
     @model_validator(mode="before")
     @classmethod

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 from .columns import READING_UNITS
 from .observation_columns import KIND_COLUMNS
+from .orientation_columns import ORIENTATION_COLUMNS, QUATERNION_COLUMNS
 
 JOINT_COLUMN = re.compile(r"q([0-9]{1,9})_(?:rad|deg|mm|m)")
 LABEL_COLUMNS = ("target", "configuration", "group")
 UNCERTAINTY_COLUMNS = ("sx_mm", "sy_mm", "sz_mm")
-QUATERNION_COLUMNS = ("qw", "qx", "qy", "qz")
 ROTATION_UNCERTAINTY_COLUMNS = ("srx_rad", "sry_rad", "srz_rad")
 
 
@@ -22,6 +22,7 @@ def list_contract_names(prismatic: Sequence[bool]) -> set[str]:
         "order",
         *UNCERTAINTY_COLUMNS,
         *QUATERNION_COLUMNS,
+        *ORIENTATION_COLUMNS,
         *ROTATION_UNCERTAINTY_COLUMNS,
         *KNOWN_COVARIATES,
         *KIND_COLUMNS,

@@ -1,5 +1,5 @@
-"""The contract's columns -> Measurements, from CSV, Parquet or a DataFrame: strict, and every
-refusal says place and remedy."""
+"""The contract's columns -> Measurements, from a file or a DataFrame: strict, and every refusal says
+place and remedy."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from ..exceptions import StudyError, suggest
 from ..notices import Note
 from ..robot.kinematics import Robot
 from ..robot.rigid import from_quaternion
+from .column_guesses import propose_columns
 from .columns import READING_UNITS, Mask, read_column_set, read_names, read_numbers, read_quantity
 from .contract_columns import (
     JOINT_COLUMN,
     LABEL_COLUMNS,
-    QUATERNION_COLUMNS,
     ROTATION_UNCERTAINTY_COLUMNS,
     UNCERTAINTY_COLUMNS,
     list_contract_names,
@@ -35,6 +35,7 @@ from .observation_columns import (
     read_quaternions,
     read_uncertainties,
 )
+from .orientation_columns import QUATERNION_COLUMNS, convert_orientations
 from .row_order import check_clock
 from .row_places import Where
 from .table import Source, Table, load_table, rename_columns
@@ -77,7 +78,7 @@ def read_measurements(
     positions: bool = True,
     once: bool = True,
 ) -> Measurements:
-    """Read measurements of a robot from a CSV or Parquet file or a pandas DataFrame.
+    """Read measurements of a robot from a text table, spreadsheet or Parquet file, or a DataFrame.
 
     source: a path, or a DataFrame with the columns of a measurements file.
     robot: the robot, or which of its joints are prismatic.
@@ -89,7 +90,7 @@ def read_measurements(
     Raises DataError with file, line and column, or row (from 0) and column of the DataFrame;
     StudyError for a name that the contract does not have."""
     prismatic = robot.prismatic if isinstance(robot, Robot) else tuple(robot)
-    table = _load_contract_table(source, group, columns or {}, prismatic)
+    table = _load_contract_table(source, group, columns or {}, prismatic, positions)
     content = _read_columns(table, prismatic, positions)
     keep, notes = np.ones(len(table), bool), list[Note]()
     if once:
@@ -98,25 +99,31 @@ def read_measurements(
     if content.order is not None:
         check_clock(data.order, data.covariates.get("time_s"), data.group, data.row, table.where)
     units = _find_reading_units(table, prismatic)
-    return replace(
-        data, notes=(*content.notes, *notes, *data.notes), where=table.where, units=units
-    )
+    said = (*table.notes, *content.notes, *notes, *data.notes)
+    return replace(data, notes=said, where=table.where, units=units)
 
 
 def _load_contract_table(
-    source: Source, group: int | None, mapping: Mapping[str, str], prismatic: Sequence[bool]
+    source: Source,
+    group: int | None,
+    mapping: Mapping[str, str],
+    prismatic: Sequence[bool],
+    positions: bool,
 ) -> Table:
     """Load the table under the contract's names; refuse wrong mappings and foreign units."""
     _check_mapping(mapping, prismatic)
     table = load_table(source, group)
-    refuse_mapped_units(mapping, prismatic, table.where)
+    refuse_mapped_units(mapping, prismatic, table)
     table = rename_columns(table, mapping)
     has_kinds = "kind" in table and "feature" in table
     known = list_contract_names(prismatic)
     if not has_kinds:
         known -= set(KIND_COLUMNS)
+    proposal = None if has_kinds else propose_columns(table, prismatic)
+    if proposal is not None and positions:
+        raise proposal
     refuse_other_units(table, known, prismatic, has_kinds)
-    return table
+    return convert_orientations(table)
 
 
 def _read_columns(table: Table, prismatic: Sequence[bool], positions: bool) -> _Columns:

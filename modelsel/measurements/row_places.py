@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,14 +16,19 @@ from ..exceptions import DataError
 @dataclass(frozen=True, eq=False)
 class Where:
     """Where a table comes from and what its user calls its rows: a text file has `lines`, the
-    header line 1; a DataFrame and a Parquet file have rows, counted from 0. `first`: the number of
-    the table's first row, where it is a piece of a file; `at` (m,): the line of every row, where
-    cells with line breaks in them put rows further down."""
+    header line 1 unless `header` says another; the sheet of a spreadsheet has rows, numbered as
+    the spreadsheet does; a DataFrame and a Parquet file have rows, counted from 0. `first`: the
+    number of the table's first row, where it is a piece of a file; `at` (m,): the line or sheet
+    row of every row, where rows do not follow one another from the second line on; `names`: what
+    the user calls columns that are renamed."""
 
     file: str = ""
     lines: bool = True
     first: int = 0
     at: Mapping[int, int] | NDArray[np.intp] | None = None
+    header: int = 1
+    sheet: str = ""
+    names: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def is_file(self) -> bool:
@@ -32,13 +38,21 @@ class Where:
     @property
     def is_text(self) -> bool:
         """Whether it is a file of lines."""
-        is_lines = self.lines
-        return self.is_file and is_lines
+        has_lines = self.lines
+        is_sheet = bool(self.sheet)
+        return self.is_file and has_lines and not is_sheet
+
+    @property
+    def is_counted_from_zero(self) -> bool:
+        """Whether its first row is row 0."""
+        is_sheet = bool(self.sheet)
+        is_numbered = self.is_text or is_sheet
+        return not is_numbered
 
     def number(self, row: int) -> int:
         """Number the 0-based `row` as the user does."""
         if self.at is not None:
-            return int(self.at[row])
+            return int(self.at[row]) if len(self.at) else self.header + 1
         first = self.first
         if self.is_text:
             first = 2
@@ -48,11 +62,16 @@ class Where:
         self, what: str, *, row: int | None = None, column: str | None = None, remedy: str = ""
     ) -> DataError:
         """Return the error to raise, with its place: 0-based `row`, without it the header's."""
+        if column is not None:
+            column = self.names.get(column, column)
         number = None if row is None else self.number(row)
         if self.is_text:
-            line = 1 if number is None else number
+            line = self.header if number is None else number
             return DataError(what, file=self.file, line=line, column=column, remedy=remedy)
         place = self.file or "DataFrame"
+        if self.sheet:
+            place = f'{self.file}, sheet "{self.sheet}"'
+            number = self.header if number is None else number
         return DataError(what, file=place, row=number, column=column, remedy=remedy)
 
     def named(self, row: int) -> str:
@@ -82,7 +101,7 @@ class Where:
         if count != 1:
             word += "s"
         ellipsis = " …" if is_cut else ""
-        base = "" if self.is_text else ", counted from 0"
+        base = ", counted from 0" if self.is_counted_from_zero else ""
         return f"{word} {shown}{ellipsis}{base}"
 
     def record(self, rows: NDArray[np.intp]) -> dict[str, Any]:
@@ -90,19 +109,32 @@ class Where:
         reads them."""
         at = None if self.at is None else {str(row): self.number(row) for row in rows.tolist()}
         first = 2 if self.is_text else self.first
-        return {"word": "line" if self.is_text else "row", "first": first, "at": at}
+        word = "sheet row" if self.sheet else "line" if self.is_text else "row"
+        return {"word": word, "first": first, "at": at}
 
     def mapping(self, wanted: str, given: str) -> str:
         """Say how to map a column that has another name."""
+        columns = {wanted: given}
+        return self.mapping_all(columns)
+
+    def mapping_all(self, columns: Mapping[str, str]) -> str:
+        """Say how to map columns that have other names: contract name -> their own."""
         if self.is_file:
+            pairs = ", ".join(f'{wanted} = "{given}"' for wanted, given in columns.items())
+            options = " ".join(_write_options(columns))
             return (
-                f'in the study file: [measurements] columns = {{ {wanted} = "{given}" }} (for a command '
-                f"without a study file: --column {wanted}={given})"
+                f"in the study file: [measurements] columns = {{ {pairs} }} (for a command without a "
+                f"study file: {options})"
             )
-        return (
-            f'by columns={{"{wanted}": "{given}"}} (for a Study: measurements={{"frame": …, '
-            '"columns": …})'
-        )
+        pairs = ", ".join(f'"{wanted}": "{given}"' for wanted, given in columns.items())
+        return f'by columns={{{pairs}}} (for a Study: measurements={{"frame": …, "columns": …}})'
+
+
+def _write_options(columns: Mapping[str, str]) -> Iterator[str]:
+    """Write a mapping of columns as options of a command."""
+    for wanted, given in columns.items():
+        pair = f"{wanted}={given}"
+        yield f"--column {shlex.quote(pair)}"
 
 
 def where_from_record(record: Mapping[str, Any] | None) -> Where:
@@ -116,4 +148,5 @@ def where_from_record(record: Mapping[str, Any] | None) -> Where:
     is_text = record["word"] == "line"
     if not is_text:
         first = record["first"]
-    return Where("the file", is_text, first, at)
+    sheet = "the sheet" if record["word"] == "sheet row" else ""
+    return Where("the file", is_text, first, at, sheet=sheet)

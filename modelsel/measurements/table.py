@@ -1,44 +1,43 @@
-"""Named columns from a CSV or Parquet file or a DataFrame: every refusal says its place."""
+"""Named columns from a text table, a spreadsheet, a Parquet file or a DataFrame: every refusal says
+its place."""
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import os
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from itertools import islice
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, Union
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._text import find_read_problem
 from ..exceptions import DataError, suggest
+from ..notices import Note
 from .row_places import Where
+from .spreadsheet import SPREADSHEET_SUFFIXES, load_spreadsheet
+from .table_layout import is_blank_row
+from .text_table import check_file, load_text_table
 
 if TYPE_CHECKING:
     import pandas as pd
 
-# rows of a CSV that are read together
-CHUNK_ROWS = 50_000
-LINE_BREAK = re.compile(r"\r\n|\r|\n")
 PARQUET_SUFFIXES = (".parquet", ".pq")
-# marks that separate the cells of files that are no CSV, and their names
-OTHER_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "vertical bars", " ": "blanks"}
 Columns = Mapping[str, "NDArray[Any]"]
-Source: TypeAlias = Union[str, "os.PathLike[str]", "pd.DataFrame"]
+Source: TypeAlias = Union[str, "os.PathLike[str]", "pd.DataFrame", "Table"]
 
 
 @dataclass(frozen=True)
 class Table:
-    """Columns by name, all of one length, and where they come from."""
+    """Columns by name, all of one length, and where they come from; `units`: what a row of units
+    says below a name; `notes`: what is unusual about the file."""
 
     columns: Columns
     where: Where
+    units: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[Note, ...] = ()
 
     def __contains__(self, name: object) -> bool:
         return name in self.columns
@@ -47,14 +46,31 @@ class Table:
         return len(next(iter(self.columns.values()), ()))
 
 
+@dataclass(frozen=True)
+class DataFile(os.PathLike[str]):
+    """A file and what its user says of it: the sheet of a spreadsheet, the decimal mark where the
+    numbers leave it open, whether it may have no header."""
+
+    path: Path
+    sheet: str | None = None
+    decimal: str | None = None
+    headerless: bool = False
+
+    def __fspath__(self) -> str:
+        return str(self.path)
+
+
 def load_table(source: Source, group: int | None = None) -> Table:
-    """Load a CSV or Parquet file (`group`: one row group of it alone) or a DataFrame. Raises
-    DataError."""
+    """Load a text table, a spreadsheet, a Parquet file (`group`: one row group of it alone) or a
+    DataFrame; a table is returned as it is. Raises DataError."""
     if isinstance(source, (str, os.PathLike)):
         path = Path(source)
         if path.suffix.lower() in PARQUET_SUFFIXES:
             return _load_parquet(path, group)
-        return _load_csv(path)
+        file = source if isinstance(source, DataFile) else DataFile(path)
+        return _load_grid(file)
+    if isinstance(source, Table):
+        return source
     import pandas as pd
 
     if not isinstance(source, pd.DataFrame):
@@ -77,6 +93,10 @@ def hash_source(source: Source) -> str:
                 file=Path(source).name,
                 remedy="Run again when it is there.",
             ) from None
+    if isinstance(source, Table):
+        import pandas as pd
+
+        source = pd.DataFrame(dict(source.columns))
     text = source.to_csv(index=False, lineterminator="\n")
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
@@ -110,117 +130,30 @@ def _load_series(column: pd.Series[Any]) -> NDArray[Any]:
     return np.asarray(column.to_numpy())
 
 
-def _read_csv_chunks(path: Path) -> Iterator[tuple[list[list[str]], NDArray[np.intp] | None]]:
-    """Read chunks of CSV rows, the header first as a chunk of its own, and the lines they begin on
-    where some have several. Raises DataError for ragged rows with their line."""
-    _check_file(path)
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
-            header = _read_header(reader, path)
-            yield [header], None
-            line = reader.line_num + 1
-            plain = line == 2  # so far a row was a line
-            while chunk := list(islice(reader, CHUNK_ROWS)):
-                plain = plain and reader.line_num == line + len(chunk) - 1
-                starts = np.arange(line, line + len(chunk)) if plain else _find_starts(chunk, line)
-                line = reader.line_num + 1
-                rows = _check_rows(chunk, starts, len(header), path)
-                if rows:
-                    yield rows, None if plain else starts[: len(rows)]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None)
-        if not reason:
-            reason = "it is not UTF-8 text" if isinstance(error, ValueError) else str(error)
+def _load_grid(file: DataFile) -> Table:
+    """Load a text table or a spreadsheet, without columns that have neither name nor cells; a note
+    says what is unusual about the file."""
+    path = Path(file)
+    is_spreadsheet = path.suffix.lower() in SPREADSHEET_SUFFIXES
+    if file.sheet is not None and not is_spreadsheet:
         raise DataError(
-            f"the file cannot be read: {reason}.", file=path.name, remedy="Save it as CSV in UTF-8."
-        ) from None
-
-
-def _read_header(reader: Iterator[list[str]], path: Path) -> list[str]:
-    header = next(reader, None)
-    if not header or "\0" in "".join(header):
-        raise DataError(
-            "the file is empty or not text.",
+            f'it has no sheets; "{file.sheet}" would be one of a spreadsheet.',
             file=path.name,
-            remedy="A CSV with a header line and a row per measured point is expected.",
+            remedy=f"Leave sheet out, or give a spreadsheet: {', '.join(SPREADSHEET_SUFFIXES)}.",
         )
-    _check_separator(header, path)
-    return [name.strip() for name in header]
-
-
-def _check_rows(
-    chunk: list[list[str]], starts: NDArray[np.intp], width: int, path: Path
-) -> list[list[str]]:
-    """Return a chunk without empty lines at its end. Raises DataError for a row of another
-    width."""
-    for number, row in enumerate(chunk):
-        if len(row) == width:
-            continue
-        if not any(chunk[number:]):
-            return chunk[:number]
-        remedy = "Every row needs as many cells as the header."
-        if len(row) > width:
-            remedy += " Numbers need a decimal point: a comma separates cells."
-        raise DataError(
-            f"{len(row)} cells, but the header has {width}.",
-            file=path.name,
-            line=int(starts[number]),
-            remedy=remedy,
-        )
-    return chunk
-
-
-def _find_starts(chunk: list[list[str]], line: int) -> NDArray[np.intp]:
-    """Find the lines (m,) on which rows begin, the first on `line`: a cell between quotes may have
-    several."""
-    spans = [1 + sum(len(LINE_BREAK.findall(cell)) for cell in row) for row in chunk]
-    return np.asarray(line + np.cumsum([0, *spans[:-1]]), dtype=np.intp)
-
-
-def _check_file(path: Path) -> None:
-    """Refuse what is not a file."""
-    if (why := find_read_problem(path)) is not None:
-        raise DataError(
-            f"{why}.",
-            file=path.name,
-            remedy="Put it beside the study file, or set MODELSEL_DATA to the folder that "
-            "holds it.",
-        )
-
-
-def _check_separator(header: Sequence[str], path: Path) -> None:
-    """Refuse a header in one cell that other marks than commas separate."""
-    for mark, name in OTHER_SEPARATORS.items():
-        if len(header) == 1 and mark in header[0].strip():
-            raise DataError(
-                f"its cells are separated by {name}; a CSV with commas is expected.",
-                file=path.name,
-                line=1,
-                remedy="Save it with commas between the cells and points in the numbers (1.5, not 1,5).",
-            )
-
-
-def _load_csv(path: Path) -> Table:
-    chunks = _read_csv_chunks(path)
-    header = next(chunks)[0][0]
-    _check_distinct(header, Where(path.name))
-    parts: list[list[NDArray[Any]]] = []
-    starts: list[NDArray[np.intp]] = []
-    plain = True
-    for chunk, at in chunks:
-        first = 2 + sum(len(some) for some in starts)
-        starts.append(np.arange(first, first + len(chunk)) if at is None else at)
-        plain = plain and at is None
-        parts.append([np.array(column, dtype=object) for column in zip(*chunk, strict=True)])
-    where = Where(path.name, at=None if plain else np.concatenate(starts))
-    return Table(
-        {
-            name: np.concatenate([part[k] for part in parts]) if parts else np.zeros(0, object)
-            for k, name in enumerate(header)
-        },
-        where,
-    )
+    if is_spreadsheet:
+        grid = load_spreadsheet(path, file.sheet, file.decimal)
+    else:
+        grid = load_text_table(path, file.decimal, file.headerless)
+    names = [name.strip() for name in grid.names]
+    kept = [k for k, name in enumerate(names) if name or not is_blank_row(grid.columns[k].tolist())]
+    _check_distinct([names[k] for k in kept], grid.where)
+    notes = []
+    if grid.said:
+        sentence = f"{path.name} is read as it is: {', '.join(grid.said)}."
+        notes.append(Note("file-format", sentence))
+    columns = {names[k]: grid.columns[k] for k in kept}
+    return Table(columns, grid.where, grid.units, tuple(notes))
 
 
 def _load_parquet(path: Path, group: int | None) -> Table:
@@ -280,7 +213,7 @@ def _open_parquet(path: Path) -> Iterator[Any]:
     """Open a Parquet file; raises DataError where it, or what is read of it, is none."""
     import pyarrow.parquet as pq
 
-    _check_file(path)
+    check_file(path)
     try:
         with pq.ParquetFile(path) as file:
             yield file
@@ -321,4 +254,5 @@ def rename_columns(table: Table, columns: Mapping[str, str]) -> Table:
     new = {given: wanted for wanted, given in columns.items()}
     kept = [name for name in table.columns if name in new or name not in columns]
     _check_distinct([new.get(name, name) for name in kept], table.where)
-    return Table({new.get(name, name): table.columns[name] for name in kept}, table.where)
+    renamed = {new.get(name, name): table.columns[name] for name in kept}
+    return replace(table, columns=renamed, where=replace(table.where, names=dict(columns)))

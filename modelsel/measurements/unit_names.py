@@ -7,8 +7,8 @@ import re
 from collections.abc import Mapping, Sequence
 
 from ..exceptions import DataError
+from .column_names import find_unit
 from .columns import READING_UNITS
-from .row_places import Where
 from .table import Table
 
 # one of a unit in those that the contract reads
@@ -93,10 +93,11 @@ def refuse_other_units(
 
 
 def refuse_mapped_units(
-    columns: Mapping[str, str], prismatic: Sequence[bool], where: Where
+    columns: Mapping[str, str], prismatic: Sequence[bool], table: Table
 ) -> None:
-    """Refuse a mapping of a contract's name to a column whose own name says another unit (`q1_rad
-    = "J1_deg"`). Raises DataError."""
+    """Refuse a mapping of a contract's name to a column whose own name, or the row of units below
+    it, says another unit (`q1_rad = "J1_deg"`). Raises DataError."""
+    where = table.where
     for wanted, given in columns.items():
         stem, _, unit = wanted.rpartition("_")
         small = given.strip("])} ").lower()
@@ -115,6 +116,22 @@ def refuse_mapped_units(
                 column=given,
                 remedy=f"Map the contract's name of that unit; where there is none, convert it to {unit}.",
             )
+        _refuse_unit_below(table, wanted, given)
+    for name in table.units:
+        _refuse_unit_below(table, name, name)
+
+
+def _refuse_unit_below(table: Table, wanted: str, given: str) -> None:
+    """Refuse a column below whose name a row of units says another unit than the contract's."""
+    unit = wanted.rpartition("_")[2]
+    below = table.units.get(given, "")
+    said = find_unit(below.strip("[](){}<> "))
+    if said is not None and find_unit(unit) == unit and said != unit:
+        raise table.where.refuse(
+            f'it is read as {wanted}, but the row of units says "{below}".',
+            column=given,
+            remedy=f"Map the contract's name of that unit; where there is none, convert it to {unit}.",
+        )
 
 
 def _refused(table: Table, name: str, right: str, factor: str) -> DataError:

@@ -24,7 +24,7 @@ class DrawnRowsRecord(StrictRecord):
 class PlacesRecord(StrictRecord):
     """What the user calls the rows of the measurements."""
 
-    word: Literal["line", "row"]
+    word: Literal["line", "row", "sheet row"]
     first: Whole
     at: dict[Text, Whole] | None
 

@@ -12,12 +12,16 @@ import numpy as np
 
 from .._text import parse_toml, read_text
 from .._typing import Array
-from ..exceptions import StudyError, suggest
+from ..exceptions import StudyError
 from .kinematics import Joint, Robot
 from .plain_values import check_robot_name
 from .rigid import align_z, from_rpy, inverse, rotation_matrix, transform
+from .robot_names import find_robot_name, suggest_robots
+from .ur_kinematics import YAML_SUFFIXES, read_ur_calibration
 from .value_reader import Reader
+from .xacro_files import XACRO_SUFFIX, is_xacro, refuse_xacro
 
+ROBOT_SUFFIXES = (".toml", ".urdf", ".xml", XACRO_SUFFIX, *YAML_SUFFIXES)
 # the forms of a fixed transform, one of which every joint has
 JOINT_FORMS = ("transform_mm", "xyz_mm", "dh")
 JOINT_KEYS = {
@@ -246,16 +250,20 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
 
 
 def read_robot(path: Path, base: str | None = None, tip: str | None = None) -> Robot:
-    """Read a robot from a TOML or URDF file; of a URDF the chain between two links, where they are
-    named. Raises StudyError."""
+    """Read a robot from a TOML or URDF file, or the YAML file of ur_calibration; of a URDF the chain
+    between two links, where they are named. Raises StudyError."""
     if path.suffix.lower() in (".urdf", ".xml"):
         from .urdf import read_urdf
 
         return read_urdf(path, base, tip)
+    if is_xacro(path):
+        raise refuse_xacro(path)
     if base is not None or tip is not None:
         raise StudyError(
-            f"{path.name}: base and tip choose a chain of a URDF; a TOML robot file has one chain."
+            f"{path.name}: base and tip choose a chain of a URDF; other robot files have one chain."
         )
+    if path.suffix.lower() in YAML_SUFFIXES:
+        return read_ur_calibration(path)
     return robot_from_table(parse_toml(read_text(path, "the robot file"), path.name), path.name)
 
 
@@ -270,16 +278,23 @@ def builtin_names() -> list[str]:
     return sorted(names)
 
 
-def load_robot(source: str | Path) -> Robot:
-    """Load a nominal robot: a built-in one by its name, or a robot file (TOML, URDF) by its path.
+def is_robot_file(source: str) -> bool:
+    """Whether a name is that of a robot file, by its suffix."""
+    suffix = Path(source).suffix
+    return suffix.lower() in ROBOT_SUFFIXES
 
-    A name with a suffix (.toml, .urdf, .xml) is a path. Raises StudyError for an unknown name, with
-    a suggestion, and for a file that cannot be read, with the place."""
-    path = Path(source)
-    if isinstance(source, Path) or path.suffix.lower() in (".toml", ".urdf", ".xml"):
-        return read_robot(path)
-    if source not in builtin_names():
-        raise StudyError(f'unknown robot "{source}". {suggest(source, builtin_names())}')
-    file = f"{source}.toml"
+
+def load_robot(source: str | Path) -> Robot:
+    """Load a nominal robot: a built-in one by its name, however it is spelled, or a robot file
+    (TOML, URDF) by its path.
+
+    A name with a suffix (.toml, .urdf, .xml, .yaml) is a path. Raises StudyError for an unknown name, with
+    suggestions, and for a file that cannot be read, with the place."""
+    if isinstance(source, Path) or is_robot_file(source):
+        return read_robot(Path(source))
+    name = find_robot_name(source, builtin_names())
+    if name is None:
+        raise StudyError(f'unknown robot "{source}". {suggest_robots(source, builtin_names())}')
+    file = f"{name}.toml"
     text = files("modelsel").joinpath("robot", "catalogue", file).read_text(encoding="utf-8")
     return robot_from_table(parse_toml(text, file), file)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -74,9 +75,11 @@ def _analyse_study(
 
 def _read_file_state(path: Source) -> tuple[int, int, int] | None:
     """Return what changes when a file is written to; None for what is no file."""
+    if not isinstance(path, (str, os.PathLike)):
+        return None
     try:
         state = Path(path).stat()
-    except (OSError, ValueError, TypeError):
+    except (OSError, ValueError):
         return None
     return state.st_ino, state.st_size, state.st_mtime_ns
 

@@ -5,6 +5,7 @@ The result is a DataFrame with the columns of a measurements file.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -110,7 +111,7 @@ def _refuse_parts(table: SimulateTable) -> None:
 def _read_configurations(study: Study, folder: Path, robot: Robot) -> Measurements | None:
     """Read the study's measurements, positions or not; None where there is no such file."""
     source = find_source(study, folder)
-    if isinstance(source, Path) and not source.is_file():
+    if isinstance(source, os.PathLike) and not Path(source).is_file():
         return None
     columns = study.measurements.columns
     return read_measurements(source, robot.prismatic, columns, positions=False)

@@ -344,7 +344,6 @@ def test_bad_cells(column, cell, tmp_path) -> None:
 REFUSED = {
     "too few cells": ([PLAIN, "0,0,1,2,3", "0,0,1,2"], "line 3", "4 cells, but the header has 5"),
     "too many cells": ([PLAIN, "0,0,1,2,3,4"], "line 2", "6 cells, but the header has 5"),
-    "blank line within": ([PLAIN, "", "0,0,1,2,3"], "line 2", "0 cells"),
     "degrees": ([PLAIN, "0,0,1,2,3", "0,-45,1,2,3"], "line 3, column q2_rad", "looks like degrees"),
     "no unit, joint": (
         ["q1,q2_rad,x_mm,y_mm,z_mm", "0,0,1,2,3"],
@@ -405,12 +404,12 @@ def test_refused(case, tmp_path) -> None:
 
 
 def test_refused_files(tmp_path) -> None:
-    (tmp_path / "latin.csv").write_bytes(PLAIN.encode() + b",na\xefve\n0,0,1,2,3,1\n")
+    (tmp_path / "odd.csv").write_bytes(PLAIN.encode() + b",na\x81ve\n0,0,1,2,3,1\n")
     (tmp_path / "no.parquet").write_bytes(b"PAR1 is how it begins")
     (tmp_path / "binary.csv").write_bytes(b"\x00\x01\x02\n")
     (tmp_path / "nothing.csv").write_bytes(b"")
     for name in (
-        "latin.csv",
+        "odd.csv",
         "no.parquet",
         "binary.csv",
         "nothing.csv",

@@ -45,7 +45,8 @@ def _outlier_sentence(source: Source) -> str:
     sentence = describe_outliers(source.record, where, MAX_ROWS)
     if not sentence:
         return "No row was left out."
-    return f"{sentence} The header of the file is line 1." if where.is_text else sentence
+    is_plain = where.is_text and where.at is None
+    return f"{sentence} The header of the file is line 1." if is_plain else sentence
 
 
 def list_provenance(record: StudyRecord) -> list[tuple[str, str]]:

@@ -1,0 +1,153 @@
+"""modelsel init: a study folder from a measurements file as people have it."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from ..exceptions import StudyError
+from ._options import column_option, print_json, read_robot_option, xacro_option
+
+if TYPE_CHECKING:
+    from ..measurements.column_guesses import Choice, Reading
+    from ..study.new_study import StudyDraft
+
+MARKS = {"comma": ",", "point": "."}
+
+
+@click.command("init")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--robot", required=True, help="A built-in robot in any spelling, or a robot file.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder of the study; default the file's name without its ending.",
+)
+@click.option("--yes", is_flag=True, help="Ask nothing: take the best reading, and print it.")
+@click.option("--base", help="Of a URDF: the link the chain starts at; default its root.")
+@click.option("--tip", help="Of a URDF: the link the chain ends at; default the longest chain's.")
+@click.option("--sheet", help="Of a spreadsheet: the sheet, where several hold a table.")
+@click.option(
+    "--decimal",
+    type=click.Choice(list(MARKS)),
+    help="The decimal mark, where the file's numbers leave it open.",
+)
+@click.option(
+    "--joints",
+    type=click.Path(path_type=Path),
+    help="A log of joint readings, where FILE has an instrument's points alone.",
+)
+@click.option(
+    "--join",
+    type=click.Choice(("name", "time", "order")),
+    help="How the points belong to the readings; default the way that fits.",
+)
+@click.option(
+    "--max-gap",
+    type=click.FloatRange(0, min_open=True),
+    default=0.5,
+    show_default=True,
+    help="Seconds that the times of a point and of its readings may differ.",
+)
+@xacro_option
+@column_option
+@click.option("--json", "as_json", is_flag=True)
+def init_command(
+    file: Path,
+    robot: str,
+    out: Path | None,
+    yes: bool,
+    base: str | None,
+    tip: str | None,
+    sheet: str | None,
+    decimal: str | None,
+    joints: Path | None,
+    join: str | None,
+    max_gap: float,
+    arguments: dict[str, str],
+    columns: dict[str, str],
+    as_json: bool,
+) -> None:
+    """Write a study folder from a measurements file as it is: find the columns and their units,
+    show how they are read, ask, and write what `modelsel study` runs."""
+    from ..measurements.table import DataFile
+    from ..study.joined_study import draft_joined_study
+    from ..study.new_study import add_orientation, describe_draft, draft_study
+    from ..study.study_folder import RobotSource, check_new, write_study_folder
+
+    folder = out if out is not None else Path(file.stem)
+    check_new(folder)
+    arm, urdf = read_robot_option(robot, base, tip, arguments)
+    source = DataFile(file, sheet, None if decimal is None else MARKS[decimal])
+    if joints is None:
+        draft = draft_study(source, arm, columns)
+    else:
+        log = DataFile(joints, decimal=source.decimal)
+        draft = draft_joined_study(source, log, arm, columns, join, max_gap)
+    draft = _settle(draft, yes)
+    draft = _settle(add_orientation(draft), yes)
+    data = draft.read()
+    lines = describe_draft(draft, data)
+    if not as_json:
+        click.echo("\n".join(lines))
+    if not yes:
+        _ask_whether(f"Write a study to {folder}?")
+    written = write_study_folder(draft, data, RobotSource(robot, base, tip, urdf), folder)
+    if as_json:
+        print_json(
+            {"written": [str(path) for path in written], "columns": draft.columns, "said": lines}
+        )
+        return
+    click.echo(f"Written: {', '.join(map(str, written))}")
+    click.echo(f"Next: modelsel study {shlex.quote(str(folder))}")
+
+
+def _settle(draft: StudyDraft, yes: bool) -> StudyDraft:
+    """Ask which reading is right where several fit; with `yes` take the first, and say so."""
+    for choice in draft.choices:
+        if not choice.is_doubtful:
+            continue
+        if not yes:
+            reading = _ask_which(choice)
+            draft = draft.choose(choice.what, reading)
+            continue
+        first, *others = choice.readings
+        draft = draft.choose(choice.what, first)
+        listed = " or ".join(other.words for other in others)
+        draft = draft.remark(f"Not sure: {choice.what} may also be {listed}.")
+    return draft
+
+
+def _ask_which(choice: Choice) -> Reading:
+    click.echo(f"Several readings of {choice.what} fit:", err=True)
+    for number, reading in enumerate(choice.readings, 1):
+        click.echo(f"  {number}: {reading.sentence}", err=True)
+    numbers = click.IntRange(1, len(choice.readings))
+    try:
+        number = click.prompt("Which is right?", type=numbers, default=1, err=True)
+    except click.Abort:
+        listed = "; or ".join(reading.words for reading in choice.readings)
+        raise _refuse_unanswered(f"{choice.what} may be {listed}") from None
+    return choice.readings[number - 1]
+
+
+def _ask_whether(question: str) -> None:
+    try:
+        agreed = click.confirm(question, default=True, err=True)
+    except click.Abort:
+        raise _refuse_unanswered("the reading above was not confirmed") from None
+    if not agreed:
+        raise StudyError(
+            "nothing was written. Say how columns are read with --column NAME=COLUMN, --sheet or "
+            "--decimal."
+        )
+
+
+def _refuse_unanswered(what: str) -> StudyError:
+    return StudyError(
+        f"nothing was written: {what}. Answer on a terminal, say --column NAME=COLUMN, or take the "
+        "first reading with --yes."
+    )

@@ -1,0 +1,316 @@
+"""Guess which columns of a file are joint readings and positions, and in which unit: all of them at
+once, each with its reason, and with every reading that fits."""
+
+from __future__ import annotations
+
+import shlex
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import TypeAlias
+
+import numpy as np
+
+from .._typing import Array
+from ..exceptions import DataError, one_line, sentence_list
+from .column_names import OTHER_QUANTITIES, WEAK_JOINT_WORDS, ColumnName, parse_column_name
+from .columns import READING_UNITS, convert_to_numbers
+from .table import Table
+
+# rad: readings beyond it are degrees; below it, and above the next, they are radians
+MAX_READING_RAD = 4 * np.pi
+MAX_USUAL_RAD = 6.4
+MIN_USUAL_RAD = 1.5
+# extent of the measured positions: in mm above the first, in m below the second
+MIN_EXTENT_MM = 20.0
+MAX_EXTENT_M = 10.0
+# share of cells that are numbers in a column of numbers
+MIN_NUMBERS = 0.8
+AXES = ("x", "y", "z")
+# the word that says the quantity, and the others in a name
+Family: TypeAlias = tuple[str, frozenset[str]]
+UNIT_NAMES = {"deg": "degrees", "rad": "radians", "mm": "mm", "m": "m"}
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to read columns: the contract's names for the file's, in words, and why."""
+
+    columns: Mapping[str, str]
+    words: str
+    reason: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """Say how the columns are read."""
+        return f"{self.words} ({self.reason})" if self.reason else self.words
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The readings that fit, the best first; doubtful where there are several, absent where none."""
+
+    what: str
+    readings: tuple[Reading, ...]
+
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether several readings fit."""
+        count = len(self.readings)
+        return count > 1
+
+
+def guess_columns(table: Table, prismatic: Sequence[bool]) -> list[Choice]:
+    """Guess the columns that a table does not have under the contract's names."""
+    units = table.units
+    names = [parse_column_name(name, units.get(name)) for name in table.columns]
+    numeric = [name for name in names if _is_numeric(table, name.given)]
+    choices = []
+    if list_missing_joints(table, prismatic):
+        readings = _read_joint_columns(table, numeric, prismatic)
+        choice = Choice("the joint readings", readings)
+        choices.append(choice)
+    if is_position_missing(table):
+        readings = _read_position_columns(table, numeric)
+        choice = Choice("the position", readings)
+        choices.append(choice)
+    return choices
+
+
+def list_missing_joints(table: Table, prismatic: Sequence[bool]) -> list[int]:
+    """List the joints, from 1, that a table has no column of."""
+    return [
+        j
+        for j, slides in enumerate(prismatic, 1)
+        if not any(f"q{j}_{unit}" in table for unit in READING_UNITS[slides])
+    ]
+
+
+def is_position_missing(table: Table) -> bool:
+    """Whether a table of points lacks a coordinate."""
+    return any(f"{a}_mm" not in table and f"{a}_m" not in table for a in AXES)
+
+
+def _is_numeric(table: Table, name: str) -> bool:
+    values = convert_to_numbers(table.columns[name])
+    if not len(values):
+        return False
+    share = np.isfinite(values).mean()
+    return bool(share >= MIN_NUMBERS)
+
+
+# -- joints
+# --------------------------------------------------------------------------------------------
+
+
+def _read_joint_columns(
+    table: Table, names: Sequence[ColumnName], prismatic: Sequence[bool]
+) -> tuple[Reading, ...]:
+    """List the readings of columns that are numbered like the joints."""
+    count = len(prismatic)
+    families: dict[Family, dict[int, ColumnName]] = defaultdict(dict)
+    for name in names:
+        is_other = name.words & OTHER_QUANTITIES
+        is_joint = name.quantity == "joint"
+        if is_other or not is_joint or name.number is None:
+            continue
+        family = families[name.stem, name.words]
+        family.setdefault(name.number, name)
+    complete = []
+    for family in families.values():
+        first = 0 if 0 in family else 1
+        numbers = range(first, first + count)
+        goes_on = first + count in family
+        if goes_on or not set(numbers) <= set(family):
+            continue
+        complete.append([family[number] for number in numbers])
+    strong = [family for family in complete if not _is_weak(family)]
+    complete = strong or complete
+    readings = list[Reading]()
+    for columns in _prefer_measured(complete):
+        readings += _read_family(table, columns, prismatic)
+    return tuple(readings)
+
+
+def _is_weak(family: Sequence[ColumnName]) -> bool:
+    """Whether columns are joints' only where no others are."""
+    first = family[0]
+    return first.stem in WEAK_JOINT_WORDS
+
+
+def _prefer_measured(families: list[list[ColumnName]]) -> list[list[ColumnName]]:
+    """Return the families whose names say that they were measured, else those that do not say
+    that they were commanded, else all."""
+    measured = [family for family in families if all(name.is_measured for name in family)]
+    neutral = [family for family in families if not any(name.is_commanded for name in family)]
+    return measured or neutral or families
+
+
+def _read_family(
+    table: Table, family: Sequence[ColumnName], prismatic: Sequence[bool]
+) -> list[Reading]:
+    """List the readings of one column per joint: in the units that are said, else in those that
+    the values allow."""
+    angles, reason_angles = _list_units(table, family, prismatic, slides=False)
+    slides, reason_slides = _list_units(table, family, prismatic, slides=True)
+    readings = []
+    for angle, length in product(angles, slides):
+        columns, units = {}, []
+        for j, (name, is_sliding) in enumerate(zip(family, prismatic, strict=True), 1):
+            unit = length if is_sliding else angle
+            columns[f"q{j}_{unit}"] = name.given
+            units.append(UNIT_NAMES[unit])
+        first = _quote(family[0].given)
+        last = _quote(family[-1].given)
+        distinct = list(dict.fromkeys(units))
+        words = f"{first} to {last} in {sentence_list(distinct)}"
+        reasons = filter(None, (reason_angles, reason_slides))
+        reading = Reading(columns, words, "; ".join(reasons))
+        readings.append(reading)
+    return readings
+
+
+def _list_units(
+    table: Table, family: Sequence[ColumnName], prismatic: Sequence[bool], slides: bool
+) -> tuple[list[str], str]:
+    """List the units that the joints of one kind may have, the likelier first, and say why."""
+    chosen = [name for name, sliding in zip(family, prismatic, strict=True) if sliding == slides]
+    allowed = READING_UNITS[slides]
+    if not chosen:
+        return [allowed[0]], ""
+    said = {name.unit for name in chosen}
+    if said != {None}:
+        return _keep_read_unit(said, allowed), ""
+    values = np.concatenate([_read_values(table, name) for name in chosen])
+    highest = float(np.nanmax(values))
+    lowest = float(np.nanmin(values))
+    if slides:
+        return _list_length_units(highest - lowest, "travel")
+    return _list_angle_units(max(highest, -lowest))
+
+
+def _keep_read_unit(said: set[str | None], allowed: Sequence[str]) -> list[str]:
+    """Keep the unit that all columns say, where it is one that is read; none otherwise."""
+    count = len(said)
+    if count > 1:
+        return []
+    return [unit for unit in allowed if unit in said]
+
+
+def _list_angle_units(largest: float) -> tuple[list[str], str]:
+    """List the units that angles up to some size may have, and say why."""
+    reason = f"up to {largest:.3g}"
+    if largest > MAX_READING_RAD:
+        return ["deg"], reason
+    if largest > MAX_USUAL_RAD:
+        return ["deg", "rad"], reason
+    return (["rad"] if largest >= MIN_USUAL_RAD else ["rad", "deg"]), reason
+
+
+# -- positions
+# --------------------------------------------------------------------------------------------
+
+
+def _read_position_columns(table: Table, names: Sequence[ColumnName]) -> tuple[Reading, ...]:
+    """List the readings of columns that are called x, y and z."""
+    families: dict[Family, dict[str, ColumnName]] = defaultdict(dict)
+    for name in names:
+        is_other = name.words & OTHER_QUANTITIES
+        axis = name.quantity
+        if axis in AXES and not is_other:
+            family = families[name.stem, name.words]
+            family.setdefault(str(axis), name)
+    found = families.values()
+    whole = [family for family in found if len(family) == len(AXES)]
+    complete = [[family[axis] for axis in AXES] for family in whole]
+    readings = []
+    for columns in _prefer_measured(complete):
+        units, reason = _list_position_units(table, columns)
+        given = [name.given for name in columns]
+        listed = sentence_list([_quote(name) for name in given])
+        for unit in units:
+            wanted = [f"{axis}_{unit}" for axis in AXES]
+            mapped = dict(zip(wanted, given, strict=True))
+            reading = Reading(mapped, f"{listed} in {unit}", reason)
+            readings.append(reading)
+    return tuple(readings)
+
+
+def _list_position_units(table: Table, family: Sequence[ColumnName]) -> tuple[list[str], str]:
+    said = {name.unit for name in family}
+    if said != {None}:
+        return _keep_read_unit(said, ("mm", "m")), ""
+    values = np.stack([_read_values(table, name) for name in family])
+    highest = np.nanmax(values, axis=1)
+    lowest = np.nanmin(values, axis=1)
+    extent = np.max(highest - lowest)
+    return _list_length_units(float(extent), "over a range of")
+
+
+def _list_length_units(extent: float, words: str) -> tuple[list[str], str]:
+    size = f"{extent:.3g}"
+    if extent >= 100:
+        size = f"{extent:.0f}"
+    reason = f"{words} {size}"
+    if extent > MIN_EXTENT_MM:
+        return ["mm"], reason
+    if not extent:
+        return ["mm", "m"], reason
+    return (["m"] if extent <= MAX_EXTENT_M else ["mm", "m"]), reason
+
+
+def _read_values(table: Table, name: ColumnName) -> Array:
+    values = convert_to_numbers(table.columns[name.given])
+    is_finite = np.isfinite(values)
+    return np.where(is_finite, values, np.nan)
+
+
+def _quote(name: str) -> str:
+    return f'"{one_line(name)}"'
+
+
+# -- what is said of a guess
+# --------------------------------------------------------------------------------------------
+
+
+def propose_columns(table: Table, prismatic: Sequence[bool]) -> DataError | None:
+    """Return the error that proposes names for all missing columns at once; None where fewer than
+    two are missing, or nothing looks like any of them."""
+    lacking = len(list_missing_joints(table, prismatic))
+    lacking += sum(f"{a}_mm" not in table and f"{a}_m" not in table for a in AXES)
+    if lacking < 2:
+        return None
+    choices = guess_columns(table, prismatic)
+    if not any(choice.readings for choice in choices):
+        return None
+    sentences = [_describe_choice(choice) for choice in choices]
+    mapping = merge_columns([choice.readings[0] for choice in choices if choice.readings])
+    where = table.where
+    what = f"{lacking} columns do not have the names of a measurements file."
+    remedy = f"{' '.join(sentences)} Map them {where.mapping_all(mapping)}."
+    if where.is_file:
+        remedy += f" modelsel init {shlex.quote(where.file)} --robot NAME writes a study that does."
+    return where.refuse(what, remedy=remedy)
+
+
+def merge_columns(readings: Sequence[Reading]) -> dict[str, str]:
+    """Merge the mappings of several readings."""
+    merged: dict[str, str] = {}
+    for reading in readings:
+        merged |= reading.columns
+    return merged
+
+
+def _describe_choice(choice: Choice) -> str:
+    if not choice.readings:
+        return f"Nothing looks like {choice.what}."
+    first, *others = choice.readings
+    what = choice.what
+    looks = "looks"
+    if what.endswith("s"):
+        looks = "look"
+    subject = what.capitalize()
+    said = [f"{subject} {looks} like {first.sentence}"]
+    said += [f"or {other.words}" for other in others]
+    return f"{', '.join(said)}."

@@ -1,0 +1,338 @@
+"""Join the points that an instrument measured with a log of joint readings: by the points' names, by
+nearest time, or by the order of the rows. What does not match is said."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .._typing import Array, Index
+from ..exceptions import DataError
+from .column_names import MEASURED, parse_column_name
+from .columns import convert_to_numbers, find_blank_cells, read_numbers
+from .point_times import DATE_WORDS, TIME_WORDS, are_clock_times, find_times
+from .row_places import Where
+from .table import Table
+
+WAYS = ("name", "time", "order")
+# share of the points that a way must match
+MIN_SHARE = 0.5
+# different names that a column must match
+MIN_NAMES = 4
+# points that a sentence lists
+MAX_LISTED = 8
+MAX_REFLECTORS = 12
+# share of the positions' range that reflectors on one flange are apart, at least
+MIN_APART = 2e-3
+LETTERS_BEFORE = re.compile(r"^\D*0*(?=\d)")
+DAY_SECONDS = 86400.0
+COORDINATES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, eq=False)
+class Join:
+    """A way to join: rows of the points and, as many, of the log; in words."""
+
+    way: str
+    points: Index
+    log: Index
+    words: str
+
+    def is_like(self, other: Join) -> bool:
+        """Whether two ways join the same rows."""
+        points = other.points
+        log = other.log
+        has_points = np.array_equal(self.points, points)
+        has_log = np.array_equal(self.log, log)
+        return has_points and has_log
+
+
+def find_joins(points: Table, log: Table, max_gap: float) -> tuple[dict[str, Join], dict[str, str]]:
+    """Find the ways that join two tables, and why others do not; `max_gap`: seconds that the time
+    of a point and that of its readings may differ."""
+    by_name = _join_by_name(points, log)
+    by_time = _join_by_time(points, log, max_gap)
+    by_order = _join_by_order(points, log)
+    joins, reasons = {}, {}
+    for way, found in zip(WAYS, (by_name, by_time, by_order), strict=True):
+        if isinstance(found, Join):
+            joins[way] = found
+        else:
+            reasons[way] = found
+    return joins, reasons
+
+
+def join_tables(points: Table, log: Table, join: Join) -> Table:
+    """Join two tables, a row per matched point in the order of the log; columns that both have are
+    the instrument's. Raises DataError for a coordinate that is no number, with the line of its own
+    file."""
+    _check_coordinates(points)
+    order = np.lexsort((join.points, join.log))
+    at_points = join.points[order]
+    at_log = join.log[order]
+    dropped = list_dropped_columns(log)
+    columns = {}
+    for name, cells in log.columns.items():
+        if name not in dropped:
+            columns[name] = cells[at_log]
+    for name, cells in points.columns.items():
+        columns[name] = cells[at_points]
+    units = {**log.units, **points.units}
+    place = log.where
+    lines = [place.number(row) for row in at_log.tolist()]
+    at = np.array(lines, np.intp)
+    where = replace(place, at=at)
+    notes = (*points.notes, *log.notes)
+    return Table(columns, where, units, notes)
+
+
+def find_reflectors(joined: Table, readings: Index) -> str | None:
+    """Find the column that tells reflectors apart, where rows share their readings (the same number
+    in `readings`, (m,)) and stand apart; None where there is none."""
+    distinct = np.unique(readings)
+    if len(distinct) == len(readings):
+        return None
+    coordinates = [_read_coordinate(joined, axis) for axis in COORDINATES]
+    position = np.stack(coordinates, 1)
+    if not _stand_apart(position, readings):
+        return None
+    for name, cells in joined.columns.items():
+        labels = [str(cell) for cell in cells]
+        different = set(labels)
+        count = len(different)
+        is_blank = find_blank_cells(cells).any()
+        if is_blank or not 1 < count <= MAX_REFLECTORS:
+            continue
+        pairs = zip(readings.tolist(), labels, strict=True)
+        if len(set(pairs)) == len(labels):
+            return name
+    return None
+
+
+def _read_coordinate(joined: Table, axis: str) -> Array:
+    parsed = map(parse_column_name, joined.columns)
+    named = [name for name in parsed if name.quantity == axis]
+    measured = [name for name in named if name.is_measured]
+    chosen = measured or named
+    if not chosen:
+        count = len(joined)
+        return np.zeros(count)
+    first = chosen[0]
+    given = first.given
+    return convert_to_numbers(joined.columns[given])
+
+
+def _stand_apart(position: Array, readings: Index) -> bool:
+    """Whether rows of the same readings are further apart than an arm that comes again."""
+    order = np.argsort(readings, kind="stable")
+    same = np.diff(readings[order]) == 0
+    steps = np.diff(position[order], axis=0)
+    apart = np.abs(steps).max(axis=1)
+    typical = np.median(apart[same])
+    extent = np.ptp(position)
+    return bool(typical > MIN_APART * extent)
+
+
+def list_dropped_columns(log: Table) -> list[str]:
+    """List the coordinates of a log: the controller's own, not the instrument's."""
+    parsed = [parse_column_name(name) for name in log.columns]
+    coordinates = [name for name in parsed if name.quantity in COORDINATES]
+    return [name.given for name in coordinates]
+
+
+def describe_unmatched(points: Table, log: Table, join: Join) -> list[str]:
+    """Say which rows of the points, and of the log, have no partner."""
+    count = len(points)
+    all_points = np.arange(count)
+    alone = np.setdiff1d(all_points, join.points)
+    matched = count - len(alone)
+    said = [f"Joined {join.words}: {matched} of {count} points."]
+    if len(alone):
+        listed = _list_rows(points.where, alone)
+        said.append(f"Points without joint readings: {listed}.")
+    readings = len(log)
+    all_readings = np.arange(readings)
+    unused = np.setdiff1d(all_readings, join.log)
+    is_dense = join.way == "time"
+    if len(unused) and not is_dense:
+        listed = _list_rows(log.where, unused)
+        said.append(f"Joint readings without a point: {listed}.")
+    dropped = ", ".join(list_dropped_columns(log))
+    if dropped:
+        said.append(f"Left out of {log.where.file}, the controller's own coordinates: {dropped}.")
+    return said
+
+
+def _list_rows(where: Where, rows: Index) -> str:
+    spans = where.spans(rows, MAX_LISTED)
+    file = where.file
+    return f"{file}, {spans}"
+
+
+def _check_coordinates(points: Table) -> None:
+    for name in points.columns:
+        parsed = parse_column_name(name)
+        other_words = parsed.words - MEASURED
+        is_coordinate = parsed.quantity in COORDINATES
+        if is_coordinate and not other_words:
+            read_numbers(points, name)
+
+
+# -- by name
+# --------------------------------------------------------------------------------------------
+
+
+def _join_by_name(points: Table, log: Table) -> Join | str:
+    """Join by the pair of columns that have most names in common."""
+    for shorten in (_squeeze_name, _keep_number):
+        best, most = None, MIN_NAMES - 1
+        for name, cells in _list_names(points).items():
+            for other, readings in _list_names(log).items():
+                rows, partners = _match_names(cells, readings, shorten)
+                different = np.unique(partners)
+                distinct = len(different)
+                least = MIN_SHARE * len(points)
+                is_enough = len(rows) >= least
+                if is_enough and distinct > most:
+                    words = f'by name ("{name}" = "{other}")'
+                    best = Join("name", rows, partners, words)
+                    most = distinct
+        if best is not None:
+            return best
+    return "no column of names has half of the points in common with one of the joint log"
+
+
+def _list_names(table: Table) -> dict[str, Any]:
+    """List the columns that may be names of points."""
+    found = {}
+    for name, cells in table.columns.items():
+        parsed = parse_column_name(name)
+        is_quantity = parsed.quantity is not None
+        is_time = parsed.words & (TIME_WORDS | DATE_WORDS)
+        if is_quantity or is_time:
+            continue
+        if _holds_names(cells):
+            found[name] = cells
+    return found
+
+
+def _holds_names(cells: Any) -> bool:
+    """Whether cells may be names: filled, and text other than times, or whole numbers."""
+    if not len(cells) or are_clock_times(cells):
+        return False
+    if find_blank_cells(cells).any():
+        return False
+    values = convert_to_numbers(cells)
+    is_number = np.isfinite(values)
+    numbers = values[is_number]
+    whole = np.round(numbers)
+    return bool(np.array_equal(numbers, whole))
+
+
+def _squeeze_name(cell: Any) -> str:
+    """Write a name without what differs between programs: capitals, the collection and group that
+    stand before it."""
+    text = str(cell).strip()
+    parts = text.split("::")
+    name = parts[-1]
+    plain = name.casefold()
+    return plain.removesuffix(".0")
+
+
+def _keep_number(cell: Any) -> str:
+    """Write a name without the letters and zeros before its number: P007 and 7 are one."""
+    name = _squeeze_name(cell)
+    return LETTERS_BEFORE.sub("", name)
+
+
+def _match_names(cells: Any, readings: Any, shorten: Any) -> tuple[Index, Index]:
+    """Match names: (rows of the points, rows of the log); none where the log has a name twice."""
+    keys = [shorten(cell) for cell in readings]
+    place = {key: row for row, key in enumerate(keys)}
+    rows, partners = list[int](), list[int]()
+    if len(place) < len(keys):
+        place = {}
+    for row, cell in enumerate(cells):
+        key = shorten(cell)
+        partner = place.get(key)
+        if partner is not None:
+            rows.append(row)
+            partners.append(partner)
+    of_points = np.array(rows, np.intp)
+    of_log = np.array(partners, np.intp)
+    return of_points, of_log
+
+
+# -- by time and by order
+# --------------------------------------------------------------------------------------------
+
+
+def _join_by_time(points: Table, log: Table, max_gap: float) -> Join | str:
+    """Join every point with the readings of the nearest time."""
+    times = find_times(points)
+    readings = find_times(log)
+    if times is None or readings is None:
+        lacking = points if times is None else log
+        return f"{lacking.where.file} has no column of times"
+    if times.absolute != readings.absolute:
+        return "one file has the time of day, the other a time that begins at zero"
+    of_points, of_log = times.seconds, readings.seconds
+    both_dated = times.dated and readings.dated
+    if times.absolute and not both_dated:
+        of_points = of_points % DAY_SECONDS
+        of_log = of_log % DAY_SECONDS
+    order = np.argsort(of_log, kind="stable")
+    sorted_times = of_log[order]
+    nearest = order[_find_nearest(sorted_times, of_points)]
+    difference = of_log[nearest] - of_points
+    gap = np.abs(difference)
+    close = np.flatnonzero(gap <= max_gap)
+    matched = len(close)
+    count = len(points)
+    if matched < MIN_SHARE * count:
+        median = np.median(gap)
+        return (
+            f"{matched} of {count} points have readings within {max_gap:g} s; the median "
+            f"gap is {median:.3g} s (--max-gap, if the clocks differ by less)"
+        )
+    largest = float(gap[close].max())
+    columns = f'"{times.column}" and "{readings.column}"'
+    words = f"by nearest time ({columns}, {largest:.3g} s apart at most)"
+    return Join("time", close, nearest[close], words)
+
+
+def _find_nearest(sorted_times: Array, times: Array) -> Index:
+    last = len(sorted_times) - 1
+    place = np.searchsorted(sorted_times, times)
+    after = np.minimum(place, last)
+    before = np.maximum(place - 1, 0)
+    since = times - sorted_times[before]
+    until = sorted_times[after] - times
+    nearest = np.where(np.abs(since) <= np.abs(until), before, after)
+    return np.asarray(nearest, np.intp)
+
+
+def _join_by_order(points: Table, log: Table) -> Join | str:
+    """Join row by row, where both have as many."""
+    count = len(points)
+    readings = len(log)
+    if count != readings:
+        return f"{count} points and {readings} rows of joint readings are not as many"
+    rows = np.arange(count)
+    return Join("order", rows, rows, "row by row, in their order")
+
+
+def refuse_join(
+    points: Table, log: Table, reasons: Mapping[str, str], ways: Sequence[str]
+) -> DataError:
+    """Return the error of two files that no way, or not the wanted one, joins."""
+    listed = "; ".join(f"by {way}: {reasons[way]}" for way in ways if way in reasons)
+    return DataError(
+        f"the points cannot be joined with {log.where.file}: {listed}.",
+        file=points.where.file,
+        remedy="Give both files a column of point names or of times, or as many rows.",
+    )

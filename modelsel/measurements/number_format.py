@@ -1,0 +1,95 @@
+"""Numbers as people's programs write them: decimal commas, digits in groups of three."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+WITH_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+POINT_GROUPS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d*)?")
+COMMA_GROUPS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+(\.\d*)?")
+# blanks and apostrophes between groups of three digits, as in Swiss and French files
+OTHER_GROUPS = re.compile(r"[+-]?\d{1,3}(?:[ '’\u00a0\u202f]\d{3})+(?:[.,]\d*)?")
+FORMS = (PLAIN, WITH_COMMA, POINT_GROUPS, COMMA_GROUPS, OTHER_GROUPS)
+GROUP_MARKS = re.compile(r"[ '’\u00a0\u202f]")
+# share of a table's numbers that are written another way, from which that is its way
+MIN_ODD_SHARE = 0.02
+MINUS = "\u2212"
+
+
+def is_number(cell: Any) -> bool:
+    """Whether a cell is a number in any of these forms."""
+    if isinstance(cell, (bool, type(None))):
+        return False
+    if isinstance(cell, (int, float)):
+        return True
+    text = _clean_number(cell)
+    return any(form.fullmatch(text) for form in FORMS)
+
+
+def _clean_number(cell: Any) -> str:
+    """Return a text cell without blanks around it, its minus a plain one; "" for any other cell."""
+    if not isinstance(cell, str):
+        return ""
+    text = cell.strip()
+    return text.replace(MINUS, "-")
+
+
+def find_decimal_mark(cells: Iterable[Any]) -> str | None:
+    """Find the decimal mark of cells: "." or ","; None where both fit, as of 1,234 alone.
+
+    Cells that contradict each other have a point: the commas among them are refused later."""
+    commas, points, doubtful = 0, 0, 0
+    for cell in cells:
+        text = _clean_number(cell)
+        grouped = OTHER_GROUPS.fullmatch(text)
+        if grouped:
+            text = GROUP_MARKS.sub("", text)
+        has_comma = "," in text
+        has_point = "." in text
+        if has_comma and has_point:
+            commas += POINT_GROUPS.fullmatch(text) is not None
+            points += COMMA_GROUPS.fullmatch(text) is not None
+        elif has_comma and COMMA_GROUPS.fullmatch(text) and not grouped:
+            doubtful += 1
+        elif has_comma:
+            commas += WITH_COMMA.fullmatch(text) is not None
+        elif has_point and not POINT_GROUPS.fullmatch(text):
+            points += PLAIN.fullmatch(text) is not None
+    if commas and not points:
+        return ","
+    if doubtful and not points:
+        return None
+    return "."
+
+
+def convert_number_text(cell: Any, decimal: str) -> Any:
+    """Write a cell that is a number with a decimal point and without groups; any other cell stays
+    as it is."""
+    if not isinstance(cell, str):
+        return cell
+    text = _clean_number(cell)
+    if OTHER_GROUPS.fullmatch(text):
+        text = GROUP_MARKS.sub("", text)
+    if decimal == "," and POINT_GROUPS.fullmatch(text):
+        text = text.replace(".", "")
+    if decimal == "," and WITH_COMMA.fullmatch(text):
+        return text.replace(",", ".")
+    if decimal == "." and COMMA_GROUPS.fullmatch(text):
+        return text.replace(",", "")
+    return text if PLAIN.fullmatch(text) else cell
+
+
+def needs_conversion(cells: Sequence[Any]) -> bool:
+    """Whether cells are written another way than Python's as a rule: a single odd cell among many
+    is a mistake, and stays one."""
+    numbers = [cell for cell in cells if is_number(cell)]
+    odd = sum(map(is_odd_number, numbers))
+    return odd >= max(1, MIN_ODD_SHARE * len(numbers))
+
+
+def is_odd_number(cell: Any) -> bool:
+    """Whether a cell is text that is a number, but not in Python's form."""
+    return isinstance(cell, str) and is_number(cell) and not PLAIN.fullmatch(cell.strip())

@@ -1,0 +1,114 @@
+"""Guess columns that a measurements file may have: reflectors, sessions, temperature, payload,
+time. Only what is plain by name and values; everything else stays a covariate."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from .column_guesses import Reading
+from .column_names import ColumnName, parse_column_name
+from .columns import convert_to_numbers, find_blank_cells
+from .table import Table
+
+TARGET_WORDS = frozenset(("target", "reflector", "smr", "prism", "reflektor", "kugel", "sphere"))
+GROUP_WORDS = frozenset(("group", "session", "day", "trajectory", "series", "gruppe", "serie"))
+TEMPERATURE_WORDS = frozenset(("temp", "temperature", "temperatur"))
+PAYLOAD_WORDS = frozenset(("payload", "load", "nutzlast", "last", "traglast"))
+TIME_WORDS = frozenset(("time", "timestamp", "zeit", "t"))
+MAX_TARGETS = 12
+# rows per group, at least
+MIN_GROUP_ROWS = 4
+# °C in which people work
+ROOM_CELSIUS = (-10.0, 60.0)
+
+
+def guess_optional_columns(table: Table, taken: Collection[str]) -> list[Reading]:
+    """Guess the optional columns among those that are not `taken` already."""
+    names = [
+        parse_column_name(name, table.units.get(name))
+        for name in table.columns
+        if name not in taken
+    ]
+    guesses = {
+        "target": _find_labels(table, names, TARGET_WORDS, MAX_TARGETS),
+        "group": _find_labels(table, names, GROUP_WORDS, len(table) // MIN_GROUP_ROWS),
+        "temperature_C": _find_temperature(table, names),
+        "payload_kg": _find_number(table, names, PAYLOAD_WORDS, "kg"),
+        "time_s": _find_time(table, names),
+    }
+    words = {"target": "reflectors", "group": "groups"}
+    readings = []
+    for wanted, found in guesses.items():
+        if wanted not in table and len(found) == 1:
+            given = found[0].given
+            said = f'"{given}" as {words.get(wanted, wanted)}'
+            readings.append(Reading({wanted: given}, said, _describe(table, given)))
+    return readings
+
+
+def _find_labels(
+    table: Table, names: Sequence[ColumnName], words: frozenset[str], most: int
+) -> list[ColumnName]:
+    """Find columns of a few names that repeat, without empty cells."""
+    found = []
+    for name in names:
+        column = table.columns[name.given]
+        is_blank = find_blank_cells(column)
+        is_called = name.words & words
+        if is_blank.any() or not is_called:
+            continue
+        different = {str(cell) for cell in column}
+        if 1 <= len(different) <= most:
+            found.append(name)
+    return found
+
+
+def _find_number(
+    table: Table, names: Sequence[ColumnName], words: frozenset[str], unit: str
+) -> list[ColumnName]:
+    """Find columns of numbers whose name says the quantity and the unit."""
+    return [
+        name
+        for name in names
+        if name.words & words and name.unit == unit and _is_complete(table, name.given)
+    ]
+
+
+def _find_temperature(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:
+    """Find columns of temperatures in °C, by the unit or by values that rooms have."""
+    found = _find_number(table, names, TEMPERATURE_WORDS, "C")
+    for name in names:
+        if name.words & TEMPERATURE_WORDS and name.unit is None and _is_complete(table, name.given):
+            values = convert_to_numbers(table.columns[name.given])
+            low, high = ROOM_CELSIUS
+            found += [name] if ((values > low) & (values < high)).all() else []
+    return found
+
+
+def _find_time(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:
+    """Find columns of seconds that never go back."""
+    found = _find_number(table, names, TIME_WORDS, "s")
+    return [
+        name
+        for name in found
+        if (np.diff(convert_to_numbers(table.columns[name.given])) >= 0).all()
+    ]
+
+
+def _is_complete(table: Table, name: str) -> bool:
+    values = convert_to_numbers(table.columns[name])
+    if not len(values):
+        return False
+    is_finite = np.isfinite(values)
+    return bool(is_finite.all())
+
+
+def _describe(table: Table, name: str) -> str:
+    """Describe a column's values: how far they go, or how many there are."""
+    column = table.columns[name]
+    values = convert_to_numbers(column)
+    if np.isfinite(values).all():
+        return f"{values.min():.4g} to {values.max():.4g}"
+    return f"{len({str(cell) for cell in column})} different"

@@ -1,0 +1,84 @@
+"""Guess which columns are an orientation, and by which conventions they may be read."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from .column_guesses import Choice, Reading
+from .column_names import ColumnName, parse_column_name
+from .columns import convert_to_numbers
+from .orientation_columns import CONVENTIONS, MAX_ANGLE_RAD, QUATERNION_COLUMNS, Convention
+from .table import Table
+
+# the letters of three columns, and the conventions that have them, each with the contract's columns
+# in the letters' order; A B C is KUKA's and Mitsubishi's, EX EY EZ ABB's
+LETTERS: dict[tuple[str, str, str], tuple[str, ...]] = {
+    ("a", "b", "c"): ("kuka", "rpy"),
+    ("w", "p", "r"): ("fanuc",),
+    ("rx", "ry", "rz"): ("ur", "staubli", "yaskawa"),
+    ("o", "a", "t"): ("kawasaki",),
+    ("roll", "pitch", "yaw"): ("rpy",),
+    ("ex", "ey", "ez"): ("rpy",),
+}
+BY_NAME = {convention.name: convention for convention in CONVENTIONS}
+WHAT = "the orientation"
+
+
+def guess_orientation(table: Table, taken: Collection[str], robot: str) -> Choice | None:
+    """Guess the orientation among the columns that are not `taken`; None where there is none.
+    `robot`: its name, by which the likelier convention is first."""
+    if any(name in table for name in QUATERNION_COLUMNS):
+        return None
+    names = [
+        parse_column_name(name, table.units.get(name))
+        for name in table.columns
+        if name not in taken
+    ]
+    readings = list[Reading]()
+    for letters, conventions in LETTERS.items():
+        columns = _find_columns(table, names, letters)
+        if columns is not None:
+            likely = sorted(conventions, key=lambda name: not robot.lower().startswith(name))
+            for name in likely:
+                readings += _list_readings(table, columns, BY_NAME[name])
+    return Choice(WHAT, tuple(readings)) if readings else None
+
+
+def _find_columns(
+    table: Table, names: Sequence[ColumnName], letters: tuple[str, str, str]
+) -> list[ColumnName] | None:
+    """Find three columns of numbers that are called by the letters, and else alike."""
+    found: dict[frozenset[str], dict[str, ColumnName]] = {}
+    for name in names:
+        letter = next((each for each in letters if each in name.words), None)
+        if letter is not None and name.quantity is None:
+            values = convert_to_numbers(table.columns[name.given])
+            if np.isfinite(values).all():
+                found.setdefault(name.words - {letter}, {})[letter] = name
+    complete = [family for family in found.values() if len(family) == len(letters)]
+    return [complete[0][letter] for letter in letters] if complete else None
+
+
+def _list_readings(
+    table: Table, columns: Sequence[ColumnName], convention: Convention
+) -> list[Reading]:
+    """List the readings by one convention, in the units that are said or that the values allow."""
+    said = {name.unit for name in columns}
+    values = np.stack([convert_to_numbers(table.columns[name.given]) for name in columns])
+    largest = float(np.abs(values).max())
+    if said in ({"deg"}, {"rad"}):
+        units = [str(said.pop())]
+    elif said != {None}:
+        return []
+    else:
+        units = ["deg"] if largest > MAX_ANGLE_RAD else ["rad", "deg"]
+    shown = " ".join(name.given for name in columns)
+    readings = []
+    for unit in units:
+        pairs = zip(convention.columns, columns, strict=True)
+        mapped = {f"{wanted}_{unit}": name.given for wanted, name in pairs}
+        words = f'"{shown}" by the convention {convention.maker}, {convention.formula}, in {unit}'
+        readings.append(Reading(mapped, words))
+    return readings

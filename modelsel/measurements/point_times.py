@@ -1,0 +1,92 @@
+"""Times of rows, as instruments and controllers write them: seconds, time of day, date and time."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._typing import Array
+from .column_names import parse_column_name
+from .columns import convert_to_numbers, find_blank_cells
+from .table import Table
+
+TIME_WORDS = frozenset(("time", "timestamp", "zeit", "stamp", "t", "datetime", "uhrzeit", "clock"))
+DATE_WORDS = frozenset(("date", "datum", "day"))
+# seconds since 1970 from which a number is a time of the calendar
+MIN_EPOCH = 1e8
+CLOCK = re.compile(r"\b\d{1,2}:\d{2}")
+DATE = re.compile(r"\d+[-./]\d+[-./]\d+")
+
+
+@dataclass(frozen=True, eq=False)
+class Times:
+    """Times (m,) in seconds, the column they are from, whether they are of the calendar or the
+    clock, not counted from a beginning, and whether they have a date."""
+
+    seconds: Array
+    column: str
+    absolute: bool
+    dated: bool
+
+
+def find_times(table: Table) -> Times | None:
+    """Find a table's times: numbers of seconds, or text that is a date, a time of day or both, in
+    one column or two; None where there are none."""
+    parsed = {name: parse_column_name(name) for name in table.columns}
+    named = [name for name in parsed if parsed[name].words & TIME_WORDS]
+    dates = [name for name in parsed if parsed[name].words & DATE_WORDS and name not in named]
+    for name in [*named, *(name for name in table.columns if name not in named)]:
+        cells = table.columns[name]
+        if find_blank_cells(cells).any():
+            continue
+        values = convert_to_numbers(cells)
+        if np.isfinite(values).all():
+            is_seconds = name in named and parsed[name].unit in (None, "s")
+            if is_seconds:
+                is_epoch = bool(values.min() > MIN_EPOCH)
+                return Times(values, name, is_epoch, is_epoch)
+            continue
+        texts = _join_texts(table, dates[:1], name)
+        seconds = _parse_texts(texts)
+        if seconds is not None:
+            is_dated = all(DATE.search(str(text)) for text in texts)
+            return Times(seconds, name, True, is_dated)
+    return None
+
+
+def are_clock_times(cells: Iterable[Any]) -> bool:
+    """Whether all cells hold a time of the clock, with a date or without."""
+    return all(CLOCK.search(str(cell)) for cell in cells)
+
+
+def _join_texts(table: Table, dates: list[str], name: str) -> NDArray[Any]:
+    """Put the date before the time where it has a column of its own."""
+    cells = table.columns[name]
+    if not dates:
+        return cells
+    days = table.columns[dates[0]]
+    return np.array([f"{day} {cell}" for day, cell in zip(days, cells, strict=True)], object)
+
+
+def _parse_texts(texts: NDArray[Any]) -> Array | None:
+    """Parse text as times [s]; None where a cell is none. A point between day and month puts the
+    day first, as in German."""
+    import pandas as pd
+
+    words = [str(text).strip() for text in texts]
+    if not are_clock_times(words):
+        return None
+    day_first = any("." in word[1:3] for word in words)
+    series = pd.Series(words)
+    try:
+        moments = pd.to_datetime(series, format="mixed", dayfirst=day_first, utc=True)
+    except (ValueError, TypeError, OverflowError):
+        return None
+    beginning = pd.Timestamp(0, tz="UTC")
+    since = moments - beginning
+    return np.asarray(since.dt.total_seconds(), float)

@@ -1,0 +1,143 @@
+"""Load tables from spreadsheets: .xlsx, .xlsm, .xlsb, .xls and .ods, by python-calamine.
+
+One library without further dependencies reads all of them, also old .xls files, which openpyxl and
+odfpy do not; it is imported when the first spreadsheet is read."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..exceptions import DataError, suggest
+from .number_format import (
+    convert_number_text,
+    find_decimal_mark,
+    is_number,
+    is_odd_number,
+    needs_conversion,
+)
+from .row_places import Where
+from .table_layout import find_layout, is_blank_row
+from .text_table import Grid, check_file, describe_lines, refuse_doubtful_commas, refuse_headerless
+
+SPREADSHEET_SUFFIXES = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
+# what a sheet must hold to be a table of measurements
+MIN_ROWS = 2
+MIN_NUMBERS = 3
+# rows in which the header is looked for
+HEADER_ROWS = 200
+
+
+def load_spreadsheet(path: Path, sheet: str | None = None, decimal: str | None = None) -> Grid:
+    """Load the table of a spreadsheet: of the named sheet, else of the only one that holds a table
+    of numbers. Raises DataError."""
+    sheets = _read_sheets(path)
+    name = _choose_sheet(path, sheets, sheet)
+    rows = sheets[name]
+    layout = find_layout(rows[:HEADER_ROWS])
+    if layout is None:
+        raise refuse_headerless(f'{path.name}, sheet "{name}"')
+    body = list(enumerate(rows[layout.skipped :], layout.skipped + 1))
+    kept = [(number, row) for number, row in body if not is_blank_row(row)]
+    at = np.array([number for number, _ in kept], np.intp)
+    where = Where(path.name, at=at, header=layout.header + 1, sheet=name)
+    cells = [cell for _, row in kept for cell in row]
+    said = [f'the sheet "{name}"']
+    convert = needs_conversion(cells)
+    if convert:
+        decimal = decimal or find_decimal_mark(cells)
+        if decimal is None:
+            example = next(filter(is_odd_number, cells))
+            raise refuse_doubtful_commas(path.name, example)
+        said.append("numbers kept as text")
+    if layout.header:
+        said.append(f"the header on row {layout.header + 1}")
+    if layout.units:
+        said.append("a row of units below the header")
+    last = int(at[-1]) if len(at) else 0
+    blank = [number for number, row in body if is_blank_row(row) and number < last]
+    said += describe_lines(blank, "empty", "empty", "row")
+    mark = decimal or "."
+    columns = []
+    for k in range(len(layout.names)):
+        column = [row[k] for _, row in kept]
+        if convert:
+            column = [convert_number_text(cell, mark) for cell in column]
+        columns.append(np.array([*column, None], dtype=object)[:-1])
+    return Grid(layout.names, columns, where, layout.units, said)
+
+
+def list_sheets(path: Path) -> list[str]:
+    """List the sheets that hold a table of numbers. Raises DataError."""
+    return _list_tables(_read_sheets(path))
+
+
+def _read_sheets(path: Path) -> dict[str, list[list[Any]]]:
+    """Read all sheets, a list of cells per row from row 1 and column A on. Raises DataError."""
+    from python_calamine import CalamineError, CalamineWorkbook
+
+    check_file(path)
+    try:
+        with CalamineWorkbook.from_path(path) as book:
+            read = {
+                name: book.get_sheet_by_name(name).to_python(skip_empty_area=False)
+                for name in book.sheet_names
+            }
+    except (CalamineError, OSError, ValueError) as error:
+        raise DataError(
+            f"the spreadsheet cannot be read: {str(error).strip()}.",
+            file=path.name,
+            remedy="Open it and save it anew, without a password, or as CSV in UTF-8.",
+        ) from None
+    return {
+        name: [[_read_cell(cell) for cell in row] for row in rows] for name, rows in read.items()
+    }
+
+
+def _read_cell(cell: Any) -> Any:
+    """Return a cell as text or a number: whole ones without a decimal point, as names have them."""
+    if isinstance(cell, float) and cell.is_integer():
+        return int(cell)
+    if isinstance(cell, (dt.datetime, dt.date, dt.time)):
+        return cell.isoformat()
+    if isinstance(cell, dt.timedelta):
+        return cell.total_seconds()
+    return cell
+
+
+def _choose_sheet(path: Path, sheets: dict[str, list[list[Any]]], wanted: str | None) -> str:
+    if wanted is not None:
+        if wanted not in sheets:
+            raise DataError(
+                f'there is no sheet "{wanted}". {suggest(wanted, sheets)}', file=path.name
+            )
+        return wanted
+    tables = _list_tables(sheets)
+    if len(tables) > 1:
+        listed = ", ".join(f'"{name}"' for name in tables)
+        raise DataError(
+            f"{len(tables)} sheets hold a table of numbers: {listed}.",
+            file=path.name,
+            remedy=f'Say which in the study file: [measurements] sheet = "{tables[0]}" '
+            "(modelsel init: --sheet).",
+        )
+    if not tables:
+        raise DataError(
+            "no sheet holds a table of numbers.",
+            file=path.name,
+            remedy="A header row and a row per measured point are expected.",
+        )
+    return tables[0]
+
+
+def _list_tables(sheets: dict[str, list[list[Any]]]) -> list[str]:
+    return [name for name, rows in sheets.items() if _is_table(rows)]
+
+
+def _is_table(rows: Sequence[Sequence[Any]]) -> bool:
+    measured = [row for row in rows if sum(map(is_number, row)) >= MIN_NUMBERS]
+    return len(measured) >= MIN_ROWS

@@ -1,0 +1,126 @@
+"""Where a table's header is, and what stands around it: titles above, a row of units below, names
+in two rows."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias
+
+from .number_format import is_number
+
+Row: TypeAlias = Sequence[Any]
+# columns of a measurements file as the contract names them: they need no guess
+CONTRACT_NAME = re.compile(r"q[0-9]{1,9}_(rad|deg|mm|m)|[xyz]_(mm|m)")
+UNIT = re.compile(
+    r"[\[(<{]?\s*(°|°\s?[CF]|º|deg|degree|degrees|grad|gon|rad|mrad|[µμu]rad|nm|[µμu]m|mm|cm|dm|m|in"
+    r"|inch|ft|kg|g|lb|s|sec|ms|min|h|hz|k|c|n|nm|a|v|%|-|–|/|1)\s*[\])>}]?",
+    re.IGNORECASE,
+)
+NO_UNIT = re.compile(r"[\[(]?\s*[-–/1]?\s*[\])]?")
+# share of a data row's cells that a header fills
+MIN_HEADER_SHARE = 0.7
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The header of a table: its names, its row and the number of rows, from the first, that come
+    before the data; the units that stand below a name."""
+
+    names: list[str]
+    header: int
+    skipped: int
+    units: dict[str, str] = field(default_factory=dict)
+    titles: int = 0
+
+
+def is_blank_row(row: Row) -> bool:
+    """Whether no cell of a row holds anything."""
+    filled = map(_as_text, row)
+    return not any(filled)
+
+
+def find_layout(rows: Sequence[Row]) -> Layout | None:
+    """Find the header among the first rows of a table; None where a table begins with numbers."""
+    header = _find_header(rows)
+    if header is None:
+        return None
+    names = [_as_text(cell) for cell in rows[header]]
+    above = [row for row in rows[:header] if not is_blank_row(row)]
+    if above:
+        names = _complete_names(names, above[-1])
+    skipped = header + 1
+    units: dict[str, str] = {}
+    below = next((k for k in range(skipped, len(rows)) if not is_blank_row(rows[k])), None)
+    if below is not None and _is_unit_row(rows[below]):
+        cells = [_as_text(cell) for cell in rows[below]]
+        pairs = zip(names, cells, strict=False)
+        units = {name: cell for name, cell in pairs if not NO_UNIT.fullmatch(cell)}
+        skipped = below + 1
+    return Layout(names, header, skipped, units, len(above))
+
+
+def _find_header(rows: Sequence[Row]) -> int | None:
+    """Find the row of the names: one with the contract's, else the first that holds no number and
+    fills as many cells as the data below."""
+    filled = [k for k, row in enumerate(rows) if not is_blank_row(row)]
+    for k in filled:
+        if sum(CONTRACT_NAME.fullmatch(_as_text(cell)) is not None for cell in rows[k]) > 1:
+            return k
+    counts = Counter(_count_filled(rows[k]) for k in filled)
+    usual = max(counts, key=lambda width: (counts[width], width), default=0)
+    first = next((k for k in filled if _is_data_row(rows[k], usual)), None)
+    if first is None:
+        widest = [k for k in filled if _count_filled(rows[k]) == usual]
+        return widest[0] if widest else None
+    above = [k for k in filled if k < first]
+    for k in above:
+        is_wide = _count_filled(rows[k]) >= MIN_HEADER_SHARE * usual
+        if is_wide and not any(map(is_number, rows[k])):
+            return k
+    named = [k for k in above if not _is_unit_row(rows[k])]
+    return named[-1] if named else None
+
+
+def _is_data_row(row: Row, usual: int) -> bool:
+    """Whether a row is one of measurements: as wide as usual, a third of it or more numbers."""
+    count = _count_filled(row)
+    numbers = sum(map(is_number, row))
+    return count >= 0.6 * usual and numbers >= max(2, count / 3)
+
+
+def _is_unit_row(row: Row) -> bool:
+    cells = [_as_text(cell) for cell in row if _as_text(cell)]
+    has_unit = any(not NO_UNIT.fullmatch(cell) for cell in cells)
+    return has_unit and all(UNIT.fullmatch(cell) for cell in cells)
+
+
+def _complete_names(names: Sequence[str], above: Row) -> list[str]:
+    """Complete names of two rows: a cell that spans several columns stands before names that occur
+    twice, and for those that are empty."""
+    filled, last = list[str](), ""
+    for cell in above:
+        last = _as_text(cell) or last
+        filled.append(last)
+    filled += [last] * (len(names) - len(filled))
+    alone = [_as_text(cell) for cell in above] + [""] * len(names)
+    complete = []
+    for k, name in enumerate(names):
+        is_twice = bool(name) and list(names).count(name) > 1
+        longer = f"{filled[k]} {name}".strip() if is_twice else name
+        complete.append(longer or alone[k])
+    return complete
+
+
+def _count_filled(row: Row) -> int:
+    filled = filter(_as_text, row)
+    return len(list(filled))
+
+
+def _as_text(cell: Any) -> str:
+    if cell is None:
+        return ""
+    text = str(cell)
+    return text.strip()

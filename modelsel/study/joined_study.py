@@ -1,0 +1,118 @@
+"""A study from two files: the points that an instrument measured, and a log of joint readings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ..exceptions import DataError
+from ..measurements.headerless_columns import name_columns
+from ..measurements.joining import (
+    WAYS,
+    Join,
+    describe_unmatched,
+    find_joins,
+    find_reflectors,
+    join_tables,
+    refuse_join,
+)
+from ..measurements.table import DataFile, Table, load_table
+from ..robot.kinematics import Robot
+from .new_study import MAX_REACH_SHARE, MIN_IMPROVEMENT, StudyDraft, draft_study, measure_misfit
+
+# seconds that the times of a point and of its readings may differ
+MAX_GAP_S = 0.5
+
+
+def draft_joined_study(
+    points: DataFile,
+    log: DataFile,
+    robot: Robot,
+    given: Mapping[str, str],
+    way: str | None = None,
+    max_gap: float = MAX_GAP_S,
+) -> StudyDraft:
+    """Join points with joint readings and read the columns of both; `way`: by name, time or order,
+    else the one that fits. Raises DataError where none fits, or two that differ do."""
+    measured = _load_named(points, robot)
+    readings = _load_named(log, robot)
+    joins, reasons = find_joins(measured, readings, max_gap)
+    if way is not None:
+        if way not in joins:
+            raise refuse_join(measured, readings, reasons, (way,))
+        joins = {way: joins[way]}
+    if not joins:
+        raise refuse_join(measured, readings, reasons, WAYS)
+    drafts = {}
+    for each, join in _drop_equal(joins).items():
+        drafts[each] = _draft_join(measured, readings, join, robot, given)
+    chosen, reason = _choose_way(drafts, joins, measured)
+    draft = drafts[chosen]
+    for sentence in describe_unmatched(measured, readings, joins[chosen]):
+        draft = draft.remark(sentence)
+    return draft.remark(reason) if reason else draft
+
+
+def _load_named(file: DataFile, robot: Robot) -> Table:
+    """Load a file, with names for its columns where it has no header."""
+    source = replace(file, headerless=True)
+    table = load_table(source)
+    if not len(table):
+        raise table.where.refuse("a header, but no rows.")
+    return name_columns(table, robot.n)
+
+
+def _draft_join(
+    points: Table, log: Table, join: Join, robot: Robot, given: Mapping[str, str]
+) -> StudyDraft:
+    """Read the columns of two tables joined one way; rows that share their readings and stand apart
+    are of several reflectors."""
+    joined = join_tables(points, log, join)
+    reflectors = find_reflectors(joined, np.sort(join.log))
+    if reflectors is None or "target" in given or "target" in joined:
+        return draft_study(joined, robot, given)
+    draft = draft_study(joined, robot, {**given, "target": reflectors})
+    return draft.remark(f'"{reflectors}" tells the reflectors of one configuration apart.')
+
+
+def _drop_equal(joins: Mapping[str, Join]) -> dict[str, Join]:
+    """Drop ways that join the rows as one before does; names go before everything else."""
+    if "name" in joins:
+        return {"name": joins["name"]}
+    kept: dict[str, Join] = {}
+    for way, join in joins.items():
+        others = kept.values()
+        is_new = not any(join.is_like(other) for other in others)
+        if is_new:
+            kept[way] = join
+    return kept
+
+
+def _choose_way(
+    drafts: Mapping[str, StudyDraft], joins: Mapping[str, Join], points: Table
+) -> tuple[str, str]:
+    """Choose the way by which the nominal arm fits clearly better, and say why. Raises DataError
+    where the arm leaves it open."""
+    ways = list(drafts)
+    if len(ways) == 1:
+        return ways[0], ""
+    misfits = {}
+    for way, draft in drafts.items():
+        misfit = measure_misfit(draft.robot, draft.read())
+        misfits[way] = float("inf") if misfit is None else misfit
+    best, second = sorted(ways, key=lambda way: misfits[way])[:2]
+    is_good = misfits[best] <= MAX_REACH_SHARE * drafts[best].robot.reach
+    if is_good and misfits[second] >= MIN_IMPROVEMENT * misfits[best]:
+        other = f"{misfits[second]:.3g} mm" if np.isfinite(misfits[second]) else "not at all"
+        return best, (
+            f"Joined by {best}, the nominal arm fits to {misfits[best]:.3g} mm; by {second}: {other}."
+        )
+    listed = "; or ".join(f"{joins[way].words} ({misfits[way]:.3g} mm)" for way in ways)
+    raise DataError(
+        f"the files can be joined in two ways that differ, and the nominal arm fits neither clearly "
+        f"better: {listed}.",
+        file=points.where.file,
+        remedy=f"Say which: --join {' or --join '.join(ways)}.",
+    )

@@ -1,0 +1,290 @@
+"""A study from a file as people have it: how its columns are read, checked on the nominal arm."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from ..exceptions import DataError, ModelselError, NotEstimable
+from ..fitting.problem import Problem
+from ..measurements.column_guesses import Choice, Reading, guess_columns, merge_columns
+from ..measurements.headerless_columns import is_headerless, list_orders
+from ..measurements.measurements import Measurements
+from ..measurements.optional_columns import guess_optional_columns
+from ..measurements.orientation_columns import ORIENTATION_COLUMNS
+from ..measurements.orientation_guesses import guess_orientation
+from ..measurements.other_units import convert_units
+from ..measurements.reader import read_measurements
+from ..measurements.table import DataFile, Table, load_table, rename_columns
+from ..robot.kinematics import Robot
+from ..setup.other_robots import compute_registered_misfit, sample_positions
+from .orientation_reading import settle_orientation
+
+# columns that a message names
+MAX_SHOWN = 20
+# readings of the columns that are tried on the arm
+MAX_TRIED = 16
+# a reading is the right one where the nominal arm fits to this share of its reach and so much
+# better than by any other
+MAX_REACH_SHARE = 0.02
+MIN_IMPROVEMENT = 4.0
+# a smaller median misfit [mm] is not one of measurements
+MIN_MISFIT_MM = 0.003
+# configurations from which a part of them is held out, and how many at most
+MIN_SPLIT = 30
+HELD_OUT_SHARE = 0.4
+MAX_HELD_OUT = 40
+
+
+@dataclass(frozen=True)
+class StudyDraft:
+    """What a file is read as: the choices that are open or settled, optional columns, and the
+    measurements once nothing is open."""
+
+    robot: Robot
+    source: DataFile | Table
+    table: Table
+    given: Mapping[str, str]
+    choices: tuple[Choice, ...]
+    optional: tuple[Reading, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """Contract name -> name in the file, by the first reading of every choice."""
+        first = [choice.readings[0] for choice in self.choices]
+        optional = self.optional
+        readings = [*first, *optional]
+        guessed = merge_columns(readings)
+        given = self.given
+        return {**given, **guessed}
+
+    def choose(self, what: str, reading: Reading) -> StudyDraft:
+        """Return the draft with one choice settled."""
+        choices = tuple(
+            replace(choice, readings=(reading,)) if choice.what == what else choice
+            for choice in self.choices
+        )
+        return replace(self, choices=choices)
+
+    def remark(self, sentence: str) -> StudyDraft:
+        """Return the draft with one sentence more to say."""
+        before = self.remarks
+        remarks = (*before, sentence)
+        return replace(self, remarks=remarks)
+
+    def read(self) -> Measurements:
+        """Read the measurements. Raises DataError with file, line and column."""
+        columns = self.columns
+        robot = self.robot
+        return read_measurements(self.source, robot, columns)
+
+
+def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]) -> StudyDraft:
+    """Read a file's columns as well as its names, its values and the nominal arm tell; `given`:
+    what the user says. Raises DataError where nothing looks like a required column."""
+    if isinstance(source, DataFile):
+        source = replace(source, headerless=True)
+    table = load_table(source)
+    if is_headerless(table):
+        return _draft_headerless(table, robot, given)
+    if not len(table):
+        raise table.where.refuse("a header, but no rows.")
+    table, remarks = convert_units(table, robot.prismatic)
+    if remarks:
+        source = table
+    renamed = rename_columns(table, given)
+    choices = guess_columns(renamed, robot.prismatic)
+    for choice in choices:
+        if not choice.readings:
+            raise _refuse_missing(table, choice, robot)
+    draft = StudyDraft(robot, source, table, given, tuple(choices), remarks=remarks)
+    taken = {*draft.columns.values(), *given}
+    optional = guess_optional_columns(renamed, taken)
+    draft = replace(draft, optional=tuple(optional))
+    return settle_by_arm(draft)
+
+
+def _draft_headerless(table: Table, robot: Robot, given: Mapping[str, str]) -> StudyDraft:
+    """Read a table without header, of readings and coordinates in the order that the nominal arm
+    fits. Raises DataError where it fits neither clearly better."""
+    orders = list_orders(table, robot.n)
+    drafts = [draft_study(each, robot, given) for each in orders]
+    misfits = [_measure_draft(draft) for draft in drafts]
+    least = min(misfits)
+    most = max(misfits)
+    best = misfits.index(least)
+    is_good = least <= MAX_REACH_SHARE * robot.reach
+    is_clear = most >= MIN_IMPROVEMENT * least
+    if not (is_good and is_clear):
+        raise table.where.refuse(
+            "there is no header, and the nominal arm tells neither that joint readings come before "
+            "X, Y, Z nor that they come after.",
+            remedy="Write the columns' names in a line above them: q1_deg, …, x_mm, y_mm, z_mm.",
+        )
+    order = ("joint readings, then X, Y, Z", "X, Y, Z, then joint readings")[best]
+    return drafts[best].remark(f"Without a header: {order}, as the nominal arm fits them.")
+
+
+def _measure_draft(draft: StudyDraft) -> float:
+    """Compute how far the positions are from the nominal arm [mm]; infinite where they cannot be
+    read."""
+    first = [choice.readings[0] for choice in draft.choices]
+    return _try_readings(draft, first)
+
+
+def add_orientation(draft: StudyDraft) -> StudyDraft:
+    """Add the orientation where columns look like one and follow the nominal arm, to a draft whose
+    other choices are settled."""
+    robot = draft.robot
+    columns = draft.columns
+    taken = set(columns.values())
+    choice = guess_orientation(draft.table, taken, robot.name)
+    given = set(draft.given)
+    is_given = given & set(ORIENTATION_COLUMNS)
+    if choice is None or is_given:
+        return draft
+    choice, remark = settle_orientation(draft.source, robot, columns, choice)
+    if not choice.readings:
+        return draft.remark(remark)
+    before = draft.choices
+    choices = (*before, choice)
+    return replace(draft, choices=choices)
+
+
+def _refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
+    is_joints = "joint" in choice.what
+    where = table.where
+    first, wanted = "x_mm", "x_mm, y_mm and z_mm"
+    if is_joints:
+        first, wanted = "q1_deg", f"q1_deg to q{robot.n}_deg"
+    names = list(table.columns)
+    shown = names[:MAX_SHOWN]
+    listed = ", ".join(f'"{name}"' for name in shown)
+    joints = f"{robot.name} has {robot.n} joints"
+    return where.refuse(
+        f"nothing looks like {choice.what}: {joints}, and the columns are {listed}.",
+        remedy=f"Say which they are: --column {first}=NAME, and so on ({wanted}).",
+    )
+
+
+# -- which reading the arm fits
+# --------------------------------------------------------------------------------------------
+
+
+def settle_by_arm(draft: StudyDraft) -> StudyDraft:
+    """Settle choices that names and values leave open by the nominal arm, where it fits one
+    reading clearly better than all others."""
+    if not any(choice.is_doubtful for choice in draft.choices):
+        return draft
+    readings = [choice.readings for choice in draft.choices]
+    combinations = list(product(*readings))
+    if len(combinations) > MAX_TRIED:
+        return draft
+    misfits = [_try_readings(draft, combination) for combination in combinations]
+    ordered = sorted(misfits)
+    best, second = ordered[:2]
+    is_good = best <= MAX_REACH_SHARE * draft.robot.reach
+    is_clear = second >= MIN_IMPROVEMENT * best
+    if not (is_good and is_clear):
+        return draft
+    other = "not at all"
+    if np.isfinite(second):
+        other = f"to {second:.3g} mm"
+    reason = f"the nominal arm then fits to {best:.3g} mm, otherwise {other}"
+    chosen = combinations[misfits.index(best)]
+    for choice, reading in zip(draft.choices, chosen, strict=True):
+        if not choice.is_doubtful:
+            continue
+        reasons = filter(None, (reading.reason, reason))
+        explained = replace(reading, reason="; ".join(reasons))
+        draft = draft.choose(choice.what, explained)
+    return draft
+
+
+def _try_readings(draft: StudyDraft, readings: Sequence[Reading]) -> float:
+    """Compute how far the positions are from the nominal arm [mm] by some readings; infinite where
+    the file cannot be read so."""
+    columns = {**draft.given, **merge_columns(readings)}
+    try:
+        data = read_measurements(draft.source, draft.robot, columns)
+    except ModelselError:
+        return float("inf")
+    misfit = measure_misfit(draft.robot, data)
+    return float("inf") if misfit is None else misfit
+
+
+def measure_misfit(robot: Robot, data: Measurements) -> float | None:
+    """Compute the median distance [mm] of measured positions from the nominal arm, tracker and
+    target found from them; None where there are too few configurations."""
+    try:
+        no_tools = np.zeros((len(data.targets), 3))
+        problem = Problem(robot, data, no_tools)
+        all_rows = np.ones(len(data), bool)
+        sample = sample_positions(problem, all_rows)
+    except (DataError, NotEstimable):
+        return None
+    return None if sample is None else compute_registered_misfit(sample)
+
+
+# -- what is said and written
+# --------------------------------------------------------------------------------------------
+
+
+def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
+    """Say how a file is read, and how well the nominal arm fits it."""
+    robot = draft.robot
+    lines = [f"Robot: {robot.name}, {robot.n} joints, reach {robot.reach:.0f} mm."]
+    lines += [note.sentence for note in draft.table.notes]
+    for choice in draft.choices:
+        first, *_ = choice.readings
+        what = choice.what.capitalize()
+        lines.append(f"{what}: {first.sentence}.")
+    lines += [f"Also: {reading.sentence}." for reading in draft.optional]
+    counts = [_count(len(data), "row"), _count(data.configurations, "configuration")]
+    targets = len(data.targets)
+    if targets > 1:
+        counts.append(_count(targets, "target"))
+    lines.append(f"{', '.join(counts)}.")
+    lines += _describe_misfit(robot, data)
+    lines.append(_describe_split(data))
+    return [*lines, *draft.remarks]
+
+
+def _count(number: int, word: str) -> str:
+    """Write a number with its word, in the plural where it is one of several."""
+    if number != 1:
+        word += "s"
+    return f"{number} {word}"
+
+
+def _describe_misfit(robot: Robot, data: Measurements) -> list[str]:
+    misfit = measure_misfit(robot, data)
+    if misfit is None or not np.isfinite(misfit):
+        return ["Too few configurations to try the nominal arm on."]
+    said = f"Tracker and target found from the rows, the nominal arm fits to {misfit:.3g} mm"
+    if misfit < MIN_MISFIT_MM:
+        said += " (median): no arm is measured so well. These positions look computed, by the "
+        return [said + "controller or a simulation; a calibration needs measured ones."]
+    if misfit <= MAX_REACH_SHARE * robot.reach:
+        return [f"{said} (median)."]
+    said += " (median): that is far. Check the robot, the order of the joints and the units; "
+    return [said + "modelsel check looks for the likeliest mistake."]
+
+
+def count_estimation(data: Measurements) -> int | None:
+    """Return how many configurations estimate; None where all of them do."""
+    if data.configurations < MIN_SPLIT:
+        return None
+    held_out = min(round(HELD_OUT_SHARE * data.configurations), MAX_HELD_OUT)
+    return data.configurations - held_out
+
+
+def _describe_split(data: Measurements) -> str:
+    count = count_estimation(data)
+    if count is None:
+        return f"All configurations estimate: from {MIN_SPLIT} on, some would be held out."
+    return f"{count} configurations estimate, {data.configurations - count} are held out."

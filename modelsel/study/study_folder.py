@@ -1,0 +1,144 @@
+"""Write a study folder: study.toml, and beside it the measurements and the robot file."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from .._files import check_writable, csv_bytes, write_all
+from .._text import read_text
+from ..config.study_file import parse_study
+from ..exceptions import StudyError
+from ..measurements.measurements import Measurements
+from ..measurements.table import Table, rename_columns
+from ..robot.files import is_robot_file
+from .new_study import StudyDraft, count_estimation
+
+JOINED_FILE = "measurements.csv"
+STUDY_FILE = "study.toml"
+PLAIN_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+@dataclass(frozen=True)
+class RobotSource:
+    """How a user names a robot: its name or file, of a URDF the links `base` and `tip`; `urdf`: what
+    a xacro file expands to."""
+
+    given: str
+    base: str | None = None
+    tip: str | None = None
+    urdf: bytes | None = None
+
+    def list_keys(self, name: str) -> dict[str, str]:
+        """List the keys of the study's table [robot], for a robot of some `name`."""
+        if not is_robot_file(self.given):
+            return {"name": name}
+        keys = {"file": self.file, "base": self.base, "tip": self.tip}
+        return {key: value for key, value in keys.items() if value is not None}
+
+    @property
+    def file(self) -> str:
+        """The robot file's name in the study folder."""
+        path = Path(self.given)
+        if self.urdf is None:
+            return path.name
+        name = path.name.removesuffix(path.suffix)
+        stem = name.removesuffix(".urdf")
+        return f"{stem}.urdf"
+
+    def read(self) -> bytes:
+        """Read the robot file."""
+        if self.urdf is not None:
+            return self.urdf
+        return read_text(Path(self.given), "the robot file").encode()
+
+
+def write_study_folder(
+    draft: StudyDraft, data: Measurements, robot: RobotSource, folder: Path
+) -> list[Path]:
+    """Write a study of a draft. Returns the files written. Raises StudyError where there is a study
+    already."""
+    check_new(folder)
+    files: dict[str, bytes] = {}
+    source = draft.source
+    if isinstance(source, Table):
+        files[JOINED_FILE] = _write_table(rename_columns(source, draft.columns))
+    elif not _is_inside(source.path, folder):
+        files[source.path.name] = source.path.read_bytes()
+    if is_robot_file(robot.given):
+        written = robot.urdf is not None
+        if written or not _is_inside(Path(robot.given), folder):
+            files[robot.file] = robot.read()
+    keys = robot.list_keys(draft.robot.name)
+    text = format_study(draft, data, keys, folder.resolve().name)
+    parse_study(text, STUDY_FILE)
+    files[STUDY_FILE] = text.encode()
+    write_all(folder, files)
+    return [folder / name for name in files]
+
+
+def _is_inside(path: Path, folder: Path) -> bool:
+    real = path.resolve()
+    parent = real.parent
+    return parent == folder.resolve()
+
+
+def check_new(folder: Path) -> None:
+    """Refuse a folder that has a study already, or that cannot be written. Raises StudyError."""
+    if (folder / STUDY_FILE).exists():
+        raise StudyError(f"{folder / STUDY_FILE} already exists. Give another folder with --out.")
+    check_writable(folder)
+
+
+def format_study(draft: StudyDraft, data: Measurements, robot: Mapping[str, str], name: str) -> str:
+    """Write the text of a study file, which a person may go on with."""
+    lines = [f"name = {_quote(name)}", "seed = 1", "", "[robot]"]
+    lines += [f"{key} = {_quote(value)}" for key, value in robot.items()]
+    lines += ["register = true  # tracker frame and target are found from the measurements"]
+    lines += ["", "[measurements]", *_format_measurements(draft)]
+    estimation = count_estimation(data)
+    if estimation is not None:
+        lines += [
+            "",
+            "[split]",
+            f"estimation = {estimation}  # the other configurations are held out",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _format_measurements(draft: StudyDraft) -> list[str]:
+    """Write the lines of the table of measurements; of joined files the columns have their names
+    already."""
+    source = draft.source
+    if isinstance(source, Table):
+        return [f"file = {_quote(JOINED_FILE)}"]
+    keys = {"file": source.path.name, "sheet": source.sheet, "decimal": source.decimal}
+    lines = []
+    for key, value in keys.items():
+        if value is not None:
+            lines.append(f"{key} = {_quote(value)}")
+    if draft.columns:
+        lines += ["", "[measurements.columns]  # name of a measurements file = name in this one"]
+        lines += [f"{_key(name)} = {_quote(given)}" for name, given in draft.columns.items()]
+    return lines
+
+
+def _write_table(table: Table) -> bytes:
+    """Write joined measurements as CSV."""
+    import pandas as pd
+
+    return csv_bytes(pd.DataFrame(dict(table.columns)), "%.17g")
+
+
+def _quote(text: str) -> str:
+    """Write a text as a TOML string."""
+    quoted = json.dumps(text, ensure_ascii=False)
+    return quoted.replace("\x7f", "\\u007f")
+
+
+def _key(name: Any) -> str:
+    return str(name) if PLAIN_KEY.fullmatch(str(name)) else _quote(str(name))

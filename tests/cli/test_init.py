@@ -1,0 +1,298 @@
+"""`modelsel init`: from files as other programs write them to a study that runs, no file edited."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner, Result
+
+from modelsel.cli.main import run_command_line
+from modelsel.measurements.measurements import build_measurements
+from modelsel.robot.files import load_robot
+from modelsel.robot.rigid import rotation_matrix
+from modelsel.study.simulation import simulate_points
+
+TOOL = np.array([40.0, -25, 120])
+
+
+def campaign(rows: int = 40, largest: float = 1.8, robot: str = "ur10") -> pd.DataFrame:
+    """Readings in degrees J1 … J6 and a tracker's X Y Z of an arm that is as drawn."""
+    rng = np.random.default_rng(18)
+    q = rng.uniform(-largest, largest, (rows, 6))
+    q[0, 0] = largest
+    at = build_measurements(q, np.zeros((rows, 3)))
+    points = simulate_points(load_robot(robot), TOOL, [], at=at, noise_mm=0.05, rng=rng)
+    seen = points[["x_mm", "y_mm", "z_mm"]].to_numpy() @ rotation_matrix(2, 0.7).T
+    frame = pd.DataFrame(np.degrees(q).round(5), columns=[f"J{k}" for k in range(1, 7)])
+    frame[["X", "Y", "Z"]] = (seen + np.array([2500, -800, 300])).round(4)
+    return frame
+
+
+def invoked(*words: object, answers: str | None = None) -> Result:
+    return CliRunner().invoke(run_command_line, [str(word) for word in words], input=answers)
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_german_excel_to_a_study_that_runs(tmp_path) -> None:
+    """Semicolons, decimal commas, Windows-1252; a robot by another spelling; no option but --yes."""
+    frame = campaign()
+    frame["Temperatur [°C]"] = np.linspace(20, 24, len(frame)).round(1)
+    frame["Prüfer"] = "Jörg"
+    file = tmp_path / "Messung 3.csv"
+    frame.to_csv(file, sep=";", decimal=",", index=False, encoding="cp1252")
+    ran = invoked("init", file, "--robot", "UR 10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    said = ran.stdout.splitlines()
+    assert said[:6] == [
+        "Robot: ur10, 6 joints, reach 1683 mm.",
+        (
+            "Messung 3.csv is read as it is: text in Windows-1252, cells separated by semicolons, "
+            "decimal commas."
+        ),
+        'The joint readings: "J1" to "J6" in degrees (up to 103).',
+        said[3],
+        'Also: "Temperatur [°C]" as temperature_C (20 to 24).',
+        "40 rows, 40 configurations.",
+    ]
+    assert "the nominal arm fits to 0.0" in said[6]
+    page = Path(__file__).parents[2] / "docs" / "how-to" / "your-files.md"
+    shown = "```text\n" + "\n".join(said[:8]) + "\n```"
+    assert shown in page.read_text(encoding="utf-8"), shown
+    assert said[-1] == "Next: modelsel study 'Messung 3'"
+    folder = tmp_path / "Messung 3"
+    assert (folder / file.name).read_bytes() == file.read_bytes()
+    study = tomllib.loads((folder / "study.toml").read_text(encoding="utf-8"))
+    assert study["measurements"]["columns"]["temperature_C"] == "Temperatur [°C]"
+    assert study["split"] == {"estimation": 24}
+    ran = invoked("study", folder, "--no-report", "--no-sampling", "--out", "out")
+    assert ran.exit_code == 0, ran.output
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["ladder"][0]["estimation"]["rms_mm"] < 0.2
+    assert [w["code"] for w in result["warnings"]].count("file-format") == 1
+
+
+def test_what_is_shown_is_confirmed_before_anything_is_written(tmp_path) -> None:
+    campaign().to_csv("m.csv", index=False)
+    silent = invoked("init", "m.csv", "--robot", "ur10")
+    assert (silent.exit_code, "--yes" in silent.stderr) == (2, True)
+    assert '"J1" to "J6" in degrees' in silent.stdout
+    no = invoked("init", "m.csv", "--robot", "ur10", answers="n\n")
+    assert (no.exit_code, "nothing was written" in no.stderr) == (2, True)
+    assert not (tmp_path / "m").exists()
+    assert invoked("init", "m.csv", "--robot", "ur10", answers="y\n").exit_code == 0
+    again = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert (again.exit_code, "already exists" in again.stderr) == (2, True)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("rad", np.pi / 180), ("deg", 1.0)])
+def test_the_arm_decides_between_units_that_both_fit(unit, factor) -> None:
+    """Readings within 1.4 radians, or 1.4 degrees of an arm that hardly moves."""
+    largest = 1.4 * np.pi / 180 / factor
+    frame = campaign(largest=largest)
+    frame.iloc[:, :6] *= factor
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", "--json")
+    assert ran.exit_code == 0, ran.output
+    told = json.loads(ran.stdout)
+    assert told["columns"][f"q1_{unit}"] == "J1"
+    assert "the nominal arm then fits to 0.0" in " ".join(told["said"])
+    assert "Not sure" not in " ".join(told["said"])
+
+
+def with_two_positions() -> None:
+    """The controller's own position beside the tracker's."""
+    frame = campaign()
+    for axis in "XYZ":
+        frame[f"TCP_{axis}"] = frame[axis] + 0.01
+    frame.to_csv("m.csv", index=False)
+
+
+def test_a_doubtful_reading_is_asked() -> None:
+    with_two_positions()
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--json", answers="2\ny\n")
+    assert json.loads(ran.stdout)["columns"]["x_mm"] == "TCP_X"
+    assert '1: "X", "Y" and "Z" in mm' in ran.stderr
+
+
+def test_a_doubtful_reading_is_refused_with_both_where_nobody_answers(tmp_path) -> None:
+    with_two_positions()
+    ran = invoked("init", "m.csv", "--robot", "ur10")
+    assert ran.exit_code == 2
+    assert '"X", "Y" and "Z" in mm; or "TCP_X", "TCP_Y" and "TCP_Z" in mm' in ran.stderr
+    assert not (tmp_path / "m").exists()
+
+
+def test_with_yes_the_first_is_taken_and_the_other_told() -> None:
+    with_two_positions()
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert 'Not sure: the position may also be "TCP_X", "TCP_Y" and "TCP_Z" in mm.' in ran.stdout
+
+
+def test_columns_that_the_user_says_go_first() -> None:
+    frame = campaign().rename(columns={"X": "east", "Y": "north", "Z": "up"})
+    frame.to_csv("m.csv", index=False)
+    words = ("init", "m.csv", "--robot", "ur10", "--yes")
+    refused = invoked(*words)
+    assert refused.exit_code == 3
+    assert "nothing looks like the position" in refused.stderr
+    assert "--column x_mm=NAME" in refused.stderr
+    said = [f"--column={a}_mm={b}" for a, b in zip("xyz", ("east", "north", "up"), strict=True)]
+    assert invoked(*words, *said).exit_code == 0
+
+
+def test_a_robot_file_and_a_sheet_go_into_the_folder(tmp_path) -> None:
+    from importlib.resources import files
+
+    text = files("modelsel").joinpath("robot", "catalogue", "ur10.toml").read_text()
+    (tmp_path / "cell.toml").write_text(text)
+    with pd.ExcelWriter("m.xlsx", engine="openpyxl") as book:
+        campaign().to_excel(book, sheet_name="Mai", index=False)
+        campaign().to_excel(book, sheet_name="Juni", index=False)
+    words = ("init", "m.xlsx", "--robot", "cell.toml", "--yes", "--out", "new")
+    refused = invoked(*words)
+    assert (refused.exit_code, '"Mai", "Juni"' in refused.stderr) == (3, True)
+    assert invoked(*words, "--sheet", "Juni").exit_code == 0
+    assert {path.name for path in (tmp_path / "new").iterdir()} == {
+        "cell.toml",
+        "m.xlsx",
+        "study.toml",
+    }
+    assert invoked("study", "new", "--dry-run").exit_code == 0
+
+
+def test_another_robot_is_told_by_its_misfit() -> None:
+    campaign().to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur5", "--yes")
+    assert ran.exit_code == 0
+    assert "that is far. Check the robot" in ran.stdout
+    unknown = invoked("init", "m.csv", "--robot", "ur1", "--yes", "--out", "other")
+    assert unknown.exit_code == 2
+    assert 'unknown robot "ur1". Did you mean "ur10"' in unknown.stderr
+
+
+@pytest.mark.parametrize("order", ["joints", "points"])
+def test_without_a_header_the_arm_tells_the_order(order) -> None:
+    frame = campaign()
+    columns = list(frame.columns)
+    columns = columns if order == "joints" else [*columns[6:], *columns[:6]]
+    frame[columns].to_csv("m.csv", index=False, header=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    first = "joint readings, then X, Y, Z" if order == "joints" else "X, Y, Z, then joint"
+    assert f"Without a header: {first}" in ran.stdout
+    assert invoked("study", "m", "--dry-run").exit_code == 0
+    other = invoked("init", "m.csv", "--robot", "ur5", "--yes", "--out", "n")
+    assert (other.exit_code, "there is no header" in other.stderr) == (3, True)
+    fewer = invoked("init", "m.csv", "--robot", "fr3", "--yes", "--out", "n")
+    assert (fewer.exit_code, "are not the readings of 7 joints" in fewer.stderr) == (3, True)
+
+
+def test_other_units_are_converted_and_said() -> None:
+    frame = campaign()
+    frame.iloc[:, 6:] /= 25.4
+    frame.iloc[:, :6] /= 0.9
+    named = {f"J{k}": f"J{k} [gon]" for k in range(1, 7)} | {a: f"{a} (inch)" for a in "XYZ"}
+    frame.rename(columns=named).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    assert '"X (inch)", "Y (inch)", "Z (inch)" from inch to mm' in ran.stdout
+    assert '"J6 [gon]" from gon to rad' in ran.stdout
+    assert "the nominal arm fits to 0.0" in ran.stdout
+    assert invoked("study", "m", "--dry-run").exit_code == 0
+
+
+def test_a_seventh_reading_is_not_cut_off() -> None:
+    frame = campaign()
+    frame.insert(6, "J7", 0.0)
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert (ran.exit_code, "ur10 has 6 joints" in ran.stderr) == (3, True)
+
+
+@pytest.mark.parametrize("title", ["", "Campaign of May\n"])
+def test_a_header_alone_is_told(title, tmp_path) -> None:
+    (tmp_path / "m.csv").write_text(f"{title}J1,J2,J3,J4,J5,J6,X,Y,Z\n")
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert (ran.exit_code, "a header, but no rows" in ran.stderr) == (3, True)
+    (tmp_path / "c.csv").write_text(f"{title}q1_rad,q2_rad,q3_rad,x_mm,y_mm,z_mm\n")
+    ran = invoked("check", "c.csv", "--robot", "ur10")
+    assert ran.exit_code == 3
+
+
+def test_a_sheet_of_a_text_table_is_refused() -> None:
+    campaign().to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", "--sheet", "May")
+    assert (ran.exit_code, "has no sheets" in ran.stderr) == (3, True)
+
+
+# -- orientations
+# --------------------------------------------------------------------------------------------
+
+
+def poses(order: str, turned: bool = True) -> pd.DataFrame:
+    """The campaign with the target's orientation in the tracker's frame (or, not `turned`, in the
+    robot's own), as angles in degrees about the axes of `order`, intrinsic."""
+    from scipy.spatial.transform import Rotation
+
+    from modelsel.robot.kinematics import pose
+
+    frame = campaign()
+    q = np.radians(frame.iloc[:, :6].to_numpy())
+    flange = pose(load_robot("ur10"), q, TOOL).axes[-1, :3].transpose(2, 1, 0)
+    tracker = rotation_matrix(2, 0.7) if turned else np.eye(3)
+    on_flange = Rotation.from_euler("XYZ", [20, 40, 70], degrees=True).as_matrix()
+    seen = Rotation.from_matrix(tracker @ flange @ on_flange)
+    values = np.degrees(seen.as_rotvec()) if order == "vector" else seen.as_euler(order, True)
+    return frame.join(pd.DataFrame(values.round(5), columns=["1", "2", "3"]))
+
+
+@pytest.mark.parametrize(
+    ("order", "letters", "expected"),
+    [
+        ("ZYX", ["A", "B", "C"], {"kuka_a_deg": "A", "kuka_b_deg": "B", "kuka_c_deg": "C"}),
+        ("ZYX", ["R", "P", "W"], {"fanuc_w_deg": "W", "fanuc_p_deg": "P", "fanuc_r_deg": "R"}),
+        ("XYZ", ["Rx [°]", "Ry [°]", "Rz [°]"], {"staubli_rx_deg": "Rx [°]"}),
+        ("ZYX", ["Rz", "Ry", "Rx"], {"yaskawa_rx_deg": "Rx", "yaskawa_rz_deg": "Rz"}),
+        ("vector", ["Rx", "Ry", "Rz"], {"ur_rx_deg": "Rx", "ur_rz_deg": "Rz"}),
+        ("ZYX", ["C", "B", "A"], {"roll_deg": "A", "pitch_deg": "B", "yaw_deg": "C"}),
+    ],
+)
+def test_the_arm_tells_the_convention(order, letters, expected) -> None:
+    named = dict(zip("123", letters, strict=True))
+    poses(order).rename(columns=named).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", "--json")
+    assert ran.exit_code == 0, ran.output
+    told = json.loads(ran.stdout)
+    assert expected.items() <= told["columns"].items()
+    assert "from the nominal arm's" in " ".join(told["said"])
+    assert invoked("study", "m", "--dry-run").exit_code == 0
+
+
+def test_a_controllers_own_orientation_is_left_out_and_said() -> None:
+    """In the robot's base frame beside a tracker's positions: it follows by no convention."""
+    named = dict(zip("123", "ABC", strict=True))
+    poses("ZYX", turned=False).rename(columns=named).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert 'Orientations are left out: read as "A B C"' in ran.stdout
+    assert "kuka" not in (ran.stdout.split("Written")[1])
+
+
+def test_positions_that_no_instrument_gives_are_told() -> None:
+    """A log with the controller's own X Y Z: computed, not measured."""
+    frame = campaign()
+    q = np.radians(frame.iloc[:, :6].to_numpy())
+    from modelsel.robot.kinematics import forward
+
+    frame[["X", "Y", "Z"]] = forward(load_robot("ur10"), q, TOOL).round(4)
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert "These positions look computed" in ran.stdout

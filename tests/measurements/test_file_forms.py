@@ -1,0 +1,390 @@
+"""Measurements in the forms that other programs write: separators, decimal commas, encodings,
+comments, empty rows, units, spreadsheets. Every form holds the numbers of one plain CSV."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+from xml.sax.saxutils import escape
+
+import numpy as np
+import pytest
+
+from modelsel.config.study_file import find_source, parse_study
+from modelsel.exceptions import DataError
+from modelsel.measurements.number_format import convert_number_text, find_decimal_mark
+from modelsel.measurements.reader import read_measurements
+from modelsel.measurements.row_places import where_from_record
+from modelsel.measurements.table import DataFile
+
+NAMES = ["target", "q1_deg", "q2_deg", "q3_deg", "x_mm", "y_mm", "z_mm"]
+ROWS = 8
+
+
+def numbers() -> list[list[float]]:
+    rng = np.random.default_rng(18)
+    scale = np.array([170.0, 90, 120, 1500, 1500, 1500])
+    return np.round(rng.uniform(-1, 1, (ROWS, 6)) * scale, 4).tolist()
+
+
+def cells(decimal: str = ".") -> list[list[str]]:
+    return [
+        [f"Prüfkugel {k % 2}", *(str(value).replace(".", decimal) for value in row)]
+        for k, row in enumerate(numbers())
+    ]
+
+
+def written(separator: str = ",", decimal: str = ".", end: str = "\n") -> str:
+    return "".join(separator.join(row) + end for row in [NAMES, *cells(decimal)])
+
+
+def german_excel() -> bytes:
+    """As Excel in a German locale saves CSV, with a title above and an empty row at the end."""
+    title = "Kalibrierung Halle 3;;;;;;\r\n;;;;;;\r\n"
+    return (title + written(";", ",", "\r\n") + ";;;;;;\r\n").encode("cp1252")
+
+
+def commented() -> bytes:
+    """With comments of three kinds, one of them with an open quote, and an empty line between."""
+    lines = written().splitlines()
+    lines[4:4] = ["", '# 5" sphere, "cleaned', "// paused"]
+    return "\n".join(["% tracker 1", *lines]).encode()
+
+
+def with_units() -> bytes:
+    lines = written("\t").splitlines()
+    return "\n".join([lines[0], "-\t[°]\t[°]\t[°]\t[mm]\t[mm]\t[mm]", *lines[1:]]).encode()
+
+
+def from_numpy() -> bytes:
+    """As numpy.savetxt writes it: the header is a comment, blanks between."""
+    rows = [[cell.replace(" ", "_") for cell in row] for row in [NAMES, *cells()]]
+    return "\n".join(["# " + "   ".join(rows[0]), *("   ".join(row) for row in rows[1:])]).encode()
+
+
+FORMS = {
+    "plain": (written().encode(), 2, ""),
+    "semicolons": (written(";").encode(), 2, "cells separated by semicolons"),
+    "tabs, mark": (written("\t").encode("utf-8-sig"), 2, "cells separated by tabs"),
+    "UTF-16": (written("\t").encode("utf-16"), 2, "text in UTF-16"),
+    "UTF-16 without mark": (written(",").encode("utf-16-le"), 2, "text in UTF-16"),
+    "German Excel": (
+        german_excel(),
+        4,
+        "text in Windows-1252, cells separated by semicolons, decimal commas, the header on line 3",
+    ),
+    "quoted decimal commas": (
+        "\n".join(",".join(f'"{cell}"' for cell in row) for row in [NAMES, *cells(",")]).encode(),
+        2,
+        "decimal commas",
+    ),
+    "comments": (commented(), 3, "3 lines are comments (1, 7, 8), line 6 is empty"),
+    "units": (with_units(), 3, "cells separated by tabs, a row of units below the header"),
+    "numpy": (from_numpy(), 2, "cells separated by blanks"),
+    "Excel's hint": (b"sep=;\n" + written(";").encode(), 3, "the header on line 2"),
+    "separators at the ends": (
+        "\n".join(line + ";;" for line in written(";").splitlines()).encode(),
+        2,
+        "semicolons",
+    ),
+}
+
+
+def read(path: Path):
+    return read_measurements(path, (False,) * 3)
+
+
+def check(data) -> None:
+    expected = np.array(numbers())
+    assert np.allclose(np.degrees(data.q), expected[:, :3], rtol=0, atol=1e-12)
+    assert np.array_equal(data.position, expected[:, 3:])
+    names = [name.replace("_", " ") for name in data.targets]
+    assert names == ["Prüfkugel 0", "Prüfkugel 1"]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_forms_of_text_hold_the_same_numbers(form, tmp_path) -> None:
+    content, first, said = FORMS[form]
+    path = tmp_path / "m.csv"
+    path.write_bytes(content)
+    data = read(path)
+    check(data)
+    assert data.where.number(0) == first
+    notes = [note.sentence for note in data.notes if note.code == "file-format"]
+    assert (said in notes[0]) if said else not notes
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_spoilt_cell_is_told_at_the_line_of_the_users_file(form, tmp_path) -> None:
+    """The line as an editor counts it, whatever stands above and between."""
+    content, _, _ = FORMS[form]
+    path = tmp_path / "m.csv"
+    encoding = "utf-16" if b"\0" in content else "cp1252" if b"\xfc" in content else "utf-8"
+    encoding = "utf-16-le" if form == "UTF-16 without mark" else encoding
+    text = content.decode(encoding)
+    value = str(numbers()[5][2])
+    value = value if value in text else value.replace(".", ",")
+    lines = text.splitlines()
+    (line,) = [k for k, content in enumerate(lines, 1) if value in content]
+    path.write_bytes(text.replace(value, "n/a").encode(encoding))
+    with pytest.raises(DataError, match=f'line {line}, column q3_deg: .*found "n/a"'):
+        read(path)
+
+
+@pytest.mark.parametrize(
+    ("texts", "mark"),
+    [
+        (["1,5", "2,25"], ","),
+        (["1,234", "12,345"], None),
+        (["1,234", "12,345", "0,5"], ","),
+        (["1,234", "12.5"], "."),
+        (["1.234,5", "7"], ","),
+        (["1,234.5", "7"], "."),
+        (["1,5", "1.5"], "."),
+        (["1 234,5"], ","),
+        (["−1,5"], ","),
+        (["1", "2"], "."),
+    ],
+)
+def test_decimal_marks_by_all_numbers(texts, mark) -> None:
+    assert find_decimal_mark(texts) == mark
+
+
+@pytest.mark.parametrize(
+    ("text", "mark", "number"),
+    [
+        ("1.234,5", ",", "1234.5"),
+        ("1.234", ",", "1234"),
+        ("1,234.5", ".", "1234.5"),
+        ("1'234.5", ".", "1234.5"),
+        ("\u22121,5", ",", "-1.5"),
+        ("1,5", ".", "1,5"),
+        ("a,5", ",", "a,5"),
+    ],
+)
+def test_numbers_are_written_with_points(text, mark, number) -> None:
+    assert convert_number_text(text, mark) == number
+
+
+@pytest.mark.parametrize("text", ["\u22121.5", "1 000", "1'000", '"1,5"', '"1,000.5"'])
+def test_a_single_odd_cell_is_a_mistake_not_a_form(text, tmp_path) -> None:
+    """One cell among hundreds that are plain; written so throughout, it is how the file is."""
+    rng = np.random.default_rng(1)
+    lines = [",".join(f"{value:.3f}" for value in rng.uniform(-1, 1, 6)) for _ in range(40)]
+    lines[20] = f"{text},0,0,1,2,3"
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join([",".join(NAMES[1:]), *lines]), encoding="utf-8")
+    with pytest.raises(DataError, match="line 22, column q1_deg"):
+        read(path)
+
+
+def doubtful() -> str:
+    """Commas that may be either: 1,234 and 12,345 alone."""
+    rows = [
+        "1,234;2,345;3,456;111,111;222,222;333,333",
+        "1,235;2,346;3,457;111,112;222,223;333,334",
+    ]
+    return "\n".join([";".join(NAMES[1:]), *rows]) + "\n"
+
+
+def test_doubtful_commas_are_refused_with_both_readings(tmp_path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text(doubtful())
+    with pytest.raises(DataError, match=r'"1,234" may be 1\.234 .* or 1234 .*decimal = ","'):
+        read(path)
+    small = read(DataFile(path, decimal=","))
+    assert small.position[0].tolist() == [111.111, 222.222, 333.333]
+    large = read(DataFile(path, decimal="."))
+    assert large.position[0].tolist() == [111111.0, 222222.0, 333333.0]
+
+
+def test_the_study_file_says_which(tmp_path) -> None:
+    (tmp_path / "m.csv").write_text(doubtful())
+    study = parse_study(
+        'name = "x"\nrobot = { name = "ur5", tool_mm = [0, 0, 0] }\n'
+        '[measurements]\nfile = "m.csv"\ndecimal = ","\n',
+        "study.toml",
+    )
+    source = find_source(study, tmp_path)
+    assert read(source).position[0, 0] == 111.111
+    assert "sheet" not in study.model_dump()["measurements"]
+
+
+def test_rows_that_are_all_narrower_than_the_header(tmp_path) -> None:
+    header, *lines = written().splitlines()
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join([f"{header},note", *lines]))
+    with pytest.raises(DataError, match="line 2: 7 cells, but the header has 8"):
+        read(path)
+
+
+@pytest.mark.parametrize("rows", ["all", "one"])
+def test_separators_that_end_rows(rows, tmp_path) -> None:
+    """All rows may end with one that the header lacks; a single row that does is another width."""
+    header, *lines = written().splitlines()
+    lines = [line + "," if rows == "all" or k == 3 else line for k, line in enumerate(lines)]
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join([header, *lines]))
+    if rows == "all":
+        check(read(path))
+        return
+    with pytest.raises(DataError, match="line 5: 8 cells, but the header has 7"):
+        read(path)
+
+
+def test_binary_is_no_text(tmp_path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_bytes(bytes(range(256)) * 9)
+    with pytest.raises(DataError, match=r"not UTF-8 text|empty or not text"):
+        read(path)
+
+
+@pytest.mark.parametrize("bad", [b"\xff", b"\xed\xa0\x80"])
+def test_damaged_utf8_is_not_taken_for_another_encoding(bad, tmp_path) -> None:
+    """Half a surrogate pair, or a stray byte among characters of UTF-8."""
+    path = tmp_path / "m.csv"
+    content = written().encode()
+    path.write_bytes(content.replace(b"kugel 0", b"kugel " + bad, 1))
+    with pytest.raises(DataError, match="it is not UTF-8 text, nor"):
+        read(path)
+
+
+def test_a_table_without_header_is_refused(tmp_path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text("".join(line + "\n" for line in written().splitlines()[1:]))
+    with pytest.raises(DataError, match="line 1: the table begins with numbers"):
+        read(path)
+
+
+def test_names_with_a_hash_are_no_comments(tmp_path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text(written().replace("Prüfkugel ", "#"))
+    assert read(path).targets == ("#0", "#1")
+
+
+def test_a_row_whose_name_begins_like_a_comment_is_not_dropped(tmp_path) -> None:
+    """One reflector of three is called #1: neither left out nor guessed."""
+    lines = written().replace("Prüfkugel 1", "B").splitlines()
+    lines[5] = lines[5].replace(lines[5].partition(",")[0], "#1")
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join(lines))
+    with pytest.raises(DataError, match='line 6: "#1" begins like a comment, but the line has'):
+        read(path)
+    path.write_text("\n".join(lines).replace("#1,", '"#1",'))
+    assert "#1" in read(path).targets
+
+
+def test_a_row_that_is_commented_out_is_left_out(tmp_path) -> None:
+    """Where rows begin with numbers, a mark before one can only be a comment."""
+    lines = [line.partition(",")[2] for line in written().splitlines()]
+    lines[5] = "#" + lines[5]
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join(lines))
+    data = read(path)
+    assert len(data) == ROWS - 1
+    assert "line 6 is a comment" in data.notes[0].sentence
+
+
+# -- spreadsheets
+# --------------------------------------------------------------------------------------------
+
+
+def xlsx(path: Path, name: str = "Messung", texts: bool = False) -> Path:
+    """A workbook as people make it: a merged title, names and units in two rows, an empty row, a
+    sheet of remarks."""
+    from openpyxl import Workbook
+
+    book = Workbook()
+    sheet = book.active
+    sheet.title = name
+    sheet.append(["Roboter 7"])
+    sheet.merge_cells("A1:G1")
+    sheet.append(NAMES)
+    sheet.append([None, "°", "°", "°", "mm", "mm", "mm"])
+    for k, row in enumerate(numbers()):
+        values = [str(value).replace(".", ",") for value in row] if texts else row
+        sheet.append([f"Prüfkugel {k % 2}", *values])
+        if k == 3:
+            sheet.append([])
+    notes = book.create_sheet("Bemerkungen")
+    notes.append(["Temperatur", 21.5])
+    book.save(path)
+    return path
+
+
+def ods(path: Path) -> Path:
+    """A sheet as LibreOffice writes it, its cells without more than their values."""
+    rows = ""
+    for row in [NAMES, *([f"Prüfkugel {k % 2}", *row] for k, row in enumerate(numbers()))]:
+        for cell in row:
+            kind = "string" if isinstance(cell, str) else "float"
+            value = "" if isinstance(cell, str) else f' office:value="{cell}"'
+            rows += f'<table:table-cell office:value-type="{kind}"{value}><text:p>{escape(str(cell))}</text:p></table:table-cell>'
+        rows = f"{rows}</table:table-row><table:table-row>"
+    spaces = "".join(
+        f' xmlns:{name}="urn:oasis:names:tc:opendocument:xmlns:{name}:1.0"'
+        for name in ("office", "table", "text")
+    )
+    content = (
+        f'<?xml version="1.0" encoding="UTF-8"?><office:document-content{spaces} office:version="1.2">'
+        '<office:body><office:spreadsheet><table:table table:name="Tabelle1"><table:table-row>'
+        f"{rows}</table:table-row></table:table></office:spreadsheet></office:body>"
+        "</office:document-content>"
+    )
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
+        file.writestr("META-INF/manifest.xml", "<manifest/>")
+        file.writestr("content.xml", content)
+    return path
+
+
+def test_spreadsheets_hold_the_same_numbers(tmp_path) -> None:
+    data = read(xlsx(tmp_path / "m.xlsx"))
+    check(data)
+    (note,) = [note.sentence for note in data.notes if note.code == "file-format"]
+    assert note == (
+        'm.xlsx is read as it is: the sheet "Messung", the header on row 2, a row of units below '
+        "the header, row 8 is empty."
+    )
+    assert data.where.listed([0, 4]) == "rows 4, 9"
+    assert where_from_record(data.where.record(data.row)).listed([0, 4]) == "rows 4, 9"
+    check(read(ods(tmp_path / "m.ods")))
+
+
+def test_numbers_kept_as_text_in_a_spreadsheet(tmp_path) -> None:
+    check(read(xlsx(tmp_path / "m.xlsx", texts=True)))
+
+
+def test_a_spoilt_cell_is_told_by_sheet_and_row(tmp_path) -> None:
+    from openpyxl import load_workbook
+
+    path = xlsx(tmp_path / "m.xlsx")
+    book = load_workbook(path)
+    book["Messung"]["F9"] = "?"
+    book.save(path)
+    with pytest.raises(DataError, match=r'm\.xlsx, sheet "Messung", row 9, column y_mm: .*"\?"'):
+        read(path)
+
+
+def test_of_two_sheets_the_study_names_one(tmp_path) -> None:
+    from openpyxl import load_workbook
+
+    path = xlsx(tmp_path / "m.xlsx")
+    book = load_workbook(path)
+    copy = book.copy_worksheet(book["Messung"])
+    copy.title = "Wiederholung"
+    book.save(path)
+    with pytest.raises(
+        DataError, match=r'2 sheets .* "Messung", "Wiederholung".*sheet = "Messung"'
+    ):
+        read(path)
+    check(read(DataFile(path, sheet="Wiederholung")))
+    with pytest.raises(DataError, match=r'no sheet "Messungen". Did you mean "Messung"'):
+        read(DataFile(path, sheet="Messungen"))
+
+
+def test_a_file_that_is_no_spreadsheet_is_refused(tmp_path) -> None:
+    path = tmp_path / "m.xlsx"
+    path.write_text(written())
+    with pytest.raises(DataError, match="the spreadsheet cannot be read"):
+        read(path)

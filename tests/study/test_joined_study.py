@@ -1,0 +1,319 @@
+"""A tracker's export and a joint log, in two files: joined by name, time or order, and what has no
+partner is said."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from modelsel.cli.main import run_command_line
+from modelsel.exceptions import DataError
+from modelsel.measurements.joining import find_joins, join_tables
+from modelsel.measurements.measurements import build_measurements
+from modelsel.measurements.reader import read_measurements
+from modelsel.measurements.table import DataFile, load_table
+from modelsel.robot.files import load_robot
+from modelsel.robot.rigid import rotation_matrix
+from modelsel.study.joined_study import draft_joined_study
+from modelsel.study.simulation import simulate_points
+
+ROWS = 40
+TOOLS = np.array([[40.0, -25, 120], [-60, 10, 90]])
+
+
+def campaign(tool: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Readings [deg] (m, 6) and the tracker's positions [mm] (m, 3)."""
+    rng = np.random.default_rng(5)
+    q = rng.uniform(-1.8, 1.8, (ROWS, 6))
+    at = build_measurements(q, np.zeros((ROWS, 3)))
+    points = simulate_points(load_robot("ur10"), TOOLS[tool], [], at=at, noise_mm=0.05, rng=rng)
+    seen = points[["x_mm", "y_mm", "z_mm"]].to_numpy() @ rotation_matrix(2, 0.7).T
+    return np.degrees(q).round(5), (seen + np.array([2500, -800, 300])).round(6)
+
+
+def numbers(row: np.ndarray, mark: str = ", ") -> str:
+    return mark.join(f"{value:.6f}" for value in row)
+
+
+def spatial_analyzer(names: list[str], header: bool = True) -> str:
+    """As its manual describes the ASCII export: comments with //, collection, group and target,
+    then x y z; without a header line."""
+    _, x = campaign()
+    comments = ["// SA Version: 2023.2", "// Working frame: A::WORLD"] if header else []
+    lines = [
+        f"A,  Robot,  {name},  {numbers(row, ',  ')}" for name, row in zip(names, x, strict=True)
+    ]
+    return "\n".join([*comments, *lines]) + "\n"
+
+
+def polyworks(names: list[str]) -> str:
+    """A table of measured against nominal points, in millimetres."""
+    _, x = campaign()
+    head = "Name;Nominal X;Nominal Y;Nominal Z;Measured X;Measured Y;Measured Z;Deviation"
+    lines = [
+        f"{name};{numbers(np.round(row), ';')};{numbers(row, ';')};0,1".replace(".", ",")
+        for name, row in zip(names, x, strict=True)
+    ]
+    return "\n".join([head, *lines]) + "\n"
+
+
+def leica(start: int = 8 * 3600, step: float = 11.0) -> str:
+    """Point, coordinates, date and time of day; blanks between."""
+    _, x = campaign()
+    lines = [
+        f"{k + 1} {numbers(row, ' ')} 21.05.2026 {clock(start + step * k)}"
+        for k, row in enumerate(x)
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def clock(seconds: float) -> str:
+    whole = int(seconds)
+    return f"{whole // 3600:02d}:{whole // 60 % 60:02d}:{seconds % 60:06.3f}"
+
+
+def log(names: list[str]) -> str:
+    """A controller's log with a name, its own position, and a header."""
+    q, x = campaign()
+    head = "Punkt;A1;A2;A3;A4;A5;A6;X;Y;Z"
+    lines = [
+        f"{name};{numbers(row, ';')};{numbers(own + 1, ';')}"
+        for name, row, own in zip(names, q, x, strict=True)
+    ]
+    return "\n".join([head, *lines]) + "\n"
+
+
+def dense_log(start: int = 8 * 3600, step: float = 11.0) -> str:
+    """Ten readings around every point, the arm standing, and the time of day."""
+    q, _ = campaign()
+    lines = ["Time,J1,J2,J3,J4,J5,J6"]
+    for k, row in enumerate(q):
+        moments = [start + step * k + tick * 0.1 + 0.02 for tick in range(-5, 5)]
+        lines += [f"{clock(moment)},{numbers(row, ',')}" for moment in moments]
+    return "\n".join(lines) + "\n"
+
+
+def plain_log() -> str:
+    """A number and six readings in radians, as a script on the controller prints them."""
+    q, _ = campaign()
+    rows = [f"{k + 1},{numbers(np.radians(row), ',')}" for k, row in enumerate(q)]
+    return "\n".join(rows) + "\n"
+
+
+NAMES = [f"P{k + 1:03d}" for k in range(ROWS)]
+
+
+@pytest.fixture(autouse=True)
+def _here(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def invoked(*words: str) -> Result:
+    fixed = ("init", "points.txt", "--joints", "log.txt", "--robot", "ur10", "--yes", "--out", "s")
+    return CliRunner().invoke(run_command_line, [*fixed, *words])
+
+
+def written(tmp_path, points: str, readings: str) -> None:
+    (tmp_path / "points.txt").write_text(points, encoding="utf-8")
+    (tmp_path / "log.txt").write_text(readings, encoding="utf-8")
+
+
+def check(folder, rows: list[int]) -> None:
+    """The study's measurements are the campaign's rows, in the order of the log."""
+    q, x = campaign()
+    data = read_measurements(folder / "s" / "measurements.csv", load_robot("ur10"))
+    assert np.allclose(np.degrees(data.q), q[rows], atol=2e-4)
+    assert np.allclose(data.position, x[rows], atol=1e-6)
+
+
+ALL = list(range(ROWS))
+PAIRS = {
+    "Spatial Analyzer, names": (spatial_analyzer(NAMES), log(NAMES), 'by name ("point" = "Punkt")'),
+    "numbers and names": (
+        spatial_analyzer([f"A::Robot::{k + 1}" for k in range(ROWS)]),
+        log(NAMES),
+        "by name",
+    ),
+    "PolyWorks": (polyworks(NAMES), log(NAMES), 'by name ("Name" = "Punkt")'),
+    "no header in either": (
+        "\n".join(f"{k + 1},  {numbers(x)}" for k, x in enumerate(campaign()[1])),
+        plain_log(),
+        'by name ("point" = "point")',
+    ),
+    "Leica, time": (
+        leica(),
+        dense_log(),
+        'by nearest time ("time" and "Time", 0.02 s apart at most)',
+    ),
+    "order": (
+        "X;Y;Z\n" + "\n".join(numbers(x, ";") for x in campaign()[1]),
+        log(NAMES),
+        "row by row, in their order",
+    ),
+}
+
+
+@pytest.mark.parametrize("pair", PAIRS)
+def test_two_files_become_one_study(pair, tmp_path) -> None:
+    points, readings, words = PAIRS[pair]
+    written(tmp_path, points, readings)
+    ran = invoked()
+    assert ran.exit_code == 0, ran.output
+    assert f"Joined {words}" in ran.stdout
+    assert f": {ROWS} of {ROWS} points." in ran.stdout
+    assert "the nominal arm fits to 0.0" in ran.stdout
+    check(tmp_path, ALL)
+    dry = CliRunner().invoke(run_command_line, ["study", "s", "--dry-run"])
+    assert dry.exit_code == 0, dry.output
+
+
+def test_rows_in_another_order_and_missing_ones_are_said(tmp_path) -> None:
+    """Point 3 was not measured, reading 7 not logged, and the export is sorted otherwise."""
+    points = spatial_analyzer(NAMES).splitlines()
+    del points[2 + 2]
+    readings = log(NAMES).splitlines()
+    del readings[1 + 6]
+    written(tmp_path, "\n".join([*points[:2], *reversed(points[2:])]), "\n".join(readings))
+    ran = invoked()
+    assert ran.exit_code == 0, ran.output
+    assert f": {ROWS - 2} of {ROWS - 1} points." in ran.stdout
+    line = 2 + ROWS - 1 - 5
+    assert f"Points without joint readings: points.txt, line {line}." in ran.stdout
+    assert "Joint readings without a point: log.txt, line 4." in ran.stdout
+    assert "the controller's own coordinates: X, Y, Z" in ran.stdout
+    check(tmp_path, [k for k in ALL if k not in (2, 6)])
+
+
+@pytest.mark.parametrize(
+    "header", ["Collection,Reflector,Point,X,Y,Z", "Job,Group,Point,X,Y,Z", ""]
+)
+def test_two_reflectors_by_group(header, tmp_path) -> None:
+    """A group per reflector, every point name twice, whatever the column is called."""
+    _, first = campaign(0)
+    _, second = campaign(1)
+    lines = [
+        f"A,{group},{name},{numbers(row, ',')}"
+        for group, x in (("SMR1", first), ("SMR2", second))
+        for name, row in zip(NAMES, x, strict=True)
+    ]
+    written(tmp_path, "\n".join([header, *lines]).lstrip(), log(NAMES))
+    ran = invoked()
+    assert ran.exit_code == 0, ran.output
+    data = read_measurements(tmp_path / "s" / "measurements.csv", load_robot("ur10"))
+    assert data.targets == ("SMR1", "SMR2")
+    assert (len(data), data.configurations) == (2 * ROWS, ROWS)
+
+
+def test_points_measured_twice_are_not_two_reflectors(tmp_path) -> None:
+    """Two groups of one reflector, a tenth of a millimetre apart: repeats."""
+    _, x = campaign()
+    lines = [
+        f"A,{group},{name},{numbers(row + shift, ',')}"
+        for group, shift in (("morning", 0.0), ("evening", 0.1))
+        for name, row in zip(NAMES, x, strict=True)
+    ]
+    written(tmp_path, "\n".join(lines), log(NAMES))
+    assert invoked().exit_code == 0
+    data = read_measurements(tmp_path / "s" / "measurements.csv", load_robot("ur10"))
+    assert (len(data), len(data.targets)) == (2 * ROWS, 1)
+
+
+def shifted() -> tuple[str, str]:
+    """As many rows, but the clocks say that every point belongs to the reading before it."""
+    q, x = campaign()
+    points = ["Time;X;Y;Z"]
+    points += [f"{clock(3600 + 10 * k)};{numbers(row, ';')}" for k, row in enumerate(x)]
+    readings = ["Time;J1;J2;J3;J4;J5;J6"]
+    readings += [f"{clock(3600 + 10 * (k + 1))};{numbers(row, ';')}" for k, row in enumerate(q)]
+    return "\n".join(points), "\n".join(readings)
+
+
+def test_of_two_ways_that_differ_the_arm_tells(tmp_path) -> None:
+    written(tmp_path, *shifted())
+    ran = invoked()
+    assert ran.exit_code == 0, ran.output
+    assert "Joined by order, the nominal arm fits to 0.0" in ran.stdout
+    check(tmp_path, ALL)
+
+
+def test_where_the_arm_fits_neither_both_are_told(tmp_path) -> None:
+    points, readings = shifted()
+    written(tmp_path, points, readings)
+    robot = load_robot("ur5")
+    files = (DataFile(tmp_path / "points.txt"), DataFile(tmp_path / "log.txt"))
+    with pytest.raises(DataError, match=r"in two ways that differ.*--join time or --join order"):
+        draft_joined_study(*files, robot, {})
+    asked = draft_joined_study(*files, robot, {}, "order")
+    assert len(asked.table) == ROWS
+
+
+def test_files_that_nothing_joins_are_refused_with_every_reason(tmp_path) -> None:
+    points = "\n".join(spatial_analyzer([f"K{7000 + k}" for k in range(ROWS)]).splitlines()[:-3])
+    written(tmp_path, points, log(NAMES))
+    ran = invoked()
+    assert ran.exit_code == 3
+    said = ran.stderr
+    assert "by name: no column of names" in said
+    assert "by time: points.txt has no column of times" in said
+    assert f"by order: {ROWS - 3} points and {ROWS} rows" in said
+    wanted = invoked("--join", "time")
+    assert wanted.exit_code == 3
+    assert "by order" not in wanted.stderr
+
+
+def test_times_too_far_apart_are_no_match(tmp_path) -> None:
+    written(tmp_path, leica(), dense_log(start=8 * 3600 + 4))
+    ran = invoked()
+    assert ran.exit_code == 3
+    assert f"0 of {ROWS} points have readings within 0.5 s; the median gap is 3.52 s" in ran.stderr
+    assert invoked("--max-gap", "4").exit_code == 0
+
+
+def test_a_spoilt_coordinate_is_told_in_its_own_file(tmp_path) -> None:
+    points = spatial_analyzer(NAMES).splitlines()
+    points.insert(2, "Collection, Group, Point, X, Y, Z")
+    points[10] = points[10].rpartition(",")[0] + ", lost"
+    written(tmp_path, "\n".join(points), log(NAMES))
+    ran = invoked()
+    assert ran.exit_code == 3
+    assert "points.txt, line 11, column Z: expected a finite number" in ran.stderr
+
+
+def test_a_spoilt_reading_is_told_in_the_log(tmp_path) -> None:
+    readings = log(NAMES).splitlines()
+    cells = readings[9].split(";")
+    readings[9] = ";".join([*cells[:3], "?", *cells[4:]])
+    written(tmp_path, spatial_analyzer(NAMES), "\n".join(readings))
+    ran = invoked()
+    assert ran.exit_code == 3
+    assert (
+        "log.txt, line 10, column A3" in ran.stderr
+        or "log.txt, line 10, column q3_deg" in ran.stderr
+    )
+
+
+def test_the_rows_of_a_join_keep_the_lines_of_the_log(tmp_path) -> None:
+    written(tmp_path, spatial_analyzer(NAMES), log(NAMES))
+    points = load_table(DataFile(tmp_path / "points.txt", headerless=True))
+    readings = load_table(tmp_path / "log.txt")
+    joins, reasons = find_joins(points, readings, 0.5)
+    assert set(joins) == {"name", "order"}
+    assert set(reasons) == {"time"}
+    joined = join_tables(points, readings, joins["name"])
+    assert [joined.where.number(row) for row in (0, ROWS - 1)] == [2, ROWS + 1]
+
+
+def test_a_log_without_rows_is_told(tmp_path) -> None:
+    written(tmp_path, spatial_analyzer(NAMES), "Time,J1,J2,J3,J4,J5,J6\n")
+    ran = invoked()
+    assert (ran.exit_code, "log.txt, line 1: a header, but no rows" in ran.stderr) == (3, True)
+
+
+def test_json_says_what_was_done(tmp_path) -> None:
+    written(tmp_path, spatial_analyzer(NAMES), log(NAMES))
+    told = json.loads(invoked("--json").stdout)
+    assert told["columns"]["q1_deg"] == "A1"
+    assert any("Joined by name" in sentence for sentence in told["said"])
