@@ -5,7 +5,8 @@ of some; the rest is fitted exactly and told with its claims."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,8 +17,8 @@ from ..fitting.least_squares import STEP_MM, Fit
 from ..fitting.shrinkage import fit_shrunk
 from ..mechanisms.terms import Mechanism
 from .candidates import Candidate
-from .claims import weigh_claims
-from .effects import Claim, Effect
+from .claims import Weighed, weigh_claims
+from .effects import Effect
 from .evidence import compute_p_value, compute_single_f
 from .outcome import Diagnosis
 from .state import LEVEL, Search, View
@@ -61,20 +62,42 @@ def build_empty(base: Model, base_fit: Fit) -> Diagnosis:
     )
 
 
-def conclude(explored: Exploration) -> Diagnosis:
-    """Drop what the full model does not need, weigh how much of every effect is proven, and put the
-    diagnosis together.
+class Conclusion(NamedTuple):
+    """A search with what stays of it, and its diagnosis before anything is claimed."""
+
+    explored: Exploration
+    settled: _Settled
+    diagnosis: Diagnosis
+
+
+def conclude(explored: Exploration) -> Conclusion:
+    """Drop what the full model does not need, and put the diagnosis together."""
+    settled = _settle(explored)
+    diagnosis = _build_diagnosis(explored, settled)
+    return Conclusion(explored, settled, diagnosis)
+
+
+def prove(concluded: Conclusion) -> Diagnosis:
+    """Weigh how much of every effect is proven.
 
     Where a shape that no list has explains effects better, the search goes on with it."""
-    settled = _settle(explored)
-    weighed = weigh_claims(explored.search, settled.view, settled.chosen)
     for _ in range(MAX_OFFERS):
+        weighed = _weigh(concluded)
         if not weighed.better:
             break
-        explored = _take_shapes(explored, settled, weighed.better)
-        settled = _settle(explored)
-        weighed = weigh_claims(explored.search, settled.view, settled.chosen)
-    return _build_diagnosis(explored, settled, weighed.claims)
+        explored = _take_shapes(concluded.explored, concluded.settled, weighed.better)
+        concluded = conclude(explored)
+    else:
+        weighed = _weigh(concluded)
+    claims = [weighed.claims[g] for g in concluded.settled.chosen]
+    effects = zip(concluded.diagnosis.effects, claims, strict=True)
+    claimed = tuple(replace(effect, claim=claim) for effect, claim in effects)
+    return replace(concluded.diagnosis, effects=claimed)
+
+
+def _weigh(concluded: Conclusion) -> Weighed:
+    settled = concluded.settled
+    return weigh_claims(concluded.explored.search, settled.view, settled.chosen)
 
 
 def _settle(explored: Exploration) -> _Settled:
@@ -104,9 +127,7 @@ def _take_shapes(
     return further or explored
 
 
-def _build_diagnosis(
-    explored: Exploration, settled: _Settled, claims: Mapping[int, Claim]
-) -> Diagnosis:
+def _build_diagnosis(explored: Exploration, settled: _Settled) -> Diagnosis:
     """Fit the model exactly, and put the diagnosis together."""
     search, progress, remainder = explored.search, explored.progress, explored.remainder
     view, chosen = settled.view, settled.chosen
@@ -117,7 +138,7 @@ def _build_diagnosis(
         fitted = fit_shrunk(search.problem, view.model, view.fitted, held="all")
     return Diagnosis(
         base=search.base,
-        effects=_build_effects(search, view, fitted, settled.p, claims),
+        effects=_build_effects(search, view, fitted, settled.p),
         model=view.model,
         fit=fitted,
         null=search.null,
@@ -217,7 +238,7 @@ def _assess_remainder(search: Search, view: View, chosen: Sequence[int]) -> Rema
 
 
 def _build_effects(
-    search: Search, view: View, fitted: Fit, p: dict[int, float], claims: Mapping[int, Claim]
+    search: Search, view: View, fitted: Fit, p: dict[int, float]
 ) -> tuple[Effect, ...]:
     cancelled = _find_cancelling(search, list(p), view)
     effects = []
@@ -230,7 +251,6 @@ def _build_effects(
             estimate=fitted.theta[terms],
             standard_error=fitted.standard_errors[terms],
             cancels=cancelled.get(g),
-            claim=claims.get(g),
         )
         effects.append(effect)
     return tuple(effects)

@@ -22,7 +22,7 @@ from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Split
 from .candidates import Candidate
-from .conclusion import build_empty, conclude
+from .conclusion import Conclusion, build_empty, conclude, prove
 from .options import DiagnosisOptions
 from .outcome import Diagnosis
 from .state import Search
@@ -64,13 +64,12 @@ def separate(
         return split, build_empty(inquiry.base, base_fit)
     surer = tuple(part for part in parts if part.told_by != DIRECTIONS)
     errors = find_structure(split.problem, split.used, base_fit, surer)
-    explanations = _search_in_turn(split, inquiry, found, parts, errors)
-    if explanations[-1].diagnosis.errors.shared:
+    best, has_parts = _search_in_turn(split, inquiry, found, parts, errors)
+    if has_parts:
         every = find_structure(split.problem, split.used, base_fit, parts)
         if any(part.told_by == DIRECTIONS for part in every.parts):
-            explanations += _search_in_turn(split, inquiry, found, parts, every)
-    best = min(explanations, key=lambda one: one.criterion)
-    return best.split, best.diagnosis
+            best, _ = _search_in_turn(split, inquiry, found, parts, every, best)
+    return _claim(split, parts, best)
 
 
 def _search_in_turn(
@@ -79,14 +78,16 @@ def _search_in_turn(
     found: tuple[Candidate, ...],
     parts: tuple[PossiblePart, ...],
     errors: ErrorStructure,
-) -> list[_Explanation]:
+    best: _Explanation | None = None,
+) -> tuple[_Explanation, bool]:
     """Search for effects given parts of the errors, and with what these leave of the parts, in turn.
 
     What the base leaves is the most that errors can be. Where effects explain some of that away, the
-    search goes on with what is left of it."""
+    search goes on with what is left of it. Returns the explanation that the criterion chooses, `best`
+    among them, and whether parts stay with the last."""
     plain, used = split.problem, split.used
     known: tuple[Candidate, ...] = ()
-    explanations = []
+    has_parts = False
     for k in range(MAX_SEARCHES):
         weighed = replace(split, problem=errors.whiten(plain))
         explored = explore(inquiry.search(weighed.training(), found), known, inquiry.say)
@@ -96,19 +97,22 @@ def _search_in_turn(
         most = MAX_SEARCHES_WITH_PARTS if left.shared else MAX_SEARCHES
         is_last = is_settled or k + 1 == most
         if is_last or left.shared:
-            explanations.append(_explain(split, explored, parts, left))
+            one = _explain(split, explored, parts, left)
+            has_parts = bool(one.errors.shared)
+            best = one if best is None or one.criterion < best.criterion else best
         if is_last:
             break
         errors = left
         del explored  # its columns, before others are made
-    return explanations
+    assert best is not None
+    return best, has_parts
 
 
 class _Explanation(NamedTuple):
     """Effects and the parts of the errors together, with their information criterion."""
 
-    split: Split
-    diagnosis: Diagnosis
+    concluded: Conclusion
+    errors: ErrorStructure
     criterion: float
 
 
@@ -116,12 +120,23 @@ def _explain(
     split: Split, explored: Exploration, parts: tuple[PossiblePart, ...], errors: ErrorStructure
 ) -> _Explanation:
     """Conclude a search, and put its effects and the parts that these leave together."""
-    plain = split.problem
-    diagnosis = conclude(explored)
+    concluded = conclude(explored)
+    diagnosis = concluded.diagnosis
     named = [effect.candidate for effect in diagnosis.effects]
     if len(named) != len(explored.chosen):
-        errors = find_structure(plain, split.used, diagnosis.fit, parts)
+        errors = find_structure(split.problem, split.used, diagnosis.fit, parts)
     log_prior = sum(float(np.log(candidate.prior)) for candidate in named)
-    criterion = compute_criterion(plain, split.used, diagnosis.fit, errors, log_prior)
-    weighed = replace(split, problem=errors.whiten(plain))
-    return _Explanation(weighed, replace(diagnosis, errors=errors), criterion)
+    criterion = compute_criterion(split.problem, split.used, diagnosis.fit, errors, log_prior)
+    return _Explanation(concluded, errors, criterion)
+
+
+def _claim(
+    split: Split, parts: tuple[PossiblePart, ...], best: _Explanation
+) -> tuple[Split, Diagnosis]:
+    """Weigh what is proven of an explanation, and the rows by the parts that it leaves."""
+    before = best.concluded.diagnosis.effects
+    diagnosis, errors = prove(best.concluded), best.errors
+    if [one.candidate for one in diagnosis.effects] != [one.candidate for one in before]:
+        errors = find_structure(split.problem, split.used, diagnosis.fit, parts)
+    weighed = replace(split, problem=errors.whiten(split.problem))
+    return weighed, replace(diagnosis, errors=errors)

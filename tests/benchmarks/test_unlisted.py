@@ -32,6 +32,7 @@ from modelsel import Model, mechanism  # noqa: E402
 from modelsel.diagnosis.candidate_columns import stack_design  # noqa: E402
 from modelsel.diagnosis.candidate_kinds import CandidateKind  # noqa: E402
 from modelsel.diagnosis.candidates import Candidate  # noqa: E402
+from modelsel.diagnosis.effects import Claim
 from modelsel.fitting.least_squares import fit  # noqa: E402
 from modelsel.mechanisms.causes import Cause, parse, q, sin  # noqa: E402
 from modelsel.mechanisms.drives import gear_ripple, read_too_early  # noqa: E402
@@ -50,7 +51,8 @@ def finding(own: Mechanism, probability: float = 0.95, kind=CandidateKind.MECHAN
     """As much of a finding as is judged."""
     candidate = Candidate(own, kind, 0.1)
     entry = SimpleNamespace(candidate=candidate, probability=probability)
-    return SimpleNamespace(candidate=candidate, named=SimpleNamespace(entries=[entry]), **more)
+    named = SimpleNamespace(entries=[entry])
+    return SimpleNamespace(**{"claim": None, "candidate": candidate, "named": named, **more})
 
 
 def registered(name: str, robot: str = "puma760") -> Mechanism:
@@ -235,7 +237,7 @@ def test_reading_of_findings() -> None:
     free = finding(own, 0.9, CandidateKind.FREE_FUNCTION)
     assert unlisted.read_finding(free) == ("drivers", 0.9)
     assert unlisted.read_finding(finding(own, 0.8, CandidateKind.CELL)) == ("shape", 0.8)
-    claim = {"level": "place", "probability": 0.99, "text": "Joint 4 turns."}
+    claim = Claim("place", (0.99, 0.5, 0.1, 0.1))
     told = finding(own, 0.95, claim=claim)
     assert unlisted.read_finding(told) == ("place", 0.99)
     assert unlisted.judge(told, drawn("cable")).right

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from modelsel.diagnosis.candidates import Candidate
-from modelsel.diagnosis.conclusion import conclude
+from modelsel.diagnosis.conclusion import conclude, prove
 from modelsel.diagnosis.options import DEFAULT_OPTIONS
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.separation import Inquiry, separate
@@ -39,4 +39,4 @@ def search_independent(
 ) -> Diagnosis:
     """Name effects where the rows' errors are taken for independent."""
     search = Search(at, base, found, rng, fit(at, base))
-    return conclude(explore(search, (), ignore))
+    return prove(conclude(explore(search, (), ignore)))
