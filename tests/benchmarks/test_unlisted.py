@@ -32,7 +32,7 @@ from modelsel import Model, mechanism  # noqa: E402
 from modelsel.diagnosis.candidate_columns import stack_design  # noqa: E402
 from modelsel.diagnosis.candidate_kinds import CandidateKind  # noqa: E402
 from modelsel.diagnosis.candidates import Candidate  # noqa: E402
-from modelsel.diagnosis.effects import Claim
+from modelsel.diagnosis.effects import Claim  # noqa: E402
 from modelsel.fitting.least_squares import fit  # noqa: E402
 from modelsel.mechanisms.causes import Cause, parse, q, sin  # noqa: E402
 from modelsel.mechanisms.drives import gear_ripple, read_too_early  # noqa: E402
