@@ -85,7 +85,7 @@ def describe_proven(effect: Effect, doubt: str = "") -> str:
         standing = f"{standing}, {doubt}"
     parts = [f"{claimed.text} ({amount}{standing})"]
     if effect.candidate.kind is not CandidateKind.SHAPE:
-        parts.append(f"it is described as {_list_entries(effect.named)}")
+        parts.append(_describe_entries(effect.named))
     return "; ".join([*parts, *list_cautions(effect)]) + "."
 
 
@@ -140,7 +140,7 @@ def _name_driver(name: str) -> str:
 
 
 def name_places(mechanism: Mechanism) -> str:
-    """Name what moves, in words: "Joint 3 turns", "Frame 5 shifts along its y axis"."""
+    """Name what moves, in words: "Joint 3 is off its reading", "Frame 5 shifts along its y axis"."""
     parts = list_parts_of(mechanism)
     if len(parts) == 1:
         (place,) = parts
@@ -153,10 +153,9 @@ def name_places(mechanism: Mechanism) -> str:
 
 def _name_motion(place: Place, is_own: bool) -> str:
     frame, axis = place
-    if axis == "rz":
-        return f"Joint {frame} turns by more or less than it reads"
-    if axis == "tz" and is_own:
-        return f"Joint {frame} slides by more or less than it reads"
+    is_slide = axis == "tz" and is_own
+    if axis == "rz" or is_slide:
+        return f"Joint {frame} is off its reading"
     return f"Frame {frame} {MOTIONS[axis[0]]} its {axis[1]} axis"
 
 
@@ -165,6 +164,16 @@ def _describe_place(effect: Effect, probability: float) -> str:
     if probability >= PROVEN:
         return f"{where}; on what this depends is not proven"
     return f"What moves is not proven: {_list_entries(effect.named)}"
+
+
+def _describe_entries(named: CredibleSet) -> str:
+    """Describe what a finding could be, and whether that would do the same."""
+    text = f"it could be {_list_entries(named)}"
+    labels = dict.fromkeys(entry.candidate.label for entry in named.entries if entry.alike)
+    alike = list(labels)[:NAMED_RIVALS]
+    if len(alike) > 1:
+        text += f"; {_join(alike)} would move the target in the same way"
+    return text
 
 
 def _list_entries(named: CredibleSet) -> str:
@@ -180,10 +189,10 @@ def _describe_drivers(effect: Effect) -> str:
     drivers = name_drivers(list_drivers_of(mechanism))
     if not drivers:
         return f"{name_places(mechanism)} by a constant amount"
-    shape = "in a way that is not proven"
+    shape = "how is not proven"
     if effect.candidate.kind is CandidateKind.SHAPE:
-        shape = "in a way that no registered mechanism describes"
-    return f"{name_places(mechanism)}, depending on {drivers}, {shape}"
+        shape = "no registered mechanism describes how"
+    return f"{name_places(mechanism)}, depending on {drivers}; {shape}"
 
 
 def _describe_shape(effect: Effect) -> str:

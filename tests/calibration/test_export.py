@@ -349,7 +349,7 @@ def test_study_names_base_and_tip(tmp_path) -> None:
     assert read_robot(tmp_path / table.file, table.base, table.tip).n == 2
     with pytest.raises(StudyError, match="links of a URDF"):
         parse_study(text.format('name = "x"', 'name = "ur5"\nbase = "rail"'), "study.toml")
-    with pytest.raises(StudyError, match="has one chain"):
+    with pytest.raises(StudyError, match="have one chain"):
         read_robot(tmp_path / "robot.toml", "rail")
 
 

@@ -240,6 +240,6 @@ def test_drivers_and_places_in_words() -> None:
     assert name_drivers({"torque2"}) == "the gravity torque about joint 2"
     assert name_drivers({"progress"}) == "the course of the campaign"
     turns = single((4, "rz"), Named("torque2", "N m"))
-    assert name_places(turns.mechanism) == "Joint 4 turns by more or less than it reads"
+    assert name_places(turns.mechanism) == "Joint 4 is off its reading"
     shifts = single((5, "ty"), Bump("q2", 0.0, 0.5))
     assert name_places(shifts.mechanism) == "Frame 5 shifts along its y axis"
