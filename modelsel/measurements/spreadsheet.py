@@ -13,16 +13,10 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import DataError, suggest
-from .number_format import (
-    convert_number_text,
-    find_decimal_mark,
-    is_number,
-    is_odd_number,
-    needs_conversion,
-)
+from .number_format import convert_number_text, is_number, needs_conversion
 from .row_places import Where
 from .table_layout import find_layout, is_blank_row
-from .text_table import Grid, check_file, describe_lines, refuse_doubtful_commas, refuse_headerless
+from .text_table import Grid, check_file, choose_decimal_mark, describe_lines, refuse_headerless
 
 SPREADSHEET_SUFFIXES = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 # what a sheet must hold to be a table of measurements
@@ -49,10 +43,7 @@ def load_spreadsheet(path: Path, sheet: str | None = None, decimal: str | None =
     said = [f'the sheet "{name}"']
     convert = needs_conversion(cells)
     if convert:
-        decimal = decimal or find_decimal_mark(cells)
-        if decimal is None:
-            example = next(filter(is_odd_number, cells))
-            raise refuse_doubtful_commas(path.name, example)
+        decimal = decimal or choose_decimal_mark(path.name, cells)
         said.append("numbers kept as text")
     if layout.header:
         said.append(f"the header on row {layout.header + 1}")

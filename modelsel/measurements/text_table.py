@@ -159,10 +159,7 @@ def _prepare_reading(path: Path, decimal: str | None, headerless: bool) -> _Read
     cells = [cell for row in body for cell in row]
     convert = needs_conversion(cells)
     if convert:
-        decimal = decimal or find_decimal_mark(cells)
-        if decimal is None:
-            example = next(filter(is_odd_number, cells))
-            raise refuse_doubtful_commas(path.name, example)
+        decimal = decimal or choose_decimal_mark(path.name, cells)
     padded = _find_padding(body, len(layout.names))
     return _Reading(path, form, layout, first, decimal or ".", convert, padded)
 
@@ -175,6 +172,15 @@ def _find_padding(body: Sequence[Sequence[str]], width: int) -> int:
         return width
     is_padded = all(is_blank_row(row[width:]) for row in body)
     return longest if is_padded else width
+
+
+def choose_decimal_mark(file: str, cells: Sequence[Any]) -> str:
+    """Choose the decimal mark of the cells of a table. Raises DataError where both are possible."""
+    decimal = find_decimal_mark(cells)
+    if decimal is None:
+        example = next(filter(is_odd_number, cells))
+        raise refuse_doubtful_commas(file, example)
+    return decimal
 
 
 def refuse_doubtful_commas(file: str, example: Any) -> DataError:

@@ -117,18 +117,26 @@ def _describe_rewritten(
         f'the file differs from the robot\'s own URDF in the origins of the joints from "{source.base}" '
         f'to "{source.tip}" alone; meshes and masses move along with their links'
     )
-    notes = [said]
+    return said, *describe_link_places(source.base, source.tip, places, base)
+
+
+def describe_link_places(
+    base_link: str, tip_link: str, places: Mapping[str, Array], base: Array
+) -> list[str]:
+    """Describe where targets stand in the last link, and frame 0 of the calibration in the first,
+    unless they are one; poses (4, 4), mm."""
+    notes = []
     for name, place in places.items():
         x, y, z = place[:3, 3].tolist()
-        notes.append(f'target {name} in link "{source.tip}": x, y, z = {x!r}, {y!r}, {z!r} mm')
+        notes.append(f'target {name} in link "{tip_link}": x, y, z = {x!r}, {y!r}, {z!r} mm')
     if not np.array_equal(base, np.eye(4)):
         x, y, z = base[:3, 3].tolist()
         angles = ", ".join(f"{angle:.9g}" for angle in np.degrees(to_rpy(base[:3, :3])))
         notes.append(
-            f'frame 0 of the calibration in link "{source.base}": x, y, z = {x:.9g}, {y:.9g}, {z:.9g} '
-            f"mm; roll, pitch, yaw = {angles} deg"
+            f'frame 0 of the calibration in link "{base_link}": x, y, z = {x:.9g}, {y:.9g}, '
+            f"{z:.9g} mm; roll, pitch, yaw = {angles} deg"
         )
-    return tuple(notes)
+    return notes
 
 
 def _bound_slides(

@@ -16,7 +16,7 @@ from ...robot.alignment import USUAL_BASES, Alignment, align_chains
 from ...robot.kinematics import Joint, Robot, forward
 from ...robot.rigid import from_rpy, inverse, rotation_matrix, to_rpy, transform
 from ..constant_part import build_constant_chain
-from .chains import measure_chain
+from .chains import describe_link_places, measure_chain
 from .form import Exported
 
 if TYPE_CHECKING:
@@ -100,17 +100,7 @@ def _build_reference(robot: Robot, base: Array) -> Robot:
 
 def _describe(places: Mapping[str, Array], base: Array) -> tuple[str, ...]:
     """Describe what the file has no place for: targets, frame 0, and whose file it is."""
-    remarks = []
-    for name, place in places.items():
-        x, y, z = place[:3, 3].tolist()
-        remarks.append(f'target {name} in link "tool0": x, y, z = {x!r}, {y!r}, {z!r} mm')
-    if not np.array_equal(base, np.eye(4)):
-        x, y, z = base[:3, 3].tolist()
-        angles = ", ".join(f"{angle:.9g}" for angle in np.degrees(to_rpy(base[:3, :3])))
-        remarks.append(
-            f'frame 0 of the calibration in link "base": x, y, z = {x:.9g}, {y:.9g}, {z:.9g} mm; '
-            f"roll, pitch, yaw = {angles} deg"
-        )
+    remarks = describe_link_places("base", "tool0", places, base)
     remarks.append(
         "the hash is not the controller's: the driver will say that the calibration is not the "
         "robot's own, which is so"
