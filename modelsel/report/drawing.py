@@ -15,6 +15,7 @@ from ..results.schema import StudyRecord
 from .document import Page, Source, collect_blocks
 from .html import write_page
 from .pages.appendix import write_outliers_page, write_provenance_page, write_unidentifiable_page
+from .pages.calibrated import write_parameters_page
 from .pages.error_budget import write_repeatability_page
 from .pages.findings import write_findings_pages
 from .pages.front import write_data_page, write_error_map_page, write_first_page
@@ -24,19 +25,18 @@ from .pages.parameter_uncertainty import (
     write_held_out_page,
     write_posterior_page,
     write_residuals_page,
-    write_significance_page,
 )
 from .pdf import compile_pdf, fill_template
 
 PAGES: dict[str, Page] = {
     "first": write_first_page,
+    "parameters": write_parameters_page,
     "data": write_data_page,
     "models": write_models_page,
     "map": write_error_map_page,
     "findings": write_findings_pages,
     "repeatability": write_repeatability_page,
     "residuals": write_residuals_page,
-    "significance": write_significance_page,
     "correlation": write_correlation_page,
     "posterior": write_posterior_page,
     "held-out": write_held_out_page,

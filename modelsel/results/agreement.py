@@ -46,6 +46,10 @@ def _row_counts(details: DetailsRecord) -> Iterator[Count]:
     yield from _each("details.json: rows.q", joints, rows.q)
     origins = joints + 1 if joints else 1
     yield "details.json: arm_mm", origins, len(details.arm_mm)
+    if details.arm is not None:
+        yield "details.json: arm.slides", joints, len(details.arm.slides)
+        yield "details.json: arm.origins_mm", joints + 2, len(details.arm.origins_mm)
+        yield "details.json: arm.axes", joints + 2, len(details.arm.axes)
 
 
 def _rung_counts(record: StudyRecord, details: DetailsRecord) -> Iterator[Count]:

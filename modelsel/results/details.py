@@ -18,6 +18,7 @@ from ..fitting.design import directions, field_of, residuals
 from ..fitting.problem import Problem
 from ..mechanisms.serialization import describe_mechanism
 from ..mechanisms.terms import Mechanism
+from .arm_details import describe_arm, describe_meanings, find_middling_row
 from .details_schema import DetailsRecord
 from .map_details import describe_map
 from .panels import describe_panels
@@ -92,6 +93,8 @@ def _values(run: StudyRun, drawing: _Drawing) -> Values:
         "places": everything.where.record(everything.row),
         "joints": _describe_joints(run),
         "arm_mm": round_nested(nominal_arm(run.problem), 1),
+        "arm": describe_arm(run.problem),
+        "parameters": describe_meanings(run.problem, run.models.chosen.fit),
         "base": run.models.ladder.index(run.base),
         "rungs": _describe_residuals(run, drawing),
         "map": describe_map(run, drawing.problem, drawing.displacement),
@@ -188,11 +191,7 @@ def _spread(mask: Mask, count: int) -> Index:
 def nominal_arm(problem: Problem) -> Array:
     """Return (n+2, 3) origins of the nominal chain, joint 1 to target, in the tracker's frame, at the configuration
     nearest to all."""
-    q = problem.data.q
-    spread = np.maximum(np.std(q, axis=0), 1e-9)
-    scaled = (q - np.median(q, axis=0)) / spread
-    distance = np.square(scaled).sum(1)
-    nearest = int(np.argmin(distance))
+    nearest = find_middling_row(problem)
     middle = problem.take(np.array([nearest]))
     rotation, translation = middle.placement
     group = middle.data.group[0]

@@ -36,6 +36,25 @@ class JointRecord(StrictRecord):
     limits: Pair | None
 
 
+class ArmRecord(StrictRecord):
+    """The frames of the nominal arm at one configuration, gravity downwards: frame 0, the joints',
+    the target's."""
+
+    origins_mm: Annotated[list[Vector], Field(min_length=2)]
+    axes: list[Annotated[list[Vector], Field(min_length=3, max_length=3)]]
+    slides: list[bool]
+
+
+class MeaningRecord(StrictRecord):
+    """What a fitted number of the chosen model means, and its value by the drawing [mm or rad]."""
+
+    symbol: Text
+    frame: Whole | None
+    meaning: Text
+    nominal: Figure
+    free: bool
+
+
 class RungResidualsRecord(StrictRecord):
     """Residuals of one model of the ladder at the drawn rows, in the tracker's frame."""
 
@@ -129,6 +148,8 @@ class DetailsRecord(StrictRecord):
     places: PlacesRecord | None = None
     joints: list[JointRecord]
     arm_mm: list[Vector]
+    arm: ArmRecord | None = None
+    parameters: list[MeaningRecord] = Field(default_factory=list)
     base: Whole
     rungs: list[RungResidualsRecord]
     map: MapRecord

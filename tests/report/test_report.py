@@ -464,7 +464,7 @@ def extended(result: dict, rng: np.random.Generator) -> dict:
 
 def test_sections_come_with_their_content(drawn, rng) -> None:
     result, details = written(drawn)
-    chosen = ("significance", "correlation", "posterior")
+    chosen = ("parameters", "correlation", "posterior")
     empty = {"symbols": [], "matrix": [], "pairs": [], "clusters": []}
     bare = result | {"parameters": [], "significance": [], "correlation": empty, "sampling": None}
     assert collect_blocks(source_of(bare, details), drawing.PAGES, chosen) == []
@@ -473,7 +473,7 @@ def test_sections_come_with_their_content(drawn, rng) -> None:
         fill_template(full, collect_blocks(full, drawing.PAGES, chosen)), full.pictures
     )
     assert not warnings
-    assert set(full.pictures) == {"forest.svg", "correlation.svg", "posterior.svg"}
+    assert set(full.pictures) == {"frames.svg", "correlation.svg", "posterior.svg"}
     text = plain("".join(texts(pdf)))
     for word in (
         "gravity-twist1.2342.000<0.001−3.2–→0.50092%",

@@ -1,5 +1,4 @@
-"""Every fitted parameter with its interval, how parameters hang together, the posterior of the
-informative few."""
+"""How parameters hang together, and the posterior of the informative few."""
 
 from __future__ import annotations
 
@@ -9,89 +8,14 @@ from typing import Any
 import numpy as np
 
 from ..._typing import Array
-from ...results.model_schema import CorrelationRecord, ParameterRecord, TraceRecord
-from ..style import (
-    AFTER,
-    BLUE,
-    GREY,
-    INK,
-    ORANGE,
-    QUIET,
-    WIDTH,
-    choose_unit,
-    shorten,
-    svg,
-    use_style,
-)
+from ...results.model_schema import CorrelationRecord, TraceRecord
+from ..style import AFTER, BLUE, GREY, ORANGE, WIDTH, choose_unit, shorten, svg, use_style
 
-MAX_FOREST = 64  # parameters of the forest plot
 MAX_DRAWN = 6  # parameters of the posterior's picture
 MAX_MATRIX = 48  # parameters of the correlation's picture
-LONGEST_SYMBOL = 24  # letters
 LONGEST_TITLE = 14  # letters
-# half the width of a 95 % interval in standard errors
-NORMAL_QUANTILE = 1.96
 # |r| up to which no mark is drawn
 MIN_CORRELATION = 0.1
-
-
-# -- forest
-# ---------------------------------------------------------------------------------------------------------------------
-
-
-def draw_forest(parameters: Sequence[ParameterRecord]) -> bytes:
-    """Draw estimates in units of their own standard error (a 95 % interval is 3.92 of them), strongest first: what
-    lies inside the grey band may be zero."""
-    scores = np.array([_standard_errors(parameter) for parameter in parameters])
-    order = np.argsort(-np.abs(scores), kind="stable")[:MAX_FOREST]
-    half = (len(order) + 1) // 2
-    reach = float(abs(scores[order[0]])) * 1.6
-    columns = [part for part in (order[:half], order[half:]) if len(part)]
-    with use_style() as sheets:
-        fig, axes = sheets.subplots(
-            1,
-            len(columns),
-            figsize=(WIDTH, 0.135 * half + 0.6),
-            layout="constrained",
-            squeeze=False,
-            sharex=True,
-        )
-        for ax, part in zip(axes[0], columns, strict=True):
-            symbols = [parameters[index].symbol for index in part]
-            ax.set_xscale("symlog", linthresh=4)
-            _draw_intervals(ax, scores[part])
-            _label_forest(ax, symbols, half, reach)
-        return svg(fig, "Parameter significance")
-
-
-def _standard_errors(parameter: ParameterRecord) -> float:
-    """Return an estimate in units of its standard error, taken from its interval."""
-    assert parameter.low is not None
-    assert parameter.high is not None
-    return 2 * NORMAL_QUANTILE * parameter.estimate / (parameter.high - parameter.low)
-
-
-def _draw_intervals(ax: Any, scores: Array) -> None:
-    rows = np.arange(len(scores))
-    ax.axvspan(-NORMAL_QUANTILE, NORMAL_QUANTILE, color="#EFEFEF", lw=0)
-    ax.axvline(0, color="#BBBBBB", lw=0.7)
-    ax.hlines(rows, scores - NORMAL_QUANTILE, scores + NORMAL_QUANTILE, color=QUIET, lw=1)
-    is_sure = np.abs(scores) > NORMAL_QUANTILE
-    ax.plot(scores[is_sure], rows[is_sure], "o", ms=3.5, color=BLUE)
-    ax.plot(scores[~is_sure], rows[~is_sure], "o", ms=3.5, mfc="white", mec=BLUE)
-
-
-def _label_forest(ax: Any, symbols: Sequence[str], rows: int, reach: float) -> None:
-    names = [shorten(symbol, LONGEST_SYMBOL) for symbol in symbols]
-    ax.set_yticks(range(len(names)), names, fontsize=6.5, color=INK)
-    ax.set_ylim(rows - 0.4, -0.6)
-    ax.set_xlim(-reach, reach)
-    ticks = [tick for tick in (1000, 100, 10) if tick < reach]
-    ax.set_xticks([*(-tick for tick in ticks), 0, *reversed(ticks)])
-    ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}".replace("-", "−"))
-    ax.xaxis.set_minor_formatter(lambda value, _: "")
-    ax.tick_params(axis="y", length=0)
-    ax.set_xlabel("estimate in standard errors")
 
 
 # -- correlation

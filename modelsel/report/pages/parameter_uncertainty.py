@@ -6,28 +6,14 @@ from collections.abc import Sequence
 from functools import partial
 
 from ...diagnosis.sentences import choose_prefix
-from ...results.model_schema import (
-    ParameterRecord,
-    QuantilesRecord,
-    SamplingRecord,
-    SignificanceRecord,
-)
+from ...results.model_schema import QuantilesRecord, SamplingRecord
 from ...results.schema import StudyRecord
-from ...results.study_sentences import (
-    NOMINAL_CAVEAT,
-    describe_predictable,
-    format_mm,
-    format_p,
-    format_share,
-    write_sampling_sentences,
-)
+from ...results.study_sentences import describe_predictable, format_mm, write_sampling_sentences
 from ..document import Block, Source, make_heading, make_list, make_table, make_text
 from ..figures import ladder, parameter_plots, space
 
 MAX_PAIRS = 8
 MAX_QUANTILES = 24
-MAX_WEAK = 12  # symbols of parameters that may be zero
-EXPECTED = "as expected"  # what the catalogue says of a mechanism that is not odd
 
 
 # -- residuals
@@ -87,88 +73,6 @@ def write_held_out_page(source: Source) -> list[Block]:
     heading = make_heading(title, opens=False)
     figure = source.add_figure("held-out", draw, caption, words)
     return [heading, figure]
-
-
-# -- significance
-# -----------------------------------------------------------------------------------------------------------------
-
-
-def write_significance_page(source: Source) -> list[Block]:
-    """Write the forest plot, and the table by mechanism."""
-    record = source.record
-    blocks: list[Block] = []
-    bounded = [parameter for parameter in record.parameters if _is_bounded(parameter)]
-    if bounded:
-        forest = _write_forest(source, bounded)
-        blocks.append(forest)
-    if record.significance:
-        blocks += _write_mechanisms(record.significance)
-    return [make_heading("Significance"), *blocks] if blocks else []
-
-
-def _is_bounded(parameter: ParameterRecord) -> bool:
-    """Return whether a parameter has an interval."""
-    low, high = parameter.low, parameter.high
-    return low is not None and high is not None and low < high
-
-
-def _may_be_zero(parameter: ParameterRecord) -> bool:
-    low, high = parameter.low, parameter.high
-    return low is not None and high is not None and low < 0 < high
-
-
-def _write_forest(source: Source, parameters: Sequence[ParameterRecord]) -> Block:
-    weak = [parameter.symbol for parameter in parameters if _may_be_zero(parameter)]
-    caption = (
-        "Every fitted parameter in units of its own standard error, the surest first, with its 95 % interval. Inside the "
-        "grey band, open: it may be zero."
-    )
-    if len(parameters) > parameter_plots.MAX_FOREST:
-        caption += f" The {parameter_plots.MAX_FOREST} strongest of {len(parameters)} are drawn."
-    symbols = f": {', '.join(weak[:MAX_WEAK])}." if weak else "."
-    words = f"Forest plot of {len(parameters)} parameters; {len(weak)} may be zero{symbols}"
-    draw = partial(parameter_plots.draw_forest, parameters)
-    return source.add_figure("forest", draw, caption, words)
-
-
-def _write_mechanisms(mechanisms: Sequence[SignificanceRecord]) -> list[Block]:
-    """Write the table by mechanism, without columns that a long run leaves empty, and what the catalogue finds
-    odd."""
-    figures = _significance_columns(mechanisms)
-    names = [one.mechanism for one in mechanisms]
-    columns = [("mechanism", "left"), *((name, "right") for name in figures)]
-    rows = list(zip(names, *figures.values(), strict=True))
-    caption = "Mean and worst displacement of the target by each mechanism. Held-out: rms without it and with it."
-    if "stable" in figures:
-        caption += " Stable: share of half-samples in which it stays significant."
-    if {"nominal p", "stable"} & set(figures):
-        caption += f" Nominal p and stable {NOMINAL_CAVEAT}"
-    blocks = [
-        make_heading("By mechanism", 2),
-        make_table(columns, rows, caption, [1.0, *[0.0] * len(figures)]),
-    ]
-    odd = [f"{one.mechanism}: {one.catalogue}" for one in mechanisms if one.catalogue != EXPECTED]
-    return [*blocks, make_list(odd)] if odd else blocks
-
-
-def _significance_columns(mechanisms: Sequence[SignificanceRecord]) -> dict[str, list[str]]:
-    """Return the figures of every mechanism by column, without columns of dashes alone."""
-    columns = {
-        "mean mm": [format_mm(one.mean_mm) for one in mechanisms],
-        "worst mm": [format_mm(one.max_mm) for one in mechanisms],
-        "nominal p": [format_p(one.p) for one in mechanisms],
-        "log10 evidence": [_signed(one.log10_evidence) for one in mechanisms],
-        "held-out rms mm": [
-            f"{format_mm(one.held_out_rms_without_mm)} → {format_mm(one.held_out_rms_mm)}"
-            for one in mechanisms
-        ],
-        "stable": [format_share(one.stability) for one in mechanisms],
-    }
-    return {name: column for name, column in columns.items() if set(column) != {"–"}}
-
-
-def _signed(value: float | None) -> str:
-    return "–" if value is None else f"{value:+.1f}".replace("-", "−")
 
 
 # -- correlation

@@ -1,0 +1,113 @@
+"""The calibrated parameters: a drawing that gives the symbols their meaning, the table, and how
+significant every mechanism is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+from ...results.model_schema import SignificanceRecord
+from ...results.parameter_table import (
+    PARAMETER_COLUMNS,
+    ParameterRow,
+    count_free,
+    tabulate_calibrated,
+)
+from ...results.study_sentences import NOMINAL_CAVEAT, format_mm, format_p, format_share
+from ..document import Block, Source, make_heading, make_list, make_table
+from ..figures.arm import draw_frames
+
+EXPECTED = "as expected"  # what the catalogue says of a mechanism that is not odd
+SYMBOLS = (
+    "The nominal arm at one measured configuration. a b c: shifts along x y z of the frame whose number follows; α β γ: "
+    "turns about them, before the joint moves (dashed: its axis, z)."
+)
+TABLE = (
+    "Nominal: the drawing's value, of a shift from the frame before along the frame's own axes; 0 where the number is a "
+    "correction. U: expanded uncertainty, twice the standard uncertainty. p: how probable so large a deviation is where "
+    "there is none. Moves: the target, at most, over the measured configurations."
+)
+TOGETHER = (
+    " *: known only together with others (see What the data cannot tell); its usual size decides."
+)
+WIDTHS = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+
+
+def write_parameters_page(source: Source) -> list[Block]:
+    """Write drawing, table and the mechanisms' significance; nothing where nothing was fitted."""
+    record = source.record
+    rows = tabulate_calibrated(record, source.details)
+    blocks: list[Block] = []
+    if rows:
+        blocks += [*_write_drawing(source), _write_table(source, rows)]
+    if record.significance:
+        blocks += _write_mechanisms(record.significance)
+    return [make_heading("Calibrated parameters"), *blocks] if blocks else []
+
+
+def _write_drawing(source: Source) -> list[Block]:
+    """Write the drawing of this arm; nothing where the files of an earlier version have none."""
+    arm = source.details.arm
+    if arm is None:
+        return []
+    joints = len(arm.slides)
+    words = (
+        f"Drawing of the arm with its {joints} joint frames and the target's, and the axes x, y and z of each frame as seen "
+        "in the drawing."
+    )
+    return [source.add_figure("frames", partial(draw_frames, arm), SYMBOLS, words)]
+
+
+def _write_table(source: Source, rows: Sequence[ParameterRow]) -> Block:
+    caption = TABLE
+    if any(row.together for row in rows):
+        caption += TOGETHER
+    free = count_free(source.record, source.details)
+    if free:
+        caption += f" The {free} coefficients of free functions are in result.json: none says anything alone."
+    cells = [row.cells for row in rows]
+    return make_table(PARAMETER_COLUMNS, cells, caption, WIDTHS) | {"dense": True}
+
+
+# -- by mechanism
+# --------------------------------------------------------------------------------------------------
+
+
+def _write_mechanisms(mechanisms: Sequence[SignificanceRecord]) -> list[Block]:
+    """Write the table by mechanism, without columns that a long run leaves empty, and what the catalogue finds
+    odd."""
+    figures = _significance_columns(mechanisms)
+    names = [one.mechanism for one in mechanisms]
+    columns = [("mechanism", "left"), *((name, "right") for name in figures)]
+    rows = list(zip(names, *figures.values(), strict=True))
+    caption = "Mean and worst displacement of the target by each mechanism. Held-out: rms without it and with it."
+    if "stable" in figures:
+        caption += " Stable: share of half-samples in which it stays significant."
+    if {"nominal p", "stable"} & set(figures):
+        caption += f" Nominal p and stable {NOMINAL_CAVEAT}"
+    blocks = [
+        make_heading("Significance by mechanism", 2),
+        make_table(columns, rows, caption, [1.0, *[0.0] * len(figures)]),
+    ]
+    odd = [f"{one.mechanism}: {one.catalogue}" for one in mechanisms if one.catalogue != EXPECTED]
+    return [*blocks, make_list(odd)] if odd else blocks
+
+
+def _significance_columns(mechanisms: Sequence[SignificanceRecord]) -> dict[str, list[str]]:
+    """Return the figures of every mechanism by column, without columns of dashes alone."""
+    columns = {
+        "mean mm": [format_mm(one.mean_mm) for one in mechanisms],
+        "worst mm": [format_mm(one.max_mm) for one in mechanisms],
+        "nominal p": [format_p(one.p) for one in mechanisms],
+        "log10 evidence": [_signed(one.log10_evidence) for one in mechanisms],
+        "held-out rms mm": [
+            f"{format_mm(one.held_out_rms_without_mm)} → {format_mm(one.held_out_rms_mm)}"
+            for one in mechanisms
+        ],
+        "stable": [format_share(one.stability) for one in mechanisms],
+    }
+    return {name: column for name, column in columns.items() if set(column) != {"–"}}
+
+
+def _signed(value: float | None) -> str:
+    return "–" if value is None else f"{value:+.1f}".replace("-", "−")

@@ -1,0 +1,184 @@
+"""The calibrated parameters as a table: nominal, calibrated, expanded uncertainty, p, and what each
+moves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import floor, log10
+
+from ..diagnosis.sentences import choose_prefix
+from .details_schema import DetailsRecord, MeaningRecord
+from .model_schema import ParameterRecord
+from .schema import StudyRecord
+from .study_sentences import format_mm, format_p
+
+# of the expanded uncertainty, U = k u
+COVERAGE = 2.0
+MAX_DECIMALS = 5
+# significant digits of an expanded uncertainty (JCGM 100, 7.2.6)
+DIGITS = 2
+PARAMETER_COLUMNS = (
+    ("symbol", "left"),
+    ("meaning", "left"),
+    ("nominal", "right"),
+    ("calibrated", "right"),
+    ("U (k = 2)", "right"),
+    ("unit", "left"),
+    ("p", "right"),
+    ("moves, mm", "right"),
+)
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """One row of the table, in text; `together`: the data determine it only with others."""
+
+    symbol: str
+    meaning: str
+    nominal: str
+    calibrated: str
+    expanded: str
+    unit: str
+    p: str
+    moves: str
+    together: bool
+
+    @property
+    def cells(self) -> list[str]:
+        """The cells as PARAMETER_COLUMNS name them."""
+        mark = " *" if self.together else ""
+        return [
+            f"{self.symbol}{mark}",
+            self.meaning,
+            self.nominal,
+            self.calibrated,
+            self.expanded,
+            self.unit,
+            self.p,
+            self.moves,
+        ]
+
+
+def tabulate_calibrated(record: StudyRecord, details: DetailsRecord) -> list[ParameterRow]:
+    """Return a row for every fitted number: the target's last, the others by frame, mechanisms below
+    them; the coefficients of a free function are left out (`count_free`)."""
+    meanings = {one.symbol: one for one in details.parameters}
+    together = {symbol for group in record.unidentifiable for symbol in group.parameters}
+    base = set(record.ladder[details.base].mechanisms)
+    shown = [
+        (parameter, meanings.get(parameter.symbol))
+        for parameter in record.parameters
+        if not _is_free(meanings.get(parameter.symbol))
+    ]
+    shown.sort(key=lambda pair: _sort_key(*pair, base))
+    return [
+        _write_row(parameter, meaning, parameter.symbol in together) for parameter, meaning in shown
+    ]
+
+
+def count_free(record: StudyRecord, details: DetailsRecord) -> int:
+    """Return how many fitted numbers are coefficients of free functions, which say nothing alone."""
+    free = {one.symbol for one in details.parameters if one.free}
+    return sum(parameter.symbol in free for parameter in record.parameters)
+
+
+def _is_free(meaning: MeaningRecord | None) -> bool:
+    return meaning is not None and meaning.free
+
+
+def _sort_key(
+    parameter: ParameterRecord, meaning: MeaningRecord | None, base: set[str]
+) -> tuple[bool, int]:
+    """Return what sorts parameters: those of the base by frame, then those of findings as they
+    joined."""
+    is_named = parameter.mechanism not in base and parameter.mechanism != "set-up"
+    if is_named or meaning is None or meaning.frame is None:
+        return is_named, 0
+    return False, meaning.frame
+
+
+def _write_row(
+    parameter: ParameterRecord, meaning: MeaningRecord | None, together: bool
+) -> ParameterRow:
+    nominal = 0.0 if meaning is None else meaning.nominal
+    u = find_standard_uncertainty(parameter)
+    factor, unit = _choose_unit(parameter, nominal or 0.0, u)
+    decimals = _choose_decimals(None if u is None else COVERAGE * u / factor)
+    calibrated = (nominal or 0.0) + parameter.estimate
+    return ParameterRow(
+        symbol=parameter.symbol,
+        meaning=parameter.mechanism if meaning is None else meaning.meaning,
+        nominal="–" if nominal is None else _write_nominal(nominal / factor, decimals),
+        calibrated=write_number_plainly(calibrated / factor, decimals),
+        expanded="–" if u is None else write_number_plainly(COVERAGE * u / factor, decimals),
+        unit=unit,
+        p=format_p(compute_p(parameter)),
+        moves=format_mm(parameter.max_mm),
+        together=together,
+    )
+
+
+def _choose_unit(parameter: ParameterRecord, nominal: float, u: float | None) -> tuple[float, str]:
+    """Return (factor, shown unit): mm and mrad where they fit, so that rows compare."""
+    if parameter.unit == "mm":
+        return 1.0, "mm"
+    if parameter.unit == "rad":
+        return 1e-3, "mrad"
+    largest = max(abs(nominal), abs(parameter.estimate), u or 0.0)
+    return choose_prefix(largest, parameter.unit)
+
+
+def _choose_decimals(expanded: float | None) -> int:
+    """Return the decimals that two digits of an expanded uncertainty need."""
+    if expanded is None or expanded <= 0:
+        return 3
+    decimals = DIGITS - 1 - floor(log10(expanded))
+    return min(max(decimals, 0), MAX_DECIMALS)
+
+
+def _write_nominal(value: float, decimals: int) -> str:
+    """Return the drawing's value; zero as such."""
+    return "0" if value == 0 else write_number_plainly(value, max(decimals, 2))
+
+
+def write_number_plainly(value: float, decimals: int) -> str:
+    """Return a number with so many decimals and a true minus sign, never minus zero."""
+    text = f"{value:.{decimals}f}"
+    if float(text) == 0:
+        text = text.lstrip("-")
+    return text.replace("-", "−")
+
+
+# -- uncertainty
+# --------------------------------------------------------------------------------------------------
+
+
+def find_standard_uncertainty(parameter: ParameterRecord) -> float | None:
+    """Return the larger of the standard errors of least squares and of the bootstrap: that of the
+    interval; None where neither is known."""
+    errors = [parameter.standard_error, parameter.bootstrap_error]
+    known = [error for error in errors if error is not None]
+    return max(known, default=None)
+
+
+def compute_p(parameter: ParameterRecord) -> float | None:
+    """Compute how probable a parameter that is as the drawing says makes an estimate as large: a t test
+    with the interval's standard uncertainty and degrees of freedom, so that p is below 0.05 where the
+    interval leaves out zero. None where that is undefined."""
+    from scipy.special import stdtr
+
+    u, units = find_standard_uncertainty(parameter), parameter.configurations
+    if not u or units is None:
+        return None
+    freedom = max(units - 1, 1)
+    return float(2 * stdtr(freedom, -abs(parameter.estimate) / u))
+
+
+def list_weak(parameters: Sequence[ParameterRecord]) -> list[str]:
+    """Return the symbols whose interval holds zero."""
+    return [
+        one.symbol
+        for one in parameters
+        if one.low is not None and one.high is not None and one.low < 0 < one.high
+    ]

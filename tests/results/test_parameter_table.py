@@ -1,0 +1,117 @@
+"""The table of the calibrated parameters: nominal, calibrated, U, p, and what the symbols mean."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from modelsel.mechanisms.geometry import geometric
+from modelsel.report.drawing import read_source
+from modelsel.results.arm_details import describe_arm, describe_place, find_nominal
+from modelsel.results.parameter_table import (
+    compute_p,
+    find_standard_uncertainty,
+    tabulate_calibrated,
+    write_number_plainly,
+)
+from modelsel.robot.files import load_robot
+from modelsel.robot.kinematics import pose
+
+TOOL = np.array([0.0, 0.0, 100.0])
+
+
+def test_a_row_for_every_number_and_nominal_plus_estimate_is_calibrated(drawn) -> None:
+    source = read_source(drawn)
+    rows = {row.symbol: row for row in tabulate_calibrated(source.record, source.details)}
+    meanings = {one.symbol: one for one in source.details.parameters}
+    assert set(rows) == {one.symbol for one in source.record.parameters} == set(meanings)
+    for one in source.record.parameters:
+        row = rows[one.symbol]
+        factor = {"mm": 1.0, "rad": 1e3}.get(one.unit)
+        if factor is None:
+            continue
+        u = max(one.standard_error, one.bootstrap_error)
+        expanded = float(row.expanded)
+        assert expanded == pytest.approx(2 * u * factor, rel=0.06)
+        calibrated = float(row.calibrated.replace("−", "-"))
+        nominal = meanings[one.symbol].nominal
+        assert calibrated == pytest.approx(nominal + one.estimate * factor, abs=expanded / 10)
+    assert rows["a3"].nominal == "650.000"
+    assert rows["a3"].meaning == "joint 3, its axis along x"
+    assert rows["w54"].meaning == "joint 5, its turn × q4"
+
+
+def test_p_is_below_a_twentieth_where_the_interval_leaves_out_zero(drawn) -> None:
+    """p, U and the interval are of one standard uncertainty."""
+    parameters = read_source(drawn).record.parameters
+    for one in parameters:
+        assert (compute_p(one) < 0.05) == (not one.low < 0 < one.high), one.symbol
+    outside = [one for one in parameters if compute_p(one) < 0.05]
+    assert 0 < len(outside) < len(parameters)
+
+
+def test_undefined_figures_are_dashes(drawn) -> None:
+    source = read_source(drawn)
+    first = source.record.parameters[0]
+    unknown = {"standard_error": None, "bootstrap_error": None, "configurations": None}
+    bare = first.model_copy(update=unknown)
+    assert find_standard_uncertainty(bare) is None
+    assert compute_p(bare) is None
+    record = source.record.model_copy(update={"parameters": [bare]})
+    (row,) = tabulate_calibrated(record, source.details)
+    assert row.expanded == row.p == "–"
+    assert write_number_plainly(-0.0001, 2) == "0.00"
+    assert write_number_plainly(-0.25, 1) == "−0.2"
+
+
+@pytest.mark.parametrize("name", ["puma760", "ur5", "irb1600"])
+def test_nominal_shifts_are_those_of_the_chain(name) -> None:
+    """By the chain itself: where a frame's origin stands beyond the one before, along its own axes."""
+    robot = load_robot(name)
+    at = pose(robot, np.zeros((1, robot.n)), TOOL)
+    problem = SimpleNamespace(robot=robot, tools=TOOL[None])
+    terms = [term for term in geometric(robot).terms if term.screws[0].axis[0] == "t"]
+    assert len(terms) == 3 * (robot.n + 1)
+    origins = np.concatenate([np.zeros((1, 3)), at.origins[:, :, 0]])
+    for term in terms:
+        screw = term.screws[0]
+        k, axis = screw.frame - 1, "xyz".index(screw.axis[1])
+        expected = at.axes[k, axis, :, 0] @ (origins[k + 1] - origins[k])
+        if screw.frame > robot.n:
+            expected = TOOL[axis]
+        assert find_nominal(problem, screw) == pytest.approx(expected, abs=1e-5)
+
+
+def test_the_drawing_stands_upright() -> None:
+    """Of an arm on a wall, gravity points down the page; the frames stay as they are to each other."""
+    robot = load_robot("puma760")
+    wall = replace(robot, gravity=(1.0, 0.0, 0.0))
+    q = np.random.default_rng(5).uniform(-1, 1, (7, 6))
+    drawings = [describe_arm(_problem(one, q)) for one in (robot, wall)]
+    floor, wall_mounted = (np.array(one["origins_mm"]) for one in drawings)
+    axes = np.array(drawings[1]["axes"])
+    assert np.allclose(axes[0] @ [-1, 0, 0], [0, 0, 1])  # frame 0's -x is up
+    assert np.allclose(axes.swapaxes(1, 2) @ axes, np.eye(3), atol=1e-4)
+    lengths = [np.linalg.norm(np.diff(one, axis=0), axis=1) for one in (floor, wall_mounted)]
+    assert np.allclose(*lengths, atol=0.3)
+
+
+def _problem(robot, q):
+    """As much of a problem as a drawing needs."""
+
+    def at(row):
+        found = pose(robot, q[row], TOOL)
+        return SimpleNamespace(pose=lambda _: found)
+
+    return SimpleNamespace(robot=robot, data=SimpleNamespace(q=q), take=at)
+
+
+def test_places_in_words() -> None:
+    robot = load_robot("puma760")
+    assert describe_place(robot, 2, "rz") == "joint 2, zero of its reading"
+    assert describe_place(robot, 2, "rz", constant=False) == "joint 2, its turn"
+    assert describe_place(robot, 4, "ry") == "joint 4, its axis tilted about y"
+    assert describe_place(robot, 7, "tx") == "target along the flange's x"
