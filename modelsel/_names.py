@@ -19,6 +19,9 @@ JOINERS = "\u200c\u200d"  # of Persian and Indic letters, and of emoji: they are
 FORMULA = re.compile(
     r"[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20]"
 )  # starts one in a spreadsheet; full-width signs do too
+DIRECTIONS = re.compile(
+    "[\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]"
+)  # marks of writing direction
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
@@ -59,6 +62,11 @@ def find_name_problem(name: str, longest: int = MAX_NAME_LENGTH) -> str | None:
     if is_blank:
         return "it has no letter, digit or sign. Write one that people can see"
     return None
+
+
+def strip_directions(text: str) -> str:
+    """Return a text without the marks that change its direction, which nobody sees."""
+    return DIRECTIONS.sub("", text)
 
 
 def as_name(text: str) -> str:

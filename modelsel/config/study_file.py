@@ -14,6 +14,7 @@ from pydantic import SerializerFunctionWrapHandler as Plain
 from .._text import parse_toml, read_text
 from ..exceptions import StudyError, suggest
 from ..measurements.table import DataFile, Source
+from .campaign_table import CampaignTable
 from .messages import describe_value_problem, format_place, to_toml_values
 from .study_tables import (
     ComparisonTable,
@@ -53,6 +54,9 @@ class Study(_Table):
     )
     sampling: SamplingTable = Field(default=SamplingTable(), description="Posterior sampling.")
     simulate: SimulateTable = Field(default=SimulateTable(), description="What `simulate` makes.")
+    campaign: CampaignTable = Field(
+        default=CampaignTable(), description="Date, instrument and so on, for the report's head."
+    )
 
     def __init__(self, /, **tables: Any) -> None:
         try:
@@ -67,6 +71,8 @@ class Study(_Table):
         written: dict[str, Any] = plain(self)
         if self.search == SearchTable():
             written.pop("search", None)
+        if self.campaign == CampaignTable():
+            written.pop("campaign", None)
         return written
 
     def with_measurements(self, measurements: Any) -> Study:

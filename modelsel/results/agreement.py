@@ -42,6 +42,7 @@ def _each(place: str, expected: int, lists: Sequence[Sized]) -> Iterator[Count]:
 def _row_counts(details: DetailsRecord) -> Iterator[Count]:
     rows, joints = details.rows, len(details.joints)
     by_row: list[Sized] = [rows.estimation, rows.outlying, rows.q, rows.measured_mm]
+    by_row += [one for one in (rows.progress, rows.move, rows.temperature_C) if one is not None]
     yield from _each("details.json: rows", len(rows.row), by_row)
     yield from _each("details.json: rows.q", joints, rows.q)
     origins = joints + 1 if joints else 1

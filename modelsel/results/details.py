@@ -16,6 +16,8 @@ from .._records import parse_record
 from .._typing import Array, Index
 from ..fitting.design import directions, field_of, residuals
 from ..fitting.problem import Problem
+from ..measurements.measurements import Measurements
+from ..measurements.reference_temperature import TEMPERATURE
 from ..mechanisms.serialization import describe_mechanism
 from ..mechanisms.terms import Mechanism
 from .arm_details import describe_arm, describe_meanings, find_middling_row
@@ -89,6 +91,7 @@ def _values(run: StudyRun, drawing: _Drawing) -> Values:
         "schema": SCHEMA,
         "data_sha256": run.provenance["data_sha256"],
         "study_sha256": run.provenance["study_sha256"],
+        "campaign": run.study.campaign.given or None,
         "rows": _describe_rows(run, drawing),
         "places": everything.where.record(everything.row),
         "joints": _describe_joints(run),
@@ -113,7 +116,26 @@ def _describe_rows(run: StudyRun, drawing: _Drawing) -> Values:
         "outlying": run.split.outlying[rows].astype(int).tolist(),
         "q": round_nested(data.q, 5),
         "measured_mm": round_nested(drawing.positions, 2),
+        "progress": round_nested(data.progress, 5),
+        "move": round_nested(_largest_moves(data), 5),
+        **_describe_temperature(data),
     }
+
+
+def _largest_moves(data: Measurements) -> Array:
+    """Return the largest last move (m,) of a joint that turns [rad], of an arm that has none of one that slides
+    [mm]."""
+    slides = np.array(data.prismatic or [False] * data.q.shape[1])
+    moved = data.move if slides.all() else data.move[:, ~slides]
+    return np.asarray(moved.max(1, initial=0.0))
+
+
+def _describe_temperature(data: Measurements) -> Values:
+    """Return the temperature of every row, where it was measured."""
+    celsius = data.covariates.get(TEMPERATURE)
+    if celsius is None or not np.isfinite(celsius).all():
+        return {}
+    return {"temperature_C": round_nested(celsius, 2)}
 
 
 def _describe_joints(run: StudyRun) -> list[Values]:

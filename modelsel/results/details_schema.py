@@ -19,6 +19,9 @@ class DrawnRowsRecord(StrictRecord):
     outlying: list[Whole]
     q: list[Annotated[list[Number], Field(min_length=1)]]
     measured_mm: list[Vector]
+    progress: list[Number] | None = None
+    move: list[Number] | None = None
+    temperature_C: list[Number] | None = None  # noqa: N815
 
 
 class PlacesRecord(StrictRecord):
@@ -53,6 +56,16 @@ class MeaningRecord(StrictRecord):
     meaning: Text
     nominal: Figure
     free: bool
+
+
+class CampaignRecord(StrictRecord):
+    """What the study file says of the campaign."""
+
+    date: Text | None = None
+    instrument: Text | None = None
+    serial_number: Text | None = None
+    operator: Text | None = None
+    ambient: Text | None = None
 
 
 class RungResidualsRecord(StrictRecord):
@@ -144,6 +157,7 @@ class DetailsRecord(StrictRecord):
     version: Literal[1] = Field(alias="schema")
     data_sha256: Text
     study_sha256: Text
+    campaign: CampaignRecord | None = None
     rows: DrawnRowsRecord
     places: PlacesRecord | None = None
     joints: list[JointRecord]

@@ -53,6 +53,7 @@ INTEGRATION = (
 ALLOWED = {
     ("study_file", "pydantic"),
     ("study_tables", "pydantic"),
+    ("campaign_table", "pydantic"),
     ("fleet_file", "pydantic"),
     ("_records", "pydantic"),
     ("schema", "pydantic"),

@@ -1,0 +1,42 @@
+"""The table of a study file that an auditor reads: what was measured, when, with what, by whom."""
+
+from __future__ import annotations
+
+from datetime import date
+from typing import Annotated
+
+from pydantic import BeforeValidator, Field
+
+from .._names import strip_directions
+from .study_tables import Name, _Table
+
+
+def _as_campaign_text(value: object) -> object:
+    """Return a date of TOML or a whole number as text, and text without marks of direction."""
+    if isinstance(value, date) or (isinstance(value, int) and not isinstance(value, bool)):
+        return str(value)
+    if isinstance(value, str):
+        return strip_directions(value).strip()
+    return value
+
+
+CampaignText = Annotated[Name, BeforeValidator(_as_campaign_text)]
+
+
+class CampaignTable(_Table):
+    """[campaign]: what an auditor asks about the measurements; it is printed and changes no result."""
+
+    date: CampaignText | None = Field(default=None, description="When it was measured.")
+    instrument: CampaignText | None = Field(default=None, description="What measured.")
+    serial_number: CampaignText | None = Field(
+        default=None, description="Serial number of the robot."
+    )
+    operator: CampaignText | None = Field(default=None, description="Who measured.")
+    ambient: CampaignText | None = Field(
+        default=None, description="Surroundings, such as temperature and humidity."
+    )
+
+    @property
+    def given(self) -> dict[str, str]:
+        """What the study gives, by key."""
+        return {key: text for key, text in self if text is not None}
