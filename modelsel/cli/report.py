@@ -12,25 +12,36 @@ from ._options import print_json
 
 @click.command("report")
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
-@click.option("--pages", help="Pages of report.pdf, by name, with commas; all without.")
+@click.option(
+    "--pages", help="Some pages by name, with commas: into report-pages.pdf beside the full report."
+)
+@click.option(
+    "--summary", is_flag=True, help="Two pages: into report-summary.pdf beside the full report."
+)
 @click.option("--json", "as_json", is_flag=True)
-def report_command(folder: Path, pages: str | None, as_json: bool) -> None:
+def report_command(folder: Path, pages: str | None, summary: bool, as_json: bool) -> None:
     """Draw report.pdf and report.html of a finished study again, from its folder; nothing is
     computed anew."""
     from .._files import check_writable, claim_folder
     from .._second_process import second_process
-    from ..report.drawing import HALF, STEPS, DrawnAhead, draw_records
+    from ..report.drawing import HALF, STEPS, DrawnAhead, draw_records, draw_summary
     from ..results.reading import read_records
 
     chosen = (
         None if pages is None else tuple(name.strip() for name in pages.split(",") if name.strip())
     )
+    if summary and chosen is not None:
+        raise click.UsageError(
+            "--summary is two pages of its own: leave out --pages, or --summary."
+        )
     check_writable(folder)
     with claim_folder(folder), show_progress(STEPS) as say:
-        record, details = read_records(folder)
-        if chosen is not None:
-            written = draw_records(record, details, folder, chosen, say)
+        if summary:
+            written = draw_summary(folder, say)
+        elif chosen is not None:
+            written = draw_records(*read_records(folder), folder, chosen, say)
         else:
+            record, details = read_records(folder)
             with second_process() as second:
                 ahead = DrawnAhead(second)
                 ahead.draw(record, details, HALF)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -40,14 +40,14 @@ class Source:
         return {"kind": "figure", "file": file, "caption": caption, "alt": alt}
 
 
-def make_heading(text: str, level: int = 1, opens: bool = True) -> Block:
-    """Return a heading; a first-level one opens a page unless told otherwise."""
-    return {"kind": "heading", "text": text, "level": level, "opens": opens and level == 1}
+def make_heading(text: str, level: int = 1, opens: bool = False) -> Block:
+    """Return a heading; it opens a page if told so."""
+    return {"kind": "heading", "text": text, "level": level, "opens": opens}
 
 
-def make_text(words: str, style: str = "body") -> Block:
-    """Return a paragraph; style body, quiet or lead."""
-    return {"kind": "text", "text": words, "style": style}
+def make_text(words: str, style: str = "body", keep: bool = False) -> Block:
+    """Return a paragraph; style body, quiet or lead; kept on one page with what follows if told so."""
+    return {"kind": "text", "text": words, "style": style, "keep": keep}
 
 
 def make_table(
@@ -65,6 +65,19 @@ def make_table(
         "caption": caption,
         "widths": list(widths or [0.0] * len(columns)),
     }
+
+
+def put_beside(left: Sequence[Block], right: Sequence[Block], right_mm: float = 80.0) -> Block:
+    """Return blocks in two columns, on one page."""
+    return {"kind": "beside", "left": list(left), "right": list(right), "right_mm": right_mm}
+
+
+def walk_blocks(blocks: Sequence[Block]) -> Iterator[Block]:
+    """Yield every block, those in columns too, in reading order."""
+    for block in blocks:
+        yield block
+        if block["kind"] == "beside":
+            yield from walk_blocks([*block["left"], *block["right"]])
 
 
 def make_list(items: Sequence[str]) -> Block:

@@ -12,38 +12,44 @@ from .._typing import Say
 from ..results.details_schema import DetailsRecord
 from ..results.reading import read_records
 from ..results.schema import StudyRecord
-from .document import Page, Source, collect_blocks
+from .document import Block, Page, Source, collect_blocks
 from .html import write_page
-from .pages.appendix import write_outliers_page, write_provenance_page, write_unidentifiable_page
-from .pages.calibrated import write_parameters_page
+from .pages.appendix import write_outliers_page, write_provenance_page
+from .pages.calibrated import (
+    write_parameters_page,
+    write_parameters_summary,
+    write_significance_page,
+)
 from .pages.error_budget import write_repeatability_page
 from .pages.findings import write_findings_pages
 from .pages.front import write_data_page, write_error_map_page, write_first_page
 from .pages.models import write_models_page
 from .pages.parameter_uncertainty import (
-    write_correlation_page,
-    write_held_out_page,
     write_posterior_page,
     write_residuals_page,
+    write_unidentifiable_page,
 )
 from .pdf import compile_pdf, fill_template
 
 PAGES: dict[str, Page] = {
     "first": write_first_page,
     "parameters": write_parameters_page,
-    "data": write_data_page,
-    "models": write_models_page,
-    "map": write_error_map_page,
+    "significance": write_significance_page,
     "findings": write_findings_pages,
-    "repeatability": write_repeatability_page,
     "residuals": write_residuals_page,
-    "correlation": write_correlation_page,
-    "posterior": write_posterior_page,
-    "held-out": write_held_out_page,
-    "unidentifiable": write_unidentifiable_page,
+    "repeatability": write_repeatability_page,
     "outliers": write_outliers_page,
+    "models": write_models_page,
+    "data": write_data_page,
+    "map": write_error_map_page,
+    "unidentifiable": write_unidentifiable_page,
+    "posterior": write_posterior_page,
     "provenance": write_provenance_page,
 }
+# of two pages: the verdict, and the table of the parameters
+SUMMARY: dict[str, Page] = {"first": write_first_page, "parameters": write_parameters_summary}
+# the files that are drawn: whole, some pages, the summary
+REPORT, SOME_PAGES, SUMMARY_FILE = "report.pdf", "report-pages.pdf", "report-summary.pdf"
 
 # whose pictures show what sampling adds to a record, and those whose do not
 SAMPLED_PAGES = ("posterior",)
@@ -89,7 +95,7 @@ def read_source(folder: Path) -> Source:
 
 
 def draw(folder: Path, pages: Sequence[str] | None = None, say: Say = lambda _: None) -> list[Path]:
-    """Draw the report of a folder again; `pages` chooses (all without). Files written. Raises StudyError or
+    """Draw the report of a folder again, or a file of some of its pages. Files written. Raises StudyError or
     ReportError."""
     record, details = read_records(folder)
     return draw_records(record, details, folder, pages, say)
@@ -103,8 +109,9 @@ def draw_records(
     say: Say = lambda _: None,
     ahead: DrawnAhead | None = None,
 ) -> list[Path]:
-    """Draw report.pdf and report.html of a study's records into a folder; `pages` chooses from the PDF's; `ahead` has
-    pictures of the same study, all pages wanted. Files written. Raises StudyError or ReportError."""
+    """Draw report.pdf and report.html of a study's records into a folder; `ahead` has pictures of the same study.
+    With `pages`, of some of the PDF's pages a file beside them, which stay as they are. Files written. Raises
+    StudyError or ReportError."""
     source = Source(record, details)
     say(DRAWING)
     if ahead is not None:
@@ -112,8 +119,26 @@ def draw_records(
         others = [name for name in PAGES if name not in ahead.pages]
         source.pictures.update(draw_pictures(record, details, others))
         source.pictures.update(ahead.collect())
-    blocks = collect_blocks(source, PAGES, pages, say)
+    chosen = collect_blocks(source, PAGES, pages, say)
     say(SETTING)
+    if pages is not None:
+        write_all(folder, {SOME_PAGES: _set_pages(source, chosen)})
+        return [folder / SOME_PAGES]
+    write_all(folder, {REPORT: _set_pages(source, chosen), "report.html": write_page(source)})
+    return [folder / REPORT, folder / "report.html"]
+
+
+def draw_summary(folder: Path, say: Say = lambda _: None) -> list[Path]:
+    """Draw the summary of a folder's study, two pages, beside the full report. Files written. Raises StudyError or
+    ReportError."""
+    source = read_source(folder)
+    say(DRAWING)
+    blocks = collect_blocks(source, SUMMARY, say=say)
+    say(SETTING)
+    write_all(folder, {SUMMARY_FILE: _set_pages(source, blocks)})
+    return [folder / SUMMARY_FILE]
+
+
+def _set_pages(source: Source, blocks: Sequence[Block]) -> bytes:
     pdf, _ = compile_pdf(fill_template(source, blocks), source.pictures)
-    write_all(folder, {"report.pdf": pdf, "report.html": write_page(source)})
-    return [folder / "report.pdf", folder / "report.html"]
+    return pdf

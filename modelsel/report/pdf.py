@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ..exceptions import ModelselError
+from ..results.schema import StudyRecord
 from .document import Block, Source
 from .style import shorten
 
@@ -29,9 +30,15 @@ def fill_template(source: Source, blocks: Sequence[Block]) -> dict[str, Any]:
         "title": f"Calibration report: {record.study}",
         "short": shorten(record.study, LONGEST_HEADER),
         "robot": record.robot,
-        "made": f"modelsel {record.provenance.modelsel}",
+        "made": _sign(record),
         "blocks": blocks,
     }
+
+
+def _sign(record: StudyRecord) -> str:
+    """Return the foot of every page: what made it, and of which data and study."""
+    data, study = (sha256[:8] for sha256 in record.provenance.run)
+    return f"modelsel {record.provenance.modelsel} · data {data} · study {study}"
 
 
 def compile_pdf(

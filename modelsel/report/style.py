@@ -22,6 +22,8 @@ AFTER = BLUE
 RING = ORANGE
 # inch: the text width of the page
 WIDTH = 6.5
+# inch: that of a column, where there are two
+HALF_WIDTH = 3.15
 STYLE: dict[Any, Any] = {
     "svg.hashsalt": "modelsel",
     "svg.fonttype": "none",

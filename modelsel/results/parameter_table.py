@@ -3,7 +3,6 @@ moves."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import floor, log10
 
@@ -18,6 +17,7 @@ COVERAGE = 2.0
 MAX_DECIMALS = 5
 # significant digits of an expanded uncertainty (JCGM 100, 7.2.6)
 DIGITS = 2
+LONGEST_SYMBOL = 14  # letters
 PARAMETER_COLUMNS = (
     ("symbol", "left"),
     ("meaning", "left"),
@@ -32,7 +32,8 @@ PARAMETER_COLUMNS = (
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """One row of the table, in text; `together`: the data determine it only with others."""
+    """One row of the table, in text; `max_mm`: what it moves, as a number; `together`: the data determine it only
+    with others."""
 
     symbol: str
     meaning: str
@@ -42,6 +43,7 @@ class ParameterRow:
     unit: str
     p: str
     moves: str
+    max_mm: float
     together: bool
 
     @property
@@ -71,10 +73,16 @@ def tabulate_calibrated(record: StudyRecord, details: DetailsRecord) -> list[Par
         for parameter in record.parameters
         if not _is_free(meanings.get(parameter.symbol))
     ]
-    shown.sort(key=lambda pair: _sort_key(*pair, base))
+    shown.sort(key=lambda pair: _sort_key(pair[0], pair[1], base))
     return [
         _write_row(parameter, meaning, parameter.symbol in together) for parameter, meaning in shown
     ]
+
+
+def shorten_symbol(symbol: str) -> str:
+    """Return a symbol without the name of its mechanism, which its meaning replaces."""
+    bare, _, _ = symbol.partition(" of ")
+    return bare if len(bare) <= LONGEST_SYMBOL else f"{bare[: LONGEST_SYMBOL - 1]}…"
 
 
 def count_free(record: StudyRecord, details: DetailsRecord) -> int:
@@ -107,14 +115,15 @@ def _write_row(
     decimals = _choose_decimals(None if u is None else COVERAGE * u / factor)
     calibrated = (nominal or 0.0) + parameter.estimate
     return ParameterRow(
-        symbol=parameter.symbol,
+        symbol=shorten_symbol(parameter.symbol),
         meaning=parameter.mechanism if meaning is None else meaning.meaning,
         nominal="–" if nominal is None else _write_nominal(nominal / factor, decimals),
         calibrated=write_number_plainly(calibrated / factor, decimals),
         expanded="–" if u is None else write_number_plainly(COVERAGE * u / factor, decimals),
         unit=unit,
-        p=format_p(compute_p(parameter)),
+        p=format_p(compute_parameter_p(parameter)),
         moves=format_mm(parameter.max_mm),
+        max_mm=parameter.max_mm or 0.0,
         together=together,
     )
 
@@ -162,7 +171,7 @@ def find_standard_uncertainty(parameter: ParameterRecord) -> float | None:
     return max(known, default=None)
 
 
-def compute_p(parameter: ParameterRecord) -> float | None:
+def compute_parameter_p(parameter: ParameterRecord) -> float | None:
     """Compute how probable a parameter that is as the drawing says makes an estimate as large: a t test
     with the interval's standard uncertainty and degrees of freedom, so that p is below 0.05 where the
     interval leaves out zero. None where that is undefined."""
@@ -173,12 +182,3 @@ def compute_p(parameter: ParameterRecord) -> float | None:
         return None
     freedom = max(units - 1, 1)
     return float(2 * stdtr(freedom, -abs(parameter.estimate) / u))
-
-
-def list_weak(parameters: Sequence[ParameterRecord]) -> list[str]:
-    """Return the symbols whose interval holds zero."""
-    return [
-        one.symbol
-        for one in parameters
-        if one.low is not None and one.high is not None and one.low < 0 < one.high
-    ]

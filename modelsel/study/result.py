@@ -116,8 +116,8 @@ class Result:
         say: Say = lambda _: None,
         progress: bool = False,
     ) -> list[Path]:
-        """Draw report.pdf and report.html into a folder; `pages` chooses from the PDF's, `progress` shows what is
-        being done. Files written. Raises StudyError or ReportError."""
+        """Draw report.pdf and report.html into a folder, or with `pages` those of the PDF into report-pages.pdf;
+        `progress` shows what is being done. Files written. Raises StudyError or ReportError."""
         from ..report.drawing import STEPS, draw_records
 
         with follow(say, progress, STEPS) as tell:

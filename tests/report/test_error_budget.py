@@ -65,9 +65,9 @@ def test_a_row_has_every_figure_in_its_unit() -> None:
     assert second == ["joint 2", "21 µrad", "18 to 24 µrad", f"{moved:.2g} mm", "40%"]
 
 
-def test_section_follows_the_findings_and_opens_no_page(drawn) -> None:
+def test_section_follows_the_residuals_and_opens_no_page(drawn) -> None:
     names = list(drawing.PAGES)
-    assert names.index("repeatability") == names.index("findings") + 1
+    assert names.index("repeatability") == names.index("residuals") + 1
     blocks = write_repeatability_page(with_parts(drawn, records(*many(2))))
     assert blocks[0] == {"kind": "heading", "text": TITLE, "level": 1, "opens": False}
 

@@ -22,7 +22,7 @@ from modelsel import read_study
 from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
 from modelsel.report import drawing
-from modelsel.report.document import collect_blocks
+from modelsel.report.document import collect_blocks, walk_blocks
 from modelsel.report.pdf import ReportError, compile_pdf, fill_template
 from modelsel.results.storage import WRITES
 from modelsel.results.study_sentences import TABLE_PURPOSE
@@ -31,6 +31,7 @@ from modelsel.study.runner import run_study
 ROOT = Path(__file__).parents[2]
 PUMA = ROOT / "studies" / "puma760"
 A4 = (595, 842)
+FOOT = 54  # points: below it stands the foot of a page
 
 
 @cache
@@ -80,7 +81,9 @@ def test_tagged_titled_every_figure_with_a_text(drawn) -> None:
     figures, source = [t for t in tags if t["/S"] == "/Figure"], drawing.read_source(drawn)
     blocks = collect_blocks(source, drawing.PAGES)
     assert len(figures) >= len(source.pictures) > 10
-    assert {b["alt"] for b in blocks if b["kind"] == "figure"} <= {str(t["/Alt"]) for t in figures}
+    told = {b["alt"] for b in walk_blocks(blocks) if b["kind"] == "figure"}
+    assert len(told) == len(source.pictures)
+    assert told <= {str(t["/Alt"]) for t in figures}
     assert (
         compile_pdf(fill_template(source, blocks), source.pictures)[1] == []
     )  # no word of the compiler
@@ -137,7 +140,7 @@ def test_numbers_of_the_ladder_are_the_result_s(drawn) -> None:
         row = "".join(
             f"{rung[s][k]:.3f}" if rung[s][k] < 9.9995 else f"{rung[s][k]:.2f}"
             for s in ("estimation", "held_out")
-            for k in ("mean_mm", "max_mm")
+            for k in ("rms_mm", "max_mm")
         )
         assert row in text
 
@@ -154,12 +157,52 @@ def test_what_the_table_of_subsets_is_for_is_said_with_it(drawn) -> None:
     assert plain(TABLE_PURPOSE) in plain(ran.output)
 
 
-def test_a_page_per_finding(drawn) -> None:
+def test_every_finding_stands_whole_on_a_page(drawn) -> None:
+    """Its sentence, what to do and its verdict, none of them parted from its title."""
     result, found = json.loads((drawn / "result.json").read_text()), pages(drawn)
     for k, finding in enumerate(result["findings"], 1):
         (page,) = [p for p in found if f"Finding {k}:" in p]
-        assert plain(finding["sentence"]) in plain(page)
-        assert "What it could be" in page
+        own = plain(page).partition(f"Finding{k}:")[2].partition(f"Finding{k + 1}:")[0]
+        assert plain(finding["sentence"]) in own
+        assert "Whattodo." in own
+        assert f"Verdict:{plain(finding['verdict'])}" in own
+        assert ("Whatitcouldbe" in own) == (len(finding["credible_set"]) > 1)
+
+
+def test_nine_pages_at_most_and_none_half_empty(drawn) -> None:
+    """Of the PUMA: below the last line of a page, less than two fifths of it are left; of the last, three fifths."""
+    from pdfminer.high_level import extract_pages
+
+    left = []
+    for page in extract_pages(drawn / "report.pdf", laparams=None):
+        low = min(item.y0 for item in page if item.y0 > FOOT)
+        left.append((low - FOOT) / (A4[1] - 2 * FOOT))
+    assert len(left) <= 9
+    assert max(left[:-1]) < 0.4
+    assert left[-1] < 0.6
+
+
+def test_words_are_found_as_they_are_written(drawn) -> None:
+    """No character that nobody sees stands in the text, and names of mechanisms are whole."""
+    text = "".join(pages(drawn))
+    assert not set(text) & {"\u200b", "\u00ad", "\u2060", "\ufeff"}
+    result = json.loads((drawn / "result.json").read_text())
+    first, second = pages(drawn)[:2]
+    for finding in result["findings"]:
+        assert finding["credible_set"][0]["mechanism"] in first
+    for parameter in result["parameters"]:
+        assert parameter["symbol"] in second
+
+
+def test_one_measure_of_error_in_text_and_pictures(drawn) -> None:
+    """Errors are root mean squares wherever one figure stands for many; a mean error stands nowhere."""
+    source = drawing.read_source(drawn)
+    blocks = collect_blocks(source, drawing.PAGES, ("first", "residuals", "models", "map", "data"))
+    words = json.dumps(list(walk_blocks(blocks)), ensure_ascii=False)
+    assert "mean error" not in words
+    assert "mean position" not in words + source.pictures["ladder.svg"].decode()
+    last = source.record.ladder[-1].held_out
+    assert f"{last.rms_mm:.2g}" in source.pictures["ladder.svg"].decode()
 
 
 def within_margins(file: Path | io.BytesIO) -> None:
@@ -208,19 +251,40 @@ def test_study_writes_the_same_details_again(drawn, tmp_path) -> None:
 
 
 def test_pages_are_chosen(drawn, tmp_path) -> None:
-    for name in ("result.json", "details.json"):
+    """Into a file of their own: the full report stays as it is."""
+    for name in ("result.json", "details.json", "report.pdf", "report.html"):
         shutil.copy(drawn / name, tmp_path)
     done = CliRunner().invoke(
         run_command_line, ["report", str(tmp_path), "--pages", "first, map", "--json"]
     )
     assert done.exit_code == 0, done.output
-    assert json.loads(done.stdout) == {"written": ["report.pdf", "report.html"]}
-    text = pages(tmp_path)
+    assert json.loads(done.stdout) == {"written": ["report-pages.pdf"]}
+    text = texts((tmp_path / "report-pages.pdf").read_bytes())
     assert len(text) == 2
     assert "Error map" in text[1]
+    for name in ("report.pdf", "report.html"):
+        assert (tmp_path / name).read_bytes() == (drawn / name).read_bytes()
     wrong = CliRunner().invoke(run_command_line, ["report", str(tmp_path), "--pages", "frist"])
     assert wrong.exit_code == 2
     assert 'Did you mean "first"?' in wrong.output
+
+
+def test_the_summary_is_two_pages_beside_the_full_report(drawn, tmp_path) -> None:
+    for name in ("result.json", "details.json", "report.pdf"):
+        shutil.copy(drawn / name, tmp_path)
+    done = CliRunner().invoke(run_command_line, ["report", str(tmp_path), "--summary", "--json"])
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout) == {"written": ["report-summary.pdf"]}
+    first, second = texts((tmp_path / "report-summary.pdf").read_bytes())
+    assert plain(json.loads((drawn / "result.json").read_text())["verdict"][0]) in plain(first)
+    assert "Calibrated parameters" in second
+    assert "1 / 2" in first
+    assert (tmp_path / "report.pdf").read_bytes() == (drawn / "report.pdf").read_bytes()
+    within_margins(tmp_path / "report-summary.pdf")
+    both = ["report", str(tmp_path), "--summary", "--pages", "first"]
+    wrong = CliRunner().invoke(run_command_line, both)
+    assert wrong.exit_code == 2
+    assert "leave out --pages" in wrong.output
 
 
 @pytest.mark.parametrize(
@@ -260,7 +324,7 @@ def test_words_of_the_data_are_not_markup(drawn) -> None:
 
 
 def test_long_names_keep_their_place(drawn) -> None:
-    """The first page stays one, a finding's page too, and nothing stands outside the margins."""
+    """The first page stays one, a finding stands on one, and nothing stands outside the margins."""
     result, details = written(drawn)
     name = "a-name-that-nobody-shortened-when-it-was-written-down:12"
     result["study"] = (
@@ -279,7 +343,10 @@ def test_long_names_keep_their_place(drawn) -> None:
     blocks = collect_blocks(source, drawing.PAGES, ("first", "findings"))
     pdf, warnings = compile_pdf(fill_template(source, blocks), source.pictures)
     assert not warnings
-    assert len(texts(pdf)) == 1 + len(result["findings"])
+    found = texts(pdf)
+    assert "Finding" not in found[0]
+    for number in range(1, 1 + len(result["findings"])):
+        assert sum(f"Finding {number}:" in page for page in found) == 1
     within_margins(io.BytesIO(pdf))
 
 
@@ -464,7 +531,7 @@ def extended(result: dict, rng: np.random.Generator) -> dict:
 
 def test_sections_come_with_their_content(drawn, rng) -> None:
     result, details = written(drawn)
-    chosen = ("parameters", "correlation", "posterior")
+    chosen = ("parameters", "significance", "posterior")
     empty = {"symbols": [], "matrix": [], "pairs": [], "clusters": []}
     bare = result | {"parameters": [], "significance": [], "correlation": empty, "sampling": None}
     assert collect_blocks(source_of(bare, details), drawing.PAGES, chosen) == []
@@ -486,8 +553,9 @@ def test_sections_come_with_their_content(drawn, rng) -> None:
     result["sampling"].update(converged=False, quantiles=[])
     full = source_of(result, details)
     blocks = collect_blocks(full, drawing.PAGES, ("posterior",))
-    assert any("had not converged" in b.get("text", "") for b in blocks)
-    assert not any(b["kind"] in ("table", "figure") for b in blocks)
+    assert any("had not converged" in b.get("text", "") for b in walk_blocks(blocks))
+    drawn_here = [b.get("file") for b in walk_blocks(blocks) if b["kind"] in ("table", "figure")]
+    assert drawn_here == ["correlation.svg"]
 
 
 def test_refuses_pages_before_it_draws(drawn) -> None:

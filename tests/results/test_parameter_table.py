@@ -12,7 +12,7 @@ from modelsel.mechanisms.geometry import geometric
 from modelsel.report.drawing import read_source
 from modelsel.results.arm_details import describe_arm, describe_place, find_nominal
 from modelsel.results.parameter_table import (
-    compute_p,
+    compute_parameter_p,
     find_standard_uncertainty,
     tabulate_calibrated,
     write_number_plainly,
@@ -48,8 +48,8 @@ def test_p_is_below_a_twentieth_where_the_interval_leaves_out_zero(drawn) -> Non
     """p, U and the interval are of one standard uncertainty."""
     parameters = read_source(drawn).record.parameters
     for one in parameters:
-        assert (compute_p(one) < 0.05) == (not one.low < 0 < one.high), one.symbol
-    outside = [one for one in parameters if compute_p(one) < 0.05]
+        assert (compute_parameter_p(one) < 0.05) == (not one.low < 0 < one.high), one.symbol
+    outside = [one for one in parameters if compute_parameter_p(one) < 0.05]
     assert 0 < len(outside) < len(parameters)
 
 
@@ -59,7 +59,7 @@ def test_undefined_figures_are_dashes(drawn) -> None:
     unknown = {"standard_error": None, "bootstrap_error": None, "configurations": None}
     bare = first.model_copy(update=unknown)
     assert find_standard_uncertainty(bare) is None
-    assert compute_p(bare) is None
+    assert compute_parameter_p(bare) is None
     record = source.record.model_copy(update={"parameters": [bare]})
     (row,) = tabulate_calibrated(record, source.details)
     assert row.expanded == row.p == "–"

@@ -17,8 +17,9 @@ from modelsel.diagnosis.sentences import describe_amount, format_quantity
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.report.figures.finding import panel_height
+from modelsel.report.pages.calibrated import _write_mechanisms
 from modelsel.report.pages.findings import advise_separation
-from modelsel.report.pages.parameter_uncertainty import _format_quantiles, _write_mechanisms
+from modelsel.report.pages.parameter_uncertainty import _format_quantiles
 from modelsel.results.finding_schema import EntryRecord, ScrewRecord
 from modelsel.results.model_schema import QuantilesRecord, SignificanceRecord
 from modelsel.results.tables import label_models

@@ -1,9 +1,11 @@
 """This arm, drawn: its frames numbered with the axes that symbols speak of, and the places that
-findings name."""
+findings name. All in inches of the page, seen from afar."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -14,48 +16,121 @@ from ..style import BLUE, INK, ORANGE, QUIET, WIDTH, shorten, svg, use_style
 
 ELEVATION = 24.0  # degrees
 AZIMUTHS = np.arange(-160.0, 180.0, 10.0)
-LONGEST_MARK = 46  # letters
-# share of the arm's size below which frames stand at one point of the picture
-SAME_POINT = 0.07
-AXIS_LENGTH = 0.13  # of the arm's size
+LONGEST_MARK = 58  # letters
+FRAMES_HEIGHT, MARKED_HEIGHT = 2.2, 1.75  # inch
+ARM_WIDTH = 2.9  # inch
+MARGIN = 0.34  # inch about the arm
+LABEL_ROOM = 0.4  # inch for a word right of it
+PEDESTAL = 0.22  # inch below frame 0
+WORD_ROOM = np.array([0.4, 0.13])  # inch that a word beside the arm takes
+MARKED_TOGETHER = 0.3  # inch below which frames share a row of marks
+# inch below which frames stand at one point of the picture
+SAME_POINT = 0.14
+AXIS_LENGTH = 0.26  # inch: of half a dashed axis
+NUMBER_OFFSET = 0.18  # inch from a frame to its number
+MARK_STEP = 0.17  # inch from one mark to the next
+LARGEST_LINE = 0.25  # inch between the lines of a list
 TRIAD_COLUMNS = 4
-NUMBER_OFFSET = 13.0  # points
+TRIAD = 0.27  # inch: an axis of a triad
 AXIS_COLOURS = (ORANGE, QUIET, BLUE)
-HIDDEN = 0.2  # length of an axis below which it points at the reader
+HIDDEN = 0.2  # share of an axis below which it points at the reader
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawing:
+    """The arm in the picture: points (n+2, 2) [inch], the view, the axes, which joints slide."""
+
+    points: Array
+    view: Array
+    axes: Array
+    slides: Sequence[bool]
+
+    @property
+    def last(self) -> int:
+        """The target's place among the points."""
+        return len(self.points) - 1
+
+    def group_frames(self, within: float = SAME_POINT) -> list[list[int]]:
+        """Group the frames that stand within some inches of each other, in their order."""
+        groups: list[list[int]] = []
+        for frame in range(1, len(self.points)):
+            for group in groups:
+                if np.linalg.norm(self.points[group[0]] - self.points[frame]) < within:
+                    group.append(frame)
+                    break
+            else:
+                groups.append([frame])
+        return groups
+
+    def point_away(self, group: Sequence[int]) -> tuple[Array, Array]:
+        """Return where a group stands, and the direction from the arm's middle to it."""
+        place = self.points[list(group)].mean(0)
+        away = place - self.points.mean(0)
+        return place, away / max(float(np.linalg.norm(away)), 1e-9)
 
 
 def draw_frames(arm: ArmRecord) -> bytes:
     """Draw the arm with its frames numbered, and beside it the axes of every frame in the same view."""
-    view = choose_view(arm)
-    joints = len(arm.slides)
-    lines = -(-(joints + 1) // TRIAD_COLUMNS)
+    drawing = _place_arm(arm, FRAMES_HEIGHT)
+    lines = -(-drawing.last // TRIAD_COLUMNS)
+    width, height = (WIDTH - ARM_WIDTH) / TRIAD_COLUMNS, FRAMES_HEIGHT / lines
     with use_style() as sheets:
-        fig = sheets.figure(figsize=(WIDTH, 2.35))
-        ax = fig.add_axes((0.0, 0.0, 0.46, 1.0))
-        _draw_arm(ax, arm, view)
-        for frame in range(1, joints + 2):
+        fig, ax = _open_sheet(sheets, FRAMES_HEIGHT)
+        _draw_chain(ax, drawing)
+        for frame in range(1, len(drawing.points)):
             row, column = divmod(frame - 1, TRIAD_COLUMNS)
-            width, height = 0.54 / TRIAD_COLUMNS, 1.0 / lines
-            place = (0.46 + column * width, 1 - (row + 1) * height, width, height)
-            name = "target" if frame > joints else f"frame {frame}"
-            _draw_triad(fig.add_axes(place), np.array(arm.axes[frame]), view, name)
+            place = (ARM_WIDTH + (column + 0.5) * width, FRAMES_HEIGHT - (row + 0.45) * height)
+            name = "target" if frame == drawing.last else f"frame {frame}"
+            _draw_triad(ax, np.array(place), drawing.view @ drawing.axes[frame], name)
         return svg(fig, "The arm with its frames")
 
 
-def draw_marked(arm: ArmRecord, marks: Sequence[tuple[str, Sequence[int]]]) -> bytes:
-    """Draw the arm, and a label with lines to the frames that each finding names."""
-    origins = np.array(arm.origins_mm)
-    view = choose_view(arm)
-    points = (origins @ view.T)[:, :2]
+def draw_marked(arm: ArmRecord, marks: Sequence[tuple[str, str, Sequence[int]]]) -> bytes:
+    """Draw the arm; each mark (number, what, frames) as its number at the frames, and what in a list."""
+    drawing = _place_arm(arm, MARKED_HEIGHT)
+    step = min(LARGEST_LINE, (MARKED_HEIGHT - 0.2) / max(len(marks), 1))
+    top = MARKED_HEIGHT / 2 + step * (len(marks) - 1) / 2
     with use_style() as sheets:
-        fig = sheets.figure(figsize=(WIDTH, 2.35))
-        ax = fig.add_axes((0.0, 0.0, 1.0, 1.0))
-        _draw_arm(ax, arm, view)
-        low, high = points.min(0), points.max(0)
-        _write_marks(ax, marks, points)
-        size = float((high - low).max())
-        ax.set_xlim(low[0] - 0.6 * size, low[0] - 0.6 * size + WIDTH / 2.35 * 1.3 * size)
+        fig, ax = _open_sheet(sheets, MARKED_HEIGHT)
+        _draw_chain(ax, drawing)
+        _draw_marks(ax, drawing, marks)
+        for line, (number, what, _) in enumerate(marks):
+            y = top - step * line
+            _draw_mark(ax, (ARM_WIDTH + 0.2, y), number)
+            words = _break_words(what) if step >= LARGEST_LINE else shorten(what, LONGEST_MARK)
+            ax.text(ARM_WIDTH + 0.36, y, words, fontsize=7, va="center", color=INK)
         return svg(fig, "The arm with what was found")
+
+
+def _break_words(what: str) -> str:
+    """Return a sentence in two lines at most."""
+    lines = wrap(shorten(what, 2 * LONGEST_MARK - 8), LONGEST_MARK)
+    return "\n".join(lines[:2])
+
+
+def _open_sheet(sheets: Any, height: float) -> tuple[Any, Any]:
+    """Open a picture whose coordinates are inches."""
+    fig = sheets.figure(figsize=(WIDTH, height))
+    ax = fig.add_axes((0.0, 0.0, 1.0, 1.0))
+    ax.set_xlim(0, WIDTH)
+    ax.set_ylim(0, height)
+    ax.set_axis_off()
+    return fig, ax
+
+
+# -- the arm
+# --------------------------------------------------------------------------------------------------
+
+
+def _place_arm(arm: ArmRecord, height: float) -> _Drawing:
+    """Place the arm in the left of a picture of some height, as large as it fits."""
+    view = choose_view(arm)
+    seen = (np.array(arm.origins_mm) @ view.T)[:, :2]
+    low, span = seen.min(0), np.maximum(np.ptp(seen, axis=0), 1e-6)
+    room = np.array([ARM_WIDTH - LABEL_ROOM, height]) - 2 * MARGIN
+    scale = float((room / span).min())
+    corner = MARGIN + (room - scale * span) / 2
+    return _Drawing(corner + scale * (seen - low), view, np.array(arm.axes), arm.slides)
 
 
 def choose_view(arm: ArmRecord) -> Array:
@@ -70,9 +145,9 @@ def choose_view(arm: ArmRecord) -> Array:
 def _view(azimuth: float) -> Array:
     turn, tilt = np.radians(azimuth), np.radians(ELEVATION)
     right = np.array([-np.sin(turn), np.cos(turn), 0.0])
-    towards = np.array([np.cos(tilt) * np.cos(turn), np.cos(tilt) * np.sin(turn), np.sin(tilt)])
-    up = np.cross(towards, right)
-    return np.stack([right, up, towards])
+    level = np.array([np.cos(turn), np.sin(turn), 0.0])
+    towards = np.cos(tilt) * level + np.sin(tilt) * np.array([0.0, 0.0, 1.0])
+    return np.stack([right, np.cross(towards, right), towards])
 
 
 def _measure_seen(origins: Array, axes: Array, view: Array) -> float:
@@ -84,117 +159,89 @@ def _measure_seen(origins: Array, axes: Array, view: Array) -> float:
     return float(seen / max(lengths, 1e-9) * (0.3 + shown.mean()))
 
 
-def _group_frames(points: Array, size: float) -> list[list[int]]:
-    """Group the frames 1 to n + 1 that stand at one point of the picture, in their order."""
-    groups: list[list[int]] = []
-    for frame in range(1, len(points)):
-        for group in groups:
-            if np.linalg.norm(points[group[0]] - points[frame]) < SAME_POINT * size:
-                group.append(frame)
-                break
-        else:
-            groups.append([frame])
-    return groups
-
-
-def _draw_arm(ax: Any, arm: ArmRecord, view: Array) -> None:
+def _draw_chain(ax: Any, drawing: _Drawing) -> None:
     """Draw links, joint axes and numbers."""
-    origins, axes = np.array(arm.origins_mm), np.array(arm.axes)
-    points = (origins @ view.T)[:, :2]
-    size = float(np.ptp(points, axis=0).max()) or 1.0
-    ax.plot(
-        *points.T, color="#C9CED3", lw=7, solid_capstyle="round", solid_joinstyle="round", zorder=1
-    )
-    base = points[0] + np.outer([-0.09, 0.09], [1.0, 0.0]) * size
-    ax.plot(*base.T, color=QUIET, lw=2, zorder=1)
-    last = len(points) - 1
-    for frame in range(1, last):
-        along = AXIS_LENGTH * size * (view @ axes[frame][:, 2])[:2]
+    points = drawing.points
+    links = {"color": "#C9CED3", "solid_capstyle": "round", "solid_joinstyle": "round"}
+    ax.plot(*points.T, lw=7, zorder=1, **links)
+    foot = points[0] - np.array([0.0, PEDESTAL])
+    ax.plot(*np.stack([points[0], foot]).T, lw=7, zorder=1, **links)
+    ground = foot + np.array([[-0.2, 0.0], [0.2, 0.0]])
+    ax.plot(*ground.T, color=QUIET, lw=2, zorder=1)
+    for frame, slides in enumerate(drawing.slides, 1):
+        along = AXIS_LENGTH * (drawing.view @ drawing.axes[frame][:, 2])[:2]
         ends = np.stack([points[frame] - along, points[frame] + along])
         ax.plot(*ends.T, color=BLUE, lw=0.9, ls=(0, (5, 2)), zorder=2)
-        mark = "s" if arm.slides[frame - 1] else "o"
-        ax.plot(*points[frame], mark, ms=5, mfc="white", mec=INK, mew=1.1, zorder=3)
-    ax.plot(*points[last], "o", ms=4.5, color=INK, zorder=3)
-    _write_numbers(ax, points, size)
-    ax.set_aspect("equal", adjustable="datalim")
-    ax.margins(0.12)
-    ax.set_axis_off()
+        shape = "s" if slides else "o"
+        ax.plot(*points[frame], shape, ms=5, mfc="white", mec=INK, mew=1.1, zorder=3)
+    ax.plot(*points[drawing.last], "o", ms=4.5, color=INK, zorder=3)
+    _write_numbers(ax, drawing)
 
 
-def _write_numbers(ax: Any, points: Array, size: float) -> None:
-    """Write the numbers of the frames beside them, away from the arm's middle."""
-    last = len(points) - 1
-    middle = points.mean(0)
-    for group in _group_frames(points, size):
-        names = ["target" if frame == last else str(frame) for frame in group]
-        place = points[group].mean(0)
-        away = place - middle
-        x, y = NUMBER_OFFSET * away / max(float(np.linalg.norm(away)), 1e-9)
-        side = "left" if x > 0 else "right"
-        ax.annotate(
-            " ".join(names),
-            place,
-            (x, y),
-            textcoords="offset points",
-            ha=side,
-            va="center",
-            fontsize=8,
-            fontweight="bold",
-            color=INK,
-            zorder=4,
-        )
+def _write_numbers(ax: Any, drawing: _Drawing) -> None:
+    """Write the numbers of the frames beside them, away from the arm's middle, below each other where they would
+    meet."""
+    written: list[Array] = []
+    for group in drawing.group_frames():
+        place, away = drawing.point_away(group)
+        place = place + NUMBER_OFFSET * away
+        while any((np.abs(place - other) < WORD_ROOM).all() for other in written):
+            place = place - np.array([0.0, WORD_ROOM[1]])
+        written.append(place)
+        names = ["target" if frame == drawing.last else str(frame) for frame in group]
+        side = "left" if away[0] > 0 else "right"
+        style = {"fontsize": 8, "fontweight": "bold", "color": INK, "zorder": 4}
+        ax.text(*place, " ".join(names), ha=side, va="center", **style)
 
 
-def _draw_triad(ax: Any, axes: Array, view: Array, name: str) -> None:
-    """Draw the axes of one frame as the reader sees them."""
-    for index, (letter, colour) in enumerate(zip("xyz", AXIS_COLOURS, strict=True)):
-        x, y, depth = view @ axes[:, index]
-        if np.hypot(x, y) < HIDDEN:
-            mark = "." if depth > 0 else "x"
-            ax.plot(0, 0, "o", ms=8, mfc="white", mec=colour, mew=1, zorder=3)
-            ax.plot(0, 0, mark, ms=4, color=colour, zorder=4)
-            ax.text(0.16, -0.26, letter, color=colour, fontsize=8, ha="center", va="center")
-            continue
-        ax.annotate(
-            "",
-            (0.8 * x, 0.8 * y),
-            (0, 0),
-            arrowprops={
-                "arrowstyle": "-|>",
-                "color": colour,
-                "lw": 1.6,
-                "shrinkA": 0,
-                "shrinkB": 0,
-                "mutation_scale": 7,
-            },
-        )
-        length = np.hypot(x, y)
-        ax.text(
-            x * (0.8 + 0.22 / length),
-            y * (0.8 + 0.22 / length),
-            letter,
-            color=colour,
-            fontsize=8,
-            ha="center",
-            va="center",
-        )
-    ax.text(0, -1.42, name, ha="center", va="center", fontsize=7.5, color=INK)
-    ax.set_xlim(-1.6, 1.6)
-    ax.set_ylim(-1.6, 1.3)
-    ax.set_aspect("equal")
-    ax.set_axis_off()
+# -- axes
+# --------------------------------------------------------------------------------------------------
 
 
-def _write_marks(ax: Any, marks: Sequence[tuple[str, Sequence[int]]], points: Array) -> None:
-    """Write the findings in a column, those of high places first, each with lines to its frames."""
-    low, high = points.min(0), points.max(0)
-    size = float((high - low).max())
-    order = sorted(marks, key=lambda mark: -float(points[list(mark[1])][:, 1].mean()))
-    x = high[0] + 0.3 * size
-    heights = np.linspace(high[1] + 0.05 * size, low[1] - 0.05 * size, max(len(order), 2))
-    for (label, frames), y in zip(order, heights, strict=False):
-        for frame in frames:
-            line = np.array([points[frame], (x - 0.02 * size, y)])
-            ax.plot(*line.T, color=ORANGE, lw=0.8, zorder=5)
-            ax.plot(*points[frame], "o", ms=10, mfc="none", mec=ORANGE, mew=1.4, zorder=5)
-        ax.text(x, y, shorten(label, LONGEST_MARK), fontsize=7.5, va="center", color=INK)
+def _draw_triad(ax: Any, place: Array, seen: Array, name: str) -> None:
+    """Draw the axes of one frame as the reader sees them: `seen` (3, 3), columns x y z."""
+    for letter, colour, axis in zip("xyz", AXIS_COLOURS, seen.T, strict=True):
+        length = float(np.hypot(*axis[:2]))
+        if length < HIDDEN:
+            _draw_hidden(ax, place, colour, axis[2] > 0)
+            end = place + np.array([0.09, -0.11])
+        else:
+            end = place + (TRIAD + 0.09 / length) * axis[:2]
+            tip = place + TRIAD * axis[:2]
+            arrow = {"arrowstyle": "-|>", "color": colour, "lw": 1.6, "mutation_scale": 7}
+            ax.annotate("", tip, place, arrowprops=arrow | {"shrinkA": 0, "shrinkB": 0})
+        ax.text(*end, letter, color=colour, fontsize=8, ha="center", va="center")
+    ax.text(place[0], place[1] - 0.5, name, ha="center", va="center", fontsize=7.5, color=INK)
+
+
+def _draw_hidden(ax: Any, place: Array, colour: str, is_towards: bool) -> None:
+    """Draw an axis that points at the reader as a dot in a circle, one that points away as a cross."""
+    ax.plot(*place, "o", ms=8, mfc="white", mec=colour, mew=1, zorder=3)
+    ax.plot(*place, "." if is_towards else "x", ms=4, color=colour, zorder=4)
+
+
+# -- marks
+# --------------------------------------------------------------------------------------------------
+
+
+def _draw_marks(
+    ax: Any, drawing: _Drawing, marks: Sequence[tuple[str, str, Sequence[int]]]
+) -> None:
+    """Ring the frames of every mark, and write the numbers of marks at one point in a row beside it."""
+    groups = [[0], *drawing.group_frames(MARKED_TOGETHER)]
+    for group in groups:
+        place, away = drawing.point_away(group)
+        numbers = [number for number, _, frames in marks if set(frames) & set(group)]
+        for frame in {frame for *_, frames in marks for frame in frames if frame in group}:
+            ax.plot(*drawing.points[frame], "o", ms=9, mfc="none", mec=ORANGE, mew=1.4, zorder=5)
+        side = -1.0 if away[0] > 0 else 1.0
+        start = place + np.array([0.02 * side, 0.24 if away[1] < 0.5 else -0.24])
+        for step, number in enumerate(numbers):
+            _draw_mark(ax, start + np.array([side * MARK_STEP * step, 0.0]), number)
+
+
+def _draw_mark(ax: Any, place: Any, number: str) -> None:
+    x, y = place
+    ax.plot(x, y, "o", ms=10, color=ORANGE, mew=0, zorder=6)
+    style = {"fontsize": 7, "fontweight": "bold", "ha": "center", "va": "center_baseline"}
+    ax.text(x, y, number, color="white", zorder=7, **style)

@@ -77,7 +77,7 @@ def draw_error_map(record: StudyRecord) -> bytes:
     f = _to_array(whole.f)[:, columns]
     p = _to_array(whole.p_family_wise)[:, columns]
     with use_style() as sheets:
-        height = max(0.135 * len(f) + 1.55, 2.9)
+        height = max(0.12 * len(f) + 1.5, 2.8)
         fig, ax = sheets.subplots(figsize=(WIDTH, height), layout="constrained")
         mesh = _draw_shades(ax, f)
         _mark_outstanding(ax, f, p)
@@ -133,7 +133,7 @@ def _label_axes(ax: Any, whole: ErrorMapRecord, columns: Sequence[int]) -> None:
     )
     ax.xaxis.tick_top()
     places = [f"frame {name}" for name in whole.places]
-    ax.set_yticks(range(rows), places, fontsize=6.5)
+    ax.set_yticks(range(rows), places, fontsize=6)
     ax.tick_params(length=0, colors=INK)
     frames = [name.split()[0] for name in whole.places]
     for row in range(1, rows):

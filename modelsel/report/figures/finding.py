@@ -15,11 +15,9 @@ from ..style import (
     AFTER,
     BEFORE,
     BLUE,
-    GREY,
+    HALF_WIDTH,
     INK,
     ORANGE,
-    QUIET,
-    WIDTH,
     choose_unit,
     shorten,
     svg,
@@ -28,8 +26,7 @@ from ..style import (
 
 MAX_BINS = 12
 BIN_POINTS = 6  # of a bin, at least
-MAX_BARS = 8  # explanations of a credible set
-LONGEST_NAME = 52  # letters
+ONE_HEIGHT, EACH_HEIGHT = 1.7, 1.25  # inch
 LONGEST_AXIS = 30  # letters
 # distinct values of a cause up to which they are drawn apart
 FEW_VALUES = 6
@@ -64,22 +61,20 @@ def name_axis(panel: PanelRecord) -> str:
 
 
 def draw_panels(panels: Sequence[PanelRecord]) -> bytes:
-    """Draw up to three panels: grey, what the model without the effect leaves; blue, with it; orange, the fitted
-    effect."""
+    """Draw up to three panels, one above the other: grey, what the model without the effect leaves; blue, with
+    it; orange, the fitted effect."""
     count = len(panels)
-    height = 2.2 if count > 1 else 2.7
-    font_size = 7.5 if count < 3 else 6.5
+    height = ONE_HEIGHT if count == 1 else count * EACH_HEIGHT
     with use_style() as sheets:
         fig, axes = sheets.subplots(
-            1, count, figsize=(WIDTH, height), layout="constrained", squeeze=False
+            count, 1, figsize=(HALF_WIDTH, height), layout="constrained", squeeze=False
         )
-        for ax, record in zip(axes[0], panels, strict=True):
+        for ax, record in zip(axes[:, 0], panels, strict=True):
             panel = _scale_panel(record)
             _draw_points(ax, panel)
             _draw_curve(ax, panel)
             _draw_means(ax, panel)
-            _label_panel(ax, panel, font_size)
-        fig.legend(handles=_legend(), loc="outside lower center", ncols=3, fontsize=7)
+            _label_panel(ax, panel)
         return svg(fig, "Residual against cause")
 
 
@@ -141,15 +136,18 @@ def _draw_means(ax: Any, panel: _Panel) -> None:
         ax.plot(x, mean, mark, ms=4.5, mfc="white", mec=colour, mew=1.1, zorder=4)
 
 
-def average_bins(x: Array, y: Array, weight: Array) -> tuple[Array, Array]:
-    """Return weighted means in bins of equally many points, or at each value where there are few."""
+def average_bins(
+    x: Array, y: Array, weight: Array, most: int = MAX_BINS, least_points: int = BIN_POINTS
+) -> tuple[Array, Array]:
+    """Return weighted means in at most so many bins of equally many points, each of `least_points` at least, or at
+    each value where there are few."""
     values = np.unique(x)
     if len(values) <= FEW_VALUES:
-        least = min(BIN_POINTS, len(x))
+        least = min(least_points, len(x))
         parts = [np.flatnonzero(x == value) for value in values]
         parts = [part for part in parts if len(part) >= least]
     else:
-        bins = min(MAX_BINS, max(len(x) // BIN_POINTS, 1))
+        bins = min(most, max(len(x) // least_points, 1))
         parts = np.array_split(np.argsort(x, kind="stable"), bins)
         parts = [part for part in parts if len(part)]
     return _weighted_means(x, parts, weight), _weighted_means(y, parts, weight)
@@ -177,7 +175,7 @@ def panel_height(points: Array, curve: Array) -> float:
     return max(usual, min(whole, 3 * usual), SMALLEST_HEIGHT)
 
 
-def _label_panel(ax: Any, panel: _Panel, size: float) -> None:
+def _label_panel(ax: Any, panel: _Panel) -> None:
     record = panel.record
     top = panel_height(np.concatenate([panel.before, panel.after]), panel.curve)
     ax.set_ylim(-top, top)
@@ -185,56 +183,4 @@ def _label_panel(ax: Any, panel: _Panel, size: float) -> None:
     bracket = "" if unit == "1" else f" [{unit}]"
     ax.set_xlabel(f"{shorten(record.against, LONGEST_AXIS)}{bracket}")
     title = f"{name_axis(record)} [{panel.unit}]"
-    ax.set_title(title, fontsize=size, fontweight="normal", color=INK)
-
-
-def _legend() -> list[Any]:
-    from matplotlib.lines import Line2D
-
-    without = "without this effect (large: means)"
-    return [
-        Line2D([], [], ls="", marker="s", mfc="white", mec=INK, label=without),
-        Line2D([], [], ls="", marker="o", mfc="white", mec=BLUE, label="with it"),
-        Line2D([], [], color=ORANGE, lw=1.6, label="the fitted effect"),
-    ]
-
-
-def draw_credible_set(entries: Sequence[tuple[str, float, bool]]) -> bytes:
-    """Draw the probability of every explanation listed, the first on top; hatched where it does not move the target
-    alike."""
-    names, probabilities, alike = zip(*entries[:MAX_BARS], strict=True)
-    rows = np.arange(len(names))
-    fills = [BLUE if is_alike else "white" for is_alike in alike]
-    edges = [BLUE if is_alike else QUIET for is_alike in alike]
-    hatches = ["" if is_alike else "////" for is_alike in alike]
-    labels = [shorten(name, LONGEST_NAME) for name in names]
-    height = 0.19 * len(rows) + 0.5
-    with use_style() as sheets:
-        fig, ax = sheets.subplots(figsize=(WIDTH, height), layout="constrained")
-        ax.barh(
-            rows,
-            probabilities,
-            height=0.62,
-            color=fills,
-            edgecolor=edges,
-            linewidth=0.8,
-            hatch=hatches,
-        )
-        for row, probability in enumerate(probabilities):
-            _write_probability(ax, row, probability)
-        ax.set_yticks(rows, labels, color=INK)
-        ax.set_ylim(len(rows) - 0.4, -0.6)
-        ax.set_xlim(0, 1.1)
-        ax.set_xticks([0, 0.5, 1], ["0", "0.5", "1"])
-        ax.axvline(1, color=GREY, lw=0.6, zorder=0)
-        ax.set_xlabel("probability")
-        ax.tick_params(axis="y", length=0)
-        ax.spines["left"].set_visible(False)
-        return svg(fig, "Credible set")
-
-
-def _write_probability(ax: Any, row: float, probability: float) -> None:
-    words = f"{probability:.2f}" if probability >= 0.005 else "<0.01"
-    ax.annotate(
-        words, (probability, row), (4, 0), textcoords="offset points", va="center", fontsize=7.5
-    )
+    ax.set_title(title, fontsize=7, fontweight="normal", color=INK)

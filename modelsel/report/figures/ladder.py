@@ -14,12 +14,24 @@ from ...results.details_schema import DetailsRecord
 from ...results.model_schema import RungRecord
 from ...results.schema import NoiseFloorRecord, StudyRecord
 from ...results.tables import label_models
-from ..style import AFTER, BLUE, GREY, INK, ORANGE, QUIET, WIDTH, shorten, svg, use_style
+from ..style import (
+    AFTER,
+    BLUE,
+    GREY,
+    HALF_WIDTH,
+    INK,
+    ORANGE,
+    QUIET,
+    WIDTH,
+    shorten,
+    svg,
+    use_style,
+)
 
-MAX_RUNGS = 26  # that the ladder's picture can hold
+MAX_RUNGS = 18  # that the ladder's picture can hold
 MAX_CURVES = 6  # that the picture of the errors can hold
 LONGEST_NAME = 44  # letters
-LONGEST_LEGEND = 36  # letters
+LONGEST_LEGEND = 26  # letters
 # rungs up to which the noise's name stands above them, where no other name and no mark is
 FEW_RUNGS = 4
 # mm: a smaller error is drawn there, a logarithm has no zero
@@ -78,11 +90,14 @@ class _Scale:
 
 
 def draw_ladder(record: StudyRecord) -> bytes:
-    """Draw the mean length of the residual vectors, estimation and held-out, a row per rung; grey: what noise alone
+    """Draw the rms length of the residual vectors, estimation and held-out, a row per rung; grey: what noise alone
     would leave."""
-    way = select_way(record)[-MAX_RUNGS:]
+    way = select_way(record)
+    if len(way) > MAX_RUNGS:
+        # the nominal model and the base stay
+        way = [*way[:2], *way[2 - MAX_RUNGS :]]
     scale = _scale([record.ladder[rung] for rung in way], record.noise_floor)
-    height = min(0.22 * len(way) + 0.75, 4.1)
+    height = min(0.19 * len(way) + 0.72, 2.8)
     with use_style() as sheets:
         fig, ax = sheets.subplots(figsize=(WIDTH, height), layout="constrained")
         ax.set_xscale("log")
@@ -94,22 +109,21 @@ def draw_ladder(record: StudyRecord) -> bytes:
 
 
 def _scale(rungs: Sequence[RungRecord], floor: NoiseFloorRecord) -> _Scale:
-    estimation = np.array([rung.estimation.mean_mm for rung in rungs], dtype=float)
-    held_out = np.array([rung.held_out.mean_mm for rung in rungs], dtype=float)
+    estimation = np.array([rung.estimation.rms_mm for rung in rungs], dtype=float)
+    held_out = np.array([rung.held_out.rms_mm for rung in rungs], dtype=float)
     is_held_out = bool(np.isfinite(held_out).any())
-    noise = _mean_noise(floor)
+    noise = _rms_noise(floor)
     errors = np.concatenate([estimation, held_out, [noise]])
     low, high = max(np.nanmin(errors) / 1.7, 1e-9), np.nanmax(errors) * 2.2
     shown = held_out if is_held_out else estimation
     return _Scale(estimation, shown, is_held_out, noise, float(low), float(high))
 
 
-def _mean_noise(floor: NoiseFloorRecord) -> float:
-    """Return the mean length [mm] of a row's noise: of three normal coordinates, unless the file says what its rows
-    have."""
-    if floor.mean_mm is not None:
-        return floor.mean_mm
-    return floor.coordinate_mm * float(np.sqrt(8 / np.pi))
+def _rms_noise(floor: NoiseFloorRecord) -> float:
+    """Return the rms length [mm] of a row's noise: of three coordinates, unless the file says what its rows have."""
+    if floor.rms_mm is not None:
+        return floor.rms_mm
+    return floor.coordinate_mm * float(np.sqrt(3))
 
 
 def _draw_noise(ax: Any, scale: _Scale) -> None:
@@ -159,7 +173,7 @@ def _label_ladder(ax: Any, scale: _Scale, labels: Sequence[str]) -> None:
     ax.set_xticks(scale.ticks)
     ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     ax.xaxis.set_minor_formatter(lambda value, _: "")
-    ax.set_xlabel("mean position error [mm], logarithmic")
+    ax.set_xlabel("rms position error [mm], logarithmic")
     ax.tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)
     ax.legend(loc="lower right", fontsize=7)
@@ -176,7 +190,7 @@ def draw_error_distribution(record: StudyRecord, details: DetailsRecord) -> byte
     labels = dict(zip(way, label_way(record, way), strict=True))
     drawn = _thin_way(way)
     with use_style() as sheets:
-        fig, ax = sheets.subplots(figsize=(WIDTH, 2.4), layout="constrained")
+        fig, ax = sheets.subplots(figsize=(HALF_WIDTH, 2.1), layout="constrained")
         for number, rung in enumerate(drawn):
             residual = np.array(details.rungs[rung].residual_mm)[rows]
             _draw_distribution(ax, residual, labels[rung], number, rung == drawn[-1])
@@ -186,9 +200,9 @@ def draw_error_distribution(record: StudyRecord, details: DetailsRecord) -> byte
         ax.set_ylim(0, 1.01)
         ax.yaxis.set_major_formatter(lambda value, _: f"{value:.0%}")
         ax.set_xlabel("position error [mm], logarithmic")
-        ax.set_ylabel("configurations below it")
+        ax.set_ylabel("share below it")
         ax.grid(True)
-        ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        fig.legend(loc="outside lower center", ncols=2, fontsize=6.5)
         return svg(fig, "Distribution of held-out errors")
 
 

@@ -9,10 +9,11 @@ import numpy as np
 
 from ..._typing import Array
 from ...results.model_schema import CorrelationRecord, TraceRecord
-from ..style import AFTER, BLUE, GREY, ORANGE, WIDTH, choose_unit, shorten, svg, use_style
+from ..style import AFTER, BLUE, GREY, HALF_WIDTH, ORANGE, choose_unit, shorten, svg, use_style
 
-MAX_DRAWN = 6  # parameters of the posterior's picture
-MAX_MATRIX = 48  # parameters of the correlation's picture
+MAX_DRAWN = 5  # parameters of the posterior's picture
+MAX_MATRIX = 32  # parameters of the correlation's picture
+HEIGHT = 2.75  # inch
 LONGEST_TITLE = 14  # letters
 # |r| up to which no mark is drawn
 MIN_CORRELATION = 0.1
@@ -29,9 +30,9 @@ def draw_correlation(correlation: CorrelationRecord) -> bytes:
     matrix = _select_matrix(correlation, symbols)
     row, column = np.tril_indices(len(symbols), -1)
     r = np.nan_to_num(matrix[row, column])
-    area = (230.0 / max(len(symbols), 6)) ** 2
+    area = (112.0 / max(len(symbols), 6)) ** 2
     with use_style() as sheets:
-        fig, ax = sheets.subplots(figsize=(WIDTH * 0.8, WIDTH * 0.75), layout="constrained")
+        fig, ax = sheets.subplots(figsize=(HALF_WIDTH, HEIGHT), layout="constrained")
         positive, negative = r > MIN_CORRELATION, r < -MIN_CORRELATION
         ax.scatter(
             column[positive],
@@ -70,8 +71,8 @@ def _select_matrix(correlation: CorrelationRecord, symbols: Sequence[str]) -> Ar
 
 def _label_matrix(ax: Any, symbols: Sequence[str]) -> None:
     count = len(symbols)
-    ax.set_xticks(range(count), symbols, rotation=90, fontsize=5.5)
-    ax.set_yticks(range(count), symbols, fontsize=5.5)
+    ax.set_xticks(range(count), symbols, rotation=90, fontsize=5.2)
+    ax.set_yticks(range(count), symbols, fontsize=5.2)
     ax.set_xlim(-0.8, count - 0.2)
     ax.set_ylim(count - 0.2, -0.8)
     ax.tick_params(length=0)
@@ -92,7 +93,7 @@ def draw_posterior(trace: TraceRecord, units: Mapping[str, str]) -> bytes:
     ]
     count = len(names)
     with use_style() as sheets:
-        fig = sheets.figure(figsize=(WIDTH, WIDTH * 0.86), layout="constrained")
+        fig = sheets.figure(figsize=(HALF_WIDTH, HEIGHT), layout="constrained")
         grid = fig.add_gridspec(count, count)
         for row in range(count):
             for column in range(row + 1):
@@ -116,7 +117,7 @@ def _scale_draws(name: str, unit: str, draws: Array) -> tuple[str, Array]:
 
 def _draw_histogram(ax: Any, title: str, draws: Array) -> None:
     ax.hist(draws, bins=20, color=GREY, edgecolor=AFTER, linewidth=0.6)
-    ax.set_title(title, fontsize=7, loc="center")
+    ax.set_title(title, fontsize=5.5, loc="center")
     ax.set_yticks([])
 
 
@@ -126,8 +127,8 @@ def _draw_pair(ax: Any, x: Array, y: Array) -> None:
 
 def _trim_axes(ax: Any, *, is_bottom: bool, is_left: bool) -> None:
     """Leave labels at the bottom and the left of the picture alone."""
-    ax.tick_params(labelsize=5, length=1.5, pad=1)
-    ax.locator_params(nbins=3)
+    ax.tick_params(labelsize=4.5, length=1.5, pad=1)
+    ax.locator_params(nbins=2)
     ax.ticklabel_format(axis="both", style="plain", useOffset=False)
     if not is_bottom:
         ax.set_xticklabels([])

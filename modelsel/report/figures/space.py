@@ -3,19 +3,16 @@ in it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..._typing import Array, Index
+from ..._typing import Array
 from ...results.details_schema import DetailsRecord, JointRecord
-from ..style import AFTER, BLUE, INK, ORANGE, QUIET, WIDTH, shorten, svg, use_style
+from ..style import BLUE, HALF_WIDTH, INK, ORANGE, QUIET, svg, use_style
 
-MAX_VECTORS = 220  # drawn in one picture
-LONGEST_TITLE = 34  # letters
+HEIGHT = 2.3  # inch
 VIEW = (22.0, -58.0)  # elevation, azimuth in degrees: the same in every picture
 
 Mask = NDArray[np.bool_]
@@ -28,7 +25,7 @@ def draw_joints(details: DetailsRecord) -> bytes:
     count = len(details.joints)
     with use_style() as sheets:
         fig, axes = sheets.subplots(
-            count, 1, figsize=(WIDTH, 0.36 * count + 0.35), layout="constrained", squeeze=False
+            count, 1, figsize=(HALF_WIDTH, 0.32 * count + 0.3), layout="constrained", squeeze=False
         )
         for index, joint in enumerate(details.joints):
             ax = axes[index, 0]
@@ -87,24 +84,20 @@ def _frame_axis(ax: Any, name: str, ends: tuple[float, float]) -> None:
 
 
 def draw_workspace(details: DetailsRecord) -> bytes:
-    """Draw the measured targets in the tracker's frame, seen from two sides, with the arm at a middling
-    configuration."""
+    """Draw the measured targets in the tracker's frame, with the arm at a middling configuration."""
     targets, chain = np.array(details.rows.measured_mm), np.array(details.arm_mm)
     with use_style() as sheets:
-        fig = sheets.figure(figsize=(WIDTH, 3.1))
-        elevation, azimuth = VIEW
-        for index, turned in enumerate((azimuth, azimuth + 90)):
-            ax = fig.add_axes((0.5 * index, 0.08, 0.48, 0.92), projection="3d")
-            _draw_arm(ax, chain)
-            _draw_targets(ax, details, targets)
-            _frame(ax, np.vstack([targets, chain]))
-            ax.view_init(elevation, turned)
-        fig.legend(*ax.get_legend_handles_labels(), loc="lower center", ncols=4, fontsize=7)
+        fig = sheets.figure(figsize=(HALF_WIDTH, HEIGHT))
+        ax = fig.add_axes((0.0, 0.1, 0.95, 0.9), projection="3d")
+        _draw_arm(ax, chain)
+        _draw_targets(ax, details, targets)
+        _frame(ax, np.vstack([targets, chain]))
+        fig.legend(*ax.get_legend_handles_labels(), loc="lower center", ncols=4, fontsize=6.5)
         return svg(fig, "Workspace")
 
 
 def _draw_arm(ax: Any, chain: Array) -> None:
-    label = "the arm, one configuration"
+    label = "the arm"
     ax.plot(*chain.T, color=INK, lw=1.6, marker="o", ms=2.5, zorder=1, label=label)
 
 
@@ -122,82 +115,3 @@ def _draw_targets(ax: Any, details: DetailsRecord, targets: Array) -> None:
         ax.scatter(*targets[~estimation].T, **dots, depthshade=False, label="held-out")
     if outlying.any():
         ax.scatter(*targets[outlying].T, **crosses, depthshade=False, label="outlier")
-
-
-# -- residual vectors
-# -----------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class _Vectors:
-    """Residual vectors of one model, drawn so many times as long."""
-
-    title: str
-    residual: Array
-    factor: float
-    is_last: bool
-
-
-def choose_magnification(residual: Array, room: float) -> float:
-    """Return a round factor (1, 2 or 5 times a power of ten) that draws the 95th percentile about a tenth of the
-    workspace long."""
-    typical = float(np.percentile(np.linalg.norm(residual, axis=1), 95))
-    if typical <= 0:
-        return 1.0
-    wanted = 0.12 * room / typical
-    power = 10.0 ** np.floor(np.log10(wanted))
-    fitting = [factor for factor in (1, 2, 5) if factor * power <= wanted * (1 + 1e-9)]
-    return float(power * max(fitting))
-
-
-def draw_vectors(details: DetailsRecord, rungs: Sequence[tuple[int, str]]) -> bytes:
-    """Draw the residual vectors (measured minus predicted) of some rungs, each at its own stated magnification; the
-    last one again at that of the first."""
-    sound = np.flatnonzero(~np.array(details.rows.outlying, bool))
-    count = min(len(sound), MAX_VECTORS)
-    rows = sound[np.unique(np.linspace(0, len(sound) - 1, count).astype(int))]
-    targets = np.array(details.rows.measured_mm)[rows]
-    panels = _vector_panels(details, rungs, rows, targets)
-    lines = -(-len(panels) // 2)
-    with use_style() as sheets:
-        fig = sheets.figure(figsize=(WIDTH, 2.3 * lines))
-        for index, panel in enumerate(panels):
-            corner = (0.5 * (index % 2), 1 - (index // 2 + 1) / lines)
-            _draw_vector_panel(fig, panel, targets, corner, 1 / lines)
-        return svg(fig, "Residual vectors")
-
-
-def _vector_panels(
-    details: DetailsRecord, rungs: Sequence[tuple[int, str]], rows: Index, targets: Array
-) -> list[_Vectors]:
-    """Return what is drawn of every rung."""
-    room = max(float(np.ptp(targets, axis=0).max()), 1.0)
-    panels = []
-    for number, (rung, name) in enumerate(rungs, 1):
-        residual = np.array(details.rungs[rung].residual_mm)[rows]
-        factor = choose_magnification(residual, room)
-        panels.append(_Vectors(name, residual, factor, number == len(rungs)))
-    if len(panels) > 1:
-        last = panels[-1]
-        title = f"{last.title}, drawn as the first"
-        panels.append(_Vectors(title, last.residual, panels[0].factor, True))
-    return panels
-
-
-def _draw_vector_panel(
-    fig: Any, panel: _Vectors, targets: Array, corner: tuple[float, float], height: float
-) -> None:
-    """Draw one picture, its title and its magnification above it."""
-    from mpl_toolkits.mplot3d.art3d import Line3DCollection
-
-    x, y = corner
-    ax = fig.add_axes((x, y, 0.47, 0.93 * height), projection="3d")
-    colour = AFTER if panel.is_last else "#555555"
-    arrows = np.stack([targets, targets + panel.factor * panel.residual], 1)
-    ax.add_collection3d(Line3DCollection(arrows, colors=colour, linewidths=0.8))
-    ax.scatter(*targets.T, s=1.5, color=INK, linewidths=0, depthshade=False)
-    _frame(ax, targets)
-    title = shorten(panel.title, LONGEST_TITLE)
-    fig.text(x + 0.02, y + 0.95 * height, title, fontsize=8, fontweight="bold")
-    magnification = f"drawn {panel.factor:,.0f} times as long"
-    fig.text(x + 0.02, y + 0.905 * height, magnification, fontsize=7, color=QUIET)

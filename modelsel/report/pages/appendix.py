@@ -1,4 +1,4 @@
-"""The last pages: what the data cannot tell, outliers and warnings, provenance."""
+"""The last pages: outliers and warnings, provenance."""
 
 from __future__ import annotations
 
@@ -10,26 +10,10 @@ MAX_ROWS = 60  # numbers of outlying rows
 HASH_NAMES = {"data_sha256": "measurements, SHA-256", "study_sha256": "study file, SHA-256"}
 
 
-def write_unidentifiable_page(source: Source) -> list[Block]:
-    """Write the combinations that no data of this kind determine."""
-    groups = source.record.unidentifiable
-    heading = make_heading("What the data cannot tell")
-    if not groups:
-        return [heading, make_text("The data determine every parameter of the chosen model.")]
-    explanation = (
-        "The data determine only combinations of these parameters, or hardly determine them. Where they leave a value open, "
-        "its usual size decides, and its standard error says how far; predictions where the target was measured are the same."
-    )
-    return [heading, make_text(explanation), make_list([group.sentence for group in groups])]
-
-
 def write_outliers_page(source: Source) -> list[Block]:
     """Write the rows left out, faults of the data, warnings."""
     record = source.record
-    blocks = [
-        make_heading("Outliers and warnings", opens=False),
-        make_text(_outlier_sentence(source)),
-    ]
+    blocks = [make_heading("Outliers and warnings"), make_text(_outlier_sentence(source))]
     faults = [finding.sentence for finding in record.findings if finding.first.is_fault]
     if faults:
         blocks.append(make_list(faults))
@@ -65,7 +49,10 @@ def write_provenance_page(source: Source) -> list[Block]:
         *list_provenance(record),
     ]
     columns = [("what", "left"), ("value", "left")]
-    blocks = [make_heading("Provenance", opens=False), make_table(columns, rows, "", [0.0, 1.0])]
+    blocks = [
+        make_heading("Provenance"),
+        make_table(columns, rows, "", [0.0, 1.0]) | {"dense": True},
+    ]
     if record.path:
         blocks += [make_heading("How the model grew", 2), make_text(_path_sentence(record.path))]
     reproducibility = (

@@ -17,6 +17,7 @@ from ...results.study_sentences import NOMINAL_CAVEAT, format_mm, format_p, form
 from ..document import Block, Source, make_heading, make_list, make_table
 from ..figures.arm import draw_frames
 
+MAX_SUMMARY_ROWS = 52
 EXPECTED = "as expected"  # what the catalogue says of a mechanism that is not odd
 SYMBOLS = (
     "The nominal arm at one measured configuration. a b c: shifts along x y z of the frame whose number follows; α β γ: "
@@ -33,16 +34,25 @@ TOGETHER = (
 WIDTHS = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
 
 
-def write_parameters_page(source: Source) -> list[Block]:
-    """Write drawing, table and the mechanisms' significance; nothing where nothing was fitted."""
-    record = source.record
-    rows = tabulate_calibrated(record, source.details)
-    blocks: list[Block] = []
-    if rows:
-        blocks += [*_write_drawing(source), _write_table(source, rows)]
-    if record.significance:
-        blocks += _write_mechanisms(record.significance)
-    return [make_heading("Calibrated parameters"), *blocks] if blocks else []
+def write_parameters_page(source: Source, most: int | None = None) -> list[Block]:
+    """Write drawing and table, of `most` rows at most; nothing where nothing was fitted."""
+    rows = tabulate_calibrated(source.record, source.details)
+    if not rows:
+        return []
+    heading = make_heading("Calibrated parameters", opens=True)
+    return [heading, *_write_drawing(source), _write_table(source, rows, most)]
+
+
+def write_parameters_summary(source: Source) -> list[Block]:
+    """Write drawing and table on one page: of more parameters than it has room for, those that move the target
+    most."""
+    return write_parameters_page(source, MAX_SUMMARY_ROWS)
+
+
+def write_significance_page(source: Source) -> list[Block]:
+    """Write the significance of every mechanism; nothing where it was not computed."""
+    mechanisms = source.record.significance
+    return _write_mechanisms(mechanisms) if mechanisms else []
 
 
 def _write_drawing(source: Source) -> list[Block]:
@@ -58,15 +68,26 @@ def _write_drawing(source: Source) -> list[Block]:
     return [source.add_figure("frames", partial(draw_frames, arm), SYMBOLS, words)]
 
 
-def _write_table(source: Source, rows: Sequence[ParameterRow]) -> Block:
+def _write_table(source: Source, rows: Sequence[ParameterRow], most: int | None) -> Block:
     caption = TABLE
-    if any(row.together for row in rows):
+    shown = _select_rows(rows, most)
+    if any(row.together for row in shown):
         caption += TOGETHER
+    if len(shown) < len(rows):
+        caption += f" {len(rows) - len(shown)} more, which move the target less, are in report.pdf."
     free = count_free(source.record, source.details)
     if free:
         caption += f" The {free} coefficients of free functions are in result.json: none says anything alone."
-    cells = [row.cells for row in rows]
+    cells = [row.cells for row in shown]
     return make_table(PARAMETER_COLUMNS, cells, caption, WIDTHS) | {"dense": True}
+
+
+def _select_rows(rows: Sequence[ParameterRow], most: int | None) -> Sequence[ParameterRow]:
+    """Return the rows that move the target most, in their order; all without a limit."""
+    if most is None or len(rows) <= most:
+        return rows
+    strongest = sorted(range(len(rows)), key=lambda k: -rows[k].max_mm)[:most]
+    return [rows[k] for k in sorted(strongest)]
 
 
 # -- by mechanism
@@ -86,7 +107,7 @@ def _write_mechanisms(mechanisms: Sequence[SignificanceRecord]) -> list[Block]:
     if {"nominal p", "stable"} & set(figures):
         caption += f" Nominal p and stable {NOMINAL_CAVEAT}"
     blocks = [
-        make_heading("Significance by mechanism", 2),
+        make_heading("Significance by mechanism"),
         make_table(columns, rows, caption, [1.0, *[0.0] * len(figures)]),
     ]
     odd = [f"{one.mechanism}: {one.catalogue}" for one in mechanisms if one.catalogue != EXPECTED]

@@ -33,7 +33,7 @@ def write_repeatability_page(source: Source) -> list[Block]:
     parts = source.record.repeatability
     if not parts:
         return []
-    heading = make_heading(TITLE, opens=False)
+    heading = make_heading(TITLE)
     if len(parts) == 1:
         return [heading, make_text(parts[0].sentence)]
     words = "; ".join(f"{label_part(part)} {describe_share(part.share)}" for part in parts)

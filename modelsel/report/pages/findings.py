@@ -1,30 +1,36 @@
-"""A page per finding: the sentence, the picture that convinces, who else it could be, what would
-tell them apart."""
+"""Every finding: the sentence, what to do, who else it could be, what would tell them apart, and the
+picture that convinces."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
 
-from ...diagnosis.sentences import format_quantity
 from ...measurements.row_places import Where
 from ...results.details_schema import FindingDetailsRecord
-from ...results.finding_schema import EntryRecord, EstimateRecord, FindingRecord
+from ...results.finding_advice import advise
+from ...results.finding_schema import EntryRecord, FindingRecord
 from ...results.small_findings import split_findings
 from ...results.study_sentences import (
     count_rows,
     describe_probability,
     format_mm,
     label_entries,
-    list_figures,
+    write_figures,
 )
-from ..document import Block, Source, make_heading, make_list, make_table, make_text
-from ..figures.finding import MAX_BARS, draw_credible_set, draw_panels, name_axis
+from ..document import Block, Source, make_heading, make_table, make_text, put_beside
+from ..figures.finding import draw_panels, name_axis
 
-MAX_ESTIMATES = 4  # numbers listed; a free function has dozens
 MAX_ROWS = 12  # numbers of the rows of a fault
 MAX_RIVALS = 5  # entries compared with the first
 MAX_ADVICE = 2  # ways to tell rivals apart
+PICTURE_MM = 70.0
+MAX_NAMES = 8  # explanations of a credible set
+HOW_TO_READ = (
+    "Open squares: what the model without the effect leaves about its axis; blue: what the chosen model leaves; large "
+    "marks: means; orange: the fitted effect. Where the squares follow the line and the blue lies flat, the effect is there "
+    "and gone."
+)
 REMEDIES = (  # names in a cause, how to measure again
     (("progress", "time_s", "temperature_C"), "measured again at another time of the campaign"),
     (("approach", "move"), "approached from both sides, by short and by long moves"),
@@ -33,14 +39,17 @@ REMEDIES = (  # names in a cause, how to measure again
 
 
 def write_findings_pages(source: Source) -> list[Block]:
-    """Write the findings, each on a page of its own; small ones together on one."""
+    """Write the findings, each kept together; small ones in a table."""
     record, details = source.record, source.details
     if not record.findings:
         return [make_heading("Findings"), make_text(record.nothing_else.sentence)]
     told, grouped = split_findings(record.findings, record.small_findings)
-    blocks: list[Block] = []
+    blocks = [make_heading("Findings")]
+    if any(details.findings[k].panels for k in told):
+        blocks.append(make_text(HOW_TO_READ, "quiet", keep=True))
     for k in told:
-        blocks += _write_finding(source, k + 1, record.findings[k], details.findings[k])
+        written = _write_finding(source, k + 1, record.findings[k], details.findings[k])
+        blocks += written
     return blocks + _write_grouped(source, grouped)
 
 
@@ -57,7 +66,7 @@ def _write_grouped(source: Source, grouped: Sequence[int]) -> list[Block]:
         "is known of them is in result.json and in report.html."
     )
     return [
-        make_heading("Smaller findings"),
+        make_heading("Smaller findings", 2),
         make_text(record.small_findings.sentence),
         make_table(columns, rows, caption, [0.4, 1.0, 0.0, 0.0, 0.0]),
     ]
@@ -82,74 +91,56 @@ def name_finding(finding: FindingRecord, detail: FindingDetailsRecord) -> str:
 def _write_finding(
     source: Source, number: int, finding: FindingRecord, detail: FindingDetailsRecord
 ) -> list[Block]:
-    blocks = [
-        make_heading(f"Finding {number}: {name_finding(finding, detail)}"),
-        make_text(finding.sentence),
+    title = f"Finding {number}: {name_finding(finding, detail)}"
+    words = [
+        make_text(f"{finding.sentence} {write_figures(finding)}".strip()),
+        make_text(_describe_advice(source, finding)),
+        make_text(_describe_verdict(finding, source.where), "quiet"),
     ]
-    figures = list_figures(finding)
-    if figures:
-        blocks.append(make_list(figures))
-    blocks.append(make_text(_describe_verdict(finding, source.where), "quiet"))
-    if detail.panels:
-        blocks.append(_write_residuals(source, number, detail))
-    if finding.estimate:
-        blocks.append(_write_estimates(finding.estimate))
-    blocks.append(_write_credible_set(source, number, finding))
-    advice = advise_separation(finding.credible_set)
-    if advice:
-        blocks += [make_heading("What would tell them apart", 2), make_list(advice)]
-    return blocks
+    if len(finding.credible_set) > 1:
+        words.append(make_text(_describe_credible_set(finding), "quiet"))
+    heading = make_heading(title, 2)
+    if not detail.panels:
+        return [heading, *words]
+    return [heading, put_beside(words, [_write_residuals(source, number, detail)], PICTURE_MM)]
 
 
-def _write_credible_set(source: Source, number: int, finding: FindingRecord) -> Block:
-    """Write what the finding could be."""
-    entries = [
-        (name, entry.probability, entry.alike)
-        for name, entry in zip(
-            label_entries(finding.credible_set), finding.credible_set, strict=True
-        )
-    ]
-    caption = "What it could be. Filled: moves the target as the first does; hatched: differently."
-    more = finding.more_entries + max(len(entries) - MAX_BARS, 0)
-    if more:
-        caption += f" {more} more are less probable."
-    words = "; ".join(f"{name} {probability:.2f}" for name, probability, _ in entries[:MAX_BARS])
-    draw = partial(draw_credible_set, entries)
-    return source.add_figure(f"credible-{number}", draw, caption, f"Credible set: {words}.")
+def _describe_advice(source: Source, finding: FindingRecord) -> str:
+    """Return what to do, and what would tell it from its rivals."""
+    advice = advise(source.record, finding)
+    separation = advise_separation(finding.credible_set)
+    return " ".join([f"What to do. {advice.sentence}", *separation])
+
+
+def _describe_credible_set(finding: FindingRecord) -> str:
+    """Return what the finding could be: those that move the target as the first does, then the others."""
+    entries = finding.credible_set
+    alike: list[str] = []
+    different: list[str] = []
+    for name, entry in zip(label_entries(entries), entries, strict=True):
+        side = alike if entry.alike else different
+        side.append(f"{name} {entry.probability:.2f}")
+    shown = [*alike, *different][:MAX_NAMES]
+    text = f"What it could be, with its probability: {'; '.join(shown[: len(alike)])}"
+    if len(shown) > len(alike):
+        text += f"; moving the target differently: {'; '.join(shown[len(alike) :])}"
+    more = finding.more_entries + len(entries) - len(shown)
+    return f"{text}; {more} more are less probable." if more else f"{text}."
 
 
 def _write_residuals(source: Source, number: int, detail: FindingDetailsRecord) -> Block:
     """Write the residual against the cause, with the effect left in and taken out."""
     panels = detail.panels
-    caption = (
-        "Open squares: what the model without this effect leaves about this axis; blue: what the chosen model leaves; large "
-        "marks: means; orange: the fitted effect. Where the squares follow the line and the blue lies flat, the effect is there "
-        "and gone."
-    )
+    caption = ""
     if any("folded" in panel.against for panel in panels):
-        caption += " All waves of a turn are laid over each other."
+        caption = "All waves of a turn are laid over each other."
     if detail.more_panels:
         total = len(panels) + detail.more_panels
         caption += f" The {len(panels)} largest of {total} parts are drawn."
     axes = "; ".join(f"{name_axis(panel)} against {panel.against}" for panel in panels)
     words = f"Residual {axes}, without and with {detail.label}."
-    return source.add_figure(f"finding-{number}", partial(draw_panels, panels), caption, words)
-
-
-def _write_estimates(estimate: Sequence[EstimateRecord]) -> Block:
-    """Write symbols above, numbers below: one line of a page that has room for one."""
-    shown = estimate[:MAX_ESTIMATES]
-    more = len(estimate) - len(shown)
-    columns = [("", "left"), *((one.symbol, "left") for one in shown)]
-    numbers = [_format_estimate(one) for one in shown]
-    rows = [["estimate ± standard error", *numbers]]
-    return make_table(columns, rows, f"And {more} more numbers: in result.json." if more else "")
-
-
-def _format_estimate(one: EstimateRecord) -> str:
-    if one.value is None or one.standard_error is None:
-        return "–"
-    return format_quantity(one.value, one.standard_error, one.unit)
+    draw = partial(draw_panels, panels)
+    return source.add_figure(f"finding-{number}", draw, caption.strip(), words)
 
 
 def _describe_verdict(finding: FindingRecord, where: Where) -> str:

@@ -43,7 +43,7 @@ def write_summary(name: str, rows: Sequence[Row], out: Path) -> bytes:
         },
         *(make_text(sentence, "lead") for sentence in _lead_sentences(rows, done, failed)),
         *_write_findings(done),
-        make_heading("Study by study", opens=False),
+        make_heading("Study by study"),
         *_write_studies(done),
         *_write_failures(failed),
         *_write_warnings(done, out),
@@ -194,10 +194,7 @@ def _write_failures(failed: Sequence[Row]) -> list[Block]:
     caption = "Exit: 1 internal error, 2 study file, 3 measurements, 4 not estimable."
     if len(failed) > MAX_FAILURES:
         caption += f" The first {MAX_FAILURES} of {len(failed)}; all are in summary.csv."
-    return [
-        make_heading("What failed", opens=False),
-        make_table(columns, lines, caption, [0.3, 0.0, 1.0]),
-    ]
+    return [make_heading("What failed"), make_table(columns, lines, caption, [0.3, 0.0, 1.0])]
 
 
 def _failure_line(row: Row) -> list[str]:
@@ -222,10 +219,7 @@ def _write_warnings(done: Sequence[Row], out: Path) -> list[Block]:
     ]
     columns = [("warning", "left"), ("what it says", "left"), ("studies", "left")]
     caption = "One warning of each kind, in the words of the first study named."
-    return [
-        make_heading("Warnings", opens=False),
-        make_table(columns, lines, caption, [0.35, 1.0, 0.5]),
-    ]
+    return [make_heading("Warnings"), make_table(columns, lines, caption, [0.35, 1.0, 0.5])]
 
 
 def _read_warnings(row: Row, out: Path) -> list[dict[str, str]]:

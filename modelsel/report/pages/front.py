@@ -6,8 +6,8 @@ from __future__ import annotations
 from functools import partial
 from math import degrees
 
-from ...results.details_schema import DetailsRecord, FindingDetailsRecord
-from ...results.finding_schema import FindingRecord
+from ...results.details_schema import DetailsRecord
+from ...results.finding_advice import advise, list_frames
 from ...results.placements import describe_placements
 from ...results.schema import ErrorMapRecord, StudyRecord
 from ...results.small_findings import split_findings
@@ -17,15 +17,31 @@ from ...results.study_sentences import (
     format_mm,
     opening_sentences,
 )
-from ..document import Block, Source, make_heading, make_list, make_table, make_text
+from ..document import Block, Source, make_heading, make_list, make_table, make_text, put_beside
 from ..figures import errormap, space
+from ..figures.arm import draw_marked
 from ..figures.ladder import draw_ladder, label_way, select_way
 from ..style import shorten
 from .findings import name_finding
 
 MAX_NAMED = 9  # rows of the first page's table
 LONGEST_NAME = 40  # letters
-LONGEST_MEANING = 110  # letters
+CAMPAIGN_LABELS = {
+    "date": "Date",
+    "instrument": "Instrument",
+    "serial_number": "Serial number",
+    "operator": "Operator",
+    "ambient": "Ambient",
+}
+LONGEST_ADVICE = 160  # letters
+NAMED_COLUMNS = (
+    ("", "right"),
+    ("named", "left"),
+    ("what to do", "left"),
+    ("worth, mm rms", "left"),
+    ("probability", "left"),
+)
+NAMED_WIDTHS = [0.0, 0.5, 1.0, 0.0, 0.34]
 MAX_CELLS = 6  # cells that the map's text for those who cannot see names
 
 
@@ -38,11 +54,12 @@ def write_first_page(source: Source) -> list[Block]:
         "robot": record.robot,
         "estimation": f"{record.configurations.estimation:,}",
         "held_out": f"{record.configurations.held_out:,}",
+        "campaign": _list_campaign(source.details),
     }
     figure = source.add_figure(
         "ladder",
         partial(draw_ladder, record),
-        "Mean position error of each model on the way from the nominal to the chosen one. Each row adds "
+        "Rms position error of each model on the way from the nominal to the chosen one. Each row adds "
         "one named cause; in the grey zone nothing but noise is left.",
         _ladder_words(record),
     )
@@ -50,33 +67,71 @@ def write_first_page(source: Source) -> list[Block]:
     return [title, *lead, figure, *_write_named(source)]
 
 
+def _list_campaign(details: DetailsRecord) -> list[str]:
+    """Return what the study file says of the campaign, each with its name."""
+    if details.campaign is None:
+        return []
+    given = details.campaign.to_dict().items()
+    return [f"{CAMPAIGN_LABELS[key]}: {text}" for key, text in given if text]
+
+
 def _write_named(source: Source) -> list[Block]:
-    """Write the table of what was named; nothing where nothing was."""
+    """Write what was named: marked on the arm, and a table of what to do; nothing where nothing was."""
     findings, small = source.record.findings, source.record.small_findings
     if not findings:
         return []
     told, grouped = split_findings(findings, small)
-    details = source.details.findings
     shown = told[:MAX_NAMED]
-    rows = [_named_row(findings[k], details[k]) for k in shown]
-    columns = [("named", "left"), ("what goes wrong", "left"), ("probability", "left")]
-    caption = "Probability: of this name; alike: of this and of others that would move the target as it does"
+    rows = [_named_row(source, k) for k in shown]
+    caption = (
+        "Worth: by how much the held-out rms error falls when it joins the model, with its interval. Probability: of this name; alike: "
+        "of this and of others that would move the target as it does"
+    )
     has_rivals = any(not finding.is_found for finding in findings)
     caption += "; rivals: others that the data cannot tell from it." if has_rivals else "."
     if len(told) > len(shown):
         caption += f" And {len(told) - len(shown)} more: see Findings."
     if grouped and small is not None:
-        caption += f" {small.sentence}"
-    return [make_table(columns, rows, caption, [0.36, 1.0, 0.0])]
+        caption += f" {len(grouped)} smaller ones stand together in Findings."
+    return [*_write_marks(source, shown), make_table(NAMED_COLUMNS, rows, caption, NAMED_WIDTHS)]
 
 
-def _named_row(finding: FindingRecord, detail: FindingDetailsRecord) -> list[str]:
+def _named_row(source: Source, k: int) -> list[str]:
+    finding, detail = source.record.findings[k], source.details.findings[k]
     probability = describe_probability(finding)
+    advice = advise(source.record, finding)
     return [
+        str(k + 1),
         shorten(name_finding(finding, detail), LONGEST_NAME),
-        shorten(detail.what, LONGEST_MEANING),
+        shorten(advice.sentence, LONGEST_ADVICE),
+        advice.worth,
         probability if finding.is_found else f"{probability}, rivals",
     ]
+
+
+def _write_marks(source: Source, shown: list[int]) -> list[Block]:
+    """Write the drawing of the arm with what is wrong marked on it; nothing where an earlier version left no arm."""
+    arm = source.details.arm
+    if arm is None:
+        return []
+    frames = range(len(arm.origins_mm))
+    marks = []
+    for k in shown:
+        places = [frame for frame in list_frames(source.record.findings[k]) if frame in frames]
+        marks.append((str(k + 1), source.details.findings[k].what, places))
+    caption = (
+        "What moves: the frames of each finding, on the nominal arm at one measured configuration. Which part is to blame, "
+        "the data do not tell."
+    )
+    words = "; ".join(f"{number}, {what} (frame {_join(places)})" for number, what, places in marks)
+    draw = partial(draw_marked, arm, marks)
+    return [
+        source.add_figure("marked", draw, caption, f"The arm with its findings marked: {words}.")
+    ]
+
+
+def _join(frames: list[int]) -> str:
+    return " and ".join(map(str, frames))
 
 
 def _ladder_words(record: StudyRecord) -> str:
@@ -84,11 +139,11 @@ def _ladder_words(record: StudyRecord) -> str:
     way = select_way(record)
     side = record.side.replace("_", "-")
     steps = [
-        f"{label} {format_mm(record.ladder[rung].side(record.side).mean_mm)} mm"
+        f"{label} {format_mm(record.ladder[rung].side(record.side).rms_mm)} mm"
         for rung, label in zip(way, label_way(record, way), strict=True)
     ]
     return (
-        f"Ladder of models, mean error on {side} configurations: {'; '.join(steps)}. "
+        f"Ladder of models, rms error on {side} configurations: {'; '.join(steps)}. "
         f"Noise floor {record.noise_floor.coordinate_mm:.3g} mm per coordinate."
     )
 
@@ -116,15 +171,14 @@ def write_data_page(source: Source) -> list[Block]:
     workspace = source.add_figure(
         "workspace",
         partial(space.draw_workspace, details),
-        "Measured targets in the tracker's frame, from two sides, with the nominal arm at one of its configurations.",
-        "Three-dimensional scatter of the measured targets, estimation and held-out, seen from two sides; they span "
+        "Measured targets in the tracker's frame, with the nominal arm at one of its configurations.",
+        "Three-dimensional scatter of the measured targets, estimation and held-out; they span "
         f"{_span(details)}.",
     )
     return [
         make_heading("Data and split"),
-        make_text(explanation),
-        coverage,
-        workspace,
+        make_text(explanation, keep=True),
+        put_beside([coverage], [workspace]),
         *_write_placements(record),
     ]
 
@@ -193,9 +247,9 @@ def write_error_map_page(source: Source) -> list[Block]:
     ]
     return [
         make_heading("Error map"),
-        make_text(explanation),
+        make_text(explanation, keep=True),
         source.add_figure("error-map", draw, caption, _map_words(whole, columns)),
-        make_list(legend),
+        make_list(legend) | {"dense": True},
     ]
 
 

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from ...results.model_schema import CandidatesRecord, NestedRecord, SubsetRecord
+from ...results.model_schema import CandidatesRecord, NestedRecord, RungRecord, SubsetRecord
 from ...results.schema import StudyRecord
-from ...results.study_sentences import (
-    TABLE_PURPOSE,
-    common_mechanisms,
-    format_mm,
-    format_weight,
-    list_errors,
-)
+from ...results.study_sentences import TABLE_PURPOSE, common_mechanisms, format_mm, format_weight
 from ...results.tables import label_ladder
 from ..document import Block, Source, make_heading, make_table, make_text
 
 MAX_SET_ASIDE = 12  # names of what the table of subsets does not hold
-MAX_SUBSETS = 6  # rows of the table of subsets
-LADDER_COLUMNS = ("parameters", "rank", "mean", "worst", "held-out mean", "worst", "CV rms")
+MAX_SUBSETS = 4  # rows of the table of subsets
+LADDER_COLUMNS = ("parameters", "rank", "rms", "worst", "held-out rms", "worst", "CV rms")
 
 
 def write_models_page(source: Source) -> list[Block]:
@@ -33,7 +27,7 @@ def write_models_page(source: Source) -> list[Block]:
 def _write_ladder(record: StudyRecord) -> list[Block]:
     labels = label_ladder(record)
     rows = [
-        [label, str(rung.parameters), str(rung.rank), *list_errors(rung), format_mm(rung.cv_rms_mm)]
+        [label, str(rung.parameters), str(rung.rank), *_list_errors(rung)]
         for label, rung in zip(labels, record.ladder, strict=True)
     ]
     columns = [("model", "left"), *((name, "right") for name in LADDER_COLUMNS)]
@@ -46,6 +40,13 @@ def _write_ladder(record: StudyRecord) -> list[Block]:
     return [make_heading("The ladder", 2), table]
 
 
+def _list_errors(rung: RungRecord) -> list[str]:
+    """Return rms and worst error [mm] of both sides of the split, and the cross-validated rms."""
+    sides = (rung.estimation, rung.held_out)
+    errors = [format_mm(error) for side in sides for error in (side.rms_mm, side.max_mm)]
+    return [*errors, format_mm(rung.cv_rms_mm)]
+
+
 def _write_subsets(candidates: CandidatesRecord) -> list[Block]:
     common = common_mechanisms(candidates.best)
     rows = [_subset_row(subset, len(common)) for subset in _select_subsets(candidates.best)]
@@ -53,7 +54,7 @@ def _write_subsets(candidates: CandidatesRecord) -> list[Block]:
         (f"{' + '.join(common)} and" if common else "mechanisms", "left"),
         ("rank", "right"),
         ("CV rms", "right"),
-        ("held-out mean", "right"),
+        ("held-out rms", "right"),
         ("weight", "right"),
         ("note", "left"),
     ]
@@ -73,12 +74,14 @@ def _write_subsets(candidates: CandidatesRecord) -> list[Block]:
 
 def _select_subsets(best: list[SubsetRecord]) -> list[SubsetRecord]:
     """Return the rows to show: the first, and those further down that a criterion chooses."""
-    chosen = [
-        subset
-        for subset in best[MAX_SUBSETS:]
-        if "choice" in subset.note or "lowest" in subset.note
-    ]
-    return [*best[: MAX_SUBSETS - len(chosen)], *chosen]
+    chosen = [subset for subset in best[MAX_SUBSETS:] if _is_chosen(subset)]
+    return [*best[: max(MAX_SUBSETS - len(chosen), 1)], *chosen]
+
+
+def _is_chosen(subset: SubsetRecord) -> bool:
+    """Return whether a criterion chooses a subset, not only cannot tell it from the one it chooses."""
+    notes = [note.strip() for note in subset.note.split(";")]
+    return any(note.endswith("choice") or note.startswith("lowest") for note in notes)
 
 
 def _subset_row(subset: SubsetRecord, common: int) -> list[str]:
@@ -87,7 +90,7 @@ def _subset_row(subset: SubsetRecord, common: int) -> list[str]:
         " + ".join(subset.mechanisms[common:]) or "nothing more",
         str(subset.rank),
         format_mm(subset.cv_rms_mm),
-        format_mm(subset.held_out.mean_mm),
+        format_mm(subset.held_out.rms_mm),
         format_weight(subset.weight),
         subset.note,
     ]
@@ -121,8 +124,8 @@ def _set_aside_sentence(candidates: CandidatesRecord) -> str:
 
 def _write_nested(nested: NestedRecord) -> list[Block]:
     explanation = (
-        f"Everything, naming included, was repeated in {nested.folds} folds of the estimation configurations: mean error "
-        f"{format_mm(nested.geometric.mean_mm)} mm with the base, {format_mm(nested.chosen.mean_mm)} mm with what each "
+        f"Everything, naming included, was repeated in {nested.folds} folds of the estimation configurations: rms error "
+        f"{format_mm(nested.geometric.rms_mm)} mm with the base, {format_mm(nested.chosen.rms_mm)} mm with what each "
         "fold chose."
     )
     rows = [[name, str(count)] for name, count in nested.named_in_folds.items()]

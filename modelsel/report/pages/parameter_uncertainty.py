@@ -9,11 +9,17 @@ from ...diagnosis.sentences import choose_prefix
 from ...results.model_schema import QuantilesRecord, SamplingRecord
 from ...results.schema import StudyRecord
 from ...results.study_sentences import describe_predictable, format_mm, write_sampling_sentences
-from ..document import Block, Source, make_heading, make_list, make_table, make_text
-from ..figures import ladder, parameter_plots, space
+from ..document import Block, Source, make_heading, make_list, make_table, make_text, put_beside
+from ..figures import ladder, parameter_plots
+from ..figures.residual_panels import draw_residuals, list_drivers
 
 MAX_PAIRS = 8
 MAX_QUANTILES = 24
+UNIDENTIFIABLE = (
+    "The data determine only combinations of these parameters, or hardly determine them. Where they leave a value open, "
+    "its usual size decides, and its standard error says how far; predictions where the target was measured are the same."
+)
+DETERMINED = "The data determine every parameter of the chosen model."
 
 
 # -- residuals
@@ -21,83 +27,89 @@ MAX_QUANTILES = 24
 
 
 def write_residuals_page(source: Source) -> list[Block]:
-    """Write the residual vectors in the workspace: nominal, base, chosen."""
-    record, details = source.record, source.details
-    names = {0: "nominal", details.base: "base", len(record.ladder) - 1: "chosen"}
-    rungs = list(names.items())
-    caption = (
-        "Residual vectors, measured minus predicted, each picture at the magnification written above it. Arrows that agree "
-        "with their neighbours are a systematic error; the chosen model should leave none that do. Outliers are left out."
+    """Write what the chosen model leaves: how much on held-out configurations, what else was looked for, and the
+    residuals against everything that they could still depend on."""
+    record = source.record
+    words = [record.nothing_else.sentence, describe_predictable(record)]
+    told = [make_text(sentence) for sentence in [_describe_errors(record), *words] if sentence]
+    figure = _write_distribution(source)
+    heading = make_heading("What the chosen model leaves")
+    top = [put_beside(told, figure)] if figure else told
+    return [heading, *top, *_write_panels(source)]
+
+
+def _describe_errors(record: StudyRecord) -> str:
+    """Return what 95 % of the configurations stay below, before and after, and the worst."""
+    first, last = (rung.side(record.side) for rung in (record.ladder[0], record.ladder[-1]))
+    where = "held-out configurations" if record.side == "held_out" else "configurations"
+    if last.p95_mm is None:
+        return ""
+    return (
+        f"95 % of the {where} stay below {format_mm(first.p95_mm)} mm with the nominal and below {format_mm(last.p95_mm)} mm "
+        f"with the chosen model; the worst is at {format_mm(last.max_mm)} mm."
     )
-    remainder = [record.nothing_else.sentence, describe_predictable(record)]
-    draw = partial(space.draw_vectors, details, rungs)
-    return [
-        make_heading("Residuals in the workspace"),
-        source.add_figure("vectors", draw, caption, _vector_words(record, rungs)),
-        make_heading("What else was looked for", 2),
-        make_text(" ".join(remainder).strip()),
-    ]
 
 
-def _vector_words(record: StudyRecord, rungs: Sequence[tuple[int, str]]) -> str:
-    """Return the picture of the residual vectors for those who cannot see it."""
-    models = [
-        f"the {name} model (mean {format_mm(record.ladder[rung].estimation.mean_mm)} mm on estimation configurations)"
-        for rung, name in rungs
-    ]
-    return f"Three-dimensional residual vectors of {', '.join(models)}."
-
-
-def write_held_out_page(source: Source) -> list[Block]:
-    """Write the distribution of the errors per rung."""
+def _write_distribution(source: Source) -> list[Block]:
+    """Write the distribution of the errors per rung; nothing where every row is an outlier."""
     record = source.record
     if not ladder.select_rows(source.details).any():
         return []
     draw = partial(ladder.draw_error_distribution, record, source.details)
     side = record.side.replace("_", "-")
     title = "Held-out errors" if side == "held-out" else "Errors (nothing is held out)"
-    caption = (
-        f"Share of {side} configurations whose error stays below a length. The further left and the steeper, the better; a "
-        "curve that crosses another is worse for some configurations."
-    )
+    caption = f"{title}: share of configurations whose error stays below a length. The further left and the steeper, the better."
     models = len(ladder.select_way(record))
     if models > ladder.MAX_CURVES:
         caption += f" {ladder.MAX_CURVES} of the ladder's {models} models, called as there."
-    first, last = record.ladder[0], record.ladder[-1]
-    measured = "held_out" if last.held_out.p95_mm is not None else "estimation"
-    before, after = (format_mm(rung.side(measured).p95_mm) for rung in (first, last))
-    words = (
-        f"Distribution of {side} errors per model: 95 % stay below {before} mm with the nominal and below {after} mm with the "
-        "chosen model."
+    words = f"Distribution of {side} errors per model. {_describe_errors(record)}".strip()
+    return [source.add_figure("held-out", draw, caption, words)]
+
+
+def _write_panels(source: Source) -> list[Block]:
+    """Write the residuals against joints, order, last move and temperature; nothing where none of them changes."""
+    details = source.details
+    drivers = list_drivers(details)
+    if not drivers:
+        return []
+    caption = (
+        "Residuals of the chosen model, measured minus predicted, along x, y and z of the tracker's frame; dots: single rows, "
+        "outliers left out. Means that leave the grey band together, or follow a curve, are an error that repeats with what "
+        "stands below the panel. As vectors in the workspace they are in report.html."
     )
-    heading = make_heading(title, opens=False)
-    figure = source.add_figure("held-out", draw, caption, words)
-    return [heading, figure]
+    names = ", ".join(driver.name for driver in drivers)
+    draw = partial(draw_residuals, details, drivers)
+    words = f"Residuals of the chosen model with their means in small panels, against {names}."
+    return [source.add_figure("residuals", draw, caption, words)]
 
 
-# -- correlation
+# -- what the data determine
 # ------------------------------------------------------------------------------------------------------------------
 
 
-def write_correlation_page(source: Source) -> list[Block]:
-    """Write which parameters the data know only together."""
+def write_unidentifiable_page(source: Source) -> list[Block]:
+    """Write the combinations that no data of this kind determine."""
+    groups = source.record.unidentifiable
+    heading = make_heading("What the data cannot tell")
+    if not groups:
+        return [heading, make_text(DETERMINED)]
+    sentences = make_list([group.sentence for group in groups]) | {"dense": True}
+    return [heading, make_text(UNIDENTIFIABLE), sentences]
+
+
+def _write_correlation(source: Source) -> list[Block]:
+    """Write the picture of which parameters the data know only together; nothing of fewer than two."""
     correlation = source.record.correlation
     count, drawn = len(correlation.symbols), parameter_plots.MAX_MATRIX
     if count < 2:
         return []
     clusters = [cluster for cluster in correlation.clusters if len(cluster) > 1]
-    caption = (
-        "Correlation of the estimates, clusters together. Filled: positive; open ring: negative; the larger, the stronger. "
-        "Parameters of one cluster are known together better than apart."
-    )
+    caption = "Correlation of the estimates, clusters together. Filled: positive; open ring: negative; the larger, the stronger."
     if count > drawn:
         caption += f" {drawn} of {count} parameters are drawn, the clusters first."
     words = f"Correlation matrix of {count} parameters in {len(clusters)} clusters."
     draw = partial(parameter_plots.draw_correlation, correlation)
-    blocks = [make_heading("Correlation"), source.add_figure("correlation", draw, caption, words)]
-    if correlation.pairs:
-        blocks.append(make_list([pair.sentence for pair in correlation.pairs[:MAX_PAIRS]]))
-    return blocks
+    return [source.add_figure("correlation", draw, caption, words)]
 
 
 # -- posterior
@@ -105,15 +117,21 @@ def write_correlation_page(source: Source) -> list[Block]:
 
 
 def write_posterior_page(source: Source) -> list[Block]:
-    """Write the draws of the informative few, and what the sampler says of itself."""
-    sampling = source.record.sampling
-    if sampling is None:
-        return []
-    blocks = [make_heading("Posterior")]
-    blocks += [make_text(sentence) for sentence in write_sampling_sentences(source.record)]
-    if sampling.converged:
-        blocks += _write_draws(source, sampling)
-    return [*blocks, *_write_quantiles(sampling.quantiles)]
+    """Write how well the parameters are known: correlation, what the sampler says of itself, draws of the
+    informative few and their quantiles."""
+    record, sampling = source.record, source.record.sampling
+    pairs = [pair.sentence for pair in record.correlation.pairs[:MAX_PAIRS]]
+    words = [make_text(sentence) for sentence in write_sampling_sentences(record)]
+    words += [make_list(pairs)] if pairs else []
+    correlation = _write_correlation(source)
+    draws = _write_draws(source, sampling) if sampling is not None and sampling.converged else []
+    table = [] if sampling is None else _write_quantiles(sampling.quantiles)
+    pictures = [put_beside(correlation, draws)] if correlation and draws else [*correlation, *draws]
+    if correlation and not draws:
+        pictures = [put_beside(words, correlation)]
+        words = []
+    blocks = [*words, *pictures, *table]
+    return [make_heading("How well the parameters are known"), *blocks] if blocks else []
 
 
 def _write_draws(source: Source, sampling: SamplingRecord) -> list[Block]:
@@ -149,7 +167,8 @@ def _write_quantiles(quantiles: Sequence[QuantilesRecord]) -> list[Block]:
         return []
     rows = [[one.name, *_format_quantiles(one)] for one in quantiles[:MAX_QUANTILES]]
     caption = "Sampled as described above; the closed form is that of least squares."
-    return [make_table(QUANTILE_COLUMNS, rows, caption, [0.0] * len(QUANTILE_COLUMNS))]
+    table = make_table(QUANTILE_COLUMNS, rows, caption, [0.0] * len(QUANTILE_COLUMNS))
+    return [table | {"dense": True}]
 
 
 def _format_quantiles(one: QuantilesRecord) -> list[str]:

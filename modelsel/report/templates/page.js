@@ -14,12 +14,12 @@
   const openFinding = (k) => show(findingPanel(data, k));
   const openCell = (td) => { const [i, j] = td.dataset.cell.split(",").map(Number); show(cellPanel(data, i, j, openFinding), td); };
 
-  const side = result.ladder[0].held_out.mean_mm === null ? "estimation" : "held_out", floor = result.noise_floor.mean_mm || result.noise_floor.coordinate_mm * Math.sqrt(8 / Math.PI);
-  const top = Math.log(Math.max(...result.ladder.map((r) => r[side].mean_mm || 0)) / floor);
-  const ladder = el("table", { class: "plain" }, el("thead", {}, el("tr", {}, ...["model", "mean mm", ""].map((h) => el("th", { scope: "col", class: h === "mean mm" ? "number" : "", text: h })))));
+  const side = result.ladder[0].held_out.rms_mm === null ? "estimation" : "held_out", floor = result.noise_floor.rms_mm || result.noise_floor.coordinate_mm * Math.sqrt(3);
+  const top = Math.log(Math.max(...result.ladder.map((r) => r[side].rms_mm || 0)) / floor);
+  const ladder = el("table", { class: "plain" }, el("thead", {}, el("tr", {}, ...["model", "rms mm", ""].map((h) => el("th", { scope: "col", class: h === "rms mm" ? "number" : "", text: h })))));
   const body = el("tbody");
   data.ladder.forEach(([k, name]) => {
-    const value = result.ladder[k][side].mean_mm, bar = el("div", { class: "bar" });
+    const value = result.ladder[k][side].rms_mm, bar = el("div", { class: "bar" });
     bar.style.width = `${value > 0 && top > 0 ? Math.max(0, Math.min(100, 100 * Math.log(value / floor) / top)) : 0}%`;
     body.append(el("tr", {}, el("td", { text: name }), el("td", { class: "number", text: digits(value) }), el("td", { class: "track" }, bar)));
   });

@@ -59,8 +59,8 @@ function space(data, shown) {
       if (t < 1) requestAnimationFrame(step);
     };
     step(start + (still.matches ? 1e9 : 0));
-    const side = result.ladder[k].held_out.mean_mm === null ? "estimation" : "held_out";
-    status.textContent = `${shown[k]}: mean error ${digits(result.ladder[k][side].mean_mm)} mm on ${side.replace("_", "-")} configurations; ` +
+    const side = result.ladder[k].held_out.rms_mm === null ? "estimation" : "held_out";
+    status.textContent = `${shown[k]}: rms error ${digits(result.ladder[k][side].rms_mm)} mm on ${side.replace("_", "-")} configurations; ` +
       `vectors drawn ${newFactor.toLocaleString("en")} times as long.`;
     canvas.setAttribute("aria-label", `Residual vectors of the model ${shown[k]}`);
     document.getElementById("rung").value = String(k);

@@ -1,0 +1,182 @@
+"""What to do about a finding, in one line: adjust, replace, model or measure; and what it is worth.
+
+It speaks of what moves and never says which part is to blame: that the data do not tell."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from .finding_schema import EntryRecord, FindingRecord
+from .schema import StudyRecord
+from .study_sentences import format_mm
+
+MODEL, ADJUST, MEASURE, REPLACE = "Model", "Adjust", "Measure", "Replace"
+# effects of the instrument, its set-up or the target: nothing of them belongs in a controller
+SET_UP = ("tracker-drift", "tracker-step", "tracker-scale", "refraction", "target-step")
+LARGE = "larger than usual"
+CONTRARY = "has the other sign"
+
+
+class Advice(NamedTuple):
+    """What to do (one of the four words), how, and the fall of the held-out rms error [mm] with its
+    95 % interval; None where nothing is held out."""
+
+    action: str
+    how: str
+    gain_mm: float | None
+    interval_mm: tuple[float, float] | None
+
+    @property
+    def sentence(self) -> str:
+        """The line."""
+        return f"{self.action}: {self.how}."
+
+    @property
+    def worth(self) -> str:
+        """The fall of the error in figures; a dash where undefined."""
+        if self.gain_mm is None:
+            return "–"
+        text = format_mm(self.gain_mm).replace("-", "−")
+        if self.interval_mm is None:
+            return text
+        low, high = (f"{end:.2g}".replace("-", "−") for end in self.interval_mm)
+        return f"{text} ({low} to {high})"
+
+
+_ANGLE = (
+    MODEL,
+    "a correction over the angle of joint {joint} takes it away while it stays as it is",
+)
+_LOAD = (MODEL, "it follows pose and load; tell the model the payload that is carried")
+_WARM = (MODEL, "with the temperature measured along, or calibrate and work at one temperature")
+_INSTRUMENT = (
+    MEASURE,
+    "again with the set-up checked; it is none of the arm's, leave it out of the controller",
+)
+_PLAY = (
+    ADJUST,
+    "take up the play of joint {joint} if it can be, or approach every pose from one side; a model needs that side",
+)
+_STILL = (
+    MEASURE,
+    "again with a longer rest before each reading; adjust the servo of joint {joint} if it stays",
+)
+BY_STEM = {
+    "gear-eccentricity": _ANGLE,
+    "encoder-eccentricity": _ANGLE,
+    "gear-ripple": _ANGLE,
+    "axis-wobble": _ANGLE,
+    "encoder-scale": (
+        ADJUST,
+        "the scale of joint {joint} in the controller where it can be set, else model it",
+    ),
+    "wrist-coupling": (
+        ADJUST,
+        "the coupling of joint {joint} in the controller where it can be set, else model it",
+    ),
+    "joint2-twist": _LOAD,
+    "joint3-twist": _LOAD,
+    "gravity-twist": _LOAD,
+    "joint-compliance": _LOAD,
+    "lateral-compliance": _LOAD,
+    "link-bending": _LOAD,
+    "payload-deflection": _LOAD,
+    "payload-tilt": _LOAD,
+    "tool-droop": _LOAD,
+    "counterbalance": (ADJUST, "the balance of the arm where it can be set, else model it"),
+    "base-tilt": (ADJUST, "make what the base stands on firmer where it can be, else model it"),
+    "backlash": (
+        ADJUST,
+        "take up the play of joint {joint} if it can be; until then the model follows it by the pose",
+    ),
+    "approach-backlash": _PLAY,
+    "overshoot": _STILL,
+    "settle": _STILL,
+    "thermal-growth": _WARM,
+    "thermal-expansion": _WARM,
+    "thermal-zero": _WARM,
+    "target-step": (MEASURE, "again with the target fixed; leave it out of the controller"),
+    "tracker-drift": _INSTRUMENT,
+    "tracker-step": _INSTRUMENT,
+    "tracker-scale": _INSTRUMENT,
+    "refraction": _INSTRUMENT,
+}
+_FAULT = (MEASURE, "again the rows that it concerns, or correct them in the file")
+_DOUBTFUL = (
+    MEASURE,
+    "more configurations before anything is done; held-out ones do not confirm it",
+)
+_RIVALS = (
+    MEASURE,
+    "what tells its rivals apart before joint {joint} is touched; the model corrects it meanwhile",
+)
+_UNNAMED = (MODEL, "it has no name; the model corrects it, what moves has to be looked at")
+_CONTRARY = (
+    MODEL,
+    "the pose says it, so the model corrects it; no play or spring of joint {joint} explains it",
+)
+_INSPECT = (
+    REPLACE,
+    "what inspection finds worn or loose at joint {joint}, being larger than usual; until then model it",
+)
+# whose size tells of wear where it is larger than usual
+WEARING = (
+    "gear-eccentricity",
+    "encoder-eccentricity",
+    "gear-ripple",
+    "axis-wobble",
+    "backlash",
+    "approach-backlash",
+)
+
+
+def advise(record: StudyRecord, finding: FindingRecord) -> Advice:
+    """Advise what to do about a finding, and tell what its model is worth on held-out rows."""
+    action, how = _choose(record, finding)
+    gain = finding.gain
+    before, after = gain.held_out_rms_before_mm, gain.held_out_rms_after_mm
+    worth = None if before is None or after is None else before - after
+    interval = None if gain.interval_mm is None else (gain.interval_mm[0], gain.interval_mm[1])
+    joint = find_joint(finding)
+    return Advice(action, how.format(joint=joint), worth, interval)
+
+
+def _choose(record: StudyRecord, finding: FindingRecord) -> tuple[str, str]:
+    """Choose the action and how, the joint left open."""
+    first = finding.first
+    stem, _, _ = (first.mechanism or "").partition(":")
+    if first.is_fault:
+        return _FAULT
+    if finding.doubtful:
+        return _DOUBTFUL
+    if not finding.is_found:
+        return _INSTRUMENT if stem in SET_UP else _RIVALS
+    return _choose_by_name(record, first, stem)
+
+
+def _choose_by_name(record: StudyRecord, first: EntryRecord, stem: str) -> tuple[str, str]:
+    """Choose what to do about what the data single out."""
+    noted = [one.catalogue for one in record.significance if one.mechanism == first.mechanism]
+    if any(CONTRARY in note for note in noted):
+        return _CONTRARY
+    if stem in WEARING and any(LARGE in note for note in noted):
+        return _INSPECT
+    if stem not in BY_STEM and all(screw.is_free for screw in first.screws):
+        return _ANGLE
+    return BY_STEM.get(stem, _UNNAMED)
+
+
+def find_joint(finding: FindingRecord) -> str:
+    """Return the numbers of the joints that a finding moves, in words; of the target, that."""
+    frames = list_frames(finding)
+    return " and ".join(map(str, frames)) if frames else "concerned"
+
+
+def list_frames(finding: FindingRecord) -> list[int]:
+    """Return the frames that a finding moves, in their order; 0 for what stands before the arm, as its
+    base and the instrument."""
+    first = finding.first
+    stem, _, _ = (first.mechanism or "").partition(":")
+    if stem in SET_UP and stem != "target-step":
+        return [0]
+    return sorted({screw.frame for screw in first.screws})

@@ -1,0 +1,99 @@
+"""What to do about a finding: one of four words, no part, worth what the held-out error falls."""
+
+from __future__ import annotations
+
+import pytest
+
+from modelsel.mechanisms.registry import BUILTIN, every
+from modelsel.report.drawing import read_source
+from modelsel.results import finding_advice
+from modelsel.results.finding_advice import advise, list_frames
+from modelsel.results.finding_schema import EntryRecord, GainRecord
+from modelsel.robot.files import load_robot
+
+ACTIONS = {"Adjust", "Replace", "Model", "Measure"}
+
+
+def test_one_line_each_and_its_worth_is_the_fall_of_the_held_out_error(drawn) -> None:
+    record = read_source(drawn).record
+    assert record.findings
+    for finding in record.findings:
+        advice = advise(record, finding)
+        gain = finding.gain
+        assert advice.action in ACTIONS
+        assert "\n" not in advice.sentence
+        assert "{" not in advice.sentence
+        fall = gain.held_out_rms_before_mm - gain.held_out_rms_after_mm
+        assert advice.worth.startswith(f"{fall:.3f}")
+        assert f"({gain.interval_mm[0]:.2g} to" in advice.worth
+
+
+def test_every_mechanism_has_advice_that_names_no_part() -> None:
+    """None of the usual causes of any mechanism stands in the advice for it."""
+    stems = {name.partition(":")[0] for name in BUILTIN if not name.startswith("fault:")}
+    assert stems - {"geometric"} <= set(finding_advice.BY_STEM)
+    for mechanism in every(load_robot("puma760")):
+        _, how = finding_advice.BY_STEM.get(mechanism.stem, finding_advice._UNNAMED)
+        words = set(how.split())
+        assert not words & {"gear", "encoder", "bearing", "belt", "shaft", "disk", "bolts"}
+        assert not [part for part in mechanism.usual_causes if part in how]
+
+
+@pytest.mark.parametrize(
+    ("change", "action"),
+    [
+        ({"doubtful": True}, "Measure"),
+        ({"verdict": "cannot be told apart"}, "Measure"),
+        ({"mechanism": "fault:swapped"}, "Measure"),
+        ({"mechanism": "tracker-drift"}, "Measure"),
+        ({"mechanism": "approach-backlash:2"}, "Adjust"),
+        ({"mechanism": "gear-ripple:2"}, "Model"),
+        ({"mechanism": None}, "Model"),
+        ({"mechanism": "somebody's-plug-in:2"}, "Model"),
+    ],
+)
+def test_the_action_follows_what_is_known(drawn, change, action) -> None:
+    record = read_source(drawn).record
+    finding = record.findings[1]
+    if "mechanism" in change:
+        first: EntryRecord = finding.first.model_copy(update=change)
+        change = {"credible_set": [first]}
+    assert advise(record, finding.model_copy(update=change)).action == action
+
+
+def test_a_free_function_of_a_joint_is_a_correction_over_its_angle(drawn) -> None:
+    record = read_source(drawn).record
+    finding = record.findings[1]
+    screws = [finding.first.screws[0].model_copy(update={"cause": "free(q4)"})]
+    free = finding.first.model_copy(update={"mechanism": None, "screws": screws})
+    advice = advise(record, finding.model_copy(update={"credible_set": [free]}))
+    assert "over the angle of joint 4" in advice.sentence
+
+
+def test_larger_than_usual_is_inspected(drawn) -> None:
+    """What the catalogue finds too large is worth a look; a sign that physics forbids is no play."""
+    record = read_source(drawn).record
+    finding = record.findings[1]
+    name = finding.first.mechanism
+    for note, action in (("d4s is larger than usual", "Replace"), ("as expected", "Model")):
+        noted = [
+            one.model_copy(update={"catalogue": note}) if one.mechanism == name else one
+            for one in record.significance
+        ]
+        assert advise(record.model_copy(update={"significance": noted}), finding).action == action
+    contrary = record.findings[-1]
+    assert (
+        "the other sign"
+        in {one.mechanism: one for one in record.significance}[contrary.first.mechanism].catalogue
+    )
+    assert advise(record, contrary).action == "Model"
+
+
+def test_nothing_held_out_is_worth_a_dash_and_places_are_frames(drawn) -> None:
+    record = read_source(drawn).record
+    unknown = GainRecord(held_out_rms_before_mm=None, held_out_rms_after_mm=None, interval_mm=None)
+    first = record.findings[0]
+    assert advise(record, first.model_copy(update={"gain": unknown})).worth == "–"
+    assert list_frames(first) == [2, 3]
+    drift = first.first.model_copy(update={"mechanism": "tracker-drift"})
+    assert list_frames(first.model_copy(update={"credible_set": [drift]})) == [0]
