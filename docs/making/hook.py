@@ -27,7 +27,7 @@ import reference
 import repeating
 from example import run_example
 
-from modelsel.report.document import Source, collect_blocks
+from modelsel.report.document import Source, collect_blocks, walk_blocks
 from modelsel.report.drawing import PAGES
 
 if TYPE_CHECKING:
@@ -57,16 +57,13 @@ def report() -> dict[str, tuple[bytes, str, str]]:
         for records in (whole.record, whole.details)
     )
     source = Source(*first)
-    blocks = [
-        b
-        for b in collect_blocks(source, PAGES, ("data", "findings", "residuals", "held-out"))
-        if b["kind"] == "figure"
-    ]
-    blocks += [b for b in collect_blocks(whole, PAGES, ("first", "map")) if b["kind"] == "figure"]
+    blocks = collect_blocks(source, PAGES, ("data", "findings", "residuals"))
+    blocks += collect_blocks(whole, PAGES, ("first", "parameters", "map"))
     pictures = source.pictures | whole.pictures
     return {
         b["file"].removesuffix(".svg"): (pictures[b["file"]], b["caption"], b["alt"])
-        for b in blocks
+        for b in walk_blocks(blocks)
+        if b["kind"] == "figure"
     }
 
 
@@ -78,7 +75,8 @@ def mechanisms() -> tuple[str, dict[str, bytes]]:
 
 def _report(name: str) -> str:
     _, caption, alt = report()[name]
-    return f"![{alt}](made/report-{name}.svg){{ .figure }}\n\n*{caption}*{{ .caption }}"
+    below = f"\n\n*{caption}*{{ .caption }}" if caption else ""
+    return f"![{alt}](made/report-{name}.svg){{ .figure }}{below}"
 
 
 def _figure(name: str) -> str:
