@@ -10,12 +10,11 @@ import numpy as np
 from .._typing import Array
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
-from ..mechanisms.causes import ONE, Cause, Member
+from ..mechanisms.causes import ONE, Cause, Member, find_bump
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES, align_z
 from ..uncertainty.parameters import label_terms, list_owners
-from .finding_records import is_free
 
 Values = dict[str, Any]
 
@@ -81,7 +80,7 @@ def describe_meanings(problem: Problem, fit: Fit) -> list[Values]:
                 "frame": None if screw is None else screw.frame,
                 "meaning": describe_meaning(problem, term, owners[k]),
                 "nominal": find_nominal(problem, screw),
-                "free": screw is not None and is_free(screw.cause),
+                "free": screw is not None and find_bump(screw.cause) is not None,
             }
         )
     return meanings
