@@ -11,11 +11,11 @@ import pytest
 from report_studies import source_of, written
 
 from modelsel.report import drawing
-from modelsel.report.document import Source, collect_blocks
+from modelsel.report.document import Source, collect_blocks, walk_blocks
 from modelsel.report.html import write_page
 from modelsel.report.terminal import write_sentences
 from modelsel.results.small_findings import MIN_GROUPED, split_findings
-from modelsel.results.study_sentences import list_figures, write_figures
+from modelsel.results.study_sentences import write_figures
 from modelsel.results.tables import write_notebook_page
 
 SUM = "Three smaller errors, 0.0213 mm rms together: some names."
@@ -81,9 +81,10 @@ def test_the_pdf_has_no_page_of_a_small_finding(drawn) -> None:
     tables = [block for block in blocks if block["kind"] == "table"]
     first, last = tables[0], tables[-1]
     assert "3 smaller ones stand together in Findings." in first["caption"]
-    assert [row[0] for row in first["rows"]] == [f"{labels[1]} (doubtful)", *labels[4:6]]
+    assert [row[1] for row in first["rows"]] == [f"{labels[1]} (doubtful)", *labels[4:6]]
     assert [row[0] for row in last["rows"]] == [labels[0], *labels[2:4]]
-    assert list_figures(source.record.findings[4]) in [block.get("items") for block in blocks]
+    told = " ".join(block.get("text", "") for block in walk_blocks(blocks))
+    assert write_figures(source.record.findings[4]) in told
 
 
 def test_the_page_carries_what_it_tells_and_what_it_groups(drawn) -> None:

@@ -28,7 +28,7 @@ def test_every_joint_the_order_and_the_last_move(drawn) -> None:
     moved = np.abs(np.diff(q, axis=0)).max(1)
     last = drivers[7].values[1:]
     within = last > 0  # a group begins with no move
-    assert within.mean() > 0.9
+    assert within.mean() > 0.8
     assert np.allclose(last[within], moved[within], atol=0.01)
 
 
