@@ -44,7 +44,8 @@ UNITS_PER_READING = {"rad": 1.0, "deg": 180 / np.pi, "mm": 1.0, "m": 1e-3}  # fr
 
 @dataclass(frozen=True, eq=False)
 class Commands:
-    """Corrected commands q (m, n) and where they lead: `wanted` (m, 3) in the tracker's frame;
+    """Corrected commands q (m, n), which the motors are to read, and where they lead: `wanted`
+    (m, 3) in the tracker's frame;
     `before_mm` the error of the nominal command, `left_mm` what the corrected one leaves on the
     calibrated model, `model_mm` the standard uncertainty of that model there (length),
     `expected_mm` the root of the sum of squares of the two and of the measuring noise; `before_rad`
@@ -212,9 +213,10 @@ def _summarise_commands(
     if start.data.rotation is not None:
         before_rad = np.linalg.norm(before[:, 3:], axis=1) / LEVER_MM
         left_rad = np.linalg.norm(left[:, 3:], axis=1) / LEVER_MM
+    commanded = replace(start.data, q=q).readings
     return Commands(
-        q=q,
-        change=q - start.data.q,
+        q=commanded,
+        change=commanded - start.data.readings,
         wanted=wanted,
         before_mm=before_mm,
         left_mm=left_mm,
@@ -238,7 +240,7 @@ def correct(
     """
     from warnings import warn
 
-    data = read_measurements(targets, c.robot.prismatic, positions=False, once=False)
+    data = read_measurements(targets, c.robot, positions=False, once=False)
     file = ""
     if isinstance(targets, (str, PathLike)):
         file = Path(targets).name

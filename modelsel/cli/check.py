@@ -31,7 +31,7 @@ def check_command(
     from ..study.inspection import format_inspection, inspect_measurements
 
     arm, _ = read_robot_option(robot, base, tip, arguments)
-    found = inspect_measurements(arm, read_measurements(data, arm.prismatic, columns))
+    found = inspect_measurements(arm, read_measurements(data, arm, columns))
     if as_json:
         print_json(found)
     else:

@@ -77,11 +77,11 @@ def compensate_command(
     if forward and form != "csv":
         raise click.UsageError("--forward corrects no command: it goes with --format csv.")
     c = load_calibration(result)
-    data = read_measurements(targets, c.robot.prismatic, columns, positions=False, once=False)
+    data = read_measurements(targets, c.robot, columns, positions=False, once=False)
     commands: Commands | None = None
     if forward:
         notes = [*describe_extrapolation(c, data), *describe_order_dependence(c, data)]
-        table = build_commands_table(c, data, data.q, c.predict(data), {})
+        table = build_commands_table(c, data, data.readings, c.predict(data), {})
     else:
         commands, notes = correct_measurements(c, data, (bound[0] / 1e3, bound[1]), targets.name)
         table = build_commands_table(c, data, commands.q, commands.wanted, commands.figures())
@@ -116,6 +116,7 @@ def _write_program(
     from ..calibration.compensation import REACHED_MM
     from ..calibration.prediction import predict
     from ..calibration.robot_programs import round_commands, write_program
+    from ..robot.coupling import angles_of
 
     expected = commands.expected_mm.max()
     comments = [
@@ -128,7 +129,7 @@ def _write_program(
     text = write_program(form, out, commands.q, slides, comments)
     write_atomically(out, text.encode("ascii"))
     at = [
-        predict(c, c.problem(replace(data, q=q)))
+        predict(c, c.problem(replace(data, q=angles_of(c.robot.coupling, q))))
         for q in (commands.q, round_commands(form, commands.q, slides))
     ]
     moved = float(np.linalg.norm(at[1] - at[0], axis=1).max())

@@ -30,7 +30,7 @@ def validate_command(
     from ..measurements.reader import read_measurements
 
     c = load_calibration(result)
-    measured = read_measurements(data, c.robot.prismatic, columns)
+    measured = read_measurements(data, c.robot, columns)
     found = judge(c, measured, register)
     said, beyond = describe_verdict(measured, found), describe_extrapolation(c, measured)
     warnings = [*found.doubts, *beyond]

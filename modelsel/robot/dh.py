@@ -178,6 +178,8 @@ def dh_table(robot: Robot, form: DhForm) -> dict[str, Any]:
         length, angle = robot.usual
         table["usual_mm"] = length
         table["usual_mrad"] = angle * 1e3
+    if robot.coupling is not None:
+        table["coupling"] = robot.coupling.matrix.tolist()
     table["convention"] = "modified" if form == "modified" else "standard"
     base = dh.base[:3]
     table["base_mm"] = base.tolist()

@@ -83,6 +83,7 @@ def draw_pool(
         approach=approach,
         covariates={name: values[rows] for name, values in data.covariates.items()},
         prismatic=robot.prismatic,
+        coupling=robot.coupling,
     )
 
 

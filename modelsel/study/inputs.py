@@ -147,7 +147,7 @@ def read_inputs(
     check_joints_of_parts(study, robot)
     source = find_source(study, folder)
     columns = study.measurements.columns
-    measured = read_measurements(source, robot.prismatic, columns)
+    measured = read_measurements(source, robot, columns)
     features = read_known_features(study)
     measured = apply_known_features(measured, features)
     registry = set_reference(registry, measured.reference_celsius)

@@ -260,7 +260,7 @@ def tabulate_configurations(
     robot = calibration.robot
     joints = range(robot.n)
     chosen = _take_configurations(possible, rows)
-    q, approach = chosen.q, chosen.approach
+    q, approach = chosen.readings, chosen.approach
     if not units:
         units = [robot.unit(j + 1) for j in joints]
     columns: dict[str, Array] = {}
@@ -325,7 +325,7 @@ def plan_next(
     seed = result.study.seed
     within = ""
     if pool is not None:
-        possible = read_measurements(pool, robot.prismatic, positions=False)
+        possible = read_measurements(pool, robot, positions=False)
         possible = draw_approaches(possible, seed)
     else:
         data = result.problem.data

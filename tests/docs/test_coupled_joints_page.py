@@ -1,0 +1,199 @@
+"""The page on coupled joints: its two arms, hidden errors found in them and corrected, by an
+arithmetic of their own."""
+
+from __future__ import annotations
+
+import tomllib
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.spatial.transform import Rotation
+from shown_code import ROOT, fenced
+
+from modelsel import Calibration, Result, Study, run_study
+from modelsel.calibration.calibration_file import calibration_text
+from modelsel.calibration.export import export
+from modelsel.calibration.loading import parse_calibration
+from modelsel.calibration.robot_programs import write_program
+from modelsel.exceptions import StudyError
+from modelsel.measurements.reader import read_measurements
+from modelsel.mechanisms.registry import build_mechanisms
+from modelsel.robot.dh import format_dh_file
+from modelsel.robot.files import robot_from_table
+from modelsel.robot.kinematics import Robot, forward
+
+PAGE = ROOT / "docs" / "how-to" / "coupled-joints.md"
+TABLES = [tomllib.loads(block) for block in fenced("toml", PAGE.read_text(encoding="utf-8"))]
+ARMS = [robot_from_table(table, "page") for table in TABLES]
+PARALLELOGRAM, WRIST = ARMS
+TOOL = np.array([40.0, 0.0, 90.0])
+NAMES = [f"q{k}_rad" for k in range(1, 7)]
+
+
+def turn(axis: str, angle: np.ndarray) -> np.ndarray:
+    return Rotation.from_euler(axis, angle[:, None]).as_matrix()
+
+
+def place(m: np.ndarray) -> np.ndarray:
+    """The page's parallelogram at motor readings (m, 6): its third motor turns the forearm against
+    the base, whatever the second does."""
+    m1, m2, m3, m4, m5, m6 = m.T
+    hand = np.array([120, 0, 0]) + turn("x", m6) @ TOOL
+    wrist = np.array([700, 0, 0]) + (turn("y", m5) @ hand[..., None])[..., 0]
+    elbow = np.array([150, 0, 120]) + (turn("x", m4) @ wrist[..., None])[..., 0]
+    shoulder = turn("y", m2) @ [0, 0, 850.0] + (turn("y", m3) @ elbow[..., None])[..., 0]
+    shoulder[:, 0] += 150
+    return np.array([0, 0, 475]) + (turn("z", m1) @ shoulder[..., None])[..., 0]
+
+
+def real(m: np.ndarray) -> np.ndarray:
+    """The arm with an uneven gear at motor 3, and a fifth joint that turns with the fourth."""
+    off = m.copy()
+    off[:, 2] += 6e-4 * np.sin(m[:, 2] + 0.4)
+    off[:, 4] += 5e-4 * m[:, 3]
+    return place(off)
+
+
+def measured(robot: Robot, count: int, seed: int) -> np.ndarray:
+    """Motor readings (count, 6) of joint angles within the limits."""
+    q = robot.draw(np.random.default_rng(seed), count)
+    assert robot.coupling is not None
+    return np.linalg.solve(robot.coupling.matrix, q.T).T
+
+
+def studied(robot: Robot, m: np.ndarray, x: np.ndarray) -> Result:
+    columns = dict(zip([*NAMES, "x_mm", "y_mm", "z_mm"], np.column_stack([m, x]).T, strict=True))
+    study = Study(
+        name="coupled",
+        seed=3,
+        robot={"nominal": robot, "tool_mm": TOOL.tolist()},
+        measurements=pd.DataFrame(columns),
+        noise={"floor_mm": 0.01},
+        split={"estimation": 90},
+    )
+    return run_study(study, sampling=False)
+
+
+@pytest.fixture(scope="module")
+def found() -> Result:
+    m = measured(PARALLELOGRAM, 130, 1)
+    noise = np.random.default_rng(2).normal(0, 0.01, (len(m), 3))
+    return studied(PARALLELOGRAM, m, real(m) + noise)
+
+
+@pytest.fixture(scope="module")
+def calibrated(found: Result) -> Calibration:
+    return found.calibration
+
+
+def named(result: Result) -> list[str | None]:
+    return [finding.credible_set[0].mechanism for finding in result.record.findings]
+
+
+def test_nominal_arm_takes_motor_readings() -> None:
+    m = measured(PARALLELOGRAM, 20, 5)
+    data = read_measurements(pd.DataFrame(m, columns=NAMES), PARALLELOGRAM, positions=False)
+    np.testing.assert_allclose(forward(PARALLELOGRAM, data.q, TOOL), place(m), atol=1e-9)
+    np.testing.assert_allclose(data.readings, m, atol=1e-12)
+    step = np.diff(m[:, 2])
+    np.testing.assert_array_equal(data.approach[1:, 2], np.sign(step))
+    np.testing.assert_allclose(data.move[1:, 2], np.abs(step), atol=1e-12)
+    assert "coupled-joints" in [note.code for note in data.notes]
+
+
+def test_errors_of_motor_and_wrist_are_named(found: Result) -> None:
+    assert sorted(map(str, named(found))) == ["gear-eccentricity:3", "wrist-coupling:5"]
+    gear = next(f for f in found.record.findings if "gear" in str(f.credible_set[0].mechanism))
+    assert gear.sentence.startswith("Motor 3 turns unevenly")
+    causes = {(s.frame, s.axis, s.cause) for s in gear.credible_set[0].screws}
+    assert causes == {(3, "rz", "sin(q2+q3)"), (3, "rz", "cos(q2+q3)")}
+
+
+def test_corrected_readings_land_on_the_target(calibrated: Calibration, tmp_path) -> None:
+    m = 0.9 * measured(PARALLELOGRAM, 40, 7)
+    planned = pd.DataFrame(np.degrees(m), columns=[f"q{k}_deg" for k in range(1, 7)])
+    table = calibrated.correct(planned)
+    corrected = np.radians(table[list(planned)].to_numpy())
+    before = np.linalg.norm(real(m) - place(m), axis=1)
+    after = np.linalg.norm(real(corrected) - place(m), axis=1)
+    assert before.mean() > 0.4
+    assert after.max() < 0.03
+    assert (table["error_left_mm"] < 1e-3).all()
+    text = write_program("krl", tmp_path / "pick.src", corrected, (False,) * 6, [])
+    third = [
+        float(line.split("A3 ")[1].split(",")[0]) for line in text.splitlines() if "A3 " in line
+    ]
+    np.testing.assert_allclose(third, np.degrees(corrected[:, 2]), atol=1e-6)
+
+
+def test_files_hold_the_coupling(calibrated: Calibration) -> None:
+    again = parse_calibration(calibration_text(calibrated), "calibration.json")
+    m = measured(PARALLELOGRAM, 10, 8)
+    data = read_measurements(pd.DataFrame(m, columns=NAMES), again.robot, positions=False)
+    np.testing.assert_allclose(again.predict(data), calibrated.predict(data), atol=1e-9)
+    assert np.linalg.norm(again.predict(data) - real(m), axis=1).max() < 0.03
+    module: dict[str, object] = {}
+    exec(export(calibrated, "python").text, module)  # noqa: S102 - our own export
+    position = module["position"]
+    assert callable(position)
+    np.testing.assert_allclose(position(m), again.predict(data), atol=1e-6)
+    rows = robot_from_table(tomllib.loads(format_dh_file(PARALLELOGRAM, "modified")), "dh")
+    assert rows.coupling is not None
+    assert PARALLELOGRAM.coupling is not None
+    np.testing.assert_array_equal(rows.coupling.matrix, PARALLELOGRAM.coupling.matrix)
+    notes = " ".join(export(calibrated, "urdf").notes)
+    assert "not the motors' readings m1 to m6: q3 = m3 - m2" in notes
+
+
+def test_drive_moves_what_its_motor_moves() -> None:
+    """Motor 2 holds upper arm and forearm against the base, motor 3 the forearm alone."""
+    (lag,) = build_mechanisms("settle:2", PARALLELOGRAM)
+    assert [(s.frame, str(s.cause)) for s in lag.terms[0].screws] == [
+        (2, "approach2*move2"),
+        (3, "(-1)*approach2*move2"),
+    ]
+    (wind,) = (
+        each
+        for each in build_mechanisms("joint-compliance:2", PARALLELOGRAM)
+        if len(each.terms) == 1
+    )
+    causes = [str(screw.cause) for screw in wind.terms[0].screws]
+    assert causes == ["torque2-torque3", "(-1)*(torque2-torque3)"]
+    (scale,) = build_mechanisms("encoder-scale:3", PARALLELOGRAM)
+    assert [(s.frame, str(s.cause)) for s in scale.terms[0].screws] == [(3, "q2+q3")]
+
+
+def test_wrist_coupling_beyond_the_file_is_named() -> None:
+    """What the ratios miss, on an arm whose wrist is coupled already."""
+    m = measured(WRIST, 130, 4)
+    assert WRIST.coupling is not None
+    q = m @ WRIST.coupling.matrix.T
+    assert np.abs(q - m)[:, 4:].max() > 0.02
+    q[:, 5] += 4e-4 * q[:, 4]
+    noise = np.random.default_rng(2).normal(0, 0.01, (len(m), 3))
+    result = studied(WRIST, m, forward(WRIST, q, TOOL) + noise)
+    assert named(result) == ["wrist-coupling:6"]
+
+
+@pytest.mark.parametrize(
+    ("coupling", "problem"),
+    [
+        (np.eye(5).tolist(), "expected 6 x 6 finite numbers"),
+        ([[1] * 6] * 6, "the matrix is singular"),
+        ([1, 1, 1, 1, 1, 1], "expected 6 x 6 finite numbers"),
+    ],
+)
+def test_matrix_that_is_none_is_refused(coupling: object, problem: str) -> None:
+    with pytest.raises(StudyError) as refused:
+        robot_from_table(TABLES[0] | {"coupling": coupling}, "arm.toml")
+    (sentence,) = refused.value.problems
+    assert sentence.startswith(f"arm.toml: coupling: {problem}")
+
+
+def test_slide_is_not_coupled_with_a_turn() -> None:
+    joints = [dict(row) for row in TABLES[0]["joint"]]
+    joints[1] |= {"kind": "prismatic"}
+    joints[1].pop("limits_deg")
+    with pytest.raises(StudyError, match="row 3, column 2 couples a joint that turns"):
+        robot_from_table(TABLES[0] | {"joint": joints}, "arm.toml")
