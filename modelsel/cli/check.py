@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from ._options import column_option, print_json, read_robot_option, xacro_option
+from ._options import column_option, dh_option, print_json, read_robot_option, xacro_option
 
 
 @click.command("check")
@@ -15,6 +15,7 @@ from ._options import column_option, print_json, read_robot_option, xacro_option
 @click.option("--base", help="Of a URDF: the link the chain starts at; default its root.")
 @click.option("--tip", help="Of a URDF: the link the chain ends at; default the longest chain's.")
 @xacro_option
+@dh_option
 @column_option
 @click.option("--json", "as_json", is_flag=True)
 def check_command(
@@ -23,6 +24,7 @@ def check_command(
     base: str | None,
     tip: str | None,
     arguments: dict[str, str],
+    convention: str | None,
     columns: dict[str, str],
     as_json: bool,
 ) -> None:
@@ -30,10 +32,11 @@ def check_command(
     from ..measurements.reader import read_measurements
     from ..study.inspection import format_inspection, inspect_measurements
 
-    arm, _ = read_robot_option(robot, base, tip, arguments)
+    named = read_robot_option(robot, base, tip, arguments, convention)
+    arm = named.robot
     found = inspect_measurements(arm, read_measurements(data, arm, columns))
     if as_json:
         print_json(found)
     else:
-        for line in format_inspection(found):
+        for line in [*named.said, *format_inspection(found)]:
             click.echo(line)

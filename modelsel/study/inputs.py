@@ -22,9 +22,10 @@ from ..mechanisms.registry import (
     set_reference,
 )
 from ..mechanisms.terms import Mechanism, unstorable
-from ..robot.files import load_robot, read_robot
+from ..robot.files import load_robot
 from ..robot.kinematics import Robot
 from .noise_parts import check_joints_of_parts
+from .robot_tables import read_any_robot
 
 
 def open_study(study: Study | Path | str, folder: Path | str | None) -> tuple[Study, Path]:
@@ -52,7 +53,7 @@ def read_nominal_robot(study: Study, folder: Path) -> Robot:
         return table.nominal
     if table.name is not None:
         return load_robot(table.name)
-    return read_robot(folder / str(table.file), table.base, table.tip)
+    return read_any_robot(folder / str(table.file), table.base, table.tip)
 
 
 def read_known_features(study: Study) -> dict[str, KnownFeature]:

@@ -55,8 +55,10 @@ def describe_coupling(c: Calibration) -> tuple[str, ...]:
         if readings != {f"m{joint}": 1.0}:
             sums.append(f"q{joint} = {_describe_sum(readings)}")
     return (
-        (f"q1 to q{c.robot.n} are the joints' angles, not the motors' readings m1 to m{c.robot.n}: "
-        f"{', '.join(sums)}"),
+        (
+            f"q1 to q{c.robot.n} are the joints' angles, not the motors' readings m1 to m{c.robot.n}: "
+            f"{', '.join(sums)}"
+        ),
     )
 
 
