@@ -16,6 +16,7 @@ from ..notices import Note
 from ..robot.coupling import Coupling, angles_of
 from ..robot.kinematics import Robot
 from ..robot.rigid import from_quaternion
+from .board_columns import convert_board_poses
 from .column_guesses import propose_columns
 from .columns import READING_UNITS, Mask, read_column_set, read_names, read_numbers, read_quantity
 from .contract_columns import (
@@ -134,7 +135,7 @@ def _load_contract_table(
     if proposal is not None and positions:
         raise proposal
     refuse_other_units(table, known, prismatic, has_kinds)
-    return convert_orientations(table)
+    return convert_board_poses(convert_orientations(table))
 
 
 def _read_columns(table: Table, prismatic: Sequence[bool], positions: bool) -> _Columns:
