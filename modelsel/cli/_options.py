@@ -12,6 +12,9 @@ import click
 
 from ..exceptions import StudyError
 
+# words of --decimal
+DECIMAL_MARKS = {"comma": ",", "point": "."}
+
 if TYPE_CHECKING:
     from ..robot.kinematics import Robot
 
@@ -39,6 +42,24 @@ def column_option(command: Callable[..., Any]) -> Callable[..., Any]:
         callback=_parse_pairs,
         help="A column that the file calls otherwise: q1_rad=J1. May be repeated.",
     )(command)
+
+
+def _read_mark(context: click.Context, option: click.Parameter, given: str | None) -> str | None:
+    """Return the decimal mark of a word: comma, point."""
+    return None if given is None else DECIMAL_MARKS[given]
+
+
+def table_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options --sheet and --decimal, of commands that read a table without a study: `sheet`
+    and the mark `decimal`."""
+    decimal = click.option(
+        "--decimal",
+        type=click.Choice(list(DECIMAL_MARKS)),
+        callback=_read_mark,
+        help="The decimal mark, where the file's numbers leave it open.",
+    )
+    sheet = click.option("--sheet", help="Of a spreadsheet: the sheet, where several hold a table.")
+    return sheet(decimal(command))
 
 
 def _parse_arguments(

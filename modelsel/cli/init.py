@@ -9,13 +9,18 @@ from typing import TYPE_CHECKING
 import click
 
 from ..exceptions import StudyError
-from ._options import column_option, dh_option, print_json, read_robot_option, xacro_option
+from ._options import (
+    column_option,
+    dh_option,
+    print_json,
+    read_robot_option,
+    table_option,
+    xacro_option,
+)
 
 if TYPE_CHECKING:
     from ..measurements.column_guesses import Choice, Reading
     from ..study.new_study import StudyDraft
-
-MARKS = {"comma": ",", "point": "."}
 
 
 @click.command("init")
@@ -29,12 +34,7 @@ MARKS = {"comma": ",", "point": "."}
 @click.option("--yes", is_flag=True, help="Ask nothing: take the best reading, and print it.")
 @click.option("--base", help="Of a URDF: the link the chain starts at; default its root.")
 @click.option("--tip", help="Of a URDF: the link the chain ends at; default the longest chain's.")
-@click.option("--sheet", help="Of a spreadsheet: the sheet, where several hold a table.")
-@click.option(
-    "--decimal",
-    type=click.Choice(list(MARKS)),
-    help="The decimal mark, where the file's numbers leave it open.",
-)
+@table_option
 @click.option(
     "--joints",
     type=click.Path(path_type=Path),
@@ -84,7 +84,7 @@ def init_command(
     check_new(folder)
     named = read_robot_option(robot, base, tip, arguments, convention)
     arm = named.robot
-    source = DataFile(file, sheet, None if decimal is None else MARKS[decimal])
+    source = DataFile(file, sheet, decimal)
     if joints is None:
         draft = draft_study(source, arm, columns)
     else:
