@@ -54,12 +54,11 @@ def describe_coupling(c: Calibration) -> tuple[str, ...]:
         readings = {f"m{motor}": ratio for motor, ratio in enumerate(row, 1) if ratio}
         if readings != {f"m{joint}": 1.0}:
             sums.append(f"q{joint} = {_describe_sum(readings)}")
-    return (
-        (
-            f"q1 to q{c.robot.n} are the joints' angles, not the motors' readings m1 to m{c.robot.n}: "
-            f"{', '.join(sums)}"
-        ),
+    sentence = (
+        f"q1 to q{c.robot.n} are the joints' angles, not the motors' readings m1 to m{c.robot.n}: "
+        f"{', '.join(sums)}"
     )
+    return (sentence,)
 
 
 def _describe_sum(readings: Mapping[str, float]) -> str:
