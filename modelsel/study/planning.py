@@ -33,6 +33,7 @@ from ..measurements.visits import count_distinct
 from ..mechanisms.terms import Term
 from ..robot.kinematics import forward
 from .configuration_pool import (
+    COLLISIONS,
     describe_ranges,
     draw_approaches,
     draw_pool,
@@ -348,11 +349,7 @@ def format_plan(plan: MeasurementPlan) -> list[str]:
     """Return a plan in words, one line per topic."""
     lines = []
     if plan.within:
-        lines.append(
-            f"Drawn within {plan.within}. Collisions of the arm with itself, its tool and the cell are "
-            "not known here: look at every posture before the arm moves there, and leave out those "
-            "that it cannot take."
-        )
+        lines.append(f"Drawn within {plan.within}. {COLLISIONS}")
     lines.append(_format_rivals(plan))
     if plan.twins:
         twins = "; ".join(dict.fromkeys(plan.twins))
