@@ -62,7 +62,7 @@ def measured(robot: Robot, count: int, seed: int) -> np.ndarray:
     return np.linalg.solve(robot.coupling.matrix, q.T).T
 
 
-def studied(robot: Robot, m: np.ndarray, x: np.ndarray) -> Result:
+def studied(robot: Robot, m: np.ndarray, x: np.ndarray, candidates: object = "all") -> Result:
     columns = dict(zip([*NAMES, "x_mm", "y_mm", "z_mm"], np.column_stack([m, x]).T, strict=True))
     study = Study(
         name="coupled",
@@ -71,6 +71,7 @@ def studied(robot: Robot, m: np.ndarray, x: np.ndarray) -> Result:
         measurements=pd.DataFrame(columns),
         noise={"floor_mm": 0.01},
         split={"estimation": 90},
+        model={"candidates": candidates},
     )
     return run_study(study, sampling=False)
 
@@ -162,6 +163,34 @@ def test_drive_moves_what_its_motor_moves() -> None:
     assert causes == ["torque2-torque3", "(-1)*(torque2-torque3)"]
     (scale,) = build_mechanisms("encoder-scale:3", PARALLELOGRAM)
     assert [(s.frame, str(s.cause)) for s in scale.terms[0].screws] == [(3, "q2+q3")]
+
+
+def test_stiffness_is_the_motors() -> None:
+    """Motor 2 carries the upper arm and, at its end, all that is beyond: the forearm's own moment is
+    motor 3's. Its spring gives by that torque alone."""
+    masses = [0.0, 60.0, 45.0, 0.0, 12.0, 5.0]
+    rows = [
+        row | {"mass_kg": mass, "com_mm": [0, -425, 0] if number == 2 else [0, 0, 0]}
+        for number, (row, mass) in enumerate(zip(TABLES[0]["joint"], masses, strict=True), 1)
+    ]
+    robot = robot_from_table(TABLES[0] | {"joint": rows}, "page")
+    m = measured(robot, 130, 9)
+    torque = 9.81 * (60.0 * 0.425 + (45.0 + 12.0 + 5.0) * 0.850) * np.sin(m[:, 1])
+    stiffness = 1.5e6
+    off = m.copy()
+    off[:, 1] += torque / stiffness
+    noise = np.random.default_rng(2).normal(0, 0.01, (len(m), 3))
+    result = studied(robot, m, place(off) + noise, ["joint-compliance"])
+    assert named(result) == ["joint-compliance:2"]
+    (finding,) = result.record.findings
+    assert finding.sentence.startswith("Motor 2 winds up")
+    assert finding.usable is not None
+    (spring,) = [number for number in finding.usable if number.quantity == "stiffness"]
+    assert spring.low is not None
+    assert spring.high is not None
+    assert spring.low < stiffness < spring.high
+    assert spring.high < 1.3 * spring.low
+    assert any("wind-up of motor 2" in number.text for number in finding.usable)
 
 
 def test_wrist_coupling_beyond_the_file_is_named() -> None:
