@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -107,10 +108,10 @@ class RobotOption:
 
 def read_robot_option(
     robot: str,
-    base: str | None,
-    tip: str | None,
-    arguments: Mapping[str, str],
-    convention: str | None,
+    base: str | None = None,
+    tip: str | None = None,
+    arguments: Mapping[str, str] = MappingProxyType({}),
+    convention: str | None = None,
 ) -> RobotOption:
     """Read the robot that a command names: built in, a robot file, a table of DH parameters, or a
     xacro file. Raises StudyError."""

@@ -170,6 +170,7 @@ def robot_card(robot: Robot) -> dict[str, Any]:
         "gravity": robot.gravity,
         "chain": [_joint_card(joint) for joint in robot.joints],
         "last_mm": robot.last[:3].tolist(),
+        "coupling": None if robot.coupling is None else robot.coupling.matrix.tolist(),
     }
 
 

@@ -214,3 +214,14 @@ def test_init_writes_the_robot_file_and_study_runs_it(tmp_path, monkeypatch) -> 
     refused = run("check", "day.csv", "--robot", "ur10", "--dh", "standard")
     assert refused.exit_code == 2
     assert "--dh says the convention of a table" in refused.output
+
+
+def test_robots_shows_a_table_and_its_senses(tmp_path) -> None:
+    text = UR10.replace("alpha [rad]\n", "alpha [rad],sense\n")
+    text = text.replace("π/2\n", "π/2,1\n").replace(",0\n", ",0,-1\n")
+    path = write(tmp_path, "ur.csv", text)
+    shown = CliRunner().invoke(run_command_line, ["robots", str(path)])
+    assert shown.exit_code == 0, shown.output
+    assert "ur: 6 joints" in shown.output
+    assert "angles of the joints per reading of the motors" in shown.output
+    assert "-1.0000" in shown.output.split("motors")[1]
