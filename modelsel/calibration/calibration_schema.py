@@ -40,6 +40,7 @@ class RobotRecord(StrictRecord):
     joints: Annotated[list[JointRecord], Field(min_length=1)]
     last_mm: Transform
     coupling: list[list[Number]] | None = None
+    passive: list[Whole] | None = None
 
 
 class UrdfRecord(StrictRecord):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -19,9 +20,18 @@ MAX_CONDITION = 1e6
 
 @dataclass(frozen=True, eq=False)
 class Coupling:
-    """How motors move the joints: `matrix` C (n, n) with joint angles = C · motor readings."""
+    """How motors move the joints: `matrix` C (n, n) with joint angles = C · motor readings;
+    `passive`: motors (from 1) that are none, but stand for what a linkage holds at a reading."""
 
     matrix: Array = field(repr=False)
+    passive: tuple[int, ...] = ()
+
+    @property
+    def driven(self) -> Array:
+        """The columns of the matrix that a controller can move, (n, k)."""
+        count = len(self.matrix)
+        motors = [motor for motor in range(count) if motor + 1 not in self.passive]
+        return self.matrix[:, motors]
 
     @cached_property
     def inverse(self) -> Array:
@@ -65,6 +75,18 @@ def find_coupling_problem(matrix: Array, prismatic: tuple[bool, ...]) -> str | N
             "joint needs a motor of its own"
         )
     return None
+
+
+def find_passive_problem(passive: Any, count: int) -> str | None:
+    """Find what keeps a value from being a list of some of `count` motors, in words; None where it
+    is one."""
+    motors = range(1, count + 1)
+    is_list = isinstance(passive, (list, tuple))
+    if is_list and all(type(motor) is int and motor in motors for motor in passive):
+        distinct = set(passive)
+        if len(distinct) == len(passive) < count:
+            return None
+    return f"expected some of the motors 1 to {count}, each once, found {passive}"
 
 
 def readings_of(coupling: Coupling | None, q: Array) -> Array:

@@ -180,6 +180,8 @@ def dh_table(robot: Robot, form: DhForm) -> dict[str, Any]:
         table["usual_mrad"] = angle * 1e3
     if robot.coupling is not None:
         table["coupling"] = robot.coupling.matrix.tolist()
+        if robot.coupling.passive:
+            table["passive"] = list(robot.coupling.passive)
     table["convention"] = "modified" if form == "modified" else "standard"
     base = dh.base[:3]
     table["base_mm"] = base.tolist()

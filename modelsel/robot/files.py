@@ -13,7 +13,7 @@ import numpy as np
 from .._text import parse_toml, read_text
 from .._typing import Array
 from ..exceptions import StudyError
-from .coupling import Coupling, find_coupling_problem
+from .coupling import Coupling, find_coupling_problem, find_passive_problem
 from .kinematics import Joint, Robot
 from .plain_values import check_robot_name
 from .rigid import align_z, from_rpy, inverse, rotation_matrix, transform
@@ -47,6 +47,7 @@ TOP_KEYS = {
     "usual_mm",
     "usual_mrad",
     "coupling",
+    "passive",
 }
 # the last one in Hayati's rows
 DH_KEYS = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
@@ -182,6 +183,8 @@ def _read_coupling(
 ) -> Coupling | None:
     """Return how the motors move the joints, None where the file does not say: each its own."""
     if "coupling" not in table:
+        if "passive" in table:
+            read.report("passive", "it names motors of a coupling, and there is none")
         return None
     count = len(joints)
     found = len(read.problems)
@@ -192,7 +195,12 @@ def _read_coupling(
     if problem is not None:
         read.report("coupling", problem)
         return None
-    return Coupling(matrix)
+    passive = table.get("passive", [])
+    problem = find_passive_problem(passive, count)
+    if problem is not None:
+        read.report("passive", problem)
+        return None
+    return Coupling(matrix, tuple(passive))
 
 
 def _read_gravity(read: Reader, table: Mapping[str, Any]) -> tuple[float, float, float] | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._names import MAX_TEXT_LENGTH, find_name_problem
 from .._typing import LARGEST, Array
-from .coupling import Coupling, find_coupling_problem
+from .coupling import Coupling, find_coupling_problem, find_passive_problem
 from .kinematics import Joint, Robot
 
 # a stored rotation, or a direction, differs from one by less
@@ -41,6 +41,8 @@ def robot_record(robot: Robot) -> dict[str, Any]:
     }
     if robot.coupling is not None:
         record["coupling"] = robot.coupling.matrix.tolist()
+        if robot.coupling.passive:
+            record["passive"] = list(robot.coupling.passive)
     return record
 
 
@@ -65,12 +67,12 @@ def robot_from_record(record: Mapping[str, Any]) -> Robot:
         rigid_transform(record["last_mm"]),
         _gravity_from_record(record["gravity"]),
         _usual_from_record(record.get("usual", Robot.usual)),
-        coupling=_coupling_from_record(record.get("coupling"), joints),
+        coupling=_coupling_from_record(record.get("coupling"), record.get("passive") or (), joints),
     )
 
 
 def _coupling_from_record(
-    rows: Sequence[Sequence[float]] | None, joints: tuple[Joint, ...]
+    rows: Sequence[Sequence[float]] | None, passive: Sequence[int], joints: tuple[Joint, ...]
 ) -> Coupling | None:
     if rows is None:
         return None
@@ -82,7 +84,10 @@ def _coupling_from_record(
     problem = find_coupling_problem(matrix, tuple(joint.prismatic for joint in joints))
     if problem is not None:
         raise ValueError(f"the coupling: {problem}")
-    return Coupling(matrix)
+    problem = find_passive_problem(passive, count)
+    if problem is not None:
+        raise ValueError(f"passive: {problem}")
+    return Coupling(matrix, tuple(passive))
 
 
 def _joint_from_record(number: int, record: Mapping[str, Any]) -> Joint:

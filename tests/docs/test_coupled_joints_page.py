@@ -26,7 +26,7 @@ from modelsel.robot.kinematics import Robot, forward
 PAGE = ROOT / "docs" / "how-to" / "coupled-joints.md"
 TABLES = [tomllib.loads(block) for block in fenced("toml", PAGE.read_text(encoding="utf-8"))]
 ARMS = [robot_from_table(table, "page") for table in TABLES]
-PARALLELOGRAM, WRIST = ARMS
+PARALLELOGRAM, PALLETISER, WRIST = ARMS
 TOOL = np.array([40.0, 0.0, 90.0])
 NAMES = [f"q{k}_rad" for k in range(1, 7)]
 
@@ -126,6 +126,56 @@ def test_corrected_readings_land_on_the_target(calibrated: Calibration, tmp_path
         float(line.split("A3 ")[1].split(",")[0]) for line in text.splitlines() if "A3 " in line
     ]
     np.testing.assert_allclose(third, np.degrees(corrected[:, 2]), atol=1e-6)
+
+
+def palletise(m: np.ndarray) -> np.ndarray:
+    """The page's palletiser at the readings (m, 5) of its four motors: what hangs at the flange is
+    level."""
+    hand = np.array([220, 0, -200]) + turn("z", m[:, 4]) @ TOOL
+    arms = turn("y", m[:, 1]) @ [0, 0, 1100.0] + turn("y", m[:, 2]) @ [1200.0, 0, 0]
+    reach = np.array([260, 0, 0]) + arms + hand
+    return np.array([0, 0, 680]) + (turn("z", m[:, 0]) @ reach[..., None])[..., 0]
+
+
+def test_no_command_turns_a_level_flange() -> None:
+    """The flange of the palletiser stays level, the other four motors correct."""
+    rng = np.random.default_rng(6)
+    ranges = np.radians([[-160, 160], [-35, 80], [-20, 50], [0, 0], [-250, 250]])
+    m = rng.uniform(*ranges.T, (120, 5))
+    off = m.copy()
+    off[:, 2] += 5e-4 * np.sin(m[:, 2] + 0.3)
+    names = NAMES[:5]
+    x = palletise(off) + rng.normal(0, 0.01, (120, 3))
+    columns = dict(zip([*names, "x_mm", "y_mm", "z_mm"], np.column_stack([m, x]).T, strict=True))
+    data = read_measurements(pd.DataFrame(columns), PALLETISER)
+    np.testing.assert_allclose(forward(PALLETISER, data.q, TOOL), palletise(m), atol=1e-9)
+    study = Study(
+        name="pallets",
+        seed=3,
+        robot={"nominal": PALLETISER, "tool_mm": TOOL.tolist()},
+        measurements=pd.DataFrame(columns),
+        noise={"floor_mm": 0.01},
+    )
+    result = run_study(study, sampling=False)
+    calibrated = parse_calibration(calibration_text(result.calibration))
+    planned = 0.9 * m[:30]
+    table = calibrated.correct(pd.DataFrame(planned, columns=names))
+    corrected = table[names].to_numpy()
+    np.testing.assert_allclose(corrected[:, 3], 0.0, atol=1e-12)
+    moved = corrected.copy()
+    moved[:, 2] += 5e-4 * np.sin(corrected[:, 2] + 0.3)
+    planned_off = planned.copy()
+    planned_off[:, 2] += 5e-4 * np.sin(planned[:, 2] + 0.3)
+    before = np.linalg.norm(palletise(planned_off) - palletise(planned), axis=1)
+    after = np.linalg.norm(palletise(moved) - palletise(planned), axis=1)
+    assert before.mean() > 0.2
+    assert after.max() < 0.04
+
+
+@pytest.mark.parametrize("passive", [[0], [7], [1, 1], [1, 2, 3, 4, 5, 6], "4", [True]])
+def test_motors_that_are_none_are_refused(passive: object) -> None:
+    with pytest.raises(StudyError, match=r"passive: expected some of the motors 1 to 6, each once"):
+        robot_from_table(TABLES[0] | {"passive": passive}, "arm.toml")
 
 
 def test_files_hold_the_coupling(calibrated: Calibration) -> None:
