@@ -16,8 +16,8 @@ from ..measurements.measurements import Measurements, build_measurements
 from ..robot.kinematics import Robot
 
 COLLISIONS = (
-    "Collisions of the arm with itself, its tool and the cell are not known here: look at every "
-    "posture before the arm moves there, and leave out those that it cannot take."
+    "Collisions are not known here: look at every posture before the arm moves there, and leave out "
+    "those that it cannot take."
 )
 POOL_SIZE = 2000  # configurations of a pool that is drawn within ranges
 

@@ -369,7 +369,7 @@ def test_ranges_and_units_are_the_users(rng) -> None:
     assert own.to_frame()["q6_rad"].between(3.0, 3.5).all()
     wide = repr(plan_next(result, 2, limits=True))
     assert "Drawn within the robot file's limits." in wide
-    assert "Collisions of the arm with itself, its tool and the cell are not known" in wide
+    assert "Collisions are not known here" in wide
     assert "Drawn within the joint ranges measured, q2_deg, q6_rad as given." in repr(own)
     for wrong, said in (
         ({"q7_deg": (0, 1)}, '"q7_deg" is no joint'),
