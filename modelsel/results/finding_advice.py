@@ -179,4 +179,5 @@ def list_frames(finding: FindingRecord) -> list[int]:
     stem, _, _ = (first.mechanism or "").partition(":")
     if stem in SET_UP and stem != "target-step":
         return [0]
-    return sorted({screw.frame for screw in first.screws})
+    frames = sorted({screw.frame for screw in first.screws})
+    return [0] if first.is_fault and frames == [1] else frames

@@ -95,5 +95,7 @@ def test_nothing_held_out_is_worth_a_dash_and_places_are_frames(drawn) -> None:
     first = record.findings[0]
     assert advise(record, first.model_copy(update={"gain": unknown})).worth == "–"
     assert list_frames(first) == [2, 3]
-    drift = first.first.model_copy(update={"mechanism": "tracker-drift"})
-    assert list_frames(first.model_copy(update={"credible_set": [drift]})) == [0]
+    base = [screw.model_copy(update={"frame": 1}) for screw in first.first.screws]
+    for name in ("tracker-drift", "fault:tracker-bumped"):
+        drift = first.first.model_copy(update={"mechanism": name, "screws": base})
+        assert list_frames(first.model_copy(update={"credible_set": [drift]})) == [0]
