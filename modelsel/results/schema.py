@@ -56,6 +56,7 @@ class NoiseFloorRecord(StrictRecord):
     coordinate_mm: Number
     source: Text
     mean_mm: Figure = None
+    rms_mm: Figure = None
 
 
 class BaseRecord(StrictRecord):
