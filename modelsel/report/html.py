@@ -21,7 +21,7 @@ from .figures.errormap import find_named_cells
 from .figures.ladder import label_way, select_way
 from .pages.appendix import list_provenance
 
-SCRIPTS = ("plot.js", "space.js", "map.js", "page.js")
+SCRIPTS = ("plot.js", "space.js", "posture.js", "map.js", "page.js")
 
 
 def write_page(source: Source) -> bytes:
@@ -69,11 +69,19 @@ def _page_data(source: Source) -> dict[str, Any]:
         "names": label_ladder(record),
         "ladder": list(zip(way, label_way(record, way), strict=True)),
         "cells": find_named_cells(record),
+        "own": [_find_own_cells(record, finding) for finding in record.findings],
         "told": told,
         "grouped": grouped,
         "small": "" if record.small_findings is None else record.small_findings.sentence,
         "figures": [write_figures(finding) for finding in record.findings],
     }
+
+
+def _find_own_cells(record: StudyRecord, finding: FindingRecord) -> list[tuple[int, int]]:
+    """Return the cells of the map that stand for one finding."""
+    cells = find_named_cells(record.model_copy(update={"findings": [finding]}))
+    f = record.error_map.f
+    return [(row, column) for row, column in cells if f[row][column] is not None]
 
 
 def slim_record(record: StudyRecord) -> dict[str, Any]:
