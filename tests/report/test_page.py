@@ -356,8 +356,7 @@ def test_little_to_show(browser, drawn, tmp_path) -> None:
 
 
 def rewrite() -> None:
-    """reports/puma760-*.png: the first page of the PDF, the page to explore with a finding's cell
-    chosen."""
+    """reports/puma760-*.png: the first page of the PDF, the page to explore with a finding chosen."""
     folder = ROOT / "reports" / "puma760"
     first = [
         "pdftoppm",
@@ -373,12 +372,10 @@ def rewrite() -> None:
     ]
     subprocess.run([*first, ROOT / "reports" / "puma760-pdf"], check=True)
     with chromium(prefers_reduced_motion="reduce", prefers_color_scheme="light") as driver:
-        resize(driver, 1180, 900)
+        resize(driver, 1180, 1010)
         opened(driver, folder / "report.html")
-        chosen = cell(driver, "frame 5 rz", "q4")
-        driver.execute_script(
-            "arguments[0].click(); document.getElementById('map-title').scrollIntoView()", chosen
-        )
+        css(driver, "#findings button")[2].click()
+        driver.execute_script("document.activeElement.blur()")
         driver.save_screenshot(ROOT / "reports" / "puma760-html.png")
 
 
