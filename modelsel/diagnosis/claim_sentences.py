@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import NamedTuple
 
+from ..exceptions import sentence_list
+from ..measurements.state_names import parse_state_name
 from ..mechanisms.causes import Bump
-from ..mechanisms.terms import Mechanism
 from .candidate_kinds import CandidateKind
 from .credible_sets import CredibleSet
 from .effects import Effect
@@ -20,22 +20,12 @@ from .sentences import (
     list_cautions,
 )
 from .signatures import LEVELS, PROVEN
-from .unlisted_shapes import list_drivers_of, list_parts_of
-from .unregistered import Place
 
-# what a name of the state stands for; {0} is its number
-DRIVERS = {
-    r"q(\d+)": "the reading of joint {0}",
-    r"torque(\d+)(?:_\d+)?": "the gravity torque about joint {0}",
-    r"approach(\d+)": "the side that joint {0} came from",
-    r"move(\d+)": "the last move of joint {0}",
-    r"progress|time_s": "the course of the campaign",
-    r"payload_kg": "the payload",
-    r"temperature_C": "the temperature",
-    r"range_mm": "the distance from the instrument",
-    r"[xyz]_mm": "the target's place",
-    r"target": "the target",
-    r"group": "the group",
+# columns of the data that have words of their own
+COLUMNS = {
+    "payload_kg": "the payload",
+    "temperature_C": "the temperature",
+    "time_s": "the course of the campaign",
 }
 # names of rivals that a place which is not proven is told with
 NAMED_RIVALS = 3
@@ -76,14 +66,13 @@ def describe_proven(effect: Effect, doubt: str = "") -> str:
     """Describe one finding in one sentence, as deep as it is proven.
 
     `doubt`, where there is one, stands beside its name."""
-    claimed = describe_claim(effect)
-    if claimed is None or _tells_as_much(effect, claimed):
+    claimed = _find_shorter_claim(effect)
+    if claimed is None:
         return describe_effect(effect, doubt)
-    amount = describe_size(effect)
-    standing = f"probability {claimed.probability:.2f}"
+    standing = [*_list_sizes(effect), f"probability {claimed.probability:.2f}"]
     if doubt:
-        standing = f"{standing}, {doubt}"
-    parts = [f"{claimed.text} ({amount}{standing})"]
+        standing.append(doubt)
+    parts = [f"{claimed.text} ({', '.join(standing)})"]
     if effect.candidate.kind is not CandidateKind.SHAPE:
         parts.append(_describe_entries(effect.named))
     return "; ".join([*parts, *list_cautions(effect)]) + "."
@@ -91,76 +80,68 @@ def describe_proven(effect: Effect, doubt: str = "") -> str:
 
 def describe_what(effect: Effect) -> str:
     """Describe what a finding says of the arm, without its size, as deep as it is proven."""
-    claimed = describe_claim(effect)
-    if claimed is None or _tells_as_much(effect, claimed):
+    claimed = _find_shorter_claim(effect)
+    if claimed is None:
         return describe_candidate(effect.candidate, effect.estimate)
     return claimed.text
 
 
-def describe_size(effect: Effect) -> str:
-    """Describe the size of an effect, where a few numbers do: "peak to peak 0.4 mrad, "."""
+def _find_shorter_claim(effect: Effect) -> ClaimedLevel | None:
+    """Find the claim of a finding of which the candidate's own sentence would say more; None where
+    that says as much, or where not even the place is proven."""
+    claimed = describe_claim(effect)
+    if claimed is None or claimed.level == "cause" or claimed.probability < PROVEN:
+        return None
+    candidate = effect.candidate
+    is_contrary = has_contrary_signs(candidate.mechanism, effect.estimate)
+    is_told = {
+        "place": False,
+        "drivers": candidate.kind is CandidateKind.FREE_FUNCTION,
+        "shape": is_contrary or not candidate.registered,
+    }
+    return None if is_told[claimed.level] else claimed
+
+
+def _list_sizes(effect: Effect) -> list[str]:
+    """List the size of an effect, where a few numbers do."""
     mechanism = effect.candidate.mechanism
     causes = [term.screws[0].cause for term in mechanism.terms]
-    if effect.candidate.kind is CandidateKind.SHAPE and not all(
-        isinstance(c, Bump) for c in causes
-    ):
-        return ""
-    return f"{describe_amount(mechanism.terms, effect.estimate, effect.standard_error)}, "
-
-
-def _tells_as_much(effect: Effect, claimed: ClaimedLevel) -> bool:
-    """Whether the sentence of the named candidate says no more than is proven, or as much as can be
-    where not even the place is."""
-    if claimed.level == "cause" or claimed.probability < PROVEN:
-        return True
-    if claimed.level == "drivers":
-        return effect.candidate.kind is CandidateKind.FREE_FUNCTION
-    is_contrary = has_contrary_signs(effect.candidate.mechanism, effect.estimate)
-    return claimed.level == "shape" and (is_contrary or not effect.candidate.registered)
-
-
-def _join(words: Sequence[str]) -> str:
-    """Join words: "a", "a and b", "a, b and c"."""
-    *others, last = words
-    return f"{', '.join(others)} and {last}" if others else last
+    is_plain = all(isinstance(cause, Bump) for cause in causes)
+    if effect.candidate.kind is CandidateKind.SHAPE and not is_plain:
+        return []
+    return [describe_amount(mechanism.terms, effect.estimate, effect.standard_error)]
 
 
 def name_drivers(names: Iterable[str]) -> str:
-    """Name what something depends on, in words."""
-    words = dict.fromkeys(_name_driver(name) for name in sorted(names))
-    return _join(list(words)) if words else ""
+    """Name what something depends on, in words; nothing where that is nothing."""
+    words = list(dict.fromkeys(_name_driver(name) for name in sorted(names)))
+    return sentence_list(words) if words else ""
 
 
 def _name_driver(name: str) -> str:
-    for pattern, words in DRIVERS.items():
-        found = re.fullmatch(pattern, name)
-        if found:
-            return words.format(*found.groups())
-    return name
+    """Name a state variable, or a column of the data."""
+    variable = parse_state_name(name)
+    if variable is not None:
+        return variable.words
+    return COLUMNS.get(name, f"the column {name}")
 
 
-def name_places(mechanism: Mechanism) -> str:
+def name_places(effect: Effect) -> str:
     """Name what moves, in words: "Joint 3 is off its reading", "Frame 5 shifts along its y axis"."""
-    parts = list_parts_of(mechanism)
-    if len(parts) == 1:
-        (place,) = parts
-        return _name_motion(place, is_own=f"q{place[0]}" in parts[place])
-    frames = [str(frame) for frame in sorted({frame for frame, _ in parts})]
+    places = list(effect.candidate.mechanism.names_by_place())
+    if effect.claim is not None and effect.claim.moves_joint:
+        return f"Joint {places[0][0]} is off its reading"
+    if len(places) == 1:
+        ((frame, axis),) = places
+        return f"Frame {frame} {MOTIONS[axis[0]]} its {axis[1]} axis"
+    frames = [str(frame) for frame in sorted({frame for frame, _ in places})]
     if len(frames) == 1:
         return f"Frame {frames[0]} moves"
-    return f"Frames {_join(frames)} move"
-
-
-def _name_motion(place: Place, is_own: bool) -> str:
-    frame, axis = place
-    is_slide = axis == "tz" and is_own
-    if axis == "rz" or is_slide:
-        return f"Joint {frame} is off its reading"
-    return f"Frame {frame} {MOTIONS[axis[0]]} its {axis[1]} axis"
+    return f"Frames {sentence_list(frames)} move"
 
 
 def _describe_place(effect: Effect, probability: float) -> str:
-    where = name_places(effect.candidate.mechanism)
+    where = name_places(effect)
     if probability >= PROVEN:
         return f"{where}; on what this depends is not proven"
     return f"What moves is not proven: {_list_entries(effect.named)}"
@@ -172,7 +153,7 @@ def _describe_entries(named: CredibleSet) -> str:
     labels = dict.fromkeys(entry.candidate.label for entry in named.entries if entry.alike)
     alike = list(labels)[:NAMED_RIVALS]
     if len(alike) > 1:
-        text += f"; {_join(alike)} would move the target in the same way"
+        text += f"; {sentence_list(alike)} would move the target in the same way"
     return text
 
 
@@ -185,22 +166,20 @@ def _list_entries(named: CredibleSet) -> str:
 
 
 def _describe_drivers(effect: Effect) -> str:
-    mechanism = effect.candidate.mechanism
-    drivers = name_drivers(list_drivers_of(mechanism))
+    drivers = name_drivers(effect.candidate.mechanism.names())
     if not drivers:
-        return f"{name_places(mechanism)} by a constant amount"
+        return f"{name_places(effect)} by a constant amount"
     shape = "how is not proven"
     if effect.candidate.kind is CandidateKind.SHAPE:
         shape = "no registered mechanism describes how"
-    return f"{name_places(mechanism)}, depending on {drivers}; {shape}"
+    return f"{name_places(effect)}, depending on {drivers}; {shape}"
 
 
 def _describe_shape(effect: Effect) -> str:
-    mechanism = effect.candidate.mechanism
     causes = effect.candidate.causes(" and ")
     if effect.candidate.kind is CandidateKind.FREE_FUNCTION:
-        return f"{name_places(mechanism)} by a free function of its own angle"
-    return f"{name_places(mechanism)} with {causes}"
+        return f"{name_places(effect)} by a free function of its own angle"
+    return f"{name_places(effect)} with {causes}"
 
 
 def _describe_cause(effect: Effect) -> str:

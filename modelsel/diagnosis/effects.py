@@ -12,10 +12,13 @@ from .signatures import LEVELS
 
 @dataclass(frozen=True)
 class Claim:
-    """How deep a finding is proven: the deepest level that holds, the probability (4,) of each."""
+    """How deep a finding is proven: the deepest level that holds, the probability (4,) of each.
+
+    `moves_joint`: it acts along the motion of one joint alone."""
 
     level: str
     levels: tuple[float, ...]
+    moves_joint: bool = False
 
     @property
     def probability(self) -> float:

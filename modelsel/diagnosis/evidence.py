@@ -35,6 +35,8 @@ from .screw_columns import split_range
 
 # ratios ρ = v / σ² over which the evidence is maximised
 RATIOS = np.logspace(0.5, 5.0, 8)
+# log odds from which one explanation is clearly more probable than another
+MIN_LOG_ODDS = np.log(3)
 # log evidence by which a bound may be off: far beyond single precision's rounding
 BOUND_SLACK = 1e-3
 # null draws computed together, a product of full speed in memory that is used again, and numbers

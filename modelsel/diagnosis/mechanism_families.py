@@ -7,14 +7,17 @@ whichever the data make more probable stands."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from ..mechanisms.terms import Mechanism, Screw
 from .candidates import Candidate
+from .evidence import MIN_LOG_ODDS
 from .joint_curves import build_curve, chain_effects, see_rest
-from .state import MIN_LOG_ODDS, Search, View
+
+if TYPE_CHECKING:
+    from .state import Search, View
 
 
 class Family(NamedTuple):
@@ -42,12 +45,12 @@ def _collect(mechanism: Mechanism) -> frozenset[Screw]:
 
 
 def generate_better_families(
-    search: Search, families: Sequence[Family], chosen: Sequence[int], view: View
+    search: Search, chosen: Sequence[int], view: View
 ) -> Iterator[tuple[list[int], str]]:
     """Generate models in which the effects of a family are explained better together.
 
     Yields the chosen candidates, and what changed in words."""
-    for family in families:
+    for family in search.families:
         now = [g for g in chosen if g == family.whole or g in family.parts]
         best = _find_better(search, family, now, view) if now else None
         if best is None:
@@ -57,18 +60,17 @@ def generate_better_families(
         yield [*rest, *best], f"{before} -> {after}"
 
 
-def weigh_families(
-    search: Search, families: Sequence[Family], chosen: Sequence[int], view: View
-) -> dict[int, float]:
+def weigh_families(search: Search, chosen: Sequence[int], view: View) -> dict[int, float]:
     """Weigh the effects of every family against the others that would do: the probability that
     those which are chosen are right, of each that would have to go."""
     shares: dict[int, float] = {}
-    for family in families:
+    for family in search.families:
         now = [g for g in chosen if g == family.whole or g in family.parts]
         if not now:
             continue
         present, trials = _weigh(search, family, now, view)
         others = {frozenset(best): value for value, best in trials if set(best) != set(now)}
+        # a set that were clearly better would have been taken
         odds = [(other, np.exp(min(value - present, 0.0))) for other, value in others.items()]
         for g in now:
             against = sum(odd for other, odd in odds if g not in other)

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .candidates import Candidate
-from .evidence import compute_p_value
-from .mechanism_families import find_families, generate_better_families
-from .state import LEVEL, MIN_LOG_ODDS, Search, View
+from .evidence import MIN_LOG_ODDS, compute_p_value
+from .mechanism_families import generate_better_families
+from .state import LEVEL, Search, View
 
 # changes of names that are tried in turn
 MAX_CHANGES = 16
@@ -130,7 +130,7 @@ def _find_change(
         )
     together = (
         search.generate_better_curves(chosen, view),
-        generate_better_families(search, find_families(search.found), chosen, view),
+        generate_better_families(search, chosen, view),
     )
     for trial, words in chain.from_iterable(together):
         if frozenset(trial) not in visited:

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from .._typing import Array
+from ..measurements.state_names import StateKind, parse_state_name
 from ..mechanisms.causes import Applied, Bump
 from ..mechanisms.terms import LETTERS, Mechanism, Term
 from .candidates import Candidate
@@ -145,7 +146,8 @@ def _describe_free_function(terms: Sequence[Term], estimate: Array) -> str:
         if moved[unit] >= least_shown:
             sizes.append(shown)
     text = f"peak to peak {' and '.join(sizes)}"
-    is_of_angle = str(terms[0].screws[0].cause).startswith("free(q")
+    variables = [parse_state_name(name) for name in terms[0].screws[0].cause.names()]
+    is_of_angle = all(v is not None and v.kind is StateKind.READING for v in variables)
     if set(values) != {"rad"} or not is_of_angle:
         return text
     named = []

@@ -11,7 +11,6 @@ import numpy as np
 from .._typing import Index
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
-from .unlisted_shapes import list_parts_of
 
 LEVELS = ("place", "drivers", "shape", "cause")
 # probability from which a level holds
@@ -34,11 +33,11 @@ def read_signatures(found: Sequence[Candidate]) -> tuple[Index, ...]:
 
 
 def _read_place(candidate: Candidate) -> Hashable:
-    return frozenset(list_parts_of(candidate.mechanism)) or None
+    return frozenset(candidate.mechanism.names_by_place()) or None
 
 
 def _read_drivers(candidate: Candidate) -> Hashable:
-    return frozenset(list_parts_of(candidate.mechanism).items()) or None
+    return frozenset(candidate.mechanism.names_by_place().items()) or None
 
 
 def _read_shape(candidate: Candidate) -> Hashable:

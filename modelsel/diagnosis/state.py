@@ -28,8 +28,9 @@ from .candidate_columns import Columns, build_columns, flatten_measured, stack_d
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .credible_sets import CredibleSet, ask, compute_own_evidence, include_candidate, rename_effect
-from .evidence import compute_familywise_p, draw_null
+from .evidence import MIN_LOG_ODDS, compute_familywise_p, draw_null
 from .joint_curves import collect_curves, find_better_curve, see_rest
+from .mechanism_families import Family, find_families
 from .options import DEFAULT_OPTIONS
 from .residual_tests import FLIP_DRAWS, adjust_residual, compute_flip_p, draw_flips, partition_rows
 from .scan import Released, Response, Scan, build_scan_without, compute_basis, scan_residual
@@ -37,8 +38,6 @@ from .signatures import read_signatures
 
 # largest family-wise p-value of an effect
 LEVEL = 0.05
-# log odds at which an effect that is identified again changes its name
-MIN_LOG_ODDS = np.log(3)
 # numbers in the candidates' columns from which a study is large, and null draws of small and of
 # large studies
 LARGE_STUDY = 3e6
@@ -190,9 +189,15 @@ class Search:
     def offer(self, more: Sequence[Candidate]) -> Search:
         """Offer further candidates beside the others, with the same null distribution."""
         new = copy(self)
-        new.__dict__.pop("signatures", None)
+        for known in ("families", "signatures"):
+            new.__dict__.pop(known, None)
         new._see(self.found + tuple(more), self.first.fitted)
         return new
+
+    @cached_property
+    def families(self) -> list[Family]:
+        """The mechanisms of several joints, with those of their parts."""
+        return find_families(self.found)
 
     @cached_property
     def signatures(self) -> tuple[Index, ...]:

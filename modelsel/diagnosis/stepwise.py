@@ -72,7 +72,11 @@ class Exploration:
 
 def explore(search: Search, known: Sequence[Candidate], say: Say) -> Exploration:
     """Add effects to the base, or to candidates that an earlier search has chosen."""
-    progress = _resume(search, known)
+    place = {one.mechanism.name: g for g, one in enumerate(search.found)}
+    chosen = [place[one.mechanism.name] for one in known]
+    path = [f"+ {one.label}" for one in known]
+    progress = _start(search, chosen, None, path) if chosen else None
+    progress = progress or Progress([], search.first)
     remainder = _add_effects(search, progress, say)
     return Exploration(search, progress, remainder)
 
@@ -82,11 +86,9 @@ def explore_further(
 ) -> Exploration | None:
     """Add effects to candidates that were put in the place of others; None where the data do not
     determine these."""
-    view = search.try_fit(chosen, start)
-    if view is None:
+    progress = _start(search, chosen, start, path)
+    if progress is None:
         return None
-    tried = {frozenset[int](), frozenset(chosen)}
-    progress = Progress(chosen, view, path, tried)
     remainder = _add_effects(search, progress, _keep_silent)
     return Exploration(search, progress, remainder)
 
@@ -95,15 +97,14 @@ def _keep_silent(_: str) -> None:
     """Say nothing of what is only put in other words."""
 
 
-def _resume(search: Search, known: Sequence[Candidate]) -> Progress:
-    """Start from the base, or from candidates that are known where the data determine them."""
-    place = {one.mechanism.name: g for g, one in enumerate(search.found)}
-    chosen = [place[one.mechanism.name] for one in known]
-    view = search.try_fit(chosen, None) if chosen else None
+def _start(
+    search: Search, chosen: list[int], start: Fit | None, path: list[str]
+) -> Progress | None:
+    """Start from chosen candidates; None where the data do not determine them."""
+    view = search.try_fit(chosen, start)
     if view is None:
-        return Progress([], search.first)
+        return None
     tried = {frozenset[int](), frozenset(chosen)}
-    path = [f"+ {search.found[g].label}" for g in chosen]
     return Progress(chosen, view, path, tried)
 
 

@@ -18,7 +18,7 @@ from ..mechanisms.causes import ONE, Bump, Cause, Named
 from ..mechanisms.terms import Mechanism, Screw, Term
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
-from .unregistered import Place, list_places
+from .unregistered import Place, build_bumps, list_places
 
 Drivers = frozenset[str]
 
@@ -61,7 +61,7 @@ def list_company(problem: Problem, effects: Mapping[int, Candidate]) -> list[Com
     for g, candidate in effects.items():
         if candidate.asked:
             return []
-        for place in list_parts_of(candidate.mechanism):
+        for place in candidate.mechanism.names_by_place():
             by_place.setdefault(place, []).append(g)
     groups: dict[tuple[int, ...], Place] = {}
     for place, members in by_place.items():
@@ -76,8 +76,8 @@ def _build_company(
     problem: Problem, effects: Mapping[int, Candidate], members: tuple[int, ...], place: Place
 ) -> Company | None:
     mechanisms = [effects[g].mechanism for g in members]
-    drivers = frozenset[str]().union(*(list_drivers_of(m) for m in mechanisms))
-    if drivers == {f"q{place[0]}"} or any(place not in list_parts_of(m) for m in mechanisms):
+    drivers = frozenset[str]().union(*(mechanism.names() for mechanism in mechanisms))
+    if drivers == {f"q{place[0]}"}:
         return None
     shapes = tuple(_generate_shapes(problem, {place: drivers}))
     if not shapes or any(m in shapes for m in mechanisms):
@@ -94,31 +94,16 @@ def _build_company(
     return Company(members, listed, tuple(Candidate(m, CandidateKind.SHAPE, share) for m in shapes))
 
 
-def list_drivers_of(mechanism: Mechanism) -> Drivers:
-    """List the names that a mechanism depends on."""
-    return frozenset[str]().union(*list_parts_of(mechanism).values())
-
-
-def list_parts_of(mechanism: Mechanism) -> dict[Place, Drivers]:
-    """List the places where a mechanism acts, each with the names that it depends on there."""
-    parts: dict[Place, Drivers] = {}
-    for term in mechanism.terms:
-        for screw in term.screws:
-            place = screw.frame, screw.axis
-            parts[place] = parts.get(place, frozenset()) | screw.cause.names()
-    return parts
-
-
 def list_rivals(problem: Problem, candidate: Candidate) -> list[Rival]:
     """List the shapes that no list has beside a candidate, with their prior probabilities.
 
     None where the study considers no causes but those that it lists."""
-    parts = list_parts_of(candidate.mechanism)
+    parts = candidate.mechanism.names_by_place()
     if candidate.asked or not parts or len(parts) > MAX_PARTS:
         return []
-    drivers = list_drivers_of(candidate.mechanism)
+    drivers = candidate.mechanism.names()
     names = _list_drivers(problem)
-    alike = list(_generate_shapes(problem, parts))
+    alike = [m for m in _generate_shapes(problem, parts) if m != candidate.mechanism]
     others = list(_generate_other_drivers(problem, parts, drivers, names))
     elsewhere = list(_generate_other_places(problem, parts, drivers, names))
     prior = ODDS * candidate.prior
@@ -152,8 +137,7 @@ def _build_basis(problem: Problem, name: str) -> list[Bump]:
     values = problem.state.value(name)
     low, high = float(values.min()), float(values.max())
     width = float(f"{(high - low) / INTERVALS:.6g}")
-    first, last = np.floor(low / width), np.ceil(high / width)
-    return [Bump(name, float(k * width), width) for k in np.arange(first, last + 1)]
+    return build_bumps(name, low, high, width)
 
 
 def _scale(problem: Problem, name: str) -> Cause:

@@ -6,7 +6,6 @@ joint's own angle and free functions act at the joint's own rotation only."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator
 from itertools import combinations
 from typing import NamedTuple
@@ -16,6 +15,7 @@ import numpy as np
 from .._typing import Array
 from ..fitting.problem import Problem
 from ..measurements.reference_temperature import TEMPERATURE
+from ..measurements.state_names import parse_state_name
 from ..mechanisms.causes import Applied, Bump, Cause, Named, cos, q, sign, sin, torque
 from ..mechanisms.drives import RIPPLING_PARTS, WAVES, wave_terms
 from ..mechanisms.environment import temperature_rise
@@ -221,9 +221,9 @@ def _find_joints(causes: Causes) -> set[int]:
     joints: set[int] = set()
     for cause in causes:
         for name in cause.names():
-            match = re.match(r"[a-z]+(\d+)", name)
-            if match:
-                joints.add(int(match.group(1)))
+            variable = parse_state_name(name)
+            if variable is not None and variable.joint is not None:
+                joints.add(variable.joint)
     return joints
 
 
@@ -324,15 +324,20 @@ def build_free_functions(problem: Problem) -> Iterator[Mechanism]:
                 yield function
 
 
+def build_bumps(name: str, low: float, high: float, width: float) -> list[Bump]:
+    """Build the splines of a free function of a state variable from `low` to `high`."""
+    first, last = np.floor(low / width), np.ceil(high / width)
+    return [Bump(name, float(k * width), width) for k in np.arange(first, last + 1)]
+
+
 def _build_free_function(joint: int, readings: Array, width: float) -> Mechanism | None:
     """Build a spline from sorted readings (k,); None where too few lie between the knots."""
-    first, last = np.floor(readings[0] / width), np.ceil(readings[-1] / width)
-    centres = np.arange(first, last + 1) * width
+    bumps = build_bumps(f"q{joint}", readings[0], readings[-1], width)
+    centres = np.array([bump.centre for bump in bumps])
     upper = np.searchsorted(readings, centres + width)
     counts = upper - np.searchsorted(readings, centres - width)
     if np.median(counts) / 2 < MIN_DENSITY or (counts > 0).sum() < MIN_INTERVALS:
         return None
-    bumps = [Bump(f"q{joint}", float(centre), width) for centre in centres]
     terms = tuple(
         Term(f"f{joint}[{np.degrees(bump.centre):.0f}]", (Screw(joint, "rz", bump),))
         for bump, count in zip(bumps, counts, strict=True)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._typing import Array, Index
-from ..mechanisms.causes import Bump, Cause, factors
+from ..mechanisms.causes import Bump, Cause, factors, find_bump
 from ..mechanisms.terms import Term
 
 LENGTH = 3.0  # knots over which a free function keeps its value, roughly
@@ -26,12 +26,11 @@ def spline(term: Term) -> tuple[Bump, tuple[object, ...]] | None:
     other factors), or None."""
     if len(term.screws) != 1:
         return None
-    parts = factors(term.screws[0].cause)
-    bump = next((p for p in parts if isinstance(p, Bump)), None)
+    screw = term.screws[0]
+    bump = find_bump(screw.cause)
     if bump is None:
         return None
-    others: tuple[Cause, ...] = tuple(p for p in parts if p is not bump)
-    screw = term.screws[0]
+    others: tuple[Cause, ...] = tuple(p for p in factors(screw.cause) if p is not bump)
     return bump, (screw.frame, screw.axis, bump.name, bump.width, others)
 
 

@@ -54,7 +54,15 @@ class StateVariable:
     @property
     def name(self) -> str:
         """Name as a cause prints it: "moment2_x_3"."""
-        return self.family.template.format(joint=self.joint, axis=self.axis, frame=self.frame)
+        return self._fill(self.family.template)
+
+    @property
+    def words(self) -> str:
+        """What it is, within a sentence: "the reading of joint 2"."""
+        return self._fill(self.family.words)
+
+    def _fill(self, template: str) -> str:
+        return template.format(joint=self.joint, axis=self.axis, frame=self.frame)
 
     def unit(self, robot: Robot) -> str:
         """Return the unit on an arm, "1" where it has none."""
@@ -83,11 +91,12 @@ class StateVariable:
 @dataclass(frozen=True)
 class StateFamily:
     """How the names of one kind are written: `template` with {joint}, {axis} (one of `axes`) and
-    {frame}; `unit`, None where it depends on the joint; `by_gravity`: only where the direction of
-    gravity is known."""
+    {frame}, and `words` for sentences with the same; `unit`, None where it depends on the joint;
+    `by_gravity`: only where the direction of gravity is known."""
 
     kind: StateKind
     template: str
+    words: str
     unit: str | None = "1"
     axes: str = ""
     by_gravity: bool = False
@@ -120,22 +129,55 @@ class StateFamily:
 
 
 FAMILIES = (
-    StateFamily(StateKind.READING, "q{joint}", unit=None),
-    StateFamily(StateKind.POSITION, "{axis}_mm", "mm", "xyz"),
-    StateFamily(StateKind.RANGE, "range_mm", "mm"),
-    StateFamily(StateKind.TARGET, "target"),
-    StateFamily(StateKind.GROUP, "group"),
-    StateFamily(StateKind.PROGRESS, "progress"),
-    StateFamily(StateKind.APPROACH, "approach{joint}"),
-    StateFamily(StateKind.MOVE, "move{joint}", unit=None),
-    StateFamily(StateKind.TORQUE, "torque{joint}", unit=None, by_gravity=True),
-    StateFamily(StateKind.BASE_MOMENT, "moment_{axis}", "N m", "xyz", by_gravity=True),
-    StateFamily(StateKind.DOWN, "down_{axis}", "1", "xyz", by_gravity=True),
-    StateFamily(StateKind.BENDING, "moment{joint}_{axis}", "N m", "xy", by_gravity=True),
+    StateFamily(StateKind.READING, "q{joint}", "the reading of joint {joint}", None),
+    StateFamily(StateKind.POSITION, "{axis}_mm", "the target's place", "mm", "xyz"),
+    StateFamily(StateKind.RANGE, "range_mm", "the distance from the instrument", "mm"),
+    StateFamily(StateKind.TARGET, "target", "the target"),
+    StateFamily(StateKind.GROUP, "group", "the group"),
+    StateFamily(StateKind.PROGRESS, "progress", "the course of the campaign"),
+    StateFamily(StateKind.APPROACH, "approach{joint}", "the side that joint {joint} came from"),
+    StateFamily(StateKind.MOVE, "move{joint}", "the last move of joint {joint}", None),
     StateFamily(
-        StateKind.UNIT_BENDING, "moment{joint}_{axis}_{frame}", "N m/kg", "xy", by_gravity=True
+        StateKind.TORQUE,
+        "torque{joint}",
+        "the gravity torque about joint {joint}",
+        None,
+        by_gravity=True,
     ),
-    StateFamily(StateKind.UNIT_TORQUE, "torque{joint}_{frame}", "N m/kg", by_gravity=True),
+    StateFamily(
+        StateKind.BASE_MOMENT,
+        "moment_{axis}",
+        "the moment of the arm's weight about the base",
+        "N m",
+        "xyz",
+        by_gravity=True,
+    ),
+    StateFamily(
+        StateKind.DOWN, "down_{axis}", "the direction of gravity at the target", "1", "xyz", True
+    ),
+    StateFamily(
+        StateKind.BENDING,
+        "moment{joint}_{axis}",
+        "the moment of weight across joint {joint}",
+        "N m",
+        "xy",
+        by_gravity=True,
+    ),
+    StateFamily(
+        StateKind.UNIT_BENDING,
+        "moment{joint}_{axis}_{frame}",
+        "the moment of weight across joint {joint}",
+        "N m/kg",
+        "xy",
+        by_gravity=True,
+    ),
+    StateFamily(
+        StateKind.UNIT_TORQUE,
+        "torque{joint}_{frame}",
+        "the gravity torque about joint {joint}",
+        "N m/kg",
+        by_gravity=True,
+    ),
 )
 BY_KIND = {family.kind: family for family in FAMILIES}
 COVARIATE_UNITS = {

@@ -384,6 +384,11 @@ class Bump(Cause):
         return f"free({self.name})"
 
 
+def find_bump(cause: Cause) -> Bump | None:
+    """Find the spline that a cause is, or is a product of; None for one of no free function."""
+    return next((factor for factor in factors(cause) if isinstance(factor, Bump)), None)
+
+
 def factors(cause: Cause) -> tuple[Cause, ...]:
     """Return the factors of a product, or the cause itself."""
     if not isinstance(cause, Combined):

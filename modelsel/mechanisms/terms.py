@@ -193,11 +193,17 @@ class Mechanism:
 
     def names(self) -> frozenset[str]:
         """Return the names its causes need from the state."""
-        names = set[str]()
+        return frozenset[str]().union(*self.names_by_place().values())
+
+    def names_by_place(self) -> dict[tuple[int, str], frozenset[str]]:
+        """Return the places (frame, axis) where it acts, each with the names its causes need
+        there."""
+        names: dict[tuple[int, str], frozenset[str]] = {}
         for term in self.terms:
             for screw in term.screws:
-                names |= screw.cause.names()
-        return frozenset(names)
+                place = screw.frame, screw.axis
+                names[place] = names.get(place, frozenset()) | screw.cause.names()
+        return names
 
 
 def terms_of(mechanisms: Iterable[Mechanism]) -> tuple[Term, ...]:

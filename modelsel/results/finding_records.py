@@ -22,7 +22,7 @@ from ..diagnosis.effects import Effect
 from ..diagnosis.sentences import format_length, list_usual_causes
 from ..diagnosis.signatures import LEVELS
 from ..fitting.problem import Problem
-from ..mechanisms.causes import Bump, Cause, factors
+from ..mechanisms.causes import Cause, find_bump
 from ..mechanisms.terms import Term
 from ..selection.gain import Gain
 
@@ -107,16 +107,11 @@ def list_screws(
 
 def _cause_values(cause: Cause, problem: Problem, curve: Array | None) -> Values:
     """Return the values that a screw's cause is written with, if any."""
-    if is_free(cause):
+    if find_bump(cause) is not None:
         return {"values": np.zeros(len(problem)) if curve is None else curve}
     if uses_derived_names(cause.names(), problem):
         return {"values": np.broadcast_to(cause.of(problem), (len(problem),))}
     return {}
-
-
-def is_free(cause: Cause) -> bool:
-    """Return whether a cause is a free function, or another cause times one."""
-    return any(isinstance(factor, Bump) for factor in factors(cause))
 
 
 def fitted_curves(terms: Sequence[Term], estimate: Array, problem: Problem) -> dict[Spot, Array]:
@@ -124,7 +119,7 @@ def fitted_curves(terms: Sequence[Term], estimate: Array, problem: Problem) -> d
     curves: dict[Spot, Array] = {}
     for term, coefficient in zip(terms, estimate, strict=True):
         for screw in term.screws:
-            if is_free(screw.cause):
+            if find_bump(screw.cause) is not None:
                 spot = screw.frame, screw.axis, str(screw.cause)
                 curve = curves.get(spot, np.zeros(len(problem)))
                 curves[spot] = curve + coefficient * screw.cause.of(problem)

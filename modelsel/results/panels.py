@@ -21,10 +21,10 @@ from ..diagnosis.sentences import label_effect
 from ..diagnosis.unregistered import Place
 from ..fitting.design import PLACE, compute_columns
 from ..fitting.problem import Problem
-from ..mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named
+from ..mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named, find_bump
 from ..mechanisms.terms import Term
 from .covariate_panel import draw_covariate, find_covariate
-from .finding_records import Finding, is_free
+from .finding_records import Finding
 from .map_details import MIN_DISPLACEMENT, find_wave
 from .panel_points import CURVE_POINTS, PanelPoints, select_points
 from .study_run import StudyRun
@@ -160,7 +160,7 @@ def _group_terms(terms: Sequence[Term], estimate: Array, units: Mapping[str, str
     """Return the finding's terms by place and variable; none where a term drives screws by different causes, or by a
     free function times another cause."""
     own = [term.screws[0].cause for term in terms]
-    if any(is_free(cause) and not isinstance(cause, Bump) for cause in own):
+    if any(find_bump(cause) not in (None, cause) for cause in own):
         return []
     if any(len({screw.cause for screw in term.screws}) > 1 for term in terms):
         return []

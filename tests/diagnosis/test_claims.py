@@ -4,6 +4,7 @@ than the drivers where something else is."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from modelsel.diagnosis.claim_sentences import (
     name_drivers,
     name_places,
 )
+from modelsel.diagnosis.claims import build_claim
 from modelsel.diagnosis.credible_sets import CredibleSet, Entry
 from modelsel.diagnosis.effects import Claim, Effect
 from modelsel.diagnosis.mechanism_families import find_families
@@ -239,7 +241,34 @@ def test_drivers_and_places_in_words() -> None:
     assert name_drivers({"q4", "q1"}) == "the reading of joint 1 and the reading of joint 4"
     assert name_drivers({"torque2"}) == "the gravity torque about joint 2"
     assert name_drivers({"progress"}) == "the course of the campaign"
-    turns = single((4, "rz"), Named("torque2", "N m"))
-    assert name_places(turns.mechanism) == "Joint 4 is off its reading"
+    assert name_drivers({"spindle_kW", "temperature_C"}) == (
+        "the column spindle_kW and the temperature"
+    )
     shifts = single((5, "ty"), Bump("q2", 0.0, 0.5))
-    assert name_places(shifts.mechanism) == "Frame 5 shifts along its y axis"
+    assert name_places(effect_of(shifts, 0.99, 0.5, 0.1, 0.1)) == "Frame 5 shifts along its y axis"
+
+
+@pytest.mark.parametrize(
+    ("slides", "place", "words"),
+    [
+        (False, (2, "rz"), "Joint 2 is off its reading"),
+        (False, (2, "tz"), "Frame 2 shifts along its z axis"),
+        (False, (7, "rz"), "Frame 7 turns about its z axis"),
+        (True, (2, "tz"), "Joint 2 is off its reading"),
+        (True, (2, "rz"), "Frame 2 turns about its z axis"),
+    ],
+)
+def test_only_the_motion_of_a_joint_is_told_as_the_joints(
+    slides: bool, place: tuple[int, str], words: str, rng: np.random.Generator
+) -> None:
+    """A frame behind the last joint has none; a slide that turns is no slide off its reading."""
+    robot = load_robot("puma760")
+    second = replace(robot.joints[1], prismatic=slides)
+    robot = replace(robot, joints=(robot.joints[0], second, *robot.joints[2:]))
+    readings = robot.draw(rng, 10)
+    problem = Problem(robot, build_measurements(readings, np.zeros((10, 3))), np.zeros((1, 3)))
+    candidate = single(place, sin(Named("q2")))
+    claim = build_claim(problem, candidate, np.array([0.99, 0.4, 0.1, 0.1]))
+    effect = replace(effect_of(candidate, 0.99, 0.4, 0.1, 0.1), claim=claim)
+    assert name_places(effect) == words
+    assert describe_proven(effect).startswith(f"{words}; on what this depends is not proven")
