@@ -28,6 +28,8 @@ OTHER_LINES = 12
 SIZE_WIDTH = 6
 HANGING = " " * (SIZE_WIDTH + 2)
 SHOWN_RIVALS = 3
+# the code of the note on chains that have not converged
+UNCONVERGED = "unconverged"
 
 
 def summarise_study(record: StudyRecord, details: DetailsRecord, width: int) -> list[str]:
@@ -123,10 +125,12 @@ def _describe_ladder(record: StudyRecord, details: DetailsRecord) -> str:
 
 
 def _describe_sampling(record: StudyRecord) -> str:
+    """Return how many samples the posterior has, or that its chains have not converged."""
     sampling = record.sampling
     assert sampling is not None
     if not sampling.converged:
-        return "The chains that sample the posterior had not converged when sampling ended."
+        notes = (note.sentence for note in record.warnings if note.code == UNCONVERGED)
+        return next(notes, "The chains that sample the posterior have not converged.")
     samples = f"{sampling.effective_samples:,.0f} effective samples"
     return f"The posterior was sampled: {samples}, R-hat {sampling.r_hat:.3f}."
 
