@@ -3,11 +3,15 @@
 An effect that is not named yet resembles errors: a joint that yields, one that does not repeat. So
 the parts of the errors are found at the base first, where they are the most that they can be, and
 effects are sought given these. Then the parts are found again in what the effects leave, and in
-turn, until that stays."""
+turn, until that stays.
+
+What lasts, and a joint's part that only directions tell, may be effects, too, that are not named
+yet: where such parts stay, the search is repeated without the one and with the other, and of all
+explanations an information criterion chooses."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,22 +19,25 @@ import numpy as np
 from .._random import generator
 from .._typing import Say
 from ..fitting.design import Model
-from ..fitting.error_structure import ErrorStructure, compute_criterion, find_structure
-from ..fitting.least_squares import fit
-from ..fitting.possible_parts import DIRECTIONS, PossiblePart
+from ..fitting.error_structure import ErrorStructure, find_structure
+from ..fitting.least_squares import Fit, fit
+from ..fitting.possible_parts import DIRECTIONS, ORDER, PossiblePart
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Split
 from .candidates import Candidate
-from .conclusion import Conclusion, build_empty, conclude, prove
+from .conclusion import build_empty, conclude, prove
 from .options import DiagnosisOptions
 from .outcome import Diagnosis
 from .state import Search
 from .stepwise import Exploration, explore
 
-# searches at most, each with the parts of the errors that the one before has left: where some stay,
-# and where none do
-MAX_SEARCHES_WITH_PARTS, MAX_SEARCHES = 2, 3
+# searches at most that go on with the parts which the one before has left: where some stay, and
+# where none do
+MOST_WITH_PARTS, MOST_WITHOUT = 1, 2
+# by how much a criterion must be lower until what lasts is taken for effects: "very strong"
+# evidence by Kass & Raftery 1995, J. Am. Stat. Assoc. 90:773, section 3.2
+VERY_STRONG = 10.0
 
 
 class Inquiry(NamedTuple):
@@ -51,92 +58,98 @@ class Inquiry(NamedTuple):
         return Search(problem, self.base, found, rng, base_fit, self.options.memory_mb)
 
 
+class _Explanation(NamedTuple):
+    """Effects that a search has found given parts of the errors, the parts that they leave, and the
+    information criterion of both together."""
+
+    explored: Exploration
+    given: ErrorStructure
+    left: ErrorStructure
+    criterion: float
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether a search given the parts that are left would be the same."""
+        return not self.explored.chosen or self.left.resembles(self.given)
+
+
+@dataclass(frozen=True)
+class _Separation:
+    """The rows, the candidates and the possible parts in which effects and errors are separated."""
+
+    split: Split
+    inquiry: Inquiry
+    found: tuple[Candidate, ...]
+    parts: tuple[PossiblePart, ...]
+
+    def find_parts(self, fitted: Fit, *unsure: str) -> ErrorStructure:
+        """Find the parts that a fit leaves, of those that are not told by what is `unsure`."""
+        offered = [part for part in self.parts if part.told_by not in unsure]
+        return find_structure(self.split.problem, self.split.used, fitted, offered)
+
+    def search(self, given: ErrorStructure, known: tuple[Candidate, ...] = ()) -> _Explanation:
+        """Search for effects given parts of the errors, beside those that are known."""
+        weighed = replace(self.split, problem=given.whiten(self.split.problem))
+        prepared = self.inquiry.search(weighed.training(), self.found)
+        explored = explore(prepared, known, self.inquiry.say)
+        left = self.find_parts(explored.fitted)
+        return _Explanation(explored, given, left, self._judge(explored, left))
+
+    def _judge(self, explored: Exploration, left: ErrorStructure) -> float:
+        """Compute the Bayesian information criterion of effects, with their prior probability, and of
+        the parts that they leave."""
+        fitted = explored.fitted
+        weighed = left.whiten(self.split.problem).take(self.split.used)
+        residual = fitted.residuals(weighed).T.copy()
+        square = float(np.square(weighed.whitening.apply(residual)).sum())
+        N = weighed.coordinates
+        estimated = sum(part.known is None for part in left.shared)
+        used = fitted.rows - fitted.freedom + estimated
+        likelihood = N * np.log(square / N) + weighed.whitening.log_determinant()
+        log_prior = sum(float(np.log(candidate.prior)) for candidate in explored.chosen)
+        return float(likelihood + used * np.log(N) - 2 * log_prior)
+
+    def explain(self, base_fit: Fit) -> _Explanation:
+        """Explain the data by effects and by errors: of what may be either, as is more probable."""
+        best = self.search(self.find_parts(base_fit, DIRECTIONS))
+        if best.left.shared:
+            every = self.find_parts(base_fit)
+            if every.tells(DIRECTIONS):
+                best = min(best, self.search(every), key=lambda one: one.criterion)
+        best = self._go_on(best)
+        if best.left.tells(ORDER):
+            repeating = self.search(best.left.without(ORDER), best.explored.chosen)
+            if repeating.criterion < best.criterion - VERY_STRONG:
+                best = self._go_on(repeating)
+        return best
+
+    def _go_on(self, best: _Explanation) -> _Explanation:
+        """Search with what an explanation leaves of the parts, in turn, until that stays.
+
+        What the base leaves is the most that errors can be; effects explain some of that away."""
+        last = best
+        most = MOST_WITH_PARTS if best.left.shared else MOST_WITHOUT
+        for _ in range(most):
+            if last.is_settled:
+                break
+            last = self.search(last.left, last.explored.chosen)
+            best = min(best, last, key=lambda one: one.criterion)
+        return best
+
+
 def separate(
     split: Split, inquiry: Inquiry, found: tuple[Candidate, ...], parts: tuple[PossiblePart, ...]
 ) -> tuple[Split, Diagnosis]:
-    """Separate what repeats from what does not: effects, given the parts of the errors, and in turn.
+    """Separate what repeats from what does not, and weigh what is proven of the effects.
 
-    A joint's part that only directions tell may be an effect that is not named yet: the search
-    starts without such parts. Where some stay, it starts with them, too, and of the explanations
-    the criterion chooses. Returns the split, its rows weighed so that they are independent."""
+    Returns the split, its rows weighed so that they are independent."""
     base_fit = fit(split.training(), inquiry.base)
     if not found:
         return split, build_empty(inquiry.base, base_fit)
-    surer = tuple(part for part in parts if part.told_by != DIRECTIONS)
-    errors = find_structure(split.problem, split.used, base_fit, surer)
-    best, has_parts = _search_in_turn(split, inquiry, found, parts, errors)
-    if has_parts:
-        every = find_structure(split.problem, split.used, base_fit, parts)
-        if any(part.told_by == DIRECTIONS for part in every.parts):
-            best, _ = _search_in_turn(split, inquiry, found, parts, every, best)
-    return _claim(split, parts, best)
-
-
-def _search_in_turn(
-    split: Split,
-    inquiry: Inquiry,
-    found: tuple[Candidate, ...],
-    parts: tuple[PossiblePart, ...],
-    errors: ErrorStructure,
-    best: _Explanation | None = None,
-) -> tuple[_Explanation, bool]:
-    """Search for effects given parts of the errors, and with what these leave of the parts, in turn.
-
-    What the base leaves is the most that errors can be. Where effects explain some of that away, the
-    search goes on with what is left of it. Returns the explanation that the criterion chooses, `best`
-    among them, and whether parts stay with the last."""
-    plain, used = split.problem, split.used
-    known: tuple[Candidate, ...] = ()
-    has_parts = False
-    for k in range(MAX_SEARCHES):
-        weighed = replace(split, problem=errors.whiten(plain))
-        explored = explore(inquiry.search(weighed.training(), found), known, inquiry.say)
-        known = explored.chosen
-        left = find_structure(plain, used, explored.fitted, parts)
-        is_settled = not known or left.resembles(errors)
-        most = MAX_SEARCHES_WITH_PARTS if left.shared else MAX_SEARCHES
-        is_last = is_settled or k + 1 == most
-        if is_last or left.shared:
-            one = _explain(split, explored, parts, left)
-            has_parts = bool(one.errors.shared)
-            best = one if best is None or one.criterion < best.criterion else best
-        if is_last:
-            break
-        errors = left
-        del explored  # its columns, before others are made
-    assert best is not None
-    return best, has_parts
-
-
-class _Explanation(NamedTuple):
-    """Effects and the parts of the errors together, with their information criterion."""
-
-    concluded: Conclusion
-    errors: ErrorStructure
-    criterion: float
-
-
-def _explain(
-    split: Split, explored: Exploration, parts: tuple[PossiblePart, ...], errors: ErrorStructure
-) -> _Explanation:
-    """Conclude a search, and put its effects and the parts that these leave together."""
-    concluded = conclude(explored)
-    diagnosis = concluded.diagnosis
-    named = [effect.candidate for effect in diagnosis.effects]
-    if len(named) != len(explored.chosen):
-        errors = find_structure(split.problem, split.used, diagnosis.fit, parts)
-    log_prior = sum(float(np.log(candidate.prior)) for candidate in named)
-    criterion = compute_criterion(split.problem, split.used, diagnosis.fit, errors, log_prior)
-    return _Explanation(concluded, errors, criterion)
-
-
-def _claim(
-    split: Split, parts: tuple[PossiblePart, ...], best: _Explanation
-) -> tuple[Split, Diagnosis]:
-    """Weigh what is proven of an explanation, and the rows by the parts that it leaves."""
-    before = best.concluded.diagnosis.effects
-    diagnosis, errors = prove(best.concluded), best.errors
-    if [one.candidate for one in diagnosis.effects] != [one.candidate for one in before]:
-        errors = find_structure(split.problem, split.used, diagnosis.fit, parts)
+    separation = _Separation(split, inquiry, found, parts)
+    best = separation.explain(base_fit)
+    diagnosis, errors = prove(conclude(best.explored)), best.left
+    if [one.candidate for one in diagnosis.effects] != list(best.explored.chosen):
+        errors = separation.find_parts(diagnosis.fit)
     weighed = replace(split, problem=errors.whiten(split.problem))
     return weighed, replace(diagnosis, errors=errors)

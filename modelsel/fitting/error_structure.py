@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -76,6 +77,16 @@ class ErrorStructure:
     def names(self) -> tuple[str, ...]:
         """Names of the parts beyond the instrument."""
         return tuple(part.name for part in self.parts[1:])
+
+    def tells(self, by: str) -> bool:
+        """Whether there is a part that is told by something."""
+        return any(part.told_by == by for part in self.parts)
+
+    def without(self, by: str) -> ErrorStructure:
+        """Return the parts but for those that are told by something."""
+        kept = [part.told_by != by for part in self.parts]
+        parts, shared = compress(self.parts, kept), compress(self.shared, kept[1:])
+        return ErrorStructure(tuple(parts), tuple(shared))
 
     def resembles(self, other: ErrorStructure) -> bool:
         """Whether the rows' weights are about the same with either."""
@@ -380,18 +391,3 @@ def compute_interval(scale: float, freedom: float) -> tuple[float, float]:
     low = scale * np.sqrt(low_ratio)
     high = scale * np.sqrt(high_ratio)
     return float(low), float(high)
-
-
-def compute_criterion(
-    problem: Problem, training: Mask, fitted: Fit, errors: ErrorStructure, log_prior: float
-) -> float:
-    """Compute the Bayesian information criterion of a fitted model with the parts of its errors.
-
-    `log_prior`: logarithm of the prior probability of the effects that it names."""
-    weighed = errors.whiten(problem).take(training)
-    residual = fitted.residuals(weighed).T.copy()
-    square = float(np.square(weighed.whitening.apply(residual)).sum())
-    N = weighed.coordinates
-    used = (fitted.rows - fitted.freedom) + sum(part.known is None for part in errors.shared)
-    likelihood = N * np.log(square / N) + weighed.whitening.log_determinant()
-    return float(likelihood + used * np.log(N) - 2 * log_prior)

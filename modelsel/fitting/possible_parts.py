@@ -24,6 +24,8 @@ from .shared_errors import MAX_BLOCK, SharedError
 GIVEN = "given"
 # what tells a joint's part where nothing was measured again and there is one target
 DIRECTIONS = "directions"
+# what tells an error that lasts
+ORDER = "order"
 # draws that a part needs, rows beyond the first of their configuration, and groups
 MIN_LEVELS = 20
 MIN_EXCESS = 10
@@ -169,7 +171,7 @@ def _list_lasting(problem: Problem, seen: Measurements, training: Mask) -> list[
                 stretch[order] = count + _cut(len(order), length * len(seen) / visits)
                 count = int(stretch[order].max(initial=-1)) + 1
             error = SharedError(loading, stretch, time=time, length=length)
-            found.append(PossiblePart("lasting", "mm", error, 3.0, "order", LASTING_TESTS))
+            found.append(PossiblePart("lasting", "mm", error, 3.0, ORDER, LASTING_TESTS))
     return found
 
 
