@@ -256,6 +256,28 @@ def test_finding_chosen_shows_its_cell_its_curve_and_the_arm(page, drawn, width)
     assert page.get_log("browser") == []
 
 
+def test_free_function_marks_the_cells_of_its_place_and_driver(browser, drawn, tmp_path) -> None:
+    """It has no cell of its own: that is said, and the strongest that q4 alone drives is marked."""
+    result, details = written(drawn)
+    k = next(k for k, one in enumerate(details["findings"]) if one["label"] == "wrist-coupling:5")
+    result["findings"][k]["credible_set"][0]["screws"][0]["cause"] = "free(q4)"
+    (tmp_path / "report.html").write_bytes(html(source_of(result, details)))
+    opened(browser, tmp_path / "report.html")
+    css(browser, "#findings button")[k].click()
+    (chosen,) = css(browser, "td[aria-selected='true']")
+    shown = result["error_map"]
+    row = shown["f"][shown["places"].index("5 rz")]
+    driven = [
+        (row[j], cause)
+        for j, cause in enumerate(shown["causes"])
+        if row[j] is not None
+        and set(re.findall(r"q\d|[a-z]+\d?", cause)) - {"sin", "cos"} == {"q4"}
+    ]
+    assert len(driven) > 1
+    assert f", cause {max(driven)[1]}, " in chosen.get_attribute("aria-label")
+    assert "no cell of this finding's own shape" in browser.find_element("id", "panel").text
+
+
 def test_arm_is_posed_where_the_finding_errs_most(page, drawn) -> None:
     """The joints that the finding moves are filled; the arrow is its largest displacement."""
     result, _ = written(drawn)

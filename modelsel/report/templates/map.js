@@ -90,7 +90,8 @@ function findingPanel(data, k) {
   const finding = data.result.findings[k], said = data.details.findings[k];
   const out = [el("h3", { text: `Finding ${k + 1}: ${said.label}` }), el("p", { text: finding.sentence })];
   if (data.figures[k]) out.push(el("p", { class: "quiet", text: data.figures[k] }));
-  if (!data.own[k].length) out.push(el("p", { class: "quiet", text: "No single cell of the map stands for this finding." }));
+  if (!data.own[k].length) out.push(el("p", { class: "quiet", text: data.kindred[k].length
+    ? "The map has no cell of this finding's own shape. Marked are, at its places, the strongest cells that depend on nothing but what it depends on." : "No cell of the map stands for this finding." }));
   for (const p of said.panels) out.push(scatter({ ...p, title: p.frames.length ? `Residual about frame ${p.frames.join(", ")} ${p.axis}` : "Displacement" }));
   if (said.panels.length) out.push(el("p", { class: "quiet", text: "Squares: without this effect. Dots: with it. Line: the fitted effect." }));
   if (said.posture) out.push(...posed(finding, said.posture));

@@ -17,7 +17,7 @@
   };
   // a finding: its cells are marked, the strongest of them and the panel are brought into view
   const openFinding = (k) => {
-    const f = ([i, j]) => result.error_map.f[i][j], own = [...data.own[k]].sort((a, b) => f(b) - f(a));
+    const f = ([i, j]) => result.error_map.f[i][j], own = [...(data.own[k].length ? data.own[k] : data.kindred[k])].sort((a, b) => f(b) - f(a));
     show([steps(k), ...findingPanel(data, k)], own.map(String));
     const [first] = chosen;
     if (first) centre(data.tds.get(first).closest(".scroll"), data.tds.get(first));
