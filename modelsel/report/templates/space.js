@@ -52,7 +52,7 @@ function space(data, shown) {
     };
     step(start + (still.matches ? 1e9 : 0));
     const side = result.ladder[k].held_out.rms_mm === null ? "estimation" : "held_out";
-    status.textContent = `${shown[k]}: error ${digits(result.ladder[k][side].rms_mm)} mm rms on ${side.replace("_", "-")} configurations; ` +
+    status.textContent = `${shown[k]}: rms error ${digits(result.ladder[k][side].rms_mm)} mm on ${side.replace("_", "-")} configurations; ` +
       `vectors drawn ${newFactor.toLocaleString("en")} times as long.`;
     canvas.setAttribute("aria-label", `Residual vectors of the model ${shown[k]}`);
     document.getElementById("rung").value = String(k);
