@@ -26,6 +26,8 @@ CODES = {
     "duplicate-rows": "rows that repeat another cell for cell are counted once",
     "copied-rows": "rows that copy a measurement under another number are counted once",
     "joint-rests": "readings of a joint at rest flicker; that is not taken for motion",
+    "coupled-joints": "the readings are of motors; the robot file's coupling makes joint angles of them",
+    "board-seen": "poses of a board seen from the hand are turned into poses of the camera",
     "approach-from-order": "directions of approach are taken from the order of motion",
     # preparing the study
     "gravity-unknown": "the robot file gives no direction of gravity; mechanisms that need it are left out",

@@ -30,7 +30,8 @@ class JointRecord(StrictRecord):
 
 
 class RobotRecord(StrictRecord):
-    """The nominal robot; `usual` is the usual size of such an arm's errors (mm, rad)."""
+    """The nominal robot; `usual` is the usual size of such an arm's errors (mm, rad), `coupling`
+    how its motors move the joints."""
 
     name: Text
     source: Text
@@ -38,6 +39,8 @@ class RobotRecord(StrictRecord):
     usual: Pair = Field(default=[1.0, 1e-3])
     joints: Annotated[list[JointRecord], Field(min_length=1)]
     last_mm: Transform
+    coupling: list[list[Number]] | None = None
+    passive: list[Whole] | None = None
 
 
 class UrdfRecord(StrictRecord):

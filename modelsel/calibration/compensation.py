@@ -22,7 +22,7 @@ from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
 from ..measurements.table import Source
-from ..robot.kinematics import forward
+from ..robot.kinematics import Robot, forward
 from ..robot.rigid import rotation_vector
 from .command_notes import describe_extrapolation, describe_order_dependence, find_past_limits
 from .prediction import compute_pose, propagate_uncertainty, to_tracker_frame
@@ -44,7 +44,8 @@ UNITS_PER_READING = {"rad": 1.0, "deg": 180 / np.pi, "mm": 1.0, "m": 1e-3}  # fr
 
 @dataclass(frozen=True, eq=False)
 class Commands:
-    """Corrected commands q (m, n) and where they lead: `wanted` (m, 3) in the tracker's frame;
+    """Corrected commands q (m, n), which the motors are to read, and where they lead: `wanted`
+    (m, 3) in the tracker's frame;
     `before_mm` the error of the nominal command, `left_mm` what the corrected one leaves on the
     calibrated model, `model_mm` the standard uncertainty of that model there (length),
     `expected_mm` the root of the sum of squares of the two and of the measuring noise; `before_rad`
@@ -146,16 +147,16 @@ class _Inversion:
         open_rows = self.damping < MAX_DAMPING
         return far & open_rows
 
-    def propose(self, rows: NDArray[np.bool_], scale: Array) -> Array:
-        """Return the commands after a damped step of least joint change in some rows; `scale` (n,)
-        weighs the joints."""
-        J = self.J[rows] * scale
+    def propose(self, rows: NDArray[np.bool_], moves: Array) -> Array:
+        """Return the commands after a damped step of least change in some rows; `moves` (n, k): how
+        the joints move by one of what is to change least."""
+        J = self.J[rows] @ moves
         inner = J @ J.transpose(0, 2, 1)
         weight = self.damping[rows] * np.trace(inner, axis1=1, axis2=2)
         damped = inner + weight[:, None, None] * np.eye(inner.shape[1])
         step = J.transpose(0, 2, 1) @ np.linalg.solve(damped, self.error[rows, :, None])
         trial = self.q.copy()
-        trial[rows] += step[:, :, 0] * scale
+        trial[rows] += step[:, :, 0] @ moves.T
         return trial
 
     def accept(self, rows: NDArray[np.bool_], trial: Array, error: Array, J: Array) -> None:
@@ -171,6 +172,15 @@ class _Inversion:
         self.damping = np.where(better, relaxed, raised)
 
 
+def _list_moves(robot: Robot) -> Array:
+    """List how the joints move by a rad (a slide's LEVER_MM) of every motor that can be moved,
+    (n, k)."""
+    scale = np.where(robot.prismatic, LEVER_MM, 1.0)
+    if robot.coupling is None:
+        return np.diag(scale)
+    return np.asarray(scale[:, None] * robot.coupling.driven)
+
+
 def compensate_commands(c: Calibration, data: Measurements) -> Commands:
     """Correct planned commands.
 
@@ -184,12 +194,12 @@ def compensate_commands(c: Calibration, data: Measurements) -> Commands:
     size = np.linalg.norm(before, axis=1)
     damping = np.full(len(data), START_DAMPING)
     inversion = _Inversion(data.q.copy(), before, J, size, damping)
-    scale = np.where(c.robot.prismatic, LEVER_MM, 1.0)
+    moves = _list_moves(c.robot)
     for _ in range(MAX_ITERATIONS):
         rows = inversion.unsettled()
         if not rows.any():
             break
-        trial = inversion.propose(rows, scale)
+        trial = inversion.propose(rows, moves)
         at = replace_readings(start, trial)
         error, J = _pose_error(c, at, wanted)
         inversion.accept(rows, trial, error, J)
@@ -212,9 +222,10 @@ def _summarise_commands(
     if start.data.rotation is not None:
         before_rad = np.linalg.norm(before[:, 3:], axis=1) / LEVER_MM
         left_rad = np.linalg.norm(left[:, 3:], axis=1) / LEVER_MM
+    commanded = replace(start.data, q=q).readings
     return Commands(
-        q=q,
-        change=q - start.data.q,
+        q=commanded,
+        change=commanded - start.data.readings,
         wanted=wanted,
         before_mm=before_mm,
         left_mm=left_mm,
@@ -238,7 +249,7 @@ def correct(
     """
     from warnings import warn
 
-    data = read_measurements(targets, c.robot.prismatic, positions=False, once=False)
+    data = read_measurements(targets, c.robot, positions=False, once=False)
     file = ""
     if isinstance(targets, (str, PathLike)):
         file = Path(targets).name

@@ -183,7 +183,14 @@ def build_constant_chain(c: Calibration, group: int = 0) -> ConstantChain:
         nominal = transform(None, c.tools[k])
         targets[name] = nominal @ offset
     source = f"calibrated by modelsel, study {c.study}"
-    robot = Robot(c.robot.name, source, tuple(joints), c.robot.last, c.robot.gravity)
+    robot = Robot(
+        c.robot.name,
+        source,
+        tuple(joints),
+        c.robot.last,
+        c.robot.gravity,
+        coupling=c.robot.coupling,
+    )
     return ConstantChain(robot, targets)
 
 
@@ -232,6 +239,7 @@ def bind_configurations(
         group=[c.groups[group]] * m,
         approach=approach,
         covariates=covariates,
+        coupling=c.robot.coupling,
     )
     return c.problem(replace(data, move=move))
 

@@ -37,6 +37,8 @@ from .reregistration import Registration, register_again
 MAX_P = 0.01  # below it a calibration is called drifted
 MIN_FACTOR = 1.1  # of the errors to those expected, for a calibration called drifted
 MAX_ROW_P = 0.05  # corrected for the number of rows: below it a row is beyond noise
+MAX_EXACT_FACTOR = 100.0  # a factor below is told to hundredths
+MIN_EXACT_P = 1e-12  # a p below is told to be below
 MAX_LISTED = 10
 MIN_HALF_RATIO = 1.5  # of mean squared errors in two halves of a joint's range, to be named
 MIN_HALF_ROWS = 5
@@ -64,6 +66,7 @@ class Verdict:
     doubts: tuple[str, ...] = ()  # what in the uncertainties or the rows looks mistaken
     small: bool = False  # errors far below what the stated uncertainty would leave
     new_targets: tuple[str, ...] = ()  # not calibrated, found from the new data
+    mistaken: bool = False  # a mistake in the data's rows explains them
 
     @property
     def drifted(self) -> bool:
@@ -216,9 +219,10 @@ def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
     found = lack(floor, test.factor, test.count)
     p = test.p(freedom)
     doubts = _list_doubts(c, data, residual, found)
+    slips: tuple[str, ...] = ()
     if not free_setup and p <= MAX_P:
         rows = np.isin(np.arange(len(size)), beyond)
-        doubts += describe_slips(
+        slips = describe_slips(
             problem, lambda other: other.data.position - predict(c, other), rows, expected
         )
     mean_square = np.square(residual).sum(1).mean()
@@ -233,9 +237,10 @@ def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
         residual=residual,
         size=size,
         moved=moved,
-        doubts=tuple(doubts),
+        doubts=(*doubts, *slips),
         small=found.outside and found.factor < 1 / CLEARLY_TOO_LARGE,
         new_targets=new_targets,
+        mistaken=bool(slips),
     )
 
 
@@ -251,7 +256,7 @@ def _register_data(c: Calibration, data: Measurements) -> Registration:
 def describe_verdict(data: Measurements, verdict: Verdict) -> list[str]:
     """Describe the verdict in one sentence, then what belongs to it."""
     sentences = [_summarise_verdict(data, verdict)]
-    if verdict.worst:
+    if verdict.worst and not verdict.mistaken:
         sentences.append(_list_worst(data, verdict))
     if verdict.new_targets:
         names = sentence_list([f'"{name}"' for name in verdict.new_targets])
@@ -268,10 +273,16 @@ def describe_verdict(data: Measurements, verdict: Verdict) -> list[str]:
 
 
 def _summarise_verdict(data: Measurements, verdict: Verdict) -> str:
-    figures = (
-        f"{verdict.rms_mm:.3f} mm rms where {verdict.expected_rms_mm:.3f} mm are expected, a factor of "
-        f"{verdict.factor:.2f} (p = {verdict.p:.2g})"
-    )
+    factor, p = verdict.factor, verdict.p
+    times = f"{factor:.2f}" if factor < MAX_EXACT_FACTOR else f"{factor:,.0f}"
+    chance = f"p = {p:.2g}" if p >= MIN_EXACT_P else f"p < {MIN_EXACT_P:g}"
+    expected = f"{verdict.rms_mm:.3f} mm rms where {verdict.expected_rms_mm:.3f} mm are expected"
+    figures = f"{expected}, a factor of {times} ({chance})"
+    if verdict.drifted and verdict.mistaken:
+        return (
+            "Whether the calibration still holds cannot be said before the data are corrected: as "
+            f"they are, {expected}."
+        )
     if verdict.drifted:
         count = len(verdict.worst)
         rows = "no single row shows it"

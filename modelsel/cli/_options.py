@@ -5,12 +5,17 @@ from __future__ import annotations
 import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from ..exceptions import StudyError
+
+# words of --decimal
+DECIMAL_MARKS = {"comma": ",", "point": "."}
 
 if TYPE_CHECKING:
     from ..report.terminal import Amount
@@ -45,6 +50,24 @@ def column_option(command: Callable[..., Any]) -> Callable[..., Any]:
     )(command)
 
 
+def _read_mark(context: click.Context, option: click.Parameter, given: str | None) -> str | None:
+    """Return the decimal mark of a word: comma, point."""
+    return None if given is None else DECIMAL_MARKS[given]
+
+
+def table_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options --sheet and --decimal, of commands that read a table without a study: `sheet`
+    and the mark `decimal`."""
+    decimal = click.option(
+        "--decimal",
+        type=click.Choice(list(DECIMAL_MARKS)),
+        callback=_read_mark,
+        help="The decimal mark, where the file's numbers leave it open.",
+    )
+    sheet = click.option("--sheet", help="Of a spreadsheet: the sheet, where several hold a table.")
+    return sheet(decimal(command))
+
+
 def _parse_arguments(
     context: click.Context, option: click.Parameter, given: tuple[str, ...]
 ) -> dict[str, str]:
@@ -67,24 +90,55 @@ def xacro_option(command: Callable[..., Any]) -> Callable[..., Any]:
     )(command)
 
 
+def dh_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the option --dh, of commands that take a robot file: `convention` of a table of DH
+    parameters."""
+    return click.option(
+        "--dh",
+        "convention",
+        type=click.Choice(("standard", "modified")),
+        help="Of a table of DH parameters: its convention, where the table leaves it open.",
+    )(command)
+
+
+@dataclass(frozen=True)
+class RobotOption:
+    """The robot that a command names, the text of a robot file that was `written` for it (of a xacro
+    file, of a table), and what is `said` of how it was read."""
+
+    robot: Robot
+    written: bytes | None = None
+    said: tuple[str, ...] = ()
+
+
 def read_robot_option(
-    robot: str, base: str | None, tip: str | None, arguments: Mapping[str, str]
-) -> tuple[Robot, bytes | None]:
-    """Read the robot that a command names: built in, a robot file, or a xacro file, whose URDF is
-    returned too. Raises StudyError."""
+    robot: str,
+    base: str | None = None,
+    tip: str | None = None,
+    arguments: Mapping[str, str] = MappingProxyType({}),
+    convention: str | None = None,
+) -> RobotOption:
+    """Read the robot that a command names: built in, a robot file, a table of DH parameters, or a
+    xacro file. Raises StudyError."""
     from ..robot.files import is_robot_file, load_robot, read_robot
     from ..robot.urdf import read_urdf_text
     from ..robot.xacro_files import expand_xacro, is_xacro
+    from ..study.robot_tables import is_robot_table, read_robot_table
 
     path = Path(robot)
     if is_xacro(path):
         text = expand_xacro(path, arguments)
-        return read_urdf_text(text, path.name, base, tip), text.encode()
+        return RobotOption(read_urdf_text(text, path.name, base, tip), text.encode())
     if arguments:
         raise StudyError("--xacro gives arguments to a xacro file: --robot FILE.xacro.")
+    if is_robot_table(path):
+        arm, text, said = read_robot_table(path, convention)
+        return RobotOption(arm, text.encode(), (said,))
+    if convention is not None:
+        raise StudyError("--dh says the convention of a table of DH parameters: --robot FILE.csv.")
     if is_robot_file(robot):
-        return read_robot(path, base, tip), None
-    return load_robot(robot), None
+        return RobotOption(read_robot(path, base, tip))
+    return RobotOption(load_robot(robot))
 
 
 def amount_options(command: Callable[..., Any]) -> Callable[..., Any]:

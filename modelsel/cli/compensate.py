@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .._choices import TARGET_FORMS
 from ..exceptions import CHECK_FAILED
-from ._options import column_option, print_json
+from ._options import column_option, print_json, table_option
 
 if TYPE_CHECKING:
     from ..calibration.calibration import Calibration
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
 @click.option(
     "--forward", is_flag=True, help="Keep the commands: write where the real target is at each."
 )
+@table_option
 @column_option
 @click.option("--json", "as_json", is_flag=True)
 def compensate_command(
@@ -59,6 +60,8 @@ def compensate_command(
     form: str,
     bound: tuple[float, float],
     forward: bool,
+    sheet: str | None,
+    decimal: str | None,
     columns: dict[str, str],
     as_json: bool,
 ) -> None:
@@ -73,15 +76,17 @@ def compensate_command(
     from ..calibration.compensation import build_commands_table, correct_measurements
     from ..calibration.loading import load_calibration
     from ..measurements.reader import read_measurements
+    from ..measurements.table import DataFile
 
     if forward and form != "csv":
         raise click.UsageError("--forward corrects no command: it goes with --format csv.")
     c = load_calibration(result)
-    data = read_measurements(targets, c.robot.prismatic, columns, positions=False, once=False)
+    source = DataFile(targets, sheet, decimal)
+    data = read_measurements(source, c.robot, columns, positions=False, once=False)
     commands: Commands | None = None
     if forward:
         notes = [*describe_extrapolation(c, data), *describe_order_dependence(c, data)]
-        table = build_commands_table(c, data, data.q, c.predict(data), {})
+        table = build_commands_table(c, data, data.readings, c.predict(data), {})
     else:
         commands, notes = correct_measurements(c, data, (bound[0] / 1e3, bound[1]), targets.name)
         table = build_commands_table(c, data, commands.q, commands.wanted, commands.figures())
@@ -116,6 +121,7 @@ def _write_program(
     from ..calibration.compensation import REACHED_MM
     from ..calibration.prediction import predict
     from ..calibration.robot_programs import round_commands, write_program
+    from ..robot.coupling import angles_of
 
     expected = commands.expected_mm.max()
     comments = [
@@ -128,7 +134,7 @@ def _write_program(
     text = write_program(form, out, commands.q, slides, comments)
     write_atomically(out, text.encode("ascii"))
     at = [
-        predict(c, c.problem(replace(data, q=q)))
+        predict(c, c.problem(replace(data, q=angles_of(c.robot.coupling, q))))
         for q in (commands.q, round_commands(form, commands.q, slides))
     ]
     moved = float(np.linalg.norm(at[1] - at[0], axis=1).max())

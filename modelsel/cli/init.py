@@ -9,13 +9,18 @@ from typing import TYPE_CHECKING
 import click
 
 from ..exceptions import StudyError
-from ._options import column_option, print_json, read_robot_option, xacro_option
+from ._options import (
+    column_option,
+    dh_option,
+    print_json,
+    read_robot_option,
+    table_option,
+    xacro_option,
+)
 
 if TYPE_CHECKING:
     from ..measurements.column_guesses import Choice, Reading
     from ..study.new_study import StudyDraft
-
-MARKS = {"comma": ",", "point": "."}
 
 
 @click.command("init")
@@ -29,12 +34,7 @@ MARKS = {"comma": ",", "point": "."}
 @click.option("--yes", is_flag=True, help="Ask nothing: take the best reading, and print it.")
 @click.option("--base", help="Of a URDF: the link the chain starts at; default its root.")
 @click.option("--tip", help="Of a URDF: the link the chain ends at; default the longest chain's.")
-@click.option("--sheet", help="Of a spreadsheet: the sheet, where several hold a table.")
-@click.option(
-    "--decimal",
-    type=click.Choice(list(MARKS)),
-    help="The decimal mark, where the file's numbers leave it open.",
-)
+@table_option
 @click.option(
     "--joints",
     type=click.Path(path_type=Path),
@@ -53,6 +53,7 @@ MARKS = {"comma": ",", "point": "."}
     help="Seconds that the times of a point and of its readings may differ.",
 )
 @xacro_option
+@dh_option
 @column_option
 @click.option("--json", "as_json", is_flag=True)
 def init_command(
@@ -68,6 +69,7 @@ def init_command(
     join: str | None,
     max_gap: float,
     arguments: dict[str, str],
+    convention: str | None,
     columns: dict[str, str],
     as_json: bool,
 ) -> None:
@@ -80,8 +82,9 @@ def init_command(
 
     folder = out if out is not None else Path(file.stem)
     check_new(folder)
-    arm, urdf = read_robot_option(robot, base, tip, arguments)
-    source = DataFile(file, sheet, None if decimal is None else MARKS[decimal])
+    named = read_robot_option(robot, base, tip, arguments, convention)
+    arm = named.robot
+    source = DataFile(file, sheet, decimal)
     if joints is None:
         draft = draft_study(source, arm, columns)
     else:
@@ -90,12 +93,12 @@ def init_command(
     draft = _settle(draft, yes)
     draft = _settle(add_orientation(draft), yes)
     data = draft.read()
-    lines = describe_draft(draft, data)
+    lines = [*named.said, *describe_draft(draft, data)]
     if not as_json:
         click.echo("\n".join(lines))
     if not yes:
         _ask_whether(f"Write a study to {folder}?")
-    written = write_study_folder(draft, data, RobotSource(robot, base, tip, urdf), folder)
+    written = write_study_folder(draft, data, RobotSource(robot, base, tip, named.written), folder)
     if as_json:
         print_json(
             {"written": [str(path) for path in written], "columns": draft.columns, "said": lines}

@@ -9,7 +9,7 @@ import click
 
 from .._choices import PLAN_PURPOSES
 from .._progress import show_progress
-from ._options import print_json
+from ._options import print_json, table_option
 
 if TYPE_CHECKING:
     from ..study.planning import MeasurementPlan
@@ -65,6 +65,7 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path, dir_okay=False),
     help="CSV file to write the chosen configurations to.",
 )
+@table_option
 @click.option("--json", "as_json", is_flag=True)
 def plan_command(
     study: Path,
@@ -76,12 +77,15 @@ def plan_command(
     size: float | None,
     repeats: int | None,
     out: Path | None,
+    sheet: str | None,
+    decimal: str | None,
     as_json: bool,
 ) -> None:
     """Choose what to measure next: to tell a study's rival explanations apart, or to determine its
     parameters."""
     from .._files import csv_bytes, write_atomically
     from ..config.study_file import read_study
+    from ..measurements.table import DataFile
     from ..mechanisms.registry import with_plugins
     from ..study.inputs import read_nominal_robot
     from ..study.planning import format_plan, plan_next
@@ -93,6 +97,9 @@ def plan_command(
         raise click.UsageError(
             "--pool gives the configurations themselves: leave --limits and --joint out."
         )
+    if pool_file is None and (sheet or decimal):
+        raise click.UsageError("--sheet and --decimal say how the file of --pool is read.")
+    pool = None if pool_file is None else DataFile(pool_file, sheet, decimal)
     path = study / "study.toml" if study.is_dir() else study
     read = read_study(path)
     registry, _ = with_plugins(robot=read_nominal_robot(read, path.parent))
@@ -101,13 +108,7 @@ def plan_command(
         result = run_study(read, path.parent, registry=registry, say=say, sampling=False)
         say(planning)
         planned = plan_next(
-            result,
-            count,
-            pool=pool_file,
-            purpose=purpose,
-            limits=limits,
-            joints=ranges,
-            repeats=repeats,
+            result, count, pool=pool, purpose=purpose, limits=limits, joints=ranges, repeats=repeats
         )
     table = planned.to_frame()
     more = _count_more(result, planned, size)

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import click
 
-from ._options import print_json
+from ._options import print_json, read_robot_option
 
 
 @click.command("robots")
 @click.argument("name", required=False)
 @click.option("--json", "as_json", is_flag=True)
 def robots_command(name: str | None, as_json: bool) -> None:
-    """The built-in nominal robots, each with its source."""
-    from ..robot.files import builtin_names, load_robot
+    """The built-in nominal robots, each with its source; of NAME, or a robot file, its chain."""
+    from ..robot.files import builtin_names
     from ..robot.plain_values import robot_card
 
-    cards = [robot_card(load_robot(n)) for n in ([name] if name else builtin_names())]
+    named = [read_robot_option(n) for n in ([name] if name else builtin_names())]
+    cards = [robot_card(each.robot) for each in named]
     if as_json:
         print_json({"robots": cards})
         return
@@ -30,4 +31,8 @@ def robots_command(name: str | None, as_json: bool) -> None:
                     f"  joint {k} ({joint['kind']}), limits {joint['limits']}, mass {mass}; transform before it [mm]:"
                 )
                 for row in joint["transform_mm"]:
+                    click.echo("    " + " ".join(f"{v:10.4f}" for v in row))
+            if card["coupling"]:
+                click.echo("  angles of the joints per reading of the motors:")
+                for row in card["coupling"]:
                     click.echo("    " + " ".join(f"{v:10.4f}" for v in row))

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from ..exceptions import CHECK_FAILED
-from ._options import column_option, print_json
+from ._options import column_option, print_json, table_option
 
 
 @click.command("validate")
@@ -18,19 +18,27 @@ from ._options import column_option, print_json
     is_flag=True,
     help="The tracker or the target may have moved: find them anew, keep the arm.",
 )
+@table_option
 @column_option
 @click.option("--json", "as_json", is_flag=True)
 def validate_command(
-    result: Path, data: Path, register: bool, columns: dict[str, str], as_json: bool
+    result: Path,
+    data: Path,
+    register: bool,
+    sheet: str | None,
+    decimal: str | None,
+    columns: dict[str, str],
+    as_json: bool,
 ) -> None:
     """Whether a stored calibration still holds on new measurements; nothing of it is refitted."""
     from ..calibration.command_notes import describe_extrapolation
     from ..calibration.loading import load_calibration
     from ..calibration.validation import describe_verdict, judge
     from ..measurements.reader import read_measurements
+    from ..measurements.table import DataFile
 
     c = load_calibration(result)
-    measured = read_measurements(data, c.robot.prismatic, columns)
+    measured = read_measurements(DataFile(data, sheet, decimal), c.robot, columns)
     found = judge(c, measured, register)
     said, beyond = describe_verdict(measured, found), describe_extrapolation(c, measured)
     warnings = [*found.doubts, *beyond]

@@ -15,6 +15,9 @@ class CandidateKind(Enum):
     JOINT_WAVE = "wave of a turning joint's own angle"
     SLIDE_WAVE = "wave of a slide's own reading"
     FREE_FUNCTION = "free function of a joint's own angle"
+    GROWTH = "function of a joint's own angle that grows along the campaign"
+    JUMP = "jump at one angle of a joint"
+    POWER = "compliance of a joint that is not in proportion to its torque"
     SHAPE = "shape that no list has, at the place of a finding or beside it"
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from ..mechanisms.terms import Mechanism, TermKey
 from ..selection.comparison import MAX_CANDIDATES
 from .candidate_kinds import CandidateKind
 from .data_faults import FaultKind, find_fault_kind
+from .joint_shapes import generate_joint_shapes
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
 from .unregistered import Unregistered, build_cell_causes, generate_unregistered, list_places
 
@@ -130,7 +132,9 @@ def build_candidates(
         screws = {collect_screws(m) for m in registered}
         taken = screws - one_sided.keys()
         within = exceeds_cell_limit(problem, options)
-        offered = generate_unregistered(problem, adjacent_only=within)
+        offered = chain(
+            generate_unregistered(problem, adjacent_only=within), generate_joint_shapes(problem)
+        )
         unregistered = _select_new(offered, base, taken)
     share = _share_of_registered(bool(registered), bool(unregistered))
     rest = 1 - share

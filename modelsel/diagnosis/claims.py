@@ -15,7 +15,7 @@ import numpy as np
 
 from .._typing import Array
 from ..fitting.problem import Problem
-from ..mechanisms.drives import joint_axis
+from ..mechanisms.motors import joint_axis
 from .candidate_columns import build_columns
 from .candidates import Candidate
 from .effects import Claim

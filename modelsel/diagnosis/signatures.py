@@ -41,9 +41,11 @@ def _read_drivers(candidate: Candidate) -> Hashable:
 
 
 def _read_shape(candidate: Candidate) -> Hashable:
-    """Of a registered mechanism the name, whatever its constant."""
+    """Of a registered mechanism the name, whatever its constant; of a jump the place alone."""
     if candidate.kind in SHAPELESS:
         return None
+    if candidate.kind is CandidateKind.JUMP:
+        return CandidateKind.JUMP, frozenset(candidate.mechanism.names_by_place())
     if candidate.but_for_sign:
         return candidate.but_for_sign[0].name
     return candidate.registered_name or candidate.screws

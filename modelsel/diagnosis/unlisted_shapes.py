@@ -25,6 +25,7 @@ Drivers = frozenset[str]
 # knot intervals over a driver's range, and values that a driver needs to have a shape
 INTERVALS = 6
 MIN_VALUES = 8
+PROGRESS = Named("progress")
 # places times drivers from which a finding acts in too many ways for one free function
 MAX_PARTS = 6
 # prior probability of a further listed finding at a place, where one is
@@ -172,16 +173,30 @@ def _free(
 
 
 def _generate_shapes(problem: Problem, parts: dict[Place, Drivers]) -> Iterator[Mechanism]:
-    """Generate free functions of the own drivers at the own places."""
-    functions: list[tuple[Place, Cause]] = []
-    for place, drivers in parts.items():
-        shaped = sorted(name for name in drivers if _has_shape(problem, name))
-        if not shaped or len(shaped) > 2:
-            return
-        first, *second = shaped
-        times = (ONE, *(_scale(problem, name) for name in second))
-        functions += _free(problem, [place], first, times)
-    yield _build(functions)
+    """Generate free functions of the own drivers at the own places.
+
+    Of two drivers each has its turn: a free function of it, and one times the other. What depends on
+    the course of the campaign may be a free function of the other driver that grows, too."""
+    shaped = {
+        place: sorted(name for name in drivers if _has_shape(problem, name))
+        for place, drivers in parts.items()
+    }
+    most = max(map(len, shaped.values()))
+    if not all(shaped.values()) or most > 2:
+        return
+    for turn in range(most):
+        functions: list[tuple[Place, Cause]] = []
+        for place, names in shaped.items():
+            first = names[turn % len(names)]
+            times = (ONE, *(_scale(problem, name) for name in names if name != first))
+            functions += _free(problem, [place], first, times)
+        yield _build(functions)
+    if most == 2 and all("progress" in names for names in shaped.values()):
+        grown = [name for names in shaped.values() for name in names if name != "progress"]
+        growing = zip(shaped, grown, strict=True)
+        yield _build(
+            [one for place, name in growing for one in _free(problem, [place], name, (PROGRESS,))]
+        )
 
 
 def _generate_other_drivers(

@@ -14,6 +14,7 @@ from .._linalg import connected_components
 from .._typing import Array, Index
 from ..exceptions import DataError
 from ..notices import Note
+from ..robot.coupling import Coupling, readings_of
 from ..robot.rigid import to_quaternion
 from .features import COORDINATES, KINDS, Feature, KindColumns, add_kind_columns, collect_features
 from .reference_temperature import REFERENCE, choose_reference
@@ -73,7 +74,7 @@ class Measurements:
     """m measured points. Positions in the tracker's frame [mm]; residual = measured - predicted
     everywhere."""
 
-    q: Array  # (m, n) joint readings, rad or mm
+    q: Array  # (m, n) joint angles, rad or mm; the readings where nothing is coupled
     position: Array  # (m, 3) mm
     row: Index  # (m,) row of the file, 0-based
     configuration: Index  # (m,) visit of the arm; several targets share one
@@ -81,7 +82,7 @@ class Measurements:
     target: Index  # (m,) index into `targets`
     group: Index  # (m,) index into `groups`
     order: Array  # (m,) order of motion within the group
-    approach: Array  # (m, n) sign of each joint's last motion, 0 unknown
+    approach: Array  # (m, n) sign of each joint's (coupled: motor's) last motion, 0 unknown
     move: Array  # (m, n) size of the motion that led here, rad or mm
     progress: Array  # (m,) place in the order of motion of the whole campaign, 0 to 1
     targets: tuple[str, ...] = ONE_TARGET
@@ -99,6 +100,7 @@ class Measurements:
     units: tuple[str, ...] = ()
     # °C from which thermal effects are counted, of the whole campaign
     reference_celsius: float = REFERENCE
+    coupling: Coupling | None = None  # how motors move the joints; None: each its own
 
     def __len__(self) -> int:
         return len(self.position)
@@ -117,6 +119,11 @@ class Measurements:
         if self.gauges is None:
             return np.ones(rows, bool)
         return self.gauges.of("point")
+
+    @property
+    def readings(self) -> Array:
+        """(m, n) what the motors read, rad or mm: `q` where nothing is coupled."""
+        return readings_of(self.coupling, self.q)
 
     @property
     def configurations(self) -> int:
@@ -164,13 +171,14 @@ class Measurements:
         joints = self.q.shape[1]
         if not slides:
             slides = (False,) * joints
+        readings = self.readings
         columns = dict[str, Array]()
         for j, slide in enumerate(slides, 1):
             unit = "rad"
             if slide:
                 unit = "mm"
             name = f"q{j}_{unit}"
-            column = self.q[:, j - 1]
+            column = readings[:, j - 1]
             columns[name] = column
         return columns
 
@@ -276,11 +284,12 @@ def build_measurements(
     orientation: Orientation | None = None,
     kinds: KindColumns | None = None,
     prismatic: Sequence[bool] = (),
+    coupling: Coupling | None = None,
 ) -> Measurements:
     """Build measurements from plain arrays; everything optional is derived as contract.md says.
 
-    q: (m, n) rad or mm; position: (m, 3) mm, nan where it is not measured; `prismatic`: which
-    joints slide. By role: `configuration`, `target`, `group` label the rows, whose number in the
+    q: (m, n) joint angles, rad or mm; position: (m, 3) mm, nan where it is not measured;
+    `prismatic`: which joints slide; `coupling`: how motors, whose motion is derived, move them. By role: `configuration`, `target`, `group` label the rows, whose number in the
     file is `row`; `order` and `approach` describe the motion; `covariates` the state; `sigma`
     (m, 3) [mm] and `orientation` the measurement; `kinds` what rows measure where not every one is
     a point. Raises DataError for a distance of one row."""
@@ -292,7 +301,8 @@ def build_measurements(
     group_index, groups = (same, ONE_GROUP) if group is None else number_keys(group)
     order = np.arange(m, dtype=float) if order is None else np.asarray(order, float)
     visit = number_visits(q, configuration, group_index)
-    derived, move, flicker = derive_motion(q, visit, group_index, order, prismatic)
+    readings = readings_of(coupling, q)
+    derived, move, flicker = derive_motion(readings, visit, group_index, order, prismatic)
     covariates = dict(covariates or {})
     data = Measurements(
         q,
@@ -315,6 +325,7 @@ def build_measurements(
         notes=_describe_motion(flicker, prismatic, approach is None),
         prismatic=tuple(prismatic),
         reference_celsius=choose_reference(covariates),
+        coupling=coupling,
     )
     if kinds is None:
         return data

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from .._typing import Array
 from ..exceptions import StudyError, suggest
 from ..notices import Note
+from ..robot.coupling import Coupling, angles_of
 from ..robot.kinematics import Robot
 from ..robot.rigid import from_quaternion
+from .board_columns import convert_board_poses
 from .column_guesses import propose_columns
 from .columns import READING_UNITS, Mask, read_column_set, read_names, read_numbers, read_quantity
 from .contract_columns import (
@@ -47,6 +49,10 @@ COPIES_PER_REPEAT = 10.0
 # rad, mm: by how much an arm that stands still may be read anew: encoders' noise, servos' hold
 STANDSTILL_RAD = 1e-3
 STANDSTILL_MM = 0.1
+COUPLED = (
+    "The readings are of motors: the robot file's coupling makes joint angles of them, and q1, q2, … "
+    "are these angles. Directions of approach and moves are the motors'."
+)
 # rad: a reading beyond two turns is none in radians
 MAX_READING_RAD = 4 * np.pi
 
@@ -56,7 +62,7 @@ class _Columns:
     """What the columns of a table hold, row by row, before rows that stand in it twice are left
     out; None where there is no such column."""
 
-    q: Array  # (m, n) rad or mm
+    q: Array  # (m, n) readings, rad or mm
     position: Array  # (m, 3) mm
     kinds: KindColumns | None
     sigma: Array | None  # (m, 3) mm
@@ -81,7 +87,7 @@ def read_measurements(
     """Read measurements of a robot from a text table, spreadsheet or Parquet file, or a DataFrame.
 
     source: a path, or a DataFrame with the columns of a measurements file.
-    robot: the robot, or which of its joints are prismatic.
+    robot: the robot, or which of its joints are prismatic where none are coupled.
     columns: contract name -> name in the file, where they differ.
     group: one row group of a Parquet file; None reads all.
     positions: whether positions must be there; absent ones are NaN.
@@ -89,16 +95,22 @@ def read_measurements(
 
     Raises DataError with file, line and column, or row (from 0) and column of the DataFrame;
     StudyError for a name that the contract does not have."""
-    prismatic = robot.prismatic if isinstance(robot, Robot) else tuple(robot)
+    prismatic, coupling = tuple[bool, ...](), None
+    if isinstance(robot, Robot):
+        prismatic, coupling = robot.prismatic, robot.coupling
+    else:
+        prismatic = tuple(robot)
     table = _load_contract_table(source, group, columns or {}, prismatic, positions)
     content = _read_columns(table, prismatic, positions)
     keep, notes = np.ones(len(table), bool), list[Note]()
     if once:
         keep, notes = _find_distinct_rows(table, content)
-    data = _select_rows(content, keep, prismatic)
+    data = _select_rows(content, keep, prismatic, coupling)
     if content.order is not None:
         check_clock(data.order, data.covariates.get("time_s"), data.group, data.row, table.where)
     units = _find_reading_units(table, prismatic)
+    if coupling is not None:
+        notes.append(Note("coupled-joints", COUPLED))
     said = (*table.notes, *content.notes, *notes, *data.notes)
     return replace(data, notes=said, where=table.where, units=units)
 
@@ -123,7 +135,7 @@ def _load_contract_table(
     if proposal is not None and positions:
         raise proposal
     refuse_other_units(table, known, prismatic, has_kinds)
-    return convert_orientations(table)
+    return convert_board_poses(convert_orientations(table))
 
 
 def _read_columns(table: Table, prismatic: Sequence[bool], positions: bool) -> _Columns:
@@ -157,7 +169,9 @@ def _read_columns(table: Table, prismatic: Sequence[bool], positions: bool) -> _
     )
 
 
-def _select_rows(columns: _Columns, keep: Mask, prismatic: Sequence[bool]) -> Measurements:
+def _select_rows(
+    columns: _Columns, keep: Mask, prismatic: Sequence[bool], coupling: Coupling | None
+) -> Measurements:
     """Build the measurements of some rows."""
     rows = slice(None) if keep.all() else keep
 
@@ -170,7 +184,7 @@ def _select_rows(columns: _Columns, keep: Mask, prismatic: Sequence[bool]) -> Me
         orientation = Orientation(rotation, select(columns.sigma_rotation))
     labels = {name: select(names) for name, names in columns.labels.items()}
     return build_measurements(
-        columns.q[rows],
+        angles_of(coupling, columns.q[rows]),
         columns.position[rows],
         row=np.flatnonzero(keep),
         **labels,
@@ -181,6 +195,7 @@ def _select_rows(columns: _Columns, keep: Mask, prismatic: Sequence[bool]) -> Me
         orientation=orientation,
         kinds=None if columns.kinds is None else columns.kinds.take(keep),
         prismatic=prismatic,
+        coupling=coupling,
     )
 
 

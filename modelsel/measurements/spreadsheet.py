@@ -114,7 +114,7 @@ def _choose_sheet(path: Path, sheets: dict[str, list[list[Any]]], wanted: str | 
             f"{len(tables)} sheets hold a table of numbers: {listed}.",
             file=path.name,
             remedy=f'Say which in the study file: [measurements] sheet = "{tables[0]}" '
-            "(modelsel init: --sheet).",
+            "(on the command line: --sheet).",
         )
     if not tables:
         raise DataError(

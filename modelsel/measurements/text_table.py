@@ -191,7 +191,7 @@ def refuse_doubtful_commas(file: str, example: Any) -> DataError:
         "(a comma between thousands), and all numbers of the file leave it open.",
         file=file,
         remedy='Say which in the study file: [measurements] decimal = "," or decimal = "." '
-        "(modelsel init: --decimal).",
+        "(on the command line: --decimal comma or --decimal point).",
     )
 
 

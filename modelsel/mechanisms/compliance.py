@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from ..robot.gravity import find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
-from .causes import Named, q, shifted, sin, torque
+from .causes import Named, q, shifted, sin
+from .motors import drive_angle, drive_screws, motor_torque, moved_joints, name_drive
 from .terms import Mechanism, Screw, Term
 
 # rad/(N m): usual size of a compliance
@@ -50,16 +51,17 @@ def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
     of unknown ones, a term each (`masses`)."""
     if masses:
         terms = tuple(
-            Term(f"c{joint}m{k}", (Screw(joint, "rz", weight_moment(joint, "z", k)),), HEAVY)
-            for k in later_frames(robot, joint)
+            Term(f"c{joint}m{k}", drive_screws(robot, joint, motor_torque(robot, joint, k)), HEAVY)
+            for k in later_frames(robot, min(moved_joints(robot, joint)))
         )
     else:
-        terms = (Term(f"c{joint}", (Screw(joint, "rz", torque(joint)),), COMPLIANCE, 1),)
+        held = drive_screws(robot, joint, motor_torque(robot, joint))
+        terms = (Term(f"c{joint}", held, COMPLIANCE, 1),)
     return Mechanism(
         f"joint-compliance:{joint}",
         terms,
-        f"Joint {joint} winds up in proportion to its gravity torque.",
-        f"θ{joint} = q{joint} + c · gravity torque about joint {joint}",
+        f"{name_drive(robot, joint).capitalize()} winds up in proportion to its gravity torque.",
+        f"{drive_angle(robot, joint)} + c · gravity torque about {name_drive(robot, joint)}",
         SOURCE,
         usual_causes=WINDING_PARTS,
     )
@@ -121,12 +123,12 @@ def mass_choices_beyond(robot: Robot, link: int) -> tuple[int, ...]:
 
 def payload_deflection(robot: Robot, joint: int) -> Mechanism:
     """The drive winds up under the payload at the target; its mass is the column payload_kg."""
-    cause = Named("payload_kg", "kg") * weight_moment(joint, "z", robot.n + 1)
+    cause = Named("payload_kg", "kg") * motor_torque(robot, joint, robot.n + 1)
     return Mechanism(
         f"payload-deflection:{joint}",
-        (Term(f"p{joint}", (Screw(joint, "rz", cause),), COMPLIANCE, 1),),
-        f"Joint {joint} winds up in proportion to the torque of the payload.",
-        f"θ{joint} = q{joint} + p · payload_kg · torque of 1 kg at the target",
+        (Term(f"p{joint}", drive_screws(robot, joint, cause), COMPLIANCE, 1),),
+        f"{name_drive(robot, joint).capitalize()} winds up in proportion to the torque of the payload.",
+        f"{drive_angle(robot, joint)} + p · payload_kg · torque of 1 kg at the target",
         SOURCE,
         usual_causes=WINDING_PARTS,
     )
@@ -141,8 +143,8 @@ def counterbalance(robot: Robot) -> Mechanism | None:
     return Mechanism(
         "counterbalance",
         (
-            Term("u1", (Screw(j, "rz", sin(angle)),), (1e-5, 1e-2)),
-            Term("u2", (Screw(j, "rz", sin(2.0 * angle)),), (1e-5, 1e-2)),
+            Term("u1", drive_screws(robot, j, sin(angle)), (1e-5, 1e-2)),
+            Term("u2", drive_screws(robot, j, sin(2.0 * angle)), (1e-5, 1e-2)),
         ),
         f"Joint {j} turns with the sine of its angle from level and of twice that angle.",
         f"θ{j} = q{j} + u1 {sin(angle)} + u2 {sin(2.0 * angle)}",

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from ..robot.kinematics import Robot
 from .causes import Cause, Named, cos, q, sin
+from .motors import drive_angle, drive_screws, joint_axis, motor_reading, name_drive
 from .terms import Mechanism, Screw, Term
 
 # rad at the joint: usual size of a wave
@@ -36,32 +37,41 @@ def all_joints(robot: Robot) -> tuple[int, ...]:
     return tuple(joints)
 
 
-def joint_axis(robot: Robot, joint: int) -> str:
-    """Return the axis that a joint moves along (tz) or about (rz)."""
-    joint_moved = robot.joints[joint - 1]
-    if joint_moved.prismatic:
-        return "tz"
-    return "rz"
-
-
 def wave_terms(joint: int, count: float, axis: str, symbol: str) -> tuple[Term, Term]:
     """Build a wave of unknown phase: sine and cosine of `count` times the joint's angle at one
     place of its frame."""
-    angle: Cause = q(joint)
-    if count != 1:
-        angle = float(count) * angle
+    angle = _multiply(count, q(joint))
     sine = Screw(joint, axis, sin(angle))
     cosine = Screw(joint, axis, cos(angle))
     return (Term(f"{symbol}s", (sine,), RUNOUT), Term(f"{symbol}c", (cosine,), RUNOUT))
 
 
+def _drive_waves(robot: Robot, joint: int, count: int, symbol: str) -> tuple[Term, Term]:
+    """Build a wave of unknown phase by which a drive stands off: `count` to a turn of what its
+    encoder reads."""
+    angle = _multiply(count, motor_reading(robot, joint))
+    sine = drive_screws(robot, joint, sin(angle))
+    cosine = drive_screws(robot, joint, cos(angle))
+    return (Term(f"{symbol}s", sine, RUNOUT), Term(f"{symbol}c", cosine, RUNOUT))
+
+
+def _multiply(count: float, angle: Cause) -> Cause:
+    return angle if count == 1 else float(count) * angle
+
+
+def _begin(robot: Robot, joint: int) -> str:
+    """Begin a sentence with a drive's name."""
+    return name_drive(robot, joint).capitalize()
+
+
 def gear_eccentricity(robot: Robot, joint: int) -> Mechanism:
     """The output gear turns about a point beside its centre: once a turn."""
+    angle = motor_reading(robot, joint)
     return Mechanism(
         f"gear-eccentricity:{joint}",
-        wave_terms(joint, 1, "rz", f"e{joint}"),
-        f"Joint {joint} turns unevenly, one wave a turn.",
-        f"θ{joint} = q{joint} + es sin(q{joint}) + ec cos(q{joint})",
+        _drive_waves(robot, joint, 1, f"e{joint}"),
+        f"{_begin(robot, joint)} turns unevenly, one wave a turn.",
+        f"{drive_angle(robot, joint)} + es sin({angle}) + ec cos({angle})",
         "Whitney, Lozinski & Rourke 1986",
         usual_causes=("gear or shaft out of centre", "encoder disk out of centre"),
     )
@@ -69,11 +79,12 @@ def gear_eccentricity(robot: Robot, joint: int) -> Mechanism:
 
 def encoder_eccentricity(robot: Robot, joint: int) -> Mechanism:
     """What two reading heads leave of a disk's eccentricity, and an oval ring: twice a turn."""
+    angle = motor_reading(robot, joint)
     return Mechanism(
         f"encoder-eccentricity:{joint}",
-        wave_terms(joint, 2, "rz", f"d{joint}"),
-        f"Joint {joint} turns unevenly, two waves a turn.",
-        f"θ{joint} = q{joint} + ds sin(2 q{joint}) + dc cos(2 q{joint})",
+        _drive_waves(robot, joint, 2, f"d{joint}"),
+        f"{_begin(robot, joint)} turns unevenly, two waves a turn.",
+        f"{drive_angle(robot, joint)} + ds sin(2 {angle}) + dc cos(2 {angle})",
         "Lopez-Rubio et al. 2010, encoder errors",
         usual_causes=(
             "oval encoder ring",
@@ -86,11 +97,12 @@ def encoder_eccentricity(robot: Robot, joint: int) -> Mechanism:
 
 def gear_ripple(robot: Robot, joint: int, waves: int) -> Mechanism:
     """Tooth mesh and strain-wave gears: some tens of waves a turn; the number is scanned."""
+    angle = motor_reading(robot, joint)
     return Mechanism(
         f"gear-ripple:{joint}",
-        wave_terms(joint, waves, "rz", f"r{joint}"),
-        f"Joint {joint} turns unevenly, {waves} waves a turn.",
-        f"θ{joint} = q{joint} + rs sin({waves} q{joint}) + rc cos({waves} q{joint})",
+        _drive_waves(robot, joint, waves, f"r{joint}"),
+        f"{_begin(robot, joint)} turns unevenly, {waves} waves a turn.",
+        f"{drive_angle(robot, joint)} + rs sin({waves} {angle}) + rc cos({waves} {angle})",
         "Tuttle & Seering 1996, harmonic-drive gear transmission",
         usual_causes=RIPPLING_PARTS,
     )
@@ -98,12 +110,13 @@ def gear_ripple(robot: Robot, joint: int, waves: int) -> Mechanism:
 
 def encoder_scale(robot: Robot, joint: int) -> Mechanism:
     """The joint moves a little more or less than its encoder counts."""
-    screw = Screw(joint, joint_axis(robot, joint), q(joint, robot.unit(joint)))
+    reading = motor_reading(robot, joint)
+    screws = drive_screws(robot, joint, reading)
     return Mechanism(
         f"encoder-scale:{joint}",
-        (Term(f"s{joint}", (screw,), SCALE),),
-        f"Joint {joint} moves more (or less) than its reading says, in proportion.",
-        f"θ{joint} = (1 + s) q{joint}",
+        (Term(f"s{joint}", screws, SCALE),),
+        f"{_begin(robot, joint)} moves more (or less) than its reading says, in proportion.",
+        f"θ{joint} = (1 + s) {reading}",
         "Whitney, Lozinski & Rourke 1986",
         usual_causes=(
             "gear ratio or encoder count in the controller",
@@ -183,8 +196,8 @@ def approach_backlash(robot: Robot, joint: int) -> Mechanism:
     return Mechanism(
         f"approach-backlash:{joint}",
         (_side(robot, joint, f"k{joint}", -1),),
-        f"Joint {joint} stops short of its reading, on the side that it came from.",
-        f"θ{joint} = q{joint} + k · direction of joint {joint}'s last motion, k < 0",
+        f"{_begin(robot, joint)} stops short of its reading, on the side that it came from.",
+        f"{drive_angle(robot, joint)} + k · direction of {name_drive(robot, joint)}'s last motion, k < 0",
         "Slamani, Nubiola & Bonev 2012, backlash of robots",
         usual_causes=(
             "backlash of the gear",
@@ -200,8 +213,8 @@ def overshoot(robot: Robot, joint: int) -> Mechanism:
     return Mechanism(
         f"overshoot:{joint}",
         (_side(robot, joint, f"o{joint}", 1),),
-        f"Joint {joint} rests past its reading, in the direction of its last motion, where play would leave it short.",
-        f"θ{joint} = q{joint} + o · direction of joint {joint}'s last motion, o > 0",
+        f"{_begin(robot, joint)} rests past its reading, in the direction of its last motion, where play would leave it short.",
+        f"{drive_angle(robot, joint)} + o · direction of {name_drive(robot, joint)}'s last motion, o > 0",
         "Slamani, Nubiola & Bonev 2012, backlash of robots; the sign is that of an overshoot",
         usual_causes=(
             "servo that overshoots",
@@ -212,29 +225,27 @@ def overshoot(robot: Robot, joint: int) -> Mechanism:
 
 
 def _side(robot: Robot, joint: int, symbol: str, sign: int) -> Term:
-    """Build a turn (or shift) of a joint by the direction of its last motion."""
+    """Build a turn (or shift) of a drive by the direction of its last motion."""
     axis = joint_axis(robot, joint)
     size = (2e-6, 5e-3)
     if axis == "tz":
         size = (1e-3, 2.0)
     direction = Named(f"approach{joint}")
-    screw = Screw(joint, axis, direction)
-    return Term(symbol, (screw,), size, sign)
+    return Term(symbol, drive_screws(robot, joint, direction), size, sign)
 
 
-def _last_move(robot: Robot, joint: int) -> Screw:
-    """Build a joint's own motion, by the size and direction of its last move."""
-    axis = joint_axis(robot, joint)
+def _last_move(robot: Robot, joint: int) -> tuple[Screw, ...]:
+    """Build a drive's own motion, by the size and direction of its last move."""
     unit = robot.unit(joint)
     direction = Named(f"approach{joint}")
     size = Named(f"move{joint}", unit)
-    return Screw(joint, axis, direction * size)
+    return drive_screws(robot, joint, direction * size)
 
 
 def read_too_early(robot: Robot) -> Mechanism:
     """Every joint was read before the arm stood still: one lag, a share of each joint's last
     move."""
-    screws = tuple(_last_move(robot, j) for j in all_joints(robot))
+    screws = tuple(screw for j in all_joints(robot) for screw in _last_move(robot, j))
     return Mechanism(
         "fault:read-too-early",
         (Term("lag", screws, (1e-6, 5e-2), 1),),
@@ -252,10 +263,10 @@ def settling(robot: Robot, joint: int) -> Mechanism:
     still missing."""
     return Mechanism(
         f"settle:{joint}",
-        (Term(f"m{joint}", (_last_move(robot, joint),), (1e-6, 1e-2), -1),),
-        f"Joint {joint} is short of its reading by a share of its last move.",
-        f"θ{joint} = q{joint} + m · last move of joint {joint}",
+        (Term(f"m{joint}", _last_move(robot, joint), (1e-6, 1e-2), -1),),
+        f"{_begin(robot, joint)} is short of its reading by a share of its last move.",
+        f"{drive_angle(robot, joint)} + m · last move of {name_drive(robot, joint)}",
         "ISO 9283, position stabilisation time",
-        f"Joint {joint} is past its reading by a share of its last move, as when it is read too early or swings past.",
+        f"{_begin(robot, joint)} is past its reading by a share of its last move, as when it is read too early or swings past.",
         ("target measured before the arm stood still", "creep of a belt or a gear"),
     )

@@ -9,6 +9,7 @@ from ..measurements.reference_temperature import REFERENCE, TEMPERATURE
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .causes import Applied, Bump, Cause, Combined, Named, Number, shifted, sign
+from .motors import drive_screws
 from .terms import Mechanism, Screw, Term
 
 PROGRESS: Cause = Named(
@@ -107,11 +108,8 @@ def thermal_expansion(robot: Robot, reference: float = REFERENCE) -> Mechanism |
 
 def thermal_zero(robot: Robot, joint: int, reference: float = REFERENCE) -> Mechanism:
     """A joint's zero wanders with temperature."""
-    slides = robot.joints[joint - 1].prismatic
-    axis = "tz" if slides else "rz"
     rise = temperature_rise(reference)
-    screw = Screw(joint, axis, rise)
-    term = Term(f"z{joint}", (screw,), (1e-7, 1e-3))
+    term = Term(f"z{joint}", drive_screws(robot, joint, rise), (1e-7, 1e-3))
     return Mechanism(
         f"thermal-zero:{joint}",
         (term,),

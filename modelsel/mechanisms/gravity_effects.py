@@ -6,8 +6,9 @@ from __future__ import annotations
 from ..robot.gravity import ArmPair, find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
-from .causes import Cause, Named, Number, cos, q, shifted, sign, torque
+from .causes import Cause, Named, Number, cos, q, shifted, sign
 from .compliance import WINDING_PARTS
+from .motors import drive_angle, drive_screws, motor_torque, name_drive
 from .terms import Mechanism, Screw, Term
 
 PAPER = "Positioning error analysis (the reference), Eq. 6-7"
@@ -43,11 +44,11 @@ def joint2_twist(robot: Robot) -> Mechanism | None:
     return Mechanism(
         "joint2-twist",
         (
-            Term("h1", (Screw(j, "rz", forearm_lever(pair)),), TWIST, pair.far_sign),
-            Term("h2", (Screw(j, "rz", upper_arm_lever(pair)),), TWIST, pair.near_sign),
+            Term("h1", drive_screws(robot, j, forearm_lever(pair)), TWIST, pair.far_sign),
+            Term("h2", drive_screws(robot, j, upper_arm_lever(pair)), TWIST, pair.near_sign),
         ),
-        f"Joint {j} winds up under the weight of the upper arm and the forearm.",
-        f"θ{j} = q{j} + h1 {forearm_lever(pair)} + h2 {upper_arm_lever(pair)}",
+        f"{name_drive(robot, j).capitalize()} winds up under the weight of the upper arm and the forearm.",
+        f"{drive_angle(robot, j)} + h1 {forearm_lever(pair)} + h2 {upper_arm_lever(pair)}",
         PAPER,
         usual_causes=WINDING_PARTS,
     )
@@ -61,9 +62,9 @@ def joint3_twist(robot: Robot) -> Mechanism | None:
     sign_here = pair.far_sign * pair.parallel  # the elbow's own axis may point the other way
     return Mechanism(
         "joint3-twist",
-        (Term("h3", (Screw(j, "rz", forearm_lever(pair)),), TWIST, sign_here),),
-        f"Joint {j} winds up under the weight of the forearm.",
-        f"θ{j} = q{j} + h3 {forearm_lever(pair)}",
+        (Term("h3", drive_screws(robot, j, forearm_lever(pair)), TWIST, sign_here),),
+        f"{name_drive(robot, j).capitalize()} winds up under the weight of the forearm.",
+        f"{drive_angle(robot, j)} + h3 {forearm_lever(pair)}",
         PAPER,
         usual_causes=WINDING_PARTS,
     )
@@ -92,18 +93,18 @@ def backlash(robot: Robot, joint: int) -> Mechanism:
     torque itself as cause, plus. On the paper's own arm, where the lever cos(q2+q3) is against the
     torque, the paper calls either sign backlash (its Table 3 has h3 = -1.686 and h4 = +0.235 mrad);
     there the sentence says which of them was found."""
-    pair, cause, direction = find_arm_pair(robot), sign(torque(joint)), 1
+    pair, cause, direction = find_arm_pair(robot), sign(motor_torque(robot, joint)), 1
     if pair is not None and joint == pair.fore:
         cause, direction = sign(forearm_lever(pair)), pair.far_sign * pair.parallel
     against = (
-        f"Joint {joint} steps against gravity where its torque changes sign: play would yield to it, so that this stands "
+        f"{name_drive(robot, joint).capitalize()} steps against gravity where its torque changes sign: play would yield to it, so that this stands "
         "for something else, such as a spring that is not linear."
     )
     return Mechanism(
         f"backlash:{joint}",
-        (Term(f"h4[{joint}]", (Screw(joint, "rz", cause),), BACKLASH, direction),),
-        f"Joint {joint} steps where its gravity torque changes sign, to the side that gravity pulls.",
-        f"θ{joint} = q{joint} + h4 {cause}",
+        (Term(f"h4[{joint}]", drive_screws(robot, joint, cause), BACKLASH, direction),),
+        f"{name_drive(robot, joint).capitalize()} steps where its gravity torque changes sign, to the side that gravity pulls.",
+        f"{drive_angle(robot, joint)} + h4 {cause}",
         PAPER,
         against if direction < 0 else "",
         ("backlash of the gear", "play of a key or a coupling"),

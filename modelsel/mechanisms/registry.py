@@ -14,7 +14,7 @@ from ..exceptions import StudyError, one_line, suggest
 from ..measurements.reference_temperature import REFERENCE
 from ..robot.gravity import find_gravity_joints
 from ..robot.kinematics import Robot
-from . import compliance, drives, environment, geometry, gravity_effects
+from . import compliance, drives, environment, geometry, gravity_effects, motors
 from .terms import Mechanism, unstorable
 
 
@@ -61,7 +61,7 @@ BUILTIN: Registry = {
     "joint2-twist": gravity_effects.joint2_twist,
     "joint3-twist": gravity_effects.joint3_twist,
     "gravity-twist": gravity_effects.gravity_twist,
-    "backlash": PerJoint(gravity_effects.backlash, find_gravity_joints),
+    "backlash": PerJoint(gravity_effects.backlash, motors.find_gravity_motors),
     "wrist-coupling": PerJoint(drives.wrist_coupling, drives.wrist_joints),
     "base-tilt": gravity_effects.base_tilt,
     "gear-eccentricity": PerJoint(drives.gear_eccentricity, drives.revolute_joints),
@@ -72,13 +72,13 @@ BUILTIN: Registry = {
     ),
     "axis-wobble": Scanned(drives.axis_wobble, lambda robot, joint: (1, 2), drives.revolute_joints),
     "joint-compliance": Scanned(
-        compliance.joint_compliance, compliance.mass_choices, find_gravity_joints
+        compliance.joint_compliance, compliance.mass_choices, motors.find_gravity_motors
     ),
     "lateral-compliance": PerJoint(compliance.lateral_compliance, find_gravity_joints),
     "link-bending": Scanned(
         compliance.link_bending, compliance.mass_choices_beyond, compliance.find_bending_links
     ),
-    "payload-deflection": PerJoint(compliance.payload_deflection, find_gravity_joints),
+    "payload-deflection": PerJoint(compliance.payload_deflection, motors.find_gravity_motors),
     "payload-tilt": gravity_effects.payload_tilt,
     "counterbalance": compliance.counterbalance,
     "tool-droop": compliance.tool_droop,

@@ -11,7 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._typing import Array
+from ..mechanisms.motors import motor_torque, name_drive
 from ..mechanisms.terms import Mechanism
+from ..robot.kinematics import Robot
 from .quantities import Usable, express, format_figure
 from .workspace import Fitted, Workspace
 
@@ -33,7 +35,9 @@ def measure_wind_up(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
         )
         load = _find_load(mechanism, frame, fitted.workspace)
         is_known = mechanism.stem == "payload-deflection" or _has_masses(fitted.workspace)
-        words = f"{_describe_motion(mechanism, frame)} at full stretch"
+        words = (
+            f"{_describe_motion(mechanism, frame, fitted.workspace.problem.robot)} at full stretch"
+        )
         ends = frame == max(frames)
         yield from _measure_yield(words, part, _Load(frame, load, is_known, ends))
 
@@ -83,26 +87,29 @@ def _find_load(mechanism: Mechanism, frame: int, workspace: Workspace) -> Array:
     """Find the load (m,) that a joint or a link's end yields to [N m; of 1 kg everywhere where the
     robot file has no masses]."""
     problem = workspace.problem
+    robot = problem.robot
+    motor = mechanism.joint or frame
     if mechanism.stem == "payload-deflection":
-        lever = problem.value(f"torque{frame}_{problem.robot.n + 1}")
+        lever = problem.cause(motor_torque(robot, motor, robot.n + 1))
         return np.asarray(np.abs(lever) * problem.value("payload_kg"))
+    if mechanism.stem not in ("lateral-compliance", "link-bending"):
+        return np.asarray(np.abs(problem.cause(motor_torque(robot, motor))))
     about = problem.value(f"torque{frame}")
     across = [problem.value(f"moment{frame}_{axis}") for axis in "xy"]
     if mechanism.stem == "lateral-compliance":
         return np.hypot(*across)
-    if mechanism.stem == "link-bending":
-        return np.hypot(np.hypot(*across), about)
-    return np.asarray(np.abs(about))
+    return np.hypot(np.hypot(*across), about)
 
 
-def _describe_motion(mechanism: Mechanism, frame: int) -> str:
+def _describe_motion(mechanism: Mechanism, frame: int, robot: Robot) -> str:
     if mechanism.stem == "lateral-compliance":
         return f"tilt of joint {frame}'s axis"
     if mechanism.stem == "link-bending":
         return f"turn of the end of link {frame - 1}"
+    drive = name_drive(robot, mechanism.joint or frame)
     if mechanism.stem == "payload-deflection":
-        return f"wind-up of joint {frame} under the largest payload"
-    return f"wind-up of joint {frame}"
+        return f"wind-up of {drive} under the largest payload"
+    return f"wind-up of {drive}"
 
 
 def _has_masses(workspace: Workspace) -> bool:

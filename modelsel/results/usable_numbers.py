@@ -17,7 +17,9 @@ from ..measurements.reference_temperature import TEMPERATURE
 from ..measurements.state_names import StateKind, parse_state_name
 from ..mechanisms.causes import Bump, Cause, Combined, Named
 from ..mechanisms.environment import find_references
+from ..mechanisms.motors import name_drive
 from ..mechanisms.terms import Mechanism
+from ..robot.kinematics import Robot
 from .compliance_numbers import measure_base_tilt, measure_wind_up
 from .quantities import ARC_SECONDS, Usable, express
 from .workspace import Fitted, Range
@@ -185,7 +187,7 @@ def _measure_slope(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     units = np.eye(len(terms))
     for term, unit in zip(terms, units, strict=True):
         screw = term.screws[0]
-        driver = _describe_driver(mechanism, str(screw.cause))
+        driver = _describe_driver(mechanism, screw.cause, fitted.workspace.problem.robot)
         slope = fitted.range_of(unit)
         if screw.axis == "tz":
             words = f"over 1 m {driver}"
@@ -201,10 +203,13 @@ def _measure_slope(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
         yield express(f"{words}, at the target", moved, "mm", "at the target at most")
 
 
-def _describe_driver(mechanism: Mechanism, cause: str) -> str:
+def _describe_driver(mechanism: Mechanism, cause: Cause, robot: Robot) -> str:
+    drive = name_drive(robot, mechanism.joint or 1)
     if mechanism.stem == "settle":
-        return f"of joint {mechanism.joint}'s last move"
-    return f"of joint {cause.removeprefix('q')}"
+        return f"of {drive}'s last move"
+    if mechanism.stem == "encoder-scale":
+        return f"of {drive}"
+    return f"of joint {str(cause).removeprefix('q')}"
 
 
 # -- temperature

@@ -178,6 +178,10 @@ def dh_table(robot: Robot, form: DhForm) -> dict[str, Any]:
         length, angle = robot.usual
         table["usual_mm"] = length
         table["usual_mrad"] = angle * 1e3
+    if robot.coupling is not None:
+        table["coupling"] = robot.coupling.matrix.tolist()
+        if robot.coupling.passive:
+            table["passive"] = list(robot.coupling.passive)
     table["convention"] = "modified" if form == "modified" else "standard"
     base = dh.base[:3]
     table["base_mm"] = base.tolist()
@@ -210,19 +214,25 @@ def _joint_table(joint: Joint, row: DhRow, shift: Array) -> dict[str, Any]:
 
 def format_dh_file(robot: Robot, form: DhForm, notes: Sequence[str] = ()) -> str:
     """Write a robot as the text of a robot file (TOML) of DH rows; numbers in full."""
-    table = dh_table(robot, form)
-    joints = table.pop("joint")
-    last = table.pop("last")
+    return format_robot_table(dh_table(robot, form), notes)
+
+
+def format_robot_table(table: Mapping[str, Any], notes: Sequence[str] = ()) -> str:
+    """Write the table of a robot file as TOML; notes are comments above it."""
+    joints = table["joint"]
+    last = table.get("last")
+    head = {key: value for key, value in table.items() if key not in ("joint", "last")}
     lines = []
     for note in notes:
         text = one_line(note)
         lines.append(f"# {text}")
-    lines += _format_keys(table)
+    lines += _format_keys(head)
     for joint in joints:
         lines += ["", "[[joint]]"]
         lines += _format_keys(joint)
-    lines += ["", "[last]"]
-    lines += _format_keys(last)
+    if last is not None:
+        lines += ["", "[last]"]
+        lines += _format_keys(last)
     return "\n".join(lines) + "\n"
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from .._text import parse_toml, read_text
 from .._typing import Array
 from ..exceptions import StudyError
+from .coupling import Coupling, find_coupling_problem, find_passive_problem
 from .kinematics import Joint, Robot
 from .plain_values import check_robot_name
 from .rigid import align_z, from_rpy, inverse, rotation_matrix, transform
@@ -45,6 +46,8 @@ TOP_KEYS = {
     "last",
     "usual_mm",
     "usual_mrad",
+    "coupling",
+    "passive",
 }
 # the last one in Hayati's rows
 DH_KEYS = ("theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg")
@@ -175,6 +178,31 @@ def _read_usual(read: Reader, table: Mapping[str, Any]) -> tuple[float, float]:
     return sizes[0], sizes[1] * 1e-3
 
 
+def _read_coupling(
+    read: Reader, table: Mapping[str, Any], joints: tuple[Joint, ...]
+) -> Coupling | None:
+    """Return how the motors move the joints, None where the file does not say: each its own."""
+    if "coupling" not in table:
+        if "passive" in table:
+            read.report("passive", "it names motors of a coupling, and there is none")
+        return None
+    count = len(joints)
+    found = len(read.problems)
+    matrix = read.array("coupling", table["coupling"], shape=(count, count))
+    if len(read.problems) > found:
+        return None
+    problem = find_coupling_problem(matrix, tuple(joint.prismatic for joint in joints))
+    if problem is not None:
+        read.report("coupling", problem)
+        return None
+    passive = table.get("passive", [])
+    problem = find_passive_problem(passive, count)
+    if problem is not None:
+        read.report("passive", problem)
+        return None
+    return Coupling(matrix, tuple(passive))
+
+
 def _read_gravity(read: Reader, table: Mapping[str, Any]) -> tuple[float, float, float] | None:
     if "gravity" not in table:
         return None
@@ -239,6 +267,7 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
         last,
         gravity=_read_gravity(read, table),
         usual=_read_usual(read, table),
+        coupling=_read_coupling(read, table, joints),
     )
     try:
         check_robot_name(robot)

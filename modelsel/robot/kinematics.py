@@ -31,6 +31,7 @@ from ._kernels import (
     rotate_about_axis,
     rotate_by_fixed,
 )
+from .coupling import Coupling
 from .rigid import MIXED_AXES
 
 
@@ -71,7 +72,8 @@ class UrdfSource:
 class Robot:
     """A serial chain; `gravity` is the unit direction in frame 0, None where it is not known;
     `usual` the standard deviation of such an arm's lengths [mm] and angles [rad] about its
-    drawing; `urdf` the file that it was read from, None where that is another."""
+    drawing; `urdf` the file that it was read from, None where that is another; `coupling` how its
+    motors move the joints, None where each moves its own."""
 
     name: str
     source: str
@@ -81,6 +83,7 @@ class Robot:
     gravity: tuple[float, float, float] | None = (0.0, 0.0, -1.0)
     usual: tuple[float, float] = (1.0, 1e-3)
     urdf: UrdfSource | None = field(default=None, repr=False)
+    coupling: Coupling | None = field(default=None, repr=False)
 
     @property
     def n(self) -> int:

@@ -10,6 +10,7 @@ import numpy as np
 
 from .._names import MAX_TEXT_LENGTH, find_name_problem
 from .._typing import LARGEST, Array
+from .coupling import Coupling, find_coupling_problem, find_passive_problem
 from .kinematics import Joint, Robot
 
 # a stored rotation, or a direction, differs from one by less
@@ -30,7 +31,7 @@ def check_robot_name(robot: Robot) -> None:
 
 def robot_record(robot: Robot) -> dict[str, Any]:
     """Return the nominal robot in full; `robot_from_record` reads it."""
-    return {
+    record: dict[str, Any] = {
         "name": robot.name,
         "source": robot.source,
         "gravity": None if robot.gravity is None else list(robot.gravity),
@@ -38,6 +39,11 @@ def robot_record(robot: Robot) -> dict[str, Any]:
         "joints": [_joint_record(joint) for joint in robot.joints],
         "last_mm": robot.last[:3].tolist(),
     }
+    if robot.coupling is not None:
+        record["coupling"] = robot.coupling.matrix.tolist()
+        if robot.coupling.passive:
+            record["passive"] = list(robot.coupling.passive)
+    return record
 
 
 def _joint_record(joint: Joint) -> dict[str, Any]:
@@ -61,7 +67,27 @@ def robot_from_record(record: Mapping[str, Any]) -> Robot:
         rigid_transform(record["last_mm"]),
         _gravity_from_record(record["gravity"]),
         _usual_from_record(record.get("usual", Robot.usual)),
+        coupling=_coupling_from_record(record.get("coupling"), record.get("passive") or (), joints),
     )
+
+
+def _coupling_from_record(
+    rows: Sequence[Sequence[float]] | None, passive: Sequence[int], joints: tuple[Joint, ...]
+) -> Coupling | None:
+    if rows is None:
+        return None
+    count = len(joints)
+    lengths = {len(rows), *(len(row) for row in rows)}
+    if lengths != {count}:
+        raise ValueError(f"the coupling is not a matrix of {count} x {count} numbers")
+    matrix = bounded_array(rows)
+    problem = find_coupling_problem(matrix, tuple(joint.prismatic for joint in joints))
+    if problem is not None:
+        raise ValueError(f"the coupling: {problem}")
+    problem = find_passive_problem(passive, count)
+    if problem is not None:
+        raise ValueError(f"passive: {problem}")
+    return Coupling(matrix, tuple(passive))
 
 
 def _joint_from_record(number: int, record: Mapping[str, Any]) -> Joint:
@@ -149,6 +175,7 @@ def robot_card(robot: Robot) -> dict[str, Any]:
         "gravity": robot.gravity,
         "chain": [_joint_card(joint) for joint in robot.joints],
         "last_mm": robot.last[:3].tolist(),
+        "coupling": None if robot.coupling is None else robot.coupling.matrix.tolist(),
     }
 
 

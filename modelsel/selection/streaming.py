@@ -204,7 +204,7 @@ class Parts(Source):
 
     def problem(self, part: Part) -> Problem:
         """Read a part. Raises DataError."""
-        data = read_measurements(part.path, self.robot.prismatic, group=part.group)
+        data = read_measurements(part.path, self.robot, group=part.group)
         if data.gauges is not None:
             raise DataError(
                 "only measured points can be fitted in parts: rows of other kinds share features "

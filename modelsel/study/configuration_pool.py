@@ -15,6 +15,10 @@ from ..measurements.columns import READING_UNITS, UNITS
 from ..measurements.measurements import Measurements, build_measurements
 from ..robot.kinematics import Robot
 
+COLLISIONS = (
+    "Collisions are not known here: look at every posture before the arm moves there, and leave out "
+    "those that it cannot take."
+)
 POOL_SIZE = 2000  # configurations of a pool that is drawn within ranges
 
 
@@ -83,6 +87,7 @@ def draw_pool(
         approach=approach,
         covariates={name: values[rows] for name, values in data.covariates.items()},
         prismatic=robot.prismatic,
+        coupling=robot.coupling,
     )
 
 

@@ -31,10 +31,11 @@ from ..mechanisms.registry import mechanism, with_plugins
 from ..report.drawing import draw
 from ..report.pages.fleet_summary import write_summary
 from ..results.storage import WRITES
-from ..robot.files import builtin_names, load_robot, read_robot
+from ..robot.files import builtin_names, load_robot
 from ..robot.kinematics import Robot
 from ..selection.streaming import Parts, fit_parts, list_parts
 from .pipeline import record_provenance
+from .robot_tables import read_any_robot
 from .runner import run_study
 
 if TYPE_CHECKING:
@@ -322,7 +323,7 @@ def fit_measurement_set(table: PartsTable, folder: Path, out: Path, client: Any)
 def _read_robot_of_set(table: PartsTable, folder: Path) -> Robot:
     if table.robot in builtin_names():
         return load_robot(table.robot)
-    return read_robot(folder / table.robot)
+    return read_any_robot(folder / table.robot)
 
 
 def _find_files_of_set(table: PartsTable, folder: Path) -> list[Path]:

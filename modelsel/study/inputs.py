@@ -22,9 +22,10 @@ from ..mechanisms.registry import (
     set_reference,
 )
 from ..mechanisms.terms import Mechanism, unstorable
-from ..robot.files import load_robot, read_robot
+from ..robot.files import load_robot
 from ..robot.kinematics import Robot
 from .noise_parts import check_joints_of_parts
+from .robot_tables import read_any_robot
 
 
 def open_study(study: Study | Path | str, folder: Path | str | None) -> tuple[Study, Path]:
@@ -52,7 +53,7 @@ def read_nominal_robot(study: Study, folder: Path) -> Robot:
         return table.nominal
     if table.name is not None:
         return load_robot(table.name)
-    return read_robot(folder / str(table.file), table.base, table.tip)
+    return read_any_robot(folder / str(table.file), table.base, table.tip)
 
 
 def read_known_features(study: Study) -> dict[str, KnownFeature]:
@@ -147,7 +148,7 @@ def read_inputs(
     check_joints_of_parts(study, robot)
     source = find_source(study, folder)
     columns = study.measurements.columns
-    measured = read_measurements(source, robot.prismatic, columns)
+    measured = read_measurements(source, robot, columns)
     features = read_known_features(study)
     measured = apply_known_features(measured, features)
     registry = set_reference(registry, measured.reference_celsius)

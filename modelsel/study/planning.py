@@ -33,6 +33,7 @@ from ..measurements.visits import count_distinct
 from ..mechanisms.terms import Term
 from ..robot.kinematics import forward
 from .configuration_pool import (
+    COLLISIONS,
     describe_ranges,
     draw_approaches,
     draw_pool,
@@ -260,7 +261,7 @@ def tabulate_configurations(
     robot = calibration.robot
     joints = range(robot.n)
     chosen = _take_configurations(possible, rows)
-    q, approach = chosen.q, chosen.approach
+    q, approach = chosen.readings, chosen.approach
     if not units:
         units = [robot.unit(j + 1) for j in joints]
     columns: dict[str, Array] = {}
@@ -325,7 +326,7 @@ def plan_next(
     seed = result.study.seed
     within = ""
     if pool is not None:
-        possible = read_measurements(pool, robot.prismatic, positions=False)
+        possible = read_measurements(pool, robot, positions=False)
         possible = draw_approaches(possible, seed)
     else:
         data = result.problem.data
@@ -348,7 +349,7 @@ def format_plan(plan: MeasurementPlan) -> list[str]:
     """Return a plan in words, one line per topic."""
     lines = []
     if plan.within:
-        lines.append(f"Drawn within {plan.within}.")
+        lines.append(f"Drawn within {plan.within}. {COLLISIONS}")
     lines.append(_format_rivals(plan))
     if plan.twins:
         twins = "; ".join(dict.fromkeys(plan.twins))

@@ -96,6 +96,7 @@ def _draw_visits(table: SimulateTable, robot: Robot, rng: np.random.Generator) -
         configuration=range(visits),
         group=group,
         prismatic=robot.prismatic,
+        coupling=robot.coupling,
     )
 
 
@@ -114,7 +115,7 @@ def _read_configurations(study: Study, folder: Path, robot: Robot) -> Measuremen
     if isinstance(source, os.PathLike) and not Path(source).is_file():
         return None
     columns = study.measurements.columns
-    return read_measurements(source, robot.prismatic, columns, positions=False)
+    return read_measurements(source, robot, columns, positions=False)
 
 
 def _take_one_row_each(data: Measurements) -> Measurements:
@@ -185,13 +186,14 @@ def simulate_points(
     _check_finite(position)
     noise = rng.normal(0.0, noise_mm, position.shape)
     position = position + noise + unrepeated.shift
+    readings = at.readings
     columns: dict[str, Any] = {}
     for j, prismatic in enumerate(robot.prismatic):
         unit = "rad"
         if prismatic:
             unit = "mm"
         name = f"q{j + 1}_{unit}"
-        columns[name] = at.q[:, j]
+        columns[name] = readings[:, j]
     for axis, values in zip("xyz", position.T, strict=True):
         name = f"{axis}_mm"
         columns[name] = values

@@ -17,6 +17,7 @@ from ..measurements.measurements import Measurements
 from ..measurements.table import Table, rename_columns
 from ..robot.files import is_robot_file
 from .new_study import StudyDraft, count_estimation
+from .robot_tables import is_robot_table
 
 JOINED_FILE = "measurements.csv"
 STUDY_FILE = "study.toml"
@@ -25,35 +26,42 @@ PLAIN_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 @dataclass(frozen=True)
 class RobotSource:
-    """How a user names a robot: its name or file, of a URDF the links `base` and `tip`; `urdf`: what
-    a xacro file expands to."""
+    """How a user names a robot: its name or file, of a URDF the links `base` and `tip`; `written`:
+    the URDF that a xacro file expands to, or the robot file that a table of DH parameters makes."""
 
     given: str
     base: str | None = None
     tip: str | None = None
-    urdf: bytes | None = None
+    written: bytes | None = None
 
     def list_keys(self, name: str) -> dict[str, str]:
         """List the keys of the study's table [robot], for a robot of some `name`."""
-        if not is_robot_file(self.given):
+        if not self.is_file:
             return {"name": name}
         keys = {"file": self.file, "base": self.base, "tip": self.tip}
         return {key: value for key, value in keys.items() if value is not None}
 
     @property
+    def is_file(self) -> bool:
+        """Whether it is a file, and not a built-in name."""
+        return is_robot_file(self.given) or is_robot_table(self.given)
+
+    @property
     def file(self) -> str:
         """The robot file's name in the study folder."""
         path = Path(self.given)
-        if self.urdf is None:
+        if self.written is None:
             return path.name
+        if is_robot_table(path):
+            return f"{path.stem}.toml"
         name = path.name.removesuffix(path.suffix)
         stem = name.removesuffix(".urdf")
         return f"{stem}.urdf"
 
     def read(self) -> bytes:
         """Read the robot file."""
-        if self.urdf is not None:
-            return self.urdf
+        if self.written is not None:
+            return self.written
         return read_text(Path(self.given), "the robot file").encode()
 
 
@@ -69,8 +77,8 @@ def write_study_folder(
         files[JOINED_FILE] = _write_table(rename_columns(source, draft.columns))
     elif not _is_inside(source.path, folder):
         files[source.path.name] = source.path.read_bytes()
-    if is_robot_file(robot.given):
-        written = robot.urdf is not None
+    if robot.is_file:
+        written = robot.written is not None
         if written or not _is_inside(Path(robot.given), folder):
             files[robot.file] = robot.read()
     keys = robot.list_keys(draft.robot.name)

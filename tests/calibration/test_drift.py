@@ -182,6 +182,21 @@ def test_which_configurations(rng) -> None:
     assert f"row {found.worst[0]} (" in said[1]
 
 
+def test_metres_are_no_drift(rng) -> None:
+    """The verdict waits until the data are right; the factor has no digits that mean nothing."""
+    model, theta = truth()
+    c = calibrated(rng, model, theta)
+    new = campaign(rng, 60, model, theta)
+    found = judge(c, replace(new, position=new.position / 1e3), False)
+    assert found.drifted
+    assert "in metres" in found.doubts[-1]
+    said = told(new, found)
+    assert said[0].startswith("Whether the calibration still holds cannot be said before")
+    assert not any("Beyond noise" in line or "a factor" in line for line in said)
+    moved = judge(c, replace(new, position=new.position + 400.0), False)
+    assert "(p < 1e-12)" in told(new, moved)[0]
+
+
 def test_estimated_noise_is_no_certainty(rng) -> None:
     """With few degrees of freedom behind the floor the same errors are less surprising."""
     model, theta = truth()

@@ -367,7 +367,9 @@ def test_ranges_and_units_are_the_users(rng) -> None:
     own = plan_next(result, 12, joints={"q2_deg": (-170.0, -150.0), "q6_rad": (3.0, 3.5)})
     assert own.to_frame()["q2_deg"].between(-170, -150).all()
     assert own.to_frame()["q6_rad"].between(3.0, 3.5).all()
-    assert "Drawn within the robot file's limits." in repr(plan_next(result, 2, limits=True))
+    wide = repr(plan_next(result, 2, limits=True))
+    assert "Drawn within the robot file's limits." in wide
+    assert "Collisions are not known here" in wide
     assert "Drawn within the joint ranges measured, q2_deg, q6_rad as given." in repr(own)
     for wrong, said in (
         ({"q7_deg": (0, 1)}, '"q7_deg" is no joint'),

@@ -60,6 +60,15 @@ def hayati_chain(table, q: np.ndarray) -> np.ndarray:
     return T @ np.vstack([table["last"]["transform_mm"], [0, 0, 0, 1]])
 
 
+def test_dh_says_how_far_it_goes(made) -> None:
+    found = export(made, "dh")
+    rows = [joint["dh"] for joint in tomllib.loads(found.text)["joint"]]
+    largest = max(abs(row["d_mm"]) for row in rows) / 1e3
+    assert largest > 100
+    (note,) = [note for note in found.notes if "almost parallel" in note]
+    assert f"rows have a d of up to {largest:,.0f} m" in note
+
+
 def test_hayati_has_no_long_way_round(made) -> None:
     """Axes 2, 3 and 4 are parallel but for a mrad: their rows have β and no d; DH goes far out."""
     found = export(made, "hayati")

@@ -43,7 +43,7 @@ from .lookup import (
     evaluate_tables,
     write_tables,
 )
-from .notes import list_notes
+from .notes import describe_coupling, list_notes
 from .python import to_python
 from .ur_calibration import to_ur_calibration
 
@@ -72,6 +72,8 @@ def export(c: Calibration, form: str) -> Exported:
     carried = resolve_form(c, carries)
     restricted = restrict_to_form(c, carried)
     notes = list_notes(c, carried, geometry)
+    if form not in WITH_COUPLING:
+        notes += describe_coupling(c)
     write = FORMS[form]
     if form in MEASURED:
         return write(c, ())
@@ -233,6 +235,8 @@ _WRITERS: tuple[Writer, ...] = (
 )
 FORMS: dict[str, Writer] = dict(zip(EXPORT_FORMS, _WRITERS, strict=True))
 GEOMETRY = ("urdf", "dh", "mdh", "hayati", "ur-calibration")
+# these files hold the coupling of the joints, too
+WITH_COUPLING = ("dh", "mdh", "hayati", "python")
 MEASURED = ("grid",)  # of the whole model, and what it leaves out is measured with it
 CARRIES = {**dict.fromkeys(GEOMETRY, "geometry"), "table": "table"}  # others carry the whole model
 __all__ = ["FORMS", "Exported", "GridOptions", "attach_urdf", "export", "export_grid"]

@@ -13,7 +13,7 @@ from ..._typing import Array
 from ...exceptions import StudyError
 from ...fitting.problem import Problem
 from ...robot.alignment import align_chains
-from ...robot.dh import DhForm, compute_dh_rows, format_dh_file
+from ...robot.dh import DhForm, DhRows, compute_dh_rows, format_dh_file
 from ...robot.files import robot_from_table
 from ...robot.kinematics import Robot, UrdfSource, forward
 from ...robot.rigid import inverse, to_rpy, transform
@@ -181,22 +181,29 @@ def _is_reserved(name: str) -> bool:
     return name.startswith("link")
 
 
+def _describe_parallel(rows: DhRows, form: DhForm) -> list[str]:
+    """Describe what the rows of nearly parallel axes hold."""
+    pairs = [f"joints {a} and {b} are almost parallel" for a, b in rows.nearly]
+    if form == "hayati":
+        of_rows = zip(pairs, rows.nearly, strict=True)
+        return [f"{words}: row {a} has the angle beta, and no d" for words, (a, _) in of_rows]
+    if not pairs:
+        return []
+    largest = max(abs(row.d) for row in rows.rows) / 1e3
+    sentence = (
+        f"{' and '.join(pairs)}: their common normal is far away, so that rows have a d of up to "
+        f"{largest:,.0f} m, which hold with all their digits alone; `--format hayati` has a second "
+        "angle in its place, and numbers near the drawing's"
+    )
+    return [sentence]
+
+
 def to_dh(c: Calibration, form: DhForm, notes: Sequence[str]) -> Exported:
     """Write the calibrated chain as standard or modified DH rows, or with Hayati's between nearly
     parallel axes; targets in the notes."""
     made = build_constant_chain(c)
     rows = compute_dh_rows(made.robot, form)
-    nearly = []
-    for a, b in rows.nearly:
-        sentence = (
-            f"joints {a} and {b} are almost parallel: their rows have a large d, which small changes "
-            "of the angle change much; `--format hayati` has a second angle in its place"
-        )
-        if form == "hayati":
-            sentence = (
-                f"joints {a} and {b} are almost parallel: row {a} has the angle beta, and no d"
-            )
-        nearly.append(sentence)
+    nearly = _describe_parallel(rows, form)
     where = []
     for name, T in made.targets.items():
         offset = T[:3, 3].tolist()

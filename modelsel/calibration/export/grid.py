@@ -28,6 +28,7 @@ from .grid_options import (
     list_held,
 )
 from .lookup import interpolate
+from .notes import describe_coupling
 
 if TYPE_CHECKING:
     from ..calibration import Calibration
@@ -66,7 +67,8 @@ def to_grid(c: Calibration, options: GridOptions | None = None) -> Exported:
     text = f"# {said}\n{text}"
     apart = _measure_elsewhere(c, options.joints, text)
     others = list_held(c, options.joints, held)
-    return Exported(text, bound, checked, others, apart, (said, remarks[0]))
+    notes = (said, remarks[0], *describe_coupling(c))
+    return Exported(text, bound, checked, others, apart, notes)
 
 
 def _compute_errors(at: Problem, c: Calibration) -> Array:
@@ -227,7 +229,7 @@ def _describe(c: Calibration, options: GridOptions, held: Held) -> list[str]:
         f'error of target "{first}": real minus nominal position in frame 0, mm, over {joint_word} '
         f"{named}; subtract it from the position that is commanded"
     )
-    remarks = [whose]
+    remarks = [whose, *describe_coupling(c)]
     others = list_held(c, options.joints, held)
     if others:
         remarks.append(f"it does not look at {'; '.join(others)}")

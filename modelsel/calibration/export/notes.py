@@ -3,6 +3,7 @@ of which placement."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,6 +42,34 @@ def list_notes(c: Calibration, what: str, geometry: bool) -> tuple[str, ...]:
         first = c.groups[0]
         out.append(f'the placement of the tracker is that of group "{first}"')
     return tuple(out)
+
+
+def describe_coupling(c: Calibration) -> tuple[str, ...]:
+    """Describe whose angles a file without the coupling has; nothing where no joint is coupled."""
+    coupling = c.robot.coupling
+    if coupling is None:
+        return ()
+    sums = []
+    for joint, row in enumerate(coupling.matrix.tolist(), 1):
+        readings = {f"m{motor}": ratio for motor, ratio in enumerate(row, 1) if ratio}
+        if readings != {f"m{joint}": 1.0}:
+            sums.append(f"q{joint} = {_describe_sum(readings)}")
+    sentence = (
+        f"q1 to q{c.robot.n} are the joints' angles, not the motors' readings m1 to m{c.robot.n}: "
+        f"{', '.join(sums)}"
+    )
+    return (sentence,)
+
+
+def _describe_sum(readings: Mapping[str, float]) -> str:
+    """Write a weighted sum, the largest weight first: m3 - m2."""
+    text = ""
+    for name, ratio in sorted(readings.items(), key=lambda item: -item[1]):
+        size = abs(ratio)
+        weighted = name if size == 1 else f"{size:.6g} {name}"
+        before = "-" if ratio < 0 else "+" if text else ""
+        text += f" {before} {weighted}" if text else f"{before}{weighted}"
+    return text
 
 
 def describe_accuracy(c: Calibration, what: str) -> str:

@@ -98,12 +98,16 @@ def module_data(c: Calibration) -> dict[str, Any]:
     if c.robot.gravity is not None:
         gravity = list(c.robot.gravity)
     joints = c.robot.joints
+    matrix = np.eye(c.robot.n)
+    if c.robot.coupling is not None:
+        matrix = c.robot.coupling.matrix
     return {
         "study": c.study,
         "robot": c.robot.name,
         "needs": list_inputs(c),
         "targets": list(c.targets),
         "prismatic": list(c.robot.prismatic),
+        "coupling": matrix.tolist(),
         "before": [joint.before[:3].tolist() for joint in joints],
         "last": c.robot.last[:3].tolist(),
         "gravity": gravity,
@@ -140,7 +144,7 @@ def to_python(c: Calibration, notes: Sequence[str] = ()) -> Exported:
         given = {}
         for name in there["needs"]:
             given[name] = at.value(name)
-        _, calibrated = predict_both(there, at.data.q, c.targets[t], given)
+        _, calibrated = predict_both(there, at.data.readings, c.targets[t], given)
         return calibrated
 
     def compute_difference(target: int, at: Problem) -> Array:

@@ -2,9 +2,9 @@
 else is needed.
 
 Lengths are mm, angles rad. `position(q)` is the calibrated model, `correction(q)` what it adds to
-the nominal one, both in the tracker's frame; q is (m, joints). What else the model looks at
-(payload_kg=..., approach2=...) is given by name, one number or m; DATA["needs"] has the names,
-DATA["targets"] those of the targets. Made by modelsel export --format python: the program is the
+the nominal one, both in the tracker's frame; q is (m, joints), as the motors read. What else the
+model looks at (payload_kg=..., approach2=...) is given by name, one number or m; DATA["needs"] has
+the names, DATA["targets"] those of the targets. Made by modelsel export --format python: the program is the
 same for every arm, and all that it knows of this one stands in DATA, at the end. Edit nothing."""
 
 from __future__ import annotations
@@ -165,7 +165,8 @@ def predict_both(
     data: Data, q: Any, target: str | None, given: dict[str, Any]
 ) -> tuple[Array, Array]:
     """Predict nominal and calibrated positions (m, 3) in the tracker's frame."""
-    q = np.atleast_2d(np.asarray(q, float))
+    readings = np.atleast_2d(np.asarray(q, float))
+    q = readings @ np.array(data["coupling"]).T
     m, n = q.shape
     name = target
     if target is None:

@@ -1,0 +1,85 @@
+"""Shapes of single joints that the registry does not have, at the joint's own motion.
+
+An error of its own angle that grows along the campaign, a jump at one angle, a compliance that is
+not in proportion to the torque. They are told as what they are, without a cause."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from .._typing import Array
+from ..fitting.problem import Problem
+from ..mechanisms.causes import Applied, Named, cos, q, shifted, sign, sin, torque
+from ..mechanisms.motors import joint_axis
+from ..mechanisms.terms import Mechanism, Screw, Term
+from ..robot.gravity import find_gravity_joints
+from ..robot.kinematics import Robot
+from .candidate_kinds import CandidateKind
+from .unregistered import Causes, Unregistered
+
+# angles at which a jump is looked for, and readings that each side needs
+JUMPS = 24
+MIN_READINGS = 4
+
+
+def generate_joint_shapes(problem: Problem) -> Iterator[Unregistered]:
+    """Generate the shapes of every joint; each kind of a joint weighs as much as a cell."""
+    yield from _generate_growing(problem)
+    yield from _generate_jumps(problem)
+    yield from _generate_powers(problem.robot)
+
+
+def _generate_growing(problem: Problem) -> Iterator[Unregistered]:
+    """Generate functions of a joint's own reading that grow along the campaign."""
+    robot = problem.robot
+    progress = Named("progress")
+    for j in range(1, robot.n + 1):
+        reading = q(j, robot.unit(j))
+        every: list[Causes] = [(progress * reading,)]
+        if not robot.joints[j - 1].prismatic:
+            every.append((progress * sin(reading), progress * cos(reading)))
+        sentence = (
+            f"Joint {j} is off its reading, depending on it, and more so as the campaign goes on"
+        )
+        for causes in every:
+            yield Unregistered(_build(robot, j, causes, sentence), CandidateKind.GROWTH, 1.0)
+
+
+def _generate_jumps(problem: Problem) -> Iterator[Unregistered]:
+    robot = problem.robot
+    for j, joint in enumerate(robot.joints, 1):
+        places = _choose_places(problem.data.q[:, j - 1])
+        for place in places:
+            jump = sign(shifted(q(j, robot.unit(j)), -float(place)))
+            where = f"{place:.4g} mm" if joint.prismatic else f"{np.degrees(place):.0f}°"
+            mechanism = _build(robot, j, (jump,), f"Joint {j} jumps where it reads {where}")
+            yield Unregistered(mechanism, CandidateKind.JUMP, 1 / len(places))
+
+
+def _choose_places(readings: Array) -> Array:
+    """Choose the readings at which a jump is looked for, between those that were measured."""
+    distinct = np.unique(readings)
+    between = 0.5 * (distinct[1:] + distinct[:-1])
+    between = between[MIN_READINGS - 1 : len(between) - MIN_READINGS + 1]
+    count = min(JUMPS, len(between))
+    chosen = np.linspace(0, max(len(between) - 1, 0), count).round().astype(np.intp)
+    return np.array([float(f"{place:.6g}") for place in between[chosen]])
+
+
+def _generate_powers(robot: Robot) -> Iterator[Unregistered]:
+    for j in find_gravity_joints(robot):
+        square = torque(j) * Applied("abs", torque(j))
+        sentence = f"Joint {j} yields with the square of the gravity torque about it"
+        yield Unregistered(_build(robot, j, (square,), sentence), CandidateKind.POWER, 1.0)
+
+
+def _build(robot: Robot, joint: int, causes: Causes, sentence: str) -> Mechanism:
+    """Build a mechanism of a joint's own motion."""
+    axis = joint_axis(robot, joint)
+    symbols = [f"m{k}" for k in range(1, len(causes) + 1)] if len(causes) > 1 else ["m"]
+    screws = [Screw(joint, axis, cause) for cause in causes]
+    terms = tuple(Term(s, (screw,)) for s, screw in zip(symbols, screws, strict=True))
+    words = " & ".join(map(str, causes))
+    return Mechanism(f"{joint} {axis} {words}", terms, sentence)

@@ -1,0 +1,74 @@
+"""Cells of a table of DH parameters: numbers, multiples of pi, the joint's own variable; and the
+units that they are in."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .._typing import Array
+from ..measurements.row_places import Where
+
+# the joint's variable: theta1, q_2, θ3, θ, d4*
+VARIABLE = re.compile(r"(?:theta|q)_?\{?\d*\}?\*?|^d_?\{?\d+\}?\*?$")
+TERM = re.compile(r"([+-]?)(\d*\.?\d+(?:e[+-]?\d+)?|\d+\.)?\*?(pi)?(?:/(\d+\.?\d*))?")
+# mm or m: arms are between a tenth and three metres
+LONGEST_IN_M = 5.0
+# rad: angles of a drawing are multiples of half a right angle, to this
+NEAR_MULTIPLE = 0.02
+
+
+def parse_cell(cell: Any, where: Where, row: int, column: str) -> tuple[float, bool]:
+    """Parse a cell: (its number, whether it is written with pi). Empty cells, dashes and the joint's
+    own variable are 0. Raises DataError."""
+    if cell is None or isinstance(cell, (int, float, np.number)):
+        number = 0.0 if cell is None else float(cell)
+        return (0.0 if np.isnan(number) else number), False
+    text = str(cell).lower().replace("−", "-").replace("θ", "theta").replace("π", "pi")
+    text = re.sub(r"[\s°]", "", text)
+    text = VARIABLE.sub("", text)
+    if text in ("", "-", "+"):
+        return 0.0, False
+    total, place = 0.0, 0
+    for match in TERM.finditer(text):
+        sign, digits, pi, divisor = match.groups()
+        if match.start() != place or not (digits or pi) or (place and not sign):
+            break
+        size = float(digits or 1) * (np.pi if pi else 1) / float(divisor or 1)
+        total += -size if sign == "-" else size
+        place = match.end()
+    if place != len(text) or not np.isfinite(total):
+        raise where.refuse(
+            f'"{str(cell)[:30]}" is no number.',
+            row=row,
+            column=column,
+            remedy="Write a number, a multiple of pi such as -pi/2, or the joint's own variable.",
+        )
+    return total, "pi" in text
+
+
+def find_angle_unit(columns: Sequence[tuple[Array, bool]], where: Where) -> str:
+    """Find the unit of angles whose columns do not say it. Raises DataError where both fit."""
+    if any(has_pi for _, has_pi in columns):
+        return "radians"
+    angles = np.concatenate([numbers for numbers, _ in columns])
+    angles = angles[angles != 0]
+    largest = np.abs(angles).max(initial=0.0)
+    if largest > 2 * np.pi or not len(angles):
+        return "degrees"
+    parts = angles / (np.pi / 4)
+    if largest > 1 and (np.abs(parts - parts.round()) < NEAR_MULTIPLE).all():
+        return "radians"
+    raise where.refuse(
+        f"angles up to {largest:.3g} may be degrees or radians.",
+        remedy="Say it in the columns' names: alpha_deg or alpha_rad.",
+    )
+
+
+def find_length_unit(columns: Sequence[tuple[Array, bool]], where: Where) -> str:
+    """Find the unit of lengths whose columns do not say it."""
+    lengths = np.concatenate([numbers for numbers, _ in columns])
+    return "mm" if np.abs(lengths).max(initial=0.0) > LONGEST_IN_M else "m"

@@ -1,0 +1,332 @@
+"""A robot from a table of DH or MDH parameters, as people have it: a text table or a spreadsheet
+with a row a joint."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .._typing import Array
+from ..exceptions import DataError, StudyError, sentence_list
+from ..measurements.spreadsheet import SPREADSHEET_SUFFIXES
+from ..measurements.table import Table, load_table
+from ..robot.dh import format_robot_table
+from ..robot.files import read_robot, robot_from_table
+from ..robot.kinematics import Robot
+from .robot_cells import find_angle_unit, find_length_unit, parse_cell
+
+TABLE_SUFFIXES = (".csv", ".tsv", ".txt", *SPREADSHEET_SUFFIXES)
+CONVENTIONS = {"standard": "standard DH", "modified": "modified DH (Craig)"}
+CONVENTION_WORDS = {
+    "standard": ("standard", "classic", "distal", "dh"),
+    "modified": ("modified", "craig", "proximal", "mdh", "dhm"),
+}
+ANGLES, LENGTHS = ("theta", "alpha", "beta"), ("d", "a")
+# what people call a column, once units, indices and signs are taken away
+STEMS = {
+    "theta": ("theta", "thetaoffset", "offset", "theta0", "q", "qoffset", "jointoffset", "rz"),
+    "d": ("d", "tz", "linkoffset"),
+    "a": ("a", "r", "tx", "linklength"),
+    "alpha": ("alpha", "rx", "twist", "linktwist"),
+    "beta": ("beta", "ry"),
+    "kind": ("kind", "type", "jointtype"),
+    "name": ("joint", "link", "name", "axis", "frame", "kinematics", "no", "nr", "i", "row"),
+    "convention": ("convention",),
+    "sense": ("sense", "sign", "direction"),
+}
+MEANINGS = {word: key for key, words in STEMS.items() for word in words}
+SPELLED = str.maketrans({"θ": "theta", "α": "alpha", "β": "beta", "−": "-", "–": "-"})
+UNIT = re.compile(r"(?:[\s_/,-]+|\s*[\[(]\s*)(deg|degrees?|°|rad|radians?|mm|m)\s*[\])]?\s*$")
+PREVIOUS = re.compile(r"[_({\s]*(?:[ijkn]\s*-\s*1|prev(?:ious)?)[)}\s]*")
+FLANGE = re.compile(r"flange|tool|tcp|\bee\b|end", re.IGNORECASE)
+SLIDES = {"p", "prismatic", "linear", "slide", "translational", "1"}
+TURNS = {"r", "revolute", "rotary", "rotational", "turn", "0", ""}
+# mm, and the sine of an angle: axes that are nearer coincide
+COINCIDENT = 1e-6
+
+
+@dataclass(frozen=True)
+class _Column:
+    """What a name says: the key and the word for it, the unit where there is one, whether the row
+    holds what comes before its joint."""
+
+    key: str
+    word: str
+    unit: str | None = None
+    is_previous: bool = False
+
+
+@dataclass
+class _Rows:
+    """The rows of a table in mm and degrees, and how they were read."""
+
+    values: dict[str, Array]
+    slides: list[bool]
+    names: list[str]
+    senses: Array
+    units: str
+    stated: str | None
+    reason: str = ""
+    unused: list[str] = field(default_factory=list)
+
+    @property
+    def joints(self) -> int:
+        """How many rows are joints: a last one called flange or tool is none."""
+        count = len(self.names)
+        return count - bool(FLANGE.search(self.names[-1]))
+
+
+def is_robot_table(path: Path | str) -> bool:
+    """Whether a file is a table of DH parameters, by its suffix."""
+    return Path(path).suffix.lower() in TABLE_SUFFIXES
+
+
+def read_any_robot(path: Path, base: str | None = None, tip: str | None = None) -> Robot:
+    """Read a robot file of any kind, tables of DH parameters included. Raises StudyError."""
+    if is_robot_table(path):
+        return read_robot_table(path)[0]
+    return read_robot(path, base, tip)
+
+
+def read_robot_table(path: Path, convention: str | None = None) -> tuple[Robot, str, str]:
+    """Read a robot from a table of DH parameters: (robot, its robot file's text, a sentence on how
+    the table was read). `convention`: standard or modified, where the table leaves it open. Raises
+    StudyError."""
+    try:
+        rows = _read_rows(load_table(path))
+    except DataError as error:
+        raise StudyError(f"the robot's table: {error}") from None
+    word, reason = _find_convention(rows, path.name, convention)
+    said = f"{CONVENTIONS[word]}, {reason}; {rows.units}; gravity along -z of its base"
+    if rows.unused:
+        said += f"; not used: {', '.join(rows.unused)}"
+    table = _to_robot_file(rows, word, path.stem, f"{path.name}: {said}")
+    robot = robot_from_table(table, path.name)
+    return robot, format_robot_table(table), f"{path.name} is read as {said}."
+
+
+def _read_rows(table: Table) -> _Rows:
+    columns: dict[str, tuple[_Column, Sequence[Any]]] = {}
+    unused = []
+    for name, cells in table.columns.items():
+        column = _read_name(name, table.units.get(name))
+        if column is None:
+            unused.append(f'"{name}"')
+            continue
+        columns[name] = (column, list(cells))
+    missing = [key for key in ("a", "alpha", "d") if not _has(columns, key)]
+    if missing:
+        raise table.where.refuse(
+            f"no column for {sentence_list(missing)} was found.",
+            remedy="A table of DH parameters has columns theta, d, a, alpha, with units in their "
+            "names or in a row below them: theta_deg, d_mm, a_mm, alpha_deg.",
+        )
+    count = len(table)
+    if not count:
+        raise table.where.refuse("a header, but no rows.", row=0, remedy="Each joint is a row.")
+    values = {key: np.zeros(count) for key in (*ANGLES, *LENGTHS)}
+    angle_unit, length_unit = _add_columns(table, columns, values)
+    return _Rows(
+        values,
+        _read_slides(table, columns, count),
+        _read_words(columns, "name", count),
+        _read_senses(table, columns, count),
+        f"angles in {angle_unit}, lengths in {length_unit}",
+        _read_stated(table, columns),
+        unused=unused,
+    )
+
+
+def _has(columns: Mapping[str, tuple[_Column, Sequence[Any]]], key: str) -> bool:
+    return any(column.key == key for column, _ in columns.values())
+
+
+def _read_name(name: str, below: str | None) -> _Column | None:
+    """Read a column's name, and what a row of units says below it; None where it is no
+    parameter."""
+    text = name.lower().translate(SPELLED).strip()
+    unit = below
+    match = UNIT.search(text)
+    if match is not None:
+        unit = match[1]
+        text = text[: match.start()]
+    is_previous = PREVIOUS.search(text) is not None
+    stem = re.sub(r"[^a-z0-9]", "", PREVIOUS.sub("", text))
+    word = stem if stem in MEANINGS else re.sub(r"[ijkn]$", "", stem)
+    if word not in MEANINGS:
+        return None
+    return _Column(MEANINGS[word], word, _spell_unit(unit), is_previous)
+
+
+def _spell_unit(unit: str | None) -> str | None:
+    words = {"°": "degrees", "deg": "degrees", "degree": "degrees", "degrees": "degrees"}
+    words |= {"rad": "radians", "radian": "radians", "radians": "radians", "mm": "mm", "m": "m"}
+    return None if unit is None else words.get(unit.strip("[]() ").lower())
+
+
+def _add_columns(
+    table: Table, columns: Mapping[str, tuple[_Column, Sequence[Any]]], values: Mapping[str, Array]
+) -> tuple[str, str]:
+    """Add the columns to the values, in degrees and mm; return the units that they are in."""
+    read: dict[str, tuple[_Column, Array, bool]] = {}
+    for name, (column, cells) in columns.items():
+        if column.key not in values:
+            continue
+        parsed = [parse_cell(cell, table.where, row, name) for row, cell in enumerate(cells)]
+        numbers = np.array([number for number, _ in parsed])
+        read[name] = (column, numbers, any(has_pi for _, has_pi in parsed))
+    units = []
+    for keys, find in ((ANGLES, find_angle_unit), (LENGTHS, find_length_unit)):
+        own = [each for each in read.values() if each[0].key in keys]
+        open_columns = [(numbers, has_pi) for column, numbers, has_pi in own if not column.unit]
+        guess = find(open_columns, table.where) if open_columns else ""
+        used = []
+        for column, numbers, _ in own:
+            unit = column.unit or guess
+            factor = {"radians": 180 / np.pi, "m": 1e3}.get(unit, 1.0)
+            values[column.key][:] += numbers * factor
+            used.append(unit)
+        units.append(" and ".join(dict.fromkeys(used)) or "none")
+    return units[0], units[1]
+
+
+def _read_words(
+    columns: Mapping[str, tuple[_Column, Sequence[Any]]], key: str, count: int
+) -> list[str]:
+    """Read the first column of a key as words; empty ones where there is none."""
+    for column, cells in columns.values():
+        if column.key == key:
+            return ["" if cell is None else str(cell).strip() for cell in cells]
+    return [""] * count
+
+
+def _read_slides(
+    table: Table, columns: Mapping[str, tuple[_Column, Sequence[Any]]], count: int
+) -> list[bool]:
+    slides = []
+    for row, word in enumerate(_read_words(columns, "kind", count)):
+        kind = word.lower()
+        if kind not in SLIDES | TURNS:
+            raise table.where.refuse(
+                f'"{word}" is no kind of joint.', row=row, remedy="Write revolute or prismatic."
+            )
+        slides.append(kind in SLIDES)
+    return slides
+
+
+def _read_senses(
+    table: Table, columns: Mapping[str, tuple[_Column, Sequence[Any]]], count: int
+) -> Array:
+    """Read which way each joint counts: 1 or -1."""
+    senses = []
+    for row, word in enumerate(_read_words(columns, "sense", count)):
+        number, _ = parse_cell(word or 1, table.where, row, "sense")
+        if abs(number) != 1:
+            raise table.where.refuse(
+                f"a joint's sense is 1 or -1, found {number:g}.",
+                row=row,
+                remedy="Correct the cell.",
+            )
+        senses.append(number)
+    return np.array(senses)
+
+
+def _read_stated(table: Table, columns: Mapping[str, tuple[_Column, Sequence[Any]]]) -> str | None:
+    """Read which convention the table states, by a column or by the names of others."""
+    words = {word.lower() for word in _read_words(columns, "convention", 0) if word}
+    stated = {name for name, spellings in CONVENTION_WORDS.items() if words & set(spellings)}
+    if len(stated) > 1 or (words and not stated):
+        raise table.where.refuse(
+            f"the column convention says {' and '.join(sorted(words))}.",
+            remedy="Write standard or modified in every row.",
+        )
+    if stated:
+        return stated.pop()
+    if any(column.is_previous for column, _ in columns.values() if column.key in ("a", "alpha")):
+        return "modified"
+    return _find_order([column.word for column, _ in columns.values()])
+
+
+def _find_order(words: Sequence[str]) -> str | None:
+    """Find the convention from columns called after their motions, as RoboDK has them: rx tx tz rz
+    are modified, rz tx tz rx standard, in the order in which they are done."""
+    if "rx" not in words or "rz" not in words:
+        return None
+    return "modified" if words.index("rx") < words.index("rz") else "standard"
+
+
+def _find_convention(rows: _Rows, file: str, given: str | None) -> tuple[str, str]:
+    """Find (standard or modified, why). Raises StudyError where both are possible, or neither."""
+    if given is not None:
+        return given, "as you say"
+    if rows.stated is not None:
+        return rows.stated, "as the table says"
+    clashes = {word: _find_coincident(rows, word) for word in CONVENTIONS}
+    possible = [word for word, clash in clashes.items() if clash is None]
+    if len(possible) == 1:
+        (word,) = possible
+        (other,) = set(CONVENTIONS) - {word}
+        first = clashes[other]
+        assert first is not None
+        reason = (
+            f"since by {CONVENTIONS[other]} the axes of joints {first} and {first + 1} would be one"
+        )
+        return word, reason
+    if not possible:
+        raise StudyError(
+            f"{file}: by standard and by modified DH two axes that follow each other would be one. "
+            "Check a and alpha of every row, and their units."
+        )
+    raise StudyError(
+        f"{file}: the table may be standard DH (a row has the link after its joint) or modified DH "
+        "(Craig: a row has the link before its joint). Say which: --dh standard or --dh modified, or "
+        'a column "convention" with that word.'
+    )
+
+
+def _find_coincident(rows: _Rows, convention: str) -> int | None:
+    """Find the first joint (from 1) whose axis is that of the next one; None where there is none."""
+    after = 1 if convention == "modified" else 0
+    a = rows.values["a"]
+    sine = np.sin(np.radians(rows.values["alpha"]))
+    for joint in range(rows.joints - 1):
+        row = joint + after
+        turns = not rows.slides[joint] and not rows.slides[joint + 1]
+        if turns and abs(a[row]) < COINCIDENT and abs(sine[row]) < COINCIDENT:
+            return joint + 1
+    return None
+
+
+def _to_robot_file(rows: _Rows, convention: str, name: str, source: str) -> dict[str, Any]:
+    """Return the table of a robot file."""
+    table: dict[str, Any] = {
+        "name": name,
+        "source": source,
+        "gravity": [0, 0, -1],
+        "convention": convention,
+    }
+    senses = rows.senses[: rows.joints]
+    if (senses < 0).any():
+        table["coupling"] = np.diag(senses).tolist()
+    joints = []
+    for k in range(rows.joints):
+        joint: dict[str, Any] = {"dh": _dh_row(rows, k)}
+        if rows.slides[k]:
+            joint["kind"] = "prismatic"
+        joints.append(joint)
+    table["joint"] = joints
+    if rows.joints < len(rows.names):
+        table["last"] = {"dh": _dh_row(rows, rows.joints)}
+    return table
+
+
+def _dh_row(rows: _Rows, k: int) -> dict[str, float]:
+    keys = {"theta": "theta_deg", "d": "d_mm", "a": "a_mm", "alpha": "alpha_deg"}
+    row = {key: float(rows.values[name][k]) for name, key in keys.items()}
+    beta = float(rows.values["beta"][k])
+    return row | {"beta_deg": beta} if beta else row
