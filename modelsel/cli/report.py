@@ -7,27 +7,35 @@ from pathlib import Path
 import click
 
 from .._progress import show_progress
-from ._options import print_json
+from ._options import amount_options, choose_amount, make_console, print_json, print_written
 
 
 @click.command("report")
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
 @click.option("--pages", help="Pages of report.pdf, by name, with commas; all without.")
+@amount_options
 @click.option("--json", "as_json", is_flag=True)
-def report_command(folder: Path, pages: str | None, as_json: bool) -> None:
-    """Draw report.pdf and report.html of a finished study again, from its folder; nothing is
+def report_command(
+    folder: Path, pages: str | None, verbose: bool, quiet: bool, as_json: bool
+) -> None:
+    """Show a finished study and draw report.pdf and report.html again, from its folder; nothing is
     computed anew."""
     from .._files import check_writable, claim_folder
     from .._second_process import second_process
     from ..report.drawing import HALF, STEPS, DrawnAhead, draw_records
+    from ..report.terminal import WIDTH, show_study
     from ..results.reading import read_records
 
     chosen = (
         None if pages is None else tuple(name.strip() for name in pages.split(",") if name.strip())
     )
+    amount = choose_amount(verbose, quiet)
     check_writable(folder)
-    with claim_folder(folder), show_progress(STEPS) as say:
+    with claim_folder(folder), show_progress(STEPS, hidden=quiet) as say:
         record, details = read_records(folder)
+        say.clear()
+        if not as_json:
+            show_study(record, details, make_console(WIDTH), amount)
         if chosen is not None:
             written = draw_records(record, details, folder, chosen, say)
         else:
@@ -37,5 +45,5 @@ def report_command(folder: Path, pages: str | None, as_json: bool) -> None:
                 written = draw_records(record, details, folder, None, say, ahead)
     if as_json:
         print_json({"written": [path.name for path in written]})
-    else:
-        click.echo(f"Written: {', '.join(map(str, written))}")
+    elif not quiet:
+        print_written(folder, written)

@@ -46,6 +46,8 @@ def _row_counts(details: DetailsRecord) -> Iterator[Count]:
     yield from _each("details.json: rows.q", joints, rows.q)
     origins = joints + 1 if joints else 1
     yield "details.json: arm_mm", origins, len(details.arm_mm)
+    postures = [finding.posture.origins_mm for finding in details.findings if finding.posture]
+    yield from _each("details.json: findings.posture.origins_mm", joints + 2, postures)
 
 
 def _rung_counts(record: StudyRecord, details: DetailsRecord) -> Iterator[Count]:

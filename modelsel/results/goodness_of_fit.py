@@ -156,7 +156,8 @@ def _unexplained_sentence(lack: LackOfFit) -> str:
 
 
 def describe_noise(floor: Floor, measured: Measurements) -> dict[str, Any]:
-    """Return the result's noise floor; with rows that are no points also the mean length [mm] of a row's noise."""
+    """Return the result's noise floor; with rows that are no points also the mean and the rms length [mm] of
+    a row's noise."""
     noise: dict[str, Any] = {"coordinate_mm": floor.coordinate_mm, "source": floor.source}
     if measured.gauges is not None:
         is_single = measured.gauges.coordinates.sum(1) == 1
@@ -165,6 +166,7 @@ def describe_noise(floor: Floor, measured: Measurements) -> dict[str, Any]:
         one, three = np.sqrt(2 / np.pi), np.sqrt(8 / np.pi)
         mean_length = float(single * one + (1 - single) * three)
         noise["mean_mm"] = floor.coordinate_mm * mean_length
+        noise["rms_mm"] = floor.coordinate_mm * float(np.sqrt(single + 3 * (1 - single)))
     return noise
 
 

@@ -56,6 +56,7 @@ class NoiseFloorRecord(StrictRecord):
     coordinate_mm: Number
     source: Text
     mean_mm: Figure = None
+    rms_mm: Figure = None
 
 
 class BaseRecord(StrictRecord):
@@ -194,7 +195,7 @@ class StudyRecord(StrictRecord):
     )
     noise_floor: NoiseFloorRecord = Field(
         description="`coordinate_mm`, `source`: stated, instrument, repeats, target pairs, estimated; with rows of "
-        "other kinds than points also `mean_mm`, the mean length of a row's noise"
+        "other kinds than points also `mean_mm` and `rms_mm`, the mean and the rms length of a row's noise"
     )
     registration: RegistrationRecord | None = Field(
         None,

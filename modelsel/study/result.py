@@ -113,11 +113,11 @@ class Result:
         self,
         folder: Path | str,
         pages: tuple[str, ...] | None = None,
-        say: Say = lambda _: None,
-        progress: bool = False,
+        say: Say | None = None,
+        progress: bool | None = None,
     ) -> list[Path]:
         """Draw report.pdf and report.html into a folder; `pages` chooses from the PDF's, `progress` shows what is
-        being done. Files written. Raises StudyError or ReportError."""
+        being done (by default on a terminal, unless `say` is given). Files written. Raises StudyError or ReportError."""
         from ..report.drawing import STEPS, draw_records
 
         with follow(say, progress, STEPS) as tell:
