@@ -135,9 +135,9 @@ def format_seconds(seconds: float) -> str:
 
 
 @contextmanager
-def show_progress(steps: Sequence[str] = ()) -> Iterator[Progress]:
-    """Show progress until the work is done or fails, whatever is there to show it on."""
-    display = Progress(steps)
+def show_progress(steps: Sequence[str] = (), hidden: bool = False) -> Iterator[Progress]:
+    """Show progress until the work is done or fails, on whatever is there; nothing where hidden."""
+    display = Progress(steps, HiddenScreen() if hidden else None)
     try:
         yield display
     finally:
@@ -145,10 +145,21 @@ def show_progress(steps: Sequence[str] = ()) -> Iterator[Progress]:
 
 
 def follow(
-    say: Say, progress: bool, steps: Sequence[str] = ()
+    say: Say | None, progress: bool | None, steps: Sequence[str] = ()
 ) -> AbstractContextManager[Say | Progress]:
-    """Return what work is to tell: `say`, or a display where `progress` is wanted."""
-    return show_progress(steps) if progress else nullcontext(say)
+    """Return what work is to tell: a display where `progress` is wanted, else `say` if there is one.
+
+    Where nothing is said of either (None), a terminal shows progress: somebody waits there.
+    """
+    if progress is None:
+        progress = say is None and find_notebook() is None and is_terminal(sys.stderr)
+    if progress:
+        return show_progress(steps)
+    return nullcontext(keep_silent if say is None else say)
+
+
+def keep_silent(_: str) -> None:
+    """Show nothing of what work tells."""
 
 
 # -- where it is shown
@@ -160,9 +171,12 @@ def choose_screen(stream: TextIO | None = None) -> Screen:
     if shell is not None:
         return NotebookScreen()
     stream = sys.stderr if stream is None else stream
-    if stream.isatty() and os.environ.get("TERM") != "dumb":
-        return TerminalScreen(stream)
-    return LogScreen(stream)
+    return TerminalScreen(stream) if is_terminal(stream) else LogScreen(stream)
+
+
+def is_terminal(stream: TextIO | None) -> bool:
+    """Return whether a stream is a terminal that can rewrite a line."""
+    return stream is not None and stream.isatty() and os.environ.get("TERM") != "dumb"
 
 
 def find_notebook() -> Any:
@@ -170,6 +184,22 @@ def find_notebook() -> Any:
     ipython = sys.modules.get("IPython")
     shell = None if ipython is None else ipython.get_ipython()
     return shell if hasattr(shell, "kernel") else None
+
+
+class HiddenScreen:
+    """Shows nothing."""
+
+    def begin(self, line: str) -> None:
+        """Show nothing."""
+
+    def keep(self, line: str) -> None:
+        """Show nothing."""
+
+    def rewrite(self, line: str) -> None:
+        """Show nothing."""
+
+    def clear(self) -> None:
+        """Leave nothing to take away."""
 
 
 class LogScreen:

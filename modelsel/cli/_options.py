@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -17,7 +18,11 @@ from ..exceptions import StudyError
 DECIMAL_MARKS = {"comma": ",", "point": "."}
 
 if TYPE_CHECKING:
+    from ..report.terminal import Amount
     from ..robot.kinematics import Robot
+
+
+LOG_WIDTH = 160  # columns
 
 
 def _parse_pairs(
@@ -136,6 +141,31 @@ def read_robot_option(
     return RobotOption(load_robot(robot))
 
 
+def amount_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add --verbose and --quiet, of commands that show a study."""
+    verbose = click.option(
+        "-v",
+        "--verbose",
+        is_flag=True,
+        help="Show the tables, the error map, every finding in full, and all notes.",
+    )
+    quiet = click.option(
+        "-q", "--quiet", is_flag=True, help="Show the verdict alone, and no progress."
+    )
+    return verbose(quiet(command))
+
+
+def choose_amount(verbose: bool, quiet: bool) -> Amount:
+    """Return how much of a study is shown. Raises click.UsageError for both options."""
+    from ..report.terminal import Amount
+
+    if verbose and quiet:
+        raise click.UsageError("--verbose shows more, --quiet less: give one of them.")
+    if verbose:
+        return Amount.EVERYTHING
+    return Amount.VERDICT if quiet else Amount.SUMMARY
+
+
 def print_json(value: Any) -> None:
     """Print a value as JSON on the output, numbers to ten digits."""
     from .._json import to_json
@@ -143,8 +173,19 @@ def print_json(value: Any) -> None:
     click.echo(to_json(value).encode(), nl=False)  # JSON is UTF-8, whatever the terminal's encoding
 
 
-def make_console() -> Any:
-    """Make the console that prints tables: as wide as the terminal, 160 in a log."""
+def make_console(most: int = LOG_WIDTH) -> Any:
+    """Make the console that prints tables: as wide as the terminal, or as a log has room, but not
+    wider than `most` columns."""
     from rich.console import Console
 
-    return Console(width=None if sys.stdout.isatty() else 160, markup=False, emoji=False)
+    terminal = shutil.get_terminal_size().columns if sys.stdout.isatty() else LOG_WIDTH
+    return Console(width=min(terminal, most), markup=False, emoji=False)
+
+
+def print_written(folder: Path, files: Sequence[Path]) -> None:
+    """Print which files were written into a folder, and the folder in one piece."""
+    from ..report.text_tables import fold_text
+
+    names = ", ".join(path.name for path in files)
+    for line in fold_text(f"Written into {folder}: {names}", 80, hanging="    "):
+        click.echo(line)

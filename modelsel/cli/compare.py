@@ -3,28 +3,58 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from ._options import print_json
 
+if TYPE_CHECKING:
+    from ..calibration.campaigns import Comparison
+
 
 @click.command("compare")
 @click.argument("before", type=click.Path(path_type=Path))
 @click.argument("after", type=click.Path(path_type=Path))
+@click.option(
+    "--html",
+    "page",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write a page that shows both studies beside each other; BEFORE and AFTER are their folders.",
+)
 @click.option("--json", "as_json", is_flag=True)
-def compare_command(before: Path, after: Path, as_json: bool) -> None:
+def compare_command(before: Path, after: Path, page: Path | None, as_json: bool) -> None:
     """What changed between two campaigns, each a study's folder, result.json or
     calibration.json."""
     from dataclasses import asdict
 
+    from .._files import write_atomically
     from ..calibration.campaigns import compare_campaigns as compared
     from ..calibration.campaigns import describe_comparison
     from ..calibration.loading import load_calibration
 
     found = compared(load_calibration(before), load_calibration(after))
+    if page is not None:
+        write_atomically(page, _write_page(before, after, found))
     if as_json:
         print_json({"sentences": describe_comparison(found), **asdict(found)})
     else:
         for line in describe_comparison(found):
             click.echo(line)
+        if page is not None:
+            click.echo(f"Written: {page}")
+
+
+def _write_page(before: Path, after: Path, found: Comparison) -> bytes:
+    from ..report.comparison_page import Campaign, write_comparison_page
+    from ..results.reading import read_records
+
+    folders = [path if path.is_dir() else path.parent for path in (before, after)]
+    records = [read_records(folder) for folder in folders]
+    names = [record.study for record, _ in records]
+    if names[0] == names[1]:
+        names = [
+            f"{folder.resolve().name}: {name}" for folder, name in zip(folders, names, strict=True)
+        ]
+    first, second = (Campaign(name, *both) for name, both in zip(names, records, strict=True))
+    return write_comparison_page((first, second), found)

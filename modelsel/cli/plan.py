@@ -124,7 +124,7 @@ def plan_command(
         click.echo(line)
     if more is not None:
         click.echo(
-            f"An effect of {size:g} mm rms beyond the model is found with 90 % after {more} more configurations."
+            f"An effect of {size:g} mm rms beyond the model is found with 90 % probability after {more} more configurations."
         )
 
 

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from .._progress import show_progress
-from ._options import print_json
+from ._options import amount_options, choose_amount, make_console, print_json, print_written
+
+if TYPE_CHECKING:
+    from .._typing import Say
+    from ..results.details_schema import DetailsRecord
+    from ..results.schema import StudyRecord
 
 
 @click.command("report")
@@ -18,13 +24,16 @@ from ._options import print_json
 @click.option(
     "--summary", is_flag=True, help="Two pages: into report-summary.pdf beside the full report."
 )
+@amount_options
 @click.option("--json", "as_json", is_flag=True)
-def report_command(folder: Path, pages: str | None, summary: bool, as_json: bool) -> None:
-    """Draw report.pdf and report.html of a finished study again, from its folder; nothing is
+def report_command(
+    folder: Path, pages: str | None, summary: bool, verbose: bool, quiet: bool, as_json: bool
+) -> None:
+    """Show a finished study and draw report.pdf and report.html again, from its folder; nothing is
     computed anew."""
     from .._files import check_writable, claim_folder
-    from .._second_process import second_process
-    from ..report.drawing import HALF, STEPS, DrawnAhead, draw_records, draw_summary
+    from ..report.drawing import STEPS, draw_records, draw_summary
+    from ..report.terminal import WIDTH, show_study
     from ..results.reading import read_records
 
     chosen = (
@@ -34,19 +43,31 @@ def report_command(folder: Path, pages: str | None, summary: bool, as_json: bool
         raise click.UsageError(
             "--summary is two pages of its own: leave out --pages, or --summary."
         )
+    amount = choose_amount(verbose, quiet)
     check_writable(folder)
-    with claim_folder(folder), show_progress(STEPS) as say:
+    with claim_folder(folder), show_progress(STEPS, hidden=quiet) as say:
+        record, details = read_records(folder)
+        say.clear()
+        if not as_json:
+            show_study(record, details, make_console(WIDTH), amount)
         if summary:
-            written = draw_summary(folder, say)
+            written = draw_summary(record, details, folder, say)
         elif chosen is not None:
-            written = draw_records(*read_records(folder), folder, chosen, say)
+            written = draw_records(record, details, folder, chosen, say)
         else:
-            record, details = read_records(folder)
-            with second_process() as second:
-                ahead = DrawnAhead(second)
-                ahead.draw(record, details, HALF)
-                written = draw_records(record, details, folder, None, say, ahead)
+            written = _draw_whole(record, details, folder, say)
     if as_json:
         print_json({"written": [path.name for path in written]})
-    else:
-        click.echo(f"Written: {', '.join(map(str, written))}")
+    elif not quiet:
+        print_written(folder, written)
+
+
+def _draw_whole(record: StudyRecord, details: DetailsRecord, folder: Path, say: Say) -> list[Path]:
+    """Draw the full report, half of its pictures in a second process. Files written."""
+    from .._second_process import second_process
+    from ..report.drawing import HALF, DrawnAhead, draw_records
+
+    with second_process() as second:
+        ahead = DrawnAhead(second)
+        ahead.draw(record, details, HALF)
+        return draw_records(record, details, folder, None, say, ahead)

@@ -12,12 +12,13 @@ import click
 
 from .._progress import show_progress
 from ..exceptions import CHECK_FAILED
-from ._options import make_console, print_json
+from ._options import amount_options, choose_amount, make_console, print_json, print_written
 
 if TYPE_CHECKING:
     from .._progress import Progress
     from ..config.study_file import Study
     from ..mechanisms.registry import Registry
+    from ..report.terminal import Amount
     from ..study.checkpoint import Checkpoint
     from ..study.result import Result
 
@@ -33,7 +34,8 @@ COLLECT = 50_000  # new values between two looks of Python's garbage collector
 )
 @click.option("--no-report", is_flag=True, help="Leave out report.pdf and report.html.")
 @click.option("--no-sampling", is_flag=True, help="Leave out the sampling of the posterior.")
-@click.option("--json", "as_json", is_flag=True, help="Print result.json instead of tables.")
+@amount_options
+@click.option("--json", "as_json", is_flag=True, help="Print result.json instead of words.")
 @click.option(
     "--dry-run",
     is_flag=True,
@@ -47,6 +49,8 @@ def study_command(
     out: Path | None,
     no_report: bool,
     no_sampling: bool,
+    verbose: bool,
+    quiet: bool,
     as_json: bool,
     dry_run: bool,
     resume: bool,
@@ -84,11 +88,12 @@ def study_command(
         from ..report.drawing import STEPS
 
         steps += STEPS
-    with claim_folder(folder), show_progress(steps) as progress:
-        run = _Run(folder, registry, progress, as_json, not no_sampling, not no_report)
+    amount = None if as_json else choose_amount(verbose, quiet)
+    with claim_folder(folder), show_progress(steps, hidden=quiet) as progress:
+        run = _Run(folder, registry, progress, amount, not no_sampling, not no_report)
         result, written = run.complete(read, path.parent, Checkpoint(folder, resume))
-    if not as_json:
-        click.echo(f"Written: {', '.join(map(str, written))}")
+    if amount is not None and not quiet:
+        print_written(folder, written)
     sampling = result.record.sampling
     if sampling is not None and not sampling.converged:
         raise SystemExit(CHECK_FAILED)
@@ -100,7 +105,7 @@ class _Run(NamedTuple):
     folder: Path
     registry: Registry
     progress: Progress
-    as_json: bool
+    amount: Amount | None  # None: result.json instead of words
     sampling: bool
     report: bool
 
@@ -157,20 +162,21 @@ class _Run(NamedTuple):
         return written
 
     def _tell_analysis(self, result: Result) -> None:
-        from ..report.terminal import show_analysis
+        from ..report.terminal import WIDTH, show_analysis
 
         self.progress.clear()
-        if not self.as_json:
-            show_analysis(result.record, result.details, make_console())
+        if self.amount is not None:
+            console = make_console(WIDTH)
+            show_analysis(result.record, result.details, console, self.amount)
 
     def _tell_rest(self, result: Result) -> None:
-        from ..report.terminal import show_sampling
+        from ..report.terminal import WIDTH, show_sampling
 
         self.progress.clear()
-        if self.as_json:
+        if self.amount is None:
             click.echo(result.to_json(), nl=False)
         else:
-            show_sampling(result.record, make_console())
+            show_sampling(result.record, make_console(WIDTH), self.amount)
 
 
 def _import_sampler() -> None:

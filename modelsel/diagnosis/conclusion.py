@@ -16,11 +16,13 @@ from ..fitting.design import Model
 from ..fitting.least_squares import STEP_MM, Fit
 from ..fitting.shrinkage import fit_shrunk
 from ..mechanisms.terms import Mechanism
+from .after_selection import AfterSelection, allow_for_search, find_limit
 from .candidates import Candidate
 from .claims import Weighed, weigh_claims
 from .effects import Effect
 from .evidence import compute_p_value, compute_single_f
 from .outcome import Diagnosis
+from .signatures import SHAPELESS
 from .state import LEVEL, Search, View
 from .stepwise import Exploration, Remainder, explore_further
 
@@ -251,9 +253,25 @@ def _build_effects(
             estimate=fitted.theta[terms],
             standard_error=fitted.standard_errors[terms],
             cancels=cancelled.get(g),
+            after_selection=_allow_for_search(search, g, view),
         )
         effects.append(effect)
     return tuple(effects)
+
+
+def _allow_for_search(search: Search, g: int, view: View) -> AfterSelection | None:
+    """Allow for the search in the size of an effect, given the others; a free function has none."""
+    if search.found[g].kind in SHAPELESS:
+        return None
+    scan, response = view.scan_without(search.found[g])
+    terms = int(scan.sizes[g])
+    square = terms * float(compute_single_f(scan, response)[g])
+    if not square:
+        return None
+    critical = float(np.quantile(search.null, 1 - LEVEL, method="higher"))
+    freedom = scan.freedom - terms
+    limit = find_limit(square, terms, freedom, search.rename(g, view).evidence - critical)
+    return allow_for_search(square, limit, terms)
 
 
 def _find_cancelling(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from .._typing import Array
+from .after_selection import AfterSelection
 from .candidates import Candidate
 from .credible_sets import CredibleSet
 from .signatures import LEVELS
@@ -32,7 +33,8 @@ class Effect:
 
     `p`: its family-wise p-value; `estimate` and `standard_error` (k,) of its terms in the full
     model; `cancels`: (label of another effect that undoes most of it at the target, the share that
-    is left of both); `claim`: how deep it is proven."""
+    is left of both); `claim`: how deep it is proven; `after_selection`: what its size is to be
+    multiplied by, allowing for the search."""
 
     candidate: Candidate
     named: CredibleSet
@@ -41,3 +43,4 @@ class Effect:
     standard_error: Array = field(repr=False)
     cancels: tuple[str, float] | None = None
     claim: Claim | None = None
+    after_selection: AfterSelection | None = None

@@ -12,7 +12,7 @@ import numpy as np
 from .._typing import Array
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Applied, Named, cos, q, shifted, sign, sin, torque
-from ..mechanisms.drives import joint_axis
+from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism, Screw, Term
 from ..robot.gravity import find_gravity_joints
 from ..robot.kinematics import Robot

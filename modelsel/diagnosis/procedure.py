@@ -64,14 +64,15 @@ def diagnose(  # noqa: PLR0913  all but the first have defaults
     registry: Registry = BUILTIN,
     estimation: Mask | None = None,
     options: DiagnosisOptions = DEFAULT_OPTIONS,
-    progress: bool = False,
+    progress: bool | None = None,
 ) -> Diagnosis:
     """Name what is wrong with a model of a robot.
 
     `base`: registered names of the model to extend; `candidates`: registered names that may extend
     it, or "all" for every mechanism of the registry, data faults and unregistered causes;
     `estimation`: mask (m,) of the rows to use (None: all); `progress`: show what is being done and
-    what is found, in a notebook or on the error stream. The result prints its findings.
+    what is found, in a notebook or on the error stream (by default on a terminal). The result
+    prints its findings.
 
     Raises StudyError for an unknown name, NotEstimable where the data do not determine the base."""
     rows = len(problem)
@@ -80,7 +81,7 @@ def diagnose(  # noqa: PLR0913  all but the first have defaults
         used = np.asarray(estimation, bool)
     split = Split(problem, used, np.zeros(rows, bool), np.zeros(rows, np.intp), known_sigma=False)
     mechanisms = [mechanism(name, problem.robot, registry) for name in base]
-    with follow(_be_silent, progress) as say:
+    with follow(None, progress) as say:
         _, diagnosis, _ = diagnose_split(
             split,
             base=Model(tuple(mechanisms)),

@@ -27,6 +27,8 @@ MIN_SHARE = 1e-3
 # sizes that are unusual for an error of an arm, where the catalogue gives no range
 USUAL_SIZE = {"mm": 10.0, "rad": 0.02}
 MOTIONS = {"t": "shifts along", "r": "turns about"}
+# factor, allowing for the search, above which an effect is about as large as it is estimated
+LARGE_SHARE = 0.9
 # alternatives that a sentence names
 NAMED_RIVALS = 3
 
@@ -264,6 +266,11 @@ def list_cautions(effect: Effect) -> list[str]:
                 "is likely"
             )
         cautions += _generate_size_cautions(term, float(value), float(error))
+    after = effect.after_selection
+    if after is not None and after.factor < LARGE_SHARE:
+        cautions.append(
+            f"allowing for the search, its size is {after.low:.0%} to {after.high:.0%} of this (95 %)"
+        )
     if effect.cancels is not None:
         other, share = effect.cancels
         cautions.append(

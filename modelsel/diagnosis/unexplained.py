@@ -189,7 +189,7 @@ def describe_unexplained(
     else:
         reach = (
             f"an effect above {format_length(limit)} rms beyond what the geometry absorbs would "
-            "have been found with 90 %."
+            "have been found with 90 % probability."
         )
     left = (
         " The strongest remaining candidate would occur by chance with probability "

@@ -128,10 +128,11 @@ def draw_records(
     return [folder / REPORT, folder / "report.html"]
 
 
-def draw_summary(folder: Path, say: Say = lambda _: None) -> list[Path]:
-    """Draw the summary of a folder's study, two pages, beside the full report. Files written. Raises StudyError or
-    ReportError."""
-    source = read_source(folder)
+def draw_summary(
+    record: StudyRecord, details: DetailsRecord, folder: Path, say: Say = lambda _: None
+) -> list[Path]:
+    """Draw the summary of a study's records, two pages, beside the full report. Files written. Raises ReportError."""
+    source = Source(record, details)
     say(DRAWING)
     blocks = collect_blocks(source, SUMMARY, say=say)
     say(SETTING)

@@ -4,6 +4,7 @@ escaped or set as text."""
 from __future__ import annotations
 
 import json
+import re
 from html import escape
 from importlib.resources import files
 from string import Template
@@ -21,7 +22,7 @@ from .figures.errormap import find_named_cells
 from .figures.ladder import label_way, select_way
 from .pages.appendix import list_provenance
 
-SCRIPTS = ("plot.js", "space.js", "map.js", "page.js")
+SCRIPTS = ("plot.js", "space.js", "posture.js", "map.js", "page.js")
 
 
 def write_page(source: Source) -> bytes:
@@ -69,11 +70,49 @@ def _page_data(source: Source) -> dict[str, Any]:
         "names": label_ladder(record),
         "ladder": list(zip(way, label_way(record, way), strict=True)),
         "cells": find_named_cells(record),
+        "own": [_find_own_cells(record, finding) for finding in record.findings],
+        "kindred": [find_kindred_cells(record, finding) for finding in record.findings],
         "told": told,
         "grouped": grouped,
         "small": "" if record.small_findings is None else record.small_findings.sentence,
         "figures": [write_figures(finding) for finding in record.findings],
     }
+
+
+def _find_own_cells(record: StudyRecord, finding: FindingRecord) -> list[tuple[int, int]]:
+    """Return the cells of the map that stand for one finding; none where it has none of its own."""
+    cells = find_named_cells(record.model_copy(update={"findings": [finding]}))
+    f = record.error_map.f
+    return [(row, column) for row, column in cells if f[row][column] is not None]
+
+
+def find_kindred_cells(record: StudyRecord, finding: FindingRecord) -> list[tuple[int, int]]:
+    """Return, for a finding without a cell of its own, as a free function is, of each of its places
+    the strongest cell of which the cause depends on nothing but what drives the finding."""
+    whole = record.error_map
+    drivers: dict[str, set[str]] = {}
+    for screw in finding.first.screws:
+        drivers.setdefault(f"{screw.frame} {screw.axis}", set()).update(_list_names(screw.cause))
+    cells = []
+    for row, place in enumerate(whole.places):
+        strengths = [
+            (strength, column)
+            for column, strength in enumerate(whole.f[row])
+            if strength is not None and _is_driven(whole.causes[column], drivers.get(place, set()))
+        ]
+        if strengths:
+            cells.append((row, max(strengths)[1]))
+    return cells
+
+
+def _is_driven(cause: str, drivers: set[str]) -> bool:
+    names = _list_names(cause)
+    return bool(names) and names <= drivers
+
+
+def _list_names(cause: str) -> set[str]:
+    """Return the names in a cause that are no functions."""
+    return set(re.findall(r"[A-Za-z_]\w*(?![\w(])", cause))
 
 
 def slim_record(record: StudyRecord) -> dict[str, Any]:

@@ -51,6 +51,8 @@ def _row_counts(details: DetailsRecord) -> Iterator[Count]:
         yield "details.json: arm.slides", joints, len(details.arm.slides)
         yield "details.json: arm.origins_mm", joints + 2, len(details.arm.origins_mm)
         yield "details.json: arm.axes", joints + 2, len(details.arm.axes)
+    postures = [finding.posture.origins_mm for finding in details.findings if finding.posture]
+    yield from _each("details.json: findings.posture.origins_mm", joints + 2, postures)
 
 
 def _rung_counts(record: StudyRecord, details: DetailsRecord) -> Iterator[Count]:

@@ -22,6 +22,7 @@ from ..mechanisms.serialization import describe_mechanism
 from ..mechanisms.terms import Mechanism
 from .arm_details import describe_arm, describe_meanings, find_middling_row
 from .details_schema import DetailsRecord
+from .finding_postures import describe_postures
 from .map_details import describe_map
 from .panels import describe_panels
 from .reading import SCHEMA
@@ -102,7 +103,7 @@ def _values(run: StudyRun, drawing: _Drawing) -> Values:
         "rungs": _describe_residuals(run, drawing),
         "map": describe_map(run, drawing.problem, drawing.displacement),
         "cards": {m.name: _describe_card(m) for m in _mentioned_mechanisms(run)},
-        "findings": describe_panels(run, drawing.problem, drawing.field, drawing.rows),
+        "findings": _describe_findings(run, drawing),
     }
 
 
@@ -146,6 +147,13 @@ def _describe_joints(run: StudyRun) -> list[Values]:
         }
         for joint in run.robot.joints
     ]
+
+
+def _describe_findings(run: StudyRun, drawing: _Drawing) -> list[Values]:
+    """Return of every finding its panels, and the arm where it errs most."""
+    panels = describe_panels(run, drawing.problem, drawing.field, drawing.rows)
+    postures = describe_postures(run)
+    return [one | {"posture": posture} for one, posture in zip(panels, postures, strict=True)]
 
 
 def _describe_residuals(run: StudyRun, drawing: _Drawing) -> list[Values]:

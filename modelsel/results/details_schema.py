@@ -125,6 +125,14 @@ class CardRecord(StrictRecord):
     terms: list[CardTermRecord]
 
 
+class ActingPlaceRecord(StrictRecord):
+    """A frame that a finding moves, along or about an axis of it."""
+
+    frame: Whole
+    axis: Axis
+    direction: Vector
+
+
 class PanelRecord(StrictRecord):
     """A picture of a finding: residual against cause, `before` without and `after` with the effect."""
 
@@ -141,6 +149,15 @@ class PanelRecord(StrictRecord):
     curve: Annotated[list[list[Number]], Field(min_length=2, max_length=2)]
 
 
+class PostureRecord(StrictRecord):
+    """The nominal arm where a finding moves the target most, upright: origins of frame 0, the joints
+    and the target, the target's displacement, and what the finding moves."""
+
+    origins_mm: Annotated[list[Vector], Field(min_length=2)]
+    moved_mm: Vector
+    places: list[ActingPlaceRecord]
+
+
 class FindingDetailsRecord(StrictRecord):
     """What is drawn of one finding."""
 
@@ -149,6 +166,7 @@ class FindingDetailsRecord(StrictRecord):
     panels: list[PanelRecord]
     more_panels: Whole
     rivals: Texts
+    posture: PostureRecord | None = None
 
 
 class DetailsRecord(StrictRecord):

@@ -92,11 +92,8 @@ def measure_effects(run: StudyRun) -> FindingFigures:
     findings = run.diagnosis.findings
     if not findings:
         return FindingFigures((), 0.0)
-    workspace = build_workspace(
-        run.problem.take(run.split.used), generator(run.study.seed, "workspace")
-    )
-    fit = run.diagnosis.search.fit
-    fitted = [bind_effect(finding.effect, fit, workspace) for finding in findings]
+    fitted = bind_findings(run)
+    workspace = fitted[0].workspace
     base = [term for term in run.diagnosis.search.base.terms if not term.fixture]
     sizes = measure_sizes(fitted, workspace.displace(base), _find_threshold(run))
     each = []
@@ -110,6 +107,15 @@ def measure_effects(run: StudyRun) -> FindingFigures:
         )
         each.append(figures)
     return FindingFigures(tuple(each), sizes.small_rms)
+
+
+def bind_findings(run: StudyRun) -> list[Fitted]:
+    """Bind every finding's effect to one workspace of the run, the same whenever it is asked for."""
+    workspace = build_workspace(
+        run.problem.take(run.split.used), generator(run.study.seed, "workspace")
+    )
+    fit = run.diagnosis.search.fit
+    return [bind_effect(finding.effect, fit, workspace) for finding in run.diagnosis.findings]
 
 
 def _find_threshold(run: StudyRun) -> float:

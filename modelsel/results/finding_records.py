@@ -140,6 +140,7 @@ def describe_finding(finding: Finding, problem: Problem) -> Values:
         "more_entries": effect.named.more,
         **_describe_claims(effect),
         "estimate": _estimate(effect),
+        "after_selection": effect.after_selection and effect.after_selection._asdict(),
         "gain": asdict(finding.gain),
         "doubtful": finding.doubtful,
         "usual_causes": list(list_usual_causes(effect)),

@@ -74,6 +74,14 @@ class EstimateRecord(StrictRecord):
     unit: Text
 
 
+class AfterSelectionRecord(StrictRecord):
+    """What the estimate of a finding is to be multiplied by, allowing for the search."""
+
+    factor: Number
+    low: Number
+    high: Number
+
+
 class GainRecord(StrictRecord):
     """What a finding changes on held-out configurations [mm]; a positive interval is less error."""
 
@@ -146,6 +154,11 @@ class FindingRecord(StrictRecord):
         "probability: the share of all explanations that agree so far, shapes that no list has among them",
     )
     estimate: list[EstimateRecord] = Field(description="`symbol value standard_error unit`")
+    after_selection: AfterSelectionRecord | None = Field(
+        None,
+        description="what the estimate is to be multiplied by, allowing for the search that found it: `factor` (median) "
+        "and the 95 % interval `low high`; none of a free function",
+    )
     gain: GainRecord = Field(
         description="`held_out_rms_before_mm held_out_rms_after_mm interval_mm`"
     )

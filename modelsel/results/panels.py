@@ -23,19 +23,18 @@ from ..fitting.design import PLACE, compute_columns
 from ..fitting.problem import Problem
 from ..mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named, find_bump
 from ..mechanisms.terms import Term
+from .covariate_panel import draw_covariate, find_covariate
 from .finding_records import Finding
 from .map_details import MIN_DISPLACEMENT, find_wave
+from .panel_points import CURVE_POINTS, PanelPoints, select_points
 from .study_run import StudyRun
 
 # panels of a finding: the largest effects first
 MAX_PANELS = 3
-# points of a panel
-MAX_POINTS = 240
 # share of the largest lever: rows with less show noise, no twist
 MIN_LEVER = 0.2
 # share of the largest displacement: rows with less show noise, no effect
 MIN_EFFECT = 0.02
-CURVE_POINTS = 160
 # waves per turn from which they are folded onto one
 MIN_FOLDED_WAVES = 3
 # of a displacement or a lever that may be zero
@@ -108,28 +107,6 @@ class _Group:
         return np.zeros(len(x))
 
 
-@dataclass(frozen=True, eq=False)
-class _Points:
-    """Points and curve of a panel: x, the residual with the effect left in and taken out, the points' weights."""
-
-    x: Array
-    before: Array
-    after: Array
-    weight: Array
-    grid: Array
-    curve: Array
-
-    def describe(self) -> Values:
-        """Return the panel's numbers, five digits each."""
-        return {
-            "x": _short(self.x),
-            "before": _short(self.before),
-            "after": _short(self.after),
-            "weight": _short(self.weight),
-            "curve": [_short(self.grid), _short(self.curve)],
-        }
-
-
 def describe_panels(run: StudyRun, problem: Problem, field: Array, rows: Index) -> list[Values]:
     """Return one entry per finding of result.json, faults of single rows first.
 
@@ -162,15 +139,19 @@ def _describe_finding(finding: Finding, problem: Problem, field: Array, residual
     groups = _group_terms(terms, estimate, problem.names())
     drawn = [_draw_group(group, problem, field, residual) for group in groups]
     panels = sorted((one for one in drawn if one is not None), key=lambda one: -one[0])
-    shown = [panel for _, panel in panels[:MAX_PANELS]]
+    shown = [panel for _, panel in panels]
+    driver = find_covariate(terms, problem)
+    if driver is not None and all(group.abscissa.variable.names() != {driver} for group in groups):
+        along = draw_covariate(terms, estimate, problem, field, residual, driver)
+        shown = shown if along is None else [along, *shown]
     if not shown:
         whole = _draw_displacement(terms, estimate, problem, field, residual)
         shown = [] if whole is None else [whole]
     return {
         "label": label_effect(effect),
         "what": describe_what(effect),
-        "panels": shown,
-        "more_panels": max(len(panels) - MAX_PANELS, 0),
+        "panels": shown[:MAX_PANELS],
+        "more_panels": max(len(shown) - MAX_PANELS, 0),
         "rivals": [entry.candidate.label for entry in effect.named.entries],
     }
 
@@ -221,7 +202,7 @@ def _draw_group(
     part = _observed_part(moved)
     displacement = moved[part].T
     lever = np.linalg.norm(displacement, axis=1)
-    rows = _select_points(lever > max(MIN_LEVER * lever.max(initial=0), TINY))
+    rows = select_points(lever > max(MIN_LEVER * lever.max(initial=0), TINY))
     if rows is None:
         return None
     abscissa, lever = group.abscissa, lever[rows]
@@ -253,19 +234,9 @@ def _observed_part(moved: Array) -> slice:
     return slice(0, 3)
 
 
-def _select_points(mask: Array) -> Index | None:
-    """Return at most MAX_POINTS rows of a mask, evenly spread; None of fewer than two."""
-    rows = np.flatnonzero(mask)
-    count = len(rows)
-    if count < 2:
-        return None
-    steps = np.linspace(0, count - 1, min(count, MAX_POINTS))
-    places = np.unique(steps.astype(int))
-    chosen: Index = rows[places]
-    return chosen
-
-
-def _place_points(group: _Group, x: Array, before: Array, after: Array, weight: Array) -> _Points:
+def _place_points(
+    group: _Group, x: Array, before: Array, after: Array, weight: Array
+) -> PanelPoints:
     """Return the points and the fitted curve, folded where waves are, in degrees where the variable is an angle."""
     abscissa = group.abscissa
     if abscissa.is_folded:
@@ -279,7 +250,7 @@ def _place_points(group: _Group, x: Array, before: Array, after: Array, weight: 
     if abscissa.is_angle:
         x = np.degrees(x)
         grid = np.degrees(grid)
-    return _Points(x, before, after, weight, grid, curve)
+    return PanelPoints(x, before, after, weight, grid, curve)
 
 
 def _grid(x: Array) -> Array:
@@ -307,7 +278,7 @@ def _draw_displacement(
     columns = compute_columns(problem, field, terms, slice(0, len(problem)))
     moved = np.tensordot(estimate, columns, 1)[:3].T
     size = np.linalg.norm(moved, axis=1)
-    rows = _select_points(size > MIN_EFFECT * size.max(initial=0))
+    rows = select_points(size > MIN_EFFECT * size.max(initial=0))
     if rows is None:
         return None
     direction = moved[rows] / size[rows, None]
@@ -316,7 +287,7 @@ def _draw_displacement(
     x = (direction * moved[rows]).sum(1)
     left = (direction * residual[rows, :3]).sum(1)
     ends = np.array([x.min(), x.max()])
-    points = _Points(x, x + left, left, np.ones(len(x)), ends, ends)
+    points = PanelPoints(x, x + left, left, np.ones(len(x)), ends, ends)
     return {
         "frames": [],
         "axis": "",
@@ -326,8 +297,3 @@ def _draw_displacement(
         "kind": "line",
         **points.describe(),
     }
-
-
-def _short(values: Array) -> list[float]:
-    """Return values with five digits."""
-    return [float(f"{value:.5g}") for value in values]

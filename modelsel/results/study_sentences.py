@@ -125,7 +125,7 @@ def gain_sentence(record: StudyRecord) -> str:
 def describe_split(record: StudyRecord) -> str:
     """Return how the configurations are split, without a full stop."""
     counts = record.configurations
-    return f"{counts.estimation:,} configurations estimate, {counts.held_out:,} are held out"
+    return f"{counts.estimation:,} configurations fit the models, {counts.held_out:,} are held out"
 
 
 def describe_noise_floor(record: StudyRecord) -> str:
@@ -214,12 +214,20 @@ def describe_predictable(record: StudyRecord) -> str:
     if predictable is None:
         return ""
     chance = f"(p = {predictable.p:.2g})"
-    if predictable.p <= MAX_PREDICTABLE_P and predictable.share > MIN_PREDICTABLE_SHARE:
+    if has_predictable_rest(record):
         return (
             f"Some smooth function of the configuration would still predict {predictable.share:.0%} of what is left "
             f"{chance}: the chosen model does not explain everything."
         )
     return f"No smooth function of the configuration predicts the remaining error {chance}."
+
+
+def has_predictable_rest(record: StudyRecord) -> bool:
+    """Return whether a smooth function of the configuration would predict some of what is left."""
+    predictable = record.nothing_else.predictable
+    if predictable is None:
+        return False
+    return predictable.p <= MAX_PREDICTABLE_P and predictable.share > MIN_PREDICTABLE_SHARE
 
 
 def describe_outliers(record: StudyRecord, where: Where, most: int) -> str:

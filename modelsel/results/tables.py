@@ -205,7 +205,7 @@ def write_notebook_page(record: StudyRecord) -> str:
 def _notebook_head(record: StudyRecord) -> str:
     counts, floor = record.configurations, record.noise_floor
     return (
-        f"<p><b>{escape(record.study)}</b>: {escape(record.robot)}, {counts.estimation:,} configurations estimate, "
+        f"<p><b>{escape(record.study)}</b>: {escape(record.robot)}, {counts.estimation:,} configurations fit the models, "
         f"{counts.held_out:,} are held out; noise floor {floor.coordinate_mm:.3g} mm a coordinate "
         f"({escape(floor.source)})</p>"
     )

@@ -287,4 +287,4 @@ def _describe_split(data: Measurements) -> str:
     count = count_estimation(data)
     if count is None:
         return f"All configurations estimate: from {MIN_SPLIT} on, some would be held out."
-    return f"{count} configurations estimate, {data.configurations - count} are held out."
+    return f"{count} configurations fit the models, {data.configurations - count} are held out."

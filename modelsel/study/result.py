@@ -113,11 +113,12 @@ class Result:
         self,
         folder: Path | str,
         pages: tuple[str, ...] | None = None,
-        say: Say = lambda _: None,
-        progress: bool = False,
+        say: Say | None = None,
+        progress: bool | None = None,
     ) -> list[Path]:
         """Draw report.pdf and report.html into a folder, or with `pages` those of the PDF into report-pages.pdf;
-        `progress` shows what is being done. Files written. Raises StudyError or ReportError."""
+        `progress` shows what is being done (by default on a terminal, unless `say` is given). Files written. Raises
+        StudyError or ReportError."""
         from ..report.drawing import STEPS, draw_records
 
         with follow(say, progress, STEPS) as tell:

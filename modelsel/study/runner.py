@@ -26,10 +26,10 @@ def run_study(
     folder: Path | str | None = None,
     *,
     registry: Registry = BUILTIN,
-    say: Say = lambda _: None,
+    say: Say | None = None,
     sampling: bool = True,
     checkpoint: Checkpoint | None = None,
-    progress: bool = False,
+    progress: bool | None = None,
 ) -> Result:
     """Run a study and return its result; write nothing but the checkpoint.
 
@@ -40,7 +40,8 @@ def run_study(
         say: receives one line per step, for a progress display of your own.
         sampling: whether emcee samples the posterior, which takes most of a study's time.
         checkpoint: keeps an unfinished chain for `--resume`; clear it once the result is saved.
-        progress: show what is being done and how long it will take, in a notebook or on the error stream.
+        progress: show what is being done and how long it will take, in a notebook or on the error stream;
+            by default on a terminal, unless `say` is given.
 
     Raises:
         StudyError, DataError or NotEstimable.

@@ -324,7 +324,7 @@ def _describe_pair(a: str, b: str, r: float) -> Pair:
     else:
         relation, combination = f"{a} rises as {b} falls", "sum"
     sentence = (
-        f"{relation} ({r:.3f}): the data determine their {combination} well, each alone poorly."
+        f"{relation} ({r:.3f}): the data determine their {combination} well, but neither alone."
     )
     return Pair(a, b, r, sentence)
 

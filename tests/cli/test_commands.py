@@ -74,7 +74,7 @@ def test_an_output_without_greek_letters_loses_no_more_than_them(tmp_path) -> No
         == 1
     )
     assert b"+ encoder-eccentricity:4" in ran(
-        "ascii", "study", PUMA, "--out", tmp_path, "--no-report", "--no-sampling"
+        "ascii", "study", PUMA, "--out", tmp_path, "--no-report", "--no-sampling", "-v"
     )
 
 

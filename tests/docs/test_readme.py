@@ -7,7 +7,6 @@ import ast
 import html
 import io
 import re
-import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -26,14 +25,11 @@ from modelsel.exceptions import StudyError
 from modelsel.fitting.design import compute_design, residuals
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import BUILTIN, build_mechanisms, with_plugins
-from modelsel.report.terminal import show_study
+from modelsel.report.terminal import WIDTH, show_study
 from modelsel.robot.files import load_robot
 
 README, CONTRIBUTING = ROOT / "README.md", ROOT / "CONTRIBUTING.md"
 AGAIN = "python tests/rewrite.py readme writes it anew"
-NAMED = ("Found", "Not told apart")
-SHOWN_FINDINGS = 2
-EXCERPT = ("Nominal model", "Found", "Not told apart", "Nothing else", "On held-out")
 
 
 def section(title: str, text: str) -> str:
@@ -42,27 +38,12 @@ def section(title: str, text: str) -> str:
 
 
 def excerpt(result: modelsel.Result) -> str:
-    """The sentences of a study's output; of the findings the first SHOWN_FINDINGS, each with its numbers."""
+    """What a study prints before the files that it has written."""
     from rich.console import Console
 
     stream = io.StringIO()
-    show_study(result.record, result.details, Console(file=stream, width=10_000))
-    lines: list[str] = []
-    findings = 0
-    for line in stream.getvalue().splitlines():
-        findings += line.startswith(NAMED)
-        is_figure = line.startswith("    ") and lines[-1:] != ["…"] and findings > 0
-        if line.startswith(NAMED) and findings > SHOWN_FINDINGS:
-            lines += ["…"] * (findings == SHOWN_FINDINGS + 1)
-        elif line.startswith(EXCERPT) or is_figure:
-            lines.append(line)
-    return (
-        "\n".join(
-            textwrap.fill(line, 130, subsequent_indent="    ", break_on_hyphens=False)
-            for line in lines
-        )
-        + "\n"
-    )
+    show_study(result.record, result.details, Console(file=stream, width=WIDTH))
+    return stream.getvalue().lstrip("\n")
 
 
 def floors() -> str:

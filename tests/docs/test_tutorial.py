@@ -86,15 +86,10 @@ def workshop(folder: Path, text: str) -> None:
 
 
 def commands(block: str) -> str:
-    """A console block as it would be now: each command, then what it prints, folded; of a study
-    what follows the tables."""
+    """A console block as it would be now: each command, then what it prints, folded."""
     out = ""
     for line in re.findall(r"^\$ modelsel (.*)$", block, re.MULTILINE):
         shown = invoked(*line.split())
-        if line.startswith("study "):
-            shown = "…\n" + re.sub(
-                r"(?<=\w|,|:) *\n(?=\S)", " ", shown[shown.index("Nominal model") :]
-            )
         out += f"$ modelsel {line}\n" + "".join(
             textwrap.fill(row, 112, subsequent_indent="    ", break_on_hyphens=False) + "\n"
             for row in shown.splitlines()

@@ -58,9 +58,8 @@ def told(folder: Path, table: pd.DataFrame, status: int) -> str:
     (folder / "study.toml").write_text(STUDY)
     table.to_csv(folder / "measurements.csv", index=False)
     out = folder / "out"
-    ran = CliRunner().invoke(
-        run_command_line, ["study", str(folder), "--out", str(out), "--no-report", "--no-sampling"]
-    )
+    words = ("--out", str(out), "--no-report", "--no-sampling", "--verbose")
+    ran = CliRunner().invoke(run_command_line, ["study", str(folder), *words])
     assert ran.exit_code == status, ran.output
     assert "Traceback" not in ran.output
     assert (out / "result.json").exists() == (status == 0)

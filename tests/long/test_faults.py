@@ -125,7 +125,7 @@ def test_no_room(study, tmp_path, monkeypatch) -> None:
     status, said = invoked(*words(study, tmp_path / "out"))
     assert status == 2
     assert "cannot be written: No space left on device. Give another folder with --out." in said
-    assert "Nominal model" in said
+    assert "On held-out configurations" in said
     assert {p: p.read_bytes() for p in (tmp_path / "out").iterdir()} == before
 
 

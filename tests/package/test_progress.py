@@ -19,6 +19,7 @@ from modelsel._progress import (
     choose_screen,
     follow,
     format_seconds,
+    show_progress,
 )
 
 
@@ -161,6 +162,33 @@ def test_news_is_text_to_a_listener_of_ones_own() -> None:
     with follow(said.append, progress=False) as say:
         say(News("3 of 5 folds", 0.6))
     assert said == ["3 of 5 folds"]
+
+
+@pytest.mark.parametrize(
+    ("terminal", "given", "shows"), [(True, None, True), (True, print, False), (False, None, False)]
+)
+def test_a_terminal_shows_progress_unless_told_otherwise(
+    monkeypatch, terminal, given, shows
+) -> None:
+    """Somebody waits at a terminal; a log, or a listener of one's own, is left alone."""
+    stream = Terminal() if terminal else io.StringIO()
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setenv("TERM", "xterm")
+    for progress in (None, False):
+        with follow(given, progress) as say:
+            say("reading")
+        assert ("reading" in stream.getvalue()) == (shows and progress is None)
+        stream.seek(0)
+        stream.truncate()
+
+
+def test_hidden_progress_shows_nothing(monkeypatch) -> None:
+    stream = Terminal()
+    monkeypatch.setattr(sys, "stderr", stream)
+    with show_progress(hidden=True) as say:
+        say("reading")
+        say(News("3 of 5 folds", 0.6, kept=True))
+    assert stream.getvalue() == ""
 
 
 def _fail() -> None:

@@ -6,18 +6,24 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import builders
 import numpy as np
 import pytest
 
 from modelsel import read_study
-from modelsel.fitting.design import compute_design
+from modelsel._typing import Array
+from modelsel.fitting.design import compute_design, field_of
+from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.causes import q
-from modelsel.mechanisms.registry import BUILTIN
+from modelsel.mechanisms.registry import BUILTIN, build_mechanisms
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.report import drawing
 from modelsel.report.pages.findings import advise_separation
+from modelsel.results.covariate_panel import draw_covariate, find_covariate
 from modelsel.results.details import select_rows
 from modelsel.results.finding_schema import EntryRecord, ScrewRecord
+from modelsel.robot.files import load_robot
+from modelsel.robot.kinematics import forward
 from modelsel.study.model_ladder import build_model
 from modelsel.study.runner import run_study
 
@@ -63,6 +69,56 @@ def test_panels_show_the_effect_and_take_it_out(drawn) -> None:
     value, error = (result["findings"][k]["estimate"][0][n] for n in ("value", "standard_error"))
     assert abs(slope["before"] - value) < 2 * error
     assert abs(slope["after"]) < 2 * error
+
+
+def thermal_panel(at: Problem, residual: Array) -> dict:
+    """The panel of a growth of 20 ppm/K that leaves a residual."""
+    (growth,) = build_mechanisms("thermal-expansion", at.robot, BUILTIN)
+    assert find_covariate(growth.terms, at) == "temperature_C"
+    whole = slice(0, len(at))
+    field = field_of(at, at.pose(whole), whole)
+    return draw_covariate(growth.terms, np.array([2e-5]), at, field, residual, "temperature_C")
+
+
+def test_thermal_effect_is_drawn_against_the_temperature(rng) -> None:
+    """Without noise every point lies on the line, which is straight and crosses zero at 20 °C; at a
+    typical posture it rises by what the target moves per degree."""
+    at = builders.drawn("puma760", rng, 200)
+    panel = thermal_panel(at, np.zeros((200, 3)))
+    assert (panel["against"], panel["against_unit"], panel["unit"]) == ("temperature_C", "°C", "mm")
+    x, curve = np.array(panel["curve"])
+    slope, start = np.polyfit(x, curve, 1)
+    assert np.ptp(curve - slope * x - start) < 1e-4 * np.ptp(curve)
+    assert -start / slope == pytest.approx(20, abs=0.01)
+    assert panel["before"] == pytest.approx(slope * np.array(panel["x"]) + start, abs=1e-4)
+    assert panel["after"] == pytest.approx(np.zeros(len(panel["x"])), abs=1e-9)
+    # the target stands about a metre from the base of this arm
+    assert 0.3 < slope / 2e-5 / 1000 < 2
+
+
+def test_residual_of_a_thermal_effect_is_what_it_leaves(rng) -> None:
+    """A residual of half the effect stands at half the line."""
+    at = builders.drawn("puma760", rng, 200)
+    (growth,) = build_mechanisms("thermal-expansion", at.robot, BUILTIN)
+    moved = compute_design(at, growth.terms)[0][:, :3, 0] * 2e-5
+    whole, half = thermal_panel(at, 0 * moved), thermal_panel(at, moved / 2)
+    assert half["after"] == pytest.approx(np.array(whole["before"]) / 2, abs=1e-4)
+    assert half["before"] == pytest.approx(np.array(whole["before"]) * 1.5, abs=1e-4)
+
+
+def test_posture_is_the_arm_at_its_worst(drawn) -> None:
+    """Of every finding: the chain at the readings of `worst`, and a displacement of its size."""
+    result, details = (json.loads((drawn / f"{n}.json").read_text()) for n in ("result", "details"))
+    robot = load_robot("puma760")
+    for finding, one in zip(result["findings"], details["findings"], strict=True):
+        posture, worst = one["posture"], finding["worst"]
+        assert np.linalg.norm(posture["moved_mm"]) == pytest.approx(worst["mm"], abs=1e-4)
+        readings = np.radians([worst["joints_deg"]])
+        target = forward(robot, readings, np.array([0.0, 0.0, 100.0]))[0]
+        assert posture["origins_mm"][-1] == pytest.approx(target, abs=0.06)
+        assert posture["origins_mm"][0] == [0, 0, 0]
+        places = {(s["frame"], s["axis"]) for s in finding["credible_set"][0]["screws"]}
+        assert {(p["frame"], p["axis"]) for p in posture["places"]} == places
 
 
 def test_slopes_of_the_map_are_those_of_a_fit(drawn) -> None:

@@ -1,4 +1,4 @@
-// The error map: a grid to walk with the arrow keys; a cell opens its panel.
+// The error map: grids to walk with the arrow keys; a cell opens its panel, a finding its own.
 function numbers(data, i, j) {
   const { details } = data, place = details.map.places[i], column = details.map.columns[j], slopes = details.map.slopes[i][j] || [];
   const q = details.rows.q, angle = column.wave === null ? null : column.joint ? q.map((r) => r[column.joint - 1]) : column.values[0];
@@ -90,24 +90,32 @@ function findingPanel(data, k) {
   const finding = data.result.findings[k], said = data.details.findings[k];
   const out = [el("h3", { text: `Finding ${k + 1}: ${said.label}` }), el("p", { text: finding.sentence })];
   if (data.figures[k]) out.push(el("p", { class: "quiet", text: data.figures[k] }));
+  if (!data.own[k].length) out.push(el("p", { class: "quiet", text: data.kindred[k].length
+    ? "The map has no cell of this finding's own shape. Marked are, at its places, the strongest cells that depend on nothing but what it depends on." : "No cell of the map stands for this finding." }));
   for (const p of said.panels) out.push(scatter({ ...p, title: p.frames.length ? `Residual about frame ${p.frames.join(", ")} ${p.axis}` : "Displacement" }));
   if (said.panels.length) out.push(el("p", { class: "quiet", text: "Squares: without this effect. Dots: with it. Line: the fitted effect." }));
+  if (said.posture) out.push(...posed(finding, said.posture));
   out.push(el("h3", { text: "Credible set" }), probabilities(finding.credible_set.slice(0, 12).map((e, n) => [said.rivals[n], e.probability, e.alike])));
   const found = card(data, finding.credible_set.length ? finding.credible_set[0].mechanism : null);
   if (found) out.push(el("h3", { text: "Mechanism" }), found);
   return out;
 }
 
-function grid(data, host, rows, columns, cell, heads, label, open, short) {
+// A window of the map: `rows` [name, key], `columns` [name, key, group], `cell` (row's key, column's key) -> [place, cause].
+// Columns share the window's width, rows scroll; each cell is kept in data.tds.
+function grid(data, host, { rows, columns, cell, label, open }) {
   const map = data.result.error_map, biggest = Math.log10(Math.max(10, ...map.f.flat().filter((v) => v !== null)));
-  const table = el("table", { class: short ? "map short" : "map", role: "grid", "aria-label": label }), line = el("tr", { role: "row" });
-  line.append(el("td"), ...heads.map((h) => { const th = el("th", { scope: "col", role: "columnheader", title: h }); th.append(el("span", { text: h })); return th; }));
-  table.append(el("thead", {}, line));
+  const table = el("table", { class: "map", role: "grid", "aria-label": label }), head = el("thead");
+  table.style.setProperty("--n", columns.length);
+  const groups = columns.reduce((out, [, , group]) => { if (out.length && out[out.length - 1][0] === group) out[out.length - 1][1]++; else out.push([group, 1]); return out; }, []);
+  const heading = (text, attributes) => el("th", { role: "columnheader", ...attributes, text });
+  if (groups[0][0]) head.append(el("tr", { role: "row" }, el("td", { class: "corner" }), ...groups.map(([name, count]) => heading(name, { class: "group", style: `grid-column: span ${count}`, "aria-colspan": count }))));
+  head.append(el("tr", { role: "row" }, el("td", { class: "corner" }), ...columns.map(([name, , group]) => heading(name, { title: `${group} ${name}`.trim() }))));
   const body = el("tbody"), cells = [];
-  rows.forEach(([name, i], r) => {
-    const tr = el("tr", { role: "row" }, el("th", { scope: "row", role: "rowheader", text: name }));
-    cells.push(columns.map((c, n) => {
-      const at = cell(i, c, n), td = el("td", { role: "gridcell" });
+  rows.forEach(([name, i]) => {
+    const tr = el("tr", { role: "row" }, el("th", { scope: "row", role: "rowheader", title: name, text: name }));
+    cells.push(columns.map(([, c]) => {
+      const at = cell(i, c), td = el("td", { role: "gridcell" });
       tr.append(td);
       if (!at || map.f[at[0]][at[1]] === null) return null;
       const [a, b] = at, f = map.f[a][b], p = map.p_family_wise[a][b], place = placeName(data.details.map.places[a]);
@@ -117,18 +125,19 @@ function grid(data, host, rows, columns, cell, heads, label, open, short) {
       if (p < 0.05) td.classList.add("out");
       if (named) td.classList.add("named");
       td.dataset.cell = `${a},${b}`;
+      data.tds.set(td.dataset.cell, td);
       td.setAttribute("aria-label", `${place}, cause ${map.causes[b]}, F ${digits(f)}, p ${digits(p)}${named ? ", named in a finding" : ""}`);
       return td;
     }));
     body.append(tr);
   });
-  table.append(body);
-  host.append(table);
+  table.append(head, body);
+  host.replaceChildren(table);
   const flat = cells.flatMap((row, r) => row.map((td, c) => [td, r, c])).filter(([td]) => td);
   if (!flat.length) return;
   flat[0][0].tabIndex = 0;
   const walk = (r, c, dr, dc) => { for (r += dr, c += dc; cells[r] && c >= 0 && c < cells[r].length; r += dr, c += dc) if (cells[r][c]) return cells[r][c]; return null; };
-  const focus = (td) => { if (!td) return; for (const [other] of flat) other.tabIndex = -1; td.tabIndex = 0; td.focus(); };
+  const focus = (td) => { if (!td) return; for (const [other] of flat) other.tabIndex = -1; td.tabIndex = 0; td.focus({ preventScroll: true }); centre(host, td); };
   for (const [td, r, c] of flat) {
     const hint = () => { document.getElementById("hover").textContent = td.getAttribute("aria-label"); };
     td.addEventListener("mouseenter", hint);
@@ -145,4 +154,11 @@ function grid(data, host, rows, columns, cell, heads, label, open, short) {
       e.preventDefault();
     });
   }
+}
+
+// Scroll a window of the map, and nothing else, until a cell of it is well inside.
+function centre(host, td) {
+  const window_ = host.getBoundingClientRect(), at = td.getBoundingClientRect(), room = 0.25 * window_.height;
+  if (at.top < window_.top + room) host.scrollTop -= window_.top + room - at.top;
+  else if (at.bottom > window_.bottom - room) host.scrollTop += at.bottom - window_.bottom + room;
 }

@@ -3,16 +3,39 @@
   const data = JSON.parse(document.getElementById("data").textContent), { result, details } = data;
   const names = data.names, panel = document.getElementById("panel");
   data.named = new Set(data.cells.map(([i, j]) => `${i},${j}`));
-  let chosen = null;
-  const show = (nodes, td = null) => {
-    if (chosen) chosen.removeAttribute("aria-selected");
-    if (td) td.setAttribute("aria-selected", "true");
-    chosen = td;
+  data.tds = new Map();
+  let chosen = [];
+  const choose = (keys) => {
+    for (const key of chosen) if (data.tds.has(key)) data.tds.get(key).removeAttribute("aria-selected");
+    chosen = keys.filter((key) => data.tds.has(key));
+    for (const key of chosen) data.tds.get(key).setAttribute("aria-selected", "true");
+  };
+  const show = (nodes, keys) => {
+    choose(keys);
     panel.replaceChildren(...nodes);
     panel.scrollTop = 0;
   };
-  const openFinding = (k) => show(findingPanel(data, k));
-  const openCell = (td) => { const [i, j] = td.dataset.cell.split(",").map(Number); show(cellPanel(data, i, j, openFinding), td); };
+  // a finding: its cells are marked, the strongest of them and the panel are brought into view
+  const openFinding = (k) => {
+    const f = ([i, j]) => result.error_map.f[i][j], own = [...(data.own[k].length ? data.own[k] : data.kindred[k])].sort((a, b) => f(b) - f(a));
+    show([steps(k), ...findingPanel(data, k)], own.map(String));
+    const [first] = chosen;
+    if (first) centre(data.tds.get(first).closest(".scroll"), data.tds.get(first));
+    document.getElementById("split").scrollIntoView({ behavior: matchMedia("(prefers-reduced-motion: reduce)").matches ? "auto" : "smooth" });
+    panel.focus({ preventScroll: true });
+  };
+  // to the findings beside it
+  const order = [...data.told, ...data.grouped];
+  const steps = (k) => {
+    const at = order.indexOf(k), go = (text, to) => {
+      const button = el("button", { type: "button", text });
+      button.disabled = to === undefined;
+      button.addEventListener("click", () => openFinding(to));
+      return button;
+    };
+    return el("p", { class: "tools" }, go("‹ Previous", order[at - 1]), go("Next ›", order[at + 1]));
+  };
+  const openCell = (td) => { const [i, j] = td.dataset.cell.split(",").map(Number); show(cellPanel(data, i, j, openFinding), [td.dataset.cell]); };
 
   const side = result.ladder[0].held_out.rms_mm === null ? "estimation" : "held_out", floor = result.noise_floor.rms_mm || result.noise_floor.coordinate_mm * Math.sqrt(3);
   const top = Math.log(Math.max(...result.ladder.map((r) => r[side].rms_mm || 0)) / floor);
@@ -33,7 +56,7 @@
     table.append(el("thead", {}, el("tr", {}, ...["named", "what goes wrong", "verdict"].map((h) => el("th", { scope: "col", text: h })))), rows);
     const open = (k) => {
       const button = el("button", { type: "button", text: details.findings[k].label });
-      button.addEventListener("click", () => { openFinding(k); panel.scrollIntoView({ block: "nearest" }); });
+      button.addEventListener("click", () => openFinding(k));
       return button;
     };
     data.told.forEach((k) => {
@@ -51,17 +74,32 @@
   const map = result.error_map, columns = details.map.columns.map((c, j) => [c, j]);
   const alone = (j) => map.f.filter((row) => row[j] !== null).length < 2;
   const wave = ([c, j]) => c.wave !== null && c.wave >= 3 && c.joint && alone(j), others = columns.filter((c) => !wave(c)).map(([, j]) => j);
-  const places = map.places.map((name, i) => [`frame ${name}`, i]), host = document.getElementById("map");
-  if (!map.causes.length) host.append(el("p", { text: "No mechanism may extend the base in this study: nothing was scanned." }));
-  else grid(data, host, places, others, (i, j) => [i, j], others.map((j) => map.causes[j]), "Error map, places by causes", openCell, false);
+  const host = document.getElementById("map"), sorting = document.getElementById("order");
+  const places = details.map.places.map((place, i) => [place.axis, i, `frame ${place.frame}`]);
+  const best = others.map((j) => [j, Math.max(...map.f.map((row) => row[j] ?? 0))]);
+  const strongest = [...best].sort((a, b) => b[1] - a[1]).map(([j]) => j);
+  const fill = () => {
+    const rows = (sorting.value === "cause" ? others : strongest).map((j) => [map.causes[j], j]);
+    grid(data, host, { rows, columns: places, cell: (j, i) => [i, j], label: "Error map, causes by places", open: openCell });
+    choose(chosen);
+  };
+  if (map.causes.length) fill();
+  else { host.append(el("p", { text: "No mechanism may extend the base in this study: nothing was scanned." })); sorting.disabled = true; }
+  sorting.addEventListener("change", fill);
   const waves = columns.filter(wave), counts = [...new Set(waves.map(([c]) => c.wave))].sort((a, b) => a - b);
   if (waves.length) {
     document.getElementById("waves-title").hidden = false;
     const joints = [...new Set(waves.map(([c]) => c.joint))].sort((a, b) => a - b);
     const at = new Map(waves.map(([c, j]) => [`${c.joint},${c.wave}`, [map.f.findIndex((row) => row[j] !== null), j]]));
-    grid(data, document.getElementById("waves"), joints.map((n) => [`joint ${n}`, n]), counts, (n, count) => at.get(`${n},${count}`), counts.map(String),
-      "Waves of each joint's own angle, joints by waves per turn", openCell, true);
+    // of many counts, every tenth has its number
+    const name = (count, n) => (counts.length < 25 || n === 0 || count % 10 === 0 ? String(count) : "");
+    grid(data, document.getElementById("waves"), {
+      rows: joints.map((n) => [`joint ${n}`, n]), columns: counts.map((count, n) => [name(count, n), count, ""]), cell: (n, count) => at.get(`${n},${count}`),
+      label: "Waves of each joint's own angle, joints by waves per turn", open: openCell,
+    });
   }
   if (details.rungs.length) space(data, names);
+  const asked = /^#finding-(\d+)$/.exec(location.hash);
+  if (asked && result.findings[asked[1] - 1]) openFinding(asked[1] - 1);
   document.documentElement.dataset.ready = "yes";
 })();

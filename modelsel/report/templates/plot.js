@@ -73,6 +73,54 @@ function scatter(panel) {
   return svg;
 }
 
+// An orthographic view: turned by `turn` about z, lifted by `lift`; `scale` in pixels per mm.
+function project(p, middle, view, scale, width, height) {
+  const [x, y, z] = p.map((v, a) => v - middle[a]), c = Math.cos(view.turn), s = Math.sin(view.turn);
+  const across = c * x - s * y, deep = s * x + c * y;
+  return [width / 2 + scale * across, height / 2 - scale * (Math.cos(view.lift) * z - Math.sin(view.lift) * deep)];
+}
+
+// The middle of some points and half of their box's diagonal.
+function boxOf(points) {
+  const low = [0, 1, 2].map((a) => Math.min(...points.map((p) => p[a]))), high = [0, 1, 2].map((a) => Math.max(...points.map((p) => p[a])));
+  return { low, high, middle: low.map((v, a) => (v + high[a]) / 2), radius: Math.max(1, Math.hypot(...low.map((v, a) => high[a] - v)) / 2) };
+}
+
+// Drag or arrow keys turn a view, + and - zoom, 0 resets.
+function turnable(node, view, draw) {
+  const home = { ...view };
+  let grip = null;
+  const lift = (by) => { view.lift = Math.max(-1.57, Math.min(1.57, view.lift + by)); };
+  const reset = () => { Object.assign(view, home); draw(); };
+  node.addEventListener("pointerdown", (e) => { grip = [e.clientX, e.clientY]; node.setPointerCapture(e.pointerId); });
+  node.addEventListener("pointermove", (e) => {
+    if (!grip) return;
+    view.turn += (e.clientX - grip[0]) * 0.008;
+    lift((e.clientY - grip[1]) * 0.008);
+    grip = [e.clientX, e.clientY];
+    draw();
+  });
+  for (const end of ["pointerup", "pointercancel"]) node.addEventListener(end, () => { grip = null; });
+  const keys = {
+    ArrowLeft: () => { view.turn -= 0.1; }, ArrowRight: () => { view.turn += 0.1; }, ArrowUp: () => lift(0.1), ArrowDown: () => lift(-0.1),
+    "+": () => { view.zoom *= 1.15; }, "=": () => { view.zoom *= 1.15; }, "-": () => { view.zoom /= 1.15; }, "−": () => { view.zoom /= 1.15; },
+    0: () => Object.assign(view, home),
+  };
+  node.addEventListener("keydown", (e) => {
+    if (!keys[e.key]) return;
+    keys[e.key]();
+    e.preventDefault();
+    draw();
+  });
+  return reset;
+}
+
+// 1, 2 or 5 times a power of ten, at most a value.
+function roundBelow(value) {
+  const power = 10 ** Math.floor(Math.log10(value));
+  return [5, 2, 1].find((m) => m * power <= value * (1 + 1e-9)) * power;
+}
+
 function probabilities(entries) {
   const set = el("div", { class: "set" });
   for (const [name, p, alike] of entries) {

@@ -2,25 +2,16 @@
 function space(data, shown) {
   const canvas = document.getElementById("space"), status = document.getElementById("space-status");
   const { result, details } = data, points = details.rows.measured_mm, keep = details.rows.outlying.map((o) => !o);
-  const every = [...points, ...details.arm_mm], low = [0, 1, 2].map((a) => Math.min(...every.map((p) => p[a])));
-  const high = [0, 1, 2].map((a) => Math.max(...every.map((p) => p[a]))), middle = low.map((v, a) => (v + high[a]) / 2);
-  const radius = Math.max(1, Math.hypot(...low.map((v, a) => high[a] - v)) / 2), HOME = { turn: -0.9, lift: 0.35, zoom: 1 };
+  const { low, high, middle, radius } = boxOf([...points, ...details.arm_mm]), view = { turn: -0.9, lift: 0.35, zoom: 1 };
   const still = matchMedia("(prefers-reduced-motion: reduce)");
-  let view = { ...HOME }, rung = details.rungs.length - 1, factor = 1, drawn = details.rungs[rung].residual_mm, running = 0;
+  let rung = details.rungs.length - 1, factor = 1, drawn = details.rungs[rung].residual_mm, running = 0;
 
   const rows = points.map((_, k) => k).filter((k) => keep[k]);
   function wanted(k) {
     const size = rows.map((i) => Math.hypot(...details.rungs[k].residual_mm[i])).sort((a, b) => a - b);
     const typical = size.length ? size[Math.floor(0.95 * (size.length - 1))] : 0;
     if (!(typical > 0)) return 1;
-    const raw = 0.16 * radius / typical, power = 10 ** Math.floor(Math.log10(raw));
-    return [5, 2, 1].find((m) => m * power <= raw * (1 + 1e-9)) * power;
-  }
-
-  function project(p, width, height) {
-    const [x, y, z] = p.map((v, a) => v - middle[a]), c = Math.cos(view.turn), s = Math.sin(view.turn);
-    const across = c * x - s * y, deep = s * x + c * y, scale = 0.6 * Math.min(width, height) / radius * view.zoom;
-    return [width / 2 + scale * across, height / 2 - scale * (Math.cos(view.lift) * z - Math.sin(view.lift) * deep)];
+    return roundBelow(0.16 * radius / typical);
   }
 
   function draw() {
@@ -28,7 +19,8 @@ function space(data, shown) {
     canvas.width = width * ratio; canvas.height = height * ratio;
     const pen = canvas.getContext("2d"), style = getComputedStyle(document.documentElement), colour = (n) => style.getPropertyValue(n).trim();
     pen.scale(ratio, ratio);
-    const line = (a, b) => { pen.beginPath(); pen.moveTo(...project(a, width, height)); pen.lineTo(...project(b, width, height)); pen.stroke(); };
+    const place = (p) => project(p, middle, view, 0.6 * Math.min(width, height) / radius * view.zoom, width, height);
+    const line = (a, b) => { pen.beginPath(); pen.moveTo(...place(a)); pen.lineTo(...place(b)); pen.stroke(); };
     pen.strokeStyle = colour("--line"); pen.lineWidth = 1;
     for (let axis = 0; axis < 3; axis++) for (let corner = 0; corner < 4; corner++) {
       const [u, v] = [0, 1, 2].filter((a) => a !== axis), from = [0, 0, 0], to = [0, 0, 0];
@@ -37,13 +29,13 @@ function space(data, shown) {
       line(from, to);
     }
     pen.fillStyle = colour("--quiet"); pen.font = "12px sans-serif";
-    ["x", "y", "z"].forEach((name, a) => { const p = [...low]; p[a] = high[a]; const [x, y] = project(p, width, height); pen.fillText(name, x + 4, y - 4); });
+    ["x", "y", "z"].forEach((name, a) => { const p = [...low]; p[a] = high[a]; const [x, y] = place(p); pen.fillText(name, x + 4, y - 4); });
     pen.strokeStyle = colour("--ink"); pen.lineWidth = 2.5;
     details.arm_mm.slice(1).forEach((p, k) => line(details.arm_mm[k], p));
     pen.strokeStyle = colour("--accent"); pen.lineWidth = 1.3;
     for (const k of rows) line(points[k], points[k].map((v, a) => v + factor * drawn[k][a]));
     pen.fillStyle = colour("--ink");
-    for (const k of rows) { const [x, y] = project(points[k], width, height); pen.fillRect(x - 1, y - 1, 2, 2); }
+    for (const k of rows) { const [x, y] = place(points[k]); pen.fillRect(x - 1, y - 1, 2, 2); }
   }
 
   function choose(k) {
@@ -73,31 +65,9 @@ function space(data, shown) {
   select.addEventListener("change", () => choose(Number(select.value)));
   document.getElementById("before").addEventListener("click", () => choose(0));
   document.getElementById("after").addEventListener("click", () => choose(details.rungs.length - 1));
-  document.getElementById("reset").addEventListener("click", () => { view = { ...HOME }; draw(); });
-  let grip = null;
-  canvas.addEventListener("pointerdown", (e) => { grip = [e.clientX, e.clientY]; canvas.setPointerCapture(e.pointerId); });
-  canvas.addEventListener("pointermove", (e) => {
-    if (!grip) return;
-    view.turn += (e.clientX - grip[0]) * 0.008;
-    view.lift = Math.max(-1.57, Math.min(1.57, view.lift + (e.clientY - grip[1]) * 0.008));
-    grip = [e.clientX, e.clientY];
-    draw();
-  });
-  for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => { grip = null; });
-  canvas.addEventListener("keydown", (e) => {
-    const moves = { ArrowLeft: ["turn", -0.1], ArrowRight: ["turn", 0.1], ArrowUp: ["lift", 0.1], ArrowDown: ["lift", -0.1] };
-    if (moves[e.key]) { const [what, by] = moves[e.key]; view[what] += by; }
-    else if (e.key === "+" || e.key === "=") view.zoom *= 1.15;
-    else if (e.key === "-" || e.key === "−") view.zoom /= 1.15;
-    else if (e.key === "0") view = { ...HOME };
-    else return;
-    e.preventDefault();
-    view.lift = Math.max(-1.57, Math.min(1.57, view.lift));
-    draw();
-  });
+  document.getElementById("reset").addEventListener("click", turnable(canvas, view, draw));
   window.addEventListener("resize", draw);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
   factor = wanted(rung);
   choose(rung);
-  return { view: () => ({ ...view, rung }) };
 }

@@ -1,0 +1,268 @@
+"""Two studies of one robot on one self-contained page: both verdicts, their errors, the findings beside
+each other, and the parameters that changed; every word of the data is escaped."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+from string import Template
+from typing import NamedTuple
+
+from ..calibration.campaigns import Change, Comparison, describe_comparison
+from ..calibration.mechanism_changes import describe_change
+from ..results.details_schema import DetailsRecord
+from ..results.quantities import format_figure
+from ..results.schema import StudyRecord
+from ..results.study_sentences import describe_probability, describe_split, opening_sentences
+from .style import choose_unit
+
+SIDES = ("first", "second")
+ABSENT = "–"
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """One of the two studies, from its folder's files, with the name that it goes by on the page."""
+
+    name: str
+    record: StudyRecord
+    details: DetailsRecord
+
+
+Pair = tuple[Campaign, Campaign]
+Match = tuple[int | None, int | None]
+
+
+def write_comparison_page(campaigns: Pair, comparison: Comparison) -> bytes:
+    """Write the page; `comparison` is of the campaigns' calibrations."""
+    folder = files(__package__) / "templates"
+    template = Template((folder / "compare.html").read_text(encoding="utf-8"))
+    names = [campaign.name for campaign in campaigns]
+    page = template.substitute(
+        title=escape(f"Comparison: {names[0]} and {names[1]}"),
+        first=escape(names[0]),
+        second=escape(names[1]),
+        robot=escape(campaigns[0].record.robot),
+        changed=_list_sentences(describe_comparison(comparison)),
+        verdicts="\n".join(map(_write_verdict, SIDES, campaigns)),
+        errors=_write_errors(campaigns),
+        findings=_write_findings(campaigns, comparison),
+        parameters=_write_parameters(comparison),
+        style=(folder / "page.css").read_text(encoding="utf-8"),
+    )
+    return page.encode()
+
+
+def _paragraph(words: str, style: str = "") -> str:
+    attribute = f' class="{style}"' if style else ""
+    return f"<p{attribute}>{escape(words)}</p>"
+
+
+def _list_sentences(sentences: Sequence[str]) -> str:
+    return "\n".join(_paragraph(sentence, "verdict") for sentence in sentences)
+
+
+def _write_verdict(side: str, campaign: Campaign) -> str:
+    """Write the verdict of one study."""
+    record = campaign.record
+    sentences = "\n".join(_paragraph(sentence) for sentence in opening_sentences(record))
+    about = _paragraph(describe_split(record), "quiet")
+    title = f'<h3><span class="kicker">{side}</span> {escape(campaign.name)}</h3>'
+    return f'<div class="side">\n{title}\n{about}\n{sentences}\n</div>'
+
+
+def _write_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: int, of: str) -> str:
+    """Write a table of ready cells; the last `numbers` columns hold figures. On narrow screens each
+    cell says what it is."""
+    first = len(heads) - numbers
+    classes = ["number" if k >= first else "" for k in range(len(heads))]
+    head = "".join(
+        f'<th scope="col" class="{style}">{escape(name)}</th>'
+        for name, style in zip(heads, classes, strict=True)
+    )
+    lines = []
+    for row in rows:
+        cells = zip(heads, row, classes, strict=True)
+        lines.append(
+            "".join(
+                f'<td class="{style}" data-head="{escape(name)}">{cell}</td>'
+                for name, cell, style in cells
+            )
+        )
+    body = "\n".join(f"<tr>{line}</tr>" for line in lines)
+    return (
+        f'<table class="plain stack {of}"><thead><tr>{head}</tr></thead>\n'
+        f"<tbody>{body}</tbody></table>"
+    )
+
+
+# -- errors
+# --------------------------------------------------------------------------------------------------
+
+
+def _write_errors(campaigns: Pair) -> str:
+    """Write the errors of the nominal, the base and the chosen model of both studies."""
+    rows = []
+    for name in ("nominal", "base", "chosen"):
+        errors = [_find_error(campaign, name) for campaign in campaigns]
+        rows.append([f"{name} model", *(_format(error) for error in errors)])
+    floors = [campaign.record.noise_floor.coordinate_mm for campaign in campaigns]
+    rows.append(["noise of one coordinate", *(_format(floor) for floor in floors)])
+    heads = ["rms, mm", *(_name_side(side, c) for side, c in zip(SIDES, campaigns, strict=True))]
+    return _write_table(heads, rows, 2, "errors")
+
+
+def _name_side(side: str, campaign: Campaign) -> str:
+    record = campaign.record
+    counts = record.configurations
+    count = counts.held_out or counts.estimation
+    return f"{side}: {count:,} {record.side.replace('_', '-')} configurations"
+
+
+def _find_error(campaign: Campaign, model: str) -> float | None:
+    ladder = campaign.record.ladder
+    rungs = {"nominal": 0, "base": campaign.details.base, "chosen": len(ladder) - 1}
+    return ladder[rungs[model]].side(campaign.record.side).rms_mm
+
+
+def _format(value: float | None) -> str:
+    return ABSENT if value is None else format_figure(value)
+
+
+# -- findings
+# --------------------------------------------------------------------------------------------------
+
+
+class Name(NamedTuple):
+    """What a finding is called, and what else would move the target as it does."""
+
+    label: str
+    alike: frozenset[str]
+
+    def is_same(self, other: Name) -> bool:
+        """Return whether two findings have one name."""
+        return self.label == other.label
+
+    def could_be(self, other: Name) -> bool:
+        """Return whether each of two findings may be called as the other."""
+        return self.label in other.alike and other.label in self.alike
+
+
+def list_names(campaign: Campaign) -> list[Name]:
+    """Return what the findings of a study are called."""
+    names = []
+    for finding, drawn in zip(campaign.record.findings, campaign.details.findings, strict=True):
+        rivals = zip(finding.credible_set, drawn.rivals, strict=False)
+        alike = frozenset(rival for entry, rival in rivals if entry.alike)
+        names.append(Name(drawn.label, alike | {drawn.label}))
+    return names
+
+
+def match_findings(first: Sequence[Name], second: Sequence[Name]) -> list[Match]:
+    """Match the findings of two studies: those of one name, then those that could be each other's;
+    those of one study alone last."""
+    pairs: dict[int, int] = {}
+    for fits in (Name.is_same, Name.could_be):
+        for k, name in enumerate(first):
+            free = (n for n in range(len(second)) if n not in pairs.values())
+            found = next((n for n in free if fits(name, second[n])), None)
+            if k not in pairs and found is not None:
+                pairs[k] = found
+    both: list[Match] = [(k, pairs[k]) for k in sorted(pairs)]
+    gone: list[Match] = [(k, None) for k in range(len(first)) if k not in pairs]
+    new: list[Match] = [(None, n) for n in range(len(second)) if n not in pairs.values()]
+    return [*both, *gone, *new]
+
+
+def _write_findings(campaigns: Pair, comparison: Comparison) -> str:
+    matches = match_findings(*map(list_names, campaigns))
+    if not matches:
+        return _paragraph("Neither study named an error.")
+    said = {change.name: describe_change(change) for change in comparison.mechanisms}
+    rows = [list(_write_match(campaigns, match, said)) for match in matches]
+    heads = ["named in", "first", "second", "change"]
+    return _write_table(heads, rows, 0, "findings")
+
+
+def _write_match(campaigns: Pair, match: Match, said: dict[str, str]) -> Iterator[str]:
+    """Write where a finding was named, what each study says of it, and how it changed."""
+    named = [side for side, k in zip(SIDES, match, strict=True) if k is not None]
+    yield "both" if len(named) == 2 else f"the {named[0]} only"
+    names = []
+    for campaign, k in zip(campaigns, match, strict=True):
+        if k is None:
+            yield ABSENT
+            continue
+        names.append(campaign.details.findings[k].label)
+        yield _write_finding(campaign, k)
+    changes = dict.fromkeys(said[name] for name in names if name in said)
+    yield "".join(_paragraph(change) for change in changes) or ABSENT
+
+
+def _write_finding(campaign: Campaign, k: int) -> str:
+    finding, drawn = campaign.record.findings[k], campaign.details.findings[k]
+    parts = [f"<b>{escape(drawn.label)}</b>", _paragraph(drawn.what)]
+    figures = [] if finding.worst is None else [f"at most {_format(finding.worst.mm)} mm"]
+    figures.append(f"{finding.verdict}, probability {describe_probability(finding)}")
+    if finding.doubtful:
+        figures.append("doubtful")
+    return "".join([*parts, _paragraph("; ".join(figures), "quiet")])
+
+
+# -- parameters
+# --------------------------------------------------------------------------------------------------
+
+
+def _write_parameters(comparison: Comparison) -> str:
+    """Write the parameters that changed beyond their uncertainty, and the others behind a click."""
+    moved = comparison.moved
+    others = [change for change in comparison.changes if change not in moved]
+    parts = [_tabulate(moved)] if moved else []
+    if not moved:
+        parts.append(_paragraph("No parameter changed beyond its uncertainty."))
+    if others:
+        count = len(others)
+        words = (
+            f"{count} {'parameter' if count == 1 else 'parameters'} without a change beyond chance"
+        )
+        parts.append(f"<details><summary>{words}</summary>\n{_tabulate(others)}</details>")
+    return "\n".join(parts)
+
+
+def _tabulate(changes: Sequence[Change]) -> str:
+    """Write a table of changes, those that move the target most first."""
+    largest = max(change.moves_mm for change in changes)
+    ordered = sorted(changes, key=lambda change: -change.moves_mm)
+    heads = [
+        "parameter",
+        "moves the target",
+        "mm rms",
+        "first",
+        "second",
+        "change",
+        "± (k = 2)",
+        "p",
+    ]
+    rows = [_write_change(change, largest) for change in ordered]
+    return _write_table(heads, rows, 6, "parameters")
+
+
+def _write_change(change: Change, largest: float) -> list[str]:
+    base = re.match(r"rad|mm|", change.unit)
+    assert base is not None
+    values = (change.before, change.after, change.after - change.before)
+    factor, unit = choose_unit(base[0], max(map(abs, values)))
+    shown = unit + change.unit[base.end() :]
+    width = 100 * change.moves_mm / largest if largest > 0 else 0.0
+    figures = [*values, 2 * change.standard_error]
+    return [
+        f"<b>{escape(change.symbol)}</b> [{escape(shown)}] {escape(change.mechanism)}",
+        f'<div class="bar" style="width: {width:.0f}%"></div>',
+        f"{change.moves_mm:.3g}",
+        *(f"{factor * value:.4g}".replace("-", "−") for value in figures[:3]),
+        f"{factor * figures[3]:.2g}",
+        f"{change.p:.2g}",
+    ]

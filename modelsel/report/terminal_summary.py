@@ -1,0 +1,146 @@
+"""The summary of a study on one screen of a terminal: what was named and how much it moves, the
+models' errors, and where the rest is told."""
+
+from __future__ import annotations
+
+from ..exceptions import sentence_list
+from ..notices import ALARMS
+from ..results.details_schema import DetailsRecord, FindingDetailsRecord
+from ..results.finding_schema import FindingRecord
+from ..results.quantities import format_figure
+from ..results.repeatability import write_repeatability_lines
+from ..results.schema import StudyRecord
+from ..results.small_findings import split_findings
+from ..results.study_sentences import (
+    count_rows,
+    describe_predictable,
+    describe_probability,
+    has_predictable_rest,
+    opening_sentences,
+)
+from .text_tables import fold_text
+
+# lines of the whole summary, the title, the verdict and what the command adds among them
+MAX_LINES = 39
+# the title, the blank lines, what sampling says, the notes, the files that were written
+OTHER_LINES = 12
+# columns of a finding's size, and of what stands below it
+SIZE_WIDTH = 6
+HANGING = " " * (SIZE_WIDTH + 2)
+SHOWN_RIVALS = 3
+# the code of the note on chains that have not converged
+UNCONVERGED = "unconverged"
+
+
+def summarise_study(record: StudyRecord, details: DetailsRecord, width: int) -> list[str]:
+    """Write what follows the verdict: the findings in their order, the models' errors,
+    and what does not repeat. Of more findings than a screen holds, it says how many are left out."""
+    verdict = sum(len(fold_text(sentence, width)) for sentence in opening_sentences(record))
+    room = MAX_LINES - OTHER_LINES - verdict
+    rest = [line for one in _list_remarks(record, details) for line in fold_text(one, width)]
+    lines = _write_findings(record, details, width, room - len(rest))
+    lines += ["", *rest] if lines else rest
+    for sentence in write_repeatability_lines(record.repeatability)[:1]:
+        repeated = fold_text(sentence, width)
+        lines += repeated if len(lines) + len(repeated) <= room else []
+    return lines
+
+
+def write_closing(record: StudyRecord, width: int) -> list[str]:
+    """Write whether the sampled posterior can be trusted, and what the summary leaves out."""
+    sentences = []
+    if record.sampling is not None:
+        sentences.append(_describe_sampling(record))
+    sentences.append(f"With --verbose: {_list_left_out(record)}.")
+    return [line for sentence in sentences for line in fold_text(sentence, width)]
+
+
+def _write_findings(
+    record: StudyRecord, details: DetailsRecord, width: int, room: int
+) -> list[str]:
+    told, grouped = split_findings(record.findings, record.small_findings)
+    if not told:
+        return []
+    lines = fold_text("Findings, and the most that each moves the target [mm]:", width)
+    count = 0
+    for k in told:
+        finding = _write_finding(record.findings[k], details.findings[k], width)
+        if count and len(lines) + len(finding) > room:
+            break
+        lines += finding
+        count += 1
+    left_out = len(told) - count
+    if left_out:
+        lines.append(f"{'…':>{SIZE_WIDTH}}  {left_out} more, which --verbose shows")
+    if grouped and record.small_findings is not None:
+        small = record.small_findings.sentence.partition(":")[0].rstrip(".")
+        lines += fold_text(f"{small}.", width)
+    return lines
+
+
+def _write_finding(finding: FindingRecord, drawn: FindingDetailsRecord, width: int) -> list[str]:
+    """Write a finding: how much it moves, what it says as far as it is proven, and its standing."""
+    if finding.first.is_fault:
+        return fold_text(f"{'–':>{SIZE_WIDTH}}  {finding.sentence}", width, hanging=HANGING)
+    worst = finding.worst
+    size = "–" if worst is None else format_figure(worst.mm)
+    lines = fold_text(f"{size:>{SIZE_WIDTH}}  {drawn.what}", width, hanging=HANGING)
+    return lines + fold_text(_describe_standing(finding, drawn.label), width, HANGING)
+
+
+def _describe_standing(finding: FindingRecord, label: str) -> str:
+    """Describe how probable a finding is and its name, or its rivals."""
+    doubt = ", doubtful: the held-out error does not fall with it" if finding.doubtful else ""
+    if not finding.is_found:
+        rivals = [f"{entry.name} ({entry.probability:.2f})" for entry in finding.credible_set]
+        more = len(rivals) - SHOWN_RIVALS + finding.more_entries
+        others = [f"{more} more"] if more > 0 else []
+        return f"not told apart: {' or '.join([*rivals[:SHOWN_RIVALS], *others])}{doubt}"
+    claim = finding.claim
+    if claim is None or claim.level == "cause":
+        return f"{label}, probability {describe_probability(finding)}{doubt}"
+    return f"probability {claim.probability:.2f}{doubt}; best described by {label}"
+
+
+def _list_remarks(record: StudyRecord, details: DetailsRecord) -> list[str]:
+    """Return the models' errors, and what else a reader of the verdict has to know."""
+    remarks = [_describe_ladder(record, details)]
+    if has_predictable_rest(record):
+        remarks.append(describe_predictable(record))
+    if record.outliers:
+        remarks.append(f"Outliers left out: {count_rows(record.outliers)}.")
+    return remarks
+
+
+def _describe_ladder(record: StudyRecord, details: DetailsRecord) -> str:
+    """Return the rms error of the nominal, the base and the chosen model."""
+    side = record.side
+    rungs = {"nominal": 0, "base": details.base, "chosen": len(record.ladder) - 1}
+    errors = []
+    for name, number in rungs.items():
+        rung = record.ladder[number]
+        error = rung.side(side).rms_mm
+        errors.append(f"{name} {'–' if error is None else format_figure(error)}")
+    return f"Position error, {side.replace('_', '-')} configurations [mm rms]: {', '.join(errors)}."
+
+
+def _describe_sampling(record: StudyRecord) -> str:
+    """Return how many samples the posterior has, or that its chains have not converged."""
+    sampling = record.sampling
+    assert sampling is not None
+    if not sampling.converged:
+        notes = (note.sentence for note in record.warnings if note.code == UNCONVERGED)
+        return next(notes, "The chains that sample the posterior have not converged.")
+    samples = f"{sampling.effective_samples:,.0f} effective samples"
+    return f"The posterior was sampled: {samples}, R-hat {sampling.r_hat:.3f}."
+
+
+def _list_left_out(record: StudyRecord) -> str:
+    """Return what a summary leaves out, in words."""
+    parts = ["the tables", "every finding in full"]
+    if record.unidentifiable:
+        parts.append("what the data cannot determine")
+    notes = [warning for warning in record.warnings if warning.code not in ALARMS]
+    if notes:
+        parts.append("1 note" if len(notes) == 1 else f"{len(notes)} notes")
+    return sentence_list(parts)

@@ -1,0 +1,112 @@
+"""A study on a terminal: the verdict first, on one screen, within 80 columns; everything with
+--verbose, the verdict alone with --quiet."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+from pathlib import Path
+
+from click.testing import CliRunner
+from report_studies import source_of, written
+
+from modelsel.cli.main import run_command_line
+from modelsel.report.document import Source
+from modelsel.report.terminal import WIDTH, Amount, show_study
+from modelsel.report.text_tables import Row, write_table
+
+SCREEN = 40
+
+
+def shown(source: Source, amount: Amount, width: int = WIDTH) -> list[str]:
+    """The lines that a study prints."""
+    from rich.console import Console
+
+    stream = io.StringIO()
+    show_study(source.record, source.details, Console(file=stream, width=width), amount)
+    return stream.getvalue().splitlines()
+
+
+def crowded(folder: Path) -> Source:
+    """The PUMA study with its findings three times, so that a screen cannot hold them."""
+    result, details = written(folder)
+    result["findings"] *= 3
+    details["findings"] *= 3
+    return source_of(result, details)
+
+
+def folded(lines: list[str]) -> str:
+    return " ".join(" ".join(lines).split())
+
+
+def test_verdict_comes_first_on_one_screen(drawn) -> None:
+    source = source_of(*written(drawn))
+    lines = shown(source, Amount.SUMMARY)
+    assert len(lines) < SCREEN - 2  # the command adds the files that it has written
+    assert max(map(len, lines)) <= WIDTH
+    text = folded(lines)
+    places = [text.index(folded([one])) for one in source.record.verdict]
+    places += [text.index(one.what) for one in source.details.findings]
+    assert places == sorted(places)
+
+
+def test_more_findings_than_a_screen_holds_are_counted(drawn) -> None:
+    source = crowded(drawn)
+    lines = shown(source, Amount.SUMMARY)
+    assert len(lines) < SCREEN - 2
+    (more,) = [line for line in lines if "more, which --verbose shows" in line]
+    told = folded(lines).count("probability") - 1  # the verdict has one
+    assert int(more.split()[1]) == len(source.record.findings) - told
+
+
+def test_quiet_is_the_verdict_alone(drawn) -> None:
+    source = source_of(*written(drawn))
+    assert folded(shown(source, Amount.VERDICT)) == folded(source.record.verdict)
+
+
+def test_everything_fits_without_a_broken_word(drawn) -> None:
+    """Every mechanism, cause and place of the tables stands there in one piece."""
+    source = crowded(drawn)
+    lines = shown(source, Amount.EVERYTHING)
+    assert max(map(len, lines)) <= WIDTH
+    words = set(" ".join(lines).split())
+    record = source.record
+    assert {name for rung in record.ladder for name in rung.mechanisms if " " not in name} <= words
+    assert {one.mechanism for one in record.significance} <= words
+    assert {place.split()[1] for place in record.error_map.places} <= words
+    assert all(folded([one.sentence]) in folded(lines) for one in record.findings)
+    assert all(folded([one.sentence]) in folded(lines) for one in record.unidentifiable)
+    assert all(folded([one.sentence]) in folded(lines) for one in record.warnings)
+
+
+def test_letters_of_the_map_are_explained_by_its_causes(drawn) -> None:
+    source = source_of(*written(drawn))
+    text = folded(shown(source, Amount.EVERYTHING))
+    causes = source.record.error_map.causes
+    assert sum(f"{letter} {cause}" in text for letter in "abcdefghijklmn" for cause in causes) >= 14
+
+
+def test_a_word_wider_than_its_column_has_a_line_of_its_own() -> None:
+    rows = [Row("short", ["1.0"]), Row("x" * 30, ["2.0"], remark="odd")]
+    lines = write_table("name", ["a long head"], "", rows, 24)
+    assert [line.split() for line in lines[-3:]] == [["x" * 30], ["2.0"], ["odd"]]
+    assert all(len(line) <= 24 for line in lines if "x" not in line)
+
+
+def ran(folder: Path, *words: str, status: int = 0) -> str:
+    done = CliRunner().invoke(run_command_line, ["report", str(folder), *words])
+    assert done.exit_code == status, done.output
+    return done.stdout if status == 0 else done.output
+
+
+def test_report_shows_what_study_did(drawn, tmp_path) -> None:
+    folder = Path(shutil.copytree(drawn, tmp_path / "study"))
+    verdict = folded(json.loads((folder / "result.json").read_text())["verdict"])
+    for words in ((), ("--verbose",), ("-v",)):
+        text = ran(folder, "--pages", "first", *words)
+        assert verdict in folded([text])
+        assert ("Ladder:" in text) == bool(words)
+        assert "report.pdf, report.html" in folded([text])
+    assert folded([ran(folder, "--pages", "first", "--quiet")]) == verdict
+    assert "give one of them" in ran(folder, "-v", "-q", status=2)
