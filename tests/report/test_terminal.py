@@ -107,6 +107,6 @@ def test_report_shows_what_study_did(drawn, tmp_path) -> None:
         text = ran(folder, "--pages", "first", *words)
         assert verdict in folded([text])
         assert ("Ladder:" in text) == bool(words)
-        assert "report.pdf, report.html" in folded([text])
+        assert "report-pages.pdf" in folded([text])
     assert folded([ran(folder, "--pages", "first", "--quiet")]) == verdict
     assert "give one of them" in ran(folder, "-v", "-q", status=2)
