@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from .._typing import Array
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..mechanisms.causes import ONE, Cause, Member, find_bump
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
-from ..robot.rigid import AXES, align_z
+from ..robot.rigid import AXES
 from ..uncertainty.parameters import label_terms, list_owners
+from .finding_postures import stand_upright
 
 Values = dict[str, Any]
 
@@ -34,7 +34,7 @@ def describe_arm(problem: Problem) -> Values:
     axes = pose.axes[:, :3, :, 0].transpose(0, 2, 1)
     axes = np.concatenate([np.eye(3)[None], axes])
     origins = np.concatenate([np.zeros((1, 3)), pose.origins[:, :, 0]])
-    upright = _stand_upright(problem.robot)
+    upright = stand_upright(problem.robot)
     return {
         "origins_mm": np.round(origins @ upright.T, 1).tolist(),
         "axes": np.round(upright @ axes, 5).tolist(),
@@ -49,14 +49,6 @@ def find_middling_row(problem: Problem) -> int:
     scaled = (q - np.median(q, axis=0)) / spread
     distance = np.square(scaled).sum(1)
     return int(np.argmin(distance))
-
-
-def _stand_upright(robot: Robot) -> Array:
-    """Return the rotation (3, 3) that takes gravity to -z; identity where it is not known."""
-    if robot.gravity is None:
-        return np.eye(3)
-    up = -np.array(robot.gravity)
-    return align_z(up).T
 
 
 # -- parameters

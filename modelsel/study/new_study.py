@@ -286,5 +286,5 @@ def count_estimation(data: Measurements) -> int | None:
 def _describe_split(data: Measurements) -> str:
     count = count_estimation(data)
     if count is None:
-        return f"All configurations estimate: from {MIN_SPLIT} on, some would be held out."
+        return f"All configurations fit the models: from {MIN_SPLIT} on, some would be held out."
     return f"{count} configurations fit the models, {data.configurations - count} are held out."

@@ -235,7 +235,7 @@ def _warn_of_nothing_held_out(estimation: Mask) -> list[Note]:
     return [
         Note(
             "nothing-held-out",
-            "All configurations estimate: nothing is held out, and no gain can be measured.",
+            "All configurations fit the models: nothing is held out, and no gain can be measured.",
         )
     ]
 

@@ -144,7 +144,7 @@ def drop_unknown_targets(
         "target-unseen",
         f"{len(dropped)} held-out rows are left out: no estimation row measures target "
         f"{listed}, and its position is found from estimation rows. Let some of its "
-        "configurations estimate, or give [robot.tools_mm] without register.",
+        "configurations fit the models, or give [robot.tools_mm] without register.",
     )
     kept = data.take(is_kept)
     kept = _renumber_targets(kept, known)

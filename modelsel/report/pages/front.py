@@ -157,7 +157,7 @@ def write_data_page(source: Source) -> list[Block]:
     record, details = source.record, source.details
     counts = record.configurations
     explanation = (
-        f"{counts.estimation:,} configurations estimate and choose the model, {counts.held_out:,} are held out: no step, "
+        f"{counts.estimation:,} configurations fit and choose the models, {counts.held_out:,} are held out: no step, "
         f"not even the naming, has seen them. Noise floor: {describe_noise_floor(record)}."
     )
     coverage = source.add_figure(
