@@ -49,7 +49,7 @@ ARMS = ("puma760", "ur5", "irb120", "ur10e", "irb1600", "iiwa14")
 CONFIGURATIONS = (40, 120)
 TOOL = (40.0, -25.0, 100.0)
 # draws of a plant until geometry leaves something of it
-TRIES = 100
+TRIES = 2000
 # share of the variance of a state variable from which a joint's reading counts as its driver
 DRIVES = 0.1
 # waves a turn within which a count is the right one: what a turn of data hardly tells apart

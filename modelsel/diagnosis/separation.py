@@ -25,6 +25,7 @@ from ..fitting.possible_parts import DIRECTIONS, ORDER, PossiblePart
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Split
+from ..selection.structure_criterion import compute_criterion
 from .candidates import Candidate
 from .conclusion import build_empty, conclude, prove
 from .options import DiagnosisOptions
@@ -96,18 +97,9 @@ class _Separation:
         return _Explanation(explored, given, left, self._judge(explored, left))
 
     def _judge(self, explored: Exploration, left: ErrorStructure) -> float:
-        """Compute the Bayesian information criterion of effects, with their prior probability, and of
-        the parts that they leave."""
-        fitted = explored.fitted
-        weighed = left.whiten(self.split.problem).take(self.split.used)
-        residual = fitted.residuals(weighed).T.copy()
-        square = float(np.square(weighed.whitening.apply(residual)).sum())
-        N = weighed.coordinates
-        estimated = sum(part.known is None for part in left.shared)
-        used = fitted.rows - fitted.freedom + estimated
-        likelihood = N * np.log(square / N) + weighed.whitening.log_determinant()
         log_prior = sum(float(np.log(candidate.prior)) for candidate in explored.chosen)
-        return float(likelihood + used * np.log(N) - 2 * log_prior)
+        split = self.split
+        return compute_criterion(split.problem, split.used, explored.fitted, left, log_prior)
 
     def explain(self, base_fit: Fit) -> _Explanation:
         """Explain the data by effects and by errors: of what may be either, as is more probable."""

@@ -15,7 +15,7 @@ from scipy.stats import multivariate_normal
 
 from modelsel._typing import Array
 from modelsel.fitting.design import Model, compute_design
-from modelsel.fitting.error_structure import ErrorStructure, compute_criterion, find_structure
+from modelsel.fitting.error_structure import ErrorStructure, find_structure
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.possible_parts import PossiblePart, list_parts
 from modelsel.fitting.problem import Problem
@@ -26,6 +26,7 @@ from modelsel.mechanisms.causes import ONE
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.kinematics import Robot, forward
+from modelsel.selection.structure_criterion import compute_criterion
 
 ARM = small_arm()
 SIGMA = 0.05
