@@ -49,7 +49,7 @@ ARMS = ("puma760", "ur5", "irb120", "ur10e", "irb1600", "iiwa14")
 CONFIGURATIONS = (40, 120)
 TOOL = (40.0, -25.0, 100.0)
 # draws of a plant until geometry leaves something of it
-TRIES = 2000
+TRIES = 100
 # share of the variance of a state variable from which a joint's reading counts as its driver
 DRIVES = 0.1
 # waves a turn within which a count is the right one: what a turn of data hardly tells apart
@@ -85,9 +85,11 @@ def draw_campaign(kind: Kind, robot: str, rng: Generator, larger: float = 1.0) -
     """Draw a campaign of a kind on one of the arms; its effect may be `larger` than by its kind."""
     body = arm(load_robot(robot), rng, TOOL)
     low, high = CONFIGURATIONS
-    state = draw_state(body, rng, int(rng.integers(low, high + 1)), kind.payload)
-    fresh = draw_state(body, rng, FRESH, kind.payload)
-    plant = draw_plant(kind, body, (state, fresh), rng)
+    plant = None
+    while plant is None:
+        state = draw_state(body, rng, int(rng.integers(low, high + 1)), kind.payload)
+        fresh = draw_state(body, rng, FRESH, kind.payload)
+        plant = draw_plant(kind, body, (state, fresh), rng)
     sizes = SIGMA * larger * rng.uniform(*kind.sizes, len(plant.parts))
     plant = scale_parts(plant, state, sizes)
     noise = SIGMA * rng.standard_normal((state.m, 3))
@@ -102,8 +104,9 @@ def draw_state(body: Arm, rng: Generator, m: int, payload: bool) -> State:
     return State(body, body.draw(rng, m), covariates)
 
 
-def draw_plant(kind: Kind, body: Arm, states: Sequence[State], rng: Generator) -> Plant:
-    """Draw a plant of which the geometry leaves enough to see, in more than one configuration."""
+def draw_plant(kind: Kind, body: Arm, states: Sequence[State], rng: Generator) -> Plant | None:
+    """Draw a plant of which the geometry leaves enough to see, in more than one configuration; None
+    where these configurations show none."""
     for _ in range(TRIES):
         plant = kind.draw(rng, body)
         if not kind.visible:
@@ -111,7 +114,7 @@ def draw_plant(kind: Kind, body: Arm, states: Sequence[State], rng: Generator) -
         small = scale_parts(plant, states[0], np.full(len(plant.parts), SIGMA))
         if all(visible(part, state) for part in small.told for state in states):
             return plant
-    raise LookupError(f"{kind.words}: nothing is visible on {body.name}")
+    return None
 
 
 # -- what is said, and whether it is true
