@@ -24,12 +24,16 @@ class Unidentifiable:
 
 
 def describe_unidentifiable(
-    identified: Identified, terms: Sequence[Term], leaning: Sequence[int] = ()
+    identified: Identified,
+    terms: Sequence[Term],
+    leaning: Sequence[int] = (),
+    labels: Sequence[str] | None = None,
 ) -> tuple[Unidentifiable, ...]:
     """Describe the parameters that move nothing, groups of which only combinations are determined,
     and parameters that the data hardly determine; `leaning`: fitted terms that the prior of usual
-    sizes holds as much as the data."""
-    symbols = [term.symbol for term in terms]
+    sizes holds as much as the data; `labels`: what the terms are called, each differently; their
+    symbols without."""
+    symbols = [term.symbol for term in terms] if labels is None else list(labels)
     groups = _alias_groups(identified)
     without_effect = [symbols[j] for j in identified.zero]
     without_direction = [symbols[j] for j in identified.still]

@@ -128,15 +128,23 @@ def _find_threshold(run: StudyRun) -> float:
 
 
 def bind_effect(effect: Effect, fit: Fit, workspace: Workspace) -> Fitted:
-    """Bind an effect to the workspace, with the covariance of the fit that it belongs to."""
+    """Bind an effect to the workspace, with the effect's standard errors and the correlation of the
+    fit that it belongs to."""
     terms = effect.candidate.mechanism.terms
     place = {term.key: k for k, term in enumerate(fit.terms)}
     keys = [term.key for term in terms]
     covariance = np.diag(np.square(effect.standard_error))
     if all(key in place for key in keys):
         own = [place[key] for key in keys]
-        covariance = fit.covariance[np.ix_(own, own)]
+        covariance = scale_covariance(fit.covariance[np.ix_(own, own)], effect.standard_error)
     return Fitted(terms, effect.estimate, covariance, workspace)
+
+
+def scale_covariance(covariance: Array, errors: Array) -> Array:
+    """Scale a covariance matrix to other standard errors, with the same correlation."""
+    own = np.sqrt(np.diag(covariance))
+    ratio = np.divide(errors, own, out=np.ones_like(own), where=own > 0)
+    return np.asarray(covariance * np.outer(ratio, ratio))
 
 
 def find_worst(fitted: Fitted) -> Worst:

@@ -3,6 +3,8 @@ moves."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import floor, log10
 
@@ -74,15 +76,26 @@ def tabulate_calibrated(record: StudyRecord, details: DetailsRecord) -> list[Par
         if not _is_free(meanings.get(parameter.symbol))
     ]
     shown.sort(key=lambda pair: _sort_key(pair[0], pair[1], base))
+    symbols = shorten_symbols([parameter.symbol for parameter, _ in shown])
     return [
-        _write_row(parameter, meaning, parameter.symbol in together) for parameter, meaning in shown
+        _write_row(parameter, meaning, symbol, parameter.symbol in together)
+        for (parameter, meaning), symbol in zip(shown, symbols, strict=True)
     ]
 
 
-def shorten_symbol(symbol: str) -> str:
-    """Return a symbol without the name of its mechanism, which its meaning replaces."""
-    bare, _, _ = symbol.partition(" of ")
-    return bare if len(bare) <= LONGEST_SYMBOL else f"{bare[: LONGEST_SYMBOL - 1]}…"
+def shorten_symbols(symbols: Sequence[str]) -> list[str]:
+    """Return symbols without the names of their mechanisms, which their meanings replace; where two
+    would then be alike, as they are."""
+    bare = [symbol.partition(" of ")[0] for symbol in symbols]
+    counts = Counter(bare)
+    return [
+        symbol if counts[short] > 1 else _cut_symbol(short)
+        for symbol, short in zip(symbols, bare, strict=True)
+    ]
+
+
+def _cut_symbol(symbol: str) -> str:
+    return symbol if len(symbol) <= LONGEST_SYMBOL else f"{symbol[: LONGEST_SYMBOL - 1]}…"
 
 
 def count_free(record: StudyRecord, details: DetailsRecord) -> int:
@@ -107,7 +120,7 @@ def _sort_key(
 
 
 def _write_row(
-    parameter: ParameterRecord, meaning: MeaningRecord | None, together: bool
+    parameter: ParameterRecord, meaning: MeaningRecord | None, symbol: str, together: bool
 ) -> ParameterRow:
     nominal = 0.0 if meaning is None else meaning.nominal
     u = find_standard_uncertainty(parameter)
@@ -115,7 +128,7 @@ def _write_row(
     decimals = _choose_decimals(None if u is None else COVERAGE * u / factor)
     calibrated = (nominal or 0.0) + parameter.estimate
     return ParameterRow(
-        symbol=shorten_symbol(parameter.symbol),
+        symbol=symbol,
         meaning=parameter.mechanism if meaning is None else meaning.meaning,
         nominal="–" if nominal is None else _write_nominal(nominal / factor, decimals),
         calibrated=write_number_plainly(calibrated / factor, decimals),

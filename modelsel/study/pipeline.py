@@ -43,6 +43,7 @@ from ..robot.kinematics import Robot
 from ..selection.comparison import MAX_CANDIDATES, SubsetComparison, compare_subsets
 from ..selection.evaluation import Evaluation, Split, evaluate
 from ..selection.gain import ResampledErrors, resample_errors
+from ..uncertainty.parameters import Parameter, label_terms
 from ..uncertainty.sampler import Keeper
 from ..uncertainty.summary import (
     Confidence,
@@ -174,8 +175,9 @@ def _analyse_prepared(
         nested=within_folds,
         unidentifiable=list_unidentifiable(chosen.fit),
     )
+    uncertainty = assess_uncertainty(study, split, chosen, say)
     explanation = Explanation(
-        findings=findings,
+        findings=widen_errors(findings, chosen.fit, uncertainty.parameters),
         faults=faults,
         search=diagnosis,
         error_map=build_error_map(diagnosis, candidates),
@@ -189,7 +191,7 @@ def _analyse_prepared(
         floor=noise,
         models=models,
         diagnosis=explanation,
-        uncertainty=assess_uncertainty(study, split, chosen, say),
+        uncertainty=uncertainty,
         warnings=tuple(warnings),
         provenance=record_provenance(study, data_sha256),
     )
@@ -274,6 +276,28 @@ def measure_findings(diagnosis: Diagnosis, steps: Sequence[ResampledErrors]) -> 
     return tuple(findings)
 
 
+def widen_errors(
+    findings: Sequence[Finding], fitted: Fit, parameters: Sequence[Parameter]
+) -> tuple[Finding, ...]:
+    """Return findings with the standard uncertainties of the model's parameters, the larger of least
+    squares' and the bootstrap's; those of terms that the model has not stay."""
+    larger = {one.symbol: np.fmax(one.standard_error, one.bootstrap_error) for one in parameters}
+    labels = label_terms(fitted.model)
+    by_term = {
+        term.key: larger[label]
+        for term, label in zip(fitted.terms, labels, strict=True)
+        if label in larger
+    }
+    widened = []
+    for finding in findings:
+        effect = finding.effect
+        terms = effect.candidate.mechanism.terms
+        known = zip(terms, effect.standard_error, strict=True)
+        errors = np.array([by_term.get(term.key, error) for term, error in known])
+        widened.append(replace(finding, effect=replace(effect, standard_error=errors)))
+    return tuple(widened)
+
+
 def repeat_in_folds(
     study: Study, split: Split, base: Model, mechanisms: tuple[Mechanism, ...], say: Say
 ) -> Nested | None:
@@ -305,7 +329,7 @@ def list_unidentifiable(fitted: Fit) -> tuple[Unidentifiable, ...]:
     found = fitted.found
     terms = fitted.terms
     leaning = fitted.leaning
-    return describe_unidentifiable(found, terms, leaning)
+    return describe_unidentifiable(found, terms, leaning, label_terms(fitted.model))
 
 
 def assess_uncertainty(study: Study, split: Split, chosen: Evaluation, say: Say) -> Confidence:

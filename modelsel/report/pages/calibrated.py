@@ -25,7 +25,8 @@ SYMBOLS = (
 )
 TABLE = (
     "Nominal: the drawing's value, of a shift from the frame before along the frame's own axes; 0 where the number is a "
-    "correction. U: expanded uncertainty, twice the standard uncertainty. p: how probable so large a deviation is where "
+    "correction. U: expanded uncertainty, twice the standard uncertainty, which is the larger of least squares' and the "
+    "bootstrap's standard error and stands behind ± in the findings, too. p: how probable so large a deviation is where "
     "there is none. Moves: the target, at most, over the measured configurations."
 )
 TOGETHER = (
