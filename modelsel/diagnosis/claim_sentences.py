@@ -9,7 +9,7 @@ from ..exceptions import sentence_list
 from ..measurements.state_names import parse_state_name
 from ..mechanisms.causes import Bump
 from .candidate_kinds import CandidateKind
-from .credible_sets import CredibleSet
+from .credible_sets import FOUND, SURE, CredibleSet
 from .effects import Effect
 from .sentences import (
     MOTIONS,
@@ -60,6 +60,19 @@ def describe_claim(effect: Effect) -> ClaimedLevel | None:
     if claim is None:
         return None
     return describe_levels(effect)[LEVELS.index(claim.level)]
+
+
+def is_settled(effect: Effect) -> bool:
+    """Whether the data settle an effect's name: its entries hold together, and so does the level that
+    the name says, which is the shape where no mechanism is named."""
+    if effect.named.verdict != FOUND:
+        return False
+    if effect.claim is None:
+        return True
+    candidate = effect.candidate
+    is_shape = not candidate.registered or has_contrary_signs(candidate.mechanism, effect.estimate)
+    level = LEVELS.index("shape" if is_shape else "cause")
+    return effect.claim.levels[level] >= SURE
 
 
 def describe_proven(effect: Effect, doubt: str = "") -> str:

@@ -3,6 +3,9 @@ models' errors, and where the rest is told."""
 
 from __future__ import annotations
 
+from math import inf
+
+from ..diagnosis.signatures import PROVEN
 from ..exceptions import sentence_list
 from ..notices import ALARMS
 from ..results.details_schema import DetailsRecord, FindingDetailsRecord
@@ -61,6 +64,7 @@ def _write_findings(
     told, grouped = split_findings(record.findings, record.small_findings)
     if not told:
         return []
+    told = sorted(told, key=lambda k: -_measure_size(record.findings[k]))
     lines = fold_text("Findings, and the most that each moves the target [mm]:", width)
     count = 0
     for k in told:
@@ -76,6 +80,11 @@ def _write_findings(
         small = record.small_findings.sentence.partition(":")[0].rstrip(".")
         lines += fold_text(f"{small}.", width)
     return lines
+
+
+def _measure_size(finding: FindingRecord) -> float:
+    """Measure by what findings are sorted [mm]; faults of the data come first."""
+    return inf if finding.worst is None else finding.worst.mm
 
 
 def _write_finding(finding: FindingRecord, drawn: FindingDetailsRecord, width: int) -> list[str]:
@@ -97,7 +106,8 @@ def _describe_standing(finding: FindingRecord, label: str) -> str:
         others = [f"{more} more"] if more > 0 else []
         return f"not told apart: {' or '.join([*rivals[:SHOWN_RIVALS], *others])}{doubt}"
     claim = finding.claim
-    if claim is None or claim.level == "cause":
+    # of a claim that does not hold, the candidate's own sentence stands above
+    if claim is None or claim.level == "cause" or claim.probability < PROVEN:
         return f"{label}, probability {describe_probability(finding)}{doubt}"
     return f"probability {claim.probability:.2f}{doubt}; best described by {label}"
 

@@ -153,7 +153,9 @@ class FindingRecord(StrictRecord):
         description="place (where something moves), drivers (with what), shape (how), cause (why), each with its "
         "probability: the share of all explanations that agree so far, shapes that no list has among them",
     )
-    estimate: list[EstimateRecord] = Field(description="`symbol value standard_error unit`; the larger of least squares' and the bootstrap's standard error")
+    estimate: list[EstimateRecord] = Field(
+        description="`symbol value standard_error unit`; the larger of least squares' and the bootstrap's standard error"
+    )
     after_selection: AfterSelectionRecord | None = Field(
         None,
         description="what the estimate is to be multiplied by, allowing for the search that found it: `factor` (median) "

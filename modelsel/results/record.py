@@ -9,7 +9,8 @@ from typing import Any
 from .._json import to_plain
 from .._records import parse_record
 from ..diagnosis.candidates import Candidate
-from ..diagnosis.sentences import label_effect
+from ..diagnosis.claim_sentences import is_settled
+from ..diagnosis.sentences import NAMED_RIVALS, label_effect, list_rivals
 from ..measurements.measurements import Measurements
 from ..notices import HOPELESS_FIT, Note
 from ..selection.branch_and_bound import Certified
@@ -88,11 +89,12 @@ def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
 
 def collect_named(diagnosis: Explanation, figures: FindingFigures) -> list[Named]:
     """Return what the verdict tells of every finding, faults of the data first, as result.json lists them."""
-    named = [Named(fault.kind.label, "found") for fault in diagnosis.faults]
+    named = [Named(fault.kind.label, True) for fault in diagnosis.faults]
     for finding, of in zip(diagnosis.findings, figures.each, strict=True):
         effect = finding.effect
-        label = label_effect(effect)
-        named.append(Named(label, effect.named.verdict, of.matters, finding.doubtful))
+        rivals = tuple(list_rivals(effect)[:NAMED_RIVALS])
+        settled = is_settled(effect)
+        named.append(Named(label_effect(effect), settled, of.matters, finding.doubtful, rivals))
     return named
 
 

@@ -18,17 +18,21 @@ LARGEST_MRAD = 0.1  # rad from which an angle is written in degrees
 
 
 class Named(NamedTuple):
-    """A finding as the verdict tells it: its name, its verdict, whether it matters, and whether it is doubtful."""
+    """A finding as the verdict tells it: its name, whether the data settle it, whether it matters, whether it is
+    doubtful, and what else it could be."""
 
     name: str
-    verdict: str
+    is_settled: bool
     matters: bool = True
     doubtful: bool = False
+    rivals: tuple[str, ...] = ()
 
     @property
     def shown(self) -> str:
-        """The name, and beside it that it is doubtful."""
-        return f"{self.name} (doubtful)" if self.doubtful else self.name
+        """The name, or the names where the data do not settle it; that it is doubtful."""
+        names = (self.name,) if self.is_settled else (self.name, *self.rivals)
+        text = " or ".join(names)
+        return f"{text} (doubtful)" if self.doubtful else text
 
 
 class NamedErrors(NamedTuple):
@@ -126,42 +130,52 @@ def _rms_length(floor: Floor) -> float:
 
 
 def _describe_named(every: NamedErrors, extends: bool) -> str:
-    """Return what was named, each name once, and how many names have rivals; of small findings their sum."""
-    named = every.each
-    if not named:
+    """Return what was named, what is there without a settled name, and of small findings their sum."""
+    if not every.each:
         return "No error beyond the base model was named."
-    number = write_number(len(named))
-    errors = "error was" if len(named) == 1 else "errors were"
-    doubt = _describe_rivals(named)
-    addition = ""
+    small = [one for one in every.each if not one.matters]
+    is_grouped = len(small) >= MIN_GROUPED
+    told = [one for one in every.each if one.matters or not is_grouped]
+    settled = [one for one in told if one.is_settled]
+    unsettled = [one for one in told if not one.is_settled]
+    sentences = [*_describe_settled(settled), *_describe_unsettled(unsettled, bool(settled))]
+    if is_grouped:
+        which = "smaller ones" if told else "small errors beyond the base"
+        size = f"{every.small_rms_mm:.3g} mm rms"
+        sentences.append(f"{write_number(len(small))} {which} move the target by {size} together.")
     if not extends:
-        addition = "; the study adds none of them to the model"
-    small = [one for one in named if not one.matters]
-    if len(small) < MIN_GROUPED:
-        listed = _list_names(named)
+        sentences.append("The study adds none of them to the model.")
+    return " ".join(sentences)
+
+
+def _describe_settled(named: Sequence[Named]) -> list[str]:
+    if not named:
+        return []
+    errors = "error was" if len(named) == 1 else "errors were"
+    return [f"{write_number(len(named))} {errors} named beyond the base: {_list_names(named)}."]
+
+
+def _describe_unsettled(named: Sequence[Named], is_more: bool) -> list[str]:
+    if not named:
+        return []
+    verb = "is" if len(named) == 1 else "are"
+    if is_more:
+        what = f"more {verb} there"
     else:
-        sum_of_small = f"{len(small)} smaller ones, {every.small_rms_mm:.3g} mm rms together"
-        main = [one for one in named if one.matters]
-        listed = f"{_list_names(main)}, and {sum_of_small}" if main else sum_of_small
-    return f"{number} {errors} named beyond the base: {listed}{doubt}{addition}."
+        errors = "error" if len(named) == 1 else "errors"
+        what = f"{errors} beyond the base {verb} there"
+    number = write_number(len(named))
+    return [f"{number} {what} whose cause is not settled: {_list_names(named)}."]
 
 
 def _list_names(named: Sequence[Named]) -> str:
+    """List names, each once, and how many more there are; those with rivals are parted by semicolons."""
     every = [one.shown for one in named]
     names = list(dict.fromkeys(every))
     shown = names[:SHOWN_NAMES]
     more = sum(name not in shown for name in every)
     if more > 1:
-        return sentence_list([*shown, f"{more} more"])
+        names = [*shown, f"{more} more"]
+    if any(not one.is_settled and one.rivals for one in named):
+        return "; ".join(names)
     return sentence_list(names)
-
-
-def _describe_rivals(named: Sequence[Named]) -> str:
-    """Return how many of the named errors have rivals, as the end of a sentence."""
-    unsure = sum(one.verdict != "found" for one in named)
-    if not unsure:
-        return ""
-    if len(named) == 1:
-        return "; it has rivals that the data cannot tell from it"
-    verb = "has" if unsure == 1 else "have"
-    return f"; {unsure} of them {verb} rivals that the data cannot tell apart"

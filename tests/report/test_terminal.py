@@ -13,8 +13,11 @@ from report_studies import source_of, written
 
 from modelsel.cli.main import run_command_line
 from modelsel.report.document import Source
+from modelsel.report.drawing import read_source
 from modelsel.report.terminal import WIDTH, Amount, show_study
+from modelsel.report.terminal_summary import _describe_standing
 from modelsel.report.text_tables import Row, write_table
+from modelsel.results.study_sentences import describe_probability
 
 SCREEN = 40
 
@@ -47,8 +50,23 @@ def test_verdict_comes_first_on_one_screen(drawn) -> None:
     assert max(map(len, lines)) <= WIDTH
     text = folded(lines)
     places = [text.index(folded([one])) for one in source.record.verdict]
-    places += [text.index(one.what) for one in source.details.findings]
+    findings = zip(source.record.findings, source.details.findings, strict=True)
+    by_size = sorted(findings, key=lambda pair: -pair[0].worst.mm)
+    places += [text.index(drawn.what) for _, drawn in by_size]
     assert places == sorted(places)
+    assert [drawn for _, drawn in by_size] != source.details.findings
+
+
+def test_unproven_finding_has_the_probability_of_its_name(drawn) -> None:
+    """That of a place which is not proven is another figure, and stands beside no name."""
+    finding = read_source(drawn).record.findings[0]
+    claim = finding.claim.model_copy(update={"level": "place", "probability": 0.54})
+    unproven = finding.model_copy(update={"claim": claim})
+    probability = describe_probability(finding)
+    assert _describe_standing(unproven, "a") == f"a, probability {probability}"
+    proven = claim.model_copy(update={"probability": 0.97})
+    partly = finding.model_copy(update={"claim": proven})
+    assert _describe_standing(partly, "a") == "probability 0.97; best described by a"
 
 
 def test_more_findings_than_a_screen_holds_are_counted(drawn) -> None:

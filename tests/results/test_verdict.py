@@ -6,13 +6,14 @@ from types import SimpleNamespace
 
 import pytest
 
+from modelsel.diagnosis import claim_sentences
 from modelsel.fitting.noise import Floor
 from modelsel.results.verdict import Named, NamedErrors, write_verdict
 from modelsel.selection.gain import Gain
 
 FLOOR = Floor(0.03, "repeats", 100)
 GAIN = Gain(2.0, 1.0, (0.9, 1.1))
-NONE = "the study adds none of them to the model."
+NONE = "The study adds none of them to the model."
 LEFT = "Nothing else was found; an effect above 0.02 mm rms would have been found with 90 %. The strongest left is weak."
 
 
@@ -28,7 +29,7 @@ def said(
 
 
 def test_three_sentences() -> None:
-    first, second, third = said([("gravity-twist", "found")])
+    first, second, third = said([("gravity-twist", True)])
     assert first == (
         "On held-out configurations the position error falls from 2 to 1 mm rms, a gain of 0.9 to 1.1 mm (95 %); "
         "noise of 0.03 mm per coordinate (repeats) would leave 0.052 mm."
@@ -62,18 +63,24 @@ def test_bad_news_is_said(gain, words) -> None:
     [
         ([], "all", "No error beyond the base model was named."),
         (
-            [("a", "cannot be told apart")],
+            [("a", False, True, False, ("b", "c"))],
             "all",
-            "One error was named beyond the base: a; it has rivals that the data cannot tell from it.",
+            "One error beyond the base is there whose cause is not settled: a or b or c.",
         ),
         (
-            [("a", "found"), ("b", "cannot be told apart")],
+            [("a", True), ("b", False)],
             [],
-            "Two errors were named beyond the base: a and b; 1 of them has rivals that the data cannot tell apart; "
+            "One error was named beyond the base: a. One more is there whose cause is not settled: b. "
             + NONE,
         ),
         (
-            [("a", "found")],
+            [("a", True), ("b", False, True, True, ("c",)), ("c", False, True, False, ("d",))],
+            "all",
+            "One error was named beyond the base: a. Two more are there whose cause is not settled: "
+            "b or c (doubtful); c or d.",
+        ),
+        (
+            [("a", True)],
             ["a", "b"],
             "One error was named beyond the base: a. Only a and b could be named: no other cause was considered.",
         ),
@@ -83,32 +90,54 @@ def test_bad_news_is_said(gain, words) -> None:
             "No error beyond the base model was named. Only a could be named: no other cause was considered.",
         ),
         (
-            [(name, "found") for name in "abcdefgaa"],
+            [(name, True) for name in "abcdefgaa"],
             "all",
             "Nine errors were named beyond the base: a, b, c, d, e, f and g.",
         ),
         (
-            [(name, "found") for name in "abcdefghgh"],
+            [(name, True) for name in "abcdefghgh"],
             "all",
             "Ten errors were named beyond the base: a, b, c, d, e, f and 4 more.",
         ),
     ],
 )
 def test_what_was_named(named, asked, sentence) -> None:
-    """Names that come twice are written once; those written and the rest add up."""
+    """Only settled names count as named; names that come twice are written once; those written and the
+    rest add up."""
     assert said(named, asked=asked)[1] == sentence
 
 
 def test_small_findings_are_told_by_their_sum() -> None:
     """Three or more; fewer are named."""
-    big = ("a", "found", True, False)
-    small = [(name, "found", False, name == "d") for name in "bcd"]
+    big = ("a", True, True, False)
+    small = [(name, True, False, name == "d") for name in "bcd"]
+    sums = "move the target by 0.0213 mm rms together."
     assert said([big, *small])[1] == (
-        "Four errors were named beyond the base: a, and 3 smaller ones, 0.0213 mm rms together."
+        f"One error was named beyond the base: a. Three smaller ones {sums}"
     )
-    assert said(small)[1] == (
-        "Three errors were named beyond the base: 3 smaller ones, 0.0213 mm rms together."
-    )
+    assert said(small)[1] == f"Three small errors beyond the base {sums}"
     assert said([big, *small[1:]])[1] == (
         "Three errors were named beyond the base: a, c and d (doubtful)."
     )
+
+
+@pytest.mark.parametrize(
+    ("verdict", "levels", "registered", "settled"),
+    [
+        ("found", (1.0, 1.0, 1.0, 0.97), True, True),
+        ("found", (0.54, 0.53, 0.53, 0.53), True, False),
+        ("cannot be told apart", (1.0, 1.0, 1.0, 0.97), True, False),
+        ("found", (1.0, 1.0, 0.99, 0.0), False, True),
+        ("found", (1.0, 1.0, 0.5, 0.0), False, False),
+        ("found", None, True, True),
+    ],
+)
+def test_settled_is_what_holds_together_and_is_proven(
+    monkeypatch, verdict, levels, registered, settled
+) -> None:
+    monkeypatch.setattr(claim_sentences, "has_contrary_signs", lambda *_: False)
+    claim = None if levels is None else SimpleNamespace(levels=levels)
+    candidate = SimpleNamespace(registered=registered, mechanism=None)
+    named = SimpleNamespace(verdict=verdict)
+    effect = SimpleNamespace(named=named, claim=claim, candidate=candidate, estimate=None)
+    assert claim_sentences.is_settled(effect) is settled
