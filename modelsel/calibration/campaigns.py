@@ -14,6 +14,7 @@ import numpy as np
 
 from .._linalg import TINY
 from .._typing import Array, Index
+from ..diagnosis.sentences import format_quantity
 from ..exceptions import StudyError
 from ..robot.kinematics import Joint
 from .calibration import Calibration
@@ -29,10 +30,13 @@ from .mechanism_changes import (
     describe_change,
     two_sided_p,
     two_sided_quantile,
+    write_p,
 )
 
 MAX_DIFFERENCE_MM = 1e-6  # between the transforms of two nominal robots that are one
 MAX_LISTED = 6
+SAME_TARGET_MM = 1.0  # between two targets that are told as one
+COVERAGE = 2.0  # standard uncertainties that are told (k = 2)
 
 
 @dataclass(frozen=True)
@@ -74,8 +78,10 @@ class Comparison:
     explained_by: tuple[Explanation, ...]
     mechanisms: tuple[MechanismChange, ...]
     left_aside: tuple[str, ...]
-    # from where a change of the best, of the worst determined parameter would have been seen
+    # from where a change of a typical, of the worst determined parameter would have been seen
     seen_mm: tuple[float, float] | None
+    # between the targets of the two campaigns on the flange
+    targets_apart_mm: float = 0.0
 
     @property
     def moved(self) -> tuple[Change, ...]:
@@ -144,7 +150,15 @@ def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
         compare_mechanisms(motions, moved),
         tuple(term.symbol for term in space.placing),
         _find_detectable_range(space, tested),
+        _measure_targets(a, b),
     )
+
+
+def _measure_targets(a: Calibration, b: Calibration) -> float:
+    """Return how far the targets of two campaigns are apart [mm], at most; 0 where they are not as many."""
+    if a.tools.shape != b.tools.shape:
+        return 0.0
+    return float(np.linalg.norm(a.tools - b.tools, axis=1).max(initial=0.0))
 
 
 def _select_tested(space: CommonSpace) -> Index:
@@ -215,6 +229,7 @@ def _explain(space: CommonSpace, tested: Index) -> tuple[Explanation, ...]:
     for step in steps:
         explanation = _build_explanation(space, places, step)
         explanations.append(explanation)
+    explanations.sort(key=lambda explanation: -explanation.moves_mm)
     return tuple(explanations)
 
 
@@ -255,8 +270,8 @@ def _error_ratio(space: CommonSpace, tested: Index) -> float:
 
 
 def _find_detectable_range(space: CommonSpace, tested: Index) -> tuple[float, float] | None:
-    """Return the rms displacements [mm] from which a change of the best and of the worst determined
-    parameter would have been seen; None where none is tested."""
+    """Return the rms displacements [mm] from which a change of a typical (median) and of the worst
+    determined parameter would have been seen; None where none is tested."""
     count = len(tested)
     if not count:
         return None
@@ -266,9 +281,9 @@ def _find_detectable_range(space: CommonSpace, tested: Index) -> tuple[float, fl
     displacement = space.displacement[places]
     errors = space.standard_errors[tested]
     least = quantile * errors * displacement
-    best = float(least.min())
+    typical = float(np.median(least))
     worst = float(least.max())
-    return best, worst
+    return typical, worst
 
 
 # -- the fewest terms that explain a difference
@@ -281,6 +296,10 @@ def describe_comparison(comparison: Comparison) -> list[str]:
     sentences = [describe_change(change) for change in comparison.mechanisms]
     sentences += map(_describe_explanation, comparison.explained_by)
     sentences.append(_summarise(comparison))
+    if comparison.targets_apart_mm > SAME_TARGET_MM:
+        sentences.append(
+            f"The two campaigns measured different targets: {comparison.targets_apart_mm:.3g} mm apart on the flange."
+        )
     if comparison.left_aside:
         sentences.append(
             "The set-up was registered again: motions that the tracker or the target would also make "
@@ -295,17 +314,16 @@ def _describe_explanation(explanation: Explanation) -> str:
         alike = ", ".join(explanation.alike[:MAX_LISTED])
         also = f" (or equally well: {alike})"
     name = f"{explanation.symbol} of {explanation.mechanism}"
-    by = f"{explanation.by:.3g}"
-    error = f"{explanation.standard_error:.2g}"
+    error = COVERAGE * explanation.standard_error
+    by = format_quantity(explanation.by, error, explanation.unit)
     moves = f"{explanation.moves_mm:.3g}"
-    unit = explanation.unit
-    return f"{name}{also} changed by {by} ± {error} {unit}: {moves} mm rms at the target."
+    return f"{name}{also} changed by {by} (k = 2): {moves} mm rms at the target."
 
 
 def _summarise(comparison: Comparison) -> str:
     """Return the sentence on all parameters tested."""
     least = min((change.p for change in comparison.changes), default=1.0)
-    tested = f"{len(comparison.changes)} parameters tested, p = {least:.2g} for the most surprising, corrected for their number"
+    tested = f"{len(comparison.changes)} parameters tested, {write_p(least)} for the most surprising, corrected for their number"
     if comparison.seen_mm is None:
         return "No parameter is fitted in both campaigns: nothing else can be compared."
     if comparison.explained_by:
@@ -317,8 +335,8 @@ def _summarise(comparison: Comparison) -> str:
         names = ", ".join(f"{change.symbol} of {change.mechanism}" for change in moved)
         return f"{names} changed beyond chance, but no few terms explain it ({tested})."
     changed = any(change.what in DEFINITE_CHANGES for change in comparison.mechanisms)
-    low, high = comparison.seen_mm
+    typical, worst = comparison.seen_mm
     return (
-        f"Nothing {'else ' if changed else ''}changed beyond chance ({tested}). A change of {low:.2g} mm rms at the "
-        f"target in the best determined parameter, of {high:.2g} mm in the worst, would have been seen."
+        f"Nothing {'else ' if changed else ''}changed beyond chance ({tested}). A change of a typical parameter would "
+        f"have been seen from {typical:.2g} mm rms at the target on, of the worst determined from {worst:.2g} mm on."
     )

@@ -21,6 +21,7 @@ from ..mechanisms.terms import Term
 from .calibration import Calibration
 
 SIGNIFICANCE = 0.05
+SMALLEST_P = 0.001  # that is told as a figure
 GEOMETRY_NAMES = ("geometric", SETUP)
 MIN_COSINE = 0.95  # of two motions that are one under two names
 POWER_QUANTILE = 1.28  # standard errors beyond the level's own: a change so large is seen with 90 %
@@ -249,6 +250,11 @@ def _cosine(a: Array, b: Array) -> float:
     return product / size
 
 
+def write_p(p: float) -> str:
+    """Write a p-value; below a thousandth as a bound."""
+    return f"p = {p:.2g}" if p >= SMALLEST_P else f"p < {SMALLEST_P}"
+
+
 def describe_change(change: MechanismChange) -> str:
     """Describe one mechanism in words that go no further than the evidence."""
     if change.p is None:
@@ -257,7 +263,7 @@ def describe_change(change: MechanismChange) -> str:
     what = change.what
     before = f"{change.before_mm:.3g}"
     after = f"{change.after_mm:.3g}"
-    sizes = f"{before} to {after} mm rms at the target (p = {change.p:.2g})"
+    sizes = f"{before} to {after} mm rms at the target ({write_p(change.p)})"
     if what in ("grew", "shrank"):
         return f"{name} {what}: {sizes}."
     if what == "changed":

@@ -11,8 +11,8 @@ from importlib.resources import files
 from string import Template
 from typing import NamedTuple
 
-from ..calibration.campaigns import Change, Comparison, describe_comparison
-from ..calibration.mechanism_changes import describe_change
+from ..calibration.campaigns import COVERAGE, Change, Comparison, Explanation, describe_comparison
+from ..calibration.mechanism_changes import describe_change, write_p
 from ..results.details_schema import DetailsRecord
 from ..results.quantities import format_figure
 from ..results.schema import StudyRecord
@@ -217,19 +217,59 @@ def _write_finding(campaign: Campaign, k: int) -> str:
 
 
 def _write_parameters(comparison: Comparison) -> str:
-    """Write the parameters that changed beyond their uncertainty, and the others behind a click."""
-    moved = comparison.moved
-    others = [change for change in comparison.changes if change not in moved]
-    parts = [_tabulate(moved)] if moved else []
-    if not moved:
-        parts.append(_paragraph("No parameter changed beyond its uncertainty."))
-    if others:
-        count = len(others)
-        words = (
-            f"{count} {'parameter' if count == 1 else 'parameters'} without a change beyond chance"
-        )
-        parts.append(f"<details><summary>{words}</summary>\n{_tabulate(others)}</details>")
+    """Write the fewest parameters that explain the difference, as the text lists them, and all that were tested
+    behind a click."""
+    explained, tested = comparison.explained_by, comparison.changes
+    parts = [_tabulate_explained(explained)] if explained else []
+    if not explained:
+        parts.append(_paragraph("No few parameters explain a change beyond chance."))
+    if tested:
+        count = len(tested)
+        words = f"{count} {'parameter' if count == 1 else 'parameters'} tested one by one, {len(comparison.moved)} beyond chance"
+        parts.append(f"<details><summary>{words}</summary>\n{_tabulate(tested)}</details>")
     return "\n".join(parts)
+
+
+def _tabulate_explained(explained: Sequence[Explanation]) -> str:
+    """Write a table of the terms that explain the difference, those that move the target most first."""
+    largest = max(one.moves_mm for one in explained)
+    heads = ["parameter", "moves the target", "mm rms", "change", "± (k = 2)"]
+    rows = []
+    for one in explained:
+        factor, shown = _choose_scale(one.unit, abs(one.by))
+        rows.append(
+            [
+                _name_parameter(one.symbol, shown, one.mechanism),
+                _draw_bar(one.moves_mm, largest),
+                f"{one.moves_mm:.3g}",
+                _write_figure(factor * one.by, 4),
+                _write_figure(factor * COVERAGE * one.standard_error, 2),
+            ]
+        )
+    return _write_table(heads, rows, 3, "parameters")
+
+
+def _name_parameter(symbol: str, unit: str, mechanism: str) -> str:
+    return f"<b>{escape(symbol)}</b> [{escape(unit)}] {escape(mechanism)}"
+
+
+def _draw_bar(moves_mm: float, largest: float) -> str:
+    width = 100 * moves_mm / largest if largest > 0 else 0.0
+    return f'<div class="bar" style="width: {width:.0f}%"></div>'
+
+
+def _write_figure(value: float, digits: int) -> str:
+    """Write a number with so many digits, no power of ten where it is large, and a true minus sign."""
+    rounded = float(f"{value:.{digits}g}")
+    return f"{rounded:.6g}".replace("-", "−")
+
+
+def _choose_scale(unit: str, largest: float) -> tuple[float, str]:
+    """Choose the factor and the unit that a number reads well in."""
+    base = re.match(r"rad|mm|", unit)
+    assert base is not None
+    factor, shown = choose_unit(base[0], largest)
+    return factor, shown + unit[base.end() :]
 
 
 def _tabulate(changes: Sequence[Change]) -> str:
@@ -251,18 +291,13 @@ def _tabulate(changes: Sequence[Change]) -> str:
 
 
 def _write_change(change: Change, largest: float) -> list[str]:
-    base = re.match(r"rad|mm|", change.unit)
-    assert base is not None
     values = (change.before, change.after, change.after - change.before)
-    factor, unit = choose_unit(base[0], max(map(abs, values)))
-    shown = unit + change.unit[base.end() :]
-    width = 100 * change.moves_mm / largest if largest > 0 else 0.0
-    figures = [*values, 2 * change.standard_error]
+    factor, shown = _choose_scale(change.unit, max(map(abs, values)))
     return [
-        f"<b>{escape(change.symbol)}</b> [{escape(shown)}] {escape(change.mechanism)}",
-        f'<div class="bar" style="width: {width:.0f}%"></div>',
+        _name_parameter(change.symbol, shown, change.mechanism),
+        _draw_bar(change.moves_mm, largest),
         f"{change.moves_mm:.3g}",
-        *(f"{factor * value:.4g}".replace("-", "−") for value in figures[:3]),
-        f"{factor * figures[3]:.2g}",
-        f"{change.p:.2g}",
+        *(_write_figure(factor * value, 4) for value in values),
+        _write_figure(factor * COVERAGE * change.standard_error, 2),
+        write_p(change.p).removeprefix("p").removeprefix(" = "),
     ]

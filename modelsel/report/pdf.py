@@ -29,7 +29,8 @@ def fill_template(source: Source, blocks: Sequence[Block]) -> dict[str, Any]:
     return {
         "title": f"Calibration report: {record.study}",
         "short": shorten(record.study, LONGEST_HEADER),
-        "robot": record.robot,
+        # one name stands once
+        "robot": "" if record.robot == record.study else record.robot,
         "made": _sign(record),
         "blocks": blocks,
     }

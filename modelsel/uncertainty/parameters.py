@@ -319,12 +319,9 @@ def _find_strong(matrix: Array, determined: Mask) -> list[tuple[int, int]]:
 
 def _describe_pair(a: str, b: str, r: float) -> Pair:
     """Describe what a strong correlation means."""
-    if r > 0:
-        relation, combination = f"{a} and {b} rise and fall together", "difference"
-    else:
-        relation, combination = f"{a} rises as {b} falls", "sum"
+    relation = f"{a} and {b} rise and fall together" if r > 0 else f"{a} rises as {b} falls"
     sentence = (
-        f"{relation} ({r:.3f}): the data determine their {combination} well, but neither alone."
+        f"{relation} ({r:.3f}): the data determine one combination of them well, but neither alone."
     )
     return Pair(a, b, r, sentence)
 

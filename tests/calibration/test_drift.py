@@ -14,9 +14,11 @@ from click.testing import CliRunner
 from modelsel.calibration.calibration import Calibration, calibrate
 from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.campaigns import compare_campaigns, correct_holm, describe_comparison
+from modelsel.calibration.mechanism_changes import write_p
 from modelsel.calibration.validation import describe_verdict as told
 from modelsel.calibration.validation import judge
 from modelsel.cli.main import run_command_line
+from modelsel.diagnosis.sentences import format_quantity
 from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
@@ -334,7 +336,7 @@ def test_a_change_that_would_have_been_seen_is(rng) -> None:
     model, theta = truth()
     first = calibrated(rng, model, theta)
     same = compare_campaigns(first, calibrated(rng, model, theta))
-    low, high = same.seen_mm
+    typical, high = same.seen_mm
     (own,) = [c for c in same.changes if c.mechanism == "joint-compliance:2"]
     beyond = 2.0 + float(
         np.sqrt(2 * np.log(len(same.changes) / 0.05))
@@ -343,12 +345,14 @@ def test_a_change_that_would_have_been_seen_is(rng) -> None:
     changed[place(model, "c2")] += beyond * own.standard_error
     found = [compare_campaigns(first, calibrated(rng, model, changed)) for _ in range(10)]
     assert sum(any(c.mechanism == own.mechanism for c in f.moved) for f in found) >= 8
-    per_error = own.moves_mm / abs(own.after - own.before) * own.standard_error
-    assert low <= 4.5 * per_error <= 1.1 * high
+    per_error = [
+        change.moves_mm / abs(change.after - change.before) * change.standard_error
+        for change in same.changes
+    ]
+    assert 4.5 * per_error[same.changes.index(own)] <= 1.1 * high
+    assert typical / high == pytest.approx(float(np.median(per_error)) / max(per_error))
     if not same.moved:
-        assert (
-            f"of {high:.2g} mm in the worst, would have been seen" in describe_comparison(same)[-1]
-        )
+        assert f"of the worst determined from {high:.2g} mm on" in describe_comparison(same)[-1]
 
 
 def test_representatives_do_not_matter(rng) -> None:
@@ -418,3 +422,37 @@ def test_commands(rng, tmp_path) -> None:
             run_command_line, ["compare", str(tmp_path / "a"), str(tmp_path / "b"), *more]
         )
         assert ran.exit_code == 0, ran.output
+
+
+def test_words_of_a_comparison(rng) -> None:
+    """One list, the largest move first, with expanded uncertainties; other targets are said."""
+    model, theta = truth()
+    changed = theta.copy()
+    changed[place(model, "b4")] += 0.3
+    changed[place(model, "a2")] += 0.9
+    a, b = calibrated(rng, model, theta), calibrated(rng, model, changed)
+    found = compare_campaigns(a, replace(b, tools=b.tools + np.array([0.0, 0.0, 76.0])))
+    moves = [one.moves_mm for one in found.explained_by]
+    assert len(moves) > 1
+    assert moves == sorted(moves, reverse=True)
+    said = describe_comparison(found)
+    first = found.explained_by[0]
+    size = format_quantity(first.by, 2 * first.standard_error, first.unit)
+    (told,) = [one for one in said if one.startswith(f"{first.symbol} of")]
+    assert f"{size} (k = 2)" in told
+    assert any("76 mm apart" in one for one in said)
+    assert not any("apart" in one for one in describe_comparison(compare_campaigns(a, b)))
+
+
+def test_change_that_would_have_been_seen_is_of_a_typical_parameter(rng) -> None:
+    model, theta = truth()
+    same = compare_campaigns(calibrated(rng, model, theta), calibrated(rng, model, theta))
+    typical, worst = same.seen_mm
+    assert typical < worst
+    said = " ".join(describe_comparison(same))
+    assert f"typical parameter would have been seen from {typical:.2g} mm" in said
+
+
+def test_p_that_is_tiny_is_a_bound() -> None:
+    assert write_p(0.0) == "p < 0.001"
+    assert write_p(0.02) == "p = 0.02"

@@ -12,7 +12,7 @@ from browser import chromium, requests, resize
 from click.testing import CliRunner
 
 from modelsel.cli.main import run_command_line
-from modelsel.report.comparison_page import Name, match_findings
+from modelsel.report.comparison_page import Name, _write_figure, match_findings
 
 STUDY = """name = "{name}"
 seed = {seed}
@@ -80,14 +80,15 @@ def test_page_says_what_the_studies_and_the_command_say(reports, page) -> None:
         assert all(f"{one['label']}{one['what']}" in text for one in details["findings"])
     said = json.loads(run("compare", reports / "s1", reports / "s2", "--json"))
     assert all(sentence in text for sentence in said["sentences"])
-    moved = [change for change in said["changes"] if change["p"] <= 0.05]
-    assert moved
+    explained = said["explained_by"]
+    assert explained
     table = page.read_text().split('class="plain stack parameters"')[1].split("</table>")[0]
-    assert re.findall(r"<b>(\w+)</b>", table) == [
-        change["symbol"] for change in sorted(moved, key=lambda c: -c["moves_mm"])
-    ]
-    others = len(said["changes"]) - len(moved)
-    assert f"{others} parameters without a change beyond chance" in text
+    assert re.findall(r"<b>(\w+)</b>", table) == [one["symbol"] for one in explained]
+    moves = [one["moves_mm"] for one in explained]
+    assert moves == sorted(moves, reverse=True)
+    moved = sum(change["p"] <= 0.05 for change in said["changes"])
+    tested = len(said["changes"])
+    assert f"{tested} parameters tested one by one, {moved} beyond chance" in text
 
 
 def test_findings_of_both_and_of_one_alone(page) -> None:
@@ -122,6 +123,11 @@ def test_a_calibration_without_its_study_is_refused(reports, tmp_path) -> None:
     said = run("compare", kept, reports / "s2", "--html", tmp_path / "both.html", status=2)
     assert "there is no result.json" in said
     assert not (tmp_path / "both.html").exists()
+
+
+def test_figures_have_no_powers_of_ten() -> None:
+    assert _write_figure(112.4, 2) == "110"
+    assert _write_figure(-0.01234, 2) == "−0.012"
 
 
 def named(label: str, *others: str) -> Name:

@@ -76,8 +76,7 @@ def test_bad_news_is_said(gain, words) -> None:
         (
             [("a", True), ("b", False, True, True, ("c",)), ("c", False, True, False, ("d",))],
             "all",
-            "One error was named beyond the base: a. Two more are there whose cause is not settled: "
-            "b or c (doubtful); c or d.",
+            "One error was named beyond the base: a. Two more are there whose cause is not settled: b or c (doubtful); c or d.",
         ),
         (
             [("a", True)],

@@ -22,12 +22,13 @@ ARM_WIDTH = 2.9  # inch
 MARGIN = 0.34  # inch about the arm
 LABEL_ROOM = 0.4  # inch for a word right of it
 PEDESTAL = 0.22  # inch below frame 0
-WORD_ROOM = np.array([0.4, 0.13])  # inch that a word beside the arm takes
 MARKED_TOGETHER = 0.3  # inch below which frames share a row of marks
 # inch below which frames stand at one point of the picture
 SAME_POINT = 0.14
 AXIS_LENGTH = 0.26  # inch: of half a dashed axis
 NUMBER_OFFSET = 0.18  # inch from a frame to its number
+# inch: the picture's edge, a letter's width, a line's height, half a dot
+EDGE, LETTER, WORD_HEIGHT, DOT = 0.02, 0.075, 0.13, 0.04
 MARK_STEP = 0.17  # inch from one mark to the next
 LARGEST_LINE = 0.25  # inch between the lines of a list
 TRIAD_COLUMNS = 4
@@ -179,19 +180,40 @@ def _draw_chain(ax: Any, drawing: _Drawing) -> None:
 
 
 def _write_numbers(ax: Any, drawing: _Drawing) -> None:
-    """Write the numbers of the frames beside them, away from the arm's middle, below each other where they would
-    meet."""
+    """Write the numbers of the frames beside them, away from the arm's middle, where nothing else stands."""
     written: list[Array] = []
     for group in drawing.group_frames():
-        place, away = drawing.point_away(group)
-        place = place + NUMBER_OFFSET * away
-        while any((np.abs(place - other) < WORD_ROOM).all() for other in written):
-            place = place - np.array([0.0, WORD_ROOM[1]])
-        written.append(place)
         names = ["target" if frame == drawing.last else str(frame) for frame in group]
-        side = "left" if away[0] > 0 else "right"
+        words = " ".join(names)
+        box = find_room(words, *drawing.point_away(group), drawing.points, written)
+        written.append(box)
         style = {"fontsize": 8, "fontweight": "bold", "color": INK, "zorder": 4}
-        ax.text(*place, " ".join(names), ha=side, va="center", **style)
+        ax.text(*box.mean(0), words, ha="center", va="center", **style)
+
+
+def find_room(
+    words: str, place: Array, away: Array, points: Array, written: Sequence[Array]
+) -> Array:
+    """Find where words go beside a place: the box (2, 2), low and high corner [inch], that is whole in the picture
+    and covers no frame and no other words; the first tried where there is none."""
+    half = 0.5 * np.array([LETTER * len(words), WORD_HEIGHT])
+    beside = np.array([half[0] * np.sign(away[0] or 1.0), 0.0])
+    upwards = 1.0 if away[1] > 0 else -1.0
+    centres = [place + NUMBER_OFFSET * away + beside]
+    for distance in NUMBER_OFFSET * np.array([1.0, 1.6, 2.2]):
+        for sign in (upwards, -upwards):
+            above = place + np.array([0.0, sign * distance])
+            centres += [above, above + beside, above - beside]
+    boxes = [np.stack([centre - half, centre + half]) for centre in centres]
+    return next((box for box in boxes if _is_free(box, points, written)), boxes[0])
+
+
+def _is_free(box: Array, points: Array, written: Sequence[Array]) -> bool:
+    if box[0].min() < EDGE:
+        return False
+    is_inside = (points > box[0] - DOT) & (points < box[1] + DOT)
+    meets = [(box[0] < other[1]).all() and (other[0] < box[1]).all() for other in written]
+    return not is_inside.all(1).any() and not any(meets)
 
 
 # -- axes

@@ -24,6 +24,7 @@ from ..style import (
     use_style,
 )
 
+MAX_TICKS = 5  # intervals between the numbers below a panel
 MAX_BINS = 12
 BIN_POINTS = 6  # of a bin, at least
 ONE_HEIGHT, EACH_HEIGHT = 1.7, 1.25  # inch
@@ -182,5 +183,6 @@ def _label_panel(ax: Any, panel: _Panel) -> None:
     unit = "°" if record.against_unit == "deg" else record.against_unit
     bracket = "" if unit == "1" else f" [{unit}]"
     ax.set_xlabel(f"{shorten(record.against, LONGEST_AXIS)}{bracket}")
+    ax.locator_params(axis="x", nbins=MAX_TICKS)
     title = f"{name_axis(record)} [{panel.unit}]"
     ax.set_title(title, fontsize=7, fontweight="normal", color=INK)

@@ -114,7 +114,9 @@ def _scale(rungs: Sequence[RungRecord], floor: NoiseFloorRecord) -> _Scale:
     is_held_out = bool(np.isfinite(held_out).any())
     noise = _rms_noise(floor)
     errors = np.concatenate([estimation, held_out, [noise]])
-    low, high = max(np.nanmin(errors) / 1.7, 1e-9), np.nanmax(errors) * 2.2
+    # the zone of noise has room for its words
+    lowest = min(np.nanmin(errors) / 1.7, noise / 3.2)
+    low, high = max(lowest, 1e-9), np.nanmax(errors) * 2.2
     shown = held_out if is_held_out else estimation
     return _Scale(estimation, shown, is_held_out, noise, float(low), float(high))
 

@@ -15,6 +15,8 @@ MAX_DRAWN = 5  # parameters of the posterior's picture
 MAX_MATRIX = 32  # parameters of the correlation's picture
 HEIGHT = 2.75  # inch
 LONGEST_TITLE = 14  # letters
+LONGEST_LABEL = 9  # letters beside the matrix
+LABEL_COLUMN = 140.0  # points that the labels of a matrix share
 # |r| up to which no mark is drawn
 MIN_CORRELATION = 0.1
 
@@ -71,8 +73,10 @@ def _select_matrix(correlation: CorrelationRecord, symbols: Sequence[str]) -> Ar
 
 def _label_matrix(ax: Any, symbols: Sequence[str]) -> None:
     count = len(symbols)
-    ax.set_xticks(range(count), symbols, rotation=90, fontsize=5.2)
-    ax.set_yticks(range(count), symbols, fontsize=5.2)
+    labels = [shorten(symbol, LONGEST_LABEL) for symbol in symbols]
+    size = min(5.2, LABEL_COLUMN / count)
+    ax.set_xticks(range(count), labels, rotation=90, fontsize=size)
+    ax.set_yticks(range(count), labels, fontsize=size)
     ax.set_xlim(-0.8, count - 0.2)
     ax.set_ylim(count - 0.2, -0.8)
     ax.tick_params(length=0)

@@ -80,7 +80,8 @@ def _write_panels(source: Source) -> list[Block]:
     names = ", ".join(driver.name for driver in drivers)
     draw = partial(draw_residuals, details, drivers)
     words = f"Residuals of the chosen model with their means in small panels, against {names}."
-    return [source.add_figure("residuals", draw, caption, words)]
+    heading = make_heading("Residuals against what may drive them", 2)
+    return [heading, source.add_figure("residuals", draw, caption, words)]
 
 
 # -- what the data determine
