@@ -80,6 +80,20 @@ def test_german_excel_to_a_study_that_runs(tmp_path) -> None:
     assert [w["code"] for w in result["warnings"]].count("file-format") == 1
 
 
+def test_a_missed_shot_is_left_out_and_said(tmp_path) -> None:
+    frame = campaign()
+    frame["Remark"] = ""
+    frame.loc[6, ["X", "Y", "Z"]] = np.nan
+    frame.loc[6, "Remark"] = "beam broken"
+    file = tmp_path / "shots.csv"
+    frame.to_csv(file, index=False)
+    ran = invoked("init", file, "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    assert "Left out, because there is no position: line 8 (beam broken)." in ran.stdout
+    assert len(pd.read_csv(tmp_path / "shots" / "measurements.csv")) == len(frame) - 1
+    assert invoked("study", "shots", "--dry-run").exit_code == 0
+
+
 def test_what_is_shown_is_confirmed_before_anything_is_written(tmp_path) -> None:
     campaign().to_csv("m.csv", index=False)
     silent = invoked("init", "m.csv", "--robot", "ur10")
