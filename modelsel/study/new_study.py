@@ -254,7 +254,7 @@ def measure_misfit(robot: Robot, data: Measurements) -> float | None:
 def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     """Say how a file is read, and how well the nominal arm fits it."""
     robot = draft.robot
-    lines = [f"Robot: {robot.name}, {robot.n} joints, reach {robot.reach:.0f} mm."]
+    lines = [f"Robot: {robot.name}, {robot.n} joints, links of {robot.reach:.0f} mm in all."]
     lines += [note.sentence for note in draft.table.notes]
     for choice in draft.choices:
         first, *_ = choice.readings

@@ -53,7 +53,7 @@ def test_german_excel_to_a_study_that_runs(tmp_path) -> None:
     assert ran.exit_code == 0, ran.output
     said = ran.stdout.splitlines()
     assert said[:6] == [
-        "Robot: ur10, 6 joints, reach 1683 mm.",
+        "Robot: ur10, 6 joints, links of 1683 mm in all.",
         (
             "Messung 3.csv is read as it is: text in Windows-1252, cells separated by semicolons, "
             "decimal commas."
