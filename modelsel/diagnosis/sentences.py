@@ -329,7 +329,7 @@ def describe_effect(effect: Effect, doubt: str = "") -> str:
     return "; ".join(parts) + "."
 
 
-def list_rivals(effect: Effect) -> list[str]:
+def list_rival_labels(effect: Effect) -> list[str]:
     """List the labels of other mechanisms in the credible set, the most probable first."""
     candidate = effect.candidate
     labels: list[str] = []
@@ -353,7 +353,7 @@ def _describe_probability(effect: Effect) -> str:
     text = f" ({label_effect(effect)}, {probability}"
     alike = [e for e in entries if e.alike]
     labels_alike = {e.candidate.label for e in alike}
-    rivals = list_rivals(effect)
+    rivals = list_rival_labels(effect)
     twins = [rival for rival in rivals if rival in labels_alike]
     if twins:
         together = sum(e.probability for e in alike)
@@ -370,6 +370,6 @@ def _describe_rivals(effect: Effect) -> str:
         label = entry.candidate.label
         odds.append(f"{label} {entry.probability:.2f}")
     listed = ", ".join(odds)
-    others = list_rivals(effect)[:NAMED_RIVALS]
+    others = list_rival_labels(effect)[:NAMED_RIVALS]
     rivals = ", ".join(others) or "others"
     return f"; the data cannot tell this apart from {rivals} ({listed})"

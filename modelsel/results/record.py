@@ -10,7 +10,7 @@ from .._json import to_plain
 from .._records import parse_record
 from ..diagnosis.candidates import Candidate
 from ..diagnosis.claim_sentences import is_settled
-from ..diagnosis.sentences import NAMED_RIVALS, label_effect, list_rivals
+from ..diagnosis.sentences import NAMED_RIVALS, label_effect, list_rival_labels
 from ..measurements.measurements import Measurements
 from ..notices import HOPELESS_FIT, Note
 from ..selection.branch_and_bound import Certified
@@ -92,7 +92,7 @@ def collect_named(diagnosis: Explanation, figures: FindingFigures) -> list[Named
     named = [Named(fault.kind.label, True) for fault in diagnosis.faults]
     for finding, of in zip(diagnosis.findings, figures.each, strict=True):
         effect = finding.effect
-        rivals = tuple(list_rivals(effect)[:NAMED_RIVALS])
+        rivals = tuple(list_rival_labels(effect)[:NAMED_RIVALS])
         settled = is_settled(effect)
         named.append(Named(label_effect(effect), settled, of.matters, finding.doubtful, rivals))
     return named
