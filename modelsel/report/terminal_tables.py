@@ -20,6 +20,7 @@ from ..results.study_sentences import (
     format_share,
     format_weight,
     list_errors,
+    round_numbers,
 )
 from ..results.tables import label_ladder
 from .text_tables import Row, fold_text, write_table
@@ -126,7 +127,7 @@ def _show_map(whole: ErrorMapRecord, console: Console) -> None:
             line.append(" " * (CELL_WIDTH - 2))
             line.append_text(_map_cell(f[row, column], p[row, column]))
         console.print(line, soft_wrap=True)
-    causes = [whole.causes[column] for column in columns]
+    causes = [round_numbers(whole.causes[column]) for column in columns]
     for explained in _explain_letters(causes, console.width):
         console.print(Text(explained), soft_wrap=True)
 

@@ -3,6 +3,7 @@ figures in them."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from ..measurements.row_places import Where
@@ -24,6 +25,7 @@ MAX_PREDICTABLE_P = 0.05
 MIN_PREDICTABLE_SHARE = 0.01
 # the smallest p that drawn signs can tell: below it, p is a bound
 SMALLEST_P = 0.001
+LONG_NUMBER = re.compile(r"\d+\.\d{4,}")
 # units of angles, whose millimetres are told with them
 ANGLES = ("arcsec", "mrad")
 # mm from which three decimals are more than anyone reads
@@ -138,21 +140,31 @@ def describe_noise_floor(record: StudyRecord) -> str:
 # -------------------------------------------------------------------------------------------------------------------
 
 
+def round_numbers(cause: str) -> str:
+    """Return a cause with its long numbers rounded to four digits, for people to read."""
+    return LONG_NUMBER.sub(lambda match: f"{float(match[0]):.4g}", cause)
+
+
 def label_entries(entries: Sequence[EntryRecord]) -> list[str]:
     """Return the names of a credible set; where one stands there more than once, with the cause that tells them
     apart."""
     names = [entry.name for entry in entries]
     return [
-        f"{name}, {entry.screws[0].cause}" if names.count(name) > 1 and entry.screws else name
+        f"{name}, {round_numbers(entry.screws[0].cause)}"
+        if names.count(name) > 1 and entry.screws
+        else name
         for name, entry in zip(names, entries, strict=True)
     ]
 
 
 def describe_probability(finding: FindingRecord) -> str:
-    """Return how probable the first of the set is, and together with those that move the target as it does."""
-    alone = f"{finding.first.probability:.2f}"
+    """Return how probable the name of the first of the set is, and together with those that move the target as it
+    does."""
+    entries, name = finding.credible_set, finding.first.name
+    of_name = sum(entry.probability for entry in entries if entry.name == name)
+    alone = f"{min(of_name, 1.0):.2f}"
     together = f"{finding.alike:.2f}"
-    others = sum(entry.alike for entry in finding.credible_set) - 1
+    others = sum(entry.alike and entry.name != name for entry in entries)
     if alone == together or others < 1:
         return alone
     return f"{alone}; {together} with {others} alike"

@@ -16,12 +16,14 @@ from modelsel.cli.main import run_command_line
 from modelsel.diagnosis.sentences import describe_amount, format_quantity
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.terms import Screw, Term
+from modelsel.report.drawing import read_source
 from modelsel.report.figures.finding import panel_height
 from modelsel.report.pages.calibrated import _write_mechanisms
 from modelsel.report.pages.findings import advise_separation
 from modelsel.report.pages.parameter_uncertainty import _format_quantiles
 from modelsel.results.finding_schema import EntryRecord, ScrewRecord
 from modelsel.results.model_schema import QuantilesRecord, SignificanceRecord
+from modelsel.results.study_sentences import describe_probability, round_numbers
 from modelsel.results.tables import label_models
 from modelsel.robot.files import load_robot
 
@@ -188,3 +190,15 @@ def test_a_fitted_effect_is_drawn_whole() -> None:
     assert panel_height(points, 2.0 * points) == pytest.approx(2.1)
     assert panel_height(points, 1e6 * points) == pytest.approx(3 * 1.15 * 0.98)
     assert panel_height(0 * points, 0 * points) > 0
+
+
+def test_long_numbers_of_causes_are_rounded_for_people() -> None:
+    assert round_numbers("cos(q2-q3-0.1007809991)") == "cos(q2-q3-0.1008)"
+    assert round_numbers("sin(2*q4+1.570796327) & q1-20") == "sin(2*q4+1.571) & q1-20"
+
+
+def test_probability_of_a_name_is_that_of_all_its_entries(drawn) -> None:
+    """As the finding's sentence has it."""
+    for finding in read_source(drawn).record.findings:
+        told = describe_probability(finding).partition(";")[0]
+        assert f"probability {told}" in finding.sentence

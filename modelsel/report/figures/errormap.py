@@ -11,6 +11,7 @@ import numpy as np
 from ..._typing import Array
 from ...results.finding_schema import EntryRecord
 from ...results.schema import ErrorMapRecord, StudyRecord
+from ...results.study_sentences import round_numbers
 from ..style import INK, QUIET, RING, WIDTH, shorten, svg, use_style
 
 MAX_CAUSES = 26
@@ -127,7 +128,7 @@ def _label_axes(ax: Any, whole: ErrorMapRecord, columns: Sequence[int]) -> None:
     """Name places and causes, and part the frames by lines."""
     rows = len(whole.places)
     ax.set_ylim(rows - 0.5, -0.5)
-    causes = [shorten(whole.causes[column], LONGEST_CAUSE) for column in columns]
+    causes = [shorten(round_numbers(whole.causes[column]), LONGEST_CAUSE) for column in columns]
     ax.set_xticks(
         range(len(columns)), causes, rotation=60, ha="left", rotation_mode="anchor", fontsize=6.5
     )

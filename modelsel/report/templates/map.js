@@ -25,13 +25,13 @@ function numbers(data, i, j) {
     out.x = rows.map((k) => causes[0][k] * shown);
     const ends = [Math.min(...out.x), Math.max(...out.x)];
     out.curve = [ends, ends.map((v) => v / shown * slopes[0])];
-    out.against = data.result.error_map.causes[j];
+    out.against = rounded(data.result.error_map.causes[j]);
     out.against_unit = column.unit === "rad" ? "deg" : column.unit;
   } else {
     out.x = fitted.map((v) => v * scaled(out.unit, Math.max(...fitted.map(Math.abs)))[0]);
     const ends = [Math.min(...fitted), Math.max(...fitted)], [factor, unit] = scaled(out.unit, Math.max(...fitted.map(Math.abs)));
     out.curve = [ends.map((v) => v * factor), ends];
-    out.against = `fit of ${data.result.error_map.causes[j]}`;
+    out.against = `fit of ${rounded(data.result.error_map.causes[j])}`;
     out.against_unit = unit;
   }
   return out;
@@ -66,7 +66,7 @@ function ownPictures(data, i, j) {
 
 function cellPanel(data, i, j, openFinding) {
   const place = data.details.map.places[i], map = data.result.error_map, name = data.details.map.named.find(([a, b]) => a === i && b === j);
-  const out = [el("h3", { text: `${placeName(place)} · ${map.causes[j]}` }),
+  const out = [el("h3", { text: `${placeName(place)} · ${rounded(map.causes[j])}` }),
     el("p", { text: `F = ${digits(map.f[i][j])} for this cell alone beyond the base; probability of such a value by chance anywhere in the map: p = ${digits(map.p_family_wise[i][j])}.` })];
   const own = data.named.has(`${i},${j}`) ? ownPictures(data, i, j) : [];
   for (const p of own.slice(0, 2)) out.push(scatter({ ...p, title: `Residual about ${placeName(place)}` }));

@@ -79,7 +79,7 @@
   const best = others.map((j) => [j, Math.max(...map.f.map((row) => row[j] ?? 0))]);
   const strongest = [...best].sort((a, b) => b[1] - a[1]).map(([j]) => j);
   const fill = () => {
-    const rows = (sorting.value === "cause" ? others : strongest).map((j) => [map.causes[j], j]);
+    const rows = (sorting.value === "cause" ? others : strongest).map((j) => [rounded(map.causes[j]), j]);
     grid(data, host, { rows, columns: places, cell: (j, i) => [i, j], label: "Error map, causes by places", open: openCell });
     choose(chosen);
   };

@@ -18,6 +18,11 @@ function mark(name, attributes = {}, text = null) {
   return node;
 }
 
+// A cause with its long numbers rounded, for people to read.
+function rounded(cause) {
+  return cause.replace(/\d+\.\d{4,}/g, (number) => String(Number(Number(number).toPrecision(4))));
+}
+
 function digits(value, count = 3) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   return String(Number(value.toPrecision(count))).replace("-", "−");
