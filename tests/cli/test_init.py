@@ -204,7 +204,7 @@ def test_other_units_are_converted_and_said() -> None:
     frame.rename(columns=named).to_csv("m.csv", index=False)
     ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
     assert ran.exit_code == 0, ran.output
-    assert '"X (inch)", "Y (inch)", "Z (inch)" from inch to mm' in ran.stdout
+    assert '"X (inch)", "Y (inch)" and "Z (inch)" in inches' in ran.stdout
     assert '"J6 [gon]" from gon to rad' in ran.stdout
     assert "the nominal arm fits to 0.0" in ran.stdout
     assert invoked("study", "m", "--dry-run").exit_code == 0

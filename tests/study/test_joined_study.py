@@ -317,3 +317,55 @@ def test_json_says_what_was_done(tmp_path) -> None:
     told = json.loads(invoked("--json").stdout)
     assert told["columns"]["q1_deg"] == "A1"
     assert any("Joined by name" in sentence for sentence in told["said"])
+
+
+@pytest.mark.parametrize(
+    ("comment", "factor", "column"),
+    [
+        ("// Units: Inches, Degrees, Fahrenheit", 25.4, "x_in"),
+        ("// Units: Meters", 1000.0, "x_m"),
+        ("// Units: mm", 1.0, "x_mm"),
+    ],
+)
+def test_a_comment_says_the_unit_of_the_positions(tmp_path, comment, factor, column) -> None:
+    """As Spatial Analyzer writes it; the values alone would be taken for mm."""
+    q, x = campaign()
+    head = f"{comment}\n" + ",".join([f"J{k}" for k in range(1, 7)] + list("XYZ"))
+    rows = [numbers(row, ",") for row in np.hstack([q, x / factor])]
+    file = tmp_path / "m.csv"
+    file.write_text("\n".join([head, *rows]) + "\n")
+    ran = CliRunner().invoke(
+        run_command_line,
+        ["init", str(file), "--robot", "ur10", "--yes", "--out", str(tmp_path / "s")],
+    )
+    assert ran.exit_code == 0, ran.output
+    said = f'"X", "Y", "Z" are in {column[2:]}, as the comment on line 1 says.'
+    assert said in ran.stdout
+    assert "the nominal arm fits to 0.0" in ran.stdout
+    names = {f"q{k}_deg": f"J{k}" for k in range(1, 7)}
+    mapped = {axis + column[1:]: axis.upper() for axis in "xyz"}
+    data = read_measurements(file, load_robot("ur10"), names | mapped)
+    np.testing.assert_allclose(data.position, x, atol=1e-3)
+    other = "m" if column == "x_mm" else "mm"
+    wrong = {f"{axis}_{other}": axis.upper() for axis in "xyz"}
+    with pytest.raises(
+        DataError, match=f'read as x_{other}, but the line of units says "{column[2:]}"'
+    ):
+        read_measurements(file, load_robot("ur10"), names | wrong)
+    file.write_text(file.read_text().replace("X,Y,Z", "X [km],Y [m],Z [mm]"))
+    with pytest.raises(DataError, match="says that lengths are in"):
+        load_table(file)
+
+
+def test_joined_points_keep_the_unit_of_their_comment(tmp_path) -> None:
+    names = [f"P{k}" for k in range(ROWS)]
+    _, x = campaign()
+    rows = [f"A, Robot, {name}, {numbers(row / 25.4)}" for name, row in zip(names, x, strict=True)]
+    (tmp_path / "p.txt").write_text("\n".join(["// Units: Inches", *rows]) + "\n")
+    (tmp_path / "log.csv").write_text(log(names))
+    robot = load_robot("ur10")
+    draft = draft_joined_study(
+        DataFile(tmp_path / "p.txt"), DataFile(tmp_path / "log.csv"), robot, {}
+    )
+    assert draft.columns["x_in"] == "X"
+    np.testing.assert_allclose(draft.read().position, x, atol=1e-3)
