@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from pathlib import Path
 
@@ -173,7 +174,8 @@ def test_another_robot_is_told_by_its_misfit() -> None:
     campaign().to_csv("m.csv", index=False)
     ran = invoked("init", "m.csv", "--robot", "ur5", "--yes")
     assert ran.exit_code == 0
-    assert "that is far. Check the robot" in ran.stdout
+    assert "that is far." in ran.stdout
+    assert 'The readings fit robot "ur10"' in ran.stdout
     unknown = invoked("init", "m.csv", "--robot", "ur1", "--yes", "--out", "other")
     assert unknown.exit_code == 2
     assert 'unknown robot "ur1". Did you mean "ur10"' in unknown.stderr
@@ -296,3 +298,21 @@ def test_positions_that_no_instrument_gives_are_told() -> None:
     frame.to_csv("m.csv", index=False)
     ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
     assert "These positions look computed" in ran.stdout
+
+
+def test_numbers_that_are_far_off_are_explained() -> None:
+    """As the set-up check of a study would: another unit, another built-in robot."""
+    frame = campaign()
+    frame[["X", "Y", "Z"]] /= 25.4
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    assert "that is far." in ran.stdout
+    assert re.search(
+        r"The positions fit (\d+ times|far) better .* if the positions are inches", ran.stdout
+    )
+    campaign().to_csv("n.csv", index=False)
+    other = invoked("init", "n.csv", "--robot", "ur5", "--yes")
+    assert re.search(
+        r'The readings fit robot "ur10" (\d+ times|far) better than "ur5"', other.stdout
+    )
