@@ -14,6 +14,7 @@ from .._typing import Array
 from ..exceptions import StudyError
 from ..fitting.design import Model
 from ..fitting.noise import Floor
+from ..measurements.file_form import FileForm
 from ..mechanisms.serialization import find_members, mechanism_from_record
 from ..robot.alignment import have_same_chain
 from ..robot.kinematics import Robot
@@ -100,6 +101,7 @@ def _restore(record: CalibrationRecord) -> Calibration:
         ranges={name: (low, high) for name, (low, high) in record.ranges.items()},
         provenance=dict(record.provenance),
         refits=_restore_refits(record, model),
+        form=_restore_form(record),
     )
     _check_standard_errors(record, calibration.standard_errors)
     _check_screws(record, model)
@@ -162,6 +164,13 @@ def _restore_floor(record: NoiseFloorRecord) -> Floor:
     if record.freedom is not None:
         freedom = record.freedom
     return Floor(record.coordinate_mm, record.source, freedom)
+
+
+def _restore_form(record: CalibrationRecord) -> FileForm:
+    stored = record.file_form
+    if stored is None:
+        return FileForm()
+    return FileForm(dict(stored.columns), stored.sheet, stored.decimal)
 
 
 def _restore_refits(record: CalibrationRecord, model: Model) -> Refits | None:

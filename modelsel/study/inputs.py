@@ -146,15 +146,25 @@ def read_inputs(
     robot = read_nominal_robot(study, folder)
     check_mechanism_names(study, robot, registry)
     check_joints_of_parts(study, robot)
-    source = find_source(study, folder)
-    columns = study.measurements.columns
-    measured = read_measurements(source, robot, columns)
-    features = read_known_features(study)
-    measured = apply_known_features(measured, features)
+    measured = _read_file(study, folder, robot)
     registry = set_reference(registry, measured.reference_celsius)
     labels = None
     split_column = study.split.column
     if split_column is not None:
-        file_labels = read_labels(source, split_column)
+        file_labels = read_labels(find_source(study, folder), split_column)
         labels = file_labels[measured.row]
     return robot, registry, measured, labels
+
+
+def read_study_measurements(study: Study, folder: Path) -> tuple[Robot, Measurements]:
+    """Read the robot and the measurements of a study. Raises StudyError or DataError."""
+    robot = read_nominal_robot(study, folder)
+    return robot, _read_file(study, folder, robot)
+
+
+def _read_file(study: Study, folder: Path, robot: Robot) -> Measurements:
+    """Read a study's measurements, with what it states of their features."""
+    source = find_source(study, folder)
+    columns = study.measurements.columns
+    measured = read_measurements(source, robot, columns)
+    return apply_known_features(measured, read_known_features(study))

@@ -316,3 +316,27 @@ def test_numbers_that_are_far_off_are_explained() -> None:
     assert re.search(
         r'The readings fit robot "ur10" (\d+ times|far) better than "ur5"', other.stdout
     )
+
+
+def test_a_file_of_the_form_of_the_study_goes_into_check_and_validate() -> None:
+    """The calibration knows the columns and the decimal comma; nothing is mapped by hand."""
+    frame = campaign()
+    frame.to_csv("m.csv", sep=";", decimal=",", index=False)
+    assert invoked("init", "m.csv", "--robot", "ur10", "--yes", "--out", "s").exit_code == 0
+    checked = invoked("check", "s")
+    assert checked.exit_code == 0, checked.output
+    assert "40 rows, 40 configurations" in checked.stdout
+    assert invoked("check", "s", "--robot", "ur10").exit_code == 2
+    assert invoked("check", "m.csv").exit_code == 2
+    study = Path("s/study.toml")
+    study.write_text(study.read_text() + "\n[model]\ncandidates = []\n")
+    ran = invoked("study", "s", "--no-sampling", "--no-report", "--quiet", "--out", "r")
+    assert ran.exit_code == 0, ran.output
+    stored = json.loads(Path("r/calibration.json").read_text())["file_form"]
+    assert stored["columns"]["x_mm"] == "X"
+    again = invoked("validate", "r", "m.csv", "--json")
+    assert again.exit_code == 0, again.output
+    assert json.loads(again.stdout)["rows"] == 40
+    plain = frame.rename(columns={f"J{k}": f"q{k}_deg" for k in range(1, 7)})
+    plain.rename(columns={a: f"{a.lower()}_mm" for a in "XYZ"}).to_csv("plain.csv", index=False)
+    assert invoked("validate", "r", "plain.csv").exit_code == 0
