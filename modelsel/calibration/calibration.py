@@ -9,7 +9,7 @@ back predicts as the study did."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -89,7 +89,7 @@ class Calibration:
     ranges: Mapping[str, tuple[float, float]]
     provenance: Mapping[str, str]
     refits: Refits | None = None
-    form: FileForm = FileForm()
+    form: FileForm = field(default_factory=FileForm)
 
     @property
     def terms(self) -> tuple[Term, ...]:
