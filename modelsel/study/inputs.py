@@ -22,6 +22,7 @@ from ..mechanisms.registry import (
     set_reference,
 )
 from ..mechanisms.terms import Mechanism, unstorable
+from ..results.reading import read_records
 from ..robot.files import load_robot
 from ..robot.kinematics import Robot
 from .noise_parts import check_joints_of_parts
@@ -44,6 +45,27 @@ def open_study(study: Study | Path | str, folder: Path | str | None) -> tuple[St
     if path.is_dir():
         return read, path
     return read, path.parent
+
+
+def find_study_file(path: Path) -> Path:
+    """Find a study's file: the one given, that of a folder or, of a report's folder, that of the
+    study of the same name beside it. Raises StudyError for a report whose study is not found."""
+    if not path.is_dir():
+        return path
+    file = path / "study.toml"
+    if file.exists() or not (path / "result.json").exists():
+        return file
+    written, _ = read_records(path)
+    above = path.resolve().parent.parent
+    name = path.resolve().name
+    for folder in (Path(), Path("studies"), above, above / "studies"):
+        candidate = folder / name / "study.toml"
+        if candidate.exists() and read_study(candidate).name == written.study:
+            return candidate
+    raise StudyError(
+        f"{path}: the folder of a report; the folder of its study, with study.toml, was expected, and "
+        f'no study "{written.study}" was found in {name} or studies/{name}.'
+    )
 
 
 def read_nominal_robot(study: Study, folder: Path) -> Robot:

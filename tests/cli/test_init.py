@@ -340,3 +340,17 @@ def test_a_file_of_the_form_of_the_study_goes_into_check_and_validate() -> None:
     plain = frame.rename(columns={f"J{k}": f"q{k}_deg" for k in range(1, 7)})
     plain.rename(columns={a: f"{a.lower()}_mm" for a in "XYZ"}).to_csv("plain.csv", index=False)
     assert invoked("validate", "r", "plain.csv").exit_code == 0
+    (Path("s")).rename("cell")
+    Path("reports").mkdir()
+    Path("r").rename("reports/cell")
+    same = invoked("compare", "cell", "reports/cell")
+    assert same.exit_code == 0, same.output
+    planned = invoked("plan", "reports/cell", "--count", "3")
+    assert planned.exit_code == 0, planned.output
+    Path("cell").rename("elsewhere")
+    lost = invoked("plan", "reports/cell")
+    assert lost.exit_code == 2
+    assert "the folder of its study, with study.toml, was expected" in lost.stderr
+    other = invoked("compare", "elsewhere", "reports/cell")
+    assert other.exit_code == 2
+    assert "its report's folder was expected" in other.stderr
