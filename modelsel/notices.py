@@ -22,6 +22,7 @@ CODES = {
     # reading the measurements
     "file-format": "how the file is written, where that is not CSV with commas and points",
     "columns-ignored": "text columns that the contract does not name are ignored",
+    "counters-ignored": "columns that only count the rows are ignored",
     "covariates-ignored": "numeric columns that cannot serve as causes are ignored",
     "duplicate-rows": "rows that repeat another cell for cell are counted once",
     "copied-rows": "rows that copy a measurement under another number are counted once",
@@ -61,6 +62,7 @@ CODES = {
     "held-out-against": "held-out rows speak against a finding",
     "held-out-surprise": "held-out errors are larger than cross-validation promises",
     "map-of-neighbours": "the whole error map is too large; unregistered causes were looked for in part of it",
+    "instrument-place": "a finding depends on the distance from an instrument that may stand elsewhere",
     "uneven-noise": "an effect is not named because uneven or shared noise would explain it too",
     "lack-of-fit": "the chosen model leaves clearly more, or less, than the noise floor",
     "limit-below-left": "more is left than the noise explains, in a form no single cause has",
@@ -81,6 +83,7 @@ ALARMS = {
     "stated-uncertainty": "Check the uncertainties",
     "floor-unlike": "Check the noise floor",
     "beyond-tolerance": "Check the robot",
+    "instrument-place": "Check the instrument",
     HOPELESS_FIT: "Check the fit",
 }
 # faults of the data, each with the alarm that says as much

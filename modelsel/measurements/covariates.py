@@ -22,6 +22,12 @@ MAX_COVARIATE = 1e30
 FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "free"}
 
 
+# names of columns that only count the rows where they do
+COUNTER_NAMES = frozenset(
+    ("no", "nr", "num", "number", "nummer", "index", "idx", "id", "row", "lfd", "lfd. nr", "lfdnr")
+)
+
+
 def read_covariates(
     table: Table, prismatic: Sequence[bool], has_kinds: bool
 ) -> tuple[dict[str, Array], list[Note]]:
@@ -30,6 +36,7 @@ def read_covariates(
     if not has_kinds:
         taken -= set(KIND_COLUMNS)
     covariates, textual, unusable = dict[str, Array](), list[str](), list[str]()
+    counters = list[str]()
     for name in table.columns:
         if name in taken or JOINT_COLUMN.fullmatch(name):
             continue
@@ -39,11 +46,22 @@ def read_covariates(
             values = convert_to_numbers(table.columns[name])
         if not np.isfinite(values).any():
             textual.append(name)
+        elif _counts_rows(name, values):
+            counters.append(name)
         elif (np.abs(values) <= MAX_COVARIATE).all() and _can_be_cause(name):
             covariates[name] = values
         else:
             unusable.append(name)
-    return covariates, _describe_ignored(textual, unusable)
+    return covariates, _describe_ignored(textual, unusable, counters)
+
+
+def _counts_rows(name: str, values: Array) -> bool:
+    """Whether a column is called a number of rows, and counts them, a few left out or none."""
+    is_called = name.lower().strip(" .:#") in COUNTER_NAMES
+    if not is_called or len(values) < 2:
+        return False
+    steps = np.diff(values)
+    return bool((steps > 0).all() and (steps % 1 == 0).all() and np.median(steps) == 1)
 
 
 def _can_be_cause(name: str) -> bool:
@@ -52,9 +70,16 @@ def _can_be_cause(name: str) -> bool:
     return is_plain_word(name) and not taken
 
 
-def _describe_ignored(textual: Sequence[str], unusable: Sequence[str]) -> list[Note]:
+def _describe_ignored(
+    textual: Sequence[str], unusable: Sequence[str], counters: Sequence[str]
+) -> list[Note]:
     """Say which columns are ignored; characters of their names that cannot be seen are escaped."""
     notes = []
+    if counters:
+        names = ", ".join(map(one_line, counters))
+        notes.append(
+            Note("counters-ignored", f"Columns that only count the rows are ignored: {names}.")
+        )
     if textual:
         names = ", ".join(map(one_line, textual))
         notes.append(Note("columns-ignored", f"Columns that hold no numbers are ignored: {names}."))

@@ -58,10 +58,6 @@ COPIES_PER_REPEAT = 10.0
 # rad, mm: by how much an arm that stands still may be read anew: encoders' noise, servos' hold
 STANDSTILL_RAD = 1e-3
 STANDSTILL_MM = 0.1
-COUPLED = (
-    "The readings are of motors: the robot file's coupling makes joint angles of them, and q1, q2, … "
-    "are these angles. Directions of approach and moves are the motors'."
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +113,7 @@ def read_measurements(
         check_clock(data.order, data.covariates.get("time_s"), data.group, data.row, table.where)
     units = _find_reading_units(table, prismatic)
     if coupling is not None:
-        notes.append(Note("coupled-joints", COUPLED))
+        notes.append(Note("coupled-joints", coupling.describe_readings()))
     said = (*table.notes, *content.notes, *notes, *data.notes)
     return replace(data, notes=said, where=table.where, units=units)
 

@@ -10,6 +10,7 @@ from .._typing import Array
 from ..diagnosis.candidates import exceeds_cell_limit
 from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.sentences import format_length
+from ..exceptions import sentence_list
 from ..fitting.problem import Problem
 from ..notices import Note
 from ..selection.evaluation import Evaluation, Split, compare_held_out
@@ -19,6 +20,9 @@ from .finding_records import Finding
 MIN_SURPRISE = 1.25
 # how rarely so by chance, to be said
 MAX_SURPRISE_P = 1e-3
+
+
+RANGE = "range_mm"
 
 
 def uneven_noise_notes(diagnosis: Diagnosis) -> tuple[Note, ...]:
@@ -87,3 +91,20 @@ def partial_map_notes(problem: Problem) -> tuple[Note, ...]:
         "only at the places of the joints they look at, and next to these."
     )
     return (Note("map-of-neighbours", sentence),)
+
+
+def instrument_notes(problem: Problem, diagnosis: Diagnosis) -> tuple[Note, ...]:
+    """Say where the instrument is taken to stand, where a finding depends on the distance from it
+    and that is within the arm's own reach."""
+    named = [e.candidate.label for e in diagnosis.effects if RANGE in e.candidate.mechanism.names()]
+    _, places = problem.placement
+    distance = float(np.linalg.norm(places - np.array(problem.tracker), axis=1).min())
+    if not named or distance > problem.robot.reach:
+        return ()
+    sentence = (
+        f"{sentence_list(named)}: the distance is counted from where the instrument is taken to "
+        f"stand, {format_length(distance)} from the robot's base, within the arm's reach. If it "
+        "stands elsewhere, because the positions are in the robot's own frame, say so by "
+        "tracker_mm under [noise]."
+    )
+    return (Note("instrument-place", sentence),)

@@ -18,6 +18,12 @@ from .._typing import Array
 MAX_CONDITION = 1e6
 
 
+COUPLED = (
+    "The readings are of motors: the robot file's coupling makes joint angles of them, and q1, q2, … "
+    "are these angles. Directions of approach and moves are the motors'."
+)
+
+
 @dataclass(frozen=True, eq=False)
 class Coupling:
     """How motors move the joints: `matrix` C (n, n) with joint angles = C · motor readings;
@@ -25,6 +31,23 @@ class Coupling:
 
     matrix: Array = field(repr=False)
     passive: tuple[int, ...] = ()
+
+    @property
+    def reversed(self) -> tuple[int, ...] | None:
+        """The joints (from 1) that only count the other way than their motors; None where motors
+        do more than that."""
+        signs = np.diagonal(self.matrix)
+        is_plain = np.array_equal(self.matrix, np.diag(signs)) and (np.abs(signs) == 1).all()
+        if self.passive or not is_plain:
+            return None
+        return tuple(int(k) + 1 for k in np.flatnonzero(signs < 0))
+
+    def describe_readings(self) -> str:
+        """Say how joint angles are made of readings."""
+        if not self.reversed:
+            return COUPLED
+        joints = ", ".join(f"q{joint}" for joint in self.reversed)
+        return f"By the robot's file these joints count the other way than they are read: {joints}."
 
     @property
     def driven(self) -> Array:

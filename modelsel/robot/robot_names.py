@@ -37,7 +37,7 @@ def suggest_robots(given: str, known: Sequence[str]) -> str:
         *others, last = [f'"{squeezed[name]}"' for name in dict.fromkeys(near)]
         listed = f"{', '.join(others)} or {last}" if others else last
         return f"Did you mean {listed}?"
-    return f"Known: {', '.join(known)}; another robot takes a robot file, TOML or URDF."
+    return f"Known: {', '.join(known)}; another robot takes a file: TOML, URDF, or a table of DH parameters."
 
 
 def _list_spellings(given: str) -> list[str]:

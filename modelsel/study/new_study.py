@@ -13,10 +13,11 @@ from ..fitting.problem import Problem
 from ..measurements.column_guesses import Choice, Reading, guess_columns, merge_columns
 from ..measurements.headerless_columns import is_headerless, list_orders
 from ..measurements.measurements import Measurements
+from ..measurements.missed_rows import leave_out_missed
 from ..measurements.optional_columns import guess_optional_columns
 from ..measurements.orientation_columns import ORIENTATION_COLUMNS
 from ..measurements.orientation_guesses import guess_orientation
-from ..measurements.other_units import convert_units
+from ..measurements.other_units import COORDINATES, convert_units
 from ..measurements.reader import read_measurements
 from ..measurements.table import DataFile, Table, load_table, rename_columns
 from ..robot.kinematics import Robot
@@ -95,7 +96,9 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
         return _draft_headerless(table, robot, given)
     if not len(table):
         raise table.where.refuse("a header, but no rows.")
-    table, remarks = convert_units(table, robot.prismatic)
+    table, missed = leave_out_missed(table, _find_coordinates(table, robot, given))
+    table, converted = convert_units(table, robot.prismatic)
+    remarks = (*missed, *converted)
     if remarks:
         source = table
     renamed = rename_columns(table, given)
@@ -108,6 +111,20 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
     optional = guess_optional_columns(renamed, taken)
     draft = replace(draft, optional=tuple(optional))
     return settle_by_arm(draft)
+
+
+def _find_coordinates(table: Table, robot: Robot, given: Mapping[str, str]) -> list[str]:
+    """Find the columns that look like the position."""
+    renamed = rename_columns(table, given)
+    found = {**{name: name for name in table.columns}, **given}
+    for choice in guess_columns(renamed, robot.prismatic):
+        if choice.readings:
+            found.update(choice.readings[0].columns)
+    for unit in ("mm", "m"):
+        wanted = [f"{axis}_{unit}" for axis in COORDINATES]
+        if all(name in found for name in wanted):
+            return [found[name] for name in wanted]
+    return []
 
 
 def _draft_headerless(table: Table, robot: Robot, given: Mapping[str, str]) -> StudyDraft:
@@ -239,7 +256,7 @@ def measure_misfit(robot: Robot, data: Measurements) -> float | None:
 def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     """Say how a file is read, and how well the nominal arm fits it."""
     robot = draft.robot
-    lines = [f"Robot: {robot.name}, {robot.n} joints, reach {robot.reach:.0f} mm."]
+    lines = [f"Robot: {robot.name}, {robot.n} joints, links of {robot.reach:.0f} mm in all."]
     lines += [note.sentence for note in draft.table.notes]
     for choice in draft.choices:
         first, *_ = choice.readings

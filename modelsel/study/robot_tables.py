@@ -19,6 +19,7 @@ from ..robot.dh import format_robot_table
 from ..robot.files import read_robot, robot_from_table
 from ..robot.kinematics import Robot
 from .robot_cells import find_angle_unit, find_length_unit, parse_cell
+from .robot_limits import combine_limits
 
 TABLE_SUFFIXES = (".csv", ".tsv", ".txt", *SPREADSHEET_SUFFIXES)
 CONVENTIONS = {"standard": "standard DH", "modified": "modified DH (Craig)"}
@@ -38,6 +39,8 @@ STEMS = {
     "name": ("joint", "link", "name", "axis", "frame", "kinematics", "no", "nr", "i", "row"),
     "convention": ("convention",),
     "sense": ("sense", "sign", "direction"),
+    "low": ("min", "lower", "low", "qmin", "minlimit", "limitmin", "lowerlimit", "limitlower"),
+    "high": ("max", "upper", "high", "qmax", "maxlimit", "limitmax", "upperlimit", "limitupper"),
 }
 MEANINGS = {word: key for key, words in STEMS.items() for word in words}
 SPELLED = str.maketrans({"θ": "theta", "α": "alpha", "β": "beta", "−": "-", "–": "-"})
@@ -71,14 +74,17 @@ class _Rows:
     senses: Array
     units: str
     stated: str | None
-    reason: str = ""
+    limits: list[list[float]] | None = None
     unused: list[str] = field(default_factory=list)
 
     @property
     def joints(self) -> int:
         """How many rows are joints: a last one called flange or tool is none."""
-        count = len(self.names)
-        return count - bool(FLANGE.search(self.names[-1]))
+        return _count_joints(self.names)
+
+
+def _count_joints(names: Sequence[str]) -> int:
+    return len(names) - bool(FLANGE.search(names[-1]))
 
 
 def is_robot_table(path: Path | str) -> bool:
@@ -103,6 +109,8 @@ def read_robot_table(path: Path, convention: str | None = None) -> tuple[Robot, 
         raise StudyError(f"the robot's table: {error}") from None
     word, reason = _find_convention(rows, path.name, convention)
     said = f"{CONVENTIONS[word]}, {reason}; {rows.units}; gravity along -z of its base"
+    if rows.limits is not None:
+        said += "; limits of the joints as the table has them"
     if rows.unused:
         said += f"; not used: {', '.join(rows.unused)}"
     table = _to_robot_file(rows, word, path.stem, f"{path.name}: {said}")
@@ -131,13 +139,16 @@ def _read_rows(table: Table) -> _Rows:
         raise table.where.refuse("a header, but no rows.", row=0, remedy="Each joint is a row.")
     values = {key: np.zeros(count) for key in (*ANGLES, *LENGTHS)}
     angle_unit, length_unit = _add_columns(table, columns, values)
+    slides, senses = _read_slides(table, columns, count), _read_senses(table, columns, count)
+    names = _read_words(columns, "name", count)
     return _Rows(
         values,
-        _read_slides(table, columns, count),
-        _read_words(columns, "name", count),
-        _read_senses(table, columns, count),
+        slides,
+        names,
+        senses,
         f"angles in {angle_unit}, lengths in {length_unit}",
         _read_stated(table, columns),
+        limits=_read_limits(table, columns, slides[: _count_joints(names)], senses),
         unused=unused,
     )
 
@@ -236,6 +247,25 @@ def _read_senses(
     return np.array(senses)
 
 
+def _read_limits(
+    table: Table,
+    columns: Mapping[str, tuple[_Column, Sequence[Any]]],
+    slides: Sequence[bool],
+    senses: Array,
+) -> list[list[float]] | None:
+    """Read the least and the greatest reading of each joint; None where a column is missing."""
+    found: dict[str, tuple[Array, str | None]] = {}
+    for name, (column, cells) in columns.items():
+        if column.key in ("low", "high"):
+            own = enumerate(cells[: len(slides)])
+            parsed = [parse_cell(cell, table.where, row, name)[0] for row, cell in own]
+            found.setdefault(column.key, (np.array(parsed), column.unit))
+    if len(found) < 2:
+        return None
+    (low, below), (high, above) = found["low"], found["high"]
+    return combine_limits(low, high, (below, above), slides, senses, table.where)
+
+
 def _read_stated(table: Table, columns: Mapping[str, tuple[_Column, Sequence[Any]]]) -> str | None:
     """Read which convention the table states, by a column or by the names of others."""
     words = {word.lower() for word in _read_words(columns, "convention", 0) if word}
@@ -318,6 +348,8 @@ def _to_robot_file(rows: _Rows, convention: str, name: str, source: str) -> dict
         joint: dict[str, Any] = {"dh": _dh_row(rows, k)}
         if rows.slides[k]:
             joint["kind"] = "prismatic"
+        if rows.limits is not None:
+            joint["limits_mm" if rows.slides[k] else "limits_deg"] = rows.limits[k]
         joints.append(joint)
     table["joint"] = joints
     if rows.joints < len(rows.names):

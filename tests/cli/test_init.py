@@ -54,7 +54,7 @@ def test_german_excel_to_a_study_that_runs(tmp_path) -> None:
     assert ran.exit_code == 0, ran.output
     said = ran.stdout.splitlines()
     assert said[:6] == [
-        "Robot: ur10, 6 joints, reach 1683 mm.",
+        "Robot: ur10, 6 joints, links of 1683 mm in all.",
         (
             "Messung 3.csv is read as it is: text in Windows-1252, cells separated by semicolons, "
             "decimal commas."
@@ -79,6 +79,20 @@ def test_german_excel_to_a_study_that_runs(tmp_path) -> None:
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["ladder"][0]["estimation"]["rms_mm"] < 0.2
     assert [w["code"] for w in result["warnings"]].count("file-format") == 1
+
+
+def test_a_missed_shot_is_left_out_and_said(tmp_path) -> None:
+    frame = campaign()
+    frame["Remark"] = ""
+    frame.loc[6, ["X", "Y", "Z"]] = np.nan
+    frame.loc[6, "Remark"] = "beam broken"
+    file = tmp_path / "shots.csv"
+    frame.to_csv(file, index=False)
+    ran = invoked("init", file, "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    assert "Left out, because there is no position: line 8 (beam broken)." in ran.stdout
+    assert len(pd.read_csv(tmp_path / "shots" / "measurements.csv")) == len(frame) - 1
+    assert invoked("study", "shots", "--dry-run").exit_code == 0
 
 
 def test_what_is_shown_is_confirmed_before_anything_is_written(tmp_path) -> None:

@@ -151,6 +151,15 @@ def test_notes_say_what_is_ignored(tmp_path) -> None:
     assert "approach-from-order" in said
 
 
+def test_a_column_that_counts_the_rows_is_no_cause(tmp_path) -> None:
+    cells = [f"{0.1 * k},0,1,2,{k},{number},{number}" for k, number in enumerate((1, 2, 4, 5, 6))]
+    data = read_measurements(csv(tmp_path, f"{PLAIN},No,load", *cells), ARM)
+    assert set(data.covariates) == {"load"}
+    assert "No" in {note.code: note.sentence for note in data.notes}["counters-ignored"]
+    uneven = [f"{0.1 * k},0,1,2,{k},{number}" for k, number in enumerate((1, 3, 2, 5, 9))]
+    assert set(read_measurements(csv(tmp_path, f"{PLAIN},No", *uneven), ARM).covariates) == {"No"}
+
+
 def test_duplicates_count_once(tmp_path) -> None:
     """A row that repeats an earlier one cell for cell; a repeat with another position stays."""
     data = read_measurements(

@@ -38,5 +38,5 @@ def test_nothing_is_guessed(given) -> None:
 def test_all_that_are_close_are_offered() -> None:
     with pytest.raises(StudyError, match='Did you mean "ur5e", "ur10e" or "ur5"'):
         load_robot("UR15e")
-    with pytest.raises(StudyError, match=r"Known: fr3, .* takes a robot file, TOML or URDF"):
+    with pytest.raises(StudyError, match=r"Known: fr3, .* takes a file: TOML, URDF, or a table"):
         load_robot("Motoman")

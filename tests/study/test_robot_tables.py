@@ -225,3 +225,22 @@ def test_robots_shows_a_table_and_its_senses(tmp_path) -> None:
     assert "ur: 6 joints" in shown.output
     assert "angles of the joints per reading of the motors" in shown.output
     assert "-1.0000" in shown.output.split("motors")[1]
+
+
+def test_limits_are_the_joints_own(tmp_path) -> None:
+    """A joint that counts the other way has its limits the other way; inside, angles are joints'."""
+    table = (
+        "Axis,theta [deg],d [mm],a [mm],alpha [deg],Direction,Min [deg],Max [deg]\n"
+        "A1,0,400,25,-90,-1,-170,160\nA2,0,0,455,0,1,-190,45\nA3,-90,0,35,-90,1,-120,156\n"
+    )
+    robot, text, said = read_robot_table(write(tmp_path, "arm.csv", table), "standard")
+    limits = [np.degrees(joint.limits or (0, 0)).tolist() for joint in robot.joints]
+    assert np.allclose(limits, [[-160, 170], [-190, 45], [-120, 156]])
+    assert "limits of the joints as the table has them" in said
+    assert "limits_deg" in text
+
+
+def test_limits_the_wrong_way_round_are_refused(tmp_path) -> None:
+    table = "theta [deg],d [mm],a [mm],alpha [deg],Lower,Upper\n0,400,25,-90,170,-170\n0,0,455,0,-90,90\n"
+    with pytest.raises(StudyError, match="not below the greatest"):
+        read_robot_table(write(tmp_path, "arm.csv", table), "standard")
