@@ -16,6 +16,11 @@ WORD = re.compile(r"[^\W\d_]+")
 LONG_NAMES = {"foot": "ft", "feet": "ft", "centimeters": "cm", "centimetres": "cm"}
 
 
+def name_unit(unit: str) -> str:
+    """Name a unit in a sentence: "in" would be read as the word."""
+    return "inches" if unit == "in" else unit
+
+
 def find_stated_unit(comments: Mapping[int, str]) -> tuple[str, int] | None:
     """Find (the unit of lengths, the line) that comments, by their lines, say; None where none
     does, or two that differ do."""
@@ -50,8 +55,8 @@ def list_position_units(
             stated[name] = unit
         elif parsed.unit not in ("", unit):
             raise where.refuse(
-                f"its unit is {parsed.unit}, but the comment on line {line} says that lengths are "
-                f"in {unit}.",
+                f"its unit is {name_unit(parsed.unit)}, but the comment on line {line} says that lengths are "
+                f"in {name_unit(unit)}.",
                 column=name,
                 remedy="Correct whichever is wrong: the column's name, or the comment.",
             )

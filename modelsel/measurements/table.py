@@ -18,7 +18,7 @@ from ..exceptions import DataError, suggest
 from ..notices import Note
 from .row_places import Where
 from .spreadsheet import SPREADSHEET_SUFFIXES, load_spreadsheet
-from .stated_units import list_position_units
+from .stated_units import list_position_units, name_unit
 from .table_layout import is_blank_row
 from .text_table import check_file, load_text_table
 
@@ -169,7 +169,7 @@ def apply_stated_unit(table: Table) -> Table:
     stated = [f'"{name}"' for name in units if name not in table.units]
     if not stated:
         return table
-    sentence = f"{', '.join(stated)} are in {unit}, as the comment on line {line} says."
+    sentence = f"{', '.join(stated)} are in {name_unit(unit)}, as the comment on line {line} says."
     note = Note("file-format", f"{table.where.file}: {sentence}")
     return replace(table, units=units, notes=(*table.notes, note))
 

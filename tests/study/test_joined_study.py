@@ -339,7 +339,8 @@ def test_a_comment_says_the_unit_of_the_positions(tmp_path, comment, factor, col
         ["init", str(file), "--robot", "ur10", "--yes", "--out", str(tmp_path / "s")],
     )
     assert ran.exit_code == 0, ran.output
-    said = f'"X", "Y", "Z" are in {column[2:]}, as the comment on line 1 says.'
+    unit = {"x_in": "inches"}.get(column, column[2:])
+    said = f'"X", "Y", "Z" are in {unit}, as the comment on line 1 says.'
     assert said in ran.stdout
     assert "the nominal arm fits to 0.0" in ran.stdout
     names = {f"q{k}_deg": f"J{k}" for k in range(1, 7)}
