@@ -9,7 +9,7 @@ back predicts as the study did."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +21,7 @@ from ..fitting.design import Model
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
 from ..fitting.problem import Problem
+from ..measurements.file_form import FileForm
 from ..measurements.measurements import Measurements
 from ..mechanisms.causes import Member
 from ..mechanisms.terms import Term
@@ -67,6 +68,7 @@ class Calibration:
         ranges: least and largest value in estimation of every joint reading, covariate and value
             that the model's causes use.
         provenance: versions and digests of what it was made from.
+        form: how the study reads its measurements file.
     """
 
     study: str
@@ -87,6 +89,7 @@ class Calibration:
     ranges: Mapping[str, tuple[float, float]]
     provenance: Mapping[str, str]
     refits: Refits | None = None
+    form: FileForm = field(default_factory=FileForm)
 
     @property
     def terms(self) -> tuple[Term, ...]:

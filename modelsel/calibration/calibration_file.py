@@ -90,6 +90,10 @@ def calibration_record(c: Calibration) -> dict[str, Any]:
     if c.refits is not None:
         symbols = [term.symbol for term in c.terms]
         record["refits"] = refits_record(c.refits, symbols)
+    form = c.form
+    if not form.is_plain:
+        columns = dict(form.columns)
+        record["file_form"] = {"columns": columns, "sheet": form.sheet, "decimal": form.decimal}
     source = c.robot.urdf
     if source is not None and _is_of(source, c.robot):
         record["urdf"] = {"base": source.base, "tip": source.tip, "text": source.text}

@@ -51,6 +51,14 @@ class UrdfRecord(StrictRecord):
     tip: Text
 
 
+class FileFormRecord(StrictRecord):
+    """How the study reads its measurements file: contract name = name in the file."""
+
+    columns: dict[Text, Text]
+    sheet: Text | None
+    decimal: Literal[",", "."] | None
+
+
 class TargetRecord(StrictRecord):
     """A target on the flange."""
 
@@ -142,6 +150,7 @@ class CalibrationRecord(StrictRecord):
     provenance: dict[Text, Text]
     refits: RefitsRecord | None = None
     urdf: UrdfRecord | None = None
+    file_form: FileFormRecord | None = None
 
     @model_validator(mode="after")
     def _check_names(self) -> CalibrationRecord:

@@ -10,10 +10,12 @@ import numpy as np
 
 from .._json import parse_json, read_json_text
 from .._records import parse_record
+from .._text import parse_toml
 from .._typing import Array
 from ..exceptions import StudyError
 from ..fitting.design import Model
 from ..fitting.noise import Floor
+from ..measurements.file_form import FileForm
 from ..mechanisms.serialization import find_members, mechanism_from_record
 from ..robot.alignment import have_same_chain
 from ..robot.kinematics import Robot
@@ -24,6 +26,8 @@ from .calibration_file import CALIBRATION_FILE
 from .calibration_schema import SCHEMA_VERSION, CalibrationRecord, NoiseFloorRecord
 from .refitting import Refits, refits_of
 
+STUDY_FILE = "study.toml"
+REPORTS = "reports"  # where `modelsel study` writes by default
 RELATIVE_TOLERANCE = 1e-6  # two numbers of a file that say the same
 REMEDY = "Run the study again."
 PLACED_NAMES = {"target", "group"}  # names of a cause that are no values with a range
@@ -46,10 +50,39 @@ def load_calibration(path: Path | str) -> Calibration:
 
 def _find_file(path: Path) -> Path:
     if path.is_dir():
-        return path / CALIBRATION_FILE
+        return find_report_folder(path) / CALIBRATION_FILE
     if path.name == "result.json":
         return path.with_name(CALIBRATION_FILE)
     return path
+
+
+def find_report_folder(folder: Path) -> Path:
+    """Find the folder of a study's results: the one given or, of a study's own folder, where
+    `modelsel study` writes them by default; the one given where there are none. Raises StudyError
+    for a study's folder without results."""
+    study = folder / STUDY_FILE
+    if (folder / CALIBRATION_FILE).exists() or not study.exists():
+        return folder
+    name = folder.resolve().name
+    above = folder.resolve().parent
+    tried = [Path(REPORTS) / name, above / REPORTS / name, above.parent / REPORTS / name]
+    for report in tried:
+        if _is_report_of(report, study):
+            return report
+    raise StudyError(
+        f"{folder}: the folder of a study; its report's folder was expected, and {tried[0]} does not "
+        f"have its results. Give the folder that `modelsel study {folder}` wrote."
+    )
+
+
+def _is_report_of(report: Path, study: Path) -> bool:
+    """Whether a folder has the calibration of a study file, by the study's name."""
+    try:
+        value = parse_json(read_json_text(report / CALIBRATION_FILE))
+        table = parse_toml(study.read_text(encoding="utf-8"), study.name)
+    except (OSError, ValueError, StudyError):
+        return False
+    return isinstance(value, dict) and value.get("study") == table.get("name")
 
 
 def parse_calibration(text: str, where: str = CALIBRATION_FILE) -> Calibration:
@@ -100,6 +133,7 @@ def _restore(record: CalibrationRecord) -> Calibration:
         ranges={name: (low, high) for name, (low, high) in record.ranges.items()},
         provenance=dict(record.provenance),
         refits=_restore_refits(record, model),
+        form=_restore_form(record),
     )
     _check_standard_errors(record, calibration.standard_errors)
     _check_screws(record, model)
@@ -162,6 +196,13 @@ def _restore_floor(record: NoiseFloorRecord) -> Floor:
     if record.freedom is not None:
         freedom = record.freedom
     return Floor(record.coordinate_mm, record.source, freedom)
+
+
+def _restore_form(record: CalibrationRecord) -> FileForm:
+    stored = record.file_form
+    if stored is None:
+        return FileForm()
+    return FileForm(dict(stored.columns), stored.sheet, stored.decimal)
 
 
 def _restore_refits(record: CalibrationRecord, model: Model) -> Refits | None:

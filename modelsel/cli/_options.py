@@ -122,13 +122,15 @@ def read_robot_option(
     xacro file. Raises StudyError."""
     from ..robot.files import is_robot_file, load_robot, read_robot
     from ..robot.urdf import read_urdf_text
-    from ..robot.xacro_files import expand_xacro, is_xacro
+    from ..robot.xacro_files import describe_expansion, expand_xacro, is_xacro
     from ..study.robot_tables import is_robot_table, read_robot_table
 
     path = Path(robot)
     if is_xacro(path):
         text = expand_xacro(path, arguments)
-        return RobotOption(read_urdf_text(text, path.name, base, tip), text.encode())
+        arm = read_urdf_text(text, path.name, base, tip)
+        expanded = (describe_expansion(path, arguments), _describe_chain(arm))
+        return RobotOption(arm, text.encode(), expanded)
     if arguments:
         raise StudyError("--xacro gives arguments to a xacro file: --robot FILE.xacro.")
     if is_robot_table(path):
@@ -139,6 +141,14 @@ def read_robot_option(
     if is_robot_file(robot):
         return RobotOption(read_robot(path, base, tip))
     return RobotOption(load_robot(robot))
+
+
+def _describe_chain(arm: Robot) -> str:
+    """Say which chain of a URDF is the arm's, and whether its links have masses."""
+    chain = "" if arm.urdf is None else f"from {arm.urdf.base} to {arm.urdf.tip}"
+    masses = sum(joint.mass is not None for joint in arm.joints)
+    said = f"masses of {masses} of {arm.n} links were read" if masses else "no masses were read"
+    return f"The chain goes {chain}: {arm.n} joints; {said}."
 
 
 def amount_options(command: Callable[..., Any]) -> Callable[..., Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,10 +16,14 @@ from ._options import (
     xacro_option,
 )
 
+if TYPE_CHECKING:
+    from ..measurements.measurements import Measurements
+    from ..robot.kinematics import Robot
+
 
 @click.command("check")
 @click.argument("data", type=click.Path(path_type=Path))
-@click.option("--robot", required=True, help="A built-in robot's name, or a robot file.")
+@click.option("--robot", help="A built-in robot's name, or a robot file; of a study, its own.")
 @click.option("--base", help="Of a URDF: the link the chain starts at; default its root.")
 @click.option("--tip", help="Of a URDF: the link the chain ends at; default the longest chain's.")
 @xacro_option
@@ -28,7 +33,7 @@ from ._options import (
 @click.option("--json", "as_json", is_flag=True)
 def check_command(
     data: Path,
-    robot: str,
+    robot: str | None,
     base: str | None,
     tip: str | None,
     arguments: dict[str, str],
@@ -38,17 +43,36 @@ def check_command(
     columns: dict[str, str],
     as_json: bool,
 ) -> None:
-    """What is in a measurements file, what it can tell and what it cannot."""
+    """What is in a measurements file, what it can tell and what it cannot. DATA is the file, or a
+    study's folder: its file and its robot."""
     from ..measurements.reader import read_measurements
     from ..measurements.table import DataFile
     from ..study.inspection import format_inspection, inspect_measurements
 
-    named = read_robot_option(robot, base, tip, arguments, convention)
-    arm = named.robot
-    measured = read_measurements(DataFile(data, sheet, decimal), arm, columns)
+    said: tuple[str, ...] = ()
+    if data.is_dir() or data.suffix == ".toml":
+        if any((robot, base, tip, arguments, convention, sheet, decimal, columns)):
+            raise click.UsageError(
+                "a study has its own robot and columns: give its folder alone, or the file with --robot."
+            )
+        arm, measured = _read_study_data(data)
+    elif robot is None:
+        raise click.UsageError("--robot NAME is needed with a file; a study's folder has its own.")
+    else:
+        named = read_robot_option(robot, base, tip, arguments, convention)
+        arm, said = named.robot, named.said
+        measured = read_measurements(DataFile(data, sheet, decimal), arm, columns)
     found = inspect_measurements(arm, measured)
     if as_json:
         print_json(found)
     else:
-        for line in [*named.said, *format_inspection(found)]:
+        for line in [*said, *format_inspection(found)]:
             click.echo(line)
+
+
+def _read_study_data(path: Path) -> tuple[Robot, Measurements]:
+    """Read the robot and the measurements that a study names."""
+    from ..study.inputs import open_study, read_study_measurements
+
+    study, folder = open_study(path, None)
+    return read_study_measurements(study, folder)

@@ -46,10 +46,13 @@ def compare_command(before: Path, after: Path, page: Path | None, as_json: bool)
 
 
 def _write_page(before: Path, after: Path, found: Comparison) -> bytes:
+    from ..calibration.loading import find_report_folder
     from ..report.comparison_page import Campaign, write_comparison_page
     from ..results.reading import read_records
 
-    folders = [path if path.is_dir() else path.parent for path in (before, after)]
+    folders = [
+        find_report_folder(path) if path.is_dir() else path.parent for path in (before, after)
+    ]
     records = [read_records(folder) for folder in folders]
     names = [record.study for record, _ in records]
     if names[0] == names[1]:

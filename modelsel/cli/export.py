@@ -10,7 +10,7 @@ import click
 
 from .._choices import EXPORT_FORMS
 from ..exceptions import CHECK_FAILED
-from ._options import print_json
+from ._options import print_json, xacro_option
 
 if TYPE_CHECKING:
     from ..calibration.calibration import Calibration
@@ -37,6 +37,7 @@ ERRORS = ("rows", "nominal_rms_mm", "file_rms_mm", "model_rms_mm")
 )
 @click.option("--base", help="Link of that URDF where the arm's chain starts.")
 @click.option("--tip", help="Link of that URDF where the arm's chain ends.")
+@xacro_option
 @click.option(
     "--joints",
     metavar="LIST",
@@ -62,6 +63,7 @@ def export_command(
     urdf: Path | None,
     base: str | None,
     tip: str | None,
+    arguments: dict[str, str],
     joints: str | None,
     at: tuple[str, ...],
     within: float | None,
@@ -76,16 +78,23 @@ def export_command(
     from ..calibration.export import attach_urdf, export_grid
     from ..calibration.export import export as exported
     from ..calibration.loading import load_calibration
+    from ..robot.xacro_files import describe_expansion, expand_xacro, is_xacro
 
     if urdf is not None and form != "urdf":
         raise click.UsageError("--urdf goes with --format urdf.")
     if urdf is None and (base or tip):
         raise click.UsageError("--base and --tip choose a chain of --urdf FILE.")
+    if arguments and (urdf is None or not is_xacro(urdf)):
+        raise click.UsageError("--xacro gives arguments to --urdf FILE.xacro.")
     if form != "grid" and (joints or at or within):
         raise click.UsageError("--joints, --at and --within go with --format grid.")
     calibration = load_calibration(result)
     if urdf is not None:
-        calibration = attach_urdf(calibration, urdf, base, tip)
+        text = None
+        if is_xacro(urdf):
+            text = expand_xacro(urdf, arguments)
+            click.echo(describe_expansion(urdf, arguments), err=as_json)
+        calibration = attach_urdf(calibration, urdf, base, tip, text)
     if form == "grid":
         made = export_grid(calibration, _read_grid_options(calibration, joints, at, within))
     else:

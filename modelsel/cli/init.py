@@ -52,6 +52,13 @@ if TYPE_CHECKING:
     show_default=True,
     help="Seconds that the times of a point and of its readings may differ.",
 )
+@click.option(
+    "--clock-offset",
+    type=float,
+    default=0.0,
+    metavar="SECONDS",
+    help="By how much the clock of the log of --joints is ahead of the instrument's.",
+)
 @xacro_option
 @dh_option
 @column_option
@@ -68,6 +75,7 @@ def init_command(
     joints: Path | None,
     join: str | None,
     max_gap: float,
+    clock_offset: float,
     arguments: dict[str, str],
     convention: str | None,
     columns: dict[str, str],
@@ -89,7 +97,7 @@ def init_command(
         draft = draft_study(source, arm, columns)
     else:
         log = DataFile(joints, decimal=source.decimal)
-        draft = draft_joined_study(source, log, arm, columns, join, max_gap)
+        draft = draft_joined_study(source, log, arm, columns, join, max_gap, clock_offset)
     draft = _settle(draft, yes)
     draft = _settle(add_orientation(draft), yes)
     data = draft.read()

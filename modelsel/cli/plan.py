@@ -87,7 +87,7 @@ def plan_command(
     from ..config.study_file import read_study
     from ..measurements.table import DataFile
     from ..mechanisms.registry import with_plugins
-    from ..study.inputs import read_nominal_robot
+    from ..study.inputs import find_study_file, read_nominal_robot
     from ..study.planning import format_plan, plan_next
     from ..study.runner import run_study
     from ..study.steps import list_steps
@@ -100,7 +100,7 @@ def plan_command(
     if pool_file is None and (sheet or decimal):
         raise click.UsageError("--sheet and --decimal say how the file of --pool is read.")
     pool = None if pool_file is None else DataFile(pool_file, sheet, decimal)
-    path = study / "study.toml" if study.is_dir() else study
+    path = find_study_file(study)
     read = read_study(path)
     registry, _ = with_plugins(robot=read_nominal_robot(read, path.parent))
     planning = "choosing configurations"

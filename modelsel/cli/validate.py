@@ -30,15 +30,19 @@ def validate_command(
     columns: dict[str, str],
     as_json: bool,
 ) -> None:
-    """Whether a stored calibration still holds on new measurements; nothing of it is refitted."""
+    """Whether a stored calibration still holds on new measurements; nothing of it is refitted.
+    A file of the form of the study's (columns, sheet, decimal mark) goes in as it is."""
     from ..calibration.command_notes import describe_extrapolation
     from ..calibration.loading import load_calibration
     from ..calibration.validation import describe_verdict, judge
     from ..measurements.reader import read_measurements
-    from ..measurements.table import DataFile
+    from ..measurements.table import load_table
 
     c = load_calibration(result)
-    measured = read_measurements(DataFile(data, sheet, decimal), c.robot, columns)
+    source = c.form.open(data, sheet, decimal)
+    table = load_table(source)
+    mapping = c.form.map_columns(table, columns)
+    measured = read_measurements(table, c.robot, mapping)
     found = judge(c, measured, register)
     said, beyond = describe_verdict(measured, found), describe_extrapolation(c, measured)
     warnings = [*found.doubts, *beyond]

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from .._typing import Array
 from ..notices import Note
 from ..robot.rigid import from_quaternion, to_quaternion
-from .columns import read_column_set, read_quantity
+from .columns import POSITION_UNITS, read_column_set, read_coordinates
 from .contract_columns import ROTATION_UNCERTAINTY_COLUMNS, UNCERTAINTY_COLUMNS
 from .orientation_columns import QUATERNION_COLUMNS
 from .table import Table
 
 BOARD = "board"
-POSITION_COLUMNS = tuple(f"{axis}_{unit}" for axis in "xyz" for unit in ("mm", "m"))
+POSITION_COLUMNS = tuple(f"{axis}_{unit}" for axis in "xyz" for unit in POSITION_UNITS)
 SINGLE = "s_mm"
 SAID = (
     "The rows are of a board seen from the hand: they are turned into poses of the camera, the "
@@ -50,7 +50,7 @@ def convert_board_poses(table: Table) -> Table:
             column="kind",
             remedy="Make a study of each kind.",
         )
-    position = np.stack([read_quantity(table, axis, ("mm", "m")) for axis in "xyz"], 1)
+    position = read_coordinates(table)
     quaternion = read_column_set(table, QUATERNION_COLUMNS, "zero")
     if quaternion is None:
         raise table.where.refuse(

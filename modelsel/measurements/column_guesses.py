@@ -7,6 +7,7 @@ import shlex
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import TypeAlias
 
@@ -15,7 +16,7 @@ import numpy as np
 from .._typing import Array
 from ..exceptions import DataError, one_line, sentence_list
 from .column_names import OTHER_QUANTITIES, WEAK_JOINT_WORDS, ColumnName, parse_column_name
-from .columns import READING_UNITS, convert_to_numbers
+from .columns import POSITION_UNITS, READING_UNITS, convert_to_numbers
 from .table import Table
 
 # rad: readings beyond it are degrees; below it, and above the next, they are radians
@@ -30,7 +31,7 @@ MIN_NUMBERS = 0.8
 AXES = ("x", "y", "z")
 # the word that says the quantity, and the others in a name
 Family: TypeAlias = tuple[str, frozenset[str]]
-UNIT_NAMES = {"deg": "degrees", "rad": "radians", "mm": "mm", "m": "m"}
+UNIT_NAMES = {"deg": "degrees", "rad": "radians", "mm": "mm", "m": "m", "in": "inches"}
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,12 @@ def list_missing_joints(table: Table, prismatic: Sequence[bool]) -> list[int]:
 
 def is_position_missing(table: Table) -> bool:
     """Whether a table of points lacks a coordinate."""
-    return any(f"{a}_mm" not in table and f"{a}_m" not in table for a in AXES)
+    return any(map(partial(_lacks_axis, table), AXES))
+
+
+def _lacks_axis(table: Table, axis: str) -> bool:
+    """Whether a table has no column of a coordinate."""
+    return not any(f"{axis}_{unit}" in table for unit in POSITION_UNITS)
 
 
 def _is_numeric(table: Table, name: str) -> bool:
@@ -232,7 +238,7 @@ def _read_position_columns(table: Table, names: Sequence[ColumnName]) -> tuple[R
         for unit in units:
             wanted = [f"{axis}_{unit}" for axis in AXES]
             mapped = dict(zip(wanted, given, strict=True))
-            reading = Reading(mapped, f"{listed} in {unit}", reason)
+            reading = Reading(mapped, f"{listed} in {UNIT_NAMES[unit]}", reason)
             readings.append(reading)
     return tuple(readings)
 
@@ -240,7 +246,7 @@ def _read_position_columns(table: Table, names: Sequence[ColumnName]) -> tuple[R
 def _list_position_units(table: Table, family: Sequence[ColumnName]) -> tuple[list[str], str]:
     said = {name.unit for name in family}
     if said != {None}:
-        return _keep_read_unit(said, ("mm", "m")), ""
+        return _keep_read_unit(said, POSITION_UNITS), ""
     values = np.stack([_read_values(table, name) for name in family])
     highest = np.nanmax(values, axis=1)
     lowest = np.nanmin(values, axis=1)
@@ -278,7 +284,7 @@ def propose_columns(table: Table, prismatic: Sequence[bool]) -> DataError | None
     """Return the error that proposes names for all missing columns at once; None where fewer than
     two are missing, or nothing looks like any of them."""
     lacking = len(list_missing_joints(table, prismatic))
-    lacking += sum(f"{a}_mm" not in table and f"{a}_m" not in table for a in AXES)
+    lacking += sum(map(partial(_lacks_axis, table), AXES))
     if lacking < 2:
         return None
     choices = guess_columns(table, prismatic)

@@ -11,15 +11,33 @@ UNIT_WORDS = {
     **dict.fromkeys(("rad", "rads", "radian", "radians"), "rad"),
     **dict.fromkeys(("mm", "millimeter", "millimetre", "millimeters", "millimetres"), "mm"),
     **dict.fromkeys(("m", "meter", "metre", "meters", "metres"), "m"),
+    **dict.fromkeys(("in", "inch", "inches"), "in"),
     **dict.fromkeys(("°c", "degc", "c", "celsius", "ºc"), "C"),
     **dict.fromkeys(("kg", "kilogram", "kilograms"), "kg"),
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
 }
 # units that are known but not read
 OTHER_UNITS = frozenset[str]().union(
-    ("in", "inch", "ft", "cm", "dm", "um", "µm", "μm", "mil", "mrad", "gon", "grad", "ms", "min"),
+    ("ft", "cm", "dm", "um", "µm", "μm", "mil", "mrad", "gon", "grad", "ms", "min"),
     ("k", "f", "°f", "lb", "lbs", "g", "rev", "turns", "arcsec", "arcmin"),
 )
+# lengths, in mm
+LENGTHS = {
+    "nm": 1e-6,
+    "um": 1e-3,
+    "µm": 1e-3,
+    "μm": 1e-3,
+    "micron": 1e-3,
+    "mil": 0.0254,
+    "mm": 1.0,
+    "cm": 10.0,
+    "in": 25.4,
+    "inch": 25.4,
+    "dm": 100.0,
+    "ft": 304.8,
+    "m": 1e3,
+    "km": 1e6,
+}  # mm
 BRACKETS = re.compile(r"[\[({<]\s*([^\])}>]*?)\s*[\])}>]")
 WORD_BREAK = re.compile(r"[\s_.,:;|/\\#-]+")
 CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")

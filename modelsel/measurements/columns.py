@@ -20,11 +20,15 @@ DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 # mm or rad: the least standard uncertainty
 MIN_UNCERTAINTY = 1e-9
 # one of each unit in rad or mm
-UNITS = {"rad": 1.0, "deg": np.pi / 180, "mm": 1.0, "m": 1e3}
+UNITS = {"rad": 1.0, "deg": np.pi / 180, "mm": 1.0, "m": 1e3, "in": 25.4, "inch": 25.4}
 # units of the readings of joints that turn (False) and that slide (True)
 READING_UNITS = {False: ("rad", "deg"), True: ("mm", "m")}
+# units of positions
+POSITION_UNITS = ("mm", "m", "in", "inch")
 # characters of a cell that a message shows
 MAX_SHOWN = 30
+# rad: a reading beyond two turns is none in radians
+MAX_READING_RAD = 4 * np.pi
 Mask = NDArray[np.bool_]
 
 
@@ -160,6 +164,16 @@ def read_quantity(table: Table, stem: str, units: Sequence[str], rows: Mask | No
     )
 
 
+def read_coordinates(table: Table, required: bool = True) -> Array:
+    """Read positions (m, 3) [mm]; NaN where none are there and none are `required`. Raises
+    DataError as `read_quantity`."""
+    plain = set("xyz")
+    names = plain | {f"{axis}_{unit}" for axis in plain for unit in POSITION_UNITS}
+    if not required and names.isdisjoint(table.columns):
+        return np.full((len(table), 3), np.nan)
+    return np.stack([read_quantity(table, axis, POSITION_UNITS) for axis in "xyz"], 1)
+
+
 def read_column_set(
     table: Table, names: Sequence[str], refuse: str = "", rows: Mask | None = None
 ) -> Array | None:
@@ -203,6 +217,19 @@ def _refuse_zero_quaternions(table: Table, names: Sequence[str], values: Array) 
             row=int(np.argmax(is_zero)),
             column=names[0],
             remedy="Correct the row or remove it.",
+        )
+
+
+def refuse_degrees(table: Table, joint: int, q: Array) -> None:
+    """Refuse readings in rad that are beyond two turns. Raises DataError."""
+    beyond = np.abs(q) > MAX_READING_RAD
+    if beyond.any():
+        row = int(np.argmax(beyond))
+        raise table.where.refuse(
+            f"{q[row]:g} rad is beyond two turns: it looks like degrees.",
+            row=row,
+            column=f"q{joint}_rad",
+            remedy=f"If the readings are degrees, name the column q{joint}_deg.",
         )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from .columns import READING_UNITS
+from .columns import POSITION_UNITS, READING_UNITS
 from .observation_columns import KIND_COLUMNS
 from .orientation_columns import ORIENTATION_COLUMNS, QUATERNION_COLUMNS
 
@@ -27,7 +27,7 @@ def list_contract_names(prismatic: Sequence[bool]) -> set[str]:
         *KNOWN_COVARIATES,
         *KIND_COLUMNS,
     }
-    names |= {f"{axis}_{unit}" for axis in "xyz" for unit in ("mm", "m")}
+    names |= {f"{axis}_{unit}" for axis in "xyz" for unit in POSITION_UNITS}
     for j, slides in enumerate(prismatic, 1):
         names.add(f"approach{j}")
         names |= {f"q{j}_{unit}" for unit in READING_UNITS[slides]}

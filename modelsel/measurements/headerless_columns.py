@@ -10,7 +10,7 @@ import numpy as np
 
 from .columns import convert_to_numbers
 from .point_times import are_clock_times
-from .table import Table
+from .table import Table, apply_stated_unit
 
 COORDINATES = ("X", "Y", "Z")
 
@@ -66,7 +66,7 @@ def _rename(table: Table, renamed: Mapping[str, str]) -> Table:
     columns = {}
     for name, cells in table.columns.items():
         columns[renamed[name]] = cells
-    return replace(table, columns=columns)
+    return apply_stated_unit(replace(table, columns=columns))
 
 
 def _sort_columns(table: Table) -> tuple[list[str], dict[str, str]]:

@@ -4,6 +4,7 @@ nearest time, or by the order of the rows. What does not match is said."""
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,10 +13,11 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..exceptions import DataError
+from .clock_offset import find_clock_offset
 from .column_names import MEASURED, parse_column_name
 from .columns import convert_to_numbers, find_blank_cells, read_numbers
-from .point_times import DATE_WORDS, TIME_WORDS, are_clock_times, find_times
-from .row_places import Where
+from .point_times import DATE_WORDS, TIME_WORDS, are_clock_times, find_common_seconds, find_times
+from .row_labels import label_rows
 from .table import Table
 
 WAYS = ("name", "time", "order")
@@ -51,11 +53,14 @@ class Join:
         return has_points and has_log
 
 
-def find_joins(points: Table, log: Table, max_gap: float) -> tuple[dict[str, Join], dict[str, str]]:
+def find_joins(
+    points: Table, log: Table, max_gap: float, clock_offset: float = 0.0
+) -> tuple[dict[str, Join], dict[str, str]]:
     """Find the ways that join two tables, and why others do not; `max_gap`: seconds that the time
-    of a point and that of its readings may differ."""
+    of a point and that of its readings may differ; `clock_offset`: seconds by which the log's clock is
+    ahead."""
     by_name = _join_by_name(points, log)
-    by_time = _join_by_time(points, log, max_gap)
+    by_time = _join_by_time(points, log, max_gap, clock_offset)
     by_order = _join_by_order(points, log)
     joins, reasons = {}, {}
     for way, found in zip(WAYS, (by_name, by_time, by_order), strict=True):
@@ -81,6 +86,9 @@ def join_tables(points: Table, log: Table, join: Join) -> Table:
             columns[name] = cells[at_log]
     for name, cells in points.columns.items():
         columns[name] = cells[at_points]
+    seconds = find_common_seconds(points, log)
+    if seconds is not None and "time_s" not in columns:
+        columns["time_s"] = seconds[at_points]
     units = {**log.units, **points.units}
     place = log.where
     lines = [place.number(row) for row in at_log.tolist()]
@@ -152,14 +160,14 @@ def describe_unmatched(points: Table, log: Table, join: Join) -> list[str]:
     matched = count - len(alone)
     said = [f"Joined {join.words}: {matched} of {count} points."]
     if len(alone):
-        listed = _list_rows(points.where, alone)
+        listed = _list_rows(points, alone)
         said.append(f"Points without joint readings: {listed}.")
     readings = len(log)
     all_readings = np.arange(readings)
     unused = np.setdiff1d(all_readings, join.log)
     is_dense = join.way == "time"
     if len(unused) and not is_dense:
-        listed = _list_rows(log.where, unused)
+        listed = _list_rows(log, unused)
         said.append(f"Joint readings without a point: {listed}.")
     dropped = ", ".join(list_dropped_columns(log))
     if dropped:
@@ -167,10 +175,29 @@ def describe_unmatched(points: Table, log: Table, join: Join) -> list[str]:
     return said
 
 
-def _list_rows(where: Where, rows: Index) -> str:
+def _list_rows(table: Table, rows: Index) -> str:
+    """List rows by the names of their points, and by their lines."""
+    where = table.where
     spans = where.spans(rows, MAX_LISTED)
-    file = where.file
-    return f"{file}, {spans}"
+    place = f"{where.file}, {spans}"
+    labels = label_rows(_list_names(table).values(), rows)
+    return f"{labels} ({place})" if labels else place
+
+
+def refuse_swapped(points: Table, log: Table) -> DataError | None:
+    """Return the error of two files that are each in the other's place; None where they are not."""
+    of_points = {parse_column_name(name).quantity for name in points.columns}
+    of_log = {parse_column_name(name).quantity for name in log.columns}
+    has_coordinates = of_log >= set(COORDINATES)
+    if "joint" not in of_points or "joint" in of_log or not has_coordinates:
+        return None
+    first, second = log.where.file, points.where.file
+    return DataError(
+        f"it holds joint readings, and {first} coordinates without joint readings: the files look "
+        "swapped.",
+        file=second,
+        remedy=f"Give them the other way round: modelsel init {first} --joints {second}.",
+    )
 
 
 def _check_coordinates(points: Table) -> None:
@@ -203,7 +230,26 @@ def _join_by_name(points: Table, log: Table) -> Join | str:
                     most = distinct
         if best is not None:
             return best
-    return "no column of names has half of the points in common with one of the joint log"
+    return _describe_names(points, log)
+
+
+def _describe_names(points: Table, log: Table) -> str:
+    """Say which columns of names were compared, and why none joins."""
+    best, said = (-1, 0), "one of the files has no column of names"
+    for name, cells in _list_names(points).items():
+        keys = [_squeeze_name(cell) for cell in cells]
+        for other, readings in _list_names(log).items():
+            partners = Counter(map(_squeeze_name, readings))
+            common = sum(key in partners for key in keys)
+            rank = (common, len(set(keys)))
+            if rank <= best:
+                continue
+            best = rank
+            said = f'"{name}" and "{other}" have {common} of {len(keys)} points in common'
+            key, times = partners.most_common(1)[0]
+            if times > 1:
+                said += f', but "{key}" stands {times} times in {log.where.file}'
+    return said
 
 
 def _list_names(table: Table) -> dict[str, Any]:
@@ -271,7 +317,7 @@ def _match_names(cells: Any, readings: Any, shorten: Any) -> tuple[Index, Index]
 # --------------------------------------------------------------------------------------------
 
 
-def _join_by_time(points: Table, log: Table, max_gap: float) -> Join | str:
+def _join_by_time(points: Table, log: Table, max_gap: float, clock_offset: float) -> Join | str:
     """Join every point with the readings of the nearest time."""
     times = find_times(points)
     readings = find_times(log)
@@ -280,7 +326,7 @@ def _join_by_time(points: Table, log: Table, max_gap: float) -> Join | str:
         return f"{lacking.where.file} has no column of times"
     if times.absolute != readings.absolute:
         return "one file has the time of day, the other a time that begins at zero"
-    of_points, of_log = times.seconds, readings.seconds
+    of_points, of_log = times.seconds, readings.seconds - clock_offset
     both_dated = times.dated and readings.dated
     if times.absolute and not both_dated:
         of_points = of_points % DAY_SECONDS
@@ -297,12 +343,26 @@ def _join_by_time(points: Table, log: Table, max_gap: float) -> Join | str:
         median = np.median(gap)
         return (
             f"{matched} of {count} points have readings within {max_gap:g} s; the median "
-            f"gap is {median:.3g} s (--max-gap, if the clocks differ by less)"
+            f"gap is {median:.3g} s ({_advise_on_gap(of_points, of_log, max_gap, clock_offset)})"
         )
     largest = float(gap[close].max())
     columns = f'"{times.column}" and "{readings.column}"'
     words = f"by nearest time ({columns}, {largest:.3g} s apart at most)"
     return Join("time", close, nearest[close], words)
+
+
+def _advise_on_gap(points: Array, log: Array, max_gap: float, offset: float) -> str:
+    """Say what would join by time: another offset between the clocks where one shows."""
+    found = find_clock_offset(points, log, max_gap)
+    if found is None:
+        return "--max-gap, if the clocks differ by less"
+    ahead, agreeing = found
+    seconds = ahead + offset
+    way = "ahead" if seconds > 0 else "behind"
+    return (
+        f"the joint log's clock looks {abs(seconds):.6g} s {way}: {agreeing} gaps are about equal; "
+        f"--clock-offset {seconds:.6g} allows for it"
+    )
 
 
 def _find_nearest(sorted_times: Array, times: Array) -> Index:

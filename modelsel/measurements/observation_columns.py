@@ -16,6 +16,7 @@ from .._typing import LARGEST, Array
 from ..exceptions import StudyError, suggest
 from .columns import (
     MIN_UNCERTAINTY,
+    POSITION_UNITS,
     Mask,
     check_names,
     find_blank_cells,
@@ -179,12 +180,10 @@ def read_positions(table: Table, kinds: KindColumns) -> Array:
     position = np.full((rows, 3), np.nan)
     for a, axis in enumerate("xyz"):
         measured = kinds.of("point", axis)
-        has_mm = f"{axis}_mm" in table
-        has_m = f"{axis}_m" in table
-        has_column = has_mm or has_m
+        has_column = any(f"{axis}_{unit}" in table for unit in POSITION_UNITS)
         is_needed = measured.any()
         if is_needed or has_column:
-            coordinate = read_quantity(table, axis, ("mm", "m"), measured)
+            coordinate = read_quantity(table, axis, POSITION_UNITS, measured)
             position[:, a] = coordinate
     return position
 

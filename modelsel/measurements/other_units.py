@@ -1,4 +1,4 @@
-"""Columns in units that a measurements file does not have (inch, cm, mrad, gon), converted to mm and
+"""Columns in units that a measurements file does not have (cm, mrad, gon), converted to mm and
 rad where a study is begun."""
 
 from __future__ import annotations
@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .column_names import OTHER_QUANTITIES, ColumnName, list_units, parse_column_name
+from .column_names import LENGTHS, OTHER_QUANTITIES, ColumnName, list_units, parse_column_name
 from .columns import convert_to_numbers
 from .table import Table
-from .unit_names import ANGLES, DEGREE, DEGREES, LENGTHS
+from .unit_names import ANGLES, DEGREE, DEGREES
 
 COORDINATES = ("x", "y", "z")
 # one of each unit of an angle, in rad
@@ -49,10 +49,12 @@ def _find_factor(
 ) -> tuple[float, str, str]:
     """Find (factor, unit that is read, unit that is said) of a column; no unit said where nothing
     is to be converted."""
-    if name.unit != "" or name.words & OTHER_QUANTITIES:
+    is_joint = name.quantity == "joint"
+    is_unread = name.unit == "" or is_joint and name.unit == "in"
+    if not is_unread or name.words & OTHER_QUANTITIES:
         return 1.0, "", ""
     is_length = name.quantity in COORDINATES
-    if name.quantity == "joint" and name.number is not None:
+    if is_joint and name.number is not None:
         index = name.number - 1
         is_length = 0 <= index < len(prismatic) and prismatic[index]
     elif not is_length:

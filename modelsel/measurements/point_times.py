@@ -59,6 +59,19 @@ def find_times(table: Table) -> Times | None:
     return None
 
 
+def find_common_seconds(points: Table, log: Table) -> Array | None:
+    """Find the times of the points [s] from the first on, where both files have times; None where
+    a time of day without a date may have passed midnight."""
+    times = find_times(points)
+    if times is None or find_times(log) is None:
+        return None
+    goes_back = bool((np.diff(times.seconds) < 0).any())
+    if times.absolute and not times.dated and goes_back:
+        return None
+    first = times.seconds.min()
+    return np.asarray(np.round(times.seconds - first, 6), float)
+
+
 def are_clock_times(cells: Iterable[Any]) -> bool:
     """Whether all cells hold a time of the clock, with a date or without."""
     return all(CLOCK.search(str(cell)) for cell in cells)

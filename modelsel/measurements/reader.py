@@ -18,7 +18,16 @@ from ..robot.kinematics import Robot
 from ..robot.rigid import from_quaternion
 from .board_columns import convert_board_poses
 from .column_guesses import propose_columns
-from .columns import READING_UNITS, Mask, read_column_set, read_names, read_numbers, read_quantity
+from .columns import (
+    READING_UNITS,
+    Mask,
+    read_column_set,
+    read_coordinates,
+    read_names,
+    read_numbers,
+    read_quantity,
+    refuse_degrees,
+)
 from .contract_columns import (
     JOINT_COLUMN,
     LABEL_COLUMNS,
@@ -49,8 +58,6 @@ COPIES_PER_REPEAT = 10.0
 # rad, mm: by how much an arm that stands still may be read anew: encoders' noise, servos' hold
 STANDSTILL_RAD = 1e-3
 STANDSTILL_MM = 0.1
-# rad: a reading beyond two turns is none in radians
-MAX_READING_RAD = 4 * np.pi
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +212,7 @@ def _read_joints(table: Table, prismatic: Sequence[bool]) -> Array:
     for j, slides in enumerate(prismatic, 1):
         q = read_quantity(table, f"q{j}", READING_UNITS[slides])
         if not slides and f"q{j}_rad" in table:
-            _refuse_degrees(table, j, q)
+            refuse_degrees(table, j, q)
         columns.append(q)
     for name in table.columns:
         match = JOINT_COLUMN.fullmatch(name)
@@ -220,18 +227,6 @@ def _read_joints(table: Table, prismatic: Sequence[bool]) -> Array:
     return np.stack(columns, 1)
 
 
-def _refuse_degrees(table: Table, joint: int, q: Array) -> None:
-    beyond = np.abs(q) > MAX_READING_RAD
-    if beyond.any():
-        row = int(np.argmax(beyond))
-        raise table.where.refuse(
-            f"{q[row]:g} rad is beyond two turns: it looks like degrees.",
-            row=row,
-            column=f"q{joint}_rad",
-            remedy=f"If the readings are degrees, name the column q{joint}_deg.",
-        )
-
-
 def _find_reading_units(table: Table, prismatic: Sequence[bool]) -> tuple[str, ...]:
     """Find the unit in which each joint's readings were given."""
     units = []
@@ -244,10 +239,7 @@ def _read_position(table: Table, kinds: KindColumns | None, required: bool) -> A
     """Read positions (m, 3) [mm]; nan where they are not measured."""
     if kinds is not None:
         return read_positions(table, kinds)
-    names = {f"{axis}{suffix}" for axis in "xyz" for suffix in ("", "_mm", "_m")}
-    if not required and names.isdisjoint(table.columns):
-        return np.full((len(table), 3), np.nan)
-    return np.stack([read_quantity(table, axis, ("mm", "m")) for axis in "xyz"], 1)
+    return read_coordinates(table, required)
 
 
 def _read_uncertainties(

@@ -18,6 +18,7 @@ from ..exceptions import DataError, suggest
 from ..notices import Note
 from .row_places import Where
 from .spreadsheet import SPREADSHEET_SUFFIXES, load_spreadsheet
+from .stated_units import list_position_units, name_unit
 from .table_layout import is_blank_row
 from .text_table import check_file, load_text_table
 
@@ -32,12 +33,14 @@ Source: TypeAlias = Union[str, "os.PathLike[str]", "pd.DataFrame", "Table"]
 @dataclass(frozen=True)
 class Table:
     """Columns by name, all of one length, and where they come from; `units`: what a row of units
-    says below a name; `notes`: what is unusual about the file."""
+    says below a name; `notes`: what is unusual about the file; `length_unit`: the unit of lengths
+    that a comment says, and its line."""
 
     columns: Columns
     where: Where
     units: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[Note, ...] = ()
+    length_unit: tuple[str, int] | None = None
 
     def __contains__(self, name: object) -> bool:
         return name in self.columns
@@ -153,7 +156,22 @@ def _load_grid(file: DataFile) -> Table:
         sentence = f"{path.name} is read as it is: {', '.join(grid.said)}."
         notes.append(Note("file-format", sentence))
     columns = {names[k]: grid.columns[k] for k in kept}
-    return Table(columns, grid.where, grid.units, tuple(notes))
+    return apply_stated_unit(Table(columns, grid.where, grid.units, tuple(notes), grid.length_unit))
+
+
+def apply_stated_unit(table: Table) -> Table:
+    """Give the positions that name no unit the one that a comment of their file says, with a note.
+    Raises DataError for a position that names another."""
+    if table.length_unit is None:
+        return table
+    unit, line = table.length_unit
+    units = list_position_units(table.columns, table.units, unit, line, table.where)
+    stated = [f'"{name}"' for name in units if name not in table.units]
+    if not stated:
+        return table
+    sentence = f"{', '.join(stated)} are in {name_unit(unit)}, as the comment on line {line} says."
+    note = Note("file-format", f"{table.where.file}: {sentence}")
+    return replace(table, units=units, notes=(*table.notes, note))
 
 
 def _load_parquet(path: Path, group: int | None) -> Table:

@@ -23,6 +23,7 @@ from .number_format import (
     needs_conversion,
 )
 from .row_places import Where
+from .stated_units import find_stated_unit
 from .table_layout import Layout, find_layout, is_blank_row
 from .text_format import (
     BLANKS,
@@ -52,6 +53,7 @@ class Grid:
     where: Where
     units: dict[str, str] = field(default_factory=dict)
     said: list[str] = field(default_factory=list)
+    length_unit: tuple[str, int] | None = None  # that a comment says, and its line
 
 
 @dataclass
@@ -103,6 +105,7 @@ def load_text_table(path: Path, decimal: str | None = None, headerless: bool = F
     _refuse_doubtful_comments(reading, columns)
     grid = Grid(reading.layout.names, columns, where, reading.layout.units)
     grid.said = _describe_reading(reading)
+    grid.length_unit = find_stated_unit(reading.comments)
     return grid
 
 

@@ -7,27 +7,11 @@ import re
 from collections.abc import Mapping, Sequence
 
 from ..exceptions import DataError
-from .column_names import find_unit
+from .column_names import LENGTHS, find_unit
 from .columns import READING_UNITS
 from .table import Table
 
 # one of a unit in those that the contract reads
-LENGTHS = {
-    "nm": 1e-6,
-    "um": 1e-3,
-    "µm": 1e-3,
-    "μm": 1e-3,
-    "micron": 1e-3,
-    "mil": 0.0254,
-    "mm": 1.0,
-    "cm": 10.0,
-    "in": 25.4,
-    "inch": 25.4,
-    "dm": 100.0,
-    "ft": 304.8,
-    "m": 1e3,
-    "km": 1e6,
-}  # mm
 ANGLES = {"urad": 1e-6, "µrad": 1e-6, "μrad": 1e-6, "mrad": 1e-3, "rad": 1.0}  # rad
 DEGREES = {
     "arcsec": 1 / 3600,
@@ -109,7 +93,7 @@ def refuse_mapped_units(
             units = {**LENGTHS}
         elif is_joint:
             units = {**ANGLES, **DEGREES}
-        is_wanted = said in (unit, *WORDS)
+        is_wanted = said in (unit, *WORDS) or find_unit(said) == find_unit(unit) == "in"
         if said in units and not is_wanted:
             raise where.refuse(
                 f'the study maps {wanted} to it, but its name says "{said}", not "{unit}".',
@@ -126,9 +110,10 @@ def _refuse_unit_below(table: Table, wanted: str, given: str) -> None:
     unit = wanted.rpartition("_")[2]
     below = table.units.get(given, "")
     said = find_unit(below.strip("[](){}<> "))
-    if said is not None and find_unit(unit) == unit and said != unit:
+    wanted_unit = find_unit(unit)
+    if said is not None and wanted_unit in (unit, "in") and said != wanted_unit:
         raise table.where.refuse(
-            f'it is read as {wanted}, but the row of units says "{below}".',
+            f'it is read as {wanted}, but the line of units says "{below}".',
             column=given,
             remedy=f"Map the contract's name of that unit; where there is none, convert it to {unit}.",
         )

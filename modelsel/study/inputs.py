@@ -22,6 +22,7 @@ from ..mechanisms.registry import (
     set_reference,
 )
 from ..mechanisms.terms import Mechanism, unstorable
+from ..results.reading import read_records
 from ..robot.files import load_robot
 from ..robot.kinematics import Robot
 from .noise_parts import check_joints_of_parts
@@ -44,6 +45,27 @@ def open_study(study: Study | Path | str, folder: Path | str | None) -> tuple[St
     if path.is_dir():
         return read, path
     return read, path.parent
+
+
+def find_study_file(path: Path) -> Path:
+    """Find a study's file: the one given, that of a folder or, of a report's folder, that of the
+    study of the same name beside it. Raises StudyError for a report whose study is not found."""
+    if not path.is_dir():
+        return path
+    file = path / "study.toml"
+    if file.exists() or not (path / "result.json").exists():
+        return file
+    written, _ = read_records(path)
+    above = path.resolve().parent.parent
+    name = path.resolve().name
+    for folder in (Path(), Path("studies"), above, above / "studies"):
+        candidate = folder / name / "study.toml"
+        if candidate.exists() and read_study(candidate).name == written.study:
+            return candidate
+    raise StudyError(
+        f"{path}: the folder of a report; the folder of its study, with study.toml, was expected, and "
+        f'no study "{written.study}" was found in {name} or studies/{name}.'
+    )
 
 
 def read_nominal_robot(study: Study, folder: Path) -> Robot:
@@ -146,15 +168,25 @@ def read_inputs(
     robot = read_nominal_robot(study, folder)
     check_mechanism_names(study, robot, registry)
     check_joints_of_parts(study, robot)
-    source = find_source(study, folder)
-    columns = study.measurements.columns
-    measured = read_measurements(source, robot, columns)
-    features = read_known_features(study)
-    measured = apply_known_features(measured, features)
+    measured = _read_file(study, folder, robot)
     registry = set_reference(registry, measured.reference_celsius)
     labels = None
     split_column = study.split.column
     if split_column is not None:
-        file_labels = read_labels(source, split_column)
+        file_labels = read_labels(find_source(study, folder), split_column)
         labels = file_labels[measured.row]
     return robot, registry, measured, labels
+
+
+def read_study_measurements(study: Study, folder: Path) -> tuple[Robot, Measurements]:
+    """Read the robot and the measurements of a study. Raises StudyError or DataError."""
+    robot = read_nominal_robot(study, folder)
+    return robot, _read_file(study, folder, robot)
+
+
+def _read_file(study: Study, folder: Path, robot: Robot) -> Measurements:
+    """Read a study's measurements, with what it states of their features."""
+    source = find_source(study, folder)
+    columns = study.measurements.columns
+    measured = read_measurements(source, robot, columns)
+    return apply_known_features(measured, read_known_features(study))

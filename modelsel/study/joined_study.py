@@ -17,6 +17,7 @@ from ..measurements.joining import (
     find_reflectors,
     join_tables,
     refuse_join,
+    refuse_swapped,
 )
 from ..measurements.table import DataFile, Table, load_table
 from ..robot.kinematics import Robot
@@ -33,12 +34,17 @@ def draft_joined_study(
     given: Mapping[str, str],
     way: str | None = None,
     max_gap: float = MAX_GAP_S,
+    clock_offset: float = 0.0,
 ) -> StudyDraft:
     """Join points with joint readings and read the columns of both; `way`: by name, time or order,
-    else the one that fits. Raises DataError where none fits, or two that differ do."""
+    else the one that fits;
+    `clock_offset`: seconds by which the log's clock is ahead. Raises DataError where none fits, or two that differ do."""
     measured = _load_named(points, robot)
     readings = _load_named(log, robot)
-    joins, reasons = find_joins(measured, readings, max_gap)
+    swapped = refuse_swapped(measured, readings)
+    if swapped is not None:
+        raise swapped
+    joins, reasons = find_joins(measured, readings, max_gap, clock_offset)
     if way is not None:
         if way not in joins:
             raise refuse_join(measured, readings, reasons, (way,))

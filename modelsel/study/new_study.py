@@ -22,6 +22,8 @@ from ..measurements.reader import read_measurements
 from ..measurements.table import DataFile, Table, load_table, rename_columns
 from ..robot.kinematics import Robot
 from ..setup.other_robots import compute_registered_misfit, sample_positions
+from ..setup.registration import register
+from .checks import check_setup
 from .orientation_reading import settle_orientation
 
 # columns that a message names
@@ -288,8 +290,26 @@ def _describe_misfit(robot: Robot, data: Measurements) -> list[str]:
         return [said + "controller or a simulation; a calibration needs measured ones."]
     if misfit <= MAX_REACH_SHARE * robot.reach:
         return [f"{said} (median)."]
-    said += " (median): that is far. Check the robot, the order of the joints and the units; "
+    said += " (median): that is far."
+    explained = _explain_misfit(robot, data)
+    if explained:
+        return [said, *explained]
+    said += " Check the robot, the order of the joints and the units; "
     return [said + "modelsel check looks for the likeliest mistake."]
+
+
+def _explain_misfit(robot: Robot, data: Measurements) -> list[str]:
+    """Say which mistake of the set-up, or which other robot, explains positions that are far from
+    the nominal arm, as `modelsel study` would."""
+    no_tools = np.zeros((len(data.targets), 3))
+    every_row = np.ones(len(data), bool)
+    problem = Problem(robot, data, no_tools)
+    try:
+        registered = register(problem, every_row, per_group=False)
+    except (DataError, NotEstimable):
+        return []
+    notes = check_setup(registered, every_row, registered=True, per_group=False)
+    return [note.sentence for note in notes]
 
 
 def count_estimation(data: Measurements) -> int | None:

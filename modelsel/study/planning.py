@@ -42,6 +42,7 @@ from .configuration_pool import (
 )
 from .planned_repeats import RepeatPlan, add_rounds, format_repeats, plan_repeats
 from .result import Result
+from .rival_sentences import describe_rivals, follows_gravity
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,7 +63,7 @@ class MeasurementPlan:
     effects [mm rms], and how many more configurations than the `configurations` measured find one;
     `within`: the ranges in which the pool was drawn; `repeats`: which of the configurations to
     measure again, so that the study tells what does not repeat (None where it has no points), whose
-    rounds the table holds where they were asked for.
+    rounds the table holds where they were asked for; `by_gravity`: whether a rival follows gravity.
     """
 
     rows: tuple[int, ...]
@@ -77,6 +78,7 @@ class MeasurementPlan:
     learning: tuple[tuple[float, int], ...]
     within: str = ""
     repeats: RepeatPlan | None = None
+    by_gravity: bool = False
 
     def to_frame(self) -> pd.DataFrame:
         """Return the configurations in order, as a measurements file without positions."""
@@ -204,6 +206,7 @@ def choose_configurations(
         random_probability=random_probability,
         indices={name: (before[name], after[name]) for name in before},
         learning=_estimate_learning(result.diagnosis.nothing_else[1], known.data.configurations),
+        by_gravity=any(follows_gravity(rivals) for rivals in rival_sets),
     )
 
 
@@ -350,7 +353,10 @@ def format_plan(plan: MeasurementPlan) -> list[str]:
     lines = []
     if plan.within:
         lines.append(f"Drawn within {plan.within}. {COLLISIONS}")
-    lines.append(_format_rivals(plan))
+    rivals = describe_rivals(
+        plan.rivals, plan.probabilities, plan.random_probability, len(plan.rows), plan.by_gravity
+    )
+    lines.append(rivals)
     if plan.twins:
         twins = "; ".join(dict.fromkeys(plan.twins))
         lines.append(f"Alike in every configuration of the pool: {twins}.")
@@ -360,22 +366,6 @@ def format_plan(plan: MeasurementPlan) -> list[str]:
     if plan.repeats is not None:
         lines.append(format_repeats(plan.repeats))
     return lines
-
-
-def _format_rivals(plan: MeasurementPlan) -> str:
-    if not plan.probabilities:
-        return "No finding of this study has rivals that these configurations could tell apart."
-    count = len(plan.rows)
-    sets = [" or ".join(names) for names in plan.rivals]
-    groups = "; ".join(sets)
-    comparison = ""
-    if plan.random_probability is not None:
-        comparison = f" ({4 * count} drawn at random: {plan.random_probability:.2f})"
-    before, after = plan.probabilities[0], plan.probabilities[-1]
-    return (
-        f"Rivals: {groups}. The right one is told from its nearest rival with probability "
-        f"{before:.2f} now, with {after:.2f} after these {count} configurations{comparison}."
-    )
 
 
 def _format_indices(plan: MeasurementPlan) -> str:

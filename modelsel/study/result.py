@@ -14,6 +14,7 @@ from ..calibration.refitting import refit_forms
 from ..config.study_file import Study
 from ..exceptions import StudyError, suggest
 from ..fitting.problem import Problem
+from ..measurements.file_form import FileForm
 from ..results.details import draw_details
 from ..results.details_schema import DetailsRecord
 from ..results.finding_schema import FindingRecord
@@ -206,4 +207,7 @@ def _calibrate(run: StudyRun) -> Calibration:
         bool(run.study.robot.register_),
         run.provenance,
     )
-    return replace(calibration, refits=refit_forms(run.split, fitted, run.models.ladder))
+    table = run.study.measurements
+    form = FileForm(table.columns, table.sheet, table.decimal)
+    refits = refit_forms(run.split, fitted, run.models.ladder)
+    return replace(calibration, refits=refits, form=form)

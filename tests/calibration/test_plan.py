@@ -42,6 +42,7 @@ from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.study.planned_repeats import MAX_POSTURES, TIMES, format_repeats, plan_repeats
 from modelsel.study.planning import format_plan
+from modelsel.study.rival_sentences import describe_rivals
 
 ROBOT = load_robot("puma760")
 GEOMETRY = mechanism("geometric", ROBOT)
@@ -481,3 +482,13 @@ def test_repeats_are_spread_over_the_workspace(rng) -> None:
     q = np.concatenate([rng.normal(size=(30, 5)), corners])
     chosen = plan_repeats(q, np.zeros((40, 3)), before=0).numbers
     assert sum(number >= 30 for number in chosen) >= MAX_POSTURES - 1
+
+
+def test_rivals_are_named_once_and_what_poses_cannot_tell_is_said() -> None:
+    names = [("link-bending:2", "joint-compliance:3", "joint-compliance:3")]
+    said = describe_rivals(names, (0.55, 0.57), None, 10, True)
+    assert "Rivals: link-bending:2 or joint-compliance:3. The" in said
+    assert "Poses will hardly tell these apart; what may: another payload" in said
+    assert "hardly" not in describe_rivals(names, (0.55, 0.75), None, 10, True)
+    assert "hardly" not in describe_rivals(names, (0.97, 0.98), None, 10, True)
+    assert "payload_kg" not in describe_rivals(names, (0.55, 0.57), None, 10, False)

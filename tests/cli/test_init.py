@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from pathlib import Path
 
@@ -187,7 +188,8 @@ def test_another_robot_is_told_by_its_misfit() -> None:
     campaign().to_csv("m.csv", index=False)
     ran = invoked("init", "m.csv", "--robot", "ur5", "--yes")
     assert ran.exit_code == 0
-    assert "that is far. Check the robot" in ran.stdout
+    assert "that is far." in ran.stdout
+    assert 'The readings fit robot "ur10"' in ran.stdout
     unknown = invoked("init", "m.csv", "--robot", "ur1", "--yes", "--out", "other")
     assert unknown.exit_code == 2
     assert 'unknown robot "ur1". Did you mean "ur10"' in unknown.stderr
@@ -218,7 +220,7 @@ def test_other_units_are_converted_and_said() -> None:
     frame.rename(columns=named).to_csv("m.csv", index=False)
     ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
     assert ran.exit_code == 0, ran.output
-    assert '"X (inch)", "Y (inch)", "Z (inch)" from inch to mm' in ran.stdout
+    assert '"X (inch)", "Y (inch)" and "Z (inch)" in inches' in ran.stdout
     assert '"J6 [gon]" from gon to rad' in ran.stdout
     assert "the nominal arm fits to 0.0" in ran.stdout
     assert invoked("study", "m", "--dry-run").exit_code == 0
@@ -310,3 +312,59 @@ def test_positions_that_no_instrument_gives_are_told() -> None:
     frame.to_csv("m.csv", index=False)
     ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
     assert "These positions look computed" in ran.stdout
+
+
+def test_numbers_that_are_far_off_are_explained() -> None:
+    """As the set-up check of a study would: another unit, another built-in robot."""
+    frame = campaign()
+    frame[["X", "Y", "Z"]] /= 25.4
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    assert "that is far." in ran.stdout
+    assert re.search(
+        r"The positions fit (\d+ times|far) better .* if the positions are inches", ran.stdout
+    )
+    campaign().to_csv("n.csv", index=False)
+    other = invoked("init", "n.csv", "--robot", "ur5", "--yes")
+    assert re.search(
+        r'The readings fit robot "ur10" (\d+ times|far) better than "ur5"', other.stdout
+    )
+
+
+def test_a_file_of_the_form_of_the_study_goes_into_check_and_validate() -> None:
+    """The calibration knows the columns and the decimal comma; nothing is mapped by hand."""
+    frame = campaign()
+    frame.to_csv("m.csv", sep=";", decimal=",", index=False)
+    assert invoked("init", "m.csv", "--robot", "ur10", "--yes", "--out", "s").exit_code == 0
+    checked = invoked("check", "s")
+    assert checked.exit_code == 0, checked.output
+    assert "40 rows, 40 configurations" in checked.stdout
+    assert invoked("check", "s", "--robot", "ur10").exit_code == 2
+    assert invoked("check", "m.csv").exit_code == 2
+    study = Path("s/study.toml")
+    study.write_text(study.read_text() + "\n[model]\ncandidates = []\n")
+    ran = invoked("study", "s", "--no-sampling", "--no-report", "--quiet", "--out", "r")
+    assert ran.exit_code == 0, ran.output
+    stored = json.loads(Path("r/calibration.json").read_text())["file_form"]
+    assert stored["columns"]["x_mm"] == "X"
+    again = invoked("validate", "r", "m.csv", "--json")
+    assert again.exit_code == 0, again.output
+    assert json.loads(again.stdout)["rows"] == 40
+    plain = frame.rename(columns={f"J{k}": f"q{k}_deg" for k in range(1, 7)})
+    plain.rename(columns={a: f"{a.lower()}_mm" for a in "XYZ"}).to_csv("plain.csv", index=False)
+    assert invoked("validate", "r", "plain.csv").exit_code == 0
+    (Path("s")).rename("cell")
+    Path("reports").mkdir()
+    Path("r").rename("reports/cell")
+    same = invoked("compare", "cell", "reports/cell")
+    assert same.exit_code == 0, same.output
+    planned = invoked("plan", "reports/cell", "--count", "3")
+    assert planned.exit_code == 0, planned.output
+    Path("cell").rename("elsewhere")
+    lost = invoked("plan", "reports/cell")
+    assert lost.exit_code == 2
+    assert "the folder of its study, with study.toml, was expected" in lost.stderr
+    other = invoked("compare", "elsewhere", "reports/cell")
+    assert other.exit_code == 2
+    assert "its report's folder was expected" in other.stderr

@@ -211,3 +211,30 @@ def test_what_is_wrong_is_told(text, said, tmp_path) -> None:
     path.write_text(text)
     with pytest.raises(StudyError, match=f"c.yaml: .*{said}"):
         load_robot(path)
+
+
+def test_a_misspelt_argument_is_refused_with_the_names_there_are(arm, program) -> None:
+    with pytest.raises(StudyError, match=r"colum:=.* no such argument.*Its arguments: column\."):
+        expand_xacro(arm, {"colum": "0.5"})
+    arm.write_text(
+        XACRO.replace("<xacro:arg", '<xacro:include filename="$(find x)/a.xacro"/><xacro:arg')
+    )
+    assert expand_xacro(arm, {"elsewhere": "1"})
+
+
+def test_init_says_how_a_xacro_file_was_expanded(arm, program, tmp_path) -> None:
+    campaign(tmp_path / "m.csv")
+    words = ["init", "m.csv", "--robot", arm.name, "--yes"]
+    ran = CliRunner().invoke(run_command_line, words)
+    assert ran.exit_code == 0, ran.output
+    assert "arm.urdf.xacro was expanded by xacro, with column:=0.3 (default)." in ran.stdout
+    assert "The chain goes from base_link to link_3: 3 joints; no masses were read." in ran.stdout
+    study = tmp_path / "m" / "study.toml"
+    study.write_text(study.read_text() + "\n[model]\ncandidates = []\n")
+    words = ["study", "m", "--no-sampling", "--no-report", "--quiet", "--out", "r"]
+    assert CliRunner().invoke(run_command_line, words).exit_code == 0
+    words = ["export", "r", "--format", "urdf", "--urdf", arm.name, "--out", "o.urdf"]
+    ran = CliRunner().invoke(run_command_line, words)
+    assert ran.exit_code == 0, ran.output
+    assert "arm.urdf.xacro was expanded by xacro, with column:=0.3 (default)." in ran.stdout
+    assert "<robot" in (tmp_path / "o.urdf").read_text()

@@ -262,7 +262,7 @@ def test_markers_of_one_rigid_body_show_no_noise(rng, tmp_path) -> None:
         ("sx_um", "sx_mm", "Multiply it by 0.001"),
         ("q1_grad", "q1_deg", "Multiply it by 0.9"),
         ("x_um", "x_mm", "by 0.001"),
-        ("y_in", "y_mm", "by 25.4"),
+        ("y_ft", "y_mm", "by 304.8"),
         ("srx_deg", "srx_rad", "by 0.01745329252"),
         ("temperature_K", "temperature_C", "Subtract 273.15"),
         ("time_ms", "time_s", "by 0.001"),

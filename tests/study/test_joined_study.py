@@ -181,8 +181,8 @@ def test_rows_in_another_order_and_missing_ones_are_said(tmp_path) -> None:
     assert ran.exit_code == 0, ran.output
     assert f": {ROWS - 2} of {ROWS - 1} points." in ran.stdout
     line = 2 + ROWS - 1 - 5
-    assert f"Points without joint readings: points.txt, line {line}." in ran.stdout
-    assert "Joint readings without a point: log.txt, line 4." in ran.stdout
+    assert f"(points.txt, line {line})" in ran.stdout
+    assert "(log.txt, line 4)." in ran.stdout
     assert "the controller's own coordinates: X, Y, Z" in ran.stdout
     check(tmp_path, [k for k in ALL if k not in (2, 6)])
 
@@ -256,7 +256,7 @@ def test_files_that_nothing_joins_are_refused_with_every_reason(tmp_path) -> Non
     ran = invoked()
     assert ran.exit_code == 3
     said = ran.stderr
-    assert "by name: no column of names" in said
+    assert 'by name: "point" and "Punkt" have 0 of 37 points in common' in said
     assert "by time: points.txt has no column of times" in said
     assert f"by order: {ROWS - 3} points and {ROWS} rows" in said
     wanted = invoked("--join", "time")
@@ -317,3 +317,108 @@ def test_json_says_what_was_done(tmp_path) -> None:
     told = json.loads(invoked("--json").stdout)
     assert told["columns"]["q1_deg"] == "A1"
     assert any("Joined by name" in sentence for sentence in told["said"])
+
+
+@pytest.mark.parametrize(
+    ("comment", "factor", "column"),
+    [
+        ("// Units: Inches, Degrees, Fahrenheit", 25.4, "x_in"),
+        ("// Units: Meters", 1000.0, "x_m"),
+        ("// Units: mm", 1.0, "x_mm"),
+    ],
+)
+def test_a_comment_says_the_unit_of_the_positions(tmp_path, comment, factor, column) -> None:
+    """As Spatial Analyzer writes it; the values alone would be taken for mm."""
+    q, x = campaign()
+    head = f"{comment}\n" + ",".join([f"J{k}" for k in range(1, 7)] + list("XYZ"))
+    rows = [numbers(row, ",") for row in np.hstack([q, x / factor])]
+    file = tmp_path / "m.csv"
+    file.write_text("\n".join([head, *rows]) + "\n")
+    ran = CliRunner().invoke(
+        run_command_line,
+        ["init", str(file), "--robot", "ur10", "--yes", "--out", str(tmp_path / "s")],
+    )
+    assert ran.exit_code == 0, ran.output
+    unit = {"x_in": "inches"}.get(column, column[2:])
+    said = f'"X", "Y", "Z" are in {unit}, as the comment on line 1 says.'
+    assert said in ran.stdout
+    assert "the nominal arm fits to 0.0" in ran.stdout
+    names = {f"q{k}_deg": f"J{k}" for k in range(1, 7)}
+    mapped = {axis + column[1:]: axis.upper() for axis in "xyz"}
+    data = read_measurements(file, load_robot("ur10"), names | mapped)
+    np.testing.assert_allclose(data.position, x, atol=1e-3)
+    other = "m" if column == "x_mm" else "mm"
+    wrong = {f"{axis}_{other}": axis.upper() for axis in "xyz"}
+    with pytest.raises(
+        DataError, match=f'read as x_{other}, but the line of units says "{column[2:]}"'
+    ):
+        read_measurements(file, load_robot("ur10"), names | wrong)
+    file.write_text(file.read_text().replace("X,Y,Z", "X [km],Y [m],Z [mm]"))
+    with pytest.raises(DataError, match="says that lengths are in"):
+        load_table(file)
+
+
+def test_joined_points_keep_the_unit_of_their_comment(tmp_path) -> None:
+    names = [f"P{k}" for k in range(ROWS)]
+    _, x = campaign()
+    rows = [f"A, Robot, {name}, {numbers(row / 25.4)}" for name, row in zip(names, x, strict=True)]
+    (tmp_path / "p.txt").write_text("\n".join(["// Units: Inches", *rows]) + "\n")
+    (tmp_path / "log.csv").write_text(log(names))
+    robot = load_robot("ur10")
+    draft = draft_joined_study(
+        DataFile(tmp_path / "p.txt"), DataFile(tmp_path / "log.csv"), robot, {}
+    )
+    assert draft.columns["x_in"] == "X"
+    np.testing.assert_allclose(draft.read().position, x, atol=1e-3)
+
+
+def two_files(tmp_path, ahead: float = 0.0) -> tuple[DataFile, DataFile]:
+    """An instrument's points, the first and last of a nest on the floor, and a log without names
+    whose clock is ahead; times at odd intervals."""
+    q, x = campaign()
+    seconds = np.cumsum(np.random.default_rng(4).uniform(8, 40, ROWS)) + 8 * 3600
+    lines = ["Group,Point,X,Y,Z,Timestamp", f"Nest,N1,1,2,3,2026-05-21 {clock(seconds[0] - 60)}"]
+    lines += [
+        f"Robot,P{k},{numbers(x[k], ',')},2026-05-21 {clock(seconds[k])}" for k in range(ROWS)
+    ]
+    lines += [f"Nest,N1,1,2,3,2026-05-21 {clock(seconds[-1] + 60)}"]
+    (tmp_path / "p.txt").write_text("\n".join(lines) + "\n")
+    rows = [f"2026-05-21 {clock(seconds[k] + ahead)},{numbers(q[k], ',')}" for k in range(ROWS)]
+    head = ",".join(["Time", *(f"J{k}" for k in range(1, 7))])
+    (tmp_path / "log.csv").write_text("\n".join([head, *rows]) + "\n")
+    return DataFile(tmp_path / "p.txt"), DataFile(tmp_path / "log.csv")
+
+
+def test_points_left_out_are_named_and_times_are_kept(tmp_path) -> None:
+    draft = draft_joined_study(*two_files(tmp_path), load_robot("ur10"), {})
+    said = " ".join(draft.remarks)
+    assert "Points without joint readings: Nest N1 (2 times) (p.txt, lines 2, 43)." in said
+    time_s = draft.read().covariates["time_s"]
+    assert time_s[0] == pytest.approx(60, abs=0.01)
+    assert (np.diff(time_s) > 7).all()
+
+
+def test_a_constant_clock_offset_is_proposed_not_used(tmp_path) -> None:
+    files = two_files(tmp_path, ahead=3731.0)
+    robot = load_robot("ur10")
+    with pytest.raises(
+        DataError, match="3731 s ahead: 40 gaps are about equal; --clock-offset 3731"
+    ):
+        draft_joined_study(*files, robot, {}, "time")
+    draft = draft_joined_study(*files, robot, {}, "time", clock_offset=3731.0)
+    assert len(draft.read()) == ROWS
+
+
+def test_swapped_files_are_told(tmp_path) -> None:
+    points, readings = two_files(tmp_path)
+    with pytest.raises(DataError, match=r"modelsel init p\.txt --joints log\.csv"):
+        draft_joined_study(readings, points, load_robot("ur10"), {})
+
+
+def test_what_was_compared_by_name_is_told(tmp_path) -> None:
+    points, _ = two_files(tmp_path)
+    (tmp_path / "log.csv").write_text(log([f"P{k % 20}" for k in range(ROWS)]))
+    with pytest.raises(
+        DataError, match=r'"Point" and "\w+" have 20 of 42 .* stands 2 times in log'
+    ):
+        draft_joined_study(points, DataFile(tmp_path / "log.csv"), load_robot("ur10"), {}, "name")

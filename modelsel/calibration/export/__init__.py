@@ -19,7 +19,7 @@ from ...mechanisms.causes import Named
 from ...mechanisms.serialization import cause_from_record, cause_record
 from ...mechanisms.terms import Screw, Term
 from ...robot.rigid import AXES
-from ...robot.urdf import read_urdf
+from ...robot.urdf import read_urdf, read_urdf_text
 from ..constant_part import (
     Part,
     compute_points,
@@ -95,11 +95,18 @@ def export(c: Calibration, form: str) -> Exported:
 
 
 def attach_urdf(
-    c: Calibration, path: Path, base: str | None = None, tip: str | None = None
+    c: Calibration,
+    path: Path,
+    base: str | None = None,
+    tip: str | None = None,
+    text: str | None = None,
 ) -> Calibration:
     """Attach a URDF, or the chain of one between two links, as the file that an export in the form
-    "urdf" rewrites. Raises StudyError."""
-    read = read_urdf(path, base, tip)
+    "urdf" rewrites; `text`: that of a xacro file once expanded. Raises StudyError."""
+    if text is None:
+        read = read_urdf(path, base, tip)
+    else:
+        read = read_urdf_text(text, path.name, base, tip)
     robot = replace(c.robot, urdf=read.urdf)
     return replace(c, robot=robot)
 

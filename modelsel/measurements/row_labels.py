@@ -1,0 +1,30 @@
+"""Rows of a table by the names that stand in them, for a person."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable
+from typing import Any
+
+from .._typing import Index
+
+MAX_LISTED = 8
+LETTER = re.compile(r"[^\W\d_]")
+
+
+def label_rows(columns: Iterable[Any], rows: Index) -> str:
+    """List the names of rows by the columns of names that are not the same all through; a name
+    that stands in several rows once. Empty where there are none."""
+    telling = []
+    for cells in columns:
+        texts = [str(cell).strip() for cell in cells]
+        has_letters = all(map(LETTER.search, texts))
+        if has_letters and len(set(texts)) > 1:
+            telling.append(texts)
+    if not telling:
+        return ""
+    labels = Counter(" ".join(texts[row] for texts in telling) for row in rows.tolist())
+    listed = [f"{name} ({count} times)" if count > 1 else name for name, count in labels.items()]
+    ellipsis = " …" if len(listed) > MAX_LISTED else ""
+    return ", ".join(listed[:MAX_LISTED]) + ellipsis
