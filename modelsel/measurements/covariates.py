@@ -23,9 +23,7 @@ FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "free"}
 
 
 # names of columns that only count the rows where they do
-COUNTER_NAMES = frozenset(
-    ("no", "nr", "num", "number", "nummer", "index", "idx", "id", "row", "lfd", "lfd. nr", "lfdnr")
-)
+COUNTER_NAMES = frozenset(("no", "nr", "nummer", "lfd. nr", "lfdnr"))
 
 
 def read_covariates(

@@ -37,6 +37,8 @@ DH = (
 TOOL = (250.0, -60.0, 90.0)
 ROWS, ESTIMATION, SIGMA, REACH = 84, 54, 0.03, 1000.0
 AXES = ((0.0, 1.0, 0.0), (0.0, 0.0, -1.0), (0.48, -0.6, 0.64))  # of the joints in the xyz-rpy form
+# a study or two each: a drawn share of them in CI
+pytestmark = pytest.mark.long
 few = settings(max_examples=4, suppress_health_check=list(HealthCheck))
 
 
