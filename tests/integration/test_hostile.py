@@ -165,6 +165,7 @@ def plain() -> dict[str, str]:
 
 
 @every(NAMES)
+@pytest.mark.long
 def test_every_output_of_a_study(name, tmp_path, monkeypatch) -> None:
     """A study with the name everywhere: its files, its page, its exports, what it says; nothing
     runs, nothing else is written."""
@@ -227,6 +228,7 @@ def test_every_output_of_a_study(name, tmp_path, monkeypatch) -> None:
         )
     }
 )
+@pytest.mark.long
 def test_report_of_a_study(name, tmp_path) -> None:
     """The PDF: its title is the name, no word of it is markup, no other file is read."""
     from pypdf import PdfReader
