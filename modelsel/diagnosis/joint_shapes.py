@@ -13,11 +13,11 @@ from .._typing import Array
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Applied, Named, cos, q, shifted, sign, sin, torque
 from ..mechanisms.motors import joint_axis
-from ..mechanisms.terms import Mechanism, Screw, Term
+from ..mechanisms.terms import Mechanism
 from ..robot.gravity import find_gravity_joints
 from ..robot.kinematics import Robot
 from .candidate_kinds import CandidateKind
-from .unregistered import Causes, Unregistered
+from .unregistered import Causes, Unregistered, build_cell
 
 # angles at which a jump is looked for, and readings that each side needs
 JUMPS = 24
@@ -77,9 +77,4 @@ def _generate_powers(robot: Robot) -> Iterator[Unregistered]:
 
 def _build(robot: Robot, joint: int, causes: Causes, sentence: str) -> Mechanism:
     """Build a mechanism of a joint's own motion."""
-    axis = joint_axis(robot, joint)
-    symbols = [f"m{k}" for k in range(1, len(causes) + 1)] if len(causes) > 1 else ["m"]
-    screws = [Screw(joint, axis, cause) for cause in causes]
-    terms = tuple(Term(s, (screw,)) for s, screw in zip(symbols, screws, strict=True))
-    words = " & ".join(map(str, causes))
-    return Mechanism(f"{joint} {axis} {words}", terms, sentence)
+    return build_cell((joint, joint_axis(robot, joint)), causes, sentence=sentence)

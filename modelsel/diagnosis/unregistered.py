@@ -213,7 +213,7 @@ def _generate_cells(problem: Problem, adjacent_only: bool) -> Iterator[Unregiste
         for causes, words, kind, joints in columns:
             if adjacent_only and not _is_adjacent(frame, joints):
                 continue
-            yield Unregistered(_build_cell(place, causes, words), kind, weight=1.0)
+            yield Unregistered(build_cell(place, causes, words), kind, weight=1.0)
 
 
 def _find_joints(causes: Causes) -> set[int]:
@@ -231,12 +231,13 @@ def _is_adjacent(frame: int, joints: Iterable[int]) -> bool:
     return all(abs(joint - frame) <= 1 for joint in joints)
 
 
-def _build_cell(place: Place, causes: Causes, words: str) -> Mechanism:
-    """Build the mechanism of a cell; `words` are those of its causes."""
+def build_cell(place: Place, causes: Causes, words: str = "", sentence: str = "") -> Mechanism:
+    """Build the mechanism of some causes at one place; `words` are those of its causes."""
     symbols = [f"m{k}" for k in range(1, len(causes) + 1)] if len(causes) > 1 else ["m"]
     screws = [Screw(*place, cause) for cause in causes]
     terms = tuple(Term(s, (screw,)) for s, screw in zip(symbols, screws, strict=True))
-    return Mechanism(f"{place[0]} {place[1]} {words}", terms)
+    words = words or " & ".join(map(str, causes))
+    return Mechanism(f"{place[0]} {place[1]} {words}", terms, sentence)
 
 
 def _classify(causes: Causes) -> CandidateKind:

@@ -62,11 +62,6 @@ def load_spreadsheet(path: Path, sheet: str | None = None, decimal: str | None =
     return Grid(layout.names, columns, where, layout.units, said)
 
 
-def list_sheets(path: Path) -> list[str]:
-    """List the sheets that hold a table of numbers. Raises DataError."""
-    return _list_tables(_read_sheets(path))
-
-
 def _read_sheets(path: Path) -> dict[str, list[list[Any]]]:
     """Read all sheets, a list of cells per row from row 1 and column A on. Raises DataError."""
     from python_calamine import CalamineError, CalamineWorkbook

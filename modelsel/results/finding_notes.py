@@ -102,9 +102,9 @@ def instrument_notes(problem: Problem, diagnosis: Diagnosis) -> tuple[Note, ...]
     if not named or distance > problem.robot.reach:
         return ()
     sentence = (
-        f"{sentence_list(named)}: the distance is counted from where the instrument is taken to "
-        f"stand, {format_length(distance)} from the robot's base, within the arm's reach. If it "
-        "stands elsewhere, because the positions are in the robot's own frame, say so by "
-        "tracker_mm under [noise]."
+        f"by {sentence_list(named)} the positions err with the distance from the instrument, which "
+        f"is taken to stand {format_length(distance)} from the robot's base, within the arm's "
+        "reach. If it stands elsewhere, because the positions are in the robot's own frame, say so "
+        "by tracker_mm under [noise]."
     )
     return (Note("instrument-place", sentence),)
