@@ -93,6 +93,8 @@ class Candidate:
         if self.kind is CandidateKind.WAVE_PRODUCT:
             first, second = sorted(mechanism.names())
             return f"waves of {first} times waves of {second}"
+        if self.kind is CandidateKind.PERIOD:
+            return f"pattern that repeats on {mechanism.terms[0].screws[0].cause}"
         words: list[str] = []
         for term in mechanism.terms:
             for screw in term.screws:

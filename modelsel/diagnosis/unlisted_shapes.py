@@ -18,7 +18,7 @@ from ..mechanisms.causes import ONE, Bump, Cause, Named
 from ..mechanisms.terms import Mechanism, Screw, Term
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
-from .unregistered import Place, build_bumps, list_places
+from .unregistered import OWN_MOTION, Place, build_bumps, list_own_motions, list_places
 
 Drivers = frozenset[str]
 
@@ -111,13 +111,18 @@ def list_rivals(problem: Problem, candidate: Candidate) -> list[Rival]:
     return [
         *_weigh(alike, "drivers", prior * SHARES["shape"]),
         *_weigh(others, "place", prior * SHARES["drivers"]),
-        *_weigh(elsewhere, "", prior * SHARES["place"]),
+        *_weigh(elsewhere, "", prior * SHARES["place"], list_own_motions(problem.robot)),
     ]
 
 
-def _weigh(mechanisms: Sequence[Mechanism], agrees: str, prior: float) -> Iterator[Rival]:
-    for mechanism in mechanisms:
-        share = prior / len(mechanisms)
+def _weigh(
+    mechanisms: Sequence[Mechanism], agrees: str, prior: float, own: frozenset[Place] = frozenset()
+) -> Iterator[Rival]:
+    """Weigh mechanisms of one prior probability together; those at a joint's own motion count as
+    much more as cells do there."""
+    weights = [OWN_MOTION if m.names_by_place().keys() <= own else 1.0 for m in mechanisms]
+    for mechanism, weight in zip(mechanisms, weights, strict=True):
+        share = prior * weight / sum(weights)
         yield Rival(Candidate(mechanism, CandidateKind.SHAPE, share), agrees)
 
 
