@@ -100,7 +100,7 @@ def prove(concluded: Conclusion) -> Diagnosis:
     return replace(
         concluded.diagnosis,
         effects=_claim(concluded, weighed, visited),
-        models=visited.tell(concluded.explored.search.found),
+        models=visited.tell(concluded.explored.search.found, concluded.settled.chosen),
     )
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -38,12 +39,12 @@ WHOLE = 1 - 1e-12
 class _Group(NamedTuple):
     """The members of k directions.
 
-    `which` (n,): the members; `index` (n, k): their rows in H; `terms` (n, k, k): from the
+    `which` (n,): the members; `rows` (n, k): theirs in H; `terms` (n, k, k): from the
     coordinates to the terms, each times the sign that it must have; `free` (n, k, 1): inf for a
     term of either sign, else 0; None where no member has a sign."""
 
     which: Index
-    index: Index
+    rows: Index
     terms: Array | None
     free: Array | None
 
@@ -72,6 +73,18 @@ class Pool:
     log_prior: Array
     groups: tuple[_Group, ...] = field(repr=False)
 
+    @cached_property
+    def sides(self) -> dict[int, tuple[Array, Array]]:
+        """Of every member with a sign, from its coordinates to its terms, each times the sign that
+        it must have (k, k), and inf for a term of either sign, else 0 (k,)."""
+        sides = {}
+        for group in self.groups:
+            if group.terms is not None and group.free is not None:
+                for p, terms, free in zip(group.which.tolist(), group.terms, group.free, strict=True):
+                    if not np.isinf(free).all():
+                        sides[p] = terms, free[:, 0]
+        return sides
+
     def place(self, chosen: Sequence[int]) -> frozenset[int]:
         """The members that some candidates are."""
         return frozenset(self.members.index(g) for g in chosen)
@@ -91,17 +104,44 @@ class Pool:
         left = max(self.square - float(response @ response), TINY * self.square)
         evidence = -np.log(np.diag(L)).sum() - self.freedom / 2 * np.log(left / self.square)
         value = float(evidence + self.log_prior[chosen].sum())
-        return value, self._weigh_others(along, self.z - along.T @ response, left, chosen)
+        signed = self._weigh_signs(chosen, L, root, response, left)
+        return value + signed, self._weigh_others(along, self.z - along.T @ response, left, chosen)
+
+    def _weigh_signs(
+        self, chosen: Sequence[int], L: Array, root: Array, response: Array, left: float
+    ) -> float:
+        """Sum the log factors of the signs that the members of a set have.
+
+        `root` (m,): roots of the ratios; L (m, m): Cholesky factor of I + R½ H R½; `response` (m,):
+        L⁻¹ R½ z; `left`: what the set leaves of the response."""
+        if not any(p in self.sides for p in chosen):
+            return 0.0
+        from scipy.special import log_ndtr
+
+        inverse = np.linalg.inv(L)
+        mean = root * (inverse.T @ response)
+        spread = root[:, None] * inverse.T
+        sigma = np.sqrt(left / self.freedom)
+        total, start = 0.0, 0
+        for p in chosen:
+            own = slice(start, start + len(self.rows[p]))
+            start = own.stop
+            if p in self.sides:
+                terms, free = self.sides[p]
+                error = np.linalg.norm(terms @ spread[own], axis=1)
+                least = (terms @ mean[own] / np.maximum(sigma * error, TINY) + free).min()
+                total += float(np.log(2) + log_ndtr(least))
+        return total
 
     def _weigh_others(self, along: Array, z: Array, left: float, chosen: Sequence[int]) -> Gains:
         """Compute what each member adds beyond a set with directions `along` (m, D)."""
         gains = np.full((len(RATIOS), len(self.members)), -np.inf)
         for group in self.groups:
-            part = along[:, group.index].transpose(1, 2, 0)
-            square = self.H[group.index[:, :, None], group.index[:, None, :]]
+            part = along[:, group.rows].transpose(1, 2, 0)
+            square = self.H[group.rows[:, :, None], group.rows[:, None, :]]
             value, vector = np.linalg.eigh(square - np.matmul(part, part.swapaxes(1, 2)))
             value = np.maximum(value, 0.0)
-            coordinates = np.matmul(z[group.index][:, None], vector)[:, 0]
+            coordinates = np.matmul(z[group.rows][:, None], vector)[:, 0]
             gains[:, group.which] = self._weigh_group(group, value, vector, coordinates, left)
         gains += self.log_prior
         gains[:, list(chosen)] = -np.inf
@@ -160,9 +200,9 @@ def _gather(search: Search, view: View, chosen: Sequence[int]) -> list[int]:
     dead = set(search.dead.tolist())
     for rank in range(max(map(len, offered))):
         for own in offered:
-            if rank < len(own) and len(gathered) < MOST_MEMBERS:
-                if sizes[own[rank]] <= MOST_COLUMNS and own[rank] not in dead:
-                    gathered.setdefault(own[rank])
+            g = own[rank] if rank < len(own) and len(gathered) < MOST_MEMBERS else None
+            if g is not None and sizes[g] <= MOST_COLUMNS and g not in dead:
+                gathered.setdefault(g)
     return list(gathered)
 
 
@@ -185,7 +225,7 @@ def _explain_both(search: Search, view: View, pair: tuple[int, int]) -> list[int
     response = released.see(view.response, scan.back)
     _, log_probability = sum_evidence(compute_factors(scan, response), search.log_prior)
     strongest = np.argsort(-log_probability, kind="stable")[:EACH_PAIR]
-    return strongest[np.isfinite(log_probability[strongest])].tolist()
+    return [g for g in strongest.tolist() if np.isfinite(log_probability[g])]
 
 
 def _build(rest: Rest, log_prior: Array) -> Pool:

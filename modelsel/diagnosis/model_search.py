@@ -34,10 +34,11 @@ Ratios = dict[int, float]
 
 @dataclass(frozen=True)
 class WeighedModel:
-    """A set of effects with its probability among all that were weighed."""
+    """A set of effects with its probability among all that were weighed; whether it is chosen."""
 
     effects: tuple[Candidate, ...]
     probability: float
+    chosen: bool
 
 
 class VisitedModels(NamedTuple):
@@ -86,10 +87,26 @@ class VisitedModels(NamedTuple):
         """Count the effects of a set that say the same as candidate g."""
         return int((known[list(one)] == known[g]).sum())
 
-    def tell(self, found: Sequence[Candidate]) -> tuple[WeighedModel, ...]:
-        """The most probable sets."""
-        pairs = zip(self.sets[:TOLD], self.probability, strict=False)
-        return tuple(WeighedModel(tuple(found[g] for g in one), float(p)) for one, p in pairs)
+    def tell(self, found: Sequence[Candidate], chosen: Sequence[int]) -> tuple[WeighedModel, ...]:
+        """The most probable sets, and the chosen one; those of the same names count as one."""
+        now = _join_labels(found, chosen)
+        together: dict[tuple[str, ...], tuple[tuple[int, ...], float]] = {}
+        for one, probability in zip(self.sets, self.probability.tolist(), strict=True):
+            names = _join_labels(found, one)
+            first, sum_before = together.get(names, (one, 0.0))
+            together[names] = first, sum_before + probability
+        ranked = sorted(together, key=lambda names: -together[names][1])
+        told = dict.fromkeys((*ranked[: TOLD - 1], now, *ranked[TOLD - 1 : TOLD]))
+        return tuple(
+            WeighedModel(
+                tuple(found[g] for g in together[names][0]), together[names][1], names == now
+            )
+            for names in sorted(list(told)[:TOLD], key=ranked.index)
+        )
+
+
+def _join_labels(found: Sequence[Candidate], members: Sequence[int]) -> tuple[str, ...]:
+    return tuple(sorted(found[g].label for g in members))
 
 
 class _Weighed(NamedTuple):

@@ -13,8 +13,11 @@ from ..results.model_schema import SignificanceRecord
 from ..results.schema import ErrorMapRecord, StudyRecord
 from ..results.study_sentences import (
     NOMINAL_CAVEAT,
+    SETS_PURPOSE,
+    SETS_TITLE,
     TABLE_PURPOSE,
     common_mechanisms,
+    describe_set,
     format_mm,
     format_p,
     format_share,
@@ -56,6 +59,8 @@ def show_tables(record: StudyRecord, console: Console) -> None:
     _show_table(console, *_ladder_table(record, width))
     if record.candidates.best:
         _show_table(console, *_subset_table(record, width))
+    if record.weighed_models:
+        _show_table(console, *_set_table(record, width))
     if record.error_map.causes:
         _show_map(record.error_map, console)
     if record.significance:
@@ -101,6 +106,14 @@ def _subset_table(record: StudyRecord, width: int) -> tuple[str, list[str], str]
         title += f"; all have {' + '.join(common)}"
     lines = write_table("mechanisms", SUBSET_HEADS, "note", rows, width)
     return title, lines, TABLE_PURPOSE
+
+
+def _set_table(record: StudyRecord, width: int) -> tuple[str, list[str], str]:
+    rows = [
+        Row(describe_set(model), [format_weight(model.probability)])
+        for model in record.weighed_models
+    ]
+    return SETS_TITLE, write_table("effects", ("probability",), "", rows, width), SETS_PURPOSE
 
 
 # -- error map
