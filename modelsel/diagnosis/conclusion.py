@@ -107,34 +107,43 @@ def prove(concluded: Conclusion) -> Diagnosis:
 def _claim(concluded: Conclusion, weighed: Weighed, visited: VisitedModels) -> tuple[Effect, ...]:
     """Claim of every effect what holds both beside its rivals, given the others, and in the sets of
     effects that were weighed."""
-    search, chosen = concluded.explored.search, concluded.settled.chosen
+    search = concluded.explored.search
+    chosen = concluded.settled.chosen
+    effects = concluded.diagnosis.effects
     included = visited.include(chosen, search.signatures)
     claimed = []
-    for g, effect in zip(chosen, concluded.diagnosis.effects, strict=True):
+    for g, effect in zip(chosen, effects, strict=True):
         levels = np.minimum(weighed.levels[g], included[g])
         claim = build_claim(search.problem, effect.candidate, levels)
-        claimed.append(replace(effect, claim=claim))
+        with_claim = replace(effect, claim=claim)
+        claimed.append(with_claim)
     return tuple(claimed)
 
 
 def _take_back(concluded: Conclusion) -> Conclusion:
     """Put a set of effects in the place of the chosen ones, if it is clearly more probable."""
     for _ in range(MAX_TAKEN_BACK):
-        better = _visit(concluded).find_better(concluded.settled.chosen, MIN_LOG_ODDS)
+        explored, settled = concluded.explored, concluded.settled
+        visited = _visit(concluded)
+        better = visited.find_better(settled.chosen, MIN_LOG_ODDS)
         if better is None:
             break
-        explored, settled = concluded.explored, concluded.settled
-        found = explored.search.found
-        before, after = (
-            " & ".join(found[g].label for g in one if g not in other)
-            for one, other in ((settled.chosen, better), (better, settled.chosen))
-        )
-        path = [*explored.progress.path, f"{before or 'nothing'} -> {after or 'nothing'}"]
-        further = explore_further(explored.search, list(better), settled.view.fitted, path)
+        before = _join_others(explored.search, settled.chosen, better)
+        after = _join_others(explored.search, better, settled.chosen)
+        path = [*explored.progress.path, f"{before} -> {after}"]
+        start = settled.view.fitted
+        chosen = list(better)
+        further = explore_further(explored.search, chosen, start, path)
         if further is None:
             break
         concluded = conclude(further)
     return concluded
+
+
+def _join_others(search: Search, members: Sequence[int], others: Sequence[int]) -> str:
+    """Join the labels of the members that are not among the others."""
+    own = [search.found[g].label for g in members if g not in others]
+    return " & ".join(own) or "nothing"
 
 
 def _visit(concluded: Conclusion) -> VisitedModels:

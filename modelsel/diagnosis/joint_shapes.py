@@ -92,18 +92,26 @@ def _generate_powers(robot: Robot) -> Iterator[Unregistered]:
 
 def _generate_periods(robot: Robot) -> Iterator[Unregistered]:
     """Generate patterns that repeat a whole number of times a turn: three harmonics, any phases."""
+    weight = 1 / len(PERIODS)
     for j, joint in enumerate(robot.joints, 1):
         if joint.prismatic:
             continue
         for count in PERIODS:
-            causes: list[Cause] = []
-            for harmonic in range(1, HARMONICS + 1):
-                angle = float(harmonic * count) * q(j)
-                causes += [sin(angle), cos(angle)]
-            sentence = f"Joint {j} turns unevenly, in a pattern that repeats {count} times a turn"
-            mechanism = _build(robot, j, tuple(causes), sentence)
+            causes = _list_harmonics(j, count)
+            often = f"repeats {count} times a turn"
+            sentence = f"Joint {j} turns unevenly, in a pattern that {often}"
+            mechanism = _build(robot, j, causes, sentence)
             mechanism = replace(mechanism, usual_causes=RIPPLING_PARTS)
-            yield Unregistered(mechanism, CandidateKind.PERIOD, 1 / len(PERIODS))
+            yield Unregistered(mechanism, CandidateKind.PERIOD, weight)
+
+
+def _list_harmonics(joint: int, count: int) -> Causes:
+    causes: list[Cause] = []
+    for harmonic in range(1, HARMONICS + 1):
+        waves = float(harmonic * count)
+        angle = waves * q(joint)
+        causes += [sin(angle), cos(angle)]
+    return tuple(causes)
 
 
 def _build(robot: Robot, joint: int, causes: Causes, sentence: str) -> Mechanism:

@@ -13,9 +13,10 @@ where the family-wise p-value does."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import combinations, zip_longest
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +25,7 @@ from .._linalg import TINY
 from .._typing import Array, Index
 from .evidence import RATIOS, compute_factors, sum_evidence
 from .joint_curves import Rest, build_curve, see_rest
-from .scan import build_buckets, build_scan_without
+from .scan import Bucket, build_buckets, build_scan_without
 from .state import Search, View
 
 # members of a pool, and columns up to which a candidate that is not chosen may join it
@@ -39,14 +40,23 @@ WHOLE = 1 - 1e-12
 class _Group(NamedTuple):
     """The members of k directions.
 
-    `which` (n,): the members; `rows` (n, k): theirs in H; `terms` (n, k, k): from the
-    coordinates to the terms, each times the sign that it must have; `free` (n, k, 1): inf for a
-    term of either sign, else 0; None where no member has a sign."""
+    `which` (n,): the members; `rows` (n, k): theirs in H; `terms` (n, k, k): from the coordinates to
+    the terms, each times the sign that it must have, None where no member has a sign; `free` (n, k):
+    inf for a term of either sign, else 0."""
 
     which: Index
     rows: Index
     terms: Array | None
-    free: Array | None
+    free: Array
+
+
+class _Spectrum(NamedTuple):
+    """What the members of a group are beyond a set: the eigenvalues (n, k) and eigenvectors (n, k,
+    k) of their Gram matrices, and the products (n, k) of these directions with the response."""
+
+    value: Array
+    vector: Array
+    coordinates: Array
 
 
 class Gains(NamedTuple):
@@ -79,33 +89,35 @@ class Pool:
         it must have (k, k), and inf for a term of either sign, else 0 (k,)."""
         sides = {}
         for group in self.groups:
-            if group.terms is not None and group.free is not None:
-                for p, terms, free in zip(group.which.tolist(), group.terms, group.free, strict=True):
-                    if not np.isinf(free).all():
-                        sides[p] = terms, free[:, 0]
+            if group.terms is None:
+                continue
+            for row, member in enumerate(group.which.tolist()):
+                free = group.free[row]
+                if not np.isinf(free).all():
+                    sides[member] = group.terms[row], free
         return sides
-
-    def place(self, chosen: Sequence[int]) -> frozenset[int]:
-        """The members that some candidates are."""
-        return frozenset(self.members.index(g) for g in chosen)
 
     def weigh(self, ratios: dict[int, float]) -> tuple[float, Gains]:
         """Compute the log posterior of a set of members with their ratios, up to a constant, and
         what each member more would add to it."""
         chosen = sorted(ratios)
-        own = np.concatenate([np.zeros(0, np.intp), *(self.rows[p] for p in chosen)])
-        root = np.sqrt(
-            np.concatenate([[], *(np.full(len(self.rows[p]), ratios[p]) for p in chosen)])
-        )
+        own = [row for p in chosen for row in self.rows[p]]
+        variance = [ratios[p] for p in chosen for _ in self.rows[p]]
+        root = np.asarray(np.sqrt(variance), float)
         H = root[:, None] * self.H[own]
-        L = np.linalg.cholesky(np.eye(len(own)) + H[:, own] * root)
-        both = np.linalg.solve(L, np.column_stack([H, root * self.z[own]]))
+        whole = np.eye(len(own)) + H[:, own] * root
+        L = np.linalg.cholesky(whole)
+        z = root * self.z[own]
+        both = np.linalg.solve(L, np.column_stack([H, z]))
         along, response = both[:, :-1], both[:, -1]
-        left = max(self.square - float(response @ response), TINY * self.square)
-        evidence = -np.log(np.diag(L)).sum() - self.freedom / 2 * np.log(left / self.square)
-        value = float(evidence + self.log_prior[chosen].sum())
-        signed = self._weigh_signs(chosen, L, root, response, left)
-        return value + signed, self._weigh_others(along, self.z - along.T @ response, left, chosen)
+        explained = float(response @ response)
+        left = max(self.square - explained, TINY * self.square)
+        price = np.log(np.diag(L)).sum()
+        gain = -self.freedom / 2 * np.log(left / self.square)
+        value = gain - price + self.log_prior[chosen].sum()
+        value += self._weigh_signs(chosen, L, root, response, left)
+        beyond = self.z - along.T @ response
+        return float(value), self._weigh_others(along, beyond, left, chosen)
 
     def _weigh_signs(
         self, chosen: Sequence[int], L: Array, root: Array, response: Array, left: float
@@ -128,131 +140,166 @@ class Pool:
             start = own.stop
             if p in self.sides:
                 terms, free = self.sides[p]
+                size = terms @ mean[own]
                 error = np.linalg.norm(terms @ spread[own], axis=1)
-                least = (terms @ mean[own] / np.maximum(sigma * error, TINY) + free).min()
+                standardised = size / np.maximum(sigma * error, TINY)
+                least = (standardised + free).min()
                 total += float(np.log(2) + log_ndtr(least))
         return total
 
-    def _weigh_others(self, along: Array, z: Array, left: float, chosen: Sequence[int]) -> Gains:
+    def _weigh_others(
+        self, along: Array, beyond: Array, left: float, chosen: Sequence[int]
+    ) -> Gains:
         """Compute what each member adds beyond a set with directions `along` (m, D)."""
-        gains = np.full((len(RATIOS), len(self.members)), -np.inf)
+        count = len(self.members)
+        gains = np.full((len(RATIOS), count), -np.inf)
         for group in self.groups:
-            part = along[:, group.rows].transpose(1, 2, 0)
-            square = self.H[group.rows[:, :, None], group.rows[:, None, :]]
-            value, vector = np.linalg.eigh(square - np.matmul(part, part.swapaxes(1, 2)))
-            value = np.maximum(value, 0.0)
-            coordinates = np.matmul(z[group.rows][:, None], vector)[:, 0]
-            gains[:, group.which] = self._weigh_group(group, value, vector, coordinates, left)
+            rows = group.rows
+            part = np.moveaxis(along[:, rows], 0, 2)
+            inside = np.matmul(part, part.swapaxes(1, 2))
+            square = self.H[rows[:, :, None], rows[:, None, :]]
+            value, vector = np.linalg.eigh(square - inside)
+            products = beyond[rows][:, None]
+            coordinates = np.matmul(products, vector)[:, 0]
+            spectrum = _Spectrum(np.maximum(value, 0.0), vector, coordinates)
+            gains[:, group.which] = self._weigh_group(group, spectrum, left)
         gains += self.log_prior
         gains[:, list(chosen)] = -np.inf
         best = gains.argmax(0)
-        return Gains(gains[best, np.arange(len(best))], RATIOS[best])
+        highest = gains[best, np.arange(count)]
+        return Gains(highest, RATIOS[best])
 
-    def _weigh_group(
-        self, group: _Group, value: Array, vector: Array, coordinates: Array, left: float
-    ) -> Array:
-        """Compute (ratios, n) log Bayes factors of the members of a group.
-
-        Their Gram matrices beyond the set have eigenvalues `value` (n, k) and the eigenvectors
-        `vector` (n, k, k), in which the products with the response are `coordinates` (n, k)."""
+    def _weigh_group(self, group: _Group, spectrum: _Spectrum, left: float) -> Array:
+        """Compute (ratios, n) log Bayes factors of the members of a group, beyond a set that leaves
+        so much of the response."""
+        value, vector, coordinates = spectrum
         ratio = RATIOS[:, None, None]
-        spread = ratio / (1 + ratio * value)
-        share = np.minimum((spread * np.square(coordinates)).sum(2) / left, WHOLE)
-        price = 0.5 * np.log1p(ratio * value).sum(2)
-        out = -price - self.freedom / 2 * np.log1p(-share)
-        if group.terms is None or group.free is None:
-            return np.asarray(out)
+        grown = 1 + ratio * value
+        spread = ratio / grown
+        square = spread * np.square(coordinates)
+        share = np.minimum(square.sum(2) / left, WHOLE)
+        price = 0.5 * np.log(grown).sum(2)
+        factors = -self.freedom / 2 * np.log1p(-share) - price
+        if group.terms is None:
+            return np.asarray(factors)
         from scipy.special import log_ndtr
 
         loading = np.matmul(group.terms, vector)
-        mean = np.matmul(loading, (spread * coordinates)[..., None])[..., 0]
-        variance = np.matmul(np.square(loading), spread[..., None])[..., 0]
-        sigma = np.sqrt(left * (1 - share) / self.freedom)[:, :, None]
-        error = np.sqrt(np.maximum(variance, TINY)) * sigma
-        least = (mean / error + group.free[:, :, 0]).min(2)
-        return np.asarray(out + np.where(np.isfinite(least), np.log(2) + log_ndtr(least), 0.0))
+        along = (spread * coordinates)[..., None]
+        mean = np.matmul(loading, along)[..., 0]
+        squares = np.square(loading)
+        variance = np.matmul(squares, spread[..., None])[..., 0]
+        sigma = np.sqrt(left * (1 - share) / self.freedom)
+        error = np.sqrt(np.maximum(variance, TINY)) * sigma[:, :, None]
+        least = (mean / error + group.free).min(2)
+        tail = np.log(2) + log_ndtr(least)
+        return np.asarray(np.where(np.isfinite(least), factors + tail, factors))
 
 
-def build_pool(search: Search, view: View, chosen: Sequence[int]) -> Pool:
-    """Build the pool around the chosen candidates of a view: what may stand beside them or in their
+def gather_pool(search: Search, view: View, chosen: Sequence[int]) -> Pool:
+    """Gather a pool around the chosen candidates of a view: what may stand beside them or in their
     place, one for one, one for two, two for one, or a family as a whole."""
-    which = np.array(sorted(_gather(search, view, chosen)), dtype=np.intp)
-    log_prior = search.log_prior[which]
-    curve = build_curve(search.columns, which, log_prior, np.zeros(len(which), bool))
-    released = view.release(*(search.found[g] for g in chosen))
-    rest = see_rest(curve, view.scan, view.response, released)
-    return _build(rest, log_prior - search.bound)
-
-
-def _gather(search: Search, view: View, chosen: Sequence[int]) -> list[int]:
-    """Gather the members: the chosen ones, the rivals of each, what is strongest in the rest, the
-    families of the chosen ones, and what would explain two of them at once."""
-    gathered = dict.fromkeys(chosen)
-    lists = [search.rename(g, view).named for g in chosen]
-    lists.append(search.name_strongest(view, chosen))
-    offered = [[entry.place for entry in one.entries] for one in lists]
-    for family in search.families:
-        whole = (family.whole, *family.parts)
-        if any(g in whole for g in chosen):
-            offered.append(list(whole))
-    offered += [_explain_both(search, view, pair) for pair in list_related(search, view, chosen)]
-    sizes = [len(own) for own in search.columns.slices]
+    offered = _list_offers(search, view, chosen)
+    members = dict.fromkeys(chosen)
     dead = set(search.dead.tolist())
-    for rank in range(max(map(len, offered))):
-        for own in offered:
-            g = own[rank] if rank < len(own) and len(gathered) < MOST_MEMBERS else None
-            if g is not None and sizes[g] <= MOST_COLUMNS and g not in dead:
-                gathered.setdefault(g)
-    return list(gathered)
+    for g in _interleave(offered):
+        columns = len(search.columns.slices[g])
+        if columns <= MOST_COLUMNS and g not in dead:
+            members.setdefault(g)
+        if len(members) == MOST_MEMBERS:
+            break
+    which = np.array(sorted(members), dtype=np.intp)
+    log_prior = search.log_prior[which]
+    none_free = np.zeros(len(which), bool)
+    curve = build_curve(search.columns, which, log_prior, none_free)
+    effects = [search.found[g] for g in chosen]
+    rest = see_rest(curve, view.scan, view.response, view.release(*effects))
+    return _build_pool(rest, log_prior - search.bound)
+
+
+def _list_offers(search: Search, view: View, chosen: Sequence[int]) -> list[list[int]]:
+    """List what is offered, by its reason: the rivals of each effect, what is strongest in the rest,
+    the families of the effects, and what would explain two of them at once."""
+    named = [search.rename(g, view).named for g in chosen]
+    strongest = search.name_strongest(view, chosen)
+    offered = [[entry.place for entry in one.entries] for one in (*named, strongest)]
+    for family in search.families:
+        whole = [family.whole, *family.parts]
+        if not set(whole).isdisjoint(chosen):
+            offered.append(whole)
+    pairs = list_related(search, view, chosen)
+    offered += [_explain_both(search, view, pair) for pair in pairs]
+    return offered
+
+
+def _interleave(offered: Sequence[Sequence[int]]) -> Iterator[int]:
+    """Generate the first of every list, then the second of every one, and so on."""
+    for rank in zip_longest(*offered):
+        for g in rank:
+            if g is not None:
+                yield g
 
 
 def list_related(search: Search, view: View, chosen: Sequence[int]) -> list[tuple[int, int]]:
     """List the pairs of effects that one explanation might replace, the most alike first: those
     that move the target alike, or against each other."""
-    moved = np.array([search.compute_displacement(g, view) for g in chosen])
-    if len(moved) < 2:
-        return []
-    unit = moved / np.maximum(np.linalg.norm(moved, axis=1, keepdims=True), TINY)
-    alike = np.abs(unit @ unit.T)
-    pairs = [(-alike[i, k], chosen[i], chosen[k]) for k in range(len(chosen)) for i in range(k)]
-    return [(g, h) for cosine, g, h in sorted(pairs)[:MOST_PAIRS] if -cosine > RELATED]
+    units = []
+    for g in chosen:
+        moved = search.compute_displacement(g, view)
+        size = max(float(np.linalg.norm(moved)), TINY)
+        units.append(moved / size)
+    pairs = []
+    for (g, first), (h, second) in combinations(zip(chosen, units, strict=True), 2):
+        cosine = abs(float(first @ second))
+        if cosine > RELATED:
+            pairs.append((-cosine, g, h))
+    pairs.sort()
+    return [(g, h) for _, g, h in pairs[:MOST_PAIRS]]
 
 
 def _explain_both(search: Search, view: View, pair: tuple[int, int]) -> list[int]:
     """List what explains most of two effects together."""
-    released = view.release(*(search.found[g] for g in pair))
+    effects = [search.found[g] for g in pair]
+    released = view.release(*effects)
     scan = build_scan_without(view.scan, released.directions)
     response = released.see(view.response, scan.back)
-    _, log_probability = sum_evidence(compute_factors(scan, response), search.log_prior)
-    strongest = np.argsort(-log_probability, kind="stable")[:EACH_PAIR]
-    return [g for g in strongest.tolist() if np.isfinite(log_probability[g])]
+    factors = compute_factors(scan, response)
+    _, log_probability = sum_evidence(factors, search.log_prior)
+    order = np.argsort(-log_probability, kind="stable")
+    strongest = order[:EACH_PAIR]
+    has_evidence = np.isfinite(log_probability[strongest])
+    return [int(g) for g in strongest[has_evidence]]
 
 
-def _build(rest: Rest, log_prior: Array) -> Pool:
+def _build_pool(rest: Rest, log_prior: Array) -> Pool:
     """Build the pool from what its candidates are beyond the base."""
     curve = rest.curve
-    gram = curve.gram - rest.inside @ rest.inside.T + rest.back @ rest.back.T
+    along = rest.inside @ rest.inside.T
+    returned = rest.back @ rest.back.T
+    gram = curve.gram - along + returned
     count = len(curve.which)
     buckets, _ = build_buckets(rest.blocks, rest.lefts, count)
-    rows: list[Index] = [np.zeros(0, np.intp)] * count
-    directions = sum(bucket.W.shape[0] * bucket.W.shape[1] for bucket in buckets)
-    turn = np.zeros((directions, len(gram)))
-    groups, start = [], 0
+    rows: dict[int, Index] = {}
+    turns, groups = [], []
+    start = 0
     for bucket in buckets:
-        weight = 1.0 if bucket.weights is None else np.sqrt(bucket.weights)[:, :, None]
-        scaled = bucket.W * weight
+        scaled = _scale(bucket)
         n, k, _ = scaled.shape
-        index = start + np.arange(n * k).reshape(n, k)
-        turn[index[:, :, None], bucket.block.index[:, None, :]] = scaled
-        for member, own in zip(bucket.block.which.tolist(), index, strict=True):
-            rows[member] = own
-        groups.append(_sign(bucket.block.which, index, scaled, curve.signs))
+        own = np.arange(start, start + n * k).reshape(n, k)
         start += n * k
+        which = bucket.block.which
+        rows.update(zip(which.tolist(), own, strict=True))
+        turn = np.zeros((n, k, len(gram)))
+        np.put_along_axis(turn, bucket.block.index[:, None, :].repeat(k, 1), scaled, 2)
+        turns.append(turn.reshape(n * k, -1))
+        signs = np.array([curve.signs[member] for member in which])
+        groups.append(_build_group(which, own, scaled, signs))
+    turned = np.concatenate(turns)
     return Pool(
         members=tuple(curve.which.tolist()),
-        rows=tuple(rows),
-        H=turn @ gram @ turn.T,
-        z=turn @ rest.products,
+        rows=tuple(rows[member] for member in range(count)),
+        H=turned @ gram @ turned.T,
+        z=turned @ rest.products,
         square=rest.square,
         freedom=rest.freedom,
         log_prior=log_prior,
@@ -260,9 +307,18 @@ def _build(rest: Rest, log_prior: Array) -> Pool:
     )
 
 
-def _sign(which: Index, index: Index, scaled: Array, signs: Sequence[Array]) -> _Group:
-    sign = np.array([signs[member] for member in which])
-    if not sign.any():
-        return _Group(which, index, None, None)
-    terms = sign[:, :, None] * scaled.swapaxes(1, 2)
-    return _Group(which, index, terms, np.where(sign == 0, np.inf, 0.0)[:, :, None])
+def _scale(bucket: Bucket) -> Array:
+    """Scale the directions of candidates by their prior standard deviations: (n, k, k)."""
+    if bucket.weights is None:
+        return bucket.W
+    deviation = np.sqrt(bucket.weights)
+    return np.asarray(bucket.W * deviation[:, :, None])
+
+
+def _build_group(which: Index, rows: Index, scaled: Array, signs: Array) -> _Group:
+    free = np.where(signs == 0, np.inf, 0.0)
+    if not signs.any():
+        return _Group(which, rows, None, free)
+    transposed = scaled.swapaxes(1, 2)
+    terms = signs[:, :, None] * transposed
+    return _Group(which, rows, terms, free)

@@ -16,7 +16,7 @@ import numpy as np
 
 from .._typing import Array, Index
 from .candidates import Candidate
-from .model_pool import Gains, Pool, build_pool, list_related
+from .model_pool import Gains, Pool, gather_pool, list_related
 from .state import Search, View
 
 # sets of which all that one effect more adds is computed, at most
@@ -51,13 +51,17 @@ class VisitedModels(NamedTuple):
     @property
     def probability(self) -> Array:
         """The probability of every set among them."""
-        weight = np.exp(self.log_posterior - self.log_posterior.max())
-        return np.asarray(weight / weight.sum())
+        highest = self.log_posterior.max()
+        weight = np.exp(self.log_posterior - highest)
+        total = weight.sum()
+        return np.asarray(weight / total)
 
     def find_better(self, chosen: Sequence[int], odds: float) -> tuple[int, ...] | None:
-        """The most probable set, if it is more probable than the chosen one by log odds."""
-        own = self.sets.index(tuple(sorted(chosen)))
-        if self.log_posterior[0] - self.log_posterior[own] > odds:
+        """Find the most probable set, if it is more probable than the chosen one by log odds."""
+        now = tuple(sorted(chosen))
+        own = self.sets.index(now)
+        lead = self.log_posterior[0] - self.log_posterior[own]
+        if lead > odds:
             return self.sets[0]
         return None
 
@@ -68,53 +72,57 @@ class VisitedModels(NamedTuple):
         Whether there is an effect at all is what its p-value tells: sets that only lack some of the
         chosen effects do not count."""
         now = frozenset(chosen)
-        told = [k for k, one in enumerate(self.sets) if frozenset(one) == now or set(one) - now]
-        weight = self.probability[told]
-        weight = weight / weight.sum()
-        included = {}
+        counted = [k for k, one in enumerate(self.sets) if not now.issuperset(one) or now == {*one}]
+        weight = self.probability[counted]
+        weight /= weight.sum()
+        included: dict[int, Array] = {}
         for g in chosen:
-            levels = []
-            for known in signatures:
-                alike = [
-                    self._count(one, known, g) for one in (chosen, *(self.sets[k] for k in told))
-                ]
-                levels.append(float(weight[np.array(alike[1:]) >= alike[0]].sum()))
-            included[g] = np.array(levels)
+            levels = np.zeros(len(signatures))
+            for level, known in enumerate(signatures):
+                needed = _count_alike(known, g, chosen)
+                told = [_count_alike(known, g, self.sets[k]) >= needed for k in counted]
+                levels[level] = weight[told].sum()
+            included[g] = levels
         return included
-
-    @staticmethod
-    def _count(one: Sequence[int], known: Index, g: int) -> int:
-        """Count the effects of a set that say the same as candidate g."""
-        return int((known[list(one)] == known[g]).sum())
 
     def tell(self, found: Sequence[Candidate], chosen: Sequence[int]) -> tuple[WeighedModel, ...]:
         """The most probable sets, and the chosen one; those of the same names count as one."""
         now = _join_labels(found, chosen)
-        together: dict[tuple[str, ...], tuple[tuple[int, ...], float]] = {}
-        for one, probability in zip(self.sets, self.probability.tolist(), strict=True):
+        first: dict[tuple[str, ...], tuple[int, ...]] = {}
+        total: dict[tuple[str, ...], float] = {}
+        for one, probability in zip(self.sets, self.probability, strict=True):
             names = _join_labels(found, one)
-            first, sum_before = together.get(names, (one, 0.0))
-            together[names] = first, sum_before + probability
-        ranked = sorted(together, key=lambda names: -together[names][1])
-        told = dict.fromkeys((*ranked[: TOLD - 1], now, *ranked[TOLD - 1 : TOLD]))
-        return tuple(
-            WeighedModel(
-                tuple(found[g] for g in together[names][0]), together[names][1], names == now
-            )
-            for names in sorted(list(told)[:TOLD], key=ranked.index)
-        )
+            first.setdefault(names, one)
+            total[names] = total.get(names, 0.0) + float(probability)
+        ranked = sorted(total, key=lambda names: -total[names])
+        told = ranked[:TOLD]
+        if now not in told:
+            told[-1] = now
+        models = []
+        for names in told:
+            effects = tuple(found[g] for g in first[names])
+            model = WeighedModel(effects, total[names], names == now)
+            models.append(model)
+        return tuple(models)
+
+
+def _count_alike(known: Index, g: int, members: Sequence[int]) -> int:
+    """Count the effects of a set that say the same as candidate g."""
+    said = known[list(members)]
+    return int((said == known[g]).sum())
 
 
 def _join_labels(found: Sequence[Candidate], members: Sequence[int]) -> tuple[str, ...]:
-    return tuple(sorted(found[g].label for g in members))
+    labels = [found[g].label for g in members]
+    labels.sort()
+    return tuple(labels)
 
 
 class _Weighed(NamedTuple):
-    """A set with its log posterior, and what each effect more would add."""
+    """The log posterior of a set, and what each effect more would add."""
 
     value: float
     gains: Gains
-    ratios: Ratios
 
 
 @dataclass
@@ -129,10 +137,18 @@ class _Walk:
     weighed: dict[Members, _Weighed] = field(default_factory=dict)
     best: float = -np.inf
 
-    def start(self, members: Members) -> None:
-        """Weigh the first set, each effect with the ratio that suits it best given the others."""
-        ratios = self._settle(members)
-        self._record(members, self._weigh(ratios).value, ratios)
+    def walk(self, start: Members) -> None:
+        """Visit sets, drawn by their probability, until none that is left is likely."""
+        ratios = self._settle(start)
+        self._add_to(ratios)
+        visited: set[Members] = set()
+        following: Members | None = start
+        while following is not None:
+            visited.add(following)
+            self._visit(following)
+            if len(self.weighed) >= MOST_WEIGHED:
+                break
+            following = self._draw(visited)
 
     def _settle(self, members: Members) -> Ratios:
         """Find each effect's ratio: added one after the other, the strongest first, then again."""
@@ -140,96 +156,106 @@ class _Walk:
         while len(ratios) < len(members):
             _, gains = self.pool.weigh(ratios)
             left = sorted(members - ratios.keys())
-            strongest = left[int(np.argmax(gains.value[left]))]
+            most = np.argmax(gains.value[left])
+            strongest = left[int(most)]
             ratios[strongest] = float(gains.ratio[strongest])
         for member in sorted(members):
-            others = {p: ratio for p, ratio in ratios.items() if p != member}
-            ratios[member] = float(self.pool.weigh(others)[1].ratio[member])
+            others = _leave_out(ratios, member)
+            _, gains = self.pool.weigh(others)
+            ratios[member] = float(gains.ratio[member])
         return ratios
 
-    def visit(self, members: Members) -> None:
+    def _visit(self, members: Members) -> None:
         """Weigh all neighbours of a set."""
         _, ratios = self.known[members]
         self._add_to(ratios)
         for member in sorted(members):
-            rest = self._add_to(_without(ratios, member))
-            order = np.argsort(-rest.gains.value, kind="stable")
-            for first in [p for p in order[: FIRST_OF_TWO + 1].tolist() if p != member][
-                :FIRST_OF_TWO
-            ]:
-                self._add_to({**rest.ratios, first: float(rest.gains.ratio[first])})
+            others = _leave_out(ratios, member)
+            rest = self._add_to(others)
+            gains = rest.gains
+            for first in _find_strongest(gains, member):
+                ratio = float(gains.ratio[first])
+                with_first = {**others, first: ratio}
+                self._add_to(with_first)
         for pair in self.related:
             if members.issuperset(pair):
-                self._add_to(_without(ratios, *pair))
+                others = _leave_out(ratios, *pair)
+                self._add_to(others)
 
     def _add_to(self, ratios: Ratios) -> _Weighed:
         """Weigh a set, and every set of one effect more."""
         members = frozenset(ratios)
         if members in self.weighed:
             return self.weighed[members]
-        weighed = self._weigh(ratios)
+        value, gains = self.pool.weigh(ratios)
+        weighed = _Weighed(value, gains)
         self.weighed[members] = weighed
-        self._record(members, weighed.value, ratios)
-        values = weighed.value + weighed.gains.value
-        for p in np.flatnonzero(values > max(self.best, values.max()) - FORGOTTEN).tolist():
-            more = {**ratios, p: float(weighed.gains.ratio[p])}
-            self._record(members | {p}, float(values[p]), more)
+        self._record(value, ratios)
+        values = value + gains.value
+        highest = max(self.best, values.max())
+        for p in np.flatnonzero(values > highest - FORGOTTEN):
+            member = int(p)
+            ratio = float(gains.ratio[p])
+            more = {**ratios, member: ratio}
+            self._record(float(values[p]), more)
         return weighed
 
-    def _weigh(self, ratios: Ratios) -> _Weighed:
-        value, gains = self.pool.weigh(ratios)
-        return _Weighed(value, gains, ratios)
-
-    def _record(self, members: Members, value: float, ratios: Ratios) -> None:
-        if value > self.known.get(members, (-np.inf, ratios))[0]:
+    def _record(self, value: float, ratios: Ratios) -> None:
+        members = frozenset(ratios)
+        before = self.known.get(members)
+        if before is None or value > before[0]:
             self.known[members] = value, ratios
         self.best = max(self.best, value)
 
-    def walk(self, start: Members) -> None:
-        """Visit sets, drawn by their probability, until none that is left is likely."""
-        self.start(start)
-        visited: set[Members] = set()
-        following: Members | None = start
-        while following is not None and len(self.weighed) < MOST_WEIGHED:
-            visited.add(following)
-            self.visit(following)
-            following = self._draw(visited)
-
     def _draw(self, visited: set[Members]) -> Members | None:
         """Draw a set that was not visited yet; None where none is likely."""
-        likely = [
-            (members, value)
-            for members, (value, _) in self.known.items()
-            if value > self.best - UNLIKELY and members not in visited
-        ]
+        likely: list[Members] = []
+        values: list[float] = []
+        for members, (value, _) in self.known.items():
+            if value > self.best - UNLIKELY and members not in visited:
+                likely.append(members)
+                values.append(value - self.best)
         if not likely:
             return None
-        weight = np.exp(np.array([value for _, value in likely]) - self.best)
-        return likely[int(self.rng.choice(len(likely), p=weight / weight.sum()))][0]
+        weight = np.exp(values)
+        share = weight / weight.sum()
+        drawn = self.rng.choice(len(likely), p=share)
+        return likely[int(drawn)]
 
     def collect(self, start: Members) -> VisitedModels:
         """Collect the sets that are worth telling of."""
-        kept = [
-            (-value, tuple(sorted(self.pool.members[p] for p in members)))
-            for members, (value, _) in self.known.items()
-            if value > self.best - FORGOTTEN or members == start
-        ]
+        kept = []
+        for members, (value, _) in self.known.items():
+            if value > self.best - FORGOTTEN or members == start:
+                candidates = [self.pool.members[p] for p in members]
+                candidates.sort()
+                kept.append((-value, tuple(candidates)))
         kept.sort()
-        return VisitedModels(
-            tuple(members for _, members in kept), -np.array([value for value, _ in kept])
-        )
+        costs = [cost for cost, _ in kept]
+        sets = tuple(candidates for _, candidates in kept)
+        log_posterior = -np.array(costs)
+        return VisitedModels(sets, log_posterior)
 
 
-def _without(ratios: Ratios, *members: int) -> Ratios:
+def _leave_out(ratios: Ratios, *members: int) -> Ratios:
     return {p: ratio for p, ratio in ratios.items() if p not in members}
+
+
+def _find_strongest(gains: Gains, left_out: int) -> list[int]:
+    """Find the members that add most, but for the one that was left out."""
+    order = np.argsort(-gains.value, kind="stable")
+    others = order[order != left_out]
+    return [int(p) for p in others[:FIRST_OF_TWO]]
 
 
 def visit_models(search: Search, view: View, chosen: Sequence[int]) -> VisitedModels:
     """Search around the chosen effects of a view for sets that are as probable, or more."""
-    pool = build_pool(search, view, chosen)
+    pool = gather_pool(search, view, chosen)
     place = {g: p for p, g in enumerate(pool.members)}
-    related = tuple((place[g], place[h]) for g, h in list_related(search, view, chosen))
-    walk = _Walk(pool, related, search.rng.spawn(1)[0])
+    pairs = list_related(search, view, chosen)
+    related = tuple((place[g], place[h]) for g, h in pairs)
+    (rng,) = search.rng.spawn(1)
+    walk = _Walk(pool, related, rng)
     start = frozenset(place[g] for g in chosen)
     walk.walk(start)
     return walk.collect(start)

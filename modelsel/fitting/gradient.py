@@ -184,9 +184,9 @@ class _Part:
         m) is overwritten."""
         whitening = self.problem.whitening
         white = whitening.apply(residual)
-        squares = np.vdot(white, white)
+        squares = float(np.vdot(white, white))
         back = whitening.apply_transposed(white)
-        return float(squares), back
+        return squares, back
 
     def _readings_at(self, theta: Array) -> Slope:
         """`at` where not every row is a point: see `design.assemble`."""

@@ -53,10 +53,10 @@ def draw_pool(
     for k in (1, 2):
         which = np.array([g for g, size in enumerate(sizes) if size == k])
         index = np.array([rows[g] for g in which])
-        terms = free = None
+        terms, free = None, np.full((len(which), k), np.inf)
         if signs is not None and k == 1:
             terms = signs[:, None, None] * np.ones((3, 1, 1))
-            free = np.zeros((3, 1, 1))
+            free = np.zeros((3, 1))
         groups.append(_Group(which, index, terms, free))
     pool = Pool(
         members=(10, 11, 12, 13, 14),
