@@ -27,6 +27,7 @@ from ..mechanisms.causes import Member
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
+from .assumed_values import add_assumed
 from .refitting import Refits, part_of
 
 if TYPE_CHECKING:
@@ -69,6 +70,7 @@ class Calibration:
             that the model's causes use.
         provenance: versions and digests of what it was made from.
         form: how the study reads its measurements file.
+        doubtful: names of the mechanisms with which the held-out error does not fall.
     """
 
     study: str
@@ -90,6 +92,7 @@ class Calibration:
     provenance: Mapping[str, str]
     refits: Refits | None = None
     form: FileForm = field(default_factory=FileForm)
+    doubtful: tuple[str, ...] = ()
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -165,8 +168,9 @@ class Calibration:
     def problem(self, data: Measurements, *, another_day: bool = True) -> Problem:
         """Bind measurements to the calibrated set-up.
 
-        On `another_day` a drift is taken at the middle of the fitted campaign. Raises DataError
-        where a target, a group or a covariate is not known.
+        On `another_day` a drift is taken at the middle of the fitted campaign. A covariate that
+        doubtful findings alone look at may be missing (`assumed_values`). Raises DataError where a
+        target, a group or another covariate is not known.
         """
         if data.gauges is not None:
             raise DataError(
@@ -189,12 +193,15 @@ class Calibration:
             self.robot, bound_data, self.tools, self.placement, rotations, tracker=self.tracker
         )
         missing = sorted(self.needs() - problem.names().keys())
-        if missing:
+        if not missing:
+            return problem
+        completed = add_assumed(self, bound_data, missing)
+        if completed is bound_data:
             raise DataError(
                 f"the calibrated model needs {', '.join(missing)}, which the file does not have.",
-                remedy="Add a column for each.",
+                remedy="Add a column of that name, with a value in every row, for each of them.",
             )
-        return problem
+        return replace(problem, data=completed)
 
     def _groups_differ(self) -> bool:
         """Whether the calibration knows its groups apart: by placement, or by a term of one."""

@@ -90,6 +90,8 @@ def calibration_record(c: Calibration) -> dict[str, Any]:
     if c.refits is not None:
         symbols = [term.symbol for term in c.terms]
         record["refits"] = refits_record(c.refits, symbols)
+    if c.doubtful:
+        record["doubtful"] = list(c.doubtful)
     form = c.form
     if not form.is_plain:
         columns = dict(form.columns)

@@ -151,6 +151,7 @@ class CalibrationRecord(StrictRecord):
     refits: RefitsRecord | None = None
     urdf: UrdfRecord | None = None
     file_form: FileFormRecord | None = None
+    doubtful: list[Text] = Field(default_factory=list)
 
     @model_validator(mode="after")
     def _check_names(self) -> CalibrationRecord:

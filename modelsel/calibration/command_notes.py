@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from .._typing import Array
 from ..exceptions import sentence_list
 from ..measurements.measurements import Measurements
+from .assumed_values import describe_assumed
 
 if TYPE_CHECKING:
     from .calibration import Calibration
@@ -35,8 +36,9 @@ def find_past_limits(c: Calibration, q: Array) -> NDArray[np.bool_]:
 
 def describe_extrapolation(c: Calibration, data: Measurements) -> list[str]:
     """Describe what lies beyond what the calibration has seen: joint readings, the covariates that
-    its model uses, joint limits, unknown directions of approach."""
+    its model uses, joint limits, unknown directions of approach; and covariates that are assumed."""
     return [
+        *describe_assumed(c, data),
         *_describe_beyond_ranges(c, data),
         *_describe_past_limits(c, data),
         *_describe_unknown_approach(c, data),

@@ -25,6 +25,7 @@ from ..measurements.table import Source
 from ..robot.kinematics import Robot, forward
 from ..robot.rigid import rotation_vector
 from .command_notes import describe_extrapolation, describe_order_dependence, find_past_limits
+from .large_changes import find_weakest, refuse_large_changes
 from .prediction import compute_pose, propagate_uncertainty, to_tracker_frame
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ class Commands:
     calibrated model, `model_mm` the standard uncertainty of that model there (length),
     `expected_mm` the root of the sum of squares of the two and of the measuring noise; `before_rad`
     and `left_rad` the same of wanted orientations, None without; `beyond` (m, n) commands beyond a
-    joint's limits."""
+    joint's limits; `weakest` (m,) [rad/mm]: of `find_weakest`."""
 
     q: Array
     change: Array
@@ -62,6 +63,7 @@ class Commands:
     before_rad: Array | None = None
     left_rad: Array | None = None
     beyond: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
+    weakest: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def reached(self) -> NDArray[np.bool_]:
@@ -195,6 +197,7 @@ def compensate_commands(c: Calibration, data: Measurements) -> Commands:
     damping = np.full(len(data), START_DAMPING)
     inversion = _Inversion(data.q.copy(), before, J, size, damping)
     moves = _list_moves(c.robot)
+    weakest = find_weakest(J @ moves, before)
     for _ in range(MAX_ITERATIONS):
         rows = inversion.unsettled()
         if not rows.any():
@@ -203,7 +206,7 @@ def compensate_commands(c: Calibration, data: Measurements) -> Commands:
         at = replace_readings(start, trial)
         error, J = _pose_error(c, at, wanted)
         inversion.accept(rows, trial, error, J)
-    return _summarise_commands(c, start, wanted, before, inversion)
+    return replace(_summarise_commands(c, start, wanted, before, inversion), weakest=weakest)
 
 
 def _summarise_commands(
@@ -253,7 +256,9 @@ def correct(
     file = ""
     if isinstance(targets, (str, PathLike)):
         file = Path(targets).name
-    commands, notes = correct_measurements(c, data, bound, file)
+    commands = compensate_commands(c, data)
+    refuse_large_changes(c, commands, data, bound, file)
+    notes = note_commands(c, commands, data)
     missed = int((~commands.reached).sum())
     if missed:
         where = commands.where_left
@@ -264,19 +269,13 @@ def correct(
     return build_commands_table(c, data, commands.q, commands.wanted, figures)
 
 
-def correct_measurements(
-    c: Calibration, data: Measurements, bound: tuple[float, float], file: str
-) -> tuple[Commands, list[str]]:
-    """Correct planned commands and list what to note about them. Raises DataError where a change is
-    beyond the bound (rad, mm); `file` is its name, empty for a DataFrame."""
-    commands = compensate_commands(c, data)
-    refuse_large_changes(c, commands, data, bound, file)
-    notes = [
+def note_commands(c: Calibration, commands: Commands, data: Measurements) -> list[str]:
+    """List what to note about planned commands and their correction."""
+    return [
         *describe_extrapolation(c, data),
         *describe_order_dependence(c, data),
         *describe_limit_violations(commands),
     ]
-    return commands, notes
 
 
 def tabulate_readings(c: Calibration, q: Array) -> pd.DataFrame:
@@ -313,52 +312,6 @@ def build_commands_table(
     columns["target"] = np.array(data.targets)[data.target]
     columns |= {f"approach{j}": column for j, column in enumerate(data.approach.T.astype(int), 1)}
     return pd.DataFrame({**columns, **data.covariates, **more})
-
-
-def refuse_large_changes(
-    c: Calibration, commands: Commands, data: Measurements, bound: tuple[float, float], file: str
-) -> None:
-    """Raise DataError with the first row that would be changed by more than the bound (rad, mm);
-    `file`: empty for a DataFrame."""
-    bound_rad, bound_mm = bound
-    bounds = np.where(c.robot.prismatic, bound_mm, bound_rad)
-    joint_shares = np.abs(commands.change) / bounds
-    target_share = commands.before_mm / bound_mm
-    shares = np.column_stack([joint_shares, target_share])
-    beyond = (shares > 1).any(1)
-    rows = np.flatnonzero(beyond).tolist()
-    if not rows:
-        return
-    first = rows[0]
-    largest = int(np.argmax(shares[first]))
-    change = _describe_largest_change(c, commands, first, largest)
-    count = ""
-    if len(rows) > 1:
-        count = f" ({len(rows)} such rows)"
-    done, option = "changed", "the bound"
-    if file:
-        done, option = "written", "--bound"
-    raise data.where.refuse(
-        f"{change}, beyond the bound of {bound_rad * 1e3:g} mrad and {bound_mm:g} mm{count}.",
-        row=int(data.row[first]),
-        remedy=f"Nothing was {done}. Check that the wanted position belongs to the command, or raise {option}.",
-    )
-
-
-def _describe_largest_change(c: Calibration, commands: Commands, row: int, joint: int) -> str:
-    """Describe a row's change of a joint (from 0), or of the target where `joint` is their
-    number."""
-    if joint == c.robot.n:
-        distance = commands.before_mm[row]
-        return f"the target would be moved by {distance:.3g} mm"
-    change = commands.change[row, joint]
-    mrad = change * 1e3
-    size = f"{mrad:.3g} mrad"
-    is_slide = c.robot.joints[joint].prismatic
-    if is_slide:
-        size = f"{change:.3g} mm"
-    number = joint + 1
-    return f"joint {number} would be changed by {size}"
 
 
 def describe_limit_violations(commands: Commands) -> list[str]:

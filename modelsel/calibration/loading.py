@@ -134,6 +134,7 @@ def _restore(record: CalibrationRecord) -> Calibration:
         provenance=dict(record.provenance),
         refits=_restore_refits(record, model),
         form=_restore_form(record),
+        doubtful=tuple(record.doubtful),
     )
     _check_standard_errors(record, calibration.standard_errors)
     _check_screws(record, model)

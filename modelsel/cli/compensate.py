@@ -73,7 +73,7 @@ def compensate_command(
     has the units of its language, slow moves, and is called as its file is."""
     from .._files import write_frame
     from ..calibration.command_notes import describe_extrapolation, describe_order_dependence
-    from ..calibration.compensation import build_commands_table, correct_measurements
+    from ..calibration.compensation import build_commands_table
     from ..calibration.loading import load_calibration
     from ..measurements.reader import read_measurements
     from ..measurements.table import DataFile
@@ -84,20 +84,23 @@ def compensate_command(
     source = DataFile(targets, sheet, decimal)
     data = read_measurements(source, c.robot, columns, positions=False, once=False)
     commands: Commands | None = None
+    skipped: list[str] = []
     if forward:
         notes = [*describe_extrapolation(c, data), *describe_order_dependence(c, data)]
         table = build_commands_table(c, data, data.readings, c.predict(data), {})
     else:
-        commands, notes = correct_measurements(c, data, (bound[0] / 1e3, bound[1]), targets.name)
+        found = _correct(c, data, (bound[0] / 1e3, bound[1]), targets.name)
+        commands, data, notes, skipped = found
         table = build_commands_table(c, data, commands.q, commands.wanted, commands.figures())
     if commands is None or form == "csv":
         write_frame(table, out, "%.10g")
     else:
-        _check_commands(commands, data, written=False)
+        _check_commands(commands, data, skipped, written=False)
         notes += _write_program(c, data, commands, form, out, notes)
     if as_json:
         figures = {} if commands is None else _figures(commands)
-        print_json({"written": out.name, "rows": len(data), "warnings": notes, **figures})
+        said = {"written": out.name, "rows": len(data), "warnings": notes, "left_out": skipped}
+        print_json(said | figures)
     else:
         slides = np.array(c.robot.prismatic)
         gain = "" if commands is None else _sentence(commands, slides)
@@ -105,7 +108,22 @@ def compensate_command(
         for note in notes:
             click.echo(f"Note: {note}")
     if commands is not None:
-        _check_commands(commands, data)
+        _check_commands(commands, data, skipped)
+
+
+def _correct(
+    c: Calibration, data: Measurements, bound: tuple[float, float], file: str
+) -> tuple[Commands, Measurements, list[str], list[str]]:
+    """Correct planned commands: they, the rows that they are of, the notes on them, and sentences
+    on the rows that cannot be corrected. Raises DataError where these are most."""
+    from ..calibration.compensation import compensate_commands, note_commands
+    from ..calibration.large_changes import describe_skipped, find_skipped, keep_commands
+
+    commands = compensate_commands(c, data)
+    beyond = find_skipped(c, commands, data, bound, file)
+    skipped = describe_skipped(c, commands, data, bound, beyond)
+    kept, some = keep_commands(commands, ~beyond), data.take(np.flatnonzero(~beyond))
+    return kept, some, note_commands(c, kept, some), skipped
 
 
 def _write_program(
@@ -143,10 +161,14 @@ def _write_program(
     return [f"the decimals of the file move the target by {moved:.2g} mm at most."]
 
 
-def _check_commands(commands: Commands, data: Measurements, written: bool = True) -> None:
-    """Exit with CHECK_FAILED where a row is not reached or beyond a joint's limits, and say which;
-    and whether there is a file."""
+def _check_commands(
+    commands: Commands, data: Measurements, skipped: Sequence[str], written: bool = True
+) -> None:
+    """Exit with CHECK_FAILED where a row is left out, not reached or beyond a joint's limits, and
+    say which; and whether there is a file."""
     missed, stuck = ~commands.reached, commands.beyond.any(1)
+    for sentence in skipped:
+        click.echo(f"modelsel: {sentence}", err=True)
     if missed.any():
         click.echo(
             f"modelsel: {int(missed.sum())} rows are not reached, next to a jump of the model or at the edge of the "
@@ -159,7 +181,7 @@ def _check_commands(commands: Commands, data: Measurements, written: bool = True
             f"({data.where.listed(data.row[stuck])}): the arm cannot take them. Choose other postures.",
             err=True,
         )
-    if missed.any() or stuck.any():
+    if missed.any() or stuck.any() or skipped:
         if not written:
             click.echo("modelsel: no program was written.", err=True)
         raise SystemExit(CHECK_FAILED)
@@ -193,8 +215,8 @@ def _sentence(commands: Commands, slides: NDArray[np.bool_]) -> str:
     """Describe the errors without and with correction, and the largest change of a joint."""
     before = f"{commands.before_mm.mean():.3f} mm on average and {commands.before_mm.max():.3f} mm at most"
     after = (
-        f"{commands.expected_mm.mean():.3f} mm as measured is expected, {commands.model_mm.mean():.3f} mm of it from "
-        f"the model{_describe_unreached(commands)}"
+        f"an error of {commands.expected_mm.mean():.3f} mm on average is expected when it is measured, to which the "
+        f"model's own uncertainty adds {commands.model_mm.mean():.3f} mm{_describe_unreached(commands)}"
     )
     return (
         f" Without correction the target is off by {before}; with it, {after}. No joint changes by more than "
@@ -207,7 +229,7 @@ def _describe_unreached(commands: Commands) -> str:
 
     if commands.left_mm.max() <= REACHED_MM:
         return ""
-    return f" and {commands.left_mm.mean():.3f} mm from what the commands leave"
+    return f" and what the commands leave {commands.left_mm.mean():.3f} mm"
 
 
 def _describe_changes(commands: Commands, slides: NDArray[np.bool_]) -> str:

@@ -9,7 +9,7 @@ from ..exceptions import sentence_list
 from ..measurements.state_names import parse_state_name
 from ..mechanisms.causes import Bump
 from .candidate_kinds import CandidateKind
-from .credible_sets import FOUND, SURE, CredibleSet
+from .credible_sets import FOUND
 from .effects import Effect
 from .sentences import (
     MOTIONS,
@@ -18,6 +18,7 @@ from .sentences import (
     describe_effect,
     has_contrary_signs,
     list_cautions,
+    weigh_listed,
 )
 from .signatures import LEVELS, PROVEN
 
@@ -72,7 +73,7 @@ def is_settled(effect: Effect) -> bool:
     candidate = effect.candidate
     is_shape = not candidate.registered or has_contrary_signs(candidate.mechanism, effect.estimate)
     level = LEVELS.index("shape" if is_shape else "cause")
-    return effect.claim.levels[level] >= SURE
+    return effect.claim.levels[level] >= PROVEN
 
 
 def describe_proven(effect: Effect, doubt: str = "") -> str:
@@ -82,12 +83,13 @@ def describe_proven(effect: Effect, doubt: str = "") -> str:
     claimed = _find_shorter_claim(effect)
     if claimed is None:
         return describe_effect(effect, doubt)
-    standing = [*_list_sizes(effect), f"probability {claimed.probability:.2f}"]
+    of = f"probability {claimed.probability:.2f} of the {claimed.level}"
+    standing = [*_list_sizes(effect), of]
     if doubt:
         standing.append(doubt)
     parts = [f"{claimed.text} ({', '.join(standing)})"]
     if effect.candidate.kind is not CandidateKind.SHAPE:
-        parts.append(_describe_entries(effect.named))
+        parts.append(_describe_entries(effect))
     return "; ".join([*parts, *list_cautions(effect)]) + "."
 
 
@@ -157,12 +159,13 @@ def _describe_place(effect: Effect, probability: float) -> str:
     where = name_places(effect)
     if probability >= PROVEN:
         return f"{where}; on what this depends is not proven"
-    return f"What moves is not proven: {_list_entries(effect.named)}"
+    return f"What moves is not proven: {_list_entries(effect)}"
 
 
-def _describe_entries(named: CredibleSet) -> str:
+def _describe_entries(effect: Effect) -> str:
     """Describe what a finding could be, and whether that would do the same."""
-    text = f"it could be {_list_entries(named)}"
+    named = effect.named
+    text = f"it could be {_list_entries(effect)}"
     labels = dict.fromkeys(entry.candidate.label for entry in named.entries if entry.alike)
     alike = list(labels)[:NAMED_RIVALS]
     if len(alike) > 1:
@@ -170,10 +173,13 @@ def _describe_entries(named: CredibleSet) -> str:
     return text
 
 
-def _list_entries(named: CredibleSet) -> str:
+def _list_entries(effect: Effect) -> str:
+    """List names with their probabilities, that of the first as its own level has it."""
+    scale = weigh_listed(effect)
     listed: dict[str, float] = {}
-    for entry in named.entries:
-        listed[entry.candidate.label] = listed.get(entry.candidate.label, 0.0) + entry.probability
+    for entry in effect.named.entries:
+        weight = scale * entry.probability
+        listed[entry.candidate.label] = listed.get(entry.candidate.label, 0.0) + weight
     words = [f"{label} ({p:.2f})" for label, p in list(listed.items())[:NAMED_RIVALS]]
     return " or ".join(words)
 

@@ -13,6 +13,7 @@ from ..mechanisms.terms import LETTERS, Mechanism, Term
 from .candidates import Candidate
 from .credible_sets import FOUND, Entry
 from .effects import Effect
+from .stated_probability import describe_level_probability, scale_listed
 
 PREFIXES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"))
 # waves per turn that are looked for in a free function, how many are named, and the least share of
@@ -344,10 +345,8 @@ def list_rival_labels(effect: Effect) -> list[str]:
 
 def _describe_probability(effect: Effect) -> str:
     candidate = effect.candidate
-    label = candidate.label
     entries = effect.named.entries
-    of_label = [e.probability for e in entries if e.candidate.label == label]
-    probability = f"probability {sum(of_label):.2f}"
+    probability = f"probability {_write_probability(effect)}"
     if candidate.asked:
         probability += " among those considered"
     text = f" ({label_effect(effect)}, {probability}"
@@ -364,11 +363,33 @@ def _describe_probability(effect: Effect) -> str:
     return text + ")"
 
 
+def _write_probability(effect: Effect) -> str:
+    """Write how probable the level is that an effect is told at, or the listed name where no level
+    was weighed."""
+    if effect.claim is None:
+        return f"{sum_of_name(effect):.2f}"
+    return describe_level_probability(effect.claim.levels)
+
+
+def sum_of_name(effect: Effect) -> float:
+    """Sum the probabilities of the listed explanations that have an effect's name."""
+    label = effect.candidate.label
+    return sum(e.probability for e in effect.named.entries if e.candidate.label == label)
+
+
+def weigh_listed(effect: Effect) -> float:
+    """Return by what the probabilities of listed explanations are multiplied where they are told
+    beside that of the name."""
+    levels = () if effect.claim is None else effect.claim.levels
+    return scale_listed(levels, sum_of_name(effect))
+
+
 def _describe_rivals(effect: Effect) -> str:
     odds = []
+    scale = weigh_listed(effect)
     for entry in effect.named.entries[: NAMED_RIVALS + 1]:
         label = entry.candidate.label
-        odds.append(f"{label} {entry.probability:.2f}")
+        odds.append(f"{label} {scale * entry.probability:.2f}")
     listed = ", ".join(odds)
     others = list_rival_labels(effect)[:NAMED_RIVALS]
     rivals = ", ".join(others) or "others"

@@ -6,6 +6,7 @@ from __future__ import annotations
 from math import inf
 
 from ..diagnosis.signatures import PROVEN
+from ..diagnosis.stated_probability import scale_listed
 from ..exceptions import sentence_list
 from ..notices import ALARMS
 from ..results.details_schema import DetailsRecord, FindingDetailsRecord
@@ -16,6 +17,7 @@ from ..results.schema import StudyRecord
 from ..results.small_findings import split_findings
 from ..results.study_sentences import (
     count_rows,
+    describe_name_probability,
     describe_predictable,
     describe_probability,
     has_predictable_rest,
@@ -101,7 +103,8 @@ def _describe_standing(finding: FindingRecord, label: str) -> str:
     """Describe how probable a finding is and its name, or its rivals."""
     doubt = ", doubtful: the held-out error does not fall with it" if finding.doubtful else ""
     if not finding.is_found:
-        rivals = [f"{entry.name} ({entry.probability:.2f})" for entry in finding.credible_set]
+        scale = scale_listed(finding.level_probabilities, finding.of_name)
+        rivals = [f"{one.name} ({scale * one.probability:.2f})" for one in finding.credible_set]
         more = len(rivals) - SHOWN_RIVALS + finding.more_entries
         others = [f"{more} more"] if more > 0 else []
         return f"not told apart: {' or '.join([*rivals[:SHOWN_RIVALS], *others])}{doubt}"
@@ -109,7 +112,8 @@ def _describe_standing(finding: FindingRecord, label: str) -> str:
     # of a claim that does not hold, the candidate's own sentence stands above
     if claim is None or claim.level == "cause" or claim.probability < PROVEN:
         return f"{label}, probability {describe_probability(finding)}{doubt}"
-    return f"probability {claim.probability:.2f}{doubt}; best described by {label}"
+    named = f"{label} ({describe_name_probability(finding)})"
+    return f"probability {claim.probability:.2f}{doubt}; best described by {named}"
 
 
 def _list_remarks(record: StudyRecord, details: DetailsRecord) -> list[str]:

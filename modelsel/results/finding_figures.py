@@ -4,7 +4,7 @@ worst in the workspace, and its usable numbers."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -87,6 +87,16 @@ class FindingFigures:
     small_rms_mm: float
 
 
+def order_findings(run: StudyRun) -> StudyRun:
+    """Return a run with its findings in the order of how far each moves the target at most, the
+    largest first: the order in which all outputs tell them."""
+    fitted = bind_findings(run) if run.diagnosis.findings else []
+    sizes = np.array([find_worst(one).moved.value for one in fitted])
+    order = np.argsort(-sizes, kind="stable")
+    findings = tuple(run.diagnosis.findings[k] for k in order)
+    return replace(run, diagnosis=replace(run.diagnosis, findings=findings))
+
+
 def measure_effects(run: StudyRun) -> FindingFigures:
     """Measure what every finding of a run does to the target."""
     findings = run.diagnosis.findings
@@ -121,7 +131,9 @@ def bind_findings(run: StudyRun) -> list[Fitted]:
 def _find_threshold(run: StudyRun) -> float:
     """Find the rms [mm] from which an effect matters: its mean square is above a tenth of that of
     what is left, or it is above the noise."""
-    last = run.diagnosis.findings[-1].gain.held_out_rms_after_mm
+    named_last = run.diagnosis.search.effects[-1].candidate
+    gains = [one.gain for one in run.diagnosis.findings if one.effect.candidate == named_last]
+    last = gains[-1].held_out_rms_after_mm
     left = last if last is not None else run.models.chosen.estimation.rms_mm or 0.0
     noise = run.floor.coordinate_mm * float(np.sqrt(run.floor.coordinates))
     return min(left * float(np.sqrt(MIN_SHARE)), noise)

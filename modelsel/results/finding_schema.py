@@ -204,7 +204,20 @@ class FindingRecord(StrictRecord):
         return self.verdict == "found"
 
     @property
+    def level_probabilities(self) -> list[float]:
+        """The probability (4,) of every level; none where they were not weighed."""
+        return [level.probability for level in self.levels]
+
+    @property
+    def of_name(self) -> float:
+        """How probable the name of the first is among the listed explanations."""
+        name = self.first.name
+        of_name = sum(entry.probability for entry in self.credible_set if entry.name == name)
+        return min(of_name, 1.0)
+
+    @property
     def alike(self) -> float:
-        """How probable those explanations are, together, that move the target as the first does."""
+        """How probable those listed explanations are, together, that move the target as the first
+        does."""
         together = sum(entry.probability for entry in self.credible_set if entry.alike)
         return min(together, 1.0)

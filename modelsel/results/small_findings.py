@@ -41,10 +41,10 @@ def write_number(count: int) -> str:
 def split_findings(
     findings: Sequence[FindingRecord], small: SmallFindingsRecord | None
 ) -> tuple[list[int], list[int]]:
-    """Return the places of findings that are told one by one, those that matter first, and of those that
-    one line tells: none where they are fewer than MIN_GROUPED."""
+    """Return the places of findings that are told one by one, and of those that do not matter, which one
+    line tells: none where they are fewer than MIN_GROUPED. The order is theirs, by size."""
     main = [k for k, finding in enumerate(findings) if finding.matters]
     rest = [k for k, finding in enumerate(findings) if not finding.matters]
     if small is None or len(rest) < MIN_GROUPED:
-        return [*main, *rest], []
+        return sorted([*main, *rest]), []
     return main, rest

@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from ..diagnosis.stated_probability import describe_level_probability, find_named_level
 from ..measurements.row_places import Where
 from ..notices import HOPELESS_FIT, Note, list_alarms
 from .finding_schema import EntryRecord, FindingRecord
@@ -170,16 +171,28 @@ def label_entries(entries: Sequence[EntryRecord]) -> list[str]:
 
 
 def describe_probability(finding: FindingRecord) -> str:
-    """Return how probable the name of the first of the set is, and together with those that move the target as it
-    does."""
-    entries, name = finding.credible_set, finding.first.name
-    of_name = sum(entry.probability for entry in entries if entry.name == name)
-    alone = f"{min(of_name, 1.0):.2f}"
-    together = f"{finding.alike:.2f}"
-    others = sum(entry.alike and entry.name != name for entry in entries)
-    if alone == together or others < 1:
-        return alone
-    return f"{alone}; {together} with {others} alike"
+    """Return how probable the cause of a finding is; where that is not proven, what is and how probable."""
+    levels = finding.level_probabilities
+    return describe_level_probability(levels) if levels else f"{finding.of_name:.2f}"
+
+
+def describe_name_probability(finding: FindingRecord) -> str:
+    """Return how probable the name of a finding is."""
+    levels = finding.level_probabilities
+    return f"{levels[find_named_level(levels)] if levels else finding.of_name:.2f}"
+
+
+def describe_levels(finding: FindingRecord) -> str:
+    """Return the probability of every level of a finding, as a sentence; empty of faults of the data and where
+    they were not weighed."""
+    if finding.first.is_fault or finding.claim is None:
+        return ""
+    told = finding.levels[: find_named_level(finding.level_probabilities) + 1]
+    levels = ", ".join(f"{one.level} {one.probability:.2f}" for one in told)
+    rest = (
+        "" if len(told) == len(finding.levels) else f"; of no registered {finding.levels[-1].level}"
+    )
+    return f"Probability, level by level: {levels}{rest}."
 
 
 def write_finding_line(finding: FindingRecord) -> str:
@@ -189,7 +202,7 @@ def write_finding_line(finding: FindingRecord) -> str:
     verdict = "Found" if finding.is_found else "Not told apart"
     if finding.doubtful:
         verdict += ", but doubtful"
-    return f"{verdict}: {finding.sentence}"
+    return f"{verdict}: {finding.sentence} {describe_levels(finding)}".rstrip()
 
 
 def list_figures(finding: FindingRecord) -> list[str]:

@@ -18,7 +18,7 @@ LARGEST_MRAD = 0.1  # rad from which an angle is written in degrees
 
 
 class Named(NamedTuple):
-    """A finding as the verdict tells it: its name, whether the data settle it, whether it matters, whether it is
+    """A finding as the verdict tells it: its name, whether its cause is proven, whether it matters, whether it is
     doubtful, and what else it could be."""
 
     name: str
@@ -29,7 +29,7 @@ class Named(NamedTuple):
 
     @property
     def shown(self) -> str:
-        """The name, or the names where the data do not settle it; that it is doubtful."""
+        """The name, or the names where its cause is not proven; that it is doubtful."""
         names = (self.name,) if self.is_settled else (self.name, *self.rivals)
         text = " or ".join(names)
         return f"{text} (doubtful)" if self.doubtful else text
@@ -130,7 +130,7 @@ def _rms_length(floor: Floor) -> float:
 
 
 def _describe_named(every: NamedErrors, extends: bool) -> str:
-    """Return what was named, what is there without a settled name, and of small findings their sum."""
+    """Return what was named, what is there whose cause is not proven, and of small findings their sum."""
     if not every.each:
         return "No error beyond the base model was named."
     small = [one for one in every.each if not one.matters]
@@ -165,7 +165,7 @@ def _describe_unsettled(named: Sequence[Named], is_more: bool) -> list[str]:
         errors = "error" if len(named) == 1 else "errors"
         what = f"{errors} beyond the base {verb} there"
     number = write_number(len(named))
-    return [f"{number} {what} whose cause is not settled: {_list_names(named)}."]
+    return [f"{number} {what} whose cause is not proven, best described by {_list_names(named)}."]
 
 
 def _list_names(named: Sequence[Named]) -> str:

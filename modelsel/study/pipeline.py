@@ -37,6 +37,7 @@ from ..mechanisms.registry import BUILTIN, Registry
 from ..mechanisms.terms import Mechanism
 from ..notices import Note
 from ..results.cautions import harmful_base_notes
+from ..results.finding_figures import order_findings
 from ..results.finding_records import Finding
 from ..results.study_run import Explanation, ModelSearch, StudyRun
 from ..robot.kinematics import Robot
@@ -195,7 +196,7 @@ def _analyse_prepared(
         warnings=tuple(warnings),
         provenance=record_provenance(study, data_sha256),
     )
-    return Result(run)
+    return Result(order_findings(run))
 
 
 def weigh_orientations(study: Study, registry: Registry, split: Split, base: Model) -> Split:

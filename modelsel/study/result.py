@@ -210,4 +210,6 @@ def _calibrate(run: StudyRun) -> Calibration:
     table = run.study.measurements
     form = FileForm(table.columns, table.sheet, table.decimal)
     refits = refit_forms(run.split, fitted, run.models.ladder)
-    return replace(calibration, refits=refits, form=form)
+    doubtful = [one.effect.candidate for one in run.diagnosis.findings if one.doubtful]
+    names = tuple(candidate.mechanism.name for candidate in doubtful)
+    return replace(calibration, refits=refits, form=form, doubtful=names)

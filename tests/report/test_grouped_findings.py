@@ -15,7 +15,7 @@ from modelsel.report.document import Source, collect_blocks, walk_blocks
 from modelsel.report.html import write_page
 from modelsel.report.terminal import write_sentences
 from modelsel.results.small_findings import MIN_GROUPED, split_findings
-from modelsel.results.study_sentences import write_figures
+from modelsel.results.study_sentences import describe_levels, write_figures
 from modelsel.results.tables import write_notebook_page
 
 SUM = "Three smaller errors, 0.0213 mm rms together: some names."
@@ -51,20 +51,22 @@ def test_the_terminal_tells_those_that_matter_first_and_the_rest_in_one_line(dra
     lines = write_sentences(source.record, source.details)
     findings = source.record.findings
     told = [line for line in lines if line.startswith("Found")]
+    levels = [describe_levels(finding) for finding in findings]
+    assert all("level by level: place " in line for line in levels)
     assert told == [
-        f"Found, but doubtful: {findings[1].sentence}",
-        f"Found: {findings[4].sentence}",
-        f"Found: {findings[5].sentence}",
+        f"Found, but doubtful: {findings[1].sentence} {levels[1]}",
+        f"Found: {findings[4].sentence} {levels[4]}",
+        f"Found: {findings[5].sentence} {levels[5]}",
     ]
     first = lines.index(told[0])
     assert lines[first + 1] == f"    {write_figures(findings[1])}"
     assert lines[first + 6] == SUM
 
 
-def test_two_small_findings_are_told_in_full_after_the_others(drawn) -> None:
+def test_two_small_findings_are_told_in_full_in_the_order_of_all(drawn) -> None:
     record = with_small(drawn, (0, 2)).record
     assert MIN_GROUPED == 3
-    assert split_findings(record.findings, record.small_findings) == ([1, 3, 4, 5, 0, 2], [])
+    assert split_findings(record.findings, record.small_findings) == ([0, 1, 2, 3, 4, 5], [])
 
 
 def test_the_pdf_has_no_page_of_a_small_finding(drawn) -> None:

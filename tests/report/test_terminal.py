@@ -17,7 +17,7 @@ from modelsel.report.drawing import read_source
 from modelsel.report.terminal import WIDTH, Amount, show_study
 from modelsel.report.terminal_summary import _describe_standing
 from modelsel.report.text_tables import Row, write_table
-from modelsel.results.study_sentences import describe_probability
+from modelsel.results.study_sentences import describe_name_probability, describe_probability
 
 SCREEN = 40
 
@@ -54,7 +54,8 @@ def test_verdict_comes_first_on_one_screen(drawn) -> None:
     by_size = sorted(findings, key=lambda pair: -pair[0].worst.mm)
     places += [text.index(drawn.what) for _, drawn in by_size]
     assert places == sorted(places)
-    assert [drawn for _, drawn in by_size] != source.details.findings
+    assert [drawn for _, drawn in by_size] == source.details.findings
+    assert len({pair[0].worst.mm for pair in by_size}) > 1
 
 
 def test_unproven_finding_has_the_probability_of_its_name(drawn) -> None:
@@ -66,7 +67,8 @@ def test_unproven_finding_has_the_probability_of_its_name(drawn) -> None:
     assert _describe_standing(unproven, "a") == f"a, probability {probability}"
     proven = claim.model_copy(update={"probability": 0.97})
     partly = finding.model_copy(update={"claim": proven})
-    assert _describe_standing(partly, "a") == "probability 0.97; best described by a"
+    named = describe_name_probability(finding)
+    assert _describe_standing(partly, "a") == f"probability 0.97; best described by a ({named})"
 
 
 def test_more_findings_than_a_screen_holds_are_counted(drawn) -> None:

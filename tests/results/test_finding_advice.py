@@ -64,10 +64,10 @@ def test_the_action_follows_what_is_known(drawn, change, action) -> None:
 def test_a_free_function_of_a_joint_is_a_correction_over_its_angle(drawn) -> None:
     record = read_source(drawn).record
     finding = record.findings[1]
-    screws = [finding.first.screws[0].model_copy(update={"cause": "free(q4)"})]
+    screws = [finding.first.screws[0].model_copy(update={"cause": "free(q1)", "frame": 1})]
     free = finding.first.model_copy(update={"mechanism": None, "screws": screws})
     advice = advise(record, finding.model_copy(update={"credible_set": [free]}))
-    assert "over the angle of joint 4" in advice.sentence
+    assert "over the angle of joint 1" in advice.sentence
 
 
 def test_larger_than_usual_is_inspected(drawn) -> None:

@@ -65,18 +65,18 @@ def test_bad_news_is_said(gain, words) -> None:
         (
             [("a", False, True, False, ("b", "c"))],
             "all",
-            "One error beyond the base is there whose cause is not settled: a or b or c.",
+            "One error beyond the base is there whose cause is not proven, best described by a or b or c.",
         ),
         (
             [("a", True), ("b", False)],
             [],
-            "One error was named beyond the base: a. One more is there whose cause is not settled: b. "
+            "One error was named beyond the base: a. One more is there whose cause is not proven, best described by b. "
             + NONE,
         ),
         (
             [("a", True), ("b", False, True, True, ("c",)), ("c", False, True, False, ("d",))],
             "all",
-            "One error was named beyond the base: a. Two more are there whose cause is not settled: b or c (doubtful); c or d.",
+            "One error was named beyond the base: a. Two more are there whose cause is not proven, best described by b or c (doubtful); c or d.",
         ),
         (
             [("a", True)],
@@ -125,6 +125,7 @@ def test_small_findings_are_told_by_their_sum() -> None:
     [
         ("found", (1.0, 1.0, 1.0, 0.97), True, True),
         ("found", (0.54, 0.53, 0.53, 0.53), True, False),
+        ("found", (0.99, 0.99, 0.89, 0.89), True, False),
         ("cannot be told apart", (1.0, 1.0, 1.0, 0.97), True, False),
         ("found", (1.0, 1.0, 0.99, 0.0), False, True),
         ("found", (1.0, 1.0, 0.5, 0.0), False, False),

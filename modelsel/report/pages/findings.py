@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
+from ...diagnosis.stated_probability import scale_listed
 from ...measurements.row_places import Where
 from ...results.details_schema import FindingDetailsRecord
 from ...results.finding_advice import advise
@@ -13,6 +14,7 @@ from ...results.finding_schema import EntryRecord, FindingRecord
 from ...results.small_findings import split_findings
 from ...results.study_sentences import (
     count_rows,
+    describe_levels,
     describe_probability,
     format_mm,
     label_entries,
@@ -31,6 +33,10 @@ HOW_TO_READ = (
     "marks: means; orange: the fitted effect. Where the squares follow the line and the blue lies flat, the effect is there "
     "and gone."
 )
+LEVELS = (
+    "Levels: how probable it is what moves (place), on what that depends (drivers), how (shape) and why (cause). A finding "
+    "claims the deepest that reaches 0.9."
+)
 REMEDIES = (  # names in a cause, how to measure again
     (("progress", "time_s", "temperature_C"), "measured again at another time of the campaign"),
     (("approach", "move"), "approached from both sides, by short and by long moves"),
@@ -44,7 +50,7 @@ def write_findings_pages(source: Source) -> list[Block]:
     if not record.findings:
         return [make_heading("Findings"), make_text(record.nothing_else.sentence)]
     told, grouped = split_findings(record.findings, record.small_findings)
-    blocks = [make_heading("Findings")]
+    blocks = [make_heading("Findings"), make_text(LEVELS, "quiet", keep=True)]
     if any(details.findings[k].panels for k in told):
         blocks.append(make_text(HOW_TO_READ, "quiet", keep=True))
     for k in told:
@@ -95,7 +101,7 @@ def _write_finding(
     words = [
         make_text(f"{finding.sentence} {write_figures(finding)}".strip()),
         make_text(_describe_advice(source, finding)),
-        make_text(_describe_verdict(finding, source.where), "quiet"),
+        make_text(_describe_standing(finding, source.where), "quiet"),
     ]
     if len(finding.credible_set) > 1:
         words.append(make_text(_describe_credible_set(finding), "quiet"))
@@ -115,11 +121,12 @@ def _describe_advice(source: Source, finding: FindingRecord) -> str:
 def _describe_credible_set(finding: FindingRecord) -> str:
     """Return what the finding could be: those that move the target as the first does, then the others."""
     entries = finding.credible_set
+    scale = scale_listed(finding.level_probabilities, finding.of_name)
     alike: list[str] = []
     different: list[str] = []
     for name, entry in zip(label_entries(entries), entries, strict=True):
         side = alike if entry.alike else different
-        side.append(f"{name} {entry.probability:.2f}")
+        side.append(f"{name} {scale * entry.probability:.2f}")
     shown = [*alike, *different][:MAX_NAMES]
     text = f"What it could be, with its probability: {'; '.join(shown[: len(alike)])}"
     if len(shown) > len(alike):
@@ -141,6 +148,11 @@ def _write_residuals(source: Source, number: int, detail: FindingDetailsRecord) 
     words = f"Residual {axes}, without and with {detail.label}."
     draw = partial(draw_panels, panels)
     return source.add_figure(f"finding-{number}", draw, caption.strip(), words)
+
+
+def _describe_standing(finding: FindingRecord, where: Where) -> str:
+    """Return the ladder of levels, p-value, gain and rows."""
+    return f"{describe_levels(finding)} {_describe_verdict(finding, where)}".lstrip()
 
 
 def _describe_verdict(finding: FindingRecord, where: Where) -> str:

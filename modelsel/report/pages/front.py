@@ -84,8 +84,8 @@ def _write_named(source: Source) -> list[Block]:
     shown = told[:MAX_NAMED]
     rows = [_named_row(source, k) for k in shown]
     caption = (
-        "Worth: by how much the held-out rms error falls when it joins the model, with its interval. Probability: of this name; alike: "
-        "of this and of others that would move the target as it does"
+        "Worth: by how much the held-out rms error falls when it joins the model, with its interval. Probability: of the "
+        "cause; where that is below 0.9 also of what is proven, place (what moves), drivers (on what that depends) or shape"
     )
     has_rivals = any(not finding.is_found for finding in findings)
     caption += "; rivals: others that the data cannot tell from it." if has_rivals else "."
