@@ -253,6 +253,16 @@ def _register_data(c: Calibration, data: Measurements) -> Registration:
     return register_again(c, problem)
 
 
+def describe_same_data(c: Calibration, digest: str) -> list[str]:
+    """Say that the data are those which made the calibration, where they are."""
+    if not digest or c.provenance.get("data_sha256") != digest:
+        return []
+    return [
+        "These are the measurements that made the calibration, so they cannot contradict it: measure new "
+        "configurations to learn whether it still holds."
+    ]
+
+
 def describe_verdict(data: Measurements, verdict: Verdict) -> list[str]:
     """Describe the verdict in one sentence, then what belongs to it."""
     sentences = [_summarise_verdict(data, verdict)]

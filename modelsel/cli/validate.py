@@ -34,9 +34,9 @@ def validate_command(
     A file of the form of the study's (columns, sheet, decimal mark) goes in as it is."""
     from ..calibration.command_notes import describe_extrapolation
     from ..calibration.loading import load_calibration
-    from ..calibration.validation import describe_verdict, judge
+    from ..calibration.validation import describe_same_data, describe_verdict, judge
     from ..measurements.reader import read_measurements
-    from ..measurements.table import load_table
+    from ..measurements.table import hash_source, load_table
 
     c = load_calibration(result)
     source = c.form.open(data, sheet, decimal)
@@ -45,6 +45,7 @@ def validate_command(
     measured = read_measurements(table, c.robot, mapping)
     found = judge(c, measured, register)
     said, beyond = describe_verdict(measured, found), describe_extrapolation(c, measured)
+    beyond = [*describe_same_data(c, hash_source(data)), *beyond]
     warnings = [*found.doubts, *beyond]
     if as_json:
         print_json(

@@ -12,7 +12,7 @@ from ..notices import ALARMS
 from ..results.details_schema import DetailsRecord, FindingDetailsRecord
 from ..results.finding_schema import FindingRecord
 from ..results.quantities import format_figure
-from ..results.repeatability import write_repeatability_lines
+from ..results.repeatability import summarise_repeatability
 from ..results.schema import StudyRecord
 from ..results.small_findings import split_findings
 from ..results.study_sentences import (
@@ -45,7 +45,7 @@ def summarise_study(record: StudyRecord, details: DetailsRecord, width: int) -> 
     rest = [line for one in _list_remarks(record, details) for line in fold_text(one, width)]
     lines = _write_findings(record, details, width, room - len(rest))
     lines += ["", *rest] if lines else rest
-    for sentence in write_repeatability_lines(record.repeatability)[:1]:
+    for sentence in summarise_repeatability(record.repeatability):
         repeated = fold_text(sentence, width)
         lines += repeated if len(lines) + len(repeated) <= room else []
     return lines

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from ..diagnosis.signatures import LEVELS
 from .finding_schema import EntryRecord, FindingRecord
 from .schema import StudyRecord
 from .study_sentences import format_mm
@@ -36,7 +37,10 @@ class Advice(NamedTuple):
         """The fall of the error in figures; a dash where undefined."""
         if self.gain_mm is None:
             return "–"
-        text = format_mm(self.gain_mm).replace("-", "−")
+        text = format_mm(self.gain_mm)
+        if float(text) == 0 != self.gain_mm:
+            text = f"{self.gain_mm:.1g}"
+        text = text.replace("-", "−")
         if self.interval_mm is None:
             return text
         low, high = (f"{end:.2g}".replace("-", "−") for end in self.interval_mm)
@@ -45,9 +49,12 @@ class Advice(NamedTuple):
 
 _ANGLE = (
     MODEL,
-    "a correction over the angle of joint {joint} takes it away while it stays as it is",
+    "correct it over the angle of joint {joint}; that holds until the joint is taken apart",
 )
-_LOAD = (MODEL, "it follows pose and load; tell the model the payload that is carried")
+_LOAD = (
+    MODEL,
+    "the pose tells it, under the load that was measured; with another load measure payload_kg along, or calibrate again",
+)
 _WARM = (MODEL, "with the temperature measured along, or calibrate and work at one temperature")
 _INSTRUMENT = (
     MEASURE,
@@ -149,7 +156,8 @@ def _choose(record: StudyRecord, finding: FindingRecord) -> tuple[str, str]:
         return _FAULT
     if finding.doubtful:
         return _DOUBTFUL
-    if not finding.is_found:
+    is_place_alone = finding.claim is not None and finding.claim.level == LEVELS[0]
+    if not finding.is_found or is_place_alone:
         return _INSTRUMENT if stem in SET_UP else _RIVALS
     return _choose_by_name(record, first, stem)
 

@@ -85,7 +85,8 @@ def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
     )
     hopeless = [note.sentence for note in run.warnings if note.code == HOPELESS_FIT]
     orientation = measure_orientation(run.split, nominal, models.chosen)
-    return complete_verdict(sentences, orientation, hopeless[0] if hopeless else None)
+    registered = "its base and the target" if run.study.robot.register_ else None
+    return complete_verdict(sentences, orientation, hopeless[0] if hopeless else None, registered)
 
 
 def collect_named(diagnosis: Explanation, figures: FindingFigures) -> list[Named]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from .._typing import Array
 from ..diagnosis.sentences import choose_prefix
+from ..exceptions import sentence_list
 from ..fitting.error_structure import ErrorPart, ErrorStructure
 from ..fitting.possible_parts import GIVEN
 from .schema import INSTRUMENT, ErrorPartRecord
@@ -174,6 +175,15 @@ def compute_target_rms(parts: Sequence[ErrorPartRecord]) -> Array:
 
 # -- a terminal
 # --------------------------------------------------------------------------------------------------------------------
+
+
+def summarise_repeatability(parts: Sequence[ErrorPartRecord]) -> list[str]:
+    """Return the largest part in full, and the others with their shares; none where nothing is told."""
+    if not parts:
+        return []
+    first, *others = parts
+    rest = sentence_list([f"{label_part(part)} {describe_share(part.share)}" for part in others])
+    return [f"Repeatability: {first.sentence}" + (f" The rest: {rest}." if others else "")]
 
 
 def write_repeatability_lines(parts: Sequence[ErrorPartRecord]) -> list[str]:

@@ -62,14 +62,20 @@ def write_verdict(
 
 
 def complete_verdict(
-    sentences: tuple[str, str, str], orientation: tuple[float, float] | None, hopeless: str | None
+    sentences: tuple[str, str, str],
+    orientation: tuple[float, float] | None,
+    hopeless: str | None,
+    registered: str | None = None,
 ) -> tuple[str, ...]:
-    """Add to the three sentences the rms of the orientation error before and after [rad], where it was measured.
+    """Add to the three sentences the rms of the orientation error before and after [rad], where it was measured,
+    and what was `registered` before, where anything was.
 
     Where the fit is `hopeless`, the sentence that says so comes first, and none says that nothing else was
     found."""
     gained, named, remainder = sentences
     gained += _describe_orientation(orientation)
+    if registered is not None:
+        gained += f" The nominal robot's error is what is left after {registered} were registered."
     if hopeless is not None:
         return hopeless, gained, named
     return gained, named, remainder

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +19,8 @@ COLLISIONS = (
     "Collisions are not known here: look at every posture before the arm moves there, and leave out "
     "those that it cannot take."
 )
+SETTABLE = ("payload_kg", "temperature_C")
+TIME = "time_s"
 POOL_SIZE = 2000  # configurations of a pool that is drawn within ranges
 
 
@@ -89,6 +91,15 @@ def draw_pool(
         prismatic=robot.prismatic,
         coupling=robot.coupling,
     )
+
+
+def keep_conditions(pool: Measurements, used: Collection[str]) -> Measurements:
+    """Return a pool with the covariates alone that are conditions of a measurement: payload and
+    temperature, and those whose names are `used`. A clock or a counter of the campaign is none:
+    what follows the course of the campaign cannot be set."""
+    conditions = {*SETTABLE, *used} - {TIME}
+    covariates = {name: v for name, v in pool.covariates.items() if name in conditions}
+    return replace(pool, covariates=covariates)
 
 
 def repeat_for_targets(data: Measurements, targets: Sequence[str]) -> Measurements:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..exceptions import DataError, NotEstimable
 from ..fitting.design import Model, residuals
@@ -38,6 +39,7 @@ MIN_MOTION = 1e-6  # rad or mm: a joint with a smaller range does not move
 
 def inspect_measurements(robot: Robot, data: Measurements) -> dict[str, Any]:
     """Describe measurements: what they hold, and what they determine of the geometry."""
+    found = _find_placement(robot, data)
     return {
         "rows": len(data),
         "configurations": data.configurations,
@@ -49,9 +51,9 @@ def inspect_measurements(robot: Robot, data: Measurements) -> dict[str, Any]:
         "joints": _describe_joints(robot, data),
         "repeats": data.configurations - count_distinct(data.block),
         "noise_floor": _estimate_noise_floor(data),
-        **_describe_geometry(robot, data),
+        **_describe_geometry(robot, data, found),
         "repeatability": _describe_repeatability(robot, data),
-        **_describe_registration(robot, data),
+        **_describe_registration(found),
         "warnings": [{"code": note.code, "sentence": note.sentence} for note in data.notes],
     }
 
@@ -103,10 +105,13 @@ def _estimate_noise_floor(data: Measurements) -> dict[str, Any] | None:
     return {"coordinate_mm": floor.coordinate_mm, "source": floor.source}
 
 
-def _describe_geometry(robot: Robot, data: Measurements) -> dict[str, Any]:
-    """Return what the configurations determine of the geometric model, and what they do not."""
+def _describe_geometry(robot: Robot, data: Measurements, found: _Placement | None) -> dict[str, Any]:
+    """Return what the configurations determine of the geometric model, and what they do not, for
+    targets where they were found to be."""
     targets = len(data.targets)
     tools = np.tile(ASSUMED_TOOL_MM, (targets, 1))
+    if found is not None:
+        tools = found.problem.tools
     all_rows = np.ones(len(data), bool)
     problem = Problem(robot, data, tools)
     problem = place_features(problem, all_rows)
@@ -122,10 +127,11 @@ def _describe_geometry(robot: Robot, data: Measurements) -> dict[str, Any]:
         "parameters": len(terms),
         "rank": identified.rank,
         "condition": identified.condition,
+        "tool_mm": None if found is not None else list(ASSUMED_TOOL_MM),
     }
-    found = fitted_terms(identified, model)
+    fitted = fitted_terms(identified, model)
     groups = []
-    for group in describe_unidentifiable(found, terms):
+    for group in describe_unidentifiable(fitted, terms):
         parameters = list(group.parameters)
         groups.append({"sentence": group.sentence, "parameters": parameters})
     return {"geometry": geometry, "unidentifiable": groups}
@@ -137,12 +143,16 @@ def _describe_repeatability(robot: Robot, data: Measurements) -> dict[str, Any]:
     return describe_told_parts(Problem(robot, data, tools))
 
 
-def _describe_registration(robot: Robot, data: Measurements) -> dict[str, Any]:
-    """Return how well the points fit the nominal robot once tracker and targets are found.
+class _Placement(NamedTuple):
+    """Measurements with tracker and targets found from the rows that are used (m,)."""
 
-    All groups have one placement. Also which simple mistake of the set-up would fit better. Empty
-    where too few points are measured.
-    """
+    problem: Problem
+    use: NDArray[np.bool_]
+
+
+def _find_placement(robot: Robot, data: Measurements) -> _Placement | None:
+    """Find the tracker and the targets; all groups have one placement. None where too few points
+    are measured."""
     no_tools = np.zeros((len(data.targets), 3))
     problem = Problem(robot, data, no_tools)
     points = np.flatnonzero(data.points)
@@ -151,12 +161,20 @@ def _describe_registration(robot: Robot, data: Measurements) -> dict[str, Any]:
     use[points[::step]] = True
     configurations = np.unique(data.block[use])
     if len(configurations) < MIN_CONFIGURATIONS:
-        return {}
+        return None
     try:
-        problem = register(problem, use, per_group=False)
-        residual = residuals(problem.take(use))
+        return _Placement(register(problem, use, per_group=False), use)
     except (DataError, NotEstimable):
+        return None
+
+
+def _describe_registration(found: _Placement | None) -> dict[str, Any]:
+    """Return how well the points fit the nominal robot once tracker and targets are found, and
+    which simple mistake of the set-up would fit better; empty where they were not found."""
+    if found is None:
         return {}
+    problem, use = found
+    residual = residuals(problem.take(use))
     distances = np.linalg.norm(residual[:, :3], axis=1)
     median = float(np.median(distances))
     notes = check_setup(problem, use, registered=True, per_group=False)
@@ -262,10 +280,13 @@ def _format_noise_floor(inspection: dict[str, Any]) -> str:
 
 def _format_geometry(inspection: dict[str, Any]) -> list[str]:
     geometry = inspection["geometry"]
-    x, y, z = ASSUMED_TOOL_MM
+    where = "target where it was found, below"
+    if geometry["tool_mm"] is not None:
+        x, y, z = geometry["tool_mm"]
+        where = f"target assumed at {x:g}, {y:g}, {z:g} mm"
     line = (
         f"Geometry: {geometry['rank']} of {geometry['parameters']} parameters can be determined "
-        f"(target assumed at {x:g}, {y:g}, {z:g} mm), condition {geometry['condition']:.0f}"
+        f"({where}), condition {geometry['condition']:.0f}"
     )
     lines = [line]
     for group in inspection["unidentifiable"]:

@@ -38,6 +38,7 @@ from .configuration_pool import (
     draw_approaches,
     draw_pool,
     find_joint_ranges,
+    keep_conditions,
     repeat_for_targets,
 )
 from .planned_repeats import RepeatPlan, add_rounds, format_repeats, plan_repeats
@@ -132,6 +133,18 @@ def _find_rivals_of_effect(result: Result, effect: Effect) -> Rivals | None:
         probability=probability / probability.sum(),
         others=_list_other_terms(result, effect),
     )
+
+
+def list_used_names(result: Result) -> frozenset[str]:
+    """Return the names of the state that the chosen model, or a rival of one of its findings, looks
+    at."""
+    names = set(result.calibration.needs())
+    for rivals in find_rivals(result):
+        for terms in rivals.terms:
+            for term in terms:
+                for screw in term.screws:
+                    names |= screw.cause.names()
+    return frozenset(names)
 
 
 def _list_other_terms(result: Result, effect: Effect) -> tuple[Term, ...]:
@@ -337,6 +350,7 @@ def plan_next(
         ranges = find_joint_ranges(robot, data, limits, given)
         possible = draw_pool(calibration, seed, data, ranges)
         within = describe_ranges(robot, limits, given)
+        possible = keep_conditions(possible, list_used_names(result))
     targets = calibration.targets
     possible = repeat_for_targets(possible, targets)
     plan = choose_configurations(result, calibration, possible, count, purpose)

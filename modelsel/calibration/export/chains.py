@@ -128,13 +128,13 @@ def describe_link_places(
     notes = []
     for name, place in places.items():
         x, y, z = place[:3, 3].tolist()
-        notes.append(f'target {name} in link "{tip_link}": x, y, z = {x!r}, {y!r}, {z!r} mm')
+        notes.append(f'target {name} in link "{tip_link}": x, y, z = {x:.4f}, {y:.4f}, {z:.4f} mm')
     if not np.array_equal(base, np.eye(4)):
         x, y, z = base[:3, 3].tolist()
-        angles = ", ".join(f"{angle:.9g}" for angle in np.degrees(to_rpy(base[:3, :3])))
+        angles = ", ".join(f"{angle:.6f}" for angle in np.degrees(to_rpy(base[:3, :3])))
         notes.append(
-            f'frame 0 of the calibration in link "{base_link}": x, y, z = {x:.9g}, {y:.9g}, '
-            f"{z:.9g} mm; roll, pitch, yaw = {angles} deg"
+            f'frame 0 of the calibration in link "{base_link}": x, y, z = {x:.4f}, {y:.4f}, '
+            f"{z:.4f} mm; roll, pitch, yaw = {angles} deg"
         )
     return notes
 

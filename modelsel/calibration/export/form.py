@@ -22,7 +22,8 @@ class Exported:
     """A file's text; `error_mm` largest difference between what is read back and the fit, in what
     the form can carry, over `configurations`; `left_out` in words, and how far the whole model is
     from the file: (rms, largest) mm. `errors`: of which rows, rms [mm] of the nominal arm, of the
-    file, of the whole model (None where that is not known)."""
+    file, of the whole model (None where that is not known); from `useful` times the nominal arm's
+    error on, the file is said to be no better."""
 
     text: str
     error_mm: float
@@ -31,6 +32,7 @@ class Exported:
     left_out_mm: tuple[float, float] = (0.0, 0.0)
     notes: tuple[str, ...] = ()
     errors: tuple[str, float, float, float] | None = None
+    useful: float = 1.0
 
     @property
     def worse(self) -> str | None:
@@ -39,9 +41,12 @@ class Exported:
         if self.errors is None:
             return None
         rows, nominal, own, _ = self.errors
-        if own <= nominal:
+        if own <= self.useful * nominal:
             return None
-        return f"this file is worse than the nominal arm: {own:.3g} mm rms against {nominal:.3g} mm, {rows}"
+        compared = "worse" if own > nominal else "hardly better"
+        return (
+            f"this file is {compared} than the nominal arm: {own:.3g} mm rms against {nominal:.3g} mm, {rows}"
+        )
 
 
 def describe_left_out(some: Sequence[Part]) -> tuple[str, ...]:

@@ -39,6 +39,8 @@ STALLED = (
     0.7  # of what interpolation missed before a halving: a jump stays, a bend leaves a quarter
 )
 CHECKED = 2000  # configurations within the grid that its file is checked at
+# of the nominal arm's rms error: a table that leaves more of it is hardly worth its use
+MIN_USE = 0.8
 BLOCK = 5000  # configurations that are computed at once
 
 
@@ -65,10 +67,15 @@ def to_grid(c: Calibration, options: GridOptions | None = None) -> Exported:
         f"{largest:.2g} mm, and 95 % by no more than {np.percentile(missed, 95):.2g} mm"
     )
     text = f"# {said}\n{text}"
-    apart = _measure_elsewhere(c, options.joints, text)
+    apart, bare = _measure_elsewhere(c, options.joints, text)
     others = list_held(c, options.joints, held)
-    notes = (said, remarks[0], *describe_coupling(c))
-    return Exported(text, bound, checked, others, apart, notes)
+    compared = (
+        f"over all that the calibration has seen the table leaves {apart[0]:.3g} mm rms ({apart[1]:.3g} mm at most); "
+        f"without it the arm is off by {bare[0]:.3g} mm rms ({bare[1]:.3g} mm)"
+    )
+    notes = (said, compared, remarks[0], *describe_coupling(c))
+    errors = ("over all that the calibration has seen", bare[0], apart[0], 0.0)
+    return Exported(text, bound, checked, others, apart, notes, errors, MIN_USE)
 
 
 def _compute_errors(at: Problem, c: Calibration) -> Array:
@@ -211,13 +218,16 @@ def _check(c: Calibration, joints: Sequence[int], held: Held, text: str) -> Arra
     return np.asarray(np.linalg.norm(difference, axis=1))
 
 
-def _measure_elsewhere(c: Calibration, joints: Sequence[int], text: str) -> tuple[float, float]:
-    """Measure how far the table, whose edges hold beyond it, is from the whole model over all that
-    the calibration has seen: (rms, largest) mm."""
+def _measure_elsewhere(
+    c: Calibration, joints: Sequence[int], text: str
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Measure how far the table, whose edges hold beyond it, and the nominal arm are from the whole
+    model over all that the calibration has seen: (rms, largest) mm of each."""
     at = sample_workspace(c)
     columns = [joint - 1 for joint in joints]
     _, read = _read_back(text)
-    return rms_and_max(_compute_errors(at, c) - read(at.data.q[:, columns]))
+    errors = _compute_errors(at, c)
+    return rms_and_max(errors - read(at.data.q[:, columns])), rms_and_max(errors)
 
 
 def _describe(c: Calibration, options: GridOptions, held: Held) -> list[str]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..._typing import Array
 from ...exceptions import StudyError, suggest
+from ...measurements.reference_temperature import TEMPERATURE
 from ...measurements.state_names import is_state_name
 from ..command_notes import RANGE_TOLERANCE
 
@@ -122,6 +123,9 @@ def hold_others(c: Calibration, options: GridOptions) -> Held:
                 f"--at {name}={value:g}: the calibration has seen {low / factor:.6g} to "
                 f"{high / factor:.6g}."
             )
+    if c.refits is not None and c.refits.mean_celsius is not None and TEMPERATURE in middles:
+        # as the other forms hold it
+        middles[TEMPERATURE] = c.refits.mean_celsius
     middles |= given
     joints = range(1, c.robot.n + 1)
     q = np.array([middles[f"q{joint}"] for joint in joints])

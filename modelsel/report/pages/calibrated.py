@@ -24,11 +24,12 @@ SYMBOLS = (
     "turns about them, before the joint moves (dashed: its axis, z)."
 )
 TABLE = (
-    "Nominal: the drawing's value, of a shift from the frame before along the frame's own axes; 0 where the number is a "
-    "correction. U: expanded uncertainty, twice the standard uncertainty, which is the larger of least squares' and the "
+    "Nominal: the drawing's value, of a shift from the frame before along the frame's own axes{registered}; 0 where the "
+    "number is a correction. U: expanded uncertainty, twice the standard uncertainty, which is the larger of least squares' and the "
     "bootstrap's standard error and stands behind ± in the findings, too. p: how probable so large a deviation is where "
     "there is none. Moves: the target, at most, over the measured configurations."
 )
+REGISTERED = "; of the target, where registration found it on the nominal robot"
 TOGETHER = (
     " *: known only together with others (see What the data cannot tell); its usual size decides."
 )
@@ -70,7 +71,8 @@ def _write_drawing(source: Source) -> list[Block]:
 
 
 def _write_table(source: Source, rows: Sequence[ParameterRow], most: int | None) -> Block:
-    caption = TABLE
+    is_registered = source.record.registration is not None
+    caption = TABLE.format(registered=REGISTERED if is_registered else "")
     shown = _select_rows(rows, most)
     if any(row.together for row in shown):
         caption += TOGETHER

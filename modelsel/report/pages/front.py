@@ -60,11 +60,17 @@ def write_first_page(source: Source) -> list[Block]:
         "ladder",
         partial(draw_ladder, record),
         "Rms position error of each model on the way from the nominal to the chosen one. Each row adds "
-        "one named cause; in the grey zone nothing but noise is left.",
+        "one named cause; in the grey zone nothing but noise is left." + _note_registration(record),
         _ladder_words(record),
     )
     lead = [make_text(sentence, "lead") for sentence in opening_sentences(record)]
     return [title, *lead, figure, *_write_named(source)]
+
+
+def _note_registration(record: StudyRecord) -> str:
+    if record.registration is None:
+        return ""
+    return " Nominal: with base and target registered to the measurements first."
 
 
 def _list_campaign(details: DetailsRecord) -> list[str]:
