@@ -257,10 +257,11 @@ def describe_same_data(c: Calibration, digest: str) -> list[str]:
     """Say that the data are those which made the calibration, where they are."""
     if not digest or c.provenance.get("data_sha256") != digest:
         return []
-    return [
+    sentence = (
         "These are the measurements that made the calibration, so they cannot contradict it: measure new "
         "configurations to learn whether it still holds."
-    ]
+    )
+    return [sentence]
 
 
 def describe_verdict(data: Measurements, verdict: Verdict) -> list[str]:

@@ -163,5 +163,7 @@ def _print_export(made: Exported, out: Path) -> None:
             f"It cannot carry {'; '.join(made.left_out)}: the whole model differs from it by {rms:.3g} mm rms, "
             f"{largest:.3g} mm at most. `--format python` writes a function that carries all of it."
         )
+    for line in made.table:
+        click.echo(line)
     for note in made.notes:
         click.echo(f"Note: {note}.")

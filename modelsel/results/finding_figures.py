@@ -19,7 +19,7 @@ from ..fitting.least_squares import Fit
 from .quantities import Usable, describe_ends, format_figure
 from .small_findings import write_number
 from .study_run import StudyRun
-from .usable_numbers import list_usable
+from .usable_numbers import PLAYS, list_usable
 from .verdict import Named
 from .workspace import Fitted, Range, Workspace, build_workspace
 
@@ -34,12 +34,13 @@ Values = dict[str, Any]
 @dataclass(frozen=True)
 class Worst:
     """Where an effect moves the target most [mm], and the joint readings there (degrees; mm of a
-    slide)."""
+    slide); `by_side`: to either of two sides, whose step is twice as large."""
 
     moved: Range
     readings: tuple[float, ...]
     slides: tuple[bool, ...]
     beyond: tuple[int, ...]
+    by_side: bool = False
 
     def describe(self) -> Values:
         """Return result.json's value; `unmeasured_joints`: those beyond their measured range."""
@@ -65,7 +66,8 @@ class Worst:
             joints = "joint" if len(self.beyond) == 1 else "joints"
             beyond = f", beyond the measured range of {joints} {numbers}"
         size = f"{format_figure(self.moved.value)} mm{describe_ends(self.moved)}"
-        return f"at most {size} at the target, where the joints stand at {places}{beyond}"
+        side = " to either side" if self.by_side else ""
+        return f"at most {size} at the target{side}, where the joints stand at {places}{beyond}"
 
 
 @dataclass(frozen=True)
@@ -108,11 +110,12 @@ def measure_effects(run: StudyRun) -> FindingFigures:
     sizes = measure_sizes(fitted, workspace.displace(base), _find_threshold(run))
     each = []
     for k, (finding, one) in enumerate(zip(findings, fitted, strict=True)):
-        usable = list_usable(finding.effect.candidate.mechanism, one)
+        mechanism = finding.effect.candidate.mechanism
+        usable = list_usable(mechanism, one)
         figures = Figures(
             rms_mm=float(sizes.rms[k]),
             matters=bool(sizes.matters[k]),
-            worst=find_worst(one),
+            worst=replace(find_worst(one), by_side=mechanism.stem in PLAYS),
             usable=tuple(usable),
         )
         each.append(figures)

@@ -182,8 +182,11 @@ def summarise_repeatability(parts: Sequence[ErrorPartRecord]) -> list[str]:
     if not parts:
         return []
     first, *others = parts
-    rest = sentence_list([f"{label_part(part)} {describe_share(part.share)}" for part in others])
-    return [f"Repeatability: {first.sentence}" + (f" The rest: {rest}." if others else "")]
+    sentence = f"Repeatability: {first.sentence}"
+    if others:
+        shares = [f"{label_part(part)} {describe_share(part.share)}" for part in others]
+        sentence += f" The rest: {sentence_list(shares)}."
+    return [sentence]
 
 
 def write_repeatability_lines(parts: Sequence[ErrorPartRecord]) -> list[str]:

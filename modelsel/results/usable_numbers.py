@@ -26,6 +26,8 @@ from .workspace import Fitted, Range
 
 SHIFTS = slice(0, 3)
 ABOUT_Z = slice(5, 6)
+# mechanisms whose estimate is half of the step between two sides
+PLAYS = ("backlash", "approach-backlash", "overshoot")
 SIDES = "difference between the two directions"
 # K over which thermal effects are told; rad and mm over which slopes are
 RISE = 10.0
@@ -94,11 +96,12 @@ def _measure_play(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
         yield express(words, whole, "mm")
         return
     turn = whole.scale(ARC_SECONDS)
-    yield express(words, turn, "arcsec")
+    step = "" if words == SIDES else f"of {words} from side to side"
+    yield express(words, turn, "arcsec", step)
     lever = _find_wrist_lever(fitted, screw.frame)
     moved = whole.scale(lever.mm)
     at = f"at the {lever.point}"
-    yield express(f"{words} {at}", moved, "mm", f"{at} at most")
+    yield express(f"{words} {at}", moved, "mm", f"{at} at most, from side to side")
 
 
 def _measure_sides(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -296,9 +299,7 @@ MEASURES: Mapping[str, Measure] = {
         measure_wind_up,
     ),
     "base-tilt": measure_base_tilt,
-    "backlash": _measure_play,
-    "approach-backlash": _measure_play,
-    "overshoot": _measure_play,
+    **dict.fromkeys(PLAYS, _measure_play),
     "gear-eccentricity": _measure_wave,
     "encoder-eccentricity": _measure_wave,
     "gear-ripple": _measure_wave,

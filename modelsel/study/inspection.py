@@ -105,7 +105,9 @@ def _estimate_noise_floor(data: Measurements) -> dict[str, Any] | None:
     return {"coordinate_mm": floor.coordinate_mm, "source": floor.source}
 
 
-def _describe_geometry(robot: Robot, data: Measurements, found: _Placement | None) -> dict[str, Any]:
+def _describe_geometry(
+    robot: Robot, data: Measurements, found: _Placement | None
+) -> dict[str, Any]:
     """Return what the configurations determine of the geometric model, and what they do not, for
     targets where they were found to be."""
     targets = len(data.targets)

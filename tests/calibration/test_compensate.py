@@ -21,8 +21,14 @@ from modelsel.calibration.compensation import (
     compensate_commands,
     correct,
     predict_nominal,
-    refuse_large_changes,
     replace_readings,
+)
+from modelsel.calibration.large_changes import (
+    describe_skipped,
+    find_skipped,
+    find_weakest,
+    keep_commands,
+    refuse_large_changes,
 )
 from modelsel.calibration.prediction import predict
 from modelsel.cli.main import run_command_line
@@ -128,6 +134,47 @@ def test_refuses_beyond_the_bound(made) -> None:
     with pytest.raises(DataError, match=r"row 4: .* beyond the bound of 10 mrad and 20 mm"):
         refuse_large_changes(c, compensate_commands(c, data), data, MAX_CORRECTION, "t.csv")
     refuse_large_changes(c, compensate_commands(c, data), data, (10.0, 1e3), "t.csv")
+
+
+def test_one_row_beyond_the_bound_is_left_out_with_its_own_message(made) -> None:
+    """And where it is most rows, the file is refused as a whole."""
+    c, at = made
+    data = plan(at, slice(1, 9), position=predict(c, at)[1:9])
+    data.position[4] += 30.0
+    commands = compensate_commands(c, data)
+    skipped = find_skipped(c, commands, data, MAX_CORRECTION, "t.csv")
+    assert skipped.tolist() == [False] * 4 + [True] + [False] * 3
+    (said,) = describe_skipped(c, commands, data, MAX_CORRECTION, skipped)
+    assert said.startswith("row 4 is left out: ")
+    assert "Check that the wanted position belongs to the command, or raise --bound." in said
+    kept = keep_commands(commands, ~skipped)
+    np.testing.assert_array_equal(kept.q, np.delete(commands.q, 4, axis=0))
+    assert kept.left_rad is None
+    data.position[:] += 30.0
+    with pytest.raises(DataError, match=r"such rows\)"):
+        find_skipped(c, compensate_commands(c, data), data, MAX_CORRECTION, "t.csv")
+
+
+def test_a_change_that_the_posture_makes_large_names_the_singularity(made) -> None:
+    """The arm stretched out: what lies along it takes a large turn."""
+    c, at = made
+    data = plan(at, slice(1, 9))
+    nominal = predict_nominal(c.problem(data))
+    data = replace(data, position=nominal)
+    commands = compensate_commands(c, data)
+    weak = replace(commands, weakest=np.full(8, 0.0153), change=np.full((8, 6), 0.0129))
+    said = describe_skipped(c, weak, data, (10e-3, 1e3), np.arange(8) == 2)
+    assert len(said) == 1
+    assert "joint 1 would be changed by 12.9 mrad to move the target by" in said[0]
+    assert "the arm is nearly singular in this posture" in said[0]
+    assert "takes 15.3 mrad), beyond the bound of 10 mrad" in said[0]
+    assert "Choose another posture for this point" in said[0]
+
+
+def test_weakest_direction_is_told_where_it_makes_the_change() -> None:
+    J = np.stack([np.diag([1000.0, 800.0, 50.0])] * 3 + [np.diag([1000.0, 800.0, 500.0])])
+    missing = np.array([[0.1, 0.1, 1.0], [1.0, 1.0, 0.01], [0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(find_weakest(J, missing), [1 / 50, 0.0, 0.0, 0.0])
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")

@@ -34,6 +34,7 @@ from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.design import compute_design
 from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.possible_parts import MIN_EXCESS
+from modelsel.fitting.whitening import UNIT, Whitening
 from modelsel.measurements.reader import read_measurements
 from modelsel.measurements.visits import count_distinct
 from modelsel.mechanisms.registry import build_mechanisms, mechanism
@@ -492,3 +493,49 @@ def test_rivals_are_named_once_and_what_poses_cannot_tell_is_said() -> None:
     assert "hardly" not in describe_rivals(names, (0.55, 0.75), None, 10, True)
     assert "hardly" not in describe_rivals(names, (0.97, 0.98), None, 10, True)
     assert "payload_kg" not in describe_rivals(names, (0.55, 0.57), None, 10, False)
+
+
+def test_orientations_that_are_measured_are_planned_with(rng) -> None:
+    """Their terms, which no position tells, are parameters of the study: none may make the
+    information singular."""
+    from modelsel.mechanisms.geometry import build_setup
+
+    setup = build_setup(ROBOT, 1, 1, False, True, ())
+    terms = [
+        *GEOMETRY.terms,
+        *(t for t in setup.terms if t.key not in {k.key for k in GEOMETRY.terms}),
+    ]
+    known, more = drawn(ROBOT, rng, 60), drawn(ROBOT, rng, 40)
+    turned = np.tile(np.eye(3), (60, 1, 1))
+    matrices = np.tile(np.diag([1 / SIGMA] * 3 + [1 / 2e-4] * 3), (60, 1, 1))
+    oriented = replace(
+        known,
+        data=replace(known.data, rotation=turned),
+        tool_rotations=np.eye(3)[None],
+        whitening=Whitening(1.0, matrices),
+    )
+    at = Linearisation((), np.zeros(0))
+    p = build_pool(oriented, more, terms, at, SIGMA)
+    assert p.known.shape == (60, 6, len(terms))
+    assert p.possible.shape == (40, 6, len(terms))
+    design = compute_design(replace(oriented, whitening=UNIT), terms, at)[0]
+    np.testing.assert_allclose(p.known[:, :3], design[:, :3])
+    np.testing.assert_allclose(p.known[:, 3:], design[:, 3:] * SIGMA / 2e-4)
+    rotations = [t for t in terms if t.screws[0].frame == 7 and t.screws[0].axis[0] == "r"]
+    assert rotations
+    rows = choose_for_parameters(p, rotations, 5, "d")
+    assert len(set(rows)) == 5
+    with pytest.raises(np.linalg.LinAlgError):  # as from positions alone
+        choose_for_parameters(build_pool(known, more, terms, at, SIGMA), rotations, 5, "d")
+
+
+def test_clocks_and_counters_are_no_conditions(rng) -> None:
+    """Payload, temperature and what the model looks at are; what the course of the campaign sets
+    cannot be set."""
+    from modelsel.study.configuration_pool import keep_conditions
+
+    data = drawn(ROBOT, rng, 6).data
+    more = {**data.covariates, "stamp": np.arange(6.0), "frames": np.full(6, 183.0)}
+    pool = replace(data, covariates=more)
+    kept = keep_conditions(pool, {"q2", "current_A", "time_s"})
+    assert set(kept.covariates) == {"payload_kg", "temperature_C", "current_A"}

@@ -13,7 +13,7 @@ from ..._typing import Array
 from ...exceptions import StudyError
 from ...fitting.problem import Problem
 from ...robot.alignment import align_chains
-from ...robot.dh import DhForm, DhRows, compute_dh_rows, format_dh_file
+from ...robot.dh import DhForm, DhRows, compute_dh_rows, dh_table, format_robot_table
 from ...robot.files import robot_from_table
 from ...robot.kinematics import Robot, UrdfSource, forward
 from ...robot.rigid import inverse, to_rpy, transform
@@ -21,6 +21,7 @@ from ...robot.urdf import read_urdf_text
 from ...robot.urdf_origins import replace_origins
 from ...robot.urdf_writer import write_urdf
 from ..constant_part import ConstantChain, build_constant_chain, compute_points, split_parts
+from .dh_rows import compare_rows, fold_last, round_rows
 from .form import Exported, measure_export
 
 if TYPE_CHECKING:
@@ -128,7 +129,9 @@ def describe_link_places(
     notes = []
     for name, place in places.items():
         x, y, z = place[:3, 3].tolist()
-        notes.append(f'target {name} in link "{tip_link}": x, y, z = {x:.4f}, {y:.4f}, {z:.4f} mm')
+        notes.append(
+            f'target "{name}" in link "{tip_link}": x, y, z = {x:.4f}, {y:.4f}, {z:.4f} mm'
+        )
     if not np.array_equal(base, np.eye(4)):
         x, y, z = base[:3, 3].tolist()
         angles = ", ".join(f"{angle:.6f}" for angle in np.degrees(to_rpy(base[:3, :3])))
@@ -206,10 +209,11 @@ def to_dh(c: Calibration, form: DhForm, notes: Sequence[str]) -> Exported:
     nearly = _describe_parallel(rows, form)
     where = []
     for name, T in made.targets.items():
-        offset = T[:3, 3].tolist()
-        numbers = ", ".join(map(repr, offset))
-        where.append(f"target {name} on the flange: x, y, z = {numbers} mm")
-    text = format_dh_file(made.robot, form, [*notes, *where, *nearly])
+        numbers = ", ".join(f"{value:.4f}" for value in T[:3, 3])
+        where.append(f'target "{name}" on the flange: x, y, z = {numbers} mm')
+    table = round_rows(fold_last(dh_table(made.robot, form)))
+    compared = compare_rows(fold_last(dh_table(c.robot, form)), table)
+    text = format_robot_table(table, [*notes, *where, *nearly, *compared])
 
     def read(text: str, target: int) -> Callable[[Array], Array]:
         record = tomllib.loads(text)
@@ -218,7 +222,8 @@ def to_dh(c: Calibration, form: DhForm, notes: Sequence[str]) -> Exported:
         offset = _target_offset(made, name)
         return lambda q: forward(back, q, offset)
 
-    return measure_chain(c, text, read, tuple(nearly))
+    made_file = measure_chain(c, text, read, (*where, *nearly))
+    return replace(made_file, table=compared)
 
 
 def _target_offset(made: ConstantChain, target: str) -> Array:

@@ -23,7 +23,8 @@ class Exported:
     the form can carry, over `configurations`; `left_out` in words, and how far the whole model is
     from the file: (rms, largest) mm. `errors`: of which rows, rms [mm] of the nominal arm, of the
     file, of the whole model (None where that is not known); from `useful` times the nominal arm's
-    error on, the file is said to be no better."""
+    error on, the file is said to be no better. `table`: what it holds beside the nominal arm, in
+    lines."""
 
     text: str
     error_mm: float
@@ -33,6 +34,7 @@ class Exported:
     notes: tuple[str, ...] = ()
     errors: tuple[str, float, float, float] | None = None
     useful: float = 1.0
+    table: tuple[str, ...] = ()
 
     @property
     def worse(self) -> str | None:
@@ -44,9 +46,7 @@ class Exported:
         if own <= self.useful * nominal:
             return None
         compared = "worse" if own > nominal else "hardly better"
-        return (
-            f"this file is {compared} than the nominal arm: {own:.3g} mm rms against {nominal:.3g} mm, {rows}"
-        )
+        return f"this file is {compared} than the nominal arm: {own:.3g} mm rms against {nominal:.3g} mm, {rows}"
 
 
 def describe_left_out(some: Sequence[Part]) -> tuple[str, ...]:

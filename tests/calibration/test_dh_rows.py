@@ -1,0 +1,95 @@
+"""DH rows for people: as a drawing has them, rounded, beside the nominal ones."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+
+import numpy as np
+import pytest
+from builders import drawn, planted
+
+from modelsel.calibration.calibration import calibrate
+from modelsel.calibration.export import export
+from modelsel.calibration.export.dh_rows import DECIMALS_DEG, compare_rows, fold_last, round_rows
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.noise import Floor
+from modelsel.mechanisms.registry import mechanism
+from modelsel.robot.dh import dh_table
+from modelsel.robot.files import robot_from_table
+from modelsel.robot.kinematics import forward
+from modelsel.selection.evaluation import Split
+
+ROWS = (
+    (0.0, -400.0, 25.0, 90.0),
+    (0.0, 0.0, 455.0, 0.0),
+    (-90.0, 0.0, 35.0, 90.0),
+    (0.0, -420.0, 0.0, -90.0),
+    (0.0, 0.0, 0.0, 90.0),
+    (180.0, -80.0, 0.0, 180.0),
+)
+KEYS = ("theta_deg", "d_mm", "a_mm", "alpha_deg")
+TABLE = {
+    "name": "kr6",
+    "source": "drawing",
+    "convention": "standard",
+    "joint": [{"dh": dict(zip(KEYS, row, strict=True))} for row in ROWS],
+}
+ROBOT = robot_from_table(TABLE, "drawing")
+
+
+def test_rows_of_a_drawing_come_back_as_they_were() -> None:
+    """The last one with what stands behind its joint."""
+    table = fold_last(dh_table(ROBOT, "standard"))
+    assert "last" not in table
+    for joint, row in zip(table["joint"], ROWS, strict=True):
+        assert [joint["dh"][key] for key in KEYS] == pytest.approx(row, abs=1e-9)
+    q = ROBOT.draw(np.random.default_rng(0), 20)
+    tool = np.array([10.0, 20.0, 30.0])
+    back = robot_from_table(table, "file")
+    np.testing.assert_allclose(forward(back, q, tool), forward(ROBOT, q, tool), atol=1e-9)
+
+
+def test_a_transform_that_no_row_holds_stays() -> None:
+    table = dh_table(ROBOT, "standard")
+    last = np.array(table["last"]["transform_mm"])
+    last[1, 3] += 0.1
+    table["last"] = {"transform_mm": last.tolist()}
+    assert fold_last(table) == table
+
+
+def test_an_angle_stands_beside_the_same_angle() -> None:
+    """-179.9 beside 180 is 180.1."""
+    after = [{"dh": {**joint["dh"]}} for joint in TABLE["joint"]]
+    after[5]["dh"]["theta_deg"] = -179.9
+    lines = compare_rows(TABLE, {"joint": after})
+    assert "180.0000 | 180.1000" in lines[-1]
+    assert "-400.000 | -400.000" in lines[2]
+
+
+def test_long_rows_keep_all_their_digits() -> None:
+    far = {"dh": {"theta_deg": 1 / 3, "d_mm": 1135251.123456789, "a_mm": 0.0, "alpha_deg": 0.0}}
+    base = {"base_mm": np.eye(4)[:3].tolist()}
+    assert round_rows({**base, "joint": [far]})["joint"] == [far]
+    near = {"dh": {**far["dh"], "d_mm": 11.0}}
+    rounded = round_rows({**base, "joint": [near]})["joint"][0]["dh"]["theta_deg"]
+    assert rounded == round(1 / 3, DECIMALS_DEG)
+
+
+def test_export_says_nominal_and_calibrated_and_no_sixteen_digits(rng) -> None:
+    at = drawn(ROBOT, rng, 60, (60.0, 0.0, 118.0), covariates={})
+    model = Model((mechanism("geometric", ROBOT),))
+    theta = rng.normal(0, [t.size[1] / 10 if t.size else 1e-4 for t in model.terms])
+    at = planted(at, model.terms, theta, rng, 0.02)
+    rows = np.ones(60, bool)
+    split = Split(at, rows, ~rows, np.zeros(60, np.intp), True)
+    c = calibrate("dh", split, fit(at, model), Floor(0.02, "stated"), None, False, {})
+    made = export(c, "hayati")
+    assert made.error_mm < 1e-5
+    assert tomllib.loads(made.text)["joint"][5]["dh"]["d_mm"] == pytest.approx(-80.0, abs=1.0)
+    assert made.table[1].count("nominal | calibrated") == 5
+    assert all(f"# {line}" in made.text for line in made.table)
+    assert not re.search(r"\d\.\d{13,}", made.text)
+    assert "-400.000 | " in made.table[2]
+    assert any('target "target" on the flange' in note for note in made.notes)

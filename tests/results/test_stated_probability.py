@@ -1,0 +1,73 @@
+"""One probability of a finding, wherever it is told: that of the deepest level that is proven."""
+
+from __future__ import annotations
+
+import pytest
+
+from modelsel.diagnosis.stated_probability import (
+    describe_level_probability,
+    find_named_level,
+    find_stated_level,
+    scale_listed,
+)
+from modelsel.report.document import collect_blocks
+from modelsel.report.drawing import PAGES, read_source
+from modelsel.report.terminal_summary import _describe_standing
+from modelsel.results.study_sentences import describe_levels, describe_probability
+
+
+@pytest.mark.parametrize(
+    ("levels", "stated", "named", "words"),
+    [
+        ((1.0, 1.0, 0.96, 0.96), 3, 3, "0.96"),
+        ((0.99, 0.989, 0.891, 0.888), 1, 3, "0.99 of the drivers, 0.89 of the cause"),
+        ((1.0, 0.71, 0.34, 0.34), 0, 3, "1.00 of the place, 0.34 of the cause"),
+        ((0.54, 0.53, 0.53, 0.53), 3, 3, "0.53"),
+        ((1.0, 1.0, 0.97, 0.0), 2, 2, "0.97"),
+        ((1.0, 0.95, 0.0, 0.0), 1, 1, "0.95"),
+        ((0.0, 0.0, 0.0, 0.0), 0, 0, "0.00"),
+    ],
+)
+def test_deepest_level_that_is_proven(levels, stated, named, words) -> None:
+    assert find_stated_level(levels) == stated
+    assert find_named_level(levels) == named
+    assert describe_level_probability(levels) == words
+
+
+def test_listed_explanations_are_weighed_as_the_name_is() -> None:
+    """Of 0.72 among those listed, 0.34 is left once shapes that no list has are weighed."""
+    assert scale_listed((1.0, 0.7, 0.34, 0.34), 0.72) == pytest.approx(0.34 / 0.72)
+    assert scale_listed((), 0.72) == 1.0
+    assert scale_listed((1.0, 1.0, 1.0, 0.99), 0.98) == 1.0
+    assert scale_listed((1.0, 1.0, 1.0, 0.99), 0.0) == 1.0
+
+
+def partly(finding):
+    """A finding of which the drivers alone are proven."""
+    values = (0.99, 0.989, 0.88, 0.88)
+    levels = [
+        level.model_copy(update={"probability": p})
+        for level, p in zip(finding.levels, values, strict=True)
+    ]
+    return finding.model_copy(update={"levels": levels, "claim": levels[1]})
+
+
+def test_all_outputs_tell_the_same_probabilities(drawn) -> None:
+    """The cover, the terminal, and the ladder of levels, of a finding whose cause is not proven."""
+    source = read_source(drawn)
+    whole = source.record.findings[1]
+    assert describe_probability(whole) == f"{whole.levels[3].probability:.2f}"
+    finding = partly(whole)
+    assert describe_probability(finding) == "0.99 of the drivers, 0.88 of the cause"
+    assert _describe_standing(finding, "a") == "probability 0.99; best described by a (0.88)"
+    ladder = "Probability, level by level: place 0.99, drivers 0.99, shape 0.88, cause 0.88."
+    assert describe_levels(finding) == ladder
+    findings = [*source.record.findings]
+    findings[1] = finding
+    object.__setattr__(source, "record", source.record.model_copy(update={"findings": findings}))
+    blocks = collect_blocks(source, PAGES, ("first", "findings"))
+    text = str(blocks)
+    assert "0.99 of the drivers, 0.88 of the cause" in text
+    assert ladder in text
+    name = finding.first.name
+    assert f"with its probability: {name} 0.88" in text or len(finding.credible_set) == 1
