@@ -18,7 +18,7 @@ from ..mechanisms.causes import ONE, Bump, Cause, Named
 from ..mechanisms.terms import Mechanism, Screw, Term
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
-from .unregistered import OWN_MOTION, Place, build_bumps, list_own_motions, list_places
+from .unregistered import LIKELY, Place, build_bumps, list_likely_places, list_places
 
 Drivers = frozenset[str]
 
@@ -111,16 +111,19 @@ def list_rivals(problem: Problem, candidate: Candidate) -> list[Rival]:
     return [
         *_weigh(alike, "drivers", prior * SHARES["shape"]),
         *_weigh(others, "place", prior * SHARES["drivers"]),
-        *_weigh(elsewhere, "", prior * SHARES["place"], list_own_motions(problem.robot)),
+        *_weigh(elsewhere, "", prior * SHARES["place"], list_likely_places(problem.robot)),
     ]
 
 
 def _weigh(
-    mechanisms: Sequence[Mechanism], agrees: str, prior: float, own: frozenset[Place] = frozenset()
+    mechanisms: Sequence[Mechanism],
+    agrees: str,
+    prior: float,
+    likely: frozenset[Place] = frozenset(),
 ) -> Iterator[Rival]:
-    """Weigh mechanisms of one prior probability together; those at a joint's own motion count as
-    much more as cells do there."""
-    weights = [OWN_MOTION if m.names_by_place().keys() <= own else 1.0 for m in mechanisms]
+    """Weigh mechanisms of one prior probability together; those at likely places count as much more
+    as cells do there."""
+    weights = [LIKELY if m.names_by_place().keys() <= likely else 1.0 for m in mechanisms]
     for mechanism, weight in zip(mechanisms, weights, strict=True):
         share = prior * weight / sum(weights)
         yield Rival(Candidate(mechanism, CandidateKind.SHAPE, share), agrees)
