@@ -34,6 +34,7 @@ CAMPAIGN_LABELS = {
     "ambient": "Ambient",
 }
 LONGEST_ADVICE = 160  # letters
+WORTH = "Worth: by how much the held-out rms error falls when it joins the model, with its interval"
 NAMED_COLUMNS = (
     ("", "right"),
     ("named", "left"),
@@ -54,7 +55,7 @@ def write_first_page(source: Source) -> list[Block]:
         "robot": record.robot,
         "estimation": f"{record.configurations.estimation:,}",
         "held_out": f"{record.configurations.held_out:,}",
-        "campaign": _list_campaign(source.details),
+        "campaign": list_campaign(source.details),
     }
     figure = source.add_figure(
         "ladder",
@@ -67,7 +68,7 @@ def write_first_page(source: Source) -> list[Block]:
     return [title, *lead, figure, *_write_named(source)]
 
 
-def _list_campaign(details: DetailsRecord) -> list[str]:
+def list_campaign(details: DetailsRecord) -> list[str]:
     """Return what the study file says of the campaign, each with its name."""
     if details.campaign is None:
         return []
@@ -83,10 +84,7 @@ def _write_named(source: Source) -> list[Block]:
     told, grouped = split_findings(findings, small)
     shown = told[:MAX_NAMED]
     rows = [_named_row(source, k) for k in shown]
-    caption = (
-        "Worth: by how much the held-out rms error falls when it joins the model, with its interval. Probability: of this name; alike: "
-        "of this and of others that would move the target as it does"
-    )
+    caption = f"{WORTH}. Probability: of this name; alike: of this and of others that would move the target as it does"
     has_rivals = any(not finding.is_found for finding in findings)
     caption += "; rivals: others that the data cannot tell from it." if has_rivals else "."
     if len(told) > len(shown):
