@@ -10,6 +10,7 @@ from ...measurements.row_places import Where
 from ...results.details_schema import FindingDetailsRecord
 from ...results.finding_advice import advise
 from ...results.finding_schema import EntryRecord, FindingRecord
+from ...results.schema import StudyRecord
 from ...results.small_findings import split_findings
 from ...results.study_sentences import (
     count_rows,
@@ -94,8 +95,8 @@ def _write_finding(
     title = f"Finding {number}: {name_finding(finding, detail)}"
     words = [
         make_text(f"{finding.sentence} {write_figures(finding)}".strip()),
-        make_text(_describe_advice(source, finding)),
-        make_text(_describe_verdict(finding, source.where), "quiet"),
+        make_text(describe_advice(source.record, finding)),
+        make_text(describe_proof(finding, source.where), "quiet"),
     ]
     if len(finding.credible_set) > 1:
         words.append(make_text(_describe_credible_set(finding), "quiet"))
@@ -105,9 +106,9 @@ def _write_finding(
     return [heading, put_beside(words, [_write_residuals(source, number, detail)], PICTURE_MM)]
 
 
-def _describe_advice(source: Source, finding: FindingRecord) -> str:
+def describe_advice(record: StudyRecord, finding: FindingRecord) -> str:
     """Return what to do, and what would tell it from its rivals."""
-    advice = advise(source.record, finding)
+    advice = advise(record, finding)
     separation = advise_separation(finding.credible_set)
     return " ".join([f"What to do. {advice.sentence}", *separation])
 
@@ -143,7 +144,7 @@ def _write_residuals(source: Source, number: int, detail: FindingDetailsRecord) 
     return source.add_figure(f"finding-{number}", draw, caption.strip(), words)
 
 
-def _describe_verdict(finding: FindingRecord, where: Where) -> str:
+def describe_proof(finding: FindingRecord, where: Where) -> str:
     """Return p-value, gain and rows in one line."""
     chance = f"{finding.p_value:.2g} over the whole search"
     parts = [f"Verdict: {finding.verdict}; chance alone would do as well with probability {chance}"]
