@@ -331,10 +331,12 @@ def _build_pool(rest: Rest, log_prior: Array, kind: Index) -> Pool:
 
 def _scale(bucket: Bucket) -> Array:
     """Scale the directions of candidates by their prior standard deviations: (n, k, k)."""
-    if bucket.weights is None:
+    weights = bucket.weights
+    if weights is None:
         return bucket.W
-    deviation = np.sqrt(bucket.weights)
-    return np.asarray(bucket.W * deviation[:, :, None])
+    deviation = np.sqrt(weights)
+    scaled = bucket.W * deviation[:, :, None]
+    return np.asarray(scaled)
 
 
 def _build_group(which: Index, rows: Index, scaled: Array, signs: Array) -> _Group:

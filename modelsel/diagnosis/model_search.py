@@ -188,8 +188,9 @@ class _Walk:
                 with_first = {**others, first: ratio}
                 self._add_to(with_first)
         for pair in self.related:
+            first, second = pair
             if members.issuperset(pair):
-                others = _leave_out(ratios, *pair)
+                others = _leave_out(ratios, first, second)
                 self._add_to(others)
         for family in self.families:
             if family.whole in members:
@@ -201,10 +202,10 @@ class _Walk:
         left = list(parts)
         while left:
             gains = self._add_to(ratios).gains
-            strongest = max(left, key=lambda p: float(gains.value[p]))
+            most = np.argmax(gains.value[left])
+            strongest = left.pop(int(most))
             if gains.value[strongest] <= 0:
                 break
-            left.remove(strongest)
             ratio = float(gains.ratio[strongest])
             ratios = {**ratios, strongest: ratio}
 
