@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -12,13 +13,32 @@ from .columns import convert_to_numbers
 from .table import Table
 from .table_layout import is_blank_row
 
+# what stands in place of a number that was not measured, as people and spreadsheets write it
+NOT_MEASURED = frozenset[str]().union(
+    (
+        "-",
+        "\u2013",
+        "\u2014",
+        "--",
+        "---",
+        "/",
+        "n/a",
+        "na",
+        "nan",
+        "n. a.",
+        "n.a.",
+        "none",
+        "null",
+    ),
+    ("fehlt", "missing", "lost", "#nv", "#n/a", "#na"),
+)
 # rows whose remarks are said
 MAX_REMARKS = 3
 
 
 def leave_out_missed(table: Table, coordinates: Sequence[str]) -> tuple[Table, tuple[str, ...]]:
-    """Leave out the rows in which all of the named coordinates are empty, but for a table without
-    any; returns the table, and what is said of it."""
+    """Leave out the rows in which all of the named coordinates are empty, or say that they were
+    not measured ("-", "n/a"), but for a table without any; returns the table, and what is said of it."""
     is_missed = np.ones(len(table), bool)
     for name in coordinates:
         is_missed &= _find_empty(table, name)
@@ -33,17 +53,23 @@ def leave_out_missed(table: Table, coordinates: Sequence[str]) -> tuple[Table, t
 
 
 def _find_empty(table: Table, name: str) -> Mask:
-    """Find the rows (m,) in which a column has an empty cell."""
+    """Find the rows (m,) in which nothing was measured by a column."""
     cells = table.columns[name]
     if cells.dtype.kind == "f":
         return np.isnan(cells)
-    return np.array([is_blank_row([cell]) for cell in cells.tolist()], dtype=bool)
+    return np.array([is_not_measured(cell) for cell in cells.tolist()], dtype=bool)
+
+
+def is_not_measured(cell: Any) -> bool:
+    """Whether a cell is empty, or says that nothing was measured: "-", "n/a", "fehlt", "#NV"."""
+    return is_blank_row([cell]) or str(cell).strip().lower() in NOT_MEASURED
 
 
 def _find_remark(table: Table, row: int) -> str:
     """Find the longest text in a row."""
     cells = [column[row] for column in table.columns.values() if column.dtype.kind == "O"]
     texts = np.array([cell for cell in cells if isinstance(cell, str)], dtype=object)
+    texts = np.array([text for text in texts if not is_not_measured(text)], dtype=object)
     words = texts[np.isnan(convert_to_numbers(texts))] if len(texts) else texts
     return max((word.strip() for word in words), key=len, default="")
 

@@ -93,3 +93,28 @@ def needs_conversion(cells: Sequence[Any]) -> bool:
 def is_odd_number(cell: Any) -> bool:
     """Whether a cell is text that is a number, but not in Python's form."""
     return isinstance(cell, str) and is_number(cell) and not PLAIN.fullmatch(cell.strip())
+
+
+def find_mark_by_range(columns: Iterable[Sequence[Any]]) -> str | None:
+    """Find the decimal mark of text among the numbers of columns (1,234 among numbers up to 90 has
+    a decimal comma): the one by which every column stays near its own range; None where both, or
+    neither, do."""
+    fits = {",": True, ".": True}
+    for column in columns:
+        numbers = [float(cell) for cell in column if _is_plain_number(cell)]
+        texts = [cell for cell in column if is_odd_number(cell)]
+        if not numbers or not texts:
+            continue
+        low, high = min(numbers), max(numbers)
+        room = max(high - low, abs(high) / 2, abs(low) / 2)
+        for mark in fits:
+            values = [convert_number_text(text, mark) for text in texts]
+            read = [float(value) for value in values if PLAIN.fullmatch(value)]
+            near = [low - room <= value <= high + room for value in read]
+            fits[mark] &= all(near) and len(read) == len(texts)
+    found = [mark for mark, is_near in fits.items() if is_near]
+    return found[0] if len(found) == 1 else None
+
+
+def _is_plain_number(cell: Any) -> bool:
+    return isinstance(cell, (int, float)) and not isinstance(cell, bool)

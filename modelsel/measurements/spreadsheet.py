@@ -13,10 +13,17 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import DataError, suggest
-from .number_format import convert_number_text, is_number, needs_conversion
+from .number_format import convert_number_text, find_mark_by_range, is_number, is_odd_number
 from .row_places import Where
 from .table_layout import find_layout, is_blank_row
-from .text_table import Grid, check_file, choose_decimal_mark, describe_lines, refuse_headerless
+from .text_table import (
+    MAX_LISTED,
+    Grid,
+    check_file,
+    choose_decimal_mark,
+    describe_lines,
+    refuse_headerless,
+)
 
 SPREADSHEET_SUFFIXES = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 # what a sheet must hold to be a table of measurements
@@ -41,10 +48,13 @@ def load_spreadsheet(path: Path, sheet: str | None = None, decimal: str | None =
     where = Where(path.name, at=at, header=layout.header + 1, sheet=name)
     cells = [cell for _, row in kept for cell in row]
     said = [f'the sheet "{name}"']
-    convert = needs_conversion(cells)
+    odd = [(number, cell) for number, row in kept for cell in row if is_odd_number(cell)]
+    convert = bool(odd)
     if convert:
-        decimal = decimal or choose_decimal_mark(path.name, cells)
-        said.append("numbers kept as text")
+        by_column = [[row[k] for _, row in kept] for k in range(len(layout.names))]
+        mark_found = find_mark_by_range(by_column)
+        decimal = decimal or mark_found or choose_decimal_mark(path.name, cells)
+        said += _describe_texts(odd, decimal)
     if layout.header:
         said.append(f"the header on row {layout.header + 1}")
     if layout.units:
@@ -60,6 +70,17 @@ def load_spreadsheet(path: Path, sheet: str | None = None, decimal: str | None =
             column = [convert_number_text(cell, mark) for cell in column]
         columns.append(np.array([*column, None], dtype=object)[:-1])
     return Grid(layout.names, columns, where, layout.units, said)
+
+
+def _describe_texts(odd: Sequence[tuple[int, Any]], decimal: str) -> list[str]:
+    """Say which numbers are kept as text, by their rows."""
+    rows = list(dict.fromkeys(number for number, _ in odd))
+    word = "decimal commas" if decimal == "," else "digits in groups"
+    count = "a number" if len(odd) == 1 else f"{len(odd)} numbers"
+    shown = ", ".join(map(str, rows[:MAX_LISTED]))
+    ellipsis = " …" if len(rows) > MAX_LISTED else ""
+    listed = f"row{'s' if len(rows) > 1 else ''} {shown}{ellipsis}"
+    return [f"{count} kept as text with {word} ({listed})"]
 
 
 def _read_sheets(path: Path) -> dict[str, list[list[Any]]]:
