@@ -8,7 +8,7 @@ from dataclasses import dataclass
 # units by how people write them, as the names of this program's columns have them
 UNIT_WORDS = {
     **dict.fromkeys(("°", "º", "deg", "degs", "degree", "degrees", "grad°"), "deg"),
-    # German for degree, in English for gon: `measurements.other_units` offers both
+    # German for degree, in English for gon: `measurements.grad_columns` offers both
     "grad": "deg",
     **dict.fromkeys(("rad", "rads", "radian", "radians"), "rad"),
     **dict.fromkeys(("mm", "millimeter", "millimetre", "millimeters", "millimetres"), "mm"),

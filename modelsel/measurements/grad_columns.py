@@ -31,7 +31,9 @@ class Meaning:
     @property
     def ending(self) -> str:
         """What is added to the names of columns of this meaning."""
-        return f" ({self.words}) in {self.unit}"
+        words = self.words
+        unit = self.unit
+        return f" ({words}) in {unit}"
 
 
 DEGREES = Meaning("degrees", "is German for degrees", "deg", 1.0)
@@ -45,63 +47,88 @@ def offer_meanings(
     """Add a column for every other meaning of a column of angles in "Grad" that the user has not
     named (`given`). Returns the table and the meanings of the columns, those of the file as
     degrees; none where no column says Grad."""
-    named = [
-        name for name in table.columns if name not in given and _is_grad(table, name, prismatic)
-    ]
-    meanings = dict.fromkeys(named, DEGREES)
+    free = [name for name in table.columns if name not in given]
+    named = [name for name in free if _is_grad(table, name, prismatic)]
     if not named:
         return table, {}
-    values = np.stack([convert_to_numbers(table.columns[name]) for name in named])
-    finite = np.abs(values[np.isfinite(values)])
-    others = [GON]
-    if finite.max(initial=0.0) <= MAX_USUAL_RAD:
-        others.append(RADIANS)
+    meanings = dict.fromkeys(named, DEGREES)
+    others = _list_others(table, named)
     columns = dict(table.columns)
     units = dict(table.units)
-    for meaning in others:
-        for name, column in zip(named, values, strict=True):
+    for name in named:
+        values = convert_to_numbers(table.columns[name])
+        for meaning in others:
             added = f"{name}{meaning.ending}"
-            columns[added] = column * meaning.size
+            columns[added] = values * meaning.size
             units[added] = meaning.unit
             meanings[added] = meaning
     return replace(table, columns=columns, units=units), meanings
+
+
+def _list_others(table: Table, named: Sequence[str]) -> list[Meaning]:
+    """List what "Grad" may mean beside degrees, by the size of the readings."""
+    largest = 0.0
+    for name in named:
+        values = convert_to_numbers(table.columns[name])
+        sizes = np.abs(values)
+        largest = max(largest, np.nanmax(sizes, initial=0.0))
+    others = [GON]
+    if largest <= MAX_USUAL_RAD:
+        others.append(RADIANS)
+    return others
 
 
 def _is_grad(table: Table, name: str, prismatic: Sequence[bool]) -> bool:
     """Whether a column is of the readings of a joint that turns, in Grad."""
     below = table.units.get(name)
     parsed = parse_column_name(name, below)
-    if parsed.quantity != "joint" or parsed.number is None:
+    number = parsed.number
+    if number is None:
         return False
-    index = parsed.number - 1
-    slides = 0 <= index < len(prismatic) and prismatic[index]
+    if parsed.quantity != "joint":
+        return False
+    joints = range(1, len(prismatic) + 1)
+    slides = number in joints and prismatic[number - 1]
     said = list_units(name, below)
-    return not slides and said[:1] == [WORD]
+    first = said[:1]
+    return not slides and first == [WORD]
 
 
-def name_meanings(choice: Choice, meanings: Mapping[str, Meaning]) -> Choice:
+def name_meanings(choices: Sequence[Choice], meanings: Mapping[str, Meaning]) -> tuple[Choice, ...]:
     """Say of the readings of joints which meaning of "Grad" each has."""
-    if choice.what != JOINTS or not meanings:
-        return choice
-    readings = tuple(_name_meaning(reading, meanings) for reading in choice.readings)
-    return replace(choice, readings=readings)
+    named = []
+    for choice in choices:
+        readings = choice.readings
+        if choice.what == JOINTS:
+            readings = tuple(_name_meaning(reading, meanings) for reading in readings)
+        explained = replace(choice, readings=readings)
+        named.append(explained)
+    return tuple(named)
 
 
 def _name_meaning(reading: Reading, meanings: Mapping[str, Meaning]) -> Reading:
-    given = [name for name in reading.columns.values() if name in meanings]
+    names = list(reading.columns.values())
+    given = [name for name in names if name in meanings]
     if not given:
         return reading
-    meaning = meanings[given[0]]
-    first, last = (given[k].removesuffix(meaning.ending) for k in (0, -1))
-    reasons = filter(None, (f'their "Grad" {meaning.reason}', reading.reason))
-    return replace(
-        reading, words=f'"{first}" to "{last}" in {meaning.words}', reason="; ".join(reasons)
-    )
+    first = given[0]
+    last = given[-1]
+    meaning = meanings[first]
+    ending = meaning.ending
+    first = first.removesuffix(ending)
+    last = last.removesuffix(ending)
+    words = f'"{first}" to "{last}" in {meaning.words}'
+    reason = f'their "Grad" {meaning.reason}'
+    if reading.reason:
+        reason = f"{reason}; {reading.reason}"
+    return replace(reading, words=words, reason=reason)
 
 
 def keep_meaning(table: Table, meanings: Mapping[str, Meaning], reading: Reading) -> Table:
     """Keep, of the columns of all meanings, those of the reading that was chosen."""
     chosen = set(reading.columns.values())
-    is_other = meanings.keys() - chosen
-    columns = {name: cells for name, cells in table.columns.items() if name not in is_other}
+    others = meanings.keys() - chosen
+    columns = dict(table.columns)
+    for name in others:
+        del columns[name]
     return replace(table, columns=columns)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from .._typing import Mask
-from .columns import convert_to_numbers
+from .number_format import is_number
 from .table import Table
 from .table_layout import is_blank_row
 
@@ -62,20 +62,33 @@ def _find_empty(table: Table, name: str) -> Mask:
 
 def is_not_measured(cell: Any) -> bool:
     """Whether a cell is empty, or says that nothing was measured: "-", "n/a", "fehlt", "#NV"."""
-    return is_blank_row([cell]) or str(cell).strip().lower() in NOT_MEASURED
+    text = str(cell)
+    word = text.strip().lower()
+    if is_blank_row([cell]):
+        return True
+    return word in NOT_MEASURED
 
 
 def _find_remark(table: Table, row: int) -> str:
     """Find the longest text in a row."""
-    cells = [column[row] for column in table.columns.values() if column.dtype.kind == "O"]
-    texts = np.array([cell for cell in cells if isinstance(cell, str)], dtype=object)
-    texts = np.array([text for text in texts if not is_not_measured(text)], dtype=object)
-    words = texts[np.isnan(convert_to_numbers(texts))] if len(texts) else texts
-    return max((word.strip() for word in words), key=len, default="")
+    remarks = list[str]()
+    for column in table.columns.values():
+        cell = column[row]
+        is_word = isinstance(cell, str) and not is_not_measured(cell)
+        if is_word and not is_number(cell):
+            remark = cell.strip()
+            remarks.append(remark)
+    return max(remarks, key=len, default="")
 
 
 def _keep(table: Table, kept: Mask) -> Table:
     """Keep some rows, each with its own line."""
-    at = np.array([table.where.number(int(row)) for row in np.flatnonzero(kept)], dtype=np.intp)
-    columns = {name: cells[kept] for name, cells in table.columns.items()}
-    return replace(table, columns=columns, where=replace(table.where, at=at))
+    place = table.where
+    rows = np.flatnonzero(kept).tolist()
+    lines = [place.number(row) for row in rows]
+    at = np.array(lines, dtype=np.intp)
+    columns = {}
+    for name, cells in table.columns.items():
+        columns[name] = cells[kept]
+    where = replace(place, at=at)
+    return replace(table, columns=columns, where=where)

@@ -49,12 +49,11 @@ def load_spreadsheet(path: Path, sheet: str | None = None, decimal: str | None =
     cells = [cell for _, row in kept for cell in row]
     said = [f'the sheet "{name}"']
     odd = [(number, cell) for number, row in kept for cell in row if is_odd_number(cell)]
-    convert = bool(odd)
-    if convert:
-        by_column = [[row[k] for _, row in kept] for k in range(len(layout.names))]
-        mark_found = find_mark_by_range(by_column)
-        decimal = decimal or mark_found or choose_decimal_mark(path.name, cells)
-        said += _describe_texts(odd, decimal)
+    by_column = [[row[k] for _, row in kept] for k in range(len(layout.names))]
+    mark = decimal or "."
+    if odd and decimal is None:
+        mark = find_mark_by_range(by_column) or choose_decimal_mark(path.name, cells)
+    said += _describe_texts(odd, mark)
     if layout.header:
         said.append(f"the header on row {layout.header + 1}")
     if layout.units:
@@ -62,25 +61,34 @@ def load_spreadsheet(path: Path, sheet: str | None = None, decimal: str | None =
     last = int(at[-1]) if len(at) else 0
     blank = [number for number, row in body if is_blank_row(row) and number < last]
     said += describe_lines(blank, "empty", "empty", "row")
-    mark = decimal or "."
     columns = []
-    for k in range(len(layout.names)):
-        column = [row[k] for _, row in kept]
-        if convert:
-            column = [convert_number_text(cell, mark) for cell in column]
+    for cells in by_column:
+        column = [convert_number_text(cell, mark) for cell in cells] if odd else cells
         columns.append(np.array([*column, None], dtype=object)[:-1])
     return Grid(layout.names, columns, where, layout.units, said)
 
 
 def _describe_texts(odd: Sequence[tuple[int, Any]], decimal: str) -> list[str]:
     """Say which numbers are kept as text, by their rows."""
-    rows = list(dict.fromkeys(number for number, _ in odd))
-    word = "decimal commas" if decimal == "," else "digits in groups"
-    count = "a number" if len(odd) == 1 else f"{len(odd)} numbers"
+    if not odd:
+        return []
+    rows = []
+    for number, _ in odd:
+        if number not in rows:
+            rows.append(number)
+    style = "digits in groups"
+    if decimal == ",":
+        style = "decimal commas"
     shown = ", ".join(map(str, rows[:MAX_LISTED]))
-    ellipsis = " …" if len(rows) > MAX_LISTED else ""
-    listed = f"row{'s' if len(rows) > 1 else ''} {shown}{ellipsis}"
-    return [f"{count} kept as text with {word} ({listed})"]
+    if len(rows) > MAX_LISTED:
+        shown += " …"
+    what = f"{len(odd)} numbers"
+    if len(odd) == 1:
+        what = "a number"
+    place = "rows"
+    if len(rows) == 1:
+        place = "row"
+    return [f"{what} kept as text with {style} ({place} {shown})"]
 
 
 def _read_sheets(path: Path) -> dict[str, list[list[Any]]]:

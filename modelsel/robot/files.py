@@ -17,7 +17,7 @@ from .coupling import Coupling, find_coupling_problem, find_passive_problem
 from .kinematics import Joint, Robot
 from .plain_values import check_robot_name
 from .rigid import align_z, from_rpy, inverse, rotation_matrix, transform
-from .robot_names import find_full_name, find_robot_name, is_named, suggest_robots
+from .robot_names import find_full_name, find_robot_name, has_robot_name, suggest_robots
 from .ur_kinematics import YAML_SUFFIXES, read_ur_calibration
 from .value_reader import Reader
 from .xacro_files import XACRO_SUFFIX, is_xacro, refuse_xacro
@@ -314,9 +314,12 @@ def list_full_names() -> dict[str, str]:
     found = {}
     for name in builtin_names():
         file = f"{name}.toml"
-        table = parse_toml(catalogue.joinpath(file).read_text(encoding="utf-8"), file)
-        full, colon, _ = str(table.get("source", "")).partition(":")
-        if colon and is_named(full, name):
+        text = catalogue.joinpath(file).read_text(encoding="utf-8")
+        table = parse_toml(text, file)
+        source = str(table.get("source", ""))
+        full, colon, _ = source.partition(":")
+        is_full_name = has_robot_name(full, name)
+        if colon and is_full_name:
             found[name] = full
     return found
 

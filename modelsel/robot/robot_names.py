@@ -37,9 +37,11 @@ def find_full_name(given: str, full_names: Mapping[str, str]) -> str | None:
     return None
 
 
-def is_named(full: str, name: str) -> bool:
+def has_robot_name(full: str, name: str) -> bool:
     """Whether a full name holds a robot's name: "ABB IRB 1600-10/1.45" holds irb1600."""
-    return _squeeze(name) in _squeeze(full)
+    short = _squeeze(name)
+    long = _squeeze(full)
+    return short in long
 
 
 def suggest_robots(given: str, known: Sequence[str]) -> str:

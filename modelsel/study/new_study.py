@@ -118,10 +118,8 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
     for choice in choices:
         if not choice.readings:
             raise _refuse_missing(as_given, choice, robot)
-    choices = [name_meanings(choice, meanings) for choice in choices]
-    draft = StudyDraft(
-        robot, source, table, given, tuple(choices), remarks=remarks, meanings=meanings
-    )
+    named = name_meanings(choices, meanings)
+    draft = StudyDraft(robot, source, table, given, named, remarks=remarks, meanings=meanings)
     taken = {*draft.columns.values(), *given}
     optional = guess_optional_columns(renamed, taken)
     draft = replace(draft, optional=tuple(optional))
