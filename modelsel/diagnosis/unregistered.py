@@ -97,6 +97,12 @@ def list_likely_places(robot: Robot) -> frozenset[Place]:
     return frozenset(own | base)
 
 
+def weigh_places(robot: Robot, mechanism: Mechanism) -> float:
+    """Weigh a mechanism by its places, as a cell there is weighed."""
+    places = mechanism.names_by_place().keys()
+    return LIKELY if places <= list_likely_places(robot) else 1.0
+
+
 def build_cell_causes(problem: Problem) -> tuple[Causes, ...]:
     """List the causes of the error map's columns.
 
@@ -226,8 +232,9 @@ def _generate_cells(problem: Problem, adjacent_only: bool) -> Iterator[Unregiste
         for causes, words, kind, joints in columns:
             if adjacent_only and not _is_adjacent(frame, joints):
                 continue
+            cell = build_cell(place, causes, words)
             weight = LIKELY if place in likely else 1.0
-            yield Unregistered(build_cell(place, causes, words), kind, weight)
+            yield Unregistered(cell, kind, weight)
 
 
 def _find_joints(causes: Causes) -> set[int]:
