@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner, Result
 
+from modelsel import load_result
 from modelsel.cli.main import run_command_line
 from modelsel.measurements.measurements import build_measurements
 from modelsel.robot.files import load_robot
@@ -330,6 +332,43 @@ def test_numbers_that_are_far_off_are_explained() -> None:
     assert re.search(
         r'The readings fit robot "ur10" (\d+ times|far) better than "ur5"', other.stdout
     )
+
+
+def test_targets_and_pool_have_the_names_of_the_study() -> None:
+    """J1 to J6 with decimal commas: as under the contract's names, in degrees, to the last digit."""
+    frame = campaign()
+    frame.to_csv("m.csv", sep=";", decimal=",", index=False)
+    assert invoked("init", "m.csv", "--robot", "ur10", "--yes", "--out", "s").exit_code == 0
+    study = Path("s/study.toml")
+    study.write_text(study.read_text() + "\n[model]\ncandidates = []\n")
+    assert invoked("study", "s", "--no-sampling", "--no-report", "--quiet").exit_code == 0
+    joints = {f"J{k}": f"q{k}_deg" for k in range(1, 7)}
+    wanted = {axis: f"{axis.lower()}_mm" for axis in "XYZ"}
+    corrected = []
+    for names in ([*joints], [*joints, *wanted]):
+        own = frame[names].head(5)
+        own.to_csv("own.csv", sep=";", decimal=",", index=False)
+        own.rename(columns=joints | wanted).to_csv("plain.csv", index=False)
+        both = []
+        for file in ("own.csv", "plain.csv"):
+            ran = invoked(
+                "compensate", "reports/s", file, "--out", "out.csv", "--bound", "900", "900"
+            )
+            assert ran.exit_code == 0, ran.output
+            both.append(pd.read_csv("out.csv"))
+        pd.testing.assert_frame_equal(*both)
+        assert list(both[0])[:6] == [*joints.values()]
+        corrected.append(both[0])
+    assert not np.allclose(corrected[0]["q1_deg"], corrected[1]["q1_deg"], atol=1e-9)
+    calibration = load_result("reports/s").calibration
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        table = calibration.correct(frame[[*joints]].head(5))
+    np.testing.assert_allclose(table["q1_deg"], corrected[0]["q1_deg"], atol=1e-8)
+    own = frame[[*joints]].head(20)
+    own.to_csv("own.csv", sep=";", decimal=",", index=False)
+    planned = invoked("plan", "s", "--pool", "own.csv", "--count", "3")
+    assert planned.exit_code == 0, planned.output
 
 
 def test_a_file_of_the_form_of_the_study_goes_into_check_and_validate() -> None:
