@@ -20,12 +20,26 @@ def _rate(figure: dict[str, Any]) -> str:
 
 
 def measured() -> str:
-    """Rows on false alarms, credible sets and broken files."""
+    """Rows on false alarms, credible sets and several effects at once."""
     found = NULL.findall((RESULTS / "nulls.txt").read_text(encoding="utf-8"))
     tried = f"nothing planted, {found[0][1]} studies under each of {len(found)} kinds of noise, level 5 %"
     said = "; ".join(f"{noise} {rate}" for noise, _, rate in found)
     figures = json.loads((RESULTS / "naming.json").read_text(encoding="utf-8"))["summary"][
         "figures"
+    ]
+    at_once = [
+        (
+            "" if k else "**Several effects at once**",
+            f"{words}, each of which an oracle finds",
+            f"all of them named right: {_rate(figures[f'{count} at once, all named right'])}",
+            "`benchmarks.naming`",
+        )
+        for k, (count, words) in enumerate(
+            (
+                ("three", "three planted effects, 40 to 200 configurations"),
+                ("five", "five planted effects, 120 configurations"),
+            )
+        )
     ]
     rows = (
         (
@@ -46,6 +60,7 @@ def measured() -> str:
             f"hold the cause: {_rate(figures['coverage, all found'])}",
             "`benchmarks.naming`; short: `tests/integration/test_hidden.py`",
         ),
+        *at_once,
     )
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
