@@ -229,6 +229,70 @@ def test_other_units_are_converted_and_said() -> None:
     assert invoked("study", "m", "--dry-run").exit_code == 0
 
 
+@pytest.mark.parametrize(
+    ("size", "words"), [(1.0, "degrees"), (1 / 0.9, "gon"), (np.pi / 180, "radians")]
+)
+@pytest.mark.parametrize("place", ["name", "row"])
+def test_the_arm_tells_what_grad_is(size, words, place) -> None:
+    frame = campaign()
+    frame.iloc[:, :6] *= size
+    if place == "name":
+        frame = frame.rename(columns={f"J{k}": f"J{k} [Grad]" for k in range(1, 7)})
+        frame.to_csv("m.csv", index=False)
+    else:
+        units = pd.DataFrame([["[Grad]"] * 6 + ["[mm]"] * 3], columns=frame.columns)
+        pd.concat([units, frame]).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    assert f' in {words} (their "Grad" ' in ran.stdout
+    assert "the nominal arm then fits to 0.0" in ran.stdout
+    assert "Not sure" not in ran.stdout
+    assert invoked("study", "m", "--dry-run").exit_code == 0
+    assert Path("m/measurements.csv").exists() == (words != "degrees")
+
+
+def test_grad_that_no_arm_tells_is_asked() -> None:
+    frame = campaign()
+    frame[["X", "Y", "Z"]] = frame[["X", "Y", "Z"]].to_numpy()[::-1]
+    frame.rename(columns={f"J{k}": f"J{k} [Grad]" for k in range(1, 7)}).to_csv(
+        "m.csv", index=False
+    )
+    silent = invoked("init", "m.csv", "--robot", "ur10")
+    assert silent.exit_code == 2
+    assert '"J1 [Grad]" to "J6 [Grad]" in degrees' in silent.stderr
+    assert '"J1 [Grad]" to "J6 [Grad]" in gon' in silent.stderr
+    assert not Path("m").exists()
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert 'may also be "J1 [Grad]" to "J6 [Grad]" in gon' in ran.stdout
+
+
+def test_a_named_column_is_converted_to_the_unit_that_is_wanted() -> None:
+    """A hint that says --column leads to a command that is not refused."""
+    frame = campaign()
+    frame.iloc[:, :6] /= 0.9
+    names = {f"J{k}": f"S{k} [gon]" for k in range(1, 7)}
+    frame.rename(columns=names).to_csv("m.csv", index=False)
+    refused = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert refused.exit_code == 3
+    assert '"S1 [gon]", "S2 [gon]"' in refused.stderr
+    said = [word for k in range(1, 7) for word in ("--column", f"q{k}_deg=S{k} [gon]")]
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", *said)
+    assert ran.exit_code == 0, ran.output
+    assert "the nominal arm fits to 0.0" in ran.stdout
+
+
+def test_a_spoilt_cell_in_another_unit_is_told_under_its_own_name() -> None:
+    """One cell that is no number leaves neither its column unconverted nor its name changed."""
+    frame = campaign().astype(object)
+    frame.iloc[:, :6] = (frame.iloc[:, :6].astype(float) / 0.9).astype(object)
+    frame.loc[12, "J2"] = "?"
+    units = pd.DataFrame([["gon"] * 6 + ["mm"] * 3], columns=frame.columns)
+    pd.concat([units, frame]).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 3
+    assert 'line 15, column J2: expected a finite number, found "?"' in ran.stderr
+
+
 def test_a_seventh_reading_is_not_cut_off() -> None:
     frame = campaign()
     frame.insert(6, "J7", 0.0)
