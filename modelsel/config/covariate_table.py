@@ -100,7 +100,8 @@ def _find_repeated(causes: Sequence[str]) -> str | None:
 def check_covariates(tables: list[CovariateTable]) -> list[CovariateTable]:
     """Check that names differ, and that priors leave something. Raises ValueError."""
     names = [table.name for table in tables if table.name is not None]
-    repeated = next((name for name in names if names.count(name) > 1), None)
+    twice = [name for name in names if names.count(name) > 1]
+    repeated = next(iter(twice), None)
     if repeated is not None:
         raise ValueError(f'the name "{repeated}" is given twice')
     total = sum(table.prior or 0.0 for table in tables)

@@ -109,7 +109,8 @@ def check_mechanism_names(study: Study, robot: Robot, registry: Registry) -> Non
     model = study.model
     names_at = [("model.base", model.base)]
     names_at += [("model.ladder", rung) for rung in model.ladder]
-    names_at.append(("search.outcomes", list(study.search.outcomes)))
+    outcomes = list(study.search.outcomes)
+    names_at.append(("search.outcomes", outcomes))
     takes_all = model.candidates == "all"
     if model.candidates != "all":
         candidates = list(model.candidates)
