@@ -75,19 +75,10 @@ def _choose_places(readings: Array) -> Array:
 
 
 def _generate_powers(robot: Robot) -> Iterator[Unregistered]:
-    """Generate compliances that are not in proportion to the torque: its square, and both.
-
-    A spring that hardens or softens is close to the sum of the two."""
     for j in find_gravity_joints(robot):
-        own = torque(j)
-        square = own * Applied("abs", own)
-        shapes = {
-            f"Joint {j} yields with the square of the gravity torque about it": (square,),
-            f"Joint {j} yields to the gravity torque about it, not in proportion": (own, square),
-        }
-        for sentence, causes in shapes.items():
-            mechanism = _build(robot, j, causes, sentence)
-            yield Unregistered(mechanism, CandidateKind.POWER, 1 / len(shapes))
+        square = torque(j) * Applied("abs", torque(j))
+        sentence = f"Joint {j} yields with the square of the gravity torque about it"
+        yield Unregistered(_build(robot, j, (square,), sentence), CandidateKind.POWER, 1.0)
 
 
 def _generate_periods(robot: Robot) -> Iterator[Unregistered]:

@@ -9,10 +9,12 @@ of a free function's own. With H = ZᵀZ of all of them, z = Zᵀr, and a normal
 exactly, whatever the order of its effects. What one candidate more would add follows from H and z
 less their parts along the set. A term that physics allows one sign has the factor of its posterior's
 tail. An effect more costs the evidence that chance reaches in 5 % of studies, so that the odds turn
-where the family-wise p-value does."""
+where the family-wise p-value does; a mechanism that another joint of the set has, less: joints are
+built alike."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -33,6 +35,8 @@ MOST_MEMBERS, MOST_COLUMNS = 160, 40
 # pairs of effects that one explanation may replace, explanations of each, and the cosine of their
 # displacements from which they are such a pair
 MOST_PAIRS, EACH_PAIR, RELATED = 12, 12, 0.3
+# log of how much likelier a mechanism is in a joint where another joint has it
+KIN = float(np.log(10))
 # share of a residual that no set may exceed
 WHOLE = 1 - 1e-12
 
@@ -72,7 +76,8 @@ class Pool:
 
     `members`: their numbers (P,); H (D, D), z (D,): products of their directions and with the
     response, whose sum of squares is `square` and that has `freedom` coordinates; `rows`: each
-    one's directions; `log_prior` (P,): less the price of an effect."""
+    one's directions; `log_prior` (P,): less the price of an effect; `kind` (P,): equal numbers are
+    one mechanism in several joints."""
 
     members: tuple[int, ...]
     rows: tuple[Index, ...]
@@ -81,6 +86,7 @@ class Pool:
     square: float
     freedom: int
     log_prior: Array
+    kind: Index
     groups: tuple[_Group, ...] = field(repr=False)
 
     @cached_property
@@ -114,10 +120,16 @@ class Pool:
         left = max(self.square - explained, TINY * self.square)
         price = np.log(np.diag(L)).sum()
         gain = -self.freedom / 2 * np.log(left / self.square)
-        value = gain - price + self.log_prior[chosen].sum()
+        value = gain - price + self._sum_priors(chosen)
         value += self._weigh_signs(chosen, L, root, response, left)
         beyond = self.z - along.T @ response
         return float(value), self._weigh_others(along, beyond, left, chosen)
+
+    def _sum_priors(self, chosen: Sequence[int]) -> float:
+        """Sum the log priors of a set: a mechanism that one joint has is likelier in another."""
+        kinds = self.kind[chosen]
+        repeated = len(kinds) - len(np.unique(kinds))
+        return float(self.log_prior[chosen].sum() + repeated * KIN)
 
     def _weigh_signs(
         self, chosen: Sequence[int], L: Array, root: Array, response: Array, left: float
@@ -163,7 +175,8 @@ class Pool:
             coordinates = np.matmul(products, vector)[:, 0]
             spectrum = _Spectrum(np.maximum(value, 0.0), vector, coordinates)
             gains[:, group.which] = self._weigh_group(group, spectrum, left)
-        gains += self.log_prior
+        is_kin = np.isin(self.kind, self.kind[list(chosen)])
+        gains += self.log_prior + is_kin * KIN
         gains[:, list(chosen)] = -np.inf
         best = gains.argmax(0)
         highest = gains[best, np.arange(count)]
@@ -214,7 +227,15 @@ def gather_pool(search: Search, view: View, chosen: Sequence[int]) -> Pool:
     curve = build_curve(search.columns, which, log_prior, none_free)
     effects = [search.found[g] for g in chosen]
     rest = see_rest(curve, view.scan, view.response, view.release(*effects))
-    return _build_pool(rest, log_prior - search.bound)
+    labels = [search.found[g].label for g in which]
+    return _build_pool(rest, log_prior - search.bound, _number_kinds(labels))
+
+
+def _number_kinds(labels: Sequence[str]) -> Index:
+    """Number (P,) the mechanisms that candidates are, whatever their joints."""
+    stems = [re.sub(r":\d+$", "", label) for label in labels]
+    first = {stem: number for number, stem in reversed(list(enumerate(stems)))}
+    return np.array([first[stem] for stem in stems], dtype=np.intp)
 
 
 def _list_offers(search: Search, view: View, chosen: Sequence[int]) -> list[list[int]]:
@@ -271,7 +292,7 @@ def _explain_both(search: Search, view: View, pair: tuple[int, int]) -> list[int
     return [int(g) for g in strongest[has_evidence]]
 
 
-def _build_pool(rest: Rest, log_prior: Array) -> Pool:
+def _build_pool(rest: Rest, log_prior: Array, kind: Index) -> Pool:
     """Build the pool from what its candidates are beyond the base."""
     curve = rest.curve
     along = rest.inside @ rest.inside.T
@@ -303,16 +324,19 @@ def _build_pool(rest: Rest, log_prior: Array) -> Pool:
         square=rest.square,
         freedom=rest.freedom,
         log_prior=log_prior,
+        kind=kind,
         groups=tuple(groups),
     )
 
 
 def _scale(bucket: Bucket) -> Array:
     """Scale the directions of candidates by their prior standard deviations: (n, k, k)."""
-    if bucket.weights is None:
+    weights = bucket.weights
+    if weights is None:
         return bucket.W
-    deviation = np.sqrt(bucket.weights)
-    return np.asarray(bucket.W * deviation[:, :, None])
+    deviation = np.sqrt(weights)
+    scaled = bucket.W * deviation[:, :, None]
+    return np.asarray(scaled)
 
 
 def _build_group(which: Index, rows: Index, scaled: Array, signs: Array) -> _Group:

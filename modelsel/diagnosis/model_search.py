@@ -1,7 +1,7 @@
 """A search that may take back: sets of effects around the one that the stepwise search has chosen.
 
 From every set that is visited the neighbours are weighed by exact evidence: one effect more, one
-less, one for another, two for one, one for two. The next set is drawn by its posterior probability
+less, one for another, two for one, one for two, a family's parts for the whole. The next set is drawn by its posterior probability
 from those not visited yet (shotgun stochastic search: Hans, Dobra & West 2007, J. Am. Stat. Assoc.
 102:507). What is told of an effect is weighted over all sets that were weighed: an inclusion
 probability for each level of its claim."""
@@ -16,6 +16,7 @@ import numpy as np
 
 from .._typing import Array, Index
 from .candidates import Candidate
+from .mechanism_families import Family
 from .model_pool import Gains, Pool, gather_pool, list_related
 from .state import Search, View
 
@@ -57,12 +58,20 @@ class VisitedModels(NamedTuple):
         return np.asarray(weight / total)
 
     def find_better(self, chosen: Sequence[int], odds: float) -> tuple[int, ...] | None:
-        """Find the most probable set, if it is more probable than the chosen one by log odds."""
-        now = tuple(sorted(chosen))
-        own = self.sets.index(now)
-        lead = self.log_posterior[0] - self.log_posterior[own]
-        if lead > odds:
-            return self.sets[0]
+        """Find the most probable set that puts something in the place of chosen effects, if it is
+        more probable than these by log odds.
+
+        What is added or left out alone was asked before, under more than one null."""
+        now = frozenset(chosen)
+        own = self.sets.index(tuple(sorted(now)))
+        least = self.log_posterior[own] + odds
+        for one, value in zip(self.sets, self.log_posterior, strict=True):
+            if value <= least:
+                break
+            removed = len(now.difference(one))
+            added = len(one) + removed - len(now)
+            if removed and 0 < added <= removed + 1:
+                return one
         return None
 
     def include(self, chosen: Sequence[int], signatures: Sequence[Index]) -> dict[int, Array]:
@@ -132,6 +141,7 @@ class _Walk:
 
     pool: Pool
     related: tuple[tuple[int, int], ...]
+    families: tuple[Family, ...]
     rng: np.random.Generator
     known: dict[Members, tuple[float, Ratios]] = field(default_factory=dict)
     weighed: dict[Members, _Weighed] = field(default_factory=dict)
@@ -178,9 +188,26 @@ class _Walk:
                 with_first = {**others, first: ratio}
                 self._add_to(with_first)
         for pair in self.related:
+            first, second = pair
             if members.issuperset(pair):
-                others = _leave_out(ratios, *pair)
+                others = _leave_out(ratios, first, second)
                 self._add_to(others)
+        for family in self.families:
+            if family.whole in members:
+                others = _leave_out(ratios, family.whole, *family.parts)
+                self._add_parts(others, family.parts)
+
+    def _add_parts(self, ratios: Ratios, parts: Sequence[int]) -> None:
+        """Add the parts of a family one after the other, the strongest first, while they add."""
+        left = list(parts)
+        while left:
+            gains = self._add_to(ratios).gains
+            most = np.argmax(gains.value[left])
+            strongest = left.pop(int(most))
+            if gains.value[strongest] <= 0:
+                break
+            ratio = float(gains.ratio[strongest])
+            ratios = {**ratios, strongest: ratio}
 
     def _add_to(self, ratios: Ratios) -> _Weighed:
         """Weigh a set, and every set of one effect more."""
@@ -248,6 +275,16 @@ def _find_strongest(gains: Gains, left_out: int) -> list[int]:
     return [int(p) for p in others[:FIRST_OF_TWO]]
 
 
+def _place_families(families: Sequence[Family], place: dict[int, int]) -> tuple[Family, ...]:
+    """Express families by the members of a pool; those whose whole is not there are left out."""
+    placed = []
+    for family in families:
+        if family.whole in place:
+            parts = [place[g] for g in family.parts if g in place]
+            placed.append(Family(place[family.whole], tuple(parts)))
+    return tuple(placed)
+
+
 def visit_models(search: Search, view: View, chosen: Sequence[int]) -> VisitedModels:
     """Search around the chosen effects of a view for sets that are as probable, or more."""
     pool = gather_pool(search, view, chosen)
@@ -255,7 +292,8 @@ def visit_models(search: Search, view: View, chosen: Sequence[int]) -> VisitedMo
     pairs = list_related(search, view, chosen)
     related = tuple((place[g], place[h]) for g, h in pairs)
     (rng,) = search.rng.spawn(1)
-    walk = _Walk(pool, related, rng)
+    families = _place_families(search.families, place)
+    walk = _Walk(pool, related, families, rng)
     start = frozenset(place[g] for g in chosen)
     walk.walk(start)
     return walk.collect(start)

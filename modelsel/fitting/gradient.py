@@ -184,7 +184,8 @@ class _Part:
         m) is overwritten."""
         whitening = self.problem.whitening
         white = whitening.apply(residual)
-        squares = float(np.vdot(white, white))
+        square = np.vdot(white, white)
+        squares = float(square)
         back = whitening.apply_transposed(white)
         return squares, back
 

@@ -4,21 +4,41 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from .._typing import Mask
-from .columns import convert_to_numbers
+from .number_format import is_number
 from .table import Table
 from .table_layout import is_blank_row
 
+# what stands in place of a number that was not measured, as people and spreadsheets write it
+NOT_MEASURED = frozenset[str]().union(
+    (
+        "-",
+        "\u2013",
+        "\u2014",
+        "--",
+        "---",
+        "/",
+        "n/a",
+        "na",
+        "nan",
+        "n. a.",
+        "n.a.",
+        "none",
+        "null",
+    ),
+    ("fehlt", "missing", "lost", "#nv", "#n/a", "#na"),
+)
 # rows whose remarks are said
 MAX_REMARKS = 3
 
 
 def leave_out_missed(table: Table, coordinates: Sequence[str]) -> tuple[Table, tuple[str, ...]]:
-    """Leave out the rows in which all of the named coordinates are empty, but for a table without
-    any; returns the table, and what is said of it."""
+    """Leave out the rows in which all of the named coordinates are empty, or say that they were
+    not measured ("-", "n/a"), but for a table without any; returns the table, and what is said of it."""
     is_missed = np.ones(len(table), bool)
     for name in coordinates:
         is_missed &= _find_empty(table, name)
@@ -33,23 +53,42 @@ def leave_out_missed(table: Table, coordinates: Sequence[str]) -> tuple[Table, t
 
 
 def _find_empty(table: Table, name: str) -> Mask:
-    """Find the rows (m,) in which a column has an empty cell."""
+    """Find the rows (m,) in which nothing was measured by a column."""
     cells = table.columns[name]
     if cells.dtype.kind == "f":
         return np.isnan(cells)
-    return np.array([is_blank_row([cell]) for cell in cells.tolist()], dtype=bool)
+    return np.array([is_not_measured(cell) for cell in cells.tolist()], dtype=bool)
+
+
+def is_not_measured(cell: Any) -> bool:
+    """Whether a cell is empty, or says that nothing was measured: "-", "n/a", "fehlt", "#NV"."""
+    text = str(cell)
+    word = text.strip().lower()
+    if is_blank_row([cell]):
+        return True
+    return word in NOT_MEASURED
 
 
 def _find_remark(table: Table, row: int) -> str:
     """Find the longest text in a row."""
-    cells = [column[row] for column in table.columns.values() if column.dtype.kind == "O"]
-    texts = np.array([cell for cell in cells if isinstance(cell, str)], dtype=object)
-    words = texts[np.isnan(convert_to_numbers(texts))] if len(texts) else texts
-    return max((word.strip() for word in words), key=len, default="")
+    remarks = list[str]()
+    for column in table.columns.values():
+        cell = column[row]
+        is_word = isinstance(cell, str) and not is_not_measured(cell)
+        if is_word and not is_number(cell):
+            remark = cell.strip()
+            remarks.append(remark)
+    return max(remarks, key=len, default="")
 
 
 def _keep(table: Table, kept: Mask) -> Table:
     """Keep some rows, each with its own line."""
-    at = np.array([table.where.number(int(row)) for row in np.flatnonzero(kept)], dtype=np.intp)
-    columns = {name: cells[kept] for name, cells in table.columns.items()}
-    return replace(table, columns=columns, where=replace(table.where, at=at))
+    place = table.where
+    rows = np.flatnonzero(kept).tolist()
+    lines = [place.number(row) for row in rows]
+    at = np.array(lines, dtype=np.intp)
+    columns = {}
+    for name, cells in table.columns.items():
+        columns[name] = cells[kept]
+    where = replace(place, at=at)
+    return replace(table, columns=columns, where=where)

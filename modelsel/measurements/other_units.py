@@ -3,8 +3,10 @@ rad where a study is begun."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,31 +19,54 @@ from .unit_names import ANGLES, DEGREE, DEGREES
 COORDINATES = ("x", "y", "z")
 # one of each unit of an angle, in rad
 RADIANS = {**{unit: size * DEGREE for unit, size in DEGREES.items()}, **ANGLES}
-READ = ("mm", "m", "rad", "deg")
+# of the units that are read, in mm or rad
+SIZES = {"mm": 1.0, "m": 1e3, "in": 25.4, "inch": 25.4, "rad": 1.0, "deg": DEGREE}
 
 
-def convert_units(table: Table, prismatic: Sequence[bool]) -> tuple[Table, tuple[str, ...]]:
+def convert_units(
+    table: Table, prismatic: Sequence[bool], given: Mapping[str, str] = MappingProxyType({})
+) -> tuple[Table, tuple[str, ...]]:
     """Convert joint readings and coordinates whose names, or a row of units below them, say a unit
-    that is not read. Returns the table, its columns renamed, and what is said of it."""
+    that is not read; those that the user names (`given`) to the unit that is wanted, under the
+    name that is wanted. A column whose own name says the unit is renamed. Returns the table, and
+    what is said of it."""
+    wanted = {name: contract for contract, name in given.items()}
     columns: dict[str, NDArray[np.generic]] = {}
     units = dict(table.units)
     converted: dict[str, list[str]] = {}
     for name, cells in table.columns.items():
-        factor, unit, said = _find_factor(
-            parse_column_name(name, units.get(name)), table, prismatic
-        )
-        values = convert_to_numbers(cells)
-        if not said or not np.isfinite(values).all():
+        parsed = parse_column_name(name, units.get(name))
+        if name in wanted:
+            contract = parse_column_name(wanted[name])
+            parsed = replace(contract, given=name, unit=parsed.unit)
+        factor, unit, said = _find_factor(parsed, table, prismatic)
+        if not said:
             columns[name] = cells
             continue
-        renamed = f"{name} in {unit}"
-        columns[renamed] = values * factor
+        renamed = name
+        if name in wanted:
+            renamed = wanted[name]
+            unit = renamed.rpartition("_")[2]
+        elif parse_column_name(name).unit is not None:
+            renamed = f"{name} in {unit}"
+        columns[renamed] = _scale(cells, factor / SIZES.get(unit, 1.0))
         units[renamed] = unit
         converted.setdefault(f"from {said} to {unit}", []).append(f'"{name}"')
     if not converted:
         return table, ()
     listed = "; ".join(f"{', '.join(names)} {way}" for way, names in converted.items())
     return replace(table, columns=columns, units=units), (f"Converted: {listed}.",)
+
+
+def _scale(cells: NDArray[Any], factor: float) -> NDArray[np.generic]:
+    """Multiply the numbers among cells; a cell that is none stays as it is, to be refused later."""
+    values = convert_to_numbers(cells)
+    is_number = np.isfinite(values)
+    if is_number.all():
+        return np.asarray(values * factor)
+    scaled = np.asarray(cells, dtype=object).copy()
+    scaled[is_number] = values[is_number] * factor
+    return scaled
 
 
 def _find_factor(

@@ -17,6 +17,7 @@ from ..results.details_schema import DetailsRecord
 from ..results.quantities import format_figure
 from ..results.schema import StudyRecord
 from ..results.study_sentences import describe_probability, describe_split, opening_sentences
+from .html_parts import write_html_table, write_paragraph
 from .style import choose_unit
 
 SIDES = ("first", "second")
@@ -56,47 +57,23 @@ def write_comparison_page(campaigns: Pair, comparison: Comparison) -> bytes:
     return page.encode()
 
 
-def _paragraph(words: str, style: str = "") -> str:
-    attribute = f' class="{style}"' if style else ""
-    return f"<p{attribute}>{escape(words)}</p>"
-
-
 def _list_sentences(sentences: Sequence[str]) -> str:
-    return "\n".join(_paragraph(sentence, "verdict") for sentence in sentences)
+    return "\n".join(write_paragraph(sentence, "verdict") for sentence in sentences)
 
 
 def _write_verdict(side: str, campaign: Campaign) -> str:
     """Write the verdict of one study."""
     record = campaign.record
-    sentences = "\n".join(_paragraph(sentence) for sentence in opening_sentences(record))
-    about = _paragraph(describe_split(record), "quiet")
+    sentences = "\n".join(write_paragraph(sentence) for sentence in opening_sentences(record))
+    about = write_paragraph(describe_split(record), "quiet")
     title = f'<h3><span class="kicker">{side}</span> {escape(campaign.name)}</h3>'
     return f'<div class="side">\n{title}\n{about}\n{sentences}\n</div>'
 
 
-def _write_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: int, of: str) -> str:
-    """Write a table of ready cells; the last `numbers` columns hold figures. On narrow screens each
-    cell says what it is."""
+def _align(heads: Sequence[str], numbers: int) -> list[tuple[str, str]]:
+    """Return the columns of a table, of which the last `numbers` hold figures."""
     first = len(heads) - numbers
-    classes = ["number" if k >= first else "" for k in range(len(heads))]
-    head = "".join(
-        f'<th scope="col" class="{style}">{escape(name)}</th>'
-        for name, style in zip(heads, classes, strict=True)
-    )
-    lines = []
-    for row in rows:
-        cells = zip(heads, row, classes, strict=True)
-        lines.append(
-            "".join(
-                f'<td class="{style}" data-head="{escape(name)}">{cell}</td>'
-                for name, cell, style in cells
-            )
-        )
-    body = "\n".join(f"<tr>{line}</tr>" for line in lines)
-    return (
-        f'<table class="plain stack {of}"><thead><tr>{head}</tr></thead>\n'
-        f"<tbody>{body}</tbody></table>"
-    )
+    return [(name, "right" if k >= first else "left") for k, name in enumerate(heads)]
 
 
 # -- errors
@@ -112,7 +89,7 @@ def _write_errors(campaigns: Pair) -> str:
     floors = [campaign.record.noise_floor.coordinate_mm for campaign in campaigns]
     rows.append(["noise of one coordinate", *(_format(floor) for floor in floors)])
     heads = ["rms, mm", *(_name_side(side, c) for side, c in zip(SIDES, campaigns, strict=True))]
-    return _write_table(heads, rows, 2, "errors")
+    return write_html_table(_align(heads, 2), rows, "errors")
 
 
 def _name_side(side: str, campaign: Campaign) -> str:
@@ -180,11 +157,14 @@ def match_findings(first: Sequence[Name], second: Sequence[Name]) -> list[Match]
 def _write_findings(campaigns: Pair, comparison: Comparison) -> str:
     matches = match_findings(*map(list_names, campaigns))
     if not matches:
-        return _paragraph("Neither study named an error.")
-    said = {change.name: describe_change(change) for change in comparison.mechanisms}
+        return write_paragraph("Neither study named an error.")
+    said = {}
+    for change in comparison.mechanisms:
+        words = describe_change(change)
+        said.update(dict.fromkeys(change.labels, words))
     rows = [list(_write_match(campaigns, match, said)) for match in matches]
     heads = ["named in", "first", "second", "change"]
-    return _write_table(heads, rows, 0, "findings")
+    return write_html_table(_align(heads, 0), rows, "findings")
 
 
 def _write_match(campaigns: Pair, match: Match, said: dict[str, str]) -> Iterator[str]:
@@ -199,17 +179,17 @@ def _write_match(campaigns: Pair, match: Match, said: dict[str, str]) -> Iterato
         names.append(campaign.details.findings[k].label)
         yield _write_finding(campaign, k)
     changes = dict.fromkeys(said[name] for name in names if name in said)
-    yield "".join(_paragraph(change) for change in changes) or ABSENT
+    yield "".join(write_paragraph(change) for change in changes) or ABSENT
 
 
 def _write_finding(campaign: Campaign, k: int) -> str:
     finding, drawn = campaign.record.findings[k], campaign.details.findings[k]
-    parts = [f"<b>{escape(drawn.label)}</b>", _paragraph(drawn.what)]
+    parts = [f"<b>{escape(drawn.label)}</b>", write_paragraph(drawn.what)]
     figures = [] if finding.worst is None else [f"at most {_format(finding.worst.mm)} mm"]
     figures.append(f"{finding.verdict}, probability {describe_probability(finding)}")
     if finding.doubtful:
         figures.append("doubtful")
-    return "".join([*parts, _paragraph("; ".join(figures), "quiet")])
+    return "".join([*parts, write_paragraph("; ".join(figures), "quiet")])
 
 
 # -- parameters
@@ -222,7 +202,7 @@ def _write_parameters(comparison: Comparison) -> str:
     explained, tested = comparison.explained_by, comparison.changes
     parts = [_tabulate_explained(explained)] if explained else []
     if not explained:
-        parts.append(_paragraph("No few parameters explain a change beyond chance."))
+        parts.append(write_paragraph("No few parameters explain a change beyond chance."))
     if tested:
         count = len(tested)
         words = f"{count} {'parameter' if count == 1 else 'parameters'} tested one by one, {len(comparison.moved)} beyond chance"
@@ -246,7 +226,7 @@ def _tabulate_explained(explained: Sequence[Explanation]) -> str:
                 _write_figure(factor * COVERAGE * one.standard_error, 2),
             ]
         )
-    return _write_table(heads, rows, 3, "parameters")
+    return write_html_table(_align(heads, 3), rows, "parameters")
 
 
 def _name_parameter(symbol: str, unit: str, mechanism: str) -> str:
@@ -287,7 +267,7 @@ def _tabulate(changes: Sequence[Change]) -> str:
         "p",
     ]
     rows = [_write_change(change, largest) for change in ordered]
-    return _write_table(heads, rows, 6, "parameters")
+    return write_html_table(_align(heads, 6), rows, "parameters")
 
 
 def _write_change(change: Change, largest: float) -> list[str]:

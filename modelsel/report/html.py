@@ -10,18 +10,36 @@ from importlib.resources import files
 from string import Template
 from typing import Any
 
+from ..results.details_schema import DetailsRecord
+from ..results.finding_advice import advise
 from ..results.finding_schema import EntryRecord, FindingRecord
 from ..results.placements import describe_placements
 from ..results.schema import RegistrationRecord, StudyRecord
 from ..results.small_findings import split_findings
-from ..results.study_sentences import describe_split, opening_sentences, write_figures
+from ..results.study_sentences import (
+    describe_split,
+    opening_sentences,
+    weigh_listed_record,
+    write_figures,
+)
 from ..results.tables import label_ladder
 from .document import Source
 from .error_parts_section import write_error_parts
 from .figures.errormap import find_named_cells
 from .figures.ladder import label_way, select_way
+from .html_parts import write_paragraph
 from .pages.appendix import list_provenance
+from .pages.findings import describe_advice, describe_proof
+from .pages.front import WORTH, list_campaign
+from .parameters_section import write_parameters
 
+SECTIONS = (
+    ("ladder", "The ladder"),
+    ("findings", "What was named"),
+    ("map", "Error map"),
+    ("space", "Residual vectors"),
+    ("parameters", "Calibrated parameters"),
+)
 SCRIPTS = ("plot.js", "space.js", "posture.js", "map.js", "page.js")
 
 
@@ -29,13 +47,17 @@ def write_page(source: Source) -> bytes:
     """Write the whole page."""
     record, folder = source.record, files(__package__) / "templates"
     template = Template((folder / "page.html").read_text(encoding="utf-8"))
+    parameters = write_parameters(source)
     scripts = [(folder / name).read_text(encoding="utf-8") for name in SCRIPTS]
     page = template.substitute(
         title=escape(f"Calibration report: {record.study}"),
         study=escape(record.study),
         about=escape(f"Robot {record.robot} · {describe_split(record)}"),
-        verdict="\n".join(_paragraph(one, "verdict") for one in opening_sentences(record)),
+        verdict="\n".join(write_paragraph(one, "verdict") for one in opening_sentences(record)),
+        campaign=_write_campaign(source.details),
         repeatability=write_error_parts(record.repeatability),
+        parameters=parameters,
+        sections=_link_sections(bool(parameters)),
         setup=_write_setup(record.registration),
         side=record.side.replace("_", "-"),
         made=escape(", ".join(f"{name} {value}" for name, value in list_provenance(record))),
@@ -46,9 +68,16 @@ def write_page(source: Source) -> bytes:
     return page.encode()
 
 
-def _paragraph(sentence: str, style: str = "") -> str:
-    attribute = f' class="{style}"' if style else ""
-    return f"<p{attribute}>{escape(sentence)}</p>"
+def _write_campaign(details: DetailsRecord) -> str:
+    """Write what the study file says of the campaign; nothing where it says nothing."""
+    said = list_campaign(details)
+    return write_paragraph(" · ".join(said), "quiet") if said else ""
+
+
+def _link_sections(has_parameters: bool) -> str:
+    """Write links to the sections of the page."""
+    sections = SECTIONS if has_parameters else SECTIONS[:-1]
+    return " ".join(f'<a href="#{name}-title">{words}</a>' for name, words in sections)
 
 
 def _write_setup(registration: RegistrationRecord | None) -> str:
@@ -56,7 +85,7 @@ def _write_setup(registration: RegistrationRecord | None) -> str:
     if registration is None:
         return ""
     title = '<h2 id="setup-title">Where the tracker and the target stand</h2>'
-    sentences = "\n".join(_paragraph(one) for one in describe_placements(registration))
+    sentences = "\n".join(write_paragraph(one) for one in describe_placements(registration))
     return f'<section aria-labelledby="setup-title">\n{title}\n{sentences}\n</section>\n'
 
 
@@ -76,6 +105,20 @@ def _page_data(source: Source) -> dict[str, Any]:
         "grouped": grouped,
         "small": "" if record.small_findings is None else record.small_findings.sentence,
         "figures": [write_figures(finding) for finding in record.findings],
+        "worth": f"{WORTH}.",
+        "advice": [_describe_advice(source, finding) for finding in record.findings],
+        "listed": [weigh_listed_record(finding) for finding in record.findings],
+    }
+
+
+def _describe_advice(source: Source, finding: FindingRecord) -> dict[str, str]:
+    """Return what to do about a finding, what that is worth, and how sure it is, in the words of the PDF."""
+    advice = advise(source.record, finding)
+    return {
+        "short": advice.sentence,
+        "whole": describe_advice(source.record, finding),
+        "worth": advice.worth,
+        "proof": describe_proof(finding, source.where),
     }
 
 
@@ -107,7 +150,8 @@ def find_kindred_cells(record: StudyRecord, finding: FindingRecord) -> list[tupl
 
 def _is_driven(cause: str, drivers: set[str]) -> bool:
     names = _list_names(cause)
-    return bool(names) and names <= drivers
+    has_names = bool(names)
+    return has_names and names <= drivers
 
 
 def _list_names(cause: str) -> set[str]:

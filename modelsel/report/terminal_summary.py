@@ -6,7 +6,6 @@ from __future__ import annotations
 from math import inf
 
 from ..diagnosis.signatures import PROVEN
-from ..diagnosis.stated_probability import scale_listed
 from ..exceptions import sentence_list
 from ..notices import ALARMS
 from ..results.details_schema import DetailsRecord, FindingDetailsRecord
@@ -22,6 +21,7 @@ from ..results.study_sentences import (
     describe_probability,
     has_predictable_rest,
     opening_sentences,
+    weigh_listed_record,
 )
 from .text_tables import fold_text
 
@@ -103,7 +103,7 @@ def _describe_standing(finding: FindingRecord, label: str) -> str:
     """Describe how probable a finding is and its name, or its rivals."""
     doubt = ", doubtful: the held-out error does not fall with it" if finding.doubtful else ""
     if not finding.is_found:
-        scale = scale_listed(finding.level_probabilities, finding.of_name)
+        scale = weigh_listed_record(finding)
         rivals = [f"{one.name} ({scale * one.probability:.2f})" for one in finding.credible_set]
         more = len(rivals) - SHOWN_RIVALS + finding.more_entries
         others = [f"{more} more"] if more > 0 else []
@@ -145,8 +145,9 @@ def _describe_sampling(record: StudyRecord) -> str:
     if not sampling.converged:
         notes = (note.sentence for note in record.warnings if note.code == UNCONVERGED)
         return next(notes, "The chains that sample the posterior have not converged.")
-    samples = f"{sampling.effective_samples:,.0f} effective samples"
-    return f"The posterior was sampled: {samples}, R-hat {sampling.r_hat:.3f}."
+    count = f"{sampling.effective_samples:,.0f}"
+    mixing = f"R-hat {sampling.r_hat:.3f}"
+    return f"The posterior was sampled: {count} effective samples, {mixing}."
 
 
 def _list_left_out(record: StudyRecord) -> str:
@@ -155,6 +156,8 @@ def _list_left_out(record: StudyRecord) -> str:
     if record.unidentifiable:
         parts.append("what the data cannot determine")
     notes = [warning for warning in record.warnings if warning.code not in ALARMS]
-    if notes:
-        parts.append("1 note" if len(notes) == 1 else f"{len(notes)} notes")
+    count = len(notes)
+    if count:
+        counted = "1 note" if count == 1 else f"{count} notes"
+        parts.append(counted)
     return sentence_list(parts)

@@ -48,6 +48,7 @@ PLACE_WIDTH = 6
 
 LADDER_HEADS = ("params", "rank", "mean", "worst", "held-out mean", "worst", "CV rms", "AICc")
 SUBSET_HEADS = ("rank", "CV rms", "held-out mean", "weight")
+SET_HEADS = ("probability",)
 SIGNIFICANCE_HEADS = (
     *("mean", "worst", "F", "p", "log10 evid.", "CV rms", "held-out rms", "in halves"),
 )
@@ -95,9 +96,12 @@ def _subset_table(record: StudyRecord, width: int) -> tuple[str, list[str], str]
     rows = []
     for subset in candidates.best:
         errors = [format_mm(subset.cv_rms_mm), format_mm(subset.held_out.mean_mm)]
-        figures = [str(subset.rank), *errors, format_weight(subset.weight)]
-        words = " + ".join(subset.mechanisms[len(common) :]) or "nothing more"
-        rows.append(Row(words, figures, subset.note))
+        weight = format_weight(subset.weight)
+        figures = [str(subset.rank), *errors, weight]
+        own = subset.mechanisms[len(common) :]
+        words = " + ".join(own) or "nothing more"
+        row = Row(words, figures, subset.note)
+        rows.append(row)
     title = (
         f"Best of {candidates.compared:,} candidate models, by cross-validation: errors in mm; weight: "
         "probability among them"
@@ -109,11 +113,14 @@ def _subset_table(record: StudyRecord, width: int) -> tuple[str, list[str], str]
 
 
 def _set_table(record: StudyRecord, width: int) -> tuple[str, list[str], str]:
-    rows = [
-        Row(describe_set(model), [format_weight(model.probability)])
-        for model in record.weighed_models
-    ]
-    return SETS_TITLE, write_table("effects", ("probability",), "", rows, width), SETS_PURPOSE
+    rows = []
+    for model in record.weighed_models:
+        probability = format_weight(model.probability)
+        words = describe_set(model)
+        row = Row(words, [probability])
+        rows.append(row)
+    lines = write_table("effects", SET_HEADS, "", rows, width)
+    return SETS_TITLE, lines, SETS_PURPOSE
 
 
 # -- error map

@@ -12,7 +12,7 @@ from ..diagnosis.sentences import choose_prefix
 from .details_schema import DetailsRecord, MeaningRecord
 from .model_schema import ParameterRecord
 from .schema import StudyRecord
-from .study_sentences import format_mm, format_p
+from .study_sentences import format_mm, format_p, round_numbers
 
 # of the expanded uncertainty, U = k u
 COVERAGE = 2.0
@@ -131,7 +131,7 @@ def _write_row(
     calibrated = (nominal or 0.0) + parameter.estimate
     return ParameterRow(
         symbol=symbol,
-        meaning=parameter.mechanism if meaning is None else meaning.meaning,
+        meaning=round_numbers(parameter.mechanism if meaning is None else meaning.meaning),
         nominal="–" if nominal is None else _write_nominal(nominal / factor, decimals),
         calibrated=write_number_plainly(calibrated / factor, decimals),
         expanded="–" if u is None else write_number_plainly(COVERAGE * u / factor, decimals),

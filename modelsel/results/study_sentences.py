@@ -6,7 +6,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from ..diagnosis.stated_probability import describe_level_probability, find_named_level
+from ..diagnosis.stated_probability import (
+    describe_level_probability,
+    find_named_level,
+    scale_listed,
+)
 from ..measurements.row_places import Where
 from ..notices import HOPELESS_FIT, Note, list_alarms
 from .finding_schema import EntryRecord, FindingRecord
@@ -180,6 +184,12 @@ def describe_name_probability(finding: FindingRecord) -> str:
     """Return how probable the name of a finding is."""
     levels = finding.level_probabilities
     return f"{levels[find_named_level(levels)] if levels else finding.of_name:.2f}"
+
+
+def weigh_listed_record(finding: FindingRecord) -> float:
+    """Return by what the probabilities of listed explanations are multiplied where they are told
+    beside that of the name."""
+    return scale_listed(finding.level_probabilities, finding.of_name)
 
 
 def describe_levels(finding: FindingRecord) -> str:

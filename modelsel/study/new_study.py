@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from ..exceptions import DataError, ModelselError, NotEstimable
 from ..fitting.problem import Problem
 from ..measurements.column_guesses import Choice, Reading, guess_columns, merge_columns
+from ..measurements.grad_columns import JOINTS, Meaning, keep_meaning, name_meanings, offer_meanings
 from ..measurements.headerless_columns import is_headerless, list_orders
 from ..measurements.measurements import Measurements
 from ..measurements.missed_rows import leave_out_missed
@@ -45,7 +46,8 @@ MAX_HELD_OUT = 40
 @dataclass(frozen=True)
 class StudyDraft:
     """What a file is read as: the choices that are open or settled, optional columns, and the
-    measurements once nothing is open."""
+    measurements once nothing is open; `meanings`: columns of `table`, where their unit "Grad" may
+    mean several."""
 
     robot: Robot
     source: DataFile | Table
@@ -54,6 +56,7 @@ class StudyDraft:
     choices: tuple[Choice, ...]
     optional: tuple[Reading, ...] = ()
     remarks: tuple[str, ...] = ()
+    meanings: Mapping[str, Meaning] = field(default_factory=dict)
 
     @property
     def columns(self) -> dict[str, str]:
@@ -71,7 +74,13 @@ class StudyDraft:
             replace(choice, readings=(reading,)) if choice.what == what else choice
             for choice in self.choices
         )
-        return replace(self, choices=choices)
+        draft = replace(self, choices=choices)
+        if what != JOINTS or not self.meanings:
+            return draft
+        table = keep_meaning(self.table, self.meanings, reading)
+        as_it_is = set(reading.columns.values()) <= set(load_table(self.source).columns)
+        source = self.source if as_it_is else table
+        return replace(draft, table=table, source=source, meanings={})
 
     def remark(self, sentence: str) -> StudyDraft:
         """Return the draft with one sentence more to say."""
@@ -97,16 +106,20 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
     if not len(table):
         raise table.where.refuse("a header, but no rows.")
     table, missed = leave_out_missed(table, _find_coordinates(table, robot, given))
-    table, converted = convert_units(table, robot.prismatic)
+    as_given = table
+    table, converted = convert_units(table, robot.prismatic, given)
+    given = {wanted: name for wanted, name in given.items() if name in table}
     remarks = (*missed, *converted)
     if remarks:
         source = table
+    table, meanings = offer_meanings(table, robot.prismatic, given.values())
     renamed = rename_columns(table, given)
     choices = guess_columns(renamed, robot.prismatic)
     for choice in choices:
         if not choice.readings:
-            raise _refuse_missing(table, choice, robot)
-    draft = StudyDraft(robot, source, table, given, tuple(choices), remarks=remarks)
+            raise _refuse_missing(as_given, choice, robot)
+    named = name_meanings(choices, meanings)
+    draft = StudyDraft(robot, source, table, given, named, remarks=remarks, meanings=meanings)
     taken = {*draft.columns.values(), *given}
     optional = guess_optional_columns(renamed, taken)
     draft = replace(draft, optional=tuple(optional))
@@ -229,7 +242,8 @@ def _try_readings(draft: StudyDraft, readings: Sequence[Reading]) -> float:
     the file cannot be read so."""
     columns = {**draft.given, **merge_columns(readings)}
     try:
-        data = read_measurements(draft.source, draft.robot, columns)
+        source = draft.table if draft.meanings else draft.source
+        data = read_measurements(source, draft.robot, columns)
     except ModelselError:
         return float("inf")
     misfit = measure_misfit(draft.robot, data)

@@ -12,10 +12,7 @@ from .._random import generator
 from .._typing import Array
 from ..calibration.calibration import Calibration
 from ..calibration.experiment_design import (
-    MAX_RIVALS,
-    Pool,
     Rivals,
-    build_pool,
     choose_for_parameters,
     choose_for_rivals,
     compute_indices,
@@ -23,12 +20,12 @@ from ..calibration.experiment_design import (
     count_more_needed,
     merge_indistinct,
 )
-from ..diagnosis.effects import Effect
+from ..calibration.plan_pool import Pool, build_pool
 from ..exceptions import StudyError
 from ..measurements.columns import UNITS
 from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
-from ..measurements.table import Source
+from ..measurements.table import Source, load_table
 from ..measurements.visits import count_distinct
 from ..mechanisms.terms import Term
 from ..robot.kinematics import forward
@@ -41,6 +38,7 @@ from .configuration_pool import (
     keep_conditions,
     repeat_for_targets,
 )
+from .plan_rivals import find_rivals, list_used_names
 from .planned_repeats import RepeatPlan, add_rounds, format_repeats, plan_repeats
 from .result import Result
 from .rival_sentences import describe_rivals, follows_gravity
@@ -98,64 +96,6 @@ class MeasurementPlan:
         items = "".join(f"<li>{escape(line)}</li>" for line in lines)
         table = self.to_frame().to_html(index=False, max_rows=20, float_format="%.4f")
         return f"<ul>{items}</ul>{table}"
-
-
-def find_rivals(result: Result) -> list[Rivals]:
-    """Return the rival explanations of every finding that has any, with their estimates.
-
-    Rivals are entries of one credible set that do not move the target alike.
-    """
-    rival_sets = []
-    for effect in result.diagnosis.search.effects:
-        rivals = _find_rivals_of_effect(result, effect)
-        if rivals is not None:
-            rival_sets.append(rivals)
-    return rival_sets
-
-
-def _find_rivals_of_effect(result: Result, effect: Effect) -> Rivals | None:
-    first, *others = effect.named.entries[:MAX_RIVALS]
-    others = [entry for entry in others if entry.probability > 0]
-    if not others:
-        return None
-    entries = [first, *others]
-    estimates = []
-    for entry in entries:
-        estimate = entry.estimate
-        if entry.candidate == effect.candidate:
-            estimate = effect.estimate
-        estimates.append(estimate)
-    probability = np.array([entry.probability for entry in entries])
-    return Rivals(
-        names=tuple(entry.candidate.label for entry in entries),
-        terms=tuple(entry.candidate.mechanism.terms for entry in entries),
-        estimates=tuple(estimates),
-        probability=probability / probability.sum(),
-        others=_list_other_terms(result, effect),
-    )
-
-
-def list_used_names(result: Result) -> frozenset[str]:
-    """Return the names of the state that the chosen model, or a rival of one of its findings, looks
-    at."""
-    names = set(result.calibration.needs())
-    for rivals in find_rivals(result):
-        for terms in rivals.terms:
-            for term in terms:
-                for screw in term.screws:
-                    names |= screw.cause.names()
-    return frozenset(names)
-
-
-def _list_other_terms(result: Result, effect: Effect) -> tuple[Term, ...]:
-    """Return the chosen model's terms without those that only this effect brings."""
-    fitted = result.models.chosen.fit
-    effect_mechanism = effect.candidate.mechanism
-    effect_keys = {term.key for term in effect_mechanism.terms}
-    for other in fitted.model.mechanisms:
-        if other != effect_mechanism:
-            effect_keys -= {term.key for term in other.terms}
-    return tuple(term for term in fitted.terms if term.key not in effect_keys)
 
 
 def choose_configurations(
@@ -328,7 +268,7 @@ def plan_next(
     Args:
         result: a finished study.
         count: how many configurations to choose.
-        pool: a file or DataFrame of joint readings; by default drawn within the ranges measured.
+        pool: a file or DataFrame of joint readings, of the contract's names or the study's; by default drawn within the ranges measured.
         purpose: as in `choose_configurations`.
         limits: draw the pool within the robot file's joint limits.
         joints: draw joints within these ranges, such as {"q2_deg": (-90, 45)}.
@@ -342,7 +282,9 @@ def plan_next(
     seed = result.study.seed
     within = ""
     if pool is not None:
-        possible = read_measurements(pool, robot, positions=False)
+        listed = load_table(pool)
+        mapping = calibration.form.map_columns(listed, {})
+        possible = read_measurements(listed, robot, mapping, positions=False)
         possible = draw_approaches(possible, seed)
     else:
         data = result.problem.data

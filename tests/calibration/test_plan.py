@@ -16,11 +16,9 @@ from modelsel import Study, plan_next, simulate_study
 from modelsel import run_study as study_run
 from modelsel._choices import PLAN_CRITERIA
 from modelsel.calibration.experiment_design import (
-    Pool,
     Rivals,
     _naming_probability,
     _Pair,
-    build_pool,
     choose_for_parameters,
     choose_for_rivals,
     compute_indices,
@@ -28,6 +26,7 @@ from modelsel.calibration.experiment_design import (
     count_more_needed,
     merge_indistinct,
 )
+from modelsel.calibration.plan_pool import Pool, build_pool
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import DataError, StudyError

@@ -15,8 +15,8 @@ from gauged import ANCHORS, NOISE, TOOL, Campaign, hold
 from hidden_effects import at, one
 
 from modelsel.calibration.calibration_file import calibration_text
-from modelsel.calibration.experiment_design import build_pool
 from modelsel.calibration.loading import parse_calibration
+from modelsel.calibration.plan_pool import build_pool
 from modelsel.calibration.prediction import predict
 from modelsel.calibration.validation import judge
 from modelsel.config.study_file import Study, parse_study

@@ -12,7 +12,11 @@ import pytest
 
 from modelsel.config.study_file import find_source, parse_study
 from modelsel.exceptions import DataError
-from modelsel.measurements.number_format import convert_number_text, find_decimal_mark
+from modelsel.measurements.number_format import (
+    convert_number_text,
+    find_decimal_mark,
+    find_mark_by_range,
+)
 from modelsel.measurements.reader import read_measurements
 from modelsel.measurements.row_places import where_from_record
 from modelsel.measurements.table import DataFile
@@ -353,6 +357,30 @@ def test_spreadsheets_hold_the_same_numbers(tmp_path) -> None:
 
 def test_numbers_kept_as_text_in_a_spreadsheet(tmp_path) -> None:
     check(read(xlsx(tmp_path / "m.xlsx", texts=True)))
+
+
+def test_single_numbers_kept_as_text_in_a_workbook_are_read_by_their_columns(tmp_path) -> None:
+    """Three decimals after a decimal comma could be a group of thousands: the other numbers of the
+    column tell."""
+    from openpyxl import load_workbook
+
+    path = xlsx(tmp_path / "m.xlsx")
+    book = load_workbook(path)
+    sheet = book["Messung"]
+    before = sheet["F9"].value
+    sheet["F9"] = f"{before + 0.123:.3f}".replace(".", ",")
+    book.save(path)
+    data = read(path)
+    assert data.position[4, 1] == pytest.approx(before + 0.123, abs=1e-3)
+    (note,) = [note.sentence for note in data.notes if note.code == "file-format"]
+    assert "a number kept as text with decimal commas (row 9)" in note
+
+
+def test_the_range_of_a_column_tells_the_mark() -> None:
+    assert find_mark_by_range([[7.024, 47.805, "63,351"]]) == ","
+    assert find_mark_by_range([[70240, 47805, "63,351"]]) == "."
+    assert find_mark_by_range([["63,351", "12,345"]]) is None
+    assert find_mark_by_range([[1.5, 2.5, "1,234"], [1500, 2500, "1,234"]]) is None
 
 
 def test_a_spoilt_cell_is_told_by_sheet_and_row(tmp_path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+import pytest
 
 from modelsel.measurements.missed_rows import leave_out_missed
 from modelsel.measurements.table import Table, load_table
@@ -30,6 +31,22 @@ def test_rows_without_a_position_are_left_out_and_said() -> None:
     assert said == (
         "Left out, because there is no position: rows 1, 3, counted from 0 (beam broken).",
     )
+
+
+@pytest.mark.parametrize("mark", ["-", "–", "—", " - ", "n/a", "N/A", "fehlt", "#NV", "#N/A", ""])
+def test_a_mark_in_place_of_a_position_is_a_missed_shot(mark) -> None:
+    table = table_of(
+        X=[1.0, mark, 2.0], Y=["1", mark, "2"], Z=[3.0, mark, 4.0], Note=["", "broken", ""]
+    )
+    kept, said = leave_out_missed(table, XYZ)
+    assert kept.columns["X"].tolist() == [1.0, 2.0]
+    assert said == ("Left out, because there is no position: row 1, counted from 0 (broken).",)
+
+
+@pytest.mark.parametrize("text", ["-1", "0", "-?", "1018.673"])
+def test_anything_else_is_no_missed_shot(text) -> None:
+    table = table_of(X=[1.0, text], Y=[1.0, text], Z=[1.0, text])
+    assert leave_out_missed(table, XYZ) == (table, ())
 
 
 def test_a_row_that_lacks_one_coordinate_stays() -> None:

@@ -23,6 +23,7 @@ SYMBOLS = (
     "The nominal arm at one measured configuration. a b c: shifts along x y z of the frame whose number follows; α β γ: "
     "turns about them, before the joint moves (dashed: its axis, z)."
 )
+TITLE = "Calibrated parameters"
 TABLE = (
     "Nominal: the drawing's value, of a shift from the frame before along the frame's own axes{registered}; 0 where the "
     "number is a correction. U: expanded uncertainty, twice the standard uncertainty, which is the larger of least squares' and the "
@@ -41,8 +42,10 @@ def write_parameters_page(source: Source, most: int | None = None) -> list[Block
     rows = tabulate_calibrated(source.record, source.details)
     if not rows:
         return []
-    heading = make_heading("Calibrated parameters", opens=True)
-    return [heading, *_write_drawing(source), _write_table(source, rows, most)]
+    heading = make_heading(TITLE, opens=True)
+    drawing = write_frames_figure(source)
+    table = _write_table(source, rows, most)
+    return [heading, *drawing, table]
 
 
 def write_parameters_summary(source: Source) -> list[Block]:
@@ -57,7 +60,7 @@ def write_significance_page(source: Source) -> list[Block]:
     return _write_mechanisms(mechanisms) if mechanisms else []
 
 
-def _write_drawing(source: Source) -> list[Block]:
+def write_frames_figure(source: Source) -> list[Block]:
     """Write the drawing of this arm; nothing where the files of an earlier version have none."""
     arm = source.details.arm
     if arm is None:
@@ -71,18 +74,24 @@ def _write_drawing(source: Source) -> list[Block]:
 
 
 def _write_table(source: Source, rows: Sequence[ParameterRow], most: int | None) -> Block:
-    is_registered = source.record.registration is not None
-    caption = TABLE.format(registered=REGISTERED if is_registered else "")
     shown = _select_rows(rows, most)
-    if any(row.together for row in shown):
-        caption += TOGETHER
+    caption = caption_parameters(source, shown)
     if len(shown) < len(rows):
         caption += f" {len(rows) - len(shown)} more, which move the target less, are in report.pdf."
+    cells = [row.cells for row in shown]
+    return make_table(PARAMETER_COLUMNS, cells, caption, WIDTHS) | {"dense": True}
+
+
+def caption_parameters(source: Source, rows: Sequence[ParameterRow]) -> str:
+    """Describe what the columns of the table mean, and what it leaves out."""
+    is_registered = source.record.registration is not None
+    caption = TABLE.format(registered=REGISTERED if is_registered else "")
+    if any(row.together for row in rows):
+        caption += TOGETHER
     free = count_free(source.record, source.details)
     if free:
         caption += f" The {free} coefficients of free functions are in result.json: none says anything alone."
-    cells = [row.cells for row in shown]
-    return make_table(PARAMETER_COLUMNS, cells, caption, WIDTHS) | {"dense": True}
+    return caption
 
 
 def _select_rows(rows: Sequence[ParameterRow], most: int | None) -> Sequence[ParameterRow]:

@@ -6,11 +6,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
-from ...diagnosis.stated_probability import scale_listed
 from ...measurements.row_places import Where
 from ...results.details_schema import FindingDetailsRecord
 from ...results.finding_advice import advise
 from ...results.finding_schema import EntryRecord, FindingRecord
+from ...results.schema import StudyRecord
 from ...results.small_findings import split_findings
 from ...results.study_sentences import (
     count_rows,
@@ -18,6 +18,7 @@ from ...results.study_sentences import (
     describe_probability,
     format_mm,
     label_entries,
+    weigh_listed_record,
     write_figures,
 )
 from ..document import Block, Source, make_heading, make_table, make_text, put_beside
@@ -100,8 +101,8 @@ def _write_finding(
     title = f"Finding {number}: {name_finding(finding, detail)}"
     words = [
         make_text(f"{finding.sentence} {write_figures(finding)}".strip()),
-        make_text(_describe_advice(source, finding)),
-        make_text(_describe_standing(finding, source.where), "quiet"),
+        make_text(describe_advice(source.record, finding)),
+        make_text(describe_proof(finding, source.where), "quiet"),
     ]
     if len(finding.credible_set) > 1:
         words.append(make_text(_describe_credible_set(finding), "quiet"))
@@ -111,9 +112,9 @@ def _write_finding(
     return [heading, put_beside(words, [_write_residuals(source, number, detail)], PICTURE_MM)]
 
 
-def _describe_advice(source: Source, finding: FindingRecord) -> str:
+def describe_advice(record: StudyRecord, finding: FindingRecord) -> str:
     """Return what to do, and what would tell it from its rivals."""
-    advice = advise(source.record, finding)
+    advice = advise(record, finding)
     separation = advise_separation(finding.credible_set)
     return " ".join([f"What to do. {advice.sentence}", *separation])
 
@@ -121,7 +122,7 @@ def _describe_advice(source: Source, finding: FindingRecord) -> str:
 def _describe_credible_set(finding: FindingRecord) -> str:
     """Return what the finding could be: those that move the target as the first does, then the others."""
     entries = finding.credible_set
-    scale = scale_listed(finding.level_probabilities, finding.of_name)
+    scale = weigh_listed_record(finding)
     alike: list[str] = []
     different: list[str] = []
     for name, entry in zip(label_entries(entries), entries, strict=True):
@@ -150,8 +151,8 @@ def _write_residuals(source: Source, number: int, detail: FindingDetailsRecord) 
     return source.add_figure(f"finding-{number}", draw, caption.strip(), words)
 
 
-def _describe_standing(finding: FindingRecord, where: Where) -> str:
-    """Return the ladder of levels, p-value, gain and rows."""
+def describe_proof(finding: FindingRecord, where: Where) -> str:
+    """Return the probability of every level, p-value, gain and rows."""
     return f"{describe_levels(finding)} {_describe_verdict(finding, where)}".lstrip()
 
 

@@ -17,7 +17,16 @@ from ...results.study_sentences import (
     format_mm,
     opening_sentences,
 )
-from ..document import Block, Source, make_heading, make_list, make_table, make_text, put_beside
+from ..document import (
+    Block,
+    Source,
+    let_float,
+    make_heading,
+    make_list,
+    make_table,
+    make_text,
+    put_beside,
+)
 from ..figures import errormap, space
 from ..figures.arm import draw_marked
 from ..figures.ladder import draw_ladder, label_way, select_way
@@ -34,6 +43,11 @@ CAMPAIGN_LABELS = {
     "ambient": "Ambient",
 }
 LONGEST_ADVICE = 160  # letters
+WORTH = "Worth: by how much the held-out rms error falls when it joins the model, with its interval"
+PROBABILITY = (
+    "Probability: of the cause; where that is below 0.9 also of what is proven, place (what moves), drivers (on what that "
+    "depends) or shape"
+)
 NAMED_COLUMNS = (
     ("", "right"),
     ("named", "left"),
@@ -54,7 +68,7 @@ def write_first_page(source: Source) -> list[Block]:
         "robot": record.robot,
         "estimation": f"{record.configurations.estimation:,}",
         "held_out": f"{record.configurations.held_out:,}",
-        "campaign": _list_campaign(source.details),
+        "campaign": list_campaign(source.details),
     }
     figure = source.add_figure(
         "ladder",
@@ -73,7 +87,7 @@ def _note_registration(record: StudyRecord) -> str:
     return " Nominal: with base and target registered to the measurements first."
 
 
-def _list_campaign(details: DetailsRecord) -> list[str]:
+def list_campaign(details: DetailsRecord) -> list[str]:
     """Return what the study file says of the campaign, each with its name."""
     if details.campaign is None:
         return []
@@ -89,10 +103,7 @@ def _write_named(source: Source) -> list[Block]:
     told, grouped = split_findings(findings, small)
     shown = told[:MAX_NAMED]
     rows = [_named_row(source, k) for k in shown]
-    caption = (
-        "Worth: by how much the held-out rms error falls when it joins the model, with its interval. Probability: of the "
-        "cause; where that is below 0.9 also of what is proven, place (what moves), drivers (on what that depends) or shape"
-    )
+    caption = f"{WORTH}. {PROBABILITY}"
     has_rivals = any(not finding.is_found for finding in findings)
     caption += "; rivals: others that the data cannot tell from it." if has_rivals else "."
     if len(told) > len(shown):
@@ -183,8 +194,8 @@ def write_data_page(source: Source) -> list[Block]:
     )
     return [
         make_heading("Data and split"),
-        make_text(explanation, keep=True),
-        put_beside([coverage], [workspace]),
+        make_text(explanation),
+        let_float(put_beside([coverage], [workspace])),
         *_write_placements(record),
     ]
 
@@ -247,15 +258,15 @@ def write_error_map_page(source: Source) -> list[Block]:
         "than chance anywhere in the map; orange ring: and among the strongest of its column; black square: the cell of a "
         "finding. One effect darkens every cell that moves the target like it, so most dark cells are echoes."
     )
-    legend = [
-        "tx ty tz shift along, rx ry rz turn about the axes of a frame; rz of frames 1 to n is the joint's own rotation.",
-        "a & b: two numbers fitted together, as a sine and a cosine of unknown phase.",
-    ]
+    legend = (
+        "tx ty tz shift along, rx ry rz turn about the axes of a frame; rz of frames 1 to n is the joint's own rotation. "
+        "a & b: two numbers fitted together, as a sine and a cosine of unknown phase."
+    )
     return [
         make_heading("Error map"),
-        make_text(explanation, keep=True),
-        source.add_figure("error-map", draw, caption, _map_words(whole, columns)),
-        make_list(legend) | {"dense": True},
+        make_text(explanation),
+        make_text(legend, "quiet"),
+        let_float(source.add_figure("error-map", draw, caption, _map_words(whole, columns))),
     ]
 
 

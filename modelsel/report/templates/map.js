@@ -79,7 +79,7 @@ function cellPanel(data, i, j, openFinding) {
   for (const [finding, k] of findings.slice(0, 3)) {
     const button = el("button", { type: "button", text: `Finding ${k + 1}: ${data.details.findings[k].label}` });
     button.addEventListener("click", () => openFinding(k));
-    out.push(button, probabilities(finding.credible_set.slice(0, 8).map((e, n) => [data.details.findings[k].rivals[n], e.probability, e.alike])));
+    out.push(button, probabilities(finding.credible_set.slice(0, 8).map((e, n) => [data.details.findings[k].rivals[n], e.probability * data.listed[k], e.alike])));
   }
   out.push(el("h3", { text: "Mechanism" }));
   out.push((name && card(data, name[2])) || el("p", { class: "quiet", text: "No registered mechanism acts at this place by this cause alone." }));
@@ -90,27 +90,32 @@ function findingPanel(data, k) {
   const finding = data.result.findings[k], said = data.details.findings[k];
   const out = [el("h3", { text: `Finding ${k + 1}: ${said.label}` }), el("p", { text: finding.sentence })];
   if (data.figures[k]) out.push(el("p", { class: "quiet", text: data.figures[k] }));
+  out.push(el("p", { text: data.advice[k].whole }), el("p", { class: "quiet", text: data.advice[k].proof }));
   if (!data.own[k].length) out.push(el("p", { class: "quiet", text: data.kindred[k].length
     ? "The map has no cell of this finding's own shape. Marked are, at its places, the strongest cells that depend on nothing but what it depends on." : "No cell of the map stands for this finding." }));
   for (const p of said.panels) out.push(scatter({ ...p, title: p.frames.length ? `Residual about frame ${p.frames.join(", ")} ${p.axis}` : "Displacement" }));
   if (said.panels.length) out.push(el("p", { class: "quiet", text: "Squares: without this effect. Dots: with it. Line: the fitted effect." }));
   if (said.posture) out.push(...posed(finding, said.posture));
-  out.push(el("h3", { text: "Credible set" }), probabilities(finding.credible_set.slice(0, 12).map((e, n) => [said.rivals[n], e.probability, e.alike])));
+  out.push(el("h3", { text: "Credible set" }), probabilities(finding.credible_set.slice(0, 12).map((e, n) => [said.rivals[n], e.probability * data.listed[k], e.alike])));
   const found = card(data, finding.credible_set.length ? finding.credible_set[0].mechanism : null);
   if (found) out.push(el("h3", { text: "Mechanism" }), found);
   return out;
 }
 
-// A window of the map: `rows` [name, key], `columns` [name, key, group], `cell` (row's key, column's key) -> [place, cause].
+// A window of the map: `rows` [name, key], `columns` [name, key, frame], `cell` (row's key, column's key) -> [place, cause].
 // Columns share the window's width, rows scroll; each cell is kept in data.tds.
 function grid(data, host, { rows, columns, cell, label, open }) {
   const map = data.result.error_map, biggest = Math.log10(Math.max(10, ...map.f.flat().filter((v) => v !== null)));
   const table = el("table", { class: "map", role: "grid", "aria-label": label }), head = el("thead");
   table.style.setProperty("--n", columns.length);
   const groups = columns.reduce((out, [, , group]) => { if (out.length && out[out.length - 1][0] === group) out[out.length - 1][1]++; else out.push([group, 1]); return out; }, []);
-  const heading = (text, attributes) => el("th", { role: "columnheader", ...attributes, text });
-  if (groups[0][0]) head.append(el("tr", { role: "row" }, el("td", { class: "corner" }), ...groups.map(([name, count]) => heading(name, { class: "group", style: `grid-column: span ${count}`, "aria-colspan": count }))));
-  head.append(el("tr", { role: "row" }, el("td", { class: "corner" }), ...columns.map(([name, , group]) => heading(name, { title: `${group} ${name}`.trim() }))));
+  const heading = (attributes, ...children) => el("th", { role: "columnheader", ...attributes }, ...children);
+  // a group too narrow for its name has its number alone
+  const word = (count, n) => el("span", { class: count < 5 ? "word short" : n ? "word" : "", text: "frame " });
+  if (groups[0][0]) head.append(el("tr", { role: "row" }, el("td", { class: "corner" }), ...groups.map(([frame, count], n) =>
+    heading({ class: "group", style: `grid-column: span ${count}`, "aria-colspan": count, "aria-label": `frame ${frame}` }, word(count, n), el("span", { text: String(frame) })))));
+  head.append(el("tr", { role: "row" }, el("td", { class: "corner" }), ...columns.map(([name, , group]) =>
+    heading({ title: group ? `frame ${group} ${name}` : name }, el("span", { class: group ? "axis" : "", text: name })))));
   const body = el("tbody"), cells = [];
   rows.forEach(([name, i]) => {
     const tr = el("tr", { role: "row" }, el("th", { scope: "row", role: "rowheader", title: name, text: name }));

@@ -53,18 +53,20 @@
   if (!result.findings.length) findings.append(el("p", { text: result.nothing_else.sentence }));
   else {
     const table = el("table", { class: "plain stack" }), rows = el("tbody");
-    table.append(el("thead", {}, el("tr", {}, ...["named", "what goes wrong", "verdict"].map((h) => el("th", { scope: "col", text: h })))), rows);
+    table.append(el("thead", {}, el("tr", {}, ...["named", "what goes wrong, what to do", "worth, mm rms", "verdict"].map((h) => el("th", { scope: "col", text: h })))), rows);
     const open = (k) => {
       const button = el("button", { type: "button", text: details.findings[k].label });
       button.addEventListener("click", () => openFinding(k));
       return button;
     };
     data.told.forEach((k) => {
-      const f = result.findings[k], what = el("td", { text: f.sentence });
+      const f = result.findings[k], what = el("td", { text: f.sentence }), { short, worth } = data.advice[k];
       if (data.figures[k]) what.append(el("p", { class: "quiet", text: data.figures[k] }));
-      rows.append(el("tr", {}, el("td", {}, open(k)), what, el("td", { text: f.doubtful ? `${f.verdict}, but doubtful` : f.verdict })));
+      what.append(el("p", { text: `What to do. ${short}` }));
+      rows.append(el("tr", {}, el("td", {}, open(k)), what, el("td", { "data-head": "worth, mm rms", text: worth }),
+        el("td", { "data-head": "verdict", text: f.doubtful ? `${f.verdict}, but doubtful` : f.verdict })));
     });
-    findings.append(table);
+    findings.append(table, el("p", { class: "quiet", text: data.worth }));
     if (data.grouped.length) {
       findings.append(el("p", { text: data.small }));
       findings.append(el("p", { class: "tools" }, ...data.grouped.map(open)));
@@ -75,7 +77,7 @@
   const alone = (j) => map.f.filter((row) => row[j] !== null).length < 2;
   const wave = ([c, j]) => c.wave !== null && c.wave >= 3 && c.joint && alone(j), others = columns.filter((c) => !wave(c)).map(([, j]) => j);
   const host = document.getElementById("map"), sorting = document.getElementById("order");
-  const places = details.map.places.map((place, i) => [place.axis, i, `frame ${place.frame}`]);
+  const places = details.map.places.map((place, i) => [place.axis, i, place.frame]);
   const best = others.map((j) => [j, Math.max(...map.f.map((row) => row[j] ?? 0))]);
   const strongest = [...best].sort((a, b) => b[1] - a[1]).map(([j]) => j);
   const fill = () => {

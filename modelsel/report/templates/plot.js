@@ -34,8 +34,7 @@ function scaled(unit, biggest) {
 }
 
 function ticks(low, high) {
-  const step0 = (high - low) / 4, power = 10 ** Math.floor(Math.log10(step0));
-  const step = [1, 2, 5, 10].find((k) => k * power >= step0) * power, out = [];
+  const step = roundBelow((high - low) / 3), out = [];
   for (let k = Math.ceil(low / step); k <= Math.floor(high / step + 1e-9); k++) out.push(k * step);
   return out;
 }

@@ -1,0 +1,44 @@
+"""Pieces of a page in HTML: paragraphs and tables; words of the data are escaped here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+Columns = Sequence[tuple[str, str]]
+
+
+def write_paragraph(words: str, style: str = "") -> str:
+    """Write a paragraph of plain words."""
+    attribute = f' class="{style}"' if style else ""
+    return f"<p{attribute}>{escape(words)}</p>"
+
+
+def write_html_table(columns: Columns, rows: Sequence[Sequence[str]], of: str) -> str:
+    """Write a table of cells that are HTML already, with (name, "left" or "right") of each column. On
+    narrow screens each cell says what it is."""
+    heads = []
+    for name, side in columns:
+        style = _write_side(side)
+        heads.append(f'<th scope="col"{style}>{escape(name)}</th>')
+    head = "".join(heads)
+    lines = [_write_row(columns, row) for row in rows]
+    body = "\n".join(lines)
+    return (
+        f'<table class="plain stack {of}"><thead><tr>{head}</tr></thead>\n'
+        f"<tbody>{body}</tbody></table>"
+    )
+
+
+def _write_row(columns: Columns, row: Sequence[str]) -> str:
+    line = ""
+    for column, cell in zip(columns, row, strict=True):
+        name, side = column
+        style = _write_side(side)
+        label = escape(name)
+        line += f'<td{style} data-head="{label}">{cell}</td>'
+    return f"<tr>{line}</tr>"
+
+
+def _write_side(side: str) -> str:
+    return ' class="number"' if side == "right" else ""
