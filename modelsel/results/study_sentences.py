@@ -192,7 +192,7 @@ def weigh_listed_record(finding: FindingRecord) -> float:
     return scale_listed(finding.level_probabilities, finding.of_name)
 
 
-def describe_levels(finding: FindingRecord) -> str:
+def write_levels(finding: FindingRecord) -> str:
     """Return the probability of every level of a finding, as a sentence; empty of faults of the data and where
     they were not weighed."""
     if finding.first.is_fault or finding.claim is None:
@@ -212,7 +212,7 @@ def write_finding_line(finding: FindingRecord) -> str:
     verdict = "Found" if finding.is_found else "Not told apart"
     if finding.doubtful:
         verdict += ", but doubtful"
-    return f"{verdict}: {finding.sentence} {describe_levels(finding)}".rstrip()
+    return f"{verdict}: {finding.sentence} {write_levels(finding)}".rstrip()
 
 
 def list_figures(finding: FindingRecord) -> list[str]:

@@ -73,9 +73,9 @@ def complete_verdict(
     Where the fit is `hopeless`, the sentence that says so comes first, and none says that nothing else was
     found."""
     gained, named, remainder = sentences
-    gained += _describe_orientation(orientation)
     if registered is not None:
         gained += f" The nominal robot's error is what is left after {registered} were registered."
+    gained += _describe_orientation(orientation)
     if hopeless is not None:
         return hopeless, gained, named
     return gained, named, remainder

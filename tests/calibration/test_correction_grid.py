@@ -17,6 +17,7 @@ from wide_calibration import wide
 
 from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.export import GridOptions, export, export_grid
+from modelsel.calibration.export.grid import MIN_USE
 from modelsel.calibration.prediction import predict
 from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
@@ -90,6 +91,17 @@ def test_what_it_does_not_look_at_is_said(made) -> None:
     rms, largest = found.left_out_mm
     assert largest > rms > 10 * found.error_mm
     assert f"# it does not look at {'; '.join(found.left_out)}" in found.text
+    _, bare, left, _ = found.errors
+    assert left == rms
+    assert (
+        f"leaves {rms:.3g} mm rms ({largest:.3g} mm at most); without it the arm is off by"
+        in (found.notes[1])
+    )
+    assert (found.worse is not None) == (left > MIN_USE * bare)
+    useless = replace(found, errors=("over all", 1.54, 1.55, 0.0))
+    assert useless.worse.startswith("this file is worse than the nominal arm: 1.55 mm rms against")
+    assert "hardly better" in replace(found, errors=("over all", 1.57, 1.55, 0.0)).worse
+    assert replace(found, errors=("over all", 1.57, 0.5, 0.0)).worse is None
 
 
 def test_a_grid_over_every_joint_leaves_nothing_out(small) -> None:

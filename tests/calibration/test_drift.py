@@ -26,6 +26,7 @@ from modelsel.fitting.noise import Floor
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import Measurements
+from modelsel.measurements.table import hash_source
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import load_robot
@@ -408,6 +409,14 @@ def test_commands(rng, tmp_path) -> None:
     )
     assert ran.exit_code == 0, ran.output
     assert ran.output.startswith("The calibration is still valid within noise")
+    assert "made the calibration" not in ran.output
+    digest = hash_source(tmp_path / "new.csv")
+    own = replace(calibrated(rng, model, theta), provenance={"data_sha256": digest})
+    (tmp_path / "b" / "calibration.json").write_text(calibration_text(own))
+    ran = CliRunner().invoke(
+        run_command_line, ["validate", str(tmp_path / "b"), str(tmp_path / "new.csv")]
+    )
+    assert "Note: These are the measurements that made the calibration" in ran.output
     pd.DataFrame(frame | {"y_mm": new.position[:, 1] + 1.0}).to_csv(
         tmp_path / "new.csv", index=False
     )

@@ -15,7 +15,7 @@ from modelsel.report.document import Source, collect_blocks, walk_blocks
 from modelsel.report.html import write_page
 from modelsel.report.terminal import write_sentences
 from modelsel.results.small_findings import MIN_GROUPED, split_findings
-from modelsel.results.study_sentences import describe_levels, write_figures
+from modelsel.results.study_sentences import write_figures, write_levels
 from modelsel.results.tables import write_notebook_page
 
 SUM = "Three smaller errors, 0.0213 mm rms together: some names."
@@ -51,7 +51,7 @@ def test_the_terminal_tells_those_that_matter_first_and_the_rest_in_one_line(dra
     lines = write_sentences(source.record, source.details)
     findings = source.record.findings
     told = [line for line in lines if line.startswith("Found")]
-    levels = [describe_levels(finding) for finding in findings]
+    levels = [write_levels(finding) for finding in findings]
     assert all("level by level: place " in line for line in levels)
     assert told == [
         f"Found, but doubtful: {findings[1].sentence} {levels[1]}",

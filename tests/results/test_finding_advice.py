@@ -24,8 +24,8 @@ def test_one_line_each_and_its_worth_is_the_fall_of_the_held_out_error(drawn) ->
         assert "\n" not in advice.sentence
         assert "{" not in advice.sentence
         fall = gain.held_out_rms_before_mm - gain.held_out_rms_after_mm
-        assert advice.worth.startswith(f"{fall:.3f}")
-        assert f"({gain.interval_mm[0]:.2g} to" in advice.worth
+        assert advice.worth.replace("−", "-").startswith(f"{fall:.3f}")
+        assert f"({gain.interval_mm[0]:.2g} to" in advice.worth.replace("−", "-")
 
 
 def test_every_mechanism_has_advice_that_names_no_part() -> None:
@@ -81,12 +81,31 @@ def test_larger_than_usual_is_inspected(drawn) -> None:
             for one in record.significance
         ]
         assert advise(record.model_copy(update={"significance": noted}), finding).action == action
-    contrary = record.findings[-1]
+    contrary = record.findings[-1].model_copy(update={"doubtful": False})
     assert (
         "the other sign"
         in {one.mechanism: one for one in record.significance}[contrary.first.mechanism].catalogue
     )
     assert advise(record, contrary).action == "Model"
+
+
+def test_a_gain_that_rounds_to_nought_is_no_minus_nought(drawn) -> None:
+    record = read_source(drawn).record
+    first = record.findings[1]
+    for before, after, worth in ((0.05, 0.0502, "−0.0002"), (0.05, 0.05, "0.000")):
+        gain = first.gain.model_copy(
+            update={"held_out_rms_before_mm": before, "held_out_rms_after_mm": after}
+        )
+        told = advise(record, first.model_copy(update={"gain": gain})).worth
+        assert told.partition(" ")[0] == worth
+
+
+def test_where_the_place_alone_is_proven_rivals_are_told_apart_first(drawn) -> None:
+    record = read_source(drawn).record
+    finding = record.findings[1]
+    claim = finding.claim.model_copy(update={"level": "place", "probability": 0.99})
+    advice = advise(record, finding.model_copy(update={"claim": claim}))
+    assert advice.action == "Measure"
 
 
 def test_nothing_held_out_is_worth_a_dash_and_places_are_frames(drawn) -> None:

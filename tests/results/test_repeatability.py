@@ -22,6 +22,7 @@ from modelsel.results.repeatability import (
     compute_target_rms,
     format_scale,
     label_part,
+    summarise_repeatability,
     write_repeatability_lines,
 )
 from modelsel.results.schema import StudyRecord
@@ -96,6 +97,20 @@ def test_the_instrument_alone_says_that_nothing_else_was_told() -> None:
         "0.1 mm at the target. No joint that does not repeat, and nothing that rows share, was told from it."
     )
     assert write_repeatability_lines([alone]) == [f"Repeatability: {alone.sentence}"]
+    assert summarise_repeatability([alone]) == [f"Repeatability: {alone.sentence}"]
+    assert summarise_repeatability([]) == []
+
+
+def test_a_summary_says_what_the_rest_is() -> None:
+    """The shares of all parts, whatever the screen holds."""
+    some = records(
+        part("instrument", 0.018, 0.016, 0.02, share=0.64, at_target=0.031),
+        part("joint 2", 21.3e-6, 18.2e-6, 24.4e-6, share=0.3, told_by="repeats"),
+        part("group", 0.02, 0.01, 0.03, share=0.06, told_by="groups"),
+    )
+    (line,) = summarise_repeatability(some)
+    assert line.startswith(f"Repeatability: {some[0].sentence} The rest: joint 2 30%")
+    assert line.endswith(" and rows of one group 6%.")
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from modelsel.diagnosis.stated_probability import (
 from modelsel.report.document import collect_blocks
 from modelsel.report.drawing import PAGES, read_source
 from modelsel.report.terminal_summary import _describe_standing
-from modelsel.results.study_sentences import describe_levels, describe_probability
+from modelsel.results.study_sentences import describe_probability, write_levels
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_all_outputs_tell_the_same_probabilities(drawn) -> None:
     assert describe_probability(finding) == "0.99 of the drivers, 0.88 of the cause"
     assert _describe_standing(finding, "a") == "probability 0.99; best described by a (0.88)"
     ladder = "Probability, level by level: place 0.99, drivers 0.99, shape 0.88, cause 0.88."
-    assert describe_levels(finding) == ladder
+    assert write_levels(finding) == ladder
     findings = [*source.record.findings]
     findings[1] = finding
     object.__setattr__(source, "record", source.record.model_copy(update={"findings": findings}))

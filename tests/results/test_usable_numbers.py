@@ -63,6 +63,9 @@ def test_play_is_the_whole_step_and_its_millimetres_are_those_of_the_wrist() -> 
     wrist = pose(ARM, turned, TOOL).origins[4] - pose(ARM, q, TOOL).origins[4]
     largest = np.linalg.norm(wrist, axis=0).max()
     assert got["play at the wrist"] == (pytest.approx(largest, rel=1e-4), "mm")
+    turn, moved = (one.text for one in list_usable(one, effect))
+    assert turn.endswith("of play from side to side")
+    assert moved.endswith("at the wrist at most, from side to side")
 
 
 def test_a_joint_of_the_wrist_has_its_play_at_the_target() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from modelsel.diagnosis import claim_sentences
 from modelsel.fitting.noise import Floor
-from modelsel.results.verdict import Named, NamedErrors, write_verdict
+from modelsel.results.verdict import Named, NamedErrors, complete_verdict, write_verdict
 from modelsel.selection.gain import Gain
 
 FLOOR = Floor(0.03, "repeats", 100)
@@ -104,6 +104,16 @@ def test_what_was_named(named, asked, sentence) -> None:
     """Only settled names count as named; names that come twice are written once; those written and the
     rest add up."""
     assert said(named, asked=asked)[1] == sentence
+
+
+def test_what_nominal_means_is_said_where_anything_was_registered() -> None:
+    three = said([("gravity-twist", True)])
+    assert complete_verdict(three, None, None) == three
+    gained, *_ = complete_verdict(three, (2e-3, 1e-3), None, "its base and the target")
+    assert gained == (
+        f"{three[0]} The nominal robot's error is what is left after its base and the target were registered. "
+        "The orientation error falls from 2 mrad to 1 mrad rms."
+    )
 
 
 def test_small_findings_are_told_by_their_sum() -> None:

@@ -349,6 +349,19 @@ def test_mistaken_quaternions_are_said(name, rng, tmp_path) -> None:
     assert " The orientation error " in result.record.verdict[1]
 
 
+def test_check_counts_what_is_determined_for_the_target_that_it_finds(rng, tmp_path) -> None:
+    """Off the last axis, the last joint's zero moves it; on it, as where none is found, not."""
+    data = frame(rng)
+    data.to_csv(tmp_path / "d.csv", index=False)
+    words = ["check", str(tmp_path / "d.csv"), "--robot", "ur5"]
+    ran = CliRunner().invoke(run_command_line, words)
+    assert "(target where it was found, below)" in ran.output
+    assert "moves no measured coordinate" not in ran.output
+    data.head(4).to_csv(tmp_path / "d.csv", index=False)
+    few = CliRunner().invoke(run_command_line, words)
+    assert "(target assumed at 0, 0, 100 mm)" in few.output
+
+
 def test_check_says_it_too(rng, tmp_path) -> None:
     data = turned(rng)
     data.assign(qw=-data.qw).to_csv(tmp_path / "d.csv", index=False)

@@ -14,12 +14,12 @@ from ...results.schema import StudyRecord
 from ...results.small_findings import split_findings
 from ...results.study_sentences import (
     count_rows,
-    describe_levels,
     describe_probability,
     format_mm,
     label_entries,
     weigh_listed_record,
     write_figures,
+    write_levels,
 )
 from ..document import Block, Source, make_heading, make_table, make_text, put_beside
 from ..figures.finding import draw_panels, name_axis
@@ -153,7 +153,7 @@ def _write_residuals(source: Source, number: int, detail: FindingDetailsRecord) 
 
 def describe_proof(finding: FindingRecord, where: Where) -> str:
     """Return the probability of every level, p-value, gain and rows."""
-    return f"{describe_levels(finding)} {_describe_verdict(finding, where)}".lstrip()
+    return f"{write_levels(finding)} {_describe_verdict(finding, where)}".lstrip()
 
 
 def _describe_verdict(finding: FindingRecord, where: Where) -> str:
