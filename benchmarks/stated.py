@@ -220,6 +220,12 @@ def _keep(
 Pairs = Sequence[tuple[float, bool]]
 
 
+def group_studies(studies: Sequence[Study]) -> dict[str, list[Study]]:
+    """Group the studies of each line that has some, and all of them together."""
+    groups = {words: [s for s in studies if s.line == line] for line, words in LINES.items()}
+    return {words: own for words, own in groups.items() if own} | {"both": list(studies)}
+
+
 def bin_pairs(pairs: Pairs) -> list[tuple[float, float, int, int]]:
     """Bin what was said: (edge, mean probability, right, all) of every bin that holds some."""
     out = []
@@ -244,9 +250,7 @@ def tabulate_curve(words: str, pairs: Pairs) -> list[str]:
 def tabulate_sure(studies: Sequence[Study]) -> list[str]:
     """How many of the claims with 0.9 and more are right."""
     lines = [f"claims with a probability of {PROVEN:g} or more", f"    {'':<20}{'said':>5}  right"]
-    groups = {words: [s for s in studies if s.line == line] for line, words in LINES.items()}
-    groups["both"] = list(studies)
-    for words, own in groups.items():
+    for words, own in group_studies(studies).items():
         sure = [r for s in own for p, r in s.claimed if p >= PROVEN]
         if sure:
             lines.append(f"    {words:<20}{len(sure):>5}  {interval(sum(sure), len(sure))}")
@@ -273,10 +277,7 @@ def tabulate(studies: Sequence[Study], command: str) -> str:
         "",
     ]
     lines += [*tabulate_sure(studies), ""]
-    for line, words in LINES.items():
-        own = [s for s in studies if s.line == line]
-        if not own:
-            continue
+    for words, own in group_studies(studies).items():
         claimed = [pair for s in own for pair in s.claimed]
         every = [pair for s in own for pair in s.every]
         lines += [*tabulate_curve(f"{words}: what findings claim", claimed), ""]
@@ -300,31 +301,30 @@ def draw_picture(studies: Sequence[Study], path: Path) -> None:
     heads = ("what findings claim", "every level of every finding")
     for axes, head in zip(figure.subplots(1, 2, sharey=True), heads, strict=True):
         axes.plot([0, 1], [0, 1], color="0.6", lw=1, label="as often as stated")
-        for (line, words), colour, shift in zip(
-            LINES.items(), ("C0", "C1"), (-0.006, 0.006), strict=True
-        ):
-            own = [s for s in studies if s.line == line]
+        groups = group_studies(studies)
+        for k, (words, own) in enumerate(groups.items()):
             pairs = [pair for s in own for pair in (s.claimed if head == heads[0] else s.every)]
             binned = bin_pairs(pairs)
             if not binned:
                 continue
+            is_all = words == "both"
             mean = np.array([row[1] for row in binned])
             rates = np.array([bounds(right, n) for _, _, right, n in binned])
             spread = np.abs(rates[:, 1:].T - rates[:, 0])
             axes.errorbar(
-                mean + shift,
+                mean + 0.008 * (k - 1),
                 rates[:, 0],
                 yerr=spread,
-                fmt="o",
-                ms=4,
+                fmt="s" if is_all else "o",
+                ms=5 if is_all else 4,
                 lw=1,
-                color=colour,
+                color="k" if is_all else f"C{k}",
                 label=words,
             )
         axes.set(xlabel="stated probability", xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), title=head)
         axes.spines[["top", "right"]].set_visible(False)
     figure.axes[0].set_ylabel("share that is right")
-    figure.axes[0].legend(frameon=False, loc="upper left")
+    figure.axes[1].legend(frameon=False, loc="lower right")
     figure.savefig(path, dpi=110, metadata={"Software": None})
 
 

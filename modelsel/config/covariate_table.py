@@ -100,10 +100,11 @@ def _find_repeated(causes: Sequence[str]) -> str | None:
 def check_covariates(tables: list[CovariateTable]) -> list[CovariateTable]:
     """Check that names differ, and that priors leave something. Raises ValueError."""
     names = [table.name for table in tables if table.name is not None]
-    repeated = next((name for name in names if names.count(name) > 1), None)
-    if repeated is not None:
-        raise ValueError(f'the name "{repeated}" is given twice')
-    total = sum(table.prior or 0.0 for table in tables)
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f'the name "{name}" is given twice')
+    priors = [table.prior or 0.0 for table in tables]
+    total = sum(priors)
     if total >= 1:
         raise ValueError(
             f"the priors sum to {total:.4g}; all other explanations together need what is left of 1"

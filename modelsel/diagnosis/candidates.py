@@ -22,6 +22,7 @@ from ..fitting.design import Model
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Cause
 from ..mechanisms.terms import Mechanism
+from ..robot.kinematics import Robot
 from ..selection.comparison import MAX_CANDIDATES
 from .candidate_kinds import CandidateKind
 from .data_faults import FaultKind, find_fault_kind
@@ -29,7 +30,13 @@ from .joint_shapes import generate_joint_shapes
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
 from .own_candidates import OwnCandidates, Screws, select_beyond
 from .prior_weights import choose_weight
-from .unregistered import Unregistered, build_cell_causes, generate_unregistered, list_places
+from .unregistered import (
+    Unregistered,
+    build_cell_causes,
+    generate_unregistered,
+    list_places,
+    weigh_places,
+)
 
 # share of the prior probability that the registered mechanisms have together
 REGISTERED = 0.6
@@ -95,6 +102,8 @@ class Candidate:
         if self.kind is CandidateKind.WAVE_PRODUCT:
             first, second = sorted(mechanism.names())
             return f"waves of {first} times waves of {second}"
+        if self.kind is CandidateKind.PERIOD:
+            return f"pattern that repeats on {mechanism.terms[0].screws[0].cause}"
         words: list[str] = []
         for term in mechanism.terms:
             for screw in term.screws:
@@ -134,7 +143,7 @@ def build_candidates(
     present = frozenset(term.key for term in base.terms)
     own = select_beyond(options.own, screws - one_sided.keys(), present)
     taken = (screws - one_sided.keys()) | _collect_own(own)
-    unregistered = _list_own_cells(own)
+    unregistered = _list_own_cells(problem.robot, own)
     if cells:
         within = exceeds_cell_limit(problem, options)
         offered = chain(
@@ -159,14 +168,16 @@ def _collect_own(own: Iterable[OwnCandidates]) -> set[Screws]:
     return {collect_screws(m) for group in own for m in group.mechanisms}
 
 
-def _list_own_cells(own: Iterable[OwnCandidates]) -> dict[Screws, Unregistered]:
+def _list_own_cells(robot: Robot, own: Iterable[OwnCandidates]) -> dict[Screws, Unregistered]:
     """List what a study adds to the error map without a prior of its own: as likely as a cell."""
-    return {
-        collect_screws(m): Unregistered(m, CandidateKind.CELL, weight=1.0)
-        for group in own
-        if group.prior is None and not group.named
-        for m in group.mechanisms
-    }
+    cells = {}
+    for group in own:
+        if group.prior is not None or group.named:
+            continue
+        for m in group.mechanisms:
+            weight = weigh_places(robot, m)
+            cells[collect_screws(m)] = Unregistered(m, CandidateKind.CELL, weight)
+    return cells
 
 
 def _weigh_stated(groups: Sequence[OwnCandidates], left: float, asked: bool) -> Iterable[Candidate]:

@@ -130,8 +130,8 @@ def _read_coordinate(joined: Table, axis: str) -> Array:
         count = len(joined)
         return np.zeros(count)
     first = chosen[0]
-    given = first.given
-    return convert_to_numbers(joined.columns[given])
+    column = joined.columns[first.given]
+    return convert_to_numbers(column)
 
 
 def _stand_apart(position: Array, readings: Index) -> bool:

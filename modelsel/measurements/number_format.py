@@ -73,13 +73,16 @@ def convert_number_text(cell: Any, decimal: str) -> Any:
     text = _clean_number(cell)
     if OTHER_GROUPS.fullmatch(text):
         text = GROUP_MARKS.sub("", text)
-    if decimal == "," and POINT_GROUPS.fullmatch(text):
+    has_comma = decimal == ","
+    if has_comma and POINT_GROUPS.fullmatch(text):
         text = text.replace(".", "")
-    if decimal == "," and WITH_COMMA.fullmatch(text):
+    if has_comma and WITH_COMMA.fullmatch(text):
         return text.replace(",", ".")
     if decimal == "." and COMMA_GROUPS.fullmatch(text):
         return text.replace(",", "")
-    return text if PLAIN.fullmatch(text) else cell
+    if PLAIN.fullmatch(text):
+        return text
+    return cell
 
 
 def needs_conversion(cells: Sequence[Any]) -> bool:

@@ -109,11 +109,13 @@ def check_mechanism_names(study: Study, robot: Robot, registry: Registry) -> Non
     model = study.model
     names_at = [("model.base", model.base)]
     names_at += [("model.ladder", rung) for rung in model.ladder]
-    names_at.append(("search.outcomes", list(study.search.outcomes)))
+    outcomes = list(study.search.outcomes)
+    names_at.append(("search.outcomes", outcomes))
     takes_all = model.candidates == "all"
-    if model.candidates != "all":
+    if not takes_all:
         candidates = list(model.candidates)
-        names_at.append(("model.candidates", candidates))
+        listed = "model.candidates", candidates
+        names_at.append(listed)
     own_names = list_own_names(study)
     problems = find_own_name_problems(study, registry)
     for place, names in names_at:

@@ -61,7 +61,8 @@ def build_model(
         data.rotation is not None,
         () if data.gauges is None else data.gauges.features,
     )
-    chosen = build_own_mechanisms(study, problem) | dict(constants or {})
+    chosen = build_own_mechanisms(study, problem)
+    chosen.update(constants or {})
     mechanisms = [placement] if placement.terms else []
     mechanisms += [chosen.get(name) or mechanism(name, problem.robot, registry) for name in names]
     return Model(tuple(mechanisms))

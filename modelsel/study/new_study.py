@@ -317,8 +317,9 @@ def _describe_misfit(robot: Robot, data: Measurements) -> list[str]:
 def _explain_misfit(robot: Robot, data: Measurements) -> list[str]:
     """Say which mistake of the set-up, or which other robot, explains positions that are far from
     the nominal arm, as `modelsel study` would."""
-    no_tools = np.zeros((len(data.targets), 3))
-    every_row = np.ones(len(data), bool)
+    targets, rows = len(data.targets), len(data)
+    no_tools = np.zeros((targets, 3))
+    every_row = np.ones(rows, bool)
     problem = Problem(robot, data, no_tools)
     try:
         registered = register(problem, every_row, per_group=False)

@@ -108,11 +108,13 @@ def _find_cause_problems(
     for cause in causes:
         with np.errstate(all="ignore"):
             values = np.broadcast_to(cause.of(problem.state), len(problem))
-        broken = np.flatnonzero(~np.isfinite(values))
+        is_broken = ~np.isfinite(values)
+        broken = np.flatnonzero(is_broken)
         if len(broken):
-            row = int(problem.data.row[broken[0]])
+            first = broken[0]
+            number = int(problem.data.row[first]) + 1
             yield (
-                f'{place}.causes: "{cause}" is no finite number in row {row + 1} of the '
+                f'{place}.causes: "{cause}" is no finite number in row {number} of the '
                 "measurements; write it so that it is one in every row."
             )
 
@@ -121,18 +123,19 @@ def note_constant_causes(study: Study, problem: Problem) -> list[Note]:
     """Note the causes of a study's own that have one value in all rows."""
     notes = []
     for number, table in enumerate(study.covariate, 1):
-        for cause in _parse_causes(f"covariate.{number}", table, problem):
+        place = f"covariate.{number}"
+        for cause in _parse_causes(place, table, problem):
             values = np.broadcast_to(cause.of(problem.state), len(problem))
             largest = float(np.abs(values).max())
             if np.ptp(values) > MIN_SPREAD * largest:
                 continue
-            notes.append(
-                Note(
-                    "cause-constant",
-                    f'covariate.{number}: "{cause}" has one value, {values[0]:.4g}, in all rows: '
-                    "what it alone does cannot be told from the geometry.",
-                )
+            value = values[0]
+            sentence = (
+                f'{place}: "{cause}" has one value, {value:.4g}, in all rows: what it alone does '
+                "cannot be told from the geometry."
             )
+            note = Note("cause-constant", sentence)
+            notes.append(note)
     return notes
 
 
@@ -143,10 +146,14 @@ def build_own_candidates(study: Study, problem: Problem) -> tuple[OwnCandidates,
     listed = study.model.candidates
     own = []
     for number, table in enumerate(study.covariate, 1):
-        if table.name is not None and listed not in ("all", []) and table.name not in listed:
+        is_named = table.name is not None
+        is_open = listed in ("all", [])
+        if is_named and not is_open and table.name not in listed:
             continue
-        mechanisms = tuple(_generate_mechanisms(f"covariate.{number}", table, problem))
-        own.append(OwnCandidates(mechanisms, table.name is not None, table.prior))
+        place = f"covariate.{number}"
+        mechanisms = tuple(_generate_mechanisms(place, table, problem))
+        group = OwnCandidates(mechanisms, is_named, table.prior)
+        own.append(group)
     return tuple(own)
 
 
@@ -155,7 +162,8 @@ def build_own_mechanisms(study: Study, problem: Problem) -> dict[str, Mechanism]
     named = {}
     for number, table in enumerate(study.covariate, 1):
         if table.name is not None:
-            (mechanism,) = _generate_mechanisms(f"covariate.{number}", table, problem)
+            place = f"covariate.{number}"
+            (mechanism,) = _generate_mechanisms(place, table, problem)
             named[table.name] = mechanism
     return named
 
@@ -164,11 +172,14 @@ def _generate_mechanisms(
     place: str, table: CovariateTable, problem: Problem
 ) -> Iterator[Mechanism]:
     causes = _parse_causes(place, table, problem)
+    columns = problem.data.covariates.keys()
+    combined_causes = list(_combine(table, causes, columns))
     places = list_places(problem)
     if table.frame is not None and table.axis is not None:
-        places = ((table.frame, table.axis),)
+        only = (table.frame, str(table.axis))
+        places = (only,)
     for where in places:
-        for combined in _combine(table, causes, problem.data.covariates.keys()):
+        for combined in combined_causes:
             cell = build_cell(where, combined)
             if table.name is not None:
                 cell = _give_name(table.name, cell)
@@ -183,15 +194,20 @@ def _combine(
         yield from ((cause,) for cause in causes)
         return
     for first, second in combinations(causes, 2):
-        if not (first.names() | second.names()) & set(columns):
+        product = first * second
+        if not product.names() & set(columns):
             continue
-        yield (first * second,) if table.as_ == "products" else (first, second)
+        if table.as_ == "products":
+            yield (product,)
+        else:
+            yield first, second
 
 
 def _give_name(name: str, cell: Mechanism) -> Mechanism:
     screws = [term.screws[0] for term in cell.terms]
     first = screws[0]
     causes = sentence_list([str(screw.cause) for screw in screws])
-    axis = f"its {first.axis[1]} axis"
-    sentence = f"Frame {first.frame} {MOTIONS[first.axis[0]]} {axis} with {causes}"
+    axis = first.axis
+    motion = MOTIONS[axis[0]]
+    sentence = f"Frame {first.frame} {motion} its {axis[1]} axis with {causes}"
     return Mechanism(name, cell.terms, sentence)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner, Result
 
+from modelsel import load_result
 from modelsel.cli.main import run_command_line
 from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reader import read_measurements
@@ -423,6 +425,99 @@ def test_numbers_that_are_far_off_are_explained() -> None:
     assert re.search(
         r'The readings fit robot "ur10" (\d+ times|far) better than "ur5"', other.stdout
     )
+
+
+SAID = {"inches": ("[inch]", 25.4), "m": ("[m]", 1e3)}
+
+
+@pytest.mark.parametrize("unit", SAID)
+@pytest.mark.parametrize("by", ["name", "comment"])
+def test_a_unit_that_contradicts_the_numbers_is_told_with_both_readings(unit, by) -> None:
+    """Millimetres under a name, or below a comment, that says more: no arm reaches so far."""
+    frame = campaign()
+    mark, size = SAID[unit]
+    text = frame.to_csv(index=False)
+    if by == "name":
+        text = frame.rename(columns={axis: f"{axis} {mark}" for axis in "XYZ"}).to_csv(index=False)
+    else:
+        text = f"// Units: {unit}\n{text}"
+    Path("m.csv").write_text(text)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", "--out", "s")
+    assert ran.exit_code == 3
+    (sentence,) = ran.stderr.splitlines()
+    assert f"the file says {unit} of " in sentence
+    points = frame[["X", "Y", "Z"]].to_numpy()
+    spread = np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1))
+    assert f"lie more than {spread * size:,.0f} mm from their middle" in sentence
+    assert f"read as mm it is {spread:,.0f} mm" in sentence
+    assert not Path("s").exists()
+
+
+@pytest.mark.parametrize(
+    ("mark", "size", "said"),
+    [("[cm]", 1.0, "millimetres and not centimetres"), ("[mm]", 1 / 25.4, "are inches")],
+)
+def test_a_unit_that_the_arm_contradicts_is_told_by_init_and_study(mark, size, said) -> None:
+    frame = campaign()
+    frame[["X", "Y", "Z"]] *= size
+    frame.rename(columns={axis: f"{axis} {mark}" for axis in "XYZ"}).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", "--out", "s")
+    assert ran.exit_code == 0, ran.output
+    assert said in ran.stdout
+    refused = invoked("study", "s")
+    assert refused.exit_code == 3
+    assert said in refused.stderr
+
+
+def test_a_wide_campaign_in_its_unit_is_read() -> None:
+    """Of two stations of the tracker, each in its own frame; and in metres and inches."""
+    frame = campaign()
+    frame.loc[20:, ["X", "Y", "Z"]] += 40_000
+    frame["group"] = [1] * 20 + [2] * 20
+    names = {f"J{k}": f"q{k}_deg" for k in range(1, 7)}
+    robot = load_robot("ur10")
+    for unit, size in (("mm", 1.0), ("m", 1e-3), ("in", 1 / 25.4)):
+        table = frame.rename(columns=names | {a: f"{a.lower()}_{unit}" for a in "XYZ"})
+        table[[f"{a}_{unit}" for a in "xyz"]] *= size
+        data = read_measurements(table, robot)
+        np.testing.assert_allclose(data.position, frame[["X", "Y", "Z"]], atol=1e-9)
+
+
+def test_targets_and_pool_have_the_names_of_the_study() -> None:
+    """J1 to J6 with decimal commas: as under the contract's names, in degrees, to the last digit."""
+    frame = campaign()
+    frame.to_csv("m.csv", sep=";", decimal=",", index=False)
+    assert invoked("init", "m.csv", "--robot", "ur10", "--yes", "--out", "s").exit_code == 0
+    study = Path("s/study.toml")
+    study.write_text(study.read_text() + "\n[model]\ncandidates = []\n")
+    assert invoked("study", "s", "--no-sampling", "--no-report", "--quiet").exit_code == 0
+    joints = {f"J{k}": f"q{k}_deg" for k in range(1, 7)}
+    wanted = {axis: f"{axis.lower()}_mm" for axis in "XYZ"}
+    corrected = []
+    for names in ([*joints], [*joints, *wanted]):
+        own = frame[names].head(5)
+        own.to_csv("own.csv", sep=";", decimal=",", index=False)
+        own.rename(columns=joints | wanted).to_csv("plain.csv", index=False)
+        both = []
+        for file in ("own.csv", "plain.csv"):
+            ran = invoked(
+                "compensate", "reports/s", file, "--out", "out.csv", "--bound", "900", "900"
+            )
+            assert ran.exit_code == 0, ran.output
+            both.append(pd.read_csv("out.csv"))
+        pd.testing.assert_frame_equal(*both)
+        assert list(both[0])[:6] == [*joints.values()]
+        corrected.append(both[0])
+    assert not np.allclose(corrected[0]["q1_deg"], corrected[1]["q1_deg"], atol=1e-9)
+    calibration = load_result("reports/s").calibration
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        table = calibration.correct(frame[[*joints]].head(5))
+    np.testing.assert_allclose(table["q1_deg"], corrected[0]["q1_deg"], atol=1e-8)
+    own = frame[[*joints]].head(20)
+    own.to_csv("own.csv", sep=";", decimal=",", index=False)
+    planned = invoked("plan", "s", "--pool", "own.csv", "--count", "3")
+    assert planned.exit_code == 0, planned.output
 
 
 def test_a_file_of_the_form_of_the_study_goes_into_check_and_validate() -> None:

@@ -40,7 +40,7 @@ def frame(rng: np.random.Generator) -> pd.DataFrame:
 def test_the_first_study_adds_a_pair_and_products_everywhere(frame: pd.DataFrame) -> None:
     study = Study(**WHOLE | {"measurements": frame})
     rehearsed = rehearse_study(study)
-    assert rehearsed["study"] == "press cell"
+    assert rehearsed["own_explanations"] == 3 * PLACES
     robot = load_robot("puma760")
     split, _, _ = prepare(study, robot, read_measurements(frame, robot))
     pairs, products = build_own_candidates(study, split.problem)
@@ -52,6 +52,7 @@ def test_the_first_study_adds_a_pair_and_products_everywhere(frame: pd.DataFrame
 def test_the_second_study_has_its_own_cause_in_the_base(frame: pd.DataFrame) -> None:
     rehearsed = rehearse_study(Study(**BASE | {"measurements": frame}))
     assert rehearsed["base"] == ["geometric", "hose"]
+    assert rehearsed["own_explanations"] == 0
 
 
 def test_what_became_of_findings_weighs_as_the_page_says(frame: pd.DataFrame) -> None:

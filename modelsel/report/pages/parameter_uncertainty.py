@@ -103,9 +103,12 @@ def write_unidentifiable_page(source: Source) -> list[Block]:
     groups = source.record.unidentifiable
     heading = make_heading("What the data cannot tell")
     if not groups:
-        return [heading, make_text(DETERMINED)]
-    sentences = make_list([group.sentence for group in groups]) | {"dense": True}
-    return [heading, make_text(UNIDENTIFIABLE), sentences]
+        words = make_text(DETERMINED)
+        return [heading, words]
+    words = make_text(UNIDENTIFIABLE)
+    sentences = [group.sentence for group in groups]
+    listed = make_list(sentences) | {"dense": True}
+    return [heading, words, listed]
 
 
 def _write_correlation(source: Source) -> list[Block]:
