@@ -185,13 +185,24 @@ def _list_entries(effect: Effect) -> str:
 
 
 def _describe_drivers(effect: Effect) -> str:
-    drivers = name_drivers(effect.candidate.mechanism.names())
+    names = effect.candidate.mechanism.names()
+    drivers = name_drivers(names)
+    if _is_own_reading(effect, names):
+        drivers = "its own reading"
     if not drivers:
         return f"{name_places(effect)} by a constant amount"
     shape = "how is not proven"
     if effect.candidate.kind is CandidateKind.SHAPE:
         shape = "no registered mechanism describes how"
     return f"{name_places(effect)}, depending on {drivers}; {shape}"
+
+
+def _is_own_reading(effect: Effect, names: Iterable[str]) -> bool:
+    """Whether an effect turns or shifts one joint and depends on nothing but that joint's reading."""
+    if effect.claim is None or not effect.claim.moves_joint:
+        return False
+    ((joint, _),) = effect.candidate.mechanism.names_by_place()
+    return set(names) == {f"q{joint}"}
 
 
 def _describe_shape(effect: Effect) -> str:

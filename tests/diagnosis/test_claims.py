@@ -20,6 +20,7 @@ from modelsel.diagnosis.claim_sentences import (
     describe_claim,
     describe_levels,
     describe_proven,
+    is_settled,
     name_drivers,
     name_places,
 )
@@ -258,6 +259,24 @@ def test_a_claim_says_no_more_than_is_proven() -> None:
     assert "unevenly" not in claimed.text
     assert describe_proven(doubtful).startswith(claimed.text)
     assert [one.level for one in describe_levels(doubtful)] == list(LEVELS)
+
+
+def test_a_sentence_has_one_probability_of_each_level() -> None:
+    """That of what is claimed, and beside the name that of the name, though it is alone on its list."""
+    robot = load_robot("puma760")
+    uneven = Candidate(mechanism("gear-eccentricity:3", robot), CandidateKind.MECHANISM, 0.01)
+    partly = effect_of(uneven, 0.99, 0.989, 0.888, 0.888)
+    listed = replace(partly.named.entries[0], probability=0.989)
+    partly = replace(partly, named=replace(partly.named, entries=(listed,)))
+    assert not is_settled(partly)
+    said = describe_proven(partly)
+    assert "probability 0.99 of the drivers); it could be gear-eccentricity:3 (0.89)" in said
+    whole = effect_of(uneven, 1.0, 0.99, 0.98, 0.95)
+    assert "(gear-eccentricity:3, probability 0.95)" in describe_proven(whole)
+    one_joint = replace(partly, claim=replace(partly.claim, moves_joint=True))
+    assert describe_proven(one_joint).startswith(
+        "Joint 3 is off its reading, depending on its own reading; how is not proven"
+    )
 
 
 def test_drivers_and_places_in_words() -> None:

@@ -66,7 +66,7 @@ def _write_grouped(source: Source, grouped: Sequence[int]) -> list[Block]:
     if not grouped or record.small_findings is None:
         return []
     rows = [_grouped_row(record.findings[k], details.findings[k]) for k in grouped]
-    columns = [("named", "left"), ("what goes wrong", "left"), ("rms, mm", "right")]
+    columns = [("finding", "left"), ("what goes wrong", "left"), ("rms, mm", "right")]
     columns += [("at most, mm", "right"), ("probability", "left")]
     caption = (
         "rms: at the measured configurations, beyond the other findings that matter; at most: in the workspace. All that "

@@ -50,7 +50,7 @@ PROBABILITY = (
 )
 NAMED_COLUMNS = (
     ("", "right"),
-    ("named", "left"),
+    ("finding", "left"),
     ("what to do", "left"),
     ("worth, mm rms", "left"),
     ("probability", "left"),
@@ -74,7 +74,7 @@ def write_first_page(source: Source) -> list[Block]:
         "ladder",
         partial(draw_ladder, record),
         "Rms position error of each model on the way from the nominal to the chosen one. Each row adds "
-        "one named cause; in the grey zone nothing but noise is left." + _note_registration(record),
+        "one finding; in the grey zone nothing but noise is left." + _note_registration(record),
         _ladder_words(record),
     )
     lead = [make_text(sentence, "lead") for sentence in opening_sentences(record)]

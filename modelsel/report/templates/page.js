@@ -53,7 +53,7 @@
   if (!result.findings.length) findings.append(el("p", { text: result.nothing_else.sentence }));
   else {
     const table = el("table", { class: "plain stack" }), rows = el("tbody");
-    table.append(el("thead", {}, el("tr", {}, ...["named", "what goes wrong, what to do", "worth, mm rms", "verdict"].map((h) => el("th", { scope: "col", text: h })))), rows);
+    table.append(el("thead", {}, el("tr", {}, ...["finding", "what goes wrong, what to do", "worth, mm rms", "verdict"].map((h) => el("th", { scope: "col", text: h })))), rows);
     const open = (k) => {
       const button = el("button", { type: "button", text: details.findings[k].label });
       button.addEventListener("click", () => openFinding(k));
