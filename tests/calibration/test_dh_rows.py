@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.dh import dh_table
 from modelsel.robot.files import robot_from_table
 from modelsel.robot.kinematics import forward
+from modelsel.robot.rigid import rotation_matrix, transform
 from modelsel.selection.evaluation import Split
 
 ROWS = (
@@ -49,6 +51,20 @@ def test_rows_of_a_drawing_come_back_as_they_were() -> None:
     tool = np.array([10.0, 20.0, 30.0])
     back = robot_from_table(table, "file")
     np.testing.assert_allclose(forward(back, q, tool), forward(ROBOT, q, tool), atol=1e-9)
+
+
+def test_what_stands_behind_the_last_joint_is_turned_into_its_row() -> None:
+    turned = transform(rotation_matrix(2, 0.4), (0.0, 0.0, -80.0))
+    along = transform(rotation_matrix(0, -0.7), (12.0, 0.0, 0.0))
+    robot = replace(ROBOT, last=turned @ along)
+    table = fold_last(dh_table(robot, "standard"))
+    own = table["joint"][5]["dh"]
+    assert own["theta_deg"] == pytest.approx(180 + np.degrees(0.4) - 360)
+    assert [own["a_mm"], own["alpha_deg"]] == pytest.approx([12.0, -np.degrees(0.7)])
+    q = robot.draw(np.random.default_rng(1), 20)
+    tool = np.array([10.0, 20.0, 30.0])
+    back = robot_from_table(table, "file")
+    np.testing.assert_allclose(forward(back, q, tool), forward(robot, q, tool), atol=1e-9)
 
 
 def test_a_transform_that_no_row_holds_stays() -> None:
