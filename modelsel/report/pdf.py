@@ -19,6 +19,8 @@ from .style import shorten
 LONGEST_HEADER = 70  # letters
 # share of the last page that is filled, below which less room between the blocks is tried
 MIN_LAST = 0.4
+# shares of the usual room that are tried, the last with smaller pictures
+ROOMS = ("0.6", "0.5")
 
 
 class ReportError(ModelselError):
@@ -63,8 +65,10 @@ def compile_pdf(
         _write_inputs(folder, content, pictures)
         chosen = _run_compiler(folder)
         if chosen.pages > 1 and chosen.last < MIN_LAST:
-            tight = _run_compiler(folder, {"tight": "yes"})
-            chosen = tight if tight.pages < chosen.pages else chosen
+            for room in ROOMS:
+                tight = _run_compiler(folder, {"room": room})
+                if tight.pages < chosen.pages:
+                    return tight.pdf, tight.warnings
         return chosen.pdf, chosen.warnings
 
 
