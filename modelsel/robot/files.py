@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .._foreign_files import FOREIGN, describe_foreign_robot
 from .._text import parse_toml, read_text
 from .._typing import Array
 from ..exceptions import StudyError
@@ -281,6 +282,9 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
 def read_robot(path: Path, base: str | None = None, tip: str | None = None) -> Robot:
     """Read a robot from a TOML or URDF file, or the YAML file of ur_calibration; of a URDF the chain
     between two links, where they are named. Raises StudyError."""
+    foreign = describe_foreign_robot(path)
+    if foreign is not None:
+        raise StudyError(foreign)
     if path.suffix.lower() in (".urdf", ".xml"):
         from .urdf import read_urdf
 
@@ -325,9 +329,9 @@ def list_full_names() -> dict[str, str]:
 
 
 def is_robot_file(source: str) -> bool:
-    """Whether a name is that of a robot file, by its suffix."""
-    suffix = Path(source).suffix
-    return suffix.lower() in ROBOT_SUFFIXES
+    """Whether a name is that of a robot file, by its suffix; also of one that is not read."""
+    suffix = Path(source).suffix.lower()
+    return suffix in ROBOT_SUFFIXES or suffix in FOREIGN
 
 
 def load_robot(source: str | Path) -> Robot:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from modelsel.config.study_file import find_source, parse_study
-from modelsel.exceptions import DataError
+from modelsel.exceptions import DataError, StudyError
 from modelsel.measurements.number_format import (
     convert_number_text,
     find_decimal_mark,
@@ -20,6 +20,7 @@ from modelsel.measurements.number_format import (
 from modelsel.measurements.reader import read_measurements
 from modelsel.measurements.row_places import where_from_record
 from modelsel.measurements.table import DataFile
+from modelsel.robot.files import load_robot
 
 NAMES = ["target", "q1_deg", "q2_deg", "q3_deg", "x_mm", "y_mm", "z_mm"]
 ROWS = 8
@@ -416,3 +417,24 @@ def test_a_file_that_is_no_spreadsheet_is_refused(tmp_path) -> None:
     path.write_text(written())
     with pytest.raises(DataError, match="the spreadsheet cannot be read"):
         read(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "what", "remedy"),
+    [
+        ("cell.rdk", "a station of RoboDK", "the script of docs/how-to/your-files.md"),
+        ("Cell.RDK", "a station of RoboDK", "(Tools, Run Script)"),
+        ("job.xit64", "a job of Spatial Analyzer", "Export its points as text"),
+        ("data.mat", "a file of MATLAB", "writetable"),
+    ],
+)
+def test_formats_of_other_programs_are_named_with_what_to_give(tmp_path, name, what, remedy):
+    file = tmp_path / name
+    file.write_bytes(b"\x00\x01RDK\xff\xfe" + bytes(range(256)))
+    with pytest.raises(DataError) as refused:
+        read_measurements(file, 3 * [False])
+    sentence = str(refused.value)
+    assert sentence.startswith(f"{name}: this is {what}, in a format of its own")
+    assert remedy in sentence
+    with pytest.raises(StudyError, match=f"{name}: this is .*Give the name of a built-in robot"):
+        load_robot(str(file))
