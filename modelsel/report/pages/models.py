@@ -9,6 +9,7 @@ from ...results.study_sentences import (
     SETS_TITLE,
     TABLE_PURPOSE,
     common_mechanisms,
+    describe_sets,
     format_mm,
     format_weight,
 )
