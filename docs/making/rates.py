@@ -81,12 +81,10 @@ def stated() -> str:
             ("unlisted effects", " where they are not"),
         )
     ]
-    caption = (
-        "Stated probability and the share that is right, with 95 % intervals "
-        "(`python -m benchmarks.stated --studies 210 --seed 2611`)"
-    )
+    command, _, _ = text.partition("\n")
+    alt = "Stated probability and the share that is right, with 95 % intervals"
     return (
-        f"![{caption}](made/stated.png){{ .figure }}\n\n*{caption}.*{{ .caption }}\n\n"
+        f"![{alt}](made/stated.png){{ .figure }}\n\n*{alt} (`{command}`).*{{ .caption }}\n\n"
         f"Of claims with a probability of 0.9 or more these shares are right: {counts[0]}, {counts[1]} and "
         f"{counts[2]}."
     )

@@ -31,7 +31,6 @@ class CovariateTable(_Table):
     model.base, model.ladder and model.candidates may list."""
 
     causes: list[str] = Field(
-        min_length=1,
         max_length=MAX_CAUSES,
         description="Columns of the file, or formulas of causes that hold one.",
     )
@@ -64,6 +63,8 @@ class CovariateTable(_Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> CovariateTable:
+        if not self.causes:
+            raise ValueError("causes lists nothing; columns of the file, or formulas, are expected")
         repeated = _find_repeated(self.causes)
         if repeated is not None:
             product = "; a product has two different causes" if self.as_ == "products" else ""
@@ -95,6 +96,13 @@ def _find_repeated(causes: Sequence[str]) -> str | None:
             return cause.strip()[:60]
         seen.add(plain)
     return None
+
+
+def expect_tables(given: Any) -> Any:
+    """Refuse one table where a list of them is expected. Raises ValueError."""
+    if isinstance(given, dict):
+        raise ValueError("expected [[covariate]], with two brackets on each side")
+    return given
 
 
 def check_covariates(tables: list[CovariateTable]) -> list[CovariateTable]:

@@ -8,14 +8,21 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_serializer
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    Field,
+    ValidationError,
+    model_serializer,
+)
 from pydantic import SerializerFunctionWrapHandler as Plain
 
 from .._text import parse_toml, read_text
 from ..exceptions import StudyError, suggest
 from ..measurements.table import DataFile, Source
 from .campaign_table import CampaignTable
-from .covariate_table import CovariateTable, check_covariates
+from .covariate_table import CovariateTable, check_covariates, expect_tables
 from .messages import describe_value_problem, format_place, to_toml_values
 from .study_tables import (
     ComparisonTable,
@@ -54,9 +61,9 @@ class Study(_Table):
     search: SearchTable = Field(
         default=SearchTable(), description="Memory and rows of the search for causes."
     )
-    covariate: Annotated[list[CovariateTable], AfterValidator(check_covariates)] = Field(
-        default=[], description="Causes of the study's own, of columns of its measurements."
-    )
+    covariate: Annotated[
+        list[CovariateTable], BeforeValidator(expect_tables), AfterValidator(check_covariates)
+    ] = Field(default=[], description="Causes of the study's own, of columns of its measurements.")
     sampling: SamplingTable = Field(default=SamplingTable(), description="Posterior sampling.")
     simulate: SimulateTable = Field(default=SimulateTable(), description="What `simulate` makes.")
     campaign: CampaignTable = Field(

@@ -26,6 +26,7 @@ from ..setup.other_robots import compute_registered_misfit, sample_positions
 from ..setup.registration import register
 from .checks import check_setup
 from .orientation_reading import settle_orientation
+from .other_columns import describe_optional, describe_other_columns
 
 # columns that a message names
 MAX_SHOWN = 20
@@ -276,7 +277,7 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
         first, *_ = choice.readings
         what = choice.what.capitalize()
         lines.append(f"{what}: {first.sentence}.")
-    lines += [f"Also: {reading.sentence}." for reading in draft.optional]
+    lines += describe_optional(draft.optional, data)
     counts = [_count(len(data), "row"), _count(data.configurations, "configuration")]
     targets = len(data.targets)
     if targets > 1:
@@ -284,6 +285,7 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     lines.append(f"{', '.join(counts)}.")
     lines += _describe_misfit(robot, data)
     lines.append(_describe_split(data))
+    lines += describe_other_columns(draft.table, draft.columns.values(), data)
     return [*lines, *draft.remarks]
 
 

@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
+from .._typing import Array
 from ..config.covariate_table import CovariateTable
 from ..config.study_file import Study
 from ..diagnosis.own_candidates import OwnCandidates
@@ -23,6 +24,8 @@ from ..robot.kinematics import Robot
 
 # spread of a cause over the rows, of its largest value, below which it is one value
 MIN_SPREAD = 1e-9
+# square of the cosine between the values of two causes above which they are one
+EQUAL = 1 - 1e-12
 
 
 def list_own_names(study: Study) -> list[str]:
@@ -80,7 +83,8 @@ def _parse_causes(place: str, table: CovariateTable, problem: Problem) -> list[C
         try:
             causes.append(parse(text, units, f"{place}.causes"))
         except StudyError as error:
-            problems += [f"{one} {_list_columns(problem)}" for one in error.problems]
+            columns = _list_columns(problem)
+            problems += [f"{one.rstrip()} {columns}" for one in error.problems]
     if problems:
         raise StudyError(*problems)
     return causes
@@ -105,6 +109,7 @@ def _find_cause_problems(
             f"{place}.causes: {sentence_list(without)}: no column of the file is in {them}. "
             f"{_list_columns(problem)}"
         )
+    varying: list[tuple[Cause, Array]] = []
     for cause in causes:
         with np.errstate(all="ignore"):
             values = np.broadcast_to(cause.of(problem.state), len(problem))
@@ -116,6 +121,22 @@ def _find_cause_problems(
             yield (
                 f'{place}.causes: "{cause}" is no finite number in row {number} of the '
                 "measurements; write it so that it is one in every row."
+            )
+        elif np.ptp(values):
+            varying.append((cause, values))
+    if not alone:
+        yield from _find_equal_causes(place, varying)
+
+
+def _find_equal_causes(place: str, evaluated: Sequence[tuple[Cause, Array]]) -> Iterator[str]:
+    """Find causes that are the same but for a factor, by their values (m,) in all rows."""
+    for (first, a), (second, b) in combinations(evaluated, 2):
+        square = float(a @ a) * float(b @ b)
+        product = float(a @ b)
+        if product * product > EQUAL * square:
+            yield (
+                f'{place}.causes: "{first}" and "{second}" are the same but for a factor; combine '
+                "different causes."
             )
 
 

@@ -71,6 +71,7 @@ def test_german_excel_to_a_study_that_runs(tmp_path) -> None:
     page = Path(__file__).parents[2] / "docs" / "how-to" / "your-files.md"
     shown = "```text\n" + "\n".join(said[:8]) + "\n```"
     assert shown in page.read_text(encoding="utf-8"), shown
+    assert said[8] == 'Not used: "Prüfer".'
     assert said[-1] == "Next: modelsel study 'Messung 3'"
     folder = tmp_path / "Messung 3"
     assert (folder / file.name).read_bytes() == file.read_bytes()
@@ -291,6 +292,33 @@ def test_a_spoilt_cell_in_another_unit_is_told_under_its_own_name() -> None:
     ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
     assert ran.exit_code == 3
     assert 'line 15, column J2: expected a finite number, found "?"' in ran.stderr
+
+
+def test_a_clock_is_the_time_and_commanded_positions_are_named() -> None:
+    frame = campaign()
+    frame["Uhrzeit"] = [f"{8 + k // 30:02d}:{k % 30 * 2:02d}:00" for k in range(len(frame))]
+    frame["Prüfer"] = "Jörg"
+    frame["Name"] = [f"P {k}" for k in range(len(frame))]
+    frame["Soll X"] = frame["X"].round()
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    assert '"Uhrzeit" as time_s (0 to 4680 s from the first row on)' in ran.stdout
+    assert 'Commanded, not measured, and not used: "Soll X".' in ran.stdout
+    assert 'Not used: "Prüfer".' in ran.stdout
+    table = tomllib.loads(Path("m/study.toml").read_text(encoding="utf-8"))
+    columns = table["measurements"]["columns"]
+    assert columns["time_s"] == "Uhrzeit"
+    data = read_measurements("m/m.csv", load_robot("ur10"), columns)
+    assert data.covariates["time_s"][[0, 1, 30]].tolist() == [0.0, 120.0, 3600.0]
+
+
+def test_a_clock_that_goes_back_is_no_time() -> None:
+    frame = campaign()
+    frame["Uhrzeit"] = [f"{(23 + k // 30) % 24:02d}:{k % 30 * 2:02d}" for k in range(len(frame))]
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert 'Not used: "Uhrzeit".' in ran.stdout
 
 
 def test_a_seventh_reading_is_not_cut_off() -> None:

@@ -107,6 +107,10 @@ def list_labels(result: Result) -> list[str]:
             'covariate: the name "hose" is given twice.',
         ),
         ([{"cause": "acc_x_g"}], '[covariate.1]: unknown key "cause". Did you mean "causes"?'),
+        (
+            [{"causes": []}],
+            ("covariate.1: causes lists nothing; columns of the file, or formulas, are expected."),
+        ),
         (["acc_x_g"], 'covariate.1: expected a table: causes = ["acc_x_g"].'),
     ],
 )
@@ -142,6 +146,13 @@ def test_a_table_that_cannot_be_is_refused_in_a_sentence(own: list[Any], said: s
             ),
         ),
         (
+            {"causes": ["acc_x_g", "2*acc_x_g"], "as": "products"},
+            (
+                'covariate.1.causes: "acc_x_g" and "2*acc_x_g" are the same but for a factor; combine '
+                "different causes."
+            ),
+        ),
+        (
             {"causes": ["1/(acc_x_g-acc_x_g)"]},
             (
                 'covariate.1.causes: "1/(acc_x_g-acc_x_g)" is no finite number in row 1 of the '
@@ -169,6 +180,14 @@ def test_a_cause_that_the_data_do_not_have_is_refused(own: dict[str, Any], said:
     with pytest.raises(StudyError) as error:
         rehearse_study(ask(measure(None, 0.0, m=40), own))
     assert error.value.problems == (said,)
+
+
+@pytest.mark.unit
+def test_one_table_with_single_brackets_is_told() -> None:
+    with pytest.raises(StudyError) as error:
+        parse_study('name = "own"\n[covariate]\ncauses = ["acc_x_g"]\n', "study.toml")
+    said = "study.toml: covariate: expected [[covariate]], with two brackets on each side."
+    assert said in error.value.problems
 
 
 @pytest.mark.unit
