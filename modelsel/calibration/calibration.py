@@ -199,7 +199,8 @@ class Calibration:
         if completed is bound_data:
             raise DataError(
                 f"the calibrated model needs {', '.join(missing)}, which the file does not have.",
-                remedy="Add a column of that name, with a value in every row, for each of them.",
+                remedy="Add a column for each; for compensate a value for all rows will do, --at "
+                f"{missing[0]}=NUMBER.",
             )
         return replace(problem, data=completed)
 

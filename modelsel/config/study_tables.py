@@ -69,6 +69,12 @@ class RobotTable(_Table):
         '"per group": one tracker placement per group.',
     )
 
+    gear_ratios: list[Finite] | None = Field(
+        default=None,
+        description="Turns of the motor per turn of each joint, 0 where it is not known: gear-ripple "
+        "is looked for at once and twice so many waves, too.",
+    )
+
     @model_validator(mode="before")
     @classmethod
     def _table(cls, given: Any) -> Any:

@@ -16,9 +16,12 @@ from ..results.schema import StudyRecord
 from .document import Block, Source
 from .style import shorten
 
+SUSPECTS = b"/Suspects false"
 LONGEST_HEADER = 70  # letters
 # share of the last page that is filled, below which less room between the blocks is tried
 MIN_LAST = 0.4
+# shares of the usual room that are tried, the last with smaller pictures
+ROOMS = ("0.6", "0.5")
 
 
 class ReportError(ModelselError):
@@ -63,8 +66,10 @@ def compile_pdf(
         _write_inputs(folder, content, pictures)
         chosen = _run_compiler(folder)
         if chosen.pages > 1 and chosen.last < MIN_LAST:
-            tight = _run_compiler(folder, {"tight": "yes"})
-            chosen = tight if tight.pages < chosen.pages else chosen
+            for room in ROOMS:
+                tight = _run_compiler(folder, {"room": room})
+                if tight.pages < chosen.pages:
+                    return tight.pdf, tight.warnings
         return chosen.pdf, chosen.warnings
 
 
@@ -99,6 +104,8 @@ def _run_compiler(folder: Path, inputs: Mapping[str, str] | None = None) -> _Typ
         words = f"{error.message} {' '.join(error.hints)}".strip()
         raise ReportError(f"report.pdf could not be made: {words}") from None
     assert isinstance(pdf, bytes)
+    # false is what a reader takes where the key is missing; poppler calls it an error where it is written
+    pdf = pdf.replace(SUSPECTS, b" " * len(SUSPECTS))
     said = [warning.message for warning in warnings]
     return _Typeset(pdf, said, end["pages"], end["share"])
 

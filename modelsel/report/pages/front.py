@@ -34,7 +34,7 @@ from ..style import shorten
 from .findings import name_finding
 
 MAX_NAMED = 9  # rows of the first page's table
-LONGEST_NAME = 40  # letters
+LONGEST_NAME = 48  # letters
 CAMPAIGN_LABELS = {
     "date": "Date",
     "instrument": "Instrument",
@@ -45,7 +45,7 @@ CAMPAIGN_LABELS = {
 LONGEST_ADVICE = 160  # letters
 WORTH = "Worth: by how much the held-out rms error falls when it joins the model, with its interval"
 PROBABILITY = (
-    "Probability: of the cause; where that is below 0.9 also of what is proven, place (what moves), drivers (on what that "
+    "Probability: of the cause; where that is not proven also of what is, place (what moves), drivers (on what that "
     "depends) or shape"
 )
 NAMED_COLUMNS = (
