@@ -102,7 +102,8 @@ def _write_finding(
     words = [
         make_text(f"{finding.sentence} {write_figures(finding)}".strip()),
         make_text(describe_advice(source.record, finding)),
-        make_text(describe_proof(finding, source.where), "quiet"),
+        *_write_levels(finding),
+        make_text(_describe_verdict(finding, source.where), "quiet"),
     ]
     if len(finding.credible_set) > 1:
         words.append(make_text(_describe_credible_set(finding), "quiet"))
@@ -149,6 +150,11 @@ def _write_residuals(source: Source, number: int, detail: FindingDetailsRecord) 
     words = f"Residual {axes}, without and with {detail.label}."
     draw = partial(draw_panels, panels)
     return source.add_figure(f"finding-{number}", draw, caption.strip(), words)
+
+
+def _write_levels(finding: FindingRecord) -> list[Block]:
+    levels = write_levels(finding)
+    return [make_text(levels, "quiet")] if levels else []
 
 
 def describe_proof(finding: FindingRecord, where: Where) -> str:
