@@ -67,6 +67,7 @@ OTHER_QUANTITIES = frozenset[str]().union(
         "max",
     ),
 )
+CELSIUS_WORDS = frozenset(("temp", "temperature", "temperatur", "t"))
 JOINT_WORDS = frozenset[str]().union(
     ("q", "j", "a", "t", "th", "theta", "θ", "joint", "joints", "axis", "ax", "achse", "axe"),
     ("axes", "gelenk", "jt", "rax", "jnt", "eje", "asse", "angle", "winkel", "enc", "motor"),
@@ -117,7 +118,11 @@ def parse_column_name(name: str, unit: str | None = None) -> ColumnName:
     words, said = _split_name(name, unit)
     found = next((find_unit(text) for text in said if find_unit(text) is not None), None)
     brackets = [word for text in said if find_unit(text) is None for word in text.split()]
-    if found is None and len(words) > 1 and find_unit(words[-1]) is not None:
+    is_unit = len(words) > 1 and find_unit(words[-1]) is not None
+    if is_unit and words[-1] == "c":
+        # of "Euler_C" the letter is an angle's, KUKA's A B C
+        is_unit = not CELSIUS_WORDS.isdisjoint(words)
+    if found is None and is_unit:
         found = find_unit(words.pop())
         if words[-1] == "in" and len(words) > 1:
             words.pop()

@@ -293,6 +293,26 @@ def test_the_arm_tells_the_convention(order, letters, expected) -> None:
     assert invoked("study", "m", "--dry-run").exit_code == 0
 
 
+@pytest.mark.parametrize("names", ["A B C", "Winkel_A Winkel_B Winkel_C"])
+def test_the_angle_c_with_degrees_below_it_is_no_temperature(names, tmp_path) -> None:
+    """KUKA's A B C with a row of units of degree signs, through init and study."""
+    named = dict(zip("123", names.split(), strict=True))
+    frame = poses("ZYX").rename(columns=named)
+    frame["Temp_C"] = np.linspace(20, 24, len(frame)).round(1)
+    header, *lines = frame.to_csv(sep=";", decimal=",", index=False).splitlines()
+    units = ";".join(["°"] * 6 + ["mm"] * 3 + ["°"] * 3 + ["°C"])
+    text = "\r\n".join([header, units, *lines])
+    (tmp_path / "m.csv").write_bytes(text.encode("cp1252"))
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", "--json")
+    assert ran.exit_code == 0, ran.output
+    columns = json.loads(ran.stdout)["columns"]
+    assert columns["kuka_c_deg"] == names.split()[2]
+    assert columns["temperature_C"] == "Temp_C"
+    assert invoked("study", "m", "--dry-run").exit_code == 0
+    mapped = [f"--column={name}={given}" for name, given in columns.items()]
+    assert invoked("check", "m.csv", "--robot", "ur10", *mapped).exit_code == 0
+
+
 def test_a_controllers_own_orientation_is_left_out_and_said() -> None:
     """In the robot's base frame beside a tracker's positions: it follows by no convention."""
     named = dict(zip("123", "ABC", strict=True))
