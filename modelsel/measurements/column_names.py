@@ -115,7 +115,7 @@ class ColumnName:
 
 def parse_column_name(name: str, unit: str | None = None) -> ColumnName:
     """Take a column's name apart; `unit`: what a row of units says below it."""
-    words, said = _split_name(name, unit)
+    words, said = split_name(name, unit)
     found = next((find_unit(text) for text in said if find_unit(text) is not None), None)
     brackets = [word for text in said if find_unit(text) is None for word in text.split()]
     is_unit = len(words) > 1 and find_unit(words[-1]) is not None
@@ -132,12 +132,12 @@ def parse_column_name(name: str, unit: str | None = None) -> ColumnName:
 
 def list_units(name: str, unit: str | None = None) -> list[str]:
     """List the words that a name, and a row of units, say as its unit, in small letters."""
-    words, said = _split_name(name, unit)
+    words, said = split_name(name, unit)
     candidates = [*said, *words[1:][-1:]]
     return [word for word in candidates if find_unit(word) is not None]
 
 
-def _split_name(name: str, unit: str | None) -> tuple[list[str], list[str]]:
+def split_name(name: str, unit: str | None) -> tuple[list[str], list[str]]:
     """Split a name into (its words, what stands in brackets or in the row of units), in small
     letters."""
     bare, inside = name, []

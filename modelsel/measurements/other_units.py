@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .column_names import LENGTHS, OTHER_QUANTITIES, ColumnName, list_units, parse_column_name
-from .columns import convert_to_numbers
+from .columns import convert_to_numbers, find_blank_cells
 from .table import Table
 from .unit_names import ANGLES, DEGREE, DEGREES
 
@@ -31,7 +31,7 @@ def convert_units(table: Table, prismatic: Sequence[bool]) -> tuple[Table, tuple
             parse_column_name(name, units.get(name)), table, prismatic
         )
         values = convert_to_numbers(cells)
-        if not said or not np.isfinite(values).all():
+        if not said or not (np.isfinite(values) | find_blank_cells(cells)).all():
             columns[name] = cells
             continue
         renamed = f"{name} in {unit}"

@@ -13,14 +13,15 @@ from ..fitting.problem import Problem
 from ..measurements.column_guesses import Choice, Reading, guess_columns, merge_columns
 from ..measurements.headerless_columns import is_headerless, list_orders
 from ..measurements.measurements import Measurements
-from ..measurements.missed_rows import leave_out_missed
+from ..measurements.missed_rows import split_missed, take_rows
 from ..measurements.optional_columns import guess_optional_columns
 from ..measurements.orientation_columns import ORIENTATION_COLUMNS
 from ..measurements.orientation_guesses import guess_orientation
-from ..measurements.other_units import COORDINATES, convert_units
+from ..measurements.other_units import convert_units
 from ..measurements.reader import read_measurements
 from ..measurements.table import DataFile, Table, load_table, rename_columns
 from ..robot.kinematics import Robot
+from ..robot.urdf import read_joint_names
 from ..setup.other_robots import compute_registered_misfit, sample_positions
 from ..setup.registration import register
 from .checks import check_setup
@@ -45,7 +46,7 @@ MAX_HELD_OUT = 40
 @dataclass(frozen=True)
 class StudyDraft:
     """What a file is read as: the choices that are open or settled, optional columns, and the
-    measurements once nothing is open."""
+    measurements once nothing is open; `table`: its rows with a position."""
 
     robot: Robot
     source: DataFile | Table
@@ -96,35 +97,22 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
         return _draft_headerless(table, robot, given)
     if not len(table):
         raise table.where.refuse("a header, but no rows.")
-    table, missed = leave_out_missed(table, _find_coordinates(table, robot, given))
-    table, converted = convert_units(table, robot.prismatic)
-    remarks = (*missed, *converted)
+    table, remarks = convert_units(table, robot.prismatic)
     if remarks:
         source = table
     renamed = rename_columns(table, given)
-    choices = guess_columns(renamed, robot.prismatic)
+    choices = guess_columns(renamed, robot.prismatic, read_joint_names(robot))
     for choice in choices:
         if not choice.readings:
             raise _refuse_missing(table, choice, robot)
     draft = StudyDraft(robot, source, table, given, tuple(choices), remarks=remarks)
+    split = split_missed(rename_columns(table, draft.columns))
+    if split.missed is not None:
+        draft = replace(draft, table=take_rows(table, split.rows))
     taken = {*draft.columns.values(), *given}
-    optional = guess_optional_columns(renamed, taken)
+    optional = guess_optional_columns(rename_columns(draft.table, given), taken)
     draft = replace(draft, optional=tuple(optional))
     return settle_by_arm(draft)
-
-
-def _find_coordinates(table: Table, robot: Robot, given: Mapping[str, str]) -> list[str]:
-    """Find the columns that look like the position."""
-    renamed = rename_columns(table, given)
-    found = {**{name: name for name in table.columns}, **given}
-    for choice in guess_columns(renamed, robot.prismatic):
-        if choice.readings:
-            found.update(choice.readings[0].columns)
-    for unit in ("mm", "m"):
-        wanted = [f"{axis}_{unit}" for axis in COORDINATES]
-        if all(name in found for name in wanted):
-            return [found[name] for name in wanted]
-    return []
 
 
 def _draft_headerless(table: Table, robot: Robot, given: Mapping[str, str]) -> StudyDraft:
@@ -270,6 +258,7 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     lines.append(f"{', '.join(counts)}.")
     lines += _describe_misfit(robot, data)
     lines.append(_describe_split(data))
+    lines += [note.sentence for note in data.notes if note.code == "missed-rows"]
     return [*lines, *draft.remarks]
 
 

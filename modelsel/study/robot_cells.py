@@ -16,7 +16,9 @@ from ..measurements.row_places import Where
 NUMBER = r"_?\{?\d+\}?\*?"
 VARIABLES = {
     "theta": re.compile(
-        r"[+-]?(?:(?:theta|q)_?\{?\d*\}?\*?|(?<![a-z])(?:joint|achse|axis|phi|th|[ajt])" + NUMBER + ")"
+        r"[+-]?(?:(?:theta|q)_?\{?\d*\}?\*?|(?<![a-z])(?:joint|achse|axis|phi|th|[ajt])"
+        + NUMBER
+        + ")"
     ),
     "d": re.compile(r"[+-]?q_?\{?\d*\}?\*?|^[+-]?d" + NUMBER + "$"),
 }
@@ -28,9 +30,7 @@ LONGEST_IN_M = 5.0
 NEAR_MULTIPLE = 0.02
 
 
-def parse_cell(
-    cell: Any, where: Where, row: int, column: str, key: str = ""
-) -> tuple[float, bool]:
+def parse_cell(cell: Any, where: Where, row: int, column: str, key: str = "") -> tuple[float, bool]:
     """Parse a cell: (its number, whether it is written with pi). Empty cells, dashes and, where the
     `key` of the column is theta or d, the joint's own variable are 0. Raises DataError."""
     if cell is None or isinstance(cell, (int, float, np.number)):

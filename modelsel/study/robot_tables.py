@@ -18,7 +18,7 @@ from ..measurements.table import Table, load_table
 from ..robot.dh import format_robot_table
 from ..robot.files import read_robot, robot_from_table
 from ..robot.kinematics import Robot
-from .robot_cells import find_angle_unit, find_length_unit, find_variable, parse_cell
+from .robot_cells import find_angle_unit, find_length_unit, parse_cell
 from .robot_limits import combine_limits
 from .robot_variables import drop_remark_rows, read_variables
 
@@ -37,7 +37,19 @@ STEMS = {
     "alpha": ("alpha", "rx", "twist", "linktwist"),
     "beta": ("beta", "ry"),
     "kind": ("kind", "type", "jointtype"),
-    "name": ("joint", "link", "name", "axis", "achse", "frame", "kinematics", "no", "nr", "i", "row"),
+    "name": (
+        "joint",
+        "link",
+        "name",
+        "axis",
+        "achse",
+        "frame",
+        "kinematics",
+        "no",
+        "nr",
+        "i",
+        "row",
+    ),
     "convention": ("convention",),
     "sense": ("sense", "sign", "direction"),
     "low": ("min", "lower", "low", "qmin", "minlimit", "limitmin", "lowerlimit", "limitlower"),

@@ -90,9 +90,29 @@ def test_a_missed_shot_is_left_out_and_said(tmp_path) -> None:
     frame.to_csv(file, index=False)
     ran = invoked("init", file, "--robot", "ur10", "--yes")
     assert ran.exit_code == 0, ran.output
-    assert "Left out, because there is no position: line 8 (beam broken)." in ran.stdout
-    assert len(pd.read_csv(tmp_path / "shots" / "measurements.csv")) == len(frame) - 1
-    assert invoked("study", "shots", "--dry-run").exit_code == 0
+    assert "Left out, because there is no position: line 8 (beam broken); its joint" in ran.stdout
+    assert "39 rows, 39 configurations." in ran.stdout
+    assert (tmp_path / "shots" / "shots.csv").read_bytes() == file.read_bytes()
+    dry = invoked("study", "shots", "--dry-run")
+    assert (dry.exit_code, "ur10, 39 rows" in dry.stdout) == (0, True)
+
+
+def test_missed_shots_hide_no_column_and_no_unit(tmp_path) -> None:
+    """Orientation, temperature and a unit that is converted are found although cells are empty."""
+    named = dict(zip("123", "ABC", strict=True))
+    frame = poses("ZYX").rename(columns=named)
+    frame["Temp_C"] = np.linspace(20, 24, len(frame)).round(1)
+    frame[["X", "Y", "Z"]] /= 10
+    frame = frame.rename(columns={axis: f"{axis} [cm]" for axis in "XYZ"})
+    frame.loc[[6, 11], [*"ABC", "X [cm]", "Y [cm]", "Z [cm]", "Temp_C"]] = np.nan
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    assert '"Z [cm]" from cm to mm' in ran.stdout
+    assert '"A B C" by the convention KUKA' in ran.stdout
+    assert '"Temp_C" as temperature_C' in ran.stdout
+    dry = invoked("study", "m", "--dry-run")
+    assert (dry.exit_code, "ur10, 38 rows" in dry.stdout) == (0, True)
 
 
 def test_what_is_shown_is_confirmed_before_anything_is_written(tmp_path) -> None:
