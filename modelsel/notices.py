@@ -24,6 +24,7 @@ CODES = {
     "columns-ignored": "text columns that the contract does not name are ignored",
     "counters-ignored": "columns that only count the rows are ignored",
     "covariates-ignored": "numeric columns that cannot serve as causes are ignored",
+    "units-converted": "columns in units that a measurements file does not have (cm, gon, mrad) are converted",
     "missed-rows": "rows without a position are left out; their readings count as places that the arm went to",
     "duplicate-rows": "rows that repeat another cell for cell are counted once",
     "copied-rows": "rows that copy a measurement under another number are counted once",

@@ -69,20 +69,21 @@ def compensate_command(
 
     TARGETS has a row a target: nominal commands q1_rad … (or _deg), wanted positions x_mm y_mm z_mm
     (left out: where the nominal robot has the target) in the tracker's frame, wanted orientations,
-    and what the model needs. A table has commands in the units in which they were given; a program
+    and what the model needs. Columns may have the names of the study's own file. A table has commands in the units in which they were given; a program
     has the units of its language, slow moves, and is called as its file is."""
     from .._files import write_frame
     from ..calibration.command_notes import describe_extrapolation, describe_order_dependence
     from ..calibration.compensation import build_commands_table, correct_measurements
     from ..calibration.loading import load_calibration
     from ..measurements.reader import read_measurements
-    from ..measurements.table import DataFile
+    from ..measurements.table import load_table
 
     if forward and form != "csv":
         raise click.UsageError("--forward corrects no command: it goes with --format csv.")
     c = load_calibration(result)
-    source = DataFile(targets, sheet, decimal)
-    data = read_measurements(source, c.robot, columns, positions=False, once=False)
+    source = load_table(c.form.open(targets, sheet, decimal))
+    mapping, mapped = c.form.read_columns(source, columns)
+    data = read_measurements(source, c.robot, mapping, positions=False, once=False)
     commands: Commands | None = None
     if forward:
         notes = [*describe_extrapolation(c, data), *describe_order_dependence(c, data)]
@@ -99,6 +100,8 @@ def compensate_command(
         figures = {} if commands is None else _figures(commands)
         print_json({"written": out.name, "rows": len(data), "warnings": notes, **figures})
     else:
+        if mapped:
+            click.echo(mapped)
         slides = np.array(c.robot.prismatic)
         gain = "" if commands is None else _sentence(commands, slides)
         click.echo(f"Written: {out}, {len(data)} rows.{gain}")

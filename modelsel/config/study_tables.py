@@ -161,6 +161,10 @@ class MeasurementsTable(_Table):
     decimal: Literal[",", "."] | None = Field(
         default=None, description="Decimal mark, where the file's numbers leave it open."
     )
+    header: bool = Field(
+        default=True,
+        description='Whether the file has a header; without one its columns are "column 1" and so on.',
+    )
     features: dict[Name, FeatureTable] = Field(
         default={}, description="What is known of the features that rows share, by name."
     )
@@ -168,7 +172,9 @@ class MeasurementsTable(_Table):
     @model_serializer(mode="wrap")
     def _since(self, plain: Plain) -> dict[str, Any]:
         """Write, and hash, a study without what earlier ones did not have as it was then."""
-        return _drop_defaults(plain(self), {"features": {}, "sheet": None, "decimal": None})
+        return _drop_defaults(
+            plain(self), {"features": {}, "sheet": None, "decimal": None, "header": True}
+        )
 
     @model_validator(mode="before")
     @classmethod

@@ -51,6 +51,7 @@ from .observation_columns import (
     read_uncertainties,
 )
 from .orientation_columns import QUATERNION_COLUMNS, convert_orientations
+from .other_units import convert_mapped
 from .row_order import check_clock
 from .row_places import Where
 from .table import Source, Table, load_table, rename_columns
@@ -136,7 +137,9 @@ def _load_contract_table(
     """Load the table under the contract's names; refuse wrong mappings and foreign units."""
     check_mapping(mapping, prismatic)
     table = load_table(source, group)
-    refuse_mapped_units(mapping, prismatic, table)
+    table, converted = convert_mapped(table, mapping, prismatic)
+    rest = {name: own for name, own in mapping.items() if own not in converted}
+    refuse_mapped_units(rest, prismatic, table)
     table = rename_columns(table, mapping)
     has_kinds = "kind" in table and "feature" in table
     known = list_contract_names(prismatic)

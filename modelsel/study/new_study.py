@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -41,12 +41,15 @@ MIN_MISFIT_MM = 0.003
 MIN_SPLIT = 30
 HELD_OUT_SHARE = 0.4
 MAX_HELD_OUT = 40
+# what reading does to rows and units
+TOLD_NOTES = ("missed-rows", "units-converted")
 
 
 @dataclass(frozen=True)
 class StudyDraft:
     """What a file is read as: the choices that are open or settled, optional columns, and the
-    measurements once nothing is open; `table`: its rows with a position."""
+    measurements once nothing is open; `table`: its rows with a position; `originals`: the names in
+    the file of columns that are converted."""
 
     robot: Robot
     source: DataFile | Table
@@ -55,6 +58,7 @@ class StudyDraft:
     choices: tuple[Choice, ...]
     optional: tuple[Reading, ...] = ()
     remarks: tuple[str, ...] = ()
+    originals: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def columns(self) -> dict[str, str]:
@@ -64,7 +68,8 @@ class StudyDraft:
         readings = [*first, *optional]
         guessed = merge_columns(readings)
         given = self.given
-        return {**given, **guessed}
+        originals = self.originals
+        return {**given, **{name: originals.get(own, own) for name, own in guessed.items()}}
 
     def choose(self, what: str, reading: Reading) -> StudyDraft:
         """Return the draft with one choice settled."""
@@ -94,18 +99,18 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
         source = replace(source, headerless=True)
     table = load_table(source)
     if is_headerless(table):
-        return _draft_headerless(table, robot, given)
+        return _draft_headerless(source, table, robot, given)
+    if isinstance(source, DataFile):
+        source = replace(source, headerless=False)
     if not len(table):
         raise table.where.refuse("a header, but no rows.")
-    table, remarks = convert_units(table, robot.prismatic)
-    if remarks:
-        source = table
-    renamed = rename_columns(table, given)
+    converted = convert_units(table, robot.prismatic, set(given.values()))
+    renamed = rename_columns(converted.table, given)
     choices = guess_columns(renamed, robot.prismatic, read_joint_names(robot))
     for choice in choices:
         if not choice.readings:
             raise _refuse_missing(table, choice, robot)
-    draft = StudyDraft(robot, source, table, given, tuple(choices), remarks=remarks)
+    draft = StudyDraft(robot, source, table, given, tuple(choices), originals=converted.originals)
     split = split_missed(rename_columns(table, draft.columns))
     if split.missed is not None:
         draft = replace(draft, table=take_rows(table, split.rows))
@@ -115,7 +120,9 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
     return settle_by_arm(draft)
 
 
-def _draft_headerless(table: Table, robot: Robot, given: Mapping[str, str]) -> StudyDraft:
+def _draft_headerless(
+    source: DataFile | Table, table: Table, robot: Robot, given: Mapping[str, str]
+) -> StudyDraft:
     """Read a table without header, of readings and coordinates in the order that the nominal arm
     fits. Raises DataError where it fits neither clearly better."""
     orders = list_orders(table, robot.n)
@@ -133,7 +140,11 @@ def _draft_headerless(table: Table, robot: Robot, given: Mapping[str, str]) -> S
             remedy="Write the columns' names in a line above them: q1_deg, …, x_mm, y_mm, z_mm.",
         )
     order = ("joint readings, then X, Y, Z", "X, Y, Z, then joint readings")[best]
-    return drafts[best].remark(f"Without a header: {order}, as the nominal arm fits them.")
+    draft = drafts[best]
+    if not draft.originals:
+        names = dict(zip(orders[best].columns, table.columns, strict=True))
+        draft = replace(draft, source=source, originals=names)
+    return draft.remark(f"Without a header: {order}, as the nominal arm fits them.")
 
 
 def _measure_draft(draft: StudyDraft) -> float:
@@ -258,7 +269,7 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     lines.append(f"{', '.join(counts)}.")
     lines += _describe_misfit(robot, data)
     lines.append(_describe_split(data))
-    lines += [note.sentence for note in data.notes if note.code == "missed-rows"]
+    lines += [note.sentence for note in data.notes if note.code in TOLD_NOTES]
     return [*lines, *draft.remarks]
 
 

@@ -208,6 +208,6 @@ def _calibrate(run: StudyRun) -> Calibration:
         run.provenance,
     )
     table = run.study.measurements
-    form = FileForm(table.columns, table.sheet, table.decimal)
+    form = FileForm(table.columns, table.sheet, table.decimal, not table.header)
     refits = refit_forms(run.split, fitted, run.models.ladder)
     return replace(calibration, refits=refits, form=form)

@@ -129,6 +129,8 @@ def _format_measurements(draft: StudyDraft) -> list[str]:
     for key, value in keys.items():
         if value is not None:
             lines.append(f"{key} = {_quote(value)}")
+    if source.headerless:
+        lines.append("header = false")
     if draft.columns:
         lines += ["", "[measurements.columns]  # name of a measurements file = name in this one"]
         lines += [f"{_key(name)} = {_quote(given)}" for name, given in draft.columns.items()]
