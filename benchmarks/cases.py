@@ -105,10 +105,11 @@ def visible(effect: Effect, state: State) -> bool:
     )
 
 
-def draw(seed: Sequence[int], count: int | None = None) -> Case:
-    """Case of a seed; `count` effects, or 0 to 3 evenly."""
+def draw(seed: Sequence[int], count: int | None = None, configurations: int | None = None) -> Case:
+    """Case of a seed; `count` effects, or 0 to 3 evenly; `configurations`, or one of COUNTS."""
     rng = np.random.default_rng(seed)
     robot, m = str(rng.choice(ROBOTS)), int(rng.choice(COUNTS))
+    m = configurations or m
     body = arm(load_robot(robot), rng, TOOLS[int(rng.integers(2))])
     reach, warming = (np.pi if rng.random() < 0.7 else np.radians(100)), bool(rng.random() < 0.5)
     state, fresh = (

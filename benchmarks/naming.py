@@ -1,11 +1,13 @@
 """How well modelsel names causes, against what else a user would do: drawn cases, one table.
 
     python -m benchmarks.naming --cases 240 --nulls 240 --triples 60 --minutes 25 --json benchmarks/results/naming.json
+    python -m benchmarks.naming --cases 0 --nulls 0 --fives 100 --seed 7 --extend --json benchmarks/results/naming.json
 
 Every case: a robot (puma760, ur10, irb120) with geometric errors, 40, 80 or 200 configurations, 0
 to 3 effects drawn from the catalogue (by formulas of the benchmark's own) and from outside it,
 exact kinematics, noise 0.06 mm per coordinate. Sizes are rms per coordinate beyond the geometry
-over the noise, 0.3 to 5. All methods see the same candidates."""
+over the noise, 0.3 to 5. All methods see the same candidates. The second command adds cases of five
+effects at once, at 120 configurations, to those that are kept."""
 
 from __future__ import annotations
 
@@ -23,9 +25,13 @@ from .score import run
 from .summary import summary, text
 
 LONGEST = 120  # seconds of a case: a longer one counts as failed
+FIVES = 120  # configurations of the cases of five effects
+
+# (seed, effects, rivals, configurations)
+Job = tuple[list[int], int | None, bool, int | None]
 
 
-def _one(job: tuple[list[int], int | None, bool]) -> dict[str, Any]:
+def _one(job: Job) -> dict[str, Any]:
     def stop(*_: object) -> None:
         raise TimeoutError(f"no answer in {LONGEST} s")
 
@@ -51,6 +57,15 @@ def main() -> None:
         "--triples", type=int, default=0, help="further cases of three effects, modelsel alone"
     )
     parser.add_argument(
+        "--fives",
+        type=int,
+        default=0,
+        help=f"further cases of five effects at {FIVES} configurations, modelsel alone",
+    )
+    parser.add_argument(
+        "--extend", action="store_true", help="add to the cases that the .json has already"
+    )
+    parser.add_argument(
         "--tabulate",
         type=Path,
         default=None,
@@ -67,16 +82,17 @@ def main() -> None:
     parser.add_argument("--json", type=Path, default=None)
     given = parser.parse_args()
     kinds = (
-        (given.cases, 0, None, True),
-        (given.nulls, 10_000, 0, False),
-        (given.triples, 20_000, 3, False),
+        (given.cases, 0, None, True, None),
+        (given.nulls, 10_000, 0, False, None),
+        (given.triples, 20_000, 3, False, None),
+        (given.fives, 30_000, 5, False, FIVES),
     )
-    jobs = [
-        ([given.seed, start + k], effects, rivals)
-        for _, k, start, effects, rivals in sorted(
+    jobs: list[Job] = [
+        ([given.seed, start + k], *rest)
+        for _, k, start, *rest in sorted(
             (
-                ((k + 0.5) / number, k, start, effects, rivals)
-                for number, start, effects, rivals in kinds
+                ((k + 0.5) / number, k, start, *rest)
+                for number, start, *rest in kinds
                 for k in range(number)
             ),
             key=lambda job: job[:3],
@@ -95,8 +111,10 @@ def main() -> None:
     if given.json is not None:
         given.json.parent.mkdir(parents=True, exist_ok=True)
         part = given.json.with_suffix(".part")
+        if given.extend and given.json.is_file():
+            out = json.loads(given.json.read_text())["cases"]
         if part.is_file():  # go on where it stopped
-            out = [json.loads(line) for line in part.read_text().splitlines()]
+            out += [json.loads(line) for line in part.read_text().splitlines()]
     started, done = time.monotonic(), {tuple(one["seed"]) for one in out}
     jobs = [job for job in jobs if tuple(job[0]) not in done]
     with get_context("fork").Pool(given.workers) as pool:

@@ -76,9 +76,14 @@ def score(judge: Judge, tops: Sequence[Candidate], error: Array) -> dict[str, An
     }
 
 
-def run(seed: Sequence[int], count: int | None = None, rivals: bool = True) -> dict[str, Any]:
+def run(
+    seed: Sequence[int],
+    count: int | None = None,
+    rivals: bool = True,
+    configurations: int | None = None,
+) -> dict[str, Any]:
     """One case: its make-up, what the oracle could do, and every method's score."""
-    case = draw(seed, count)
+    case = draw(seed, count, configurations)
     problem, fresh = case.problem(), case.unseen()
     base = Model((mechanism("geometric", problem.robot),))
     start = time.perf_counter()

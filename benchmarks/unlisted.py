@@ -151,18 +151,25 @@ def read_finding(finding: Finding) -> tuple[str, float]:
 def judge(finding: Finding, campaign: Campaign) -> Claim:
     """Judge what a finding claims by what was planted."""
     level, probability = read_finding(finding)
-    own, truth = finding.candidate.mechanism, campaign.truth
+    own = finding.candidate.mechanism
+    right = judge_levels(own, campaign)
+    ordered = tuple(sorted(name_drivers(own, campaign.unseen)))
+    name = finding.candidate.label
+    return Claim(name, level, probability, right[level], right["place"], ordered)
+
+
+def judge_levels(own: Mechanism, campaign: Campaign) -> dict[str, bool]:
+    """Judge what an explanation says of a plant at each level."""
+    truth = campaign.truth
     at_place = truth.holds_place(find_places(own))
     drivers = name_drivers(own, campaign.unseen)
     driven = bool(drivers) and drivers <= truth.allowed
-    right = {
+    return {
         "place": at_place,
         "drivers": at_place and driven,
-        "shape": at_place and driven and holds_shape(own, campaign),
-        "cause": at_place and is_true_name(own, campaign.plant),
+        "shape": bool(at_place and driven and holds_shape(own, campaign)),
+        "cause": bool(at_place and is_true_name(own, campaign.plant)),
     }
-    ordered = tuple(sorted(drivers))
-    return Claim(finding.candidate.label, level, probability, bool(right[level]), at_place, ordered)
 
 
 def find_places(own: Mechanism) -> frozenset[tuple[int, str]]:

@@ -77,9 +77,9 @@ def _folder(path: Path) -> None:
     path.mkdir(parents=True, exist_ok=True)
 
 
-def csv_bytes(frame: pd.DataFrame, digits: str) -> bytes:
-    """Write a table as CSV, its numbers as `digits` says ("%.10g"); text that a spreadsheet would run as
-    a formula is guarded."""
+def csv_bytes(frame: pd.DataFrame, digits: str | None) -> bytes:
+    """Write a table as CSV, its numbers as `digits` says ("%.10g"), None for as many as tell each
+    from its neighbours; text that a spreadsheet would run as a formula is guarded."""
     safe = frame.copy()
     for k, dtype in enumerate(frame.dtypes):
         if dtype.kind not in "fiub":

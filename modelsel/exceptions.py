@@ -76,10 +76,15 @@ class NotEstimable(ModelselError):
 def one_line(text: str) -> str:
     """A sentence that holds what a user wrote, fit to be printed: no line breaks or control
     characters, very long words cut, the stops and quotes after them kept."""
-    text = "".join(
-        c if c.isprintable() else c.encode("unicode_escape", "replace").decode() for c in text
-    )
-    return re.sub(r"([^ ]{80})[^ ]{120,}?([^\w ]{0,3})(?= |$)", r"\1…\2", text)
+    letters = []
+    for letter in text:
+        if letter.isprintable():
+            letters.append(letter)
+        else:
+            escaped = letter.encode("unicode_escape", "replace")
+            letters.append(escaped.decode())
+    line = "".join(letters)
+    return re.sub(r"([^ ]{80})[^ ]{120,}?([^\w ]{0,3})(?= |$)", r"\1…\2", line)
 
 
 def sentence_list(words: Sequence[str]) -> str:

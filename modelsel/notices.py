@@ -34,6 +34,7 @@ CODES = {
     "approach-from-order": "directions of approach are taken from the order of motion",
     # preparing the study
     "gravity-unknown": "the robot file gives no direction of gravity; mechanisms that need it are left out",
+    "cause-constant": "a cause of the study's own has one value in all rows",
     "nothing-held-out": "every configuration estimates, none is held out",
     "other-session": "groups without an estimation configuration; drift is taken at the campaign's middle",
     "target-unseen": "held-out rows of a target without estimation rows are left out",

@@ -100,6 +100,7 @@ PARTS: dict[str, Any] = {
     "naming": rates.naming,
     "notebooks": _notebooks,
     "repeatability": repeating.said,
+    "stated": rates.stated,
 }
 
 
@@ -131,6 +132,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         f"made/{name}": (ROOT / "reports" / name).read_bytes()
         for name in ("puma760-pdf.png", "puma760-html.png")
     }
+    made |= {"made/stated.png": rates.STATED_PICTURE.read_bytes()}
     made |= {f"made/{name}": (REPORT / name).read_bytes() for name in ("report.html", "report.pdf")}
     made |= {
         f"tutorials/notebooks/{name}.md": text

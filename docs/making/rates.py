@@ -9,7 +9,11 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
+SURE = re.compile(
+    r"^    (both|listed effects|unlisted effects) +(\d+)  ([\d.]+ \[[\d., ]+\])$", re.MULTILINE
+)  # studies, claims with 0.9 or more, share that is right
 RESULTS = Path(__file__).parents[2] / "benchmarks" / "results"
+STATED_PICTURE = RESULTS / "stated.png"
 NULL = re.compile(
     r"^([A-Za-z0-9 ]+?) {2,}(\d+) {2,}([\d.]+ \[[\d., ]+\])", re.MULTILINE
 )  # noise, studies, something found
@@ -20,12 +24,26 @@ def _rate(figure: dict[str, Any]) -> str:
 
 
 def measured() -> str:
-    """Rows on false alarms, credible sets and broken files."""
+    """Rows on false alarms, credible sets and several effects at once."""
     found = NULL.findall((RESULTS / "nulls.txt").read_text(encoding="utf-8"))
     tried = f"nothing planted, {found[0][1]} studies under each of {len(found)} kinds of noise, level 5 %"
     said = "; ".join(f"{noise} {rate}" for noise, _, rate in found)
     figures = json.loads((RESULTS / "naming.json").read_text(encoding="utf-8"))["summary"][
         "figures"
+    ]
+    at_once = [
+        (
+            "" if k else "**Several effects at once**",
+            f"{words}, each of which an oracle finds",
+            f"all of them named right: {_rate(figures[f'{count} at once, all named right'])}",
+            "`benchmarks.naming`",
+        )
+        for k, (count, words) in enumerate(
+            (
+                ("three", "three planted effects, 40 to 200 configurations"),
+                ("five", "five planted effects, 120 configurations"),
+            )
+        )
     ]
     rows = (
         (
@@ -46,8 +64,30 @@ def measured() -> str:
             f"hold the cause: {_rate(figures['coverage, all found'])}",
             "`benchmarks.naming`; short: `tests/integration/test_hidden.py`",
         ),
+        *at_once,
     )
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+
+
+def stated() -> str:
+    """The curve of stated probabilities, and how many of the sure claims are right."""
+    text = (RESULTS / "stated.txt").read_text(encoding="utf-8")
+    sure = {words: (said, rate) for words, said, rate in SURE.findall(text)}
+    counts = [
+        f"{sure[words][1]} of {sure[words][0]}{after}"
+        for words, after in (
+            ("both", " claims in all"),
+            ("listed effects", " where the effects are listed"),
+            ("unlisted effects", " where they are not"),
+        )
+    ]
+    command, _, _ = text.partition("\n")
+    alt = "Stated probability and the share that is right, with 95 % intervals"
+    return (
+        f"![{alt}](made/stated.png){{ .figure }}\n\n*{alt} (`{command}`).*{{ .caption }}\n\n"
+        f"Of claims with a probability of 0.9 or more these shares are right: {counts[0]}, {counts[1]} and "
+        f"{counts[2]}."
+    )
 
 
 def broken() -> str:

@@ -21,7 +21,7 @@ from ..exceptions import DataError
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
-from ..measurements.table import Source
+from ..measurements.table import Source, load_table
 from ..robot.kinematics import Robot, forward
 from ..robot.rigid import rotation_vector
 from .command_notes import describe_extrapolation, describe_order_dependence, find_past_limits
@@ -243,13 +243,15 @@ def correct(
     """Correct the planned commands of a file or DataFrame.
 
     Columns are q1_rad … (or _deg), wanted x_mm y_mm z_mm where they are not the nominal ones, and
-    what the model needs. Returns the corrected commands, with the error before, what is left and
+    what the model needs, under these names or those of the study's own file. Returns the corrected commands, with the error before, what is left and
     what is expected. `bound` (rad, mm): a correction beyond it is refused. Warns of configurations
     that the calibration has not seen and of rows that are not reached. Raises DataError.
     """
     from warnings import warn
 
-    data = read_measurements(targets, c.robot, positions=False, once=False)
+    table = load_table(targets)
+    mapping = c.form.map_columns(table, {})
+    data = read_measurements(table, c.robot, mapping, positions=False, once=False)
     file = ""
     if isinstance(targets, (str, PathLike)):
         file = Path(targets).name

@@ -8,6 +8,7 @@ standard errors, and a mechanism came or went only if the campaign without it wo
 
 from __future__ import annotations
 
+import re
 from collections.abc import Hashable
 from dataclasses import dataclass
 from functools import cached_property
@@ -35,14 +36,22 @@ class MechanismChange:
     """A mechanism named in one campaign alone, under two names, or with terms that changed: what it
     moved the target by in each campaign (rms mm, beyond what the geometry follows), `p` that chance
     alone gives the difference (None: named in one campaign alone), and from where a difference
-    would have been seen, or the other campaign would have named it."""
+    would have been seen, or the other campaign would have named it. `labels`: what findings of it are
+    called."""
 
     name: str
+    labels: tuple[str, ...]
     what: str
     before_mm: float
     after_mm: float
     p: float | None
     seen_mm: float
+
+
+def label_mechanism(name: str) -> str:
+    """Return what a finding of a mechanism is called: of one that is not registered, place and
+    cause."""
+    return re.sub(r"^(\d+ [tr][xyz]) (.+)$", r"frame \1 · \2", name)
 
 
 def two_sided_p(z: float) -> float:
@@ -142,7 +151,7 @@ def compare_mechanisms(motions: Motions, moved: set[str]) -> tuple[MechanismChan
         if name not in after:
             went.append(name)
         elif name in moved:
-            pairs.append(_Pair(name, name, name))
+            pairs.append(_Pair(label_mechanism(name), name, name))
     came = [name for name in after if name not in before]
     pairs += _match_renamed(motions, went, came)
     changes = []
@@ -183,7 +192,8 @@ def _match_renamed(motions: Motions, went: list[str], came: list[str]) -> list[_
             candidate_motion = motions.whole(1, after[candidate])
             cosine = _cosine(motion, candidate_motion)
             if cosine > MIN_COSINE:
-                label = f"{name} (now {candidate}, which moves the arm alike)"
+                first, second = label_mechanism(name), label_mechanism(candidate)
+                label = f"{first} (now {second}, which moves the arm alike)"
                 pairs.append(_Pair(label, name, candidate))
                 unmatched.remove(candidate)
                 break
@@ -210,7 +220,8 @@ def _compare_pair(motions: Motions, pair: _Pair, moved: bool, count: int) -> Mec
         what = "changed"
     quantile = two_sided_quantile(SIGNIFICANCE / count)
     detectable = (quantile + POWER_QUANTILE) * error
-    return MechanismChange(pair.label, what, before, after, p, detectable)
+    labels = label_mechanism(pair.first), label_mechanism(pair.second)
+    return MechanismChange(pair.label, labels, what, before, after, p, detectable)
 
 
 def _judge_single(motions: Motions, campaign: int, name: str) -> MechanismChange:
@@ -230,7 +241,8 @@ def _judge_single(motions: Motions, campaign: int, name: str) -> MechanismChange
         before = size
     else:
         after = size
-    return MechanismChange(name, what, before, after, None, detectable)
+    label = label_mechanism(name)
+    return MechanismChange(label, (label,), what, before, after, None, detectable)
 
 
 def _unit(vector: Array) -> Array:

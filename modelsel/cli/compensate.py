@@ -69,7 +69,8 @@ def compensate_command(
 
     TARGETS has a row a target: nominal commands q1_rad … (or _deg), wanted positions x_mm y_mm z_mm
     (left out: where the nominal robot has the target) in the tracker's frame, wanted orientations,
-    and what the model needs. Columns may have the names of the study's own file. A table has commands in the units in which they were given; a program
+    and what the model needs; or the columns, sheet and decimal mark of the study's own file. A
+    table has commands in the units in which they were given; a program
     has the units of its language, slow moves, and is called as its file is."""
     from .._files import write_frame
     from ..calibration.command_notes import describe_extrapolation, describe_order_dependence
@@ -81,9 +82,9 @@ def compensate_command(
     if forward and form != "csv":
         raise click.UsageError("--forward corrects no command: it goes with --format csv.")
     c = load_calibration(result)
-    source = load_table(c.form.open(targets, sheet, decimal))
-    mapping, mapped = c.form.read_columns(source, columns)
-    data = read_measurements(source, c.robot, mapping, positions=False, once=False)
+    table = load_table(c.form.open(targets, sheet, decimal))
+    mapping, mapped = c.form.read_columns(table, columns)
+    data = read_measurements(table, c.robot, mapping, positions=False, once=False)
     commands: Commands | None = None
     if forward:
         notes = [*describe_extrapolation(c, data), *describe_order_dependence(c, data)]

@@ -200,6 +200,8 @@ def _would(found: dict[str, Any], folder: Path, writes: tuple[str, ...]) -> str:
     cells = ""
     if found["cells"]:
         cells = ", and any cell of the error map"
+    if found["own_explanations"]:
+        cells += f", and {found['own_explanations']} explanations of the study's own"
     files = ", ".join(writes)
     said = (
         f"{found['study']}: {found['robot']}, {found['rows']} rows; {counts['estimation']} configurations would estimate, "

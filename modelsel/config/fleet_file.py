@@ -204,7 +204,9 @@ def _describe_problem(error: Any) -> str:
     first, *inner = location
     table: type[_Table] = FleetFile
     if inner:
-        table = tables.get(str(first), FleetFile)
-    key = str(location[-1])
+        name = str(first)
+        table = tables.get(name, FleetFile)
+    last = location[-1]
+    key = str(last)
     hint = suggest(key, table.model_fields)
     return f'unknown key "{place}". {hint}'

@@ -6,15 +6,23 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, Field, ValidationError, model_serializer
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    Field,
+    ValidationError,
+    model_serializer,
+)
 from pydantic import SerializerFunctionWrapHandler as Plain
 
 from .._text import parse_toml, read_text
 from ..exceptions import StudyError, suggest
 from ..measurements.table import DataFile, Source
 from .campaign_table import CampaignTable
+from .covariate_table import CovariateTable, check_covariates, expect_tables
 from .messages import describe_value_problem, format_place, to_toml_values
 from .study_tables import (
     ComparisonTable,
@@ -24,6 +32,7 @@ from .study_tables import (
     ModelTable,
     Name,
     NoiseTable,
+    OutcomeTable,
     RobotTable,
     SamplingTable,
     SearchTable,
@@ -52,6 +61,9 @@ class Study(_Table):
     search: SearchTable = Field(
         default=SearchTable(), description="Memory and rows of the search for causes."
     )
+    covariate: Annotated[
+        list[CovariateTable], BeforeValidator(expect_tables), AfterValidator(check_covariates)
+    ] = Field(default=[], description="Causes of the study's own, of columns of its measurements.")
     sampling: SamplingTable = Field(default=SamplingTable(), description="Posterior sampling.")
     simulate: SimulateTable = Field(default=SimulateTable(), description="What `simulate` makes.")
     campaign: CampaignTable = Field(
@@ -71,6 +83,8 @@ class Study(_Table):
         written: dict[str, Any] = plain(self)
         if self.search == SearchTable():
             written.pop("search", None)
+        if not self.covariate:
+            written.pop("covariate", None)
         if self.campaign == CampaignTable():
             written.pop("campaign", None)
         return written
@@ -92,6 +106,8 @@ def _list_known_keys(location: Sequence[Any]) -> list[str]:
             continue
         if table is MeasurementsTable and part == "features":
             return list(FeatureTable.model_fields)
+        if table is SearchTable and part == "outcomes":
+            return list(OutcomeTable.model_fields)
         inner = _find_inner_table(table, part)
         if inner is None:
             return []
@@ -105,6 +121,8 @@ def _find_inner_table(table: type[BaseModel], key: str) -> type[BaseModel] | Non
     annotation: Any = None if field is None else field.annotation
     if annotation == list[EffectTable]:
         return EffectTable
+    if annotation == list[CovariateTable]:
+        return CovariateTable
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     return None

@@ -309,8 +309,20 @@ class SamplingTable(_Table):
     )
 
 
+class OutcomeTable(_Table):
+    """[search.outcomes.NAME]: what became of the findings of a registered name on other robots or
+    in other campaigns."""
+
+    confirmed: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
+        default=0, description="Findings of that name that were borne out."
+    )
+    contradicted: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
+        default=0, description="Findings of that name that were not."
+    )
+
+
 class SearchTable(_Table):
-    """[search]: what the search for causes may take."""
+    """[search]: what the search for causes may take, and what is known of names beforehand."""
 
     memory_mb: float = Field(
         default=500.0,
@@ -324,6 +336,14 @@ class SearchTable(_Table):
         ge=100,
         description="Estimation rows that are searched; of more, configurations are drawn by the seed.",
     )
+    outcomes: dict[str, OutcomeTable] = Field(
+        default={}, description="What became of findings, by registered name: its prior follows."
+    )
+
+    @model_serializer(mode="wrap")
+    def _since(self, plain: Plain) -> dict[str, Any]:
+        """Write a study without what earlier ones did not have: their hash stays."""
+        return _drop_defaults(plain(self), {"outcomes": {}})
 
 
 class EffectTable(_Table):

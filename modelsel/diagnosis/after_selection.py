@@ -64,7 +64,10 @@ def _compute_share(square: float, limit: float, terms: int, noncentrality: float
 
     below, beyond = chndtr([limit, square], terms, noncentrality)
     found = 1 - below
-    return float((beyond - below) / found) if found > 0 else 0.0
+    smaller = beyond - below
+    if found <= 0:
+        return 0.0
+    return float(smaller / found)
 
 
 def find_limit(square: float, terms: int, freedom: int, excess: float) -> float:

@@ -18,6 +18,7 @@ class CandidateKind(Enum):
     GROWTH = "function of a joint's own angle that grows along the campaign"
     JUMP = "jump at one angle of a joint"
     POWER = "compliance of a joint that is not in proportion to its torque"
+    PERIOD = "pattern of a joint's own angle that repeats on a turn"
     SHAPE = "shape that no list has, at the place of a finding or beside it"
 
 

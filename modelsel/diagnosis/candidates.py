@@ -1,10 +1,12 @@
 """Candidates: the explanations that a diagnosis weighs against each other.
 
 A candidate is one explanation: one effect with coefficients of its own. The candidates are the
-registered mechanisms that the base lacks, and the unregistered explanations: every cell of the
-error map (place x cause), waves and free functions of single joints. The registered mechanisms
-share REGISTERED of the prior probability, evenly by name (the constants of a scanned mechanism
-divide the share of its name); the unregistered explanations share the rest."""
+registered mechanisms that the base lacks, the unregistered explanations: every cell of the error
+map (place x cause), waves and free functions of single joints, and what a study adds
+(`OwnCandidates`). The registered mechanisms share REGISTERED of the prior probability, evenly by
+name unless `options.weights` has others (the constants of a scanned mechanism divide the share of
+its name); the unregistered explanations share the rest. What a study gives a prior of its own has
+that, and the others share what it leaves."""
 
 from __future__ import annotations
 
@@ -19,18 +21,25 @@ from .._typing import Array
 from ..fitting.design import Model
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Cause
-from ..mechanisms.terms import Mechanism, TermKey
+from ..mechanisms.terms import Mechanism
+from ..robot.kinematics import Robot
 from ..selection.comparison import MAX_CANDIDATES
 from .candidate_kinds import CandidateKind
 from .data_faults import FaultKind, find_fault_kind
 from .joint_shapes import generate_joint_shapes
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
-from .unregistered import Unregistered, build_cell_causes, generate_unregistered, list_places
+from .own_candidates import OwnCandidates, Screws, select_beyond
+from .prior_weights import choose_weight
+from .unregistered import (
+    Unregistered,
+    build_cell_causes,
+    generate_unregistered,
+    list_places,
+    weigh_places,
+)
 
 # share of the prior probability that the registered mechanisms have together
 REGISTERED = 0.6
-
-Screws = frozenset[TermKey]
 
 
 @dataclass(frozen=True)
@@ -93,6 +102,8 @@ class Candidate:
         if self.kind is CandidateKind.WAVE_PRODUCT:
             first, second = sorted(mechanism.names())
             return f"waves of {first} times waves of {second}"
+        if self.kind is CandidateKind.PERIOD:
+            return f"pattern that repeats on {mechanism.terms[0].screws[0].cause}"
         words: list[str] = []
         for term in mechanism.terms:
             for screw in term.screws:
@@ -124,24 +135,61 @@ def build_candidates(
 ) -> tuple[Candidate, ...]:
     """List every explanation that the data could carry beyond the base; priors sum to one.
 
-    With `cells=False` the given `mechanisms` are the only candidates."""
+    With `cells=False` the given `mechanisms`, and what `options.own` adds, are the only
+    candidates."""
     registered = _select_applicable(problem, base, mechanisms)
     one_sided = _find_one_sided(registered)
-    unregistered: dict[Screws, Unregistered] = {}
+    screws = {collect_screws(m) for m in registered}
+    present = frozenset(term.key for term in base.terms)
+    own = select_beyond(options.own, screws - one_sided.keys(), present)
+    taken = (screws - one_sided.keys()) | _collect_own(own)
+    unregistered = _list_own_cells(problem.robot, own)
     if cells:
-        screws = {collect_screws(m) for m in registered}
-        taken = screws - one_sided.keys()
         within = exceeds_cell_limit(problem, options)
         offered = chain(
             generate_unregistered(problem, adjacent_only=within), generate_joint_shapes(problem)
         )
-        unregistered = _select_new(offered, base, taken)
-    share = _share_of_registered(bool(registered), bool(unregistered))
-    rest = 1 - share
+        unregistered |= _select_new(offered, base, taken)
+    registered += [
+        m for group in own if group.named and group.prior is None for m in group.mechanisms
+    ]
+    alone = not registered and not unregistered
+    stated = tuple(group for group in own if group.prior is not None)
+    left = 0.0 if alone else 1 - sum(group.prior or 0.0 for group in stated)
+    share = left * _share_of_registered(bool(registered), bool(unregistered))
     return (
-        *_weigh_registered(registered, share, asked=not cells),
-        *_weigh_unregistered(unregistered, rest, one_sided),
+        *_weigh_registered(registered, share, dict(options.weights), asked=not cells),
+        *_weigh_stated(stated, left, asked=not cells),
+        *_weigh_unregistered(unregistered, left - share, one_sided, asked=not cells),
     )
+
+
+def _collect_own(own: Iterable[OwnCandidates]) -> set[Screws]:
+    return {collect_screws(m) for group in own for m in group.mechanisms}
+
+
+def _list_own_cells(robot: Robot, own: Iterable[OwnCandidates]) -> dict[Screws, Unregistered]:
+    """List what a study adds to the error map without a prior of its own: as likely as a cell."""
+    cells = {}
+    for group in own:
+        if group.prior is not None or group.named:
+            continue
+        for m in group.mechanisms:
+            weight = weigh_places(robot, m)
+            cells[collect_screws(m)] = Unregistered(m, CandidateKind.CELL, weight)
+    return cells
+
+
+def _weigh_stated(groups: Sequence[OwnCandidates], left: float, asked: bool) -> Iterable[Candidate]:
+    """Weigh what has priors of its own, of which `left` is left to the others."""
+    total = sum(group.prior or 0.0 for group in groups)
+    for group in groups:
+        kind = CandidateKind.MECHANISM if group.named else CandidateKind.CELL
+        share = (group.prior or 0.0) / total * (1 - left)
+        for m in group.mechanisms:
+            yield Candidate(
+                mechanism=m, kind=kind, prior=share / len(group.mechanisms), asked=asked
+            )
 
 
 def _select_applicable(
@@ -245,11 +293,13 @@ def _share_of_registered(any_registered: bool, any_unregistered: bool) -> float:
 
 
 def _weigh_registered(
-    mechanisms: Sequence[Mechanism], share: float, asked: bool
+    mechanisms: Sequence[Mechanism], share: float, weights: Mapping[str, float], asked: bool
 ) -> Iterable[Candidate]:
     constants = Counter(m.name for m in mechanisms)
+    weight = {name: choose_weight(name, weights) for name in constants}
+    total = sum(weight.values())
     for m in mechanisms:
-        share_of_name = share / len(constants)
+        share_of_name = share * weight[m.name] / total
         yield Candidate(
             mechanism=m,
             kind=CandidateKind.MECHANISM,
@@ -262,6 +312,7 @@ def _weigh_unregistered(
     explanations: Mapping[Screws, Unregistered],
     share: float,
     one_sided: Mapping[Screws, tuple[Mechanism, ...]],
+    asked: bool,
 ) -> Iterable[Candidate]:
     total = sum(e.weight for e in explanations.values())
     for screws, e in explanations.items():
@@ -270,6 +321,7 @@ def _weigh_unregistered(
             kind=e.kind,
             prior=share * e.weight / total,
             but_for_sign=one_sided.get(screws, ()),
+            asked=asked,
         )
 
 

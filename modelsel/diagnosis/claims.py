@@ -32,10 +32,10 @@ SHAPED = [LEVELS.index(level) >= LEVELS.index("shape") for level in LEVELS]
 
 
 class Weighed(NamedTuple):
-    """The claims of effects by their candidates, and shapes that no list has which explain some
-    effects better: (the effects, the shape)."""
+    """The probability (4,) of every level of effects by their candidates, and shapes that no list
+    has which explain some effects better: (the effects, the shape)."""
 
-    claims: dict[int, Claim]
+    levels: dict[int, Array]
     better: list[tuple[tuple[int, ...], Candidate]]
 
 
@@ -56,8 +56,7 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
             levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
         if shape is not None:
             better.insert(0, (group.members, shape))
-    claims = {g: build_claim(search.problem, effects[g], levels[g]) for g in chosen}
-    return Weighed(claims, better)
+    return Weighed(levels, better)
 
 
 def _see_beside(

@@ -18,9 +18,10 @@ from ..fitting.shrinkage import fit_shrunk
 from ..mechanisms.terms import Mechanism
 from .after_selection import AfterSelection, allow_for_search, find_limit
 from .candidates import Candidate
-from .claims import Weighed, weigh_claims
+from .claims import Weighed, build_claim, weigh_claims
 from .effects import Effect
 from .evidence import compute_p_value, compute_single_f
+from .model_search import VisitedModels, visit_models
 from .outcome import Diagnosis
 from .signatures import SHAPELESS
 from .state import LEVEL, Search, View
@@ -28,6 +29,9 @@ from .stepwise import Exploration, Remainder, explore_further
 
 # times that shapes which no list has are offered
 MAX_OFFERS = 2
+# times that effects are taken back, and log odds from which they are
+MAX_TAKEN_BACK = 2
+TWICE = float(np.log(2))
 # share of either of two effects below which what is left of both is reported
 MAX_CANCELLED = 0.5
 
@@ -82,7 +86,9 @@ def conclude(explored: Exploration) -> Conclusion:
 def prove(concluded: Conclusion) -> Diagnosis:
     """Weigh how much of every effect is proven.
 
-    Where a shape that no list has explains effects better, the search goes on with it."""
+    Effects are taken back where another set of them is more probable. Where a shape that no list has
+    explains effects better, the search goes on with it."""
+    concluded = _take_back(concluded)
     for _ in range(MAX_OFFERS):
         weighed = _weigh(concluded)
         if not weighed.better:
@@ -91,10 +97,59 @@ def prove(concluded: Conclusion) -> Diagnosis:
         concluded = conclude(explored)
     else:
         weighed = _weigh(concluded)
-    claims = [weighed.claims[g] for g in concluded.settled.chosen]
-    effects = zip(concluded.diagnosis.effects, claims, strict=True)
-    claimed = tuple(replace(effect, claim=claim) for effect, claim in effects)
-    return replace(concluded.diagnosis, effects=claimed)
+    visited = _visit(concluded)
+    return replace(
+        concluded.diagnosis,
+        effects=_claim(concluded, weighed, visited),
+        models=visited.tell(concluded.explored.search.found, concluded.settled.chosen),
+    )
+
+
+def _claim(concluded: Conclusion, weighed: Weighed, visited: VisitedModels) -> tuple[Effect, ...]:
+    """Claim of every effect what holds both beside its rivals, given the others, and in the sets of
+    effects that were weighed."""
+    search = concluded.explored.search
+    chosen = concluded.settled.chosen
+    effects = concluded.diagnosis.effects
+    included = visited.include(chosen, search.signatures)
+    claimed = []
+    for g, effect in zip(chosen, effects, strict=True):
+        levels = np.minimum(weighed.levels[g], included[g])
+        claim = build_claim(search.problem, effect.candidate, levels)
+        with_claim = replace(effect, claim=claim)
+        claimed.append(with_claim)
+    return tuple(claimed)
+
+
+def _take_back(concluded: Conclusion) -> Conclusion:
+    """Put a set of effects in the place of the chosen ones, if it is twice as probable."""
+    for _ in range(MAX_TAKEN_BACK):
+        explored, settled = concluded.explored, concluded.settled
+        visited = _visit(concluded)
+        better = visited.find_better(settled.chosen, TWICE)
+        if better is None:
+            break
+        before = _join_others(explored.search, settled.chosen, better)
+        after = _join_others(explored.search, better, settled.chosen)
+        path = [*explored.progress.path, f"{before} -> {after}"]
+        start = settled.view.fitted
+        chosen = list(better)
+        further = explore_further(explored.search, chosen, start, path)
+        if further is None:
+            break
+        concluded = conclude(further)
+    return concluded
+
+
+def _join_others(search: Search, members: Sequence[int], others: Sequence[int]) -> str:
+    """Join the labels of the members that are not among the others."""
+    own = [search.found[g].label for g in members if g not in others]
+    return " & ".join(own) or "nothing"
+
+
+def _visit(concluded: Conclusion) -> VisitedModels:
+    settled = concluded.settled
+    return visit_models(concluded.explored.search, settled.view, settled.chosen)
 
 
 def _weigh(concluded: Conclusion) -> Weighed:

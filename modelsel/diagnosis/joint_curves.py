@@ -64,7 +64,7 @@ class Curve:
 
 
 @dataclass(frozen=True, eq=False)
-class _Rest:
+class Rest:
     """What candidates of a curve are beyond a model.
 
     `blocks`: the candidates that are offered, `lefts`: their Gram matrices there. Products of all
@@ -90,7 +90,7 @@ class _Rest:
         factors = compute_factors(seen, Response(self.products, self.square))
         return np.asarray(curve.log_prior + factors.max(0))
 
-    def offer(self, members: Mask) -> _Rest:
+    def offer(self, members: Mask) -> Rest:
         """Offer those of the candidates that are among the members (k,)."""
         blocks, lefts = [], []
         for block, left in zip(self.blocks, self.lefts, strict=True):
@@ -100,7 +100,7 @@ class _Rest:
                 lefts.append(left[kept])
         return replace(self, blocks=tuple(blocks), lefts=tuple(lefts))
 
-    def absorb(self, member: int) -> _Rest:
+    def absorb(self, member: int) -> Rest:
         """Add one candidate to the model, and offer it no more."""
         own = self.curve.slices[member]
         left = self.curve.gram[:, own] - self.inside @ self.inside[own].T
@@ -184,7 +184,7 @@ def build_curve(cols: Columns, which: Index, log_prior: Array, free: Mask) -> Cu
     )
 
 
-def see_rest(curve: Curve, scan: Scan, response: Response, released: Released) -> _Rest:
+def see_rest(curve: Curve, scan: Scan, response: Response, released: Released) -> Rest:
     """See a curve's candidates beyond a model of which something was released.
 
     `response`: the residual of the whole model."""
@@ -196,7 +196,7 @@ def see_rest(curve: Curve, scan: Scan, response: Response, released: Released) -
         lefts.append(scan.buckets[number].left[rows] + np.matmul(own, own.swapaxes(1, 2)))
     own_response = Response(response.products[curve.index], response.square)
     products, square = released.see(own_response, back)
-    return _Rest(
+    return Rest(
         curve=curve,
         blocks=curve.blocks,
         lefts=tuple(lefts),
@@ -208,7 +208,7 @@ def see_rest(curve: Curve, scan: Scan, response: Response, released: Released) -
     )
 
 
-def chain_effects(start: _Rest, steps: int, at_any_cost: bool = False) -> tuple[float, list[int]]:
+def chain_effects(start: Rest, steps: int, at_any_cost: bool = False) -> tuple[float, list[int]]:
     """Sum up effects one after the other, each beyond those before: (log evidence, candidates).
 
     The effects are the most probable of those that are offered, at most so many steps, as long as
@@ -229,7 +229,7 @@ def chain_effects(start: _Rest, steps: int, at_any_cost: bool = False) -> tuple[
     return total, chosen
 
 
-def find_better_curve(start: _Rest, now: Sequence[int], odds: float) -> list[int] | None:
+def find_better_curve(start: Rest, now: Sequence[int], odds: float) -> list[int] | None:
     """Find candidates that explain a joint's curve better than `now` by `odds` in log evidence.
 
     They are a free function (and what it leaves), or a few waves; None where there are none.

@@ -1,17 +1,19 @@
 """Shapes of single joints that the registry does not have, at the joint's own motion.
 
 An error of its own angle that grows along the campaign, a jump at one angle, a compliance that is
-not in proportion to the torque. They are told as what they are, without a cause."""
+not in proportion to the torque, a pattern that repeats on a turn. They are told as what they are, without a cause."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from .._typing import Array
 from ..fitting.problem import Problem
-from ..mechanisms.causes import Applied, Named, cos, q, shifted, sign, sin, torque
+from ..mechanisms.causes import Applied, Cause, Named, cos, q, shifted, sign, sin, torque
+from ..mechanisms.drives import RIPPLING_PARTS
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism
 from ..robot.gravity import find_gravity_joints
@@ -22,6 +24,9 @@ from .unregistered import Causes, Unregistered, build_cell
 # angles at which a jump is looked for, and readings that each side needs
 JUMPS = 24
 MIN_READINGS = 4
+# repetitions a turn of a pattern that is no single wave, and its harmonics
+PERIODS = tuple(range(2, 21))
+HARMONICS = 3
 
 
 def generate_joint_shapes(problem: Problem) -> Iterator[Unregistered]:
@@ -29,6 +34,7 @@ def generate_joint_shapes(problem: Problem) -> Iterator[Unregistered]:
     yield from _generate_growing(problem)
     yield from _generate_jumps(problem)
     yield from _generate_powers(problem.robot)
+    yield from _generate_periods(problem.robot)
 
 
 def _generate_growing(problem: Problem) -> Iterator[Unregistered]:
@@ -73,6 +79,30 @@ def _generate_powers(robot: Robot) -> Iterator[Unregistered]:
         square = torque(j) * Applied("abs", torque(j))
         sentence = f"Joint {j} yields with the square of the gravity torque about it"
         yield Unregistered(_build(robot, j, (square,), sentence), CandidateKind.POWER, 1.0)
+
+
+def _generate_periods(robot: Robot) -> Iterator[Unregistered]:
+    """Generate patterns that repeat a whole number of times a turn: three harmonics, any phases."""
+    weight = 1 / len(PERIODS)
+    for j, joint in enumerate(robot.joints, 1):
+        if joint.prismatic:
+            continue
+        for count in PERIODS:
+            causes = _list_harmonics(j, count)
+            often = f"repeats {count} times a turn"
+            sentence = f"Joint {j} turns unevenly, in a pattern that {often}"
+            mechanism = _build(robot, j, causes, sentence)
+            mechanism = replace(mechanism, usual_causes=RIPPLING_PARTS)
+            yield Unregistered(mechanism, CandidateKind.PERIOD, weight)
+
+
+def _list_harmonics(joint: int, count: int) -> Causes:
+    causes: list[Cause] = []
+    for harmonic in range(1, HARMONICS + 1):
+        waves = float(harmonic * count)
+        angle = waves * q(joint)
+        causes += [sin(angle), cos(angle)]
+    return tuple(causes)
 
 
 def _build(robot: Robot, joint: int, causes: Causes, sentence: str) -> Mechanism:

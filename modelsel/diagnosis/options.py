@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from .own_candidates import OwnCandidates
+
 
 @dataclass(frozen=True)
 class DiagnosisOptions:
@@ -14,6 +16,9 @@ class DiagnosisOptions:
     configurations are drawn by the seed.
     `parts`: names of the parts of the errors that may be looked for, "joints" for all of them (None:
     every part); `fixed_parts`: names and scales [rad or mm] of those that are known.
+    `own`: explanations that a study adds to those of the registry and of the error map.
+    `weights`: registered names, with or without a joint, and how much likelier than another name
+    each is beforehand.
     `max_cells`: cells of the error map; where the robot has more (some fifteen joints), a cell's
     cause may only depend on joints next to its place."""
 
@@ -22,6 +27,8 @@ class DiagnosisOptions:
     max_cells: int = 40_000
     parts: tuple[str, ...] | None = None
     fixed_parts: tuple[tuple[str, float], ...] = ()
+    weights: tuple[tuple[str, float], ...] = ()
+    own: tuple[OwnCandidates, ...] = ()
 
 
 DEFAULT_OPTIONS = DiagnosisOptions()

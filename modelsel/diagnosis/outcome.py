@@ -11,6 +11,7 @@ from ..fitting.least_squares import Fit
 from .candidates import Candidate
 from .credible_sets import CredibleSet
 from .effects import Effect
+from .model_search import WeighedModel
 from .sentences import describe_effect
 
 
@@ -24,7 +25,8 @@ class Diagnosis:
     normal noise, where that would have named it and the signs of the residual's own rows do not.
     `bound`: the evidence that a further effect needs; `single_f` (G,): the F statistic of every
     candidate `offered` alone on the base, `map_p` (G,): its family-wise p-value; `errors`: the parts that the
-    errors have, which do not repeat and are no effects."""
+    errors have, which do not repeat and are no effects; `models`: the most probable sets of effects,
+    of all that were weighed."""
 
     base: Model
     effects: tuple[Effect, ...]
@@ -40,6 +42,7 @@ class Diagnosis:
     map_p: Array = field(repr=False)
     offered: tuple[Candidate, ...] = field(default=(), repr=False)
     errors: ErrorStructure = field(default_factory=ErrorStructure)
+    models: tuple[WeighedModel, ...] = field(default=(), repr=False)
 
     @property
     def findings(self) -> tuple[str, ...]:

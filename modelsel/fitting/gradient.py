@@ -184,9 +184,10 @@ class _Part:
         m) is overwritten."""
         whitening = self.problem.whitening
         white = whitening.apply(residual)
-        squares = np.vdot(white, white)
+        square = np.vdot(white, white)
+        squares = float(square)
         back = whitening.apply_transposed(white)
-        return float(squares), back
+        return squares, back
 
     def _readings_at(self, theta: Array) -> Slope:
         """`at` where not every row is a point: see `design.assemble`."""

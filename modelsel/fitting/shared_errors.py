@@ -101,8 +101,8 @@ class SharedError:
     def _add_up(self, inner: Array) -> Array:
         """Return for every row the sum of values (m, ...) over the rows of its level."""
         order, starts, number = self._levels
-        are_alone = len(starts) == len(order)
-        if are_alone:
+        levels, rows = len(starts), len(order)
+        if levels == rows:
             return inner
         sorted_rows = inner[order]
         totals = np.add.reduceat(sorted_rows, starts, axis=0)

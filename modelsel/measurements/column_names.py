@@ -8,6 +8,8 @@ from dataclasses import dataclass
 # units by how people write them, as the names of this program's columns have them
 UNIT_WORDS = {
     **dict.fromkeys(("°", "º", "deg", "degs", "degree", "degrees", "grad°"), "deg"),
+    # German for degree, in English for gon: `measurements.grad_columns` offers both
+    "grad": "deg",
     **dict.fromkeys(("rad", "rads", "radian", "radians"), "rad"),
     **dict.fromkeys(("mm", "millimeter", "millimetre", "millimeters", "millimetres"), "mm"),
     **dict.fromkeys(("m", "meter", "metre", "meters", "metres"), "m"),
@@ -18,8 +20,8 @@ UNIT_WORDS = {
 }
 # units that are known but not read
 OTHER_UNITS = frozenset[str]().union(
-    ("ft", "cm", "dm", "um", "µm", "μm", "mil", "mrad", "gon", "grad", "ms", "min"),
-    ("k", "f", "°f", "lb", "lbs", "g", "rev", "turns", "arcsec", "arcmin"),
+    ("ft", "cm", "dm", "um", "µm", "μm", "mil", "mrad", "gon", "gradian", "ms", "min"),
+    ("k", "f", "°f", "lb", "lbs", "g", "rev", "turns", "arcsec", "arcmin", "gradians", "gons"),
 )
 # lengths, in mm
 LENGTHS = {

@@ -13,6 +13,7 @@ from ..notices import Note
 from .columns import convert_to_numbers, read_numbers
 from .contract_columns import JOINT_COLUMN, KNOWN_COVARIATES, list_contract_names
 from .observation_columns import KIND_COLUMNS
+from .point_times import parse_clock
 from .state_names import is_state_name
 from .table import Table
 
@@ -38,7 +39,10 @@ def read_covariates(
     for name in table.columns:
         if name in taken or JOINT_COLUMN.fullmatch(name):
             continue
-        if name in KNOWN_COVARIATES:
+        clock = parse_clock(table.columns[name]) if name == "time_s" else None
+        if clock is not None:
+            values = clock
+        elif name in KNOWN_COVARIATES:
             values = read_numbers(table, name, -MAX_KNOWN_COVARIATE, MAX_KNOWN_COVARIATE)
         else:
             values = convert_to_numbers(table.columns[name])

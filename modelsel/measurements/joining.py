@@ -16,8 +16,8 @@ from ..exceptions import DataError
 from .clock_offset import find_clock_offset
 from .column_names import MEASURED, parse_column_name
 from .columns import convert_to_numbers, find_blank_cells, read_numbers
+from .leftover_points import find_repeated_name
 from .point_times import DATE_WORDS, TIME_WORDS, are_clock_times, find_common_seconds, find_times
-from .row_labels import label_rows
 from .table import Table
 
 WAYS = ("name", "time", "order")
@@ -25,8 +25,6 @@ WAYS = ("name", "time", "order")
 MIN_SHARE = 0.5
 # different names that a column must match
 MIN_NAMES = 4
-# points that a sentence lists
-MAX_LISTED = 8
 MAX_REFLECTORS = 12
 # share of the positions' range that reflectors on one flange are apart, at least
 MIN_APART = 2e-3
@@ -37,12 +35,14 @@ COORDINATES = ("x", "y", "z")
 
 @dataclass(frozen=True, eq=False)
 class Join:
-    """A way to join: rows of the points and, as many, of the log; in words."""
+    """A way to join: rows of the points and, as many, of the log; in words; rows of the points that
+    are `repeated` shots of others."""
 
     way: str
     points: Index
     log: Index
     words: str
+    repeated: tuple[int, ...] = ()
 
     def is_like(self, other: Join) -> bool:
         """Whether two ways join the same rows."""
@@ -130,8 +130,8 @@ def _read_coordinate(joined: Table, axis: str) -> Array:
         count = len(joined)
         return np.zeros(count)
     first = chosen[0]
-    given = first.given
-    return convert_to_numbers(joined.columns[given])
+    column = joined.columns[first.given]
+    return convert_to_numbers(column)
 
 
 def _stand_apart(position: Array, readings: Index) -> bool:
@@ -150,38 +150,6 @@ def list_dropped_columns(log: Table) -> list[str]:
     parsed = [parse_column_name(name) for name in log.columns]
     coordinates = [name for name in parsed if name.quantity in COORDINATES]
     return [name.given for name in coordinates]
-
-
-def describe_unmatched(points: Table, log: Table, join: Join) -> list[str]:
-    """Say which rows of the points, and of the log, have no partner."""
-    count = len(points)
-    all_points = np.arange(count)
-    alone = np.setdiff1d(all_points, join.points)
-    matched = count - len(alone)
-    said = [f"Joined {join.words}: {matched} of {count} points."]
-    if len(alone):
-        listed = _list_rows(points, alone)
-        said.append(f"Points without joint readings: {listed}.")
-    readings = len(log)
-    all_readings = np.arange(readings)
-    unused = np.setdiff1d(all_readings, join.log)
-    is_dense = join.way == "time"
-    if len(unused) and not is_dense:
-        listed = _list_rows(log, unused)
-        said.append(f"Joint readings without a point: {listed}.")
-    dropped = ", ".join(list_dropped_columns(log))
-    if dropped:
-        said.append(f"Left out of {log.where.file}, the controller's own coordinates: {dropped}.")
-    return said
-
-
-def _list_rows(table: Table, rows: Index) -> str:
-    """List rows by the names of their points, and by their lines."""
-    where = table.where
-    spans = where.spans(rows, MAX_LISTED)
-    place = f"{where.file}, {spans}"
-    labels = label_rows(_list_names(table).values(), rows)
-    return f"{labels} ({place})" if labels else place
 
 
 def refuse_swapped(points: Table, log: Table) -> DataError | None:
@@ -217,16 +185,16 @@ def _join_by_name(points: Table, log: Table) -> Join | str:
     """Join by the pair of columns that have most names in common."""
     for shorten in (_squeeze_name, _keep_number):
         best, most = None, MIN_NAMES - 1
-        for name, cells in _list_names(points).items():
-            for other, readings in _list_names(log).items():
-                rows, partners = _match_names(cells, readings, shorten)
+        for name, cells in list_name_columns(points).items():
+            for other, readings in list_name_columns(log).items():
+                rows, partners, repeated = _match_names(cells, readings, shorten)
                 different = np.unique(partners)
                 distinct = len(different)
                 least = MIN_SHARE * len(points)
                 is_enough = len(rows) >= least
                 if is_enough and distinct > most:
                     words = f'by name ("{name}" = "{other}")'
-                    best = Join("name", rows, partners, words)
+                    best = Join("name", rows, partners, words, repeated)
                     most = distinct
         if best is not None:
             return best
@@ -236,9 +204,9 @@ def _join_by_name(points: Table, log: Table) -> Join | str:
 def _describe_names(points: Table, log: Table) -> str:
     """Say which columns of names were compared, and why none joins."""
     best, said = (-1, 0), "one of the files has no column of names"
-    for name, cells in _list_names(points).items():
+    for name, cells in list_name_columns(points).items():
         keys = [_squeeze_name(cell) for cell in cells]
-        for other, readings in _list_names(log).items():
+        for other, readings in list_name_columns(log).items():
             partners = Counter(map(_squeeze_name, readings))
             common = sum(key in partners for key in keys)
             rank = (common, len(set(keys)))
@@ -252,7 +220,7 @@ def _describe_names(points: Table, log: Table) -> str:
     return said
 
 
-def _list_names(table: Table) -> dict[str, Any]:
+def list_name_columns(table: Table) -> dict[str, Any]:
     """List the columns that may be names of points."""
     found = {}
     for name, cells in table.columns.items():
@@ -295,22 +263,29 @@ def _keep_number(cell: Any) -> str:
     return LETTERS_BEFORE.sub("", name)
 
 
-def _match_names(cells: Any, readings: Any, shorten: Any) -> tuple[Index, Index]:
-    """Match names: (rows of the points, rows of the log); none where the log has a name twice."""
+def _match_names(cells: Any, readings: Any, shorten: Any) -> tuple[Index, Index, tuple[int, ...]]:
+    """Match names: (rows of the points, rows of the log, those of the points that are repeated
+    shots); none where the log has a name twice. A point that was shot again (P031_2) has the
+    readings of the first."""
     keys = [shorten(cell) for cell in readings]
     place = {key: row for row, key in enumerate(keys)}
     rows, partners = list[int](), list[int]()
     if len(place) < len(keys):
         place = {}
-    for row, cell in enumerate(cells):
-        key = shorten(cell)
-        partner = place.get(key)
+    names = [shorten(cell) for cell in cells]
+    measured = set(names)
+    repeated = list[int]()
+    for row, key in enumerate(names):
+        first = find_repeated_name(key, measured, place)
+        if first is not None:
+            repeated.append(row)
+        partner = place.get(first or key)
         if partner is not None:
             rows.append(row)
             partners.append(partner)
     of_points = np.array(rows, np.intp)
     of_log = np.array(partners, np.intp)
-    return of_points, of_log
+    return of_points, of_log, tuple(repeated)
 
 
 # -- by time and by order

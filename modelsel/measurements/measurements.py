@@ -386,7 +386,8 @@ def _split_off_origins(data: Measurements, gauges: Gauges) -> Measurements:
             )
     block = data.block
     count = int(block.max()) + 1
-    shared = np.stack([block, block[origin]], 1)
+    of_origin = block[origin]
+    shared = np.stack([block, of_origin], 1)
     blocks = connected_components(count, shared)
     joined = replace(data, block=blocks[block])
     is_end = origin != row

@@ -15,8 +15,29 @@ from ..notices import Note
 from ..robot.coupling import Coupling, angles_of
 from .columns import POSITION_UNITS, READING_UNITS, UNITS, convert_to_numbers, find_blank_cells
 from .motion import Waypoints
+from .number_format import is_number
 from .table import Table
+from .table_layout import is_blank_row
 
+# what stands in place of a number that was not measured, as people and spreadsheets write it
+NOT_MEASURED = frozenset[str]().union(
+    (
+        "-",
+        "\u2013",
+        "\u2014",
+        "--",
+        "---",
+        "/",
+        "n/a",
+        "na",
+        "nan",
+        "n. a.",
+        "n.a.",
+        "none",
+        "null",
+    ),
+    ("fehlt", "missing", "lost", "#nv", "#n/a", "#na"),
+)
 # rows whose remarks are said
 MAX_REMARKS = 3
 AXES = ("x", "y", "z")
@@ -35,11 +56,11 @@ class Split:
 
 def split_missed(table: Table) -> Split:
     """Split a table of points into rows with a position and rows in which every coordinate is
-    empty; all rows are kept where none, or all, have one."""
+    empty or says that it was not measured ("-", "n/a"); all rows are kept where none, or all, have one."""
     names = _find_coordinates(table)
     is_missed = np.zeros(len(table), bool)
     if names:
-        is_missed = np.all([find_blank_cells(table.columns[name]) for name in names], axis=0)
+        is_missed = np.all([_find_empty(table.columns[name]) for name in names], axis=0)
     if "kind" in table or not is_missed.any() or is_missed.all():
         return split_nothing(table)
     rows, places = np.flatnonzero(~is_missed), np.flatnonzero(is_missed)
@@ -125,7 +146,7 @@ def _describe_missed(split: Split, table: Table, is_known: Mask) -> Note:
     rows = np.arange(len(table))
     said = f"Left out, because there is no position: {table.where.listed(rows)}"
     names = [name for name, cells in split.kept.columns.items() if _holds_remarks(cells)]
-    remarks = [find_remark(table, names, row) for row in range(min(len(rows), MAX_REMARKS))]
+    remarks = [_find_remark(table, names, row) for row in range(min(len(rows), MAX_REMARKS))]
     if any(remarks):
         said += f" ({'; '.join(filter(None, dict.fromkeys(remarks)))})"
     count = int(is_known.sum())
@@ -142,9 +163,25 @@ def _holds_remarks(cells: NDArray[Any]) -> bool:
     return bool(find_blank_cells(cells).mean() > 0.5)
 
 
-def find_remark(table: Table, names: Sequence[str], row: int) -> str:
+def _find_empty(cells: NDArray[Any]) -> Mask:
+    """Find the rows (m,) in which nothing was measured by a column."""
+    if cells.dtype.kind == "f":
+        return np.asarray(np.isnan(cells))
+    return np.array([is_not_measured(cell) for cell in cells.tolist()], dtype=bool)
+
+
+def is_not_measured(cell: Any) -> bool:
+    """Whether a cell is empty, or says that nothing was measured: "-", "n/a", "fehlt", "#NV"."""
+    word = str(cell).strip().lower()
+    return is_blank_row([cell]) or word in NOT_MEASURED
+
+
+def _find_remark(table: Table, names: Sequence[str], row: int) -> str:
     """Find the longest text in some columns of a row; empty where there is none."""
-    cells = [table.columns[name][row] for name in names]
-    texts = np.array([cell for cell in cells if isinstance(cell, str)], dtype=object)
-    words = texts[np.isnan(convert_to_numbers(texts))] if len(texts) else texts
-    return max((word.strip() for word in words), key=len, default="")
+    remarks = list[str]()
+    for name in names:
+        cell = table.columns[name][row]
+        is_word = isinstance(cell, str) and not is_not_measured(cell)
+        if is_word and not is_number(cell):
+            remarks.append(cell.strip())
+    return max(remarks, key=len, default="")

@@ -73,23 +73,67 @@ def convert_number_text(cell: Any, decimal: str) -> Any:
     text = _clean_number(cell)
     if OTHER_GROUPS.fullmatch(text):
         text = GROUP_MARKS.sub("", text)
-    if decimal == "," and POINT_GROUPS.fullmatch(text):
+    has_comma = decimal == ","
+    if has_comma and POINT_GROUPS.fullmatch(text):
         text = text.replace(".", "")
-    if decimal == "," and WITH_COMMA.fullmatch(text):
+    if has_comma and WITH_COMMA.fullmatch(text):
         return text.replace(",", ".")
     if decimal == "." and COMMA_GROUPS.fullmatch(text):
         return text.replace(",", "")
-    return text if PLAIN.fullmatch(text) else cell
+    if PLAIN.fullmatch(text):
+        return text
+    return cell
 
 
 def needs_conversion(cells: Sequence[Any]) -> bool:
     """Whether cells are written another way than Python's as a rule: a single odd cell among many
     is a mistake, and stays one."""
-    numbers = [cell for cell in cells if is_number(cell)]
-    odd = sum(map(is_odd_number, numbers))
-    return odd >= max(1, MIN_ODD_SHARE * len(numbers))
+    count = 0
+    odd = 0
+    for cell in cells:
+        if is_number(cell):
+            count += 1
+            odd += is_odd_number(cell)
+    least = MIN_ODD_SHARE * count
+    return odd >= max(1, least)
 
 
 def is_odd_number(cell: Any) -> bool:
     """Whether a cell is text that is a number, but not in Python's form."""
     return isinstance(cell, str) and is_number(cell) and not PLAIN.fullmatch(cell.strip())
+
+
+def find_mark_by_range(columns: Iterable[Sequence[Any]]) -> str | None:
+    """Find the decimal mark of text among the numbers of columns (1,234 among numbers up to 90 has
+    a decimal comma): the one by which every column stays near its own range; None where both, or
+    neither, do."""
+    fitting = [",", "."]
+    for column in columns:
+        for mark in tuple(fitting):
+            if not _stays_near(column, mark):
+                fitting.remove(mark)
+    if len(fitting) != 1:
+        return None
+    return fitting[0]
+
+
+def _stays_near(column: Sequence[Any], mark: str) -> bool:
+    """Whether all text of a column is numbers near the others by some decimal mark."""
+    numbers = list[float]()
+    read = list[float]()
+    for cell in column:
+        if is_odd_number(cell):
+            text = convert_number_text(cell, mark)
+            if not PLAIN.fullmatch(text):
+                return False
+            read.append(float(text))
+        elif isinstance(cell, (int, float)):
+            numbers.append(float(cell))
+    if not numbers or not read:
+        return True
+    low = min(numbers)
+    high = max(numbers)
+    room = max(high - low, abs(high) / 2, abs(low) / 2)
+    least = low - room
+    most = high + room
+    return least <= min(read) and max(read) <= most

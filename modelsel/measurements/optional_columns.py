@@ -10,6 +10,8 @@ import numpy as np
 from .column_guesses import Reading
 from .column_names import ColumnName, parse_column_name
 from .columns import convert_to_numbers, find_blank_cells
+from .point_times import TIME_WORDS as CLOCK_WORDS
+from .point_times import parse_clock
 from .table import Table
 
 TARGET_WORDS = frozenset(("target", "reflector", "smr", "prism", "reflektor", "kugel", "sphere"))
@@ -36,7 +38,7 @@ def guess_optional_columns(table: Table, taken: Collection[str]) -> list[Reading
         "group": _find_labels(table, names, GROUP_WORDS, len(table) // MIN_GROUP_ROWS),
         "temperature_C": _find_temperature(table, names),
         "payload_kg": _find_number(table, names, PAYLOAD_WORDS, "kg"),
-        "time_s": _find_time(table, names),
+        "time_s": _find_time(table, names) or _find_clock(table, names),
     }
     words = {"target": "reflectors", "group": "groups"}
     readings = []
@@ -97,6 +99,20 @@ def _find_time(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:
     ]
 
 
+def _find_clock(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:
+    """Find columns of times of the clock that never go back."""
+    found = []
+    for name in names:
+        is_called = name.words & CLOCK_WORDS
+        seconds = parse_clock(table.columns[name.given]) if is_called else None
+        if seconds is None:
+            continue
+        steps = np.diff(seconds)
+        if len(steps) and steps.min() >= 0:
+            found.append(name)
+    return found
+
+
 def _is_complete(table: Table, name: str) -> bool:
     values = convert_to_numbers(table.columns[name])
     if not len(values):
@@ -109,6 +125,9 @@ def _describe(table: Table, name: str) -> str:
     """Describe a column's values: how far they go, or how many there are."""
     column = table.columns[name]
     values = convert_to_numbers(column)
+    seconds = parse_clock(column)
+    if seconds is not None:
+        return f"0 to {seconds.max() - seconds.min():.0f} s from the first row on"
     if np.isfinite(values).all():
         return f"{values.min():.4g} to {values.max():.4g}"
     return f"{len({str(cell) for cell in column})} different"

@@ -6,13 +6,14 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..notices import Note
 from .column_names import LENGTHS, OTHER_QUANTITIES, ColumnName, list_units, parse_column_name
-from .columns import UNITS, convert_to_numbers, find_blank_cells
+from .columns import UNITS, convert_to_numbers
 from .table import Table
 from .unit_names import ANGLES, DEGREE, DEGREES
 
@@ -40,14 +41,14 @@ def convert_units(table: Table, prismatic: Sequence[bool], mapped: Collection[st
     for name, cells in table.columns.items():
         parsed = parse_column_name(name, units.get(name))
         factor, unit, said = 1.0, "", ""
-        if not parsed.words & OTHER_QUANTITIES:
+        if name not in mapped and not parsed.words & OTHER_QUANTITIES:
             factor, unit, said = _find_factor(parsed, table, _is_length(parsed, prismatic))
-        values = convert_to_numbers(cells)
-        if name in mapped or not said or not (np.isfinite(values) | find_blank_cells(cells)).all():
+        if not said:
             columns[name] = cells
             continue
-        renamed = f"{name} in {unit}"
-        columns[renamed] = values * factor
+        is_in_name = parse_column_name(name).unit is not None
+        renamed = f"{name} in {unit}" if is_in_name else name
+        columns[renamed] = _scale(cells, factor)
         units[renamed] = unit
         originals[renamed] = name
     return Converted(replace(table, columns=columns, units=units), originals)
@@ -70,12 +71,7 @@ def convert_mapped(
         parsed = replace(parse_column_name(given, units.get(given)), quantity=quantity)
         factor, _, said = _find_factor(parsed, table, is_length)
         if said:
-            values = convert_to_numbers(columns[given])
-            is_number = np.isfinite(values)
-            size = factor / UNITS[match[3]]
-            cells = columns[given]
-            # what is no number stays, to be refused in its place
-            columns[given] = values * size if is_number.all() else _scale(cells, values, size)
+            columns[given] = _scale(columns[given], factor / UNITS[match[3]])
             units.pop(given, None)
             converted.setdefault(f"from {said} to {match[3]}", []).append(f'"{given}"')
     if not converted:
@@ -86,13 +82,14 @@ def convert_mapped(
     return replace(table, columns=columns, units=units, notes=notes), names
 
 
-def _scale(
-    cells: NDArray[np.generic], values: NDArray[np.float64], size: float
-) -> NDArray[np.object_]:
-    """Scale the cells that are numbers."""
-    scaled = cells.astype(object)
+def _scale(cells: NDArray[Any], factor: float) -> NDArray[np.generic]:
+    """Multiply the numbers among cells; a cell that is none stays as it is, to be refused later."""
+    values = convert_to_numbers(cells)
     is_number = np.isfinite(values)
-    scaled[is_number] = values[is_number] * size
+    if is_number.all():
+        return np.asarray(values * factor)
+    scaled = np.asarray(cells, dtype=object).copy()
+    scaled[is_number] = values[is_number] * factor
     return scaled
 
 

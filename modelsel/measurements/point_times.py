@@ -77,6 +77,19 @@ def are_clock_times(cells: Iterable[Any]) -> bool:
     return all(CLOCK.search(str(cell)) for cell in cells)
 
 
+def parse_clock(cells: NDArray[Any]) -> Array | None:
+    """Parse times of the clock, with a date or without, as seconds (m,) from the first one on; None
+    where a cell is none."""
+    if cells.dtype.kind != "O" or not len(cells):
+        return None
+    if find_blank_cells(cells).any():
+        return None
+    seconds = _parse_texts(cells)
+    if seconds is None:
+        return None
+    return np.asarray(seconds - seconds[0], float)
+
+
 def _join_texts(table: Table, dates: list[str], name: str) -> NDArray[Any]:
     """Put the date before the time where it has a column of its own."""
     cells = table.columns[name]

@@ -39,6 +39,7 @@ from .contract_columns import (
 )
 from .covariates import read_covariates
 from .duplicates import find_copies, find_duplicates
+from .extent import refuse_wide_positions
 from .features import KindColumns
 from .measurements import Measurements, Orientation, build_measurements
 from .missed_rows import read_waypoints, split_missed, split_nothing
@@ -119,6 +120,8 @@ def read_measurements(
     data = _select_rows(content, keep, split.rows, prismatic, coupling, waypoints)
     if content.order is not None:
         check_clock(data.order, data.covariates.get("time_s"), data.group, data.row, whole.where)
+    if positions and isinstance(robot, Robot):
+        refuse_wide_positions(table, robot, data.position, data.group)
     units = _find_reading_units(table, prismatic)
     if coupling is not None:
         notes.append(Note("coupled-joints", coupling.describe_readings()))

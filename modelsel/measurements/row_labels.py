@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from .._typing import Index
 
-MAX_LISTED = 8
+MAX_LISTED = 12
 LETTER = re.compile(r"[^\W\d_]")
 
 
 def label_rows(columns: Iterable[Any], rows: Index) -> str:
-    """List the names of rows by the columns of names that are not the same all through; a name
-    that stands in several rows once. Empty where there are none."""
+    """List the names of rows by the columns of names that are not the same all through, the others
+    in brackets after the first; a name that stands in several rows once. Empty where there are
+    none."""
     telling = []
     for cells in columns:
         texts = [str(cell).strip() for cell in cells]
@@ -24,7 +25,22 @@ def label_rows(columns: Iterable[Any], rows: Index) -> str:
             telling.append(texts)
     if not telling:
         return ""
-    labels = Counter(" ".join(texts[row] for texts in telling) for row in rows.tolist())
+    labels = Counter(_label_row(telling, row) for row in rows.tolist())
     listed = [f"{name} ({count} times)" if count > 1 else name for name, count in labels.items()]
     ellipsis = " …" if len(listed) > MAX_LISTED else ""
     return ", ".join(listed[:MAX_LISTED]) + ellipsis
+
+
+def _label_row(telling: Sequence[Sequence[str]], row: int) -> str:
+    """Label a row by columns of names, the one with most different names first: P007 (robot)."""
+    ordered = sorted(telling, key=_count_different, reverse=True)
+    first, *others = [texts[row] for texts in ordered]
+    if not others:
+        return first
+    listed = ", ".join(others)
+    return f"{first} ({listed})"
+
+
+def _count_different(texts: Sequence[str]) -> int:
+    different = set(texts)
+    return len(different)

@@ -13,10 +13,17 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import DataError, suggest
-from .number_format import convert_number_text, is_number, needs_conversion
+from .number_format import convert_number_text, find_mark_by_range, is_number, is_odd_number
 from .row_places import Where
 from .table_layout import find_layout, is_blank_row
-from .text_table import Grid, check_file, choose_decimal_mark, describe_lines, refuse_headerless
+from .text_table import (
+    MAX_LISTED,
+    Grid,
+    check_file,
+    choose_decimal_mark,
+    describe_lines,
+    refuse_headerless,
+)
 
 SPREADSHEET_SUFFIXES = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 # what a sheet must hold to be a table of measurements
@@ -41,10 +48,12 @@ def load_spreadsheet(path: Path, sheet: str | None = None, decimal: str | None =
     where = Where(path.name, at=at, header=layout.header + 1, sheet=name)
     cells = [cell for _, row in kept for cell in row]
     said = [f'the sheet "{name}"']
-    convert = needs_conversion(cells)
-    if convert:
-        decimal = decimal or choose_decimal_mark(path.name, cells)
-        said.append("numbers kept as text")
+    odd = [(number, cell) for number, row in kept for cell in row if is_odd_number(cell)]
+    by_column = [[row[k] for _, row in kept] for k in range(len(layout.names))]
+    mark = decimal or "."
+    if odd and decimal is None:
+        mark = find_mark_by_range(by_column) or choose_decimal_mark(path.name, cells)
+    said += _describe_texts(odd, mark)
     if layout.header:
         said.append(f"the header on row {layout.header + 1}")
     if layout.units:
@@ -52,14 +61,34 @@ def load_spreadsheet(path: Path, sheet: str | None = None, decimal: str | None =
     last = int(at[-1]) if len(at) else 0
     blank = [number for number, row in body if is_blank_row(row) and number < last]
     said += describe_lines(blank, "empty", "empty", "row")
-    mark = decimal or "."
     columns = []
-    for k in range(len(layout.names)):
-        column = [row[k] for _, row in kept]
-        if convert:
-            column = [convert_number_text(cell, mark) for cell in column]
+    for cells in by_column:
+        column = [convert_number_text(cell, mark) for cell in cells] if odd else cells
         columns.append(np.array([*column, None], dtype=object)[:-1])
     return Grid(layout.names, columns, where, layout.units, said)
+
+
+def _describe_texts(odd: Sequence[tuple[int, Any]], decimal: str) -> list[str]:
+    """Say which numbers are kept as text, by their rows."""
+    if not odd:
+        return []
+    rows = []
+    for number, _ in odd:
+        if number not in rows:
+            rows.append(number)
+    style = "digits in groups"
+    if decimal == ",":
+        style = "decimal commas"
+    shown = ", ".join(map(str, rows[:MAX_LISTED]))
+    if len(rows) > MAX_LISTED:
+        shown += " …"
+    what = f"{len(odd)} numbers"
+    if len(odd) == 1:
+        what = "a number"
+    place = "rows"
+    if len(rows) == 1:
+        place = "row"
+    return [f"{what} kept as text with {style} ({place} {shown})"]
 
 
 def _read_sheets(path: Path) -> dict[str, list[list[Any]]]:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, Union
 import numpy as np
 from numpy.typing import NDArray
 
+from .._foreign_files import describe_foreign
 from ..exceptions import DataError, suggest
 from ..notices import Note
 from .row_places import Where
@@ -137,6 +138,10 @@ def _load_grid(file: DataFile) -> Table:
     """Load a text table or a spreadsheet, without columns that have neither name nor cells; a note
     says what is unusual about the file."""
     path = Path(file)
+    foreign = describe_foreign(path)
+    if foreign is not None:
+        what, remedy = foreign
+        raise DataError(what, file=path.name, remedy=remedy)
     is_spreadsheet = path.suffix.lower() in SPREADSHEET_SUFFIXES
     if file.sheet is not None and not is_spreadsheet:
         raise DataError(

@@ -15,7 +15,7 @@ Row: TypeAlias = Sequence[Any]
 # columns of a measurements file as the contract names them: they need no guess
 CONTRACT_NAME = re.compile(r"q[0-9]{1,9}_(rad|deg|mm|m)|[xyz]_(mm|m)")
 UNIT = re.compile(
-    r"[\[(<{]?\s*(°|°\s?[CF]|º|deg|degree|degrees|grad|gon|rad|mrad|[µμu]rad|nm|[µμu]m|mm|cm|dm|m|in"
+    r"[\[(<{]?\s*(°|°\s?[CF]|º|deg|degree|degrees|grad|gradians?|gons?|rad|mrad|[µμu]rad|nm|[µμu]m|mm|cm|dm|m|in"
     r"|inch|ft|kg|g|lb|s|sec|ms|min|h|hz|k|c|n|nm|a|v|%|-|–|/|1)\s*[\])>}]?",
     re.IGNORECASE,
 )

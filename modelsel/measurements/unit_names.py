@@ -17,8 +17,10 @@ ANGLES = {"urad": 1e-6, "µrad": 1e-6, "μrad": 1e-6, "mrad": 1e-3, "rad": 1.0} 
 DEGREES = {
     "arcsec": 1 / 3600,
     "arcmin": 1 / 60,
-    "grad": 0.9,
     "gon": 0.9,
+    "gons": 0.9,
+    "gradian": 0.9,
+    "gradians": 0.9,
     "deg": 1.0,
     "rev": 360.0,
     "turn": 360.0,
@@ -147,6 +149,8 @@ def _read_as(
     if stem == "temperature" and unit == "f":
         return "temperature_C", "Subtract 32, divide by 1.8"
     units, unit_read = _units_of(stem, unit, prismatic, gauged)
+    if unit == "grad" and units is ANGLES:
+        return f"{stem}_deg", "Multiply it by 0.9 if it is gon (in German it is degree: by 1)"
     if unit not in units:
         return None, ""
     size = units[unit]

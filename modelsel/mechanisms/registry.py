@@ -192,11 +192,9 @@ def _build_scanned(
     built = []
     for place in places:
         values = entry.constants(robot, *place)
+        if constant is not None:
+            values = tuple(value for value in values if f"{value:g}" == constant)
         for value in values:
-            word = f"{value:g}"
-            is_wanted = constant in (None, word)
-            if not is_wanted:
-                continue
             mechanism = entry.build(robot, *place, value)
             built.append(mechanism)
     if not built and constant is not None:

@@ -158,7 +158,10 @@ def _write_findings(campaigns: Pair, comparison: Comparison) -> str:
     matches = match_findings(*map(list_names, campaigns))
     if not matches:
         return write_paragraph("Neither study named an error.")
-    said = {change.name: describe_change(change) for change in comparison.mechanisms}
+    said = {}
+    for change in comparison.mechanisms:
+        words = describe_change(change)
+        said.update(dict.fromkeys(change.labels, words))
     rows = [list(_write_match(campaigns, match, said)) for match in matches]
     heads = ["named in", "first", "second", "change"]
     return write_html_table(_align(heads, 0), rows, "findings")

@@ -40,6 +40,12 @@ class Source:
         return {"kind": "figure", "file": file, "caption": caption, "alt": alt}
 
 
+def let_float(block: Block) -> Block:
+    """Return a large block that goes to the head of the next page where this one has no room, while
+    what follows it fills this page. A text comes before it."""
+    return block | {"floats": True}
+
+
 def make_heading(text: str, level: int = 1, opens: bool = False) -> Block:
     """Return a heading; it opens a page if told so."""
     return {"kind": "heading", "text": text, "level": level, "opens": opens}

@@ -144,7 +144,8 @@ def find_kindred_cells(record: StudyRecord, finding: FindingRecord) -> list[tupl
 
 def _is_driven(cause: str, drivers: set[str]) -> bool:
     names = _list_names(cause)
-    return bool(names) and names <= drivers
+    has_names = bool(names)
+    return has_names and names <= drivers
 
 
 def _list_names(cause: str) -> set[str]:

@@ -17,25 +17,27 @@ def write_paragraph(words: str, style: str = "") -> str:
 def write_html_table(columns: Columns, rows: Sequence[Sequence[str]], of: str) -> str:
     """Write a table of cells that are HTML already, with (name, "left" or "right") of each column. On
     narrow screens each cell says what it is."""
-    sides = [_write_side(side) for _, side in columns]
-    head = "".join(
-        f'<th scope="col"{side}>{escape(name)}</th>'
-        for (name, _), side in zip(columns, sides, strict=True)
-    )
-    lines = []
-    for row in rows:
-        cells = zip(columns, sides, row, strict=True)
-        lines.append(
-            "".join(
-                f'<td{side} data-head="{escape(name)}">{cell}</td>'
-                for (name, _), side, cell in cells
-            )
-        )
-    body = "\n".join(f"<tr>{line}</tr>" for line in lines)
+    heads = []
+    for name, side in columns:
+        style = _write_side(side)
+        heads.append(f'<th scope="col"{style}>{escape(name)}</th>')
+    head = "".join(heads)
+    lines = [_write_row(columns, row) for row in rows]
+    body = "\n".join(lines)
     return (
         f'<table class="plain stack {of}"><thead><tr>{head}</tr></thead>\n'
         f"<tbody>{body}</tbody></table>"
     )
+
+
+def _write_row(columns: Columns, row: Sequence[str]) -> str:
+    line = ""
+    for column, cell in zip(columns, row, strict=True):
+        name, side = column
+        style = _write_side(side)
+        label = escape(name)
+        line += f'<td{style} data-head="{label}">{cell}</td>'
+    return f"<tr>{line}</tr>"
 
 
 def _write_side(side: str) -> str:

@@ -21,11 +21,13 @@ def write_parameters(source: Source) -> str:
         return ""
     cells = [[escape(cell) for cell in row.cells] for row in rows]
     table = write_html_table(PARAMETER_COLUMNS, cells, "calibrated")
-    caption = write_paragraph(caption_parameters(source, rows), "quiet")
-    parts = [_write_drawing(source), table, caption, _write_unidentifiable(source.record)]
-    inner = "\n".join(part for part in parts if part)
+    words = caption_parameters(source, rows)
+    caption = write_paragraph(words, "quiet")
+    drawing = _write_drawing(source)
+    unknown = _write_unidentifiable(source.record)
     title = f'<h2 id="parameters-title">{TITLE}</h2>'
-    return f'<section id="parameters" aria-labelledby="parameters-title">\n{title}\n{inner}\n</section>\n'
+    inner = "\n".join(filter(None, (title, drawing, table, caption, unknown)))
+    return f'<section id="parameters" aria-labelledby="parameters-title">\n{inner}\n</section>\n'
 
 
 def _write_drawing(source: Source) -> str:
@@ -35,17 +37,23 @@ def _write_drawing(source: Source) -> str:
     if not figures:
         return ""
     (figure,) = figures
-    picture = b64encode(source.pictures[figure["file"]]).decode("ascii")
-    image = f'<img src="data:image/svg+xml;base64,{picture}" alt="{escape(figure["alt"])}">'
-    return f'<div class="drawing">{image}</div>\n{write_paragraph(figure["caption"], "quiet")}'
+    file = figure["file"]
+    picture = source.pictures[file]
+    coded = b64encode(picture).decode("ascii")
+    words = escape(figure["alt"])
+    image = f'<img src="data:image/svg+xml;base64,{coded}" alt="{words}">'
+    caption = write_paragraph(figure["caption"], "quiet")
+    return f'<div class="drawing">{image}</div>\n{caption}'
 
 
 def _write_unidentifiable(record: StudyRecord) -> str:
     """Write the combinations that the data do not determine, behind a click; nothing where they
     determine all."""
-    sentences = [group.sentence for group in record.unidentifiable]
-    if not sentences:
+    groups = record.unidentifiable
+    if not groups:
         return ""
-    items = "\n".join(f"<li>{escape(sentence)}</li>" for sentence in sentences)
+    lines = [f"<li>{escape(group.sentence)}</li>" for group in groups]
+    items = "\n".join(lines)
     words = write_paragraph(UNIDENTIFIABLE)
-    return f"<details><summary>What the data cannot tell</summary>\n{words}\n<ul>{items}</ul></details>"
+    summary = "<summary>What the data cannot tell</summary>"
+    return f"<details>{summary}\n{words}\n<ul>{items}</ul></details>"

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..exceptions import ModelselError
 from ..results.schema import StudyRecord
@@ -17,10 +17,21 @@ from .document import Block, Source
 from .style import shorten
 
 LONGEST_HEADER = 70  # letters
+# share of the last page that is filled, below which less room between the blocks is tried
+MIN_LAST = 0.4
 
 
 class ReportError(ModelselError):
     """The report could not be made of what there is; result.json stands."""
+
+
+class _Typeset(NamedTuple):
+    """A PDF, the compiler's warnings, how many pages there are, and the filled share of the last."""
+
+    pdf: bytes
+    warnings: list[str]
+    pages: int
+    last: float
 
 
 def fill_template(source: Source, blocks: Sequence[Block]) -> dict[str, Any]:
@@ -45,12 +56,16 @@ def _sign(record: StudyRecord) -> str:
 def compile_pdf(
     content: Mapping[str, Any], pictures: Mapping[str, bytes]
 ) -> tuple[bytes, list[str]]:
-    """Return (the PDF, the compiler's warnings) of the template with its data. Raises ReportError with the compiler's
-    own words."""
+    """Return (the PDF, the compiler's warnings) of the template with its data: with less room between the blocks where
+    that spares a last page that is nearly empty. Raises ReportError with the compiler's own words."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _write_inputs(folder, content, pictures)
-        return _run_compiler(folder)
+        chosen = _run_compiler(folder)
+        if chosen.pages > 1 and chosen.last < MIN_LAST:
+            tight = _run_compiler(folder, {"tight": "yes"})
+            chosen = tight if tight.pages < chosen.pages else chosen
+        return chosen.pdf, chosen.warnings
 
 
 def _write_inputs(folder: Path, content: Mapping[str, Any], pictures: Mapping[str, bytes]) -> None:
@@ -62,24 +77,30 @@ def _write_inputs(folder: Path, content: Mapping[str, Any], pictures: Mapping[st
         (folder / file).write_bytes(picture)
 
 
-def _run_compiler(folder: Path) -> tuple[bytes, list[str]]:
+def _run_compiler(folder: Path, inputs: Mapping[str, str] | None = None) -> _Typeset:
     import typst
 
     fonts = typst.Fonts(
         include_system_fonts=False, include_embedded_fonts=False, font_paths=[font_folder()]
     )
     compiler = typst.Compiler(
-        folder / "template.typ", root=folder, ignore_system_fonts=True, font_paths=fonts
+        folder / "template.typ",
+        root=folder,
+        ignore_system_fonts=True,
+        font_paths=fonts,
+        sys_inputs=dict(inputs or {}),
     )
     try:
         pdf, warnings = compiler.compile_with_warnings(
             format="pdf", pdf_standards="ua-1", timestamp=0
         )
+        end = json.loads(compiler.query("<end>", field="value", one=True))
     except typst.TypstError as error:
         words = f"{error.message} {' '.join(error.hints)}".strip()
         raise ReportError(f"report.pdf could not be made: {words}") from None
     assert isinstance(pdf, bytes)
-    return pdf, [warning.message for warning in warnings]
+    said = [warning.message for warning in warnings]
+    return _Typeset(pdf, said, end["pages"], end["share"])
 
 
 def font_folder() -> Path:

@@ -77,7 +77,8 @@ def show_analysis(
 def show_sampling(record: StudyRecord, console: Console, amount: Amount) -> None:
     """Show the rest of a study: what sampling says, and the notes, to which it adds."""
     if amount is Amount.SUMMARY:
-        _print_lines(write_closing(record, console.width), console)
+        lines = write_closing(record, console.width)
+        _print_lines(lines, console)
     elif amount is Amount.EVERYTHING:
         _print_sentences(_last_sentences(record), console)
 
@@ -177,9 +178,10 @@ def _feature_sentences(record: StudyRecord) -> list[str]:
 def _correlation_sentences(record: StudyRecord) -> list[str]:
     """Return which parameters the data tell only together."""
     pairs = record.correlation.pairs
-    sentences = [f"Only together: {pair.sentence}" for pair in pairs[:MAX_PAIRS]]
-    if len(pairs) > MAX_PAIRS:
-        more = len(pairs) - MAX_PAIRS
+    shown = pairs[:MAX_PAIRS]
+    sentences = [f"Only together: {pair.sentence}" for pair in shown]
+    more = len(pairs) - len(shown)
+    if more > 0:
         sentences.append(f"Only together: {more} further pairs correlate above 0.9.")
     return sentences
 

@@ -141,8 +141,9 @@ def _describe_sampling(record: StudyRecord) -> str:
     if not sampling.converged:
         notes = (note.sentence for note in record.warnings if note.code == UNCONVERGED)
         return next(notes, "The chains that sample the posterior have not converged.")
-    samples = f"{sampling.effective_samples:,.0f} effective samples"
-    return f"The posterior was sampled: {samples}, R-hat {sampling.r_hat:.3f}."
+    count = f"{sampling.effective_samples:,.0f}"
+    mixing = f"R-hat {sampling.r_hat:.3f}"
+    return f"The posterior was sampled: {count} effective samples, {mixing}."
 
 
 def _list_left_out(record: StudyRecord) -> str:
@@ -151,6 +152,8 @@ def _list_left_out(record: StudyRecord) -> str:
     if record.unidentifiable:
         parts.append("what the data cannot determine")
     notes = [warning for warning in record.warnings if warning.code not in ALARMS]
-    if notes:
-        parts.append("1 note" if len(notes) == 1 else f"{len(notes)} notes")
+    count = len(notes)
+    if count:
+        counted = "1 note" if count == 1 else f"{count} notes"
+        parts.append(counted)
     return sentence_list(parts)

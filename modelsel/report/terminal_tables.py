@@ -13,8 +13,11 @@ from ..results.model_schema import SignificanceRecord
 from ..results.schema import ErrorMapRecord, StudyRecord
 from ..results.study_sentences import (
     NOMINAL_CAVEAT,
+    SETS_PURPOSE,
+    SETS_TITLE,
     TABLE_PURPOSE,
     common_mechanisms,
+    describe_set,
     format_mm,
     format_p,
     format_share,
@@ -45,6 +48,7 @@ PLACE_WIDTH = 6
 
 LADDER_HEADS = ("params", "rank", "mean", "worst", "held-out mean", "worst", "CV rms", "AICc")
 SUBSET_HEADS = ("rank", "CV rms", "held-out mean", "weight")
+SET_HEADS = ("probability",)
 SIGNIFICANCE_HEADS = (
     *("mean", "worst", "F", "p", "log10 evid.", "CV rms", "held-out rms", "in halves"),
 )
@@ -56,6 +60,8 @@ def show_tables(record: StudyRecord, console: Console) -> None:
     _show_table(console, *_ladder_table(record, width))
     if record.candidates.best:
         _show_table(console, *_subset_table(record, width))
+    if record.weighed_models:
+        _show_table(console, *_set_table(record, width))
     if record.error_map.causes:
         _show_map(record.error_map, console)
     if record.significance:
@@ -90,9 +96,12 @@ def _subset_table(record: StudyRecord, width: int) -> tuple[str, list[str], str]
     rows = []
     for subset in candidates.best:
         errors = [format_mm(subset.cv_rms_mm), format_mm(subset.held_out.mean_mm)]
-        figures = [str(subset.rank), *errors, format_weight(subset.weight)]
-        words = " + ".join(subset.mechanisms[len(common) :]) or "nothing more"
-        rows.append(Row(words, figures, subset.note))
+        weight = format_weight(subset.weight)
+        figures = [str(subset.rank), *errors, weight]
+        own = subset.mechanisms[len(common) :]
+        words = " + ".join(own) or "nothing more"
+        row = Row(words, figures, subset.note)
+        rows.append(row)
     title = (
         f"Best of {candidates.compared:,} candidate models, by cross-validation: errors in mm; weight: "
         "probability among them"
@@ -101,6 +110,17 @@ def _subset_table(record: StudyRecord, width: int) -> tuple[str, list[str], str]
         title += f"; all have {' + '.join(common)}"
     lines = write_table("mechanisms", SUBSET_HEADS, "note", rows, width)
     return title, lines, TABLE_PURPOSE
+
+
+def _set_table(record: StudyRecord, width: int) -> tuple[str, list[str], str]:
+    rows = []
+    for model in record.weighed_models:
+        probability = format_weight(model.probability)
+        words = describe_set(model)
+        row = Row(words, [probability])
+        rows.append(row)
+    lines = write_table("effects", SET_HEADS, "", rows, width)
+    return SETS_TITLE, lines, SETS_PURPOSE
 
 
 # -- error map

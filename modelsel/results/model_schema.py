@@ -70,6 +70,14 @@ class CandidatesRecord(StrictRecord):
     best: list[SubsetRecord]
 
 
+class WeighedModelRecord(StrictRecord):
+    """One set of effects that the search has weighed."""
+
+    effects: Texts
+    probability: Number
+    chosen: bool
+
+
 class NestedRecord(StrictRecord):
     """The whole procedure repeated in every fold."""
 

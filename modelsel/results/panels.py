@@ -113,11 +113,11 @@ def describe_panels(run: StudyRun, problem: Problem, field: Array, rows: Index) 
     `problem`, `field`: the drawn `rows` and the displacement of every place there."""
     residual = run.models.chosen.residual[rows]
     diagnosis = run.diagnosis
-    faults = [_describe_fault(fault) for fault in diagnosis.faults]
-    findings = [
-        _describe_finding(finding, problem, field, residual) for finding in diagnosis.findings
-    ]
-    return [*faults, *findings]
+    panels = [_describe_fault(fault) for fault in diagnosis.faults]
+    for finding in diagnosis.findings:
+        panel = _describe_finding(finding, problem, field, residual)
+        panels.append(panel)
+    return panels
 
 
 def _describe_fault(fault: Fault) -> Values:

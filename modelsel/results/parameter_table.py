@@ -88,10 +88,12 @@ def shorten_symbols(symbols: Sequence[str]) -> list[str]:
     would then be alike, as they are."""
     bare = [symbol.partition(" of ")[0] for symbol in symbols]
     counts = Counter(bare)
-    return [
-        symbol if counts[short] > 1 else _cut_symbol(short)
-        for symbol, short in zip(symbols, bare, strict=True)
-    ]
+    shortened = []
+    for symbol, short in zip(symbols, bare, strict=True):
+        is_shared = counts[short] > 1
+        own = symbol if is_shared else _cut_symbol(short)
+        shortened.append(own)
+    return shortened
 
 
 def _cut_symbol(symbol: str) -> str:
@@ -194,4 +196,7 @@ def compute_parameter_p(parameter: ParameterRecord) -> float | None:
     if not u or units is None:
         return None
     freedom = max(units - 1, 1)
-    return float(2 * stdtr(freedom, -abs(parameter.estimate) / u))
+    size = abs(parameter.estimate)
+    t = size / u
+    tail = stdtr(freedom, -t)
+    return float(2 * tail)

@@ -51,6 +51,7 @@ def _values(run: StudyRun) -> Values:
         **_placements(run, data),
         "ladder": [describe_rung(rung) for rung in models.ladder],
         "candidates": describe_candidates(models.comparison),
+        "weighed_models": _weighed_models(run),
         "findings": _findings(run, figures),
         "small_findings": describe_small(named, figures),
         "repeatability": describe_errors(diagnosis.search.errors),
@@ -96,6 +97,18 @@ def collect_named(diagnosis: Explanation, figures: FindingFigures) -> list[Named
         settled = is_settled(effect)
         named.append(Named(label_effect(effect), settled, of.matters, finding.doubtful, rivals))
     return named
+
+
+def _weighed_models(run: StudyRun) -> list[Values]:
+    """Return the most probable sets of effects."""
+    return [
+        {
+            "effects": [one.label for one in model.effects],
+            "probability": model.probability,
+            "chosen": model.chosen,
+        }
+        for model in run.diagnosis.search.models
+    ]
 
 
 def _configurations(run: StudyRun) -> Values:

@@ -19,6 +19,7 @@ from .model_schema import (
     RungRecord,
     SamplingRecord,
     SignificanceRecord,
+    WeighedModelRecord,
 )
 from .record_types import Figure, Texts
 
@@ -219,6 +220,11 @@ class StudyRecord(StrictRecord):
         description="the table of subsets: `compared`, `choice` (one standard error), `considered`, `set_aside`, "
         "`best` (as the ladder, with `weight` and `note`); above sixteen mechanisms also `search` (`mechanisms "
         "criterion nodes proven may_be_beaten_by best`)"
+    )
+    weighed_models: list[WeighedModelRecord] = Field(
+        [],
+        description="the most probable sets of effects of all that the search has weighed, the most probable first: "
+        "`effects` (names of mechanisms, or place and cause), `probability` among them, `chosen`: whether the findings are this set",
     )
     findings: list[FindingRecord] = Field(description="a list, below")
     small_findings: SmallFindingsRecord | None = Field(

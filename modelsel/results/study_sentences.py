@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from ..measurements.row_places import Where
 from ..notices import HOPELESS_FIT, Note, list_alarms
 from .finding_schema import EntryRecord, FindingRecord
-from .model_schema import RungRecord
+from .model_schema import RungRecord, WeighedModelRecord
 from .schema import FeatureRecord, StudyRecord
 from .small_findings import split_findings
 
@@ -17,6 +17,12 @@ from .small_findings import split_findings
 TABLE_PURPOSE = (
     "The table asks which names predict best together, and may add one that chance brought; naming asks of each whether "
     "chance would do as well, over all that was scanned: only that finds, and the two may differ."
+)
+# the sets of effects that the search has weighed, and what their table is for
+SETS_TITLE = "Sets of effects"
+SETS_PURPOSE = (
+    "Probability among all sets that the search weighed around the findings: one effect more or less, one for another, "
+    "two for one, one for two. What a finding claims is what holds in nine tenths of them."
 )
 # what figures that take the names as given do not say
 NOMINAL_CAVEAT = "take the names as given: the search is not repeated for them; the p of a finding is that of the whole search."
@@ -68,6 +74,12 @@ def format_weight(weight: float | None) -> str:
     if weight is None:
         return "–"
     return "<0.001" if weight < 0.0005 else f"{weight:.3f}"
+
+
+def describe_set(model: WeighedModelRecord) -> str:
+    """Return the effects of a set; which is that of the findings."""
+    effects = " + ".join(model.effects) or "none"
+    return f"{effects} (the findings)" if model.chosen else effects
 
 
 def count_rows(rows: Sequence[int]) -> str:

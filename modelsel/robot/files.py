@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .._foreign_files import FOREIGN, describe_foreign_robot
 from .._text import parse_toml, read_text
 from .._typing import Array
 from ..exceptions import StudyError
@@ -17,7 +18,7 @@ from .coupling import Coupling, find_coupling_problem, find_passive_problem
 from .kinematics import Joint, Robot
 from .plain_values import check_robot_name
 from .rigid import align_z, from_rpy, inverse, rotation_matrix, transform
-from .robot_names import find_robot_name, suggest_robots
+from .robot_names import find_full_name, find_robot_name, has_robot_name, suggest_robots
 from .ur_kinematics import YAML_SUFFIXES, read_ur_calibration
 from .value_reader import Reader
 from .xacro_files import XACRO_SUFFIX, is_xacro, refuse_xacro
@@ -281,6 +282,9 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
 def read_robot(path: Path, base: str | None = None, tip: str | None = None) -> Robot:
     """Read a robot from a TOML or URDF file, or the YAML file of ur_calibration; of a URDF the chain
     between two links, where they are named. Raises StudyError."""
+    foreign = describe_foreign_robot(path)
+    if foreign is not None:
+        raise StudyError(foreign)
     if path.suffix.lower() in (".urdf", ".xml"):
         from .urdf import read_urdf
 
@@ -307,10 +311,27 @@ def builtin_names() -> list[str]:
     return sorted(names)
 
 
+def list_full_names() -> dict[str, str]:
+    """List what the built-in robots are called in full, by their names: what stands before the
+    colon of their source, where it holds the name."""
+    catalogue = files("modelsel").joinpath("robot", "catalogue")
+    found = {}
+    for name in builtin_names():
+        file = f"{name}.toml"
+        text = catalogue.joinpath(file).read_text(encoding="utf-8")
+        table = parse_toml(text, file)
+        source = str(table.get("source", ""))
+        full, colon, _ = source.partition(":")
+        is_full_name = has_robot_name(full, name)
+        if colon and is_full_name:
+            found[name] = full
+    return found
+
+
 def is_robot_file(source: str) -> bool:
-    """Whether a name is that of a robot file, by its suffix."""
-    suffix = Path(source).suffix
-    return suffix.lower() in ROBOT_SUFFIXES
+    """Whether a name is that of a robot file, by its suffix; also of one that is not read."""
+    suffix = Path(source).suffix.lower()
+    return suffix in ROBOT_SUFFIXES or suffix in FOREIGN
 
 
 def load_robot(source: str | Path) -> Robot:
@@ -321,7 +342,7 @@ def load_robot(source: str | Path) -> Robot:
     suggestions, and for a file that cannot be read, with the place."""
     if isinstance(source, Path) or is_robot_file(source):
         return read_robot(Path(source))
-    name = find_robot_name(source, builtin_names())
+    name = find_robot_name(source, builtin_names()) or find_full_name(source, list_full_names())
     if name is None:
         raise StudyError(f'unknown robot "{source}". {suggest_robots(source, builtin_names())}')
     file = f"{name}.toml"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 
 # words before or after a type's name, and what some types are called in full
@@ -25,6 +25,23 @@ def find_robot_name(given: str, known: Sequence[str]) -> str | None:
     if len(means) == 1:
         return means[0]
     return None
+
+
+def find_full_name(given: str, full_names: Mapping[str, str]) -> str | None:
+    """Find the robot, of full names by names, whose full name is given, whatever its capitals,
+    blanks and marks and with or without its maker's; None where there is none."""
+    spellings = set(_list_spellings(given))
+    for name, full in full_names.items():
+        if spellings & set(_list_spellings(full)):
+            return name
+    return None
+
+
+def has_robot_name(full: str, name: str) -> bool:
+    """Whether a full name holds a robot's name: "ABB IRB 1600-10/1.45" holds irb1600."""
+    short = _squeeze(name)
+    long = _squeeze(full)
+    return short in long
 
 
 def suggest_robots(given: str, known: Sequence[str]) -> str:

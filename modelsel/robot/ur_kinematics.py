@@ -79,7 +79,8 @@ def _read_link(
         return (0.0,) * len(KEYS)
     values = []
     for key in KEYS:
-        value = _as_number(row.get(key))
+        given = row.get(key)
+        value = _as_number(given)
         if value is None:
             problems.append(f"{where}: kinematics.{link}.{key}: a number is expected.")
         values.append(value or 0.0)

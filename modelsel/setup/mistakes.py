@@ -38,7 +38,6 @@ from .other_robots import describe_improvement, sample_positions
 from .simple_mistakes import (
     NOTHING,
     REGISTER,
-    SCALES,
     Mistake,
     list_joint_mistakes,
     list_position_mistakes,
@@ -260,10 +259,8 @@ def _generate_with_positions(
     if joint.parts >= count:
         return
     n = problem.robot.n
-    scales = [unit.scale for unit in SCALES]
-    scales.append(-1.0)
-    mistakes = list_position_mistakes(n, False)
-    for mistake, scale in zip(mistakes, scales, strict=True):
+    for mistake in list_position_mistakes(n, False):
+        scale = float(mistake.B[0, 0])
         if factor * scale <= 0:
             continue
         difference = abs(np.log(factor / scale))

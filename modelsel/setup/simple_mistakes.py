@@ -40,8 +40,21 @@ SCALES = (
         "micrometres",
         "divide x, y and z by 1000",
     ),
-    Unit(25.4, "are inches", "convert them to mm", "inches", "multiply x, y and z by 25.4"),
+    Unit(25.4, "are inches", "name them x_in y_in z_in", "inches", "multiply x, y and z by 25.4"),
     Unit(10.0, "are centimetres", "convert them to mm", "centimetres", "multiply x, y and z by 10"),
+)
+# units that are said to be larger than they are, of all positions: (scale, words, where to look)
+LARGER_UNITS = (
+    (
+        1 / 25.4,
+        "are millimetres and not inches",
+        "correct the unit that the file says, or name them x_mm y_mm z_mm",
+    ),
+    (
+        0.1,
+        "are millimetres and not centimetres",
+        "correct the unit that the file says, or name them x_mm y_mm z_mm",
+    ),
 )
 MIRRORED = (
     "are in a left-handed frame (an axis mirrored)",
@@ -200,9 +213,10 @@ def list_reversed_joints(n: int) -> Iterator[Mistake]:
 def list_position_mistakes(n: int, framed: bool) -> Iterator[Mistake]:
     """List mistakes of the positions: units and handedness; axis by axis where the positions are
     said to be in the robot's own frame (`framed`)."""
-    for unit in SCALES:
-        scaling = np.eye(3) * unit.scale
-        yield _change_positions(f"the positions {unit.words}", unit.look, scaling, n)
+    units = [(unit.scale, unit.words, unit.look) for unit in SCALES]
+    for scale, words, look in (*units, *LARGER_UNITS):
+        scaling = np.eye(3) * scale
+        yield _change_positions(f"the positions {words}", look, scaling, n)
     if not framed:
         words, look = MIRRORED
         yield _change_positions(f"the positions {words}", look, -np.eye(3), n)

@@ -26,6 +26,7 @@ from ..results.reading import read_records
 from ..robot.files import load_robot
 from ..robot.kinematics import Robot
 from .noise_parts import check_joints_of_parts
+from .own_causes import check_own_causes, find_own_name_problems, list_own_names
 from .robot_tables import read_any_robot
 
 
@@ -108,13 +109,19 @@ def check_mechanism_names(study: Study, robot: Robot, registry: Registry) -> Non
     model = study.model
     names_at = [("model.base", model.base)]
     names_at += [("model.ladder", rung) for rung in model.ladder]
+    outcomes = list(study.search.outcomes)
+    names_at.append(("search.outcomes", outcomes))
     takes_all = model.candidates == "all"
-    if model.candidates != "all":
+    if not takes_all:
         candidates = list(model.candidates)
-        names_at.append(("model.candidates", candidates))
-    problems: list[str] = []
+        listed = "model.candidates", candidates
+        names_at.append(listed)
+    own_names = list_own_names(study)
+    problems = find_own_name_problems(study, registry)
     for place, names in names_at:
         for name in names:
+            if name in own_names:
+                continue
             problems += _find_name_problems(place, name, robot, registry)
     if takes_all:
         added = {name: entry for name, entry in registry.items() if BUILTIN.get(name) is not entry}
@@ -143,15 +150,19 @@ def _find_storage_problems(name: str, named: Mechanism) -> list[str]:
 def list_candidates(study: Study, robot: Robot, registry: Registry) -> tuple[Mechanism, ...]:
     """Return the mechanisms that may extend the base, one per joint.
 
-    Data faults come first: of exact twins the first is named.
+    Data faults come first: of exact twins the first is named. What the study adds by [[covariate]]
+    is not among them.
     """
     named = study.model.candidates
     if named in ("all", []):
         faults = build_faults(robot)
         registered = every(robot, registry)
         return (*faults, *registered)
+    own_names = list_own_names(study)
     listed: list[Mechanism] = []
     for name in named:
+        if name in own_names:
+            continue
         listed += build_mechanisms(name, robot, registry)
     distinct = dict.fromkeys(listed)
     return tuple(distinct)
@@ -169,6 +180,7 @@ def read_inputs(
     check_mechanism_names(study, robot, registry)
     check_joints_of_parts(study, robot)
     measured = _read_file(study, folder, robot)
+    check_own_causes(study, robot, measured)
     registry = set_reference(registry, measured.reference_celsius)
     labels = None
     split_column = study.split.column

@@ -9,11 +9,11 @@ import numpy as np
 
 from ..exceptions import DataError
 from ..measurements.headerless_columns import name_columns
+from ..measurements.join_sentences import describe_join
 from ..measurements.joined_waypoints import add_waypoints
 from ..measurements.joining import (
     WAYS,
     Join,
-    describe_unmatched,
     find_joins,
     find_reflectors,
     join_tables,
@@ -57,7 +57,7 @@ def draft_joined_study(
         drafts[each] = _draft_join(measured, readings, join, robot, given)
     chosen, reason = _choose_way(drafts, joins, measured)
     draft = drafts[chosen]
-    for sentence in describe_unmatched(measured, readings, joins[chosen]):
+    for sentence in describe_join(measured, readings, joins[chosen], max_gap):
         draft = draft.remark(sentence)
     return draft.remark(reason) if reason else draft
 

@@ -20,6 +20,7 @@ from ..mechanisms.geometry import build_setup
 from ..mechanisms.registry import Registry, mechanism
 from ..mechanisms.terms import Mechanism, Screw
 from ..selection.evaluation import Evaluation, Split, evaluate, summarise_errors
+from .own_causes import build_own_mechanisms
 
 NOMINAL = ("nominal",)  # names of the model without any mechanism
 
@@ -60,7 +61,8 @@ def build_model(
         data.rotation is not None,
         () if data.gauges is None else data.gauges.features,
     )
-    chosen = constants or {}
+    chosen = build_own_mechanisms(study, problem)
+    chosen.update(constants or {})
     mechanisms = [placement] if placement.terms else []
     mechanisms += [chosen.get(name) or mechanism(name, problem.robot, registry) for name in names]
     return Model(tuple(mechanisms))

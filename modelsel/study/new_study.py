@@ -11,6 +11,7 @@ import numpy as np
 from ..exceptions import DataError, ModelselError, NotEstimable
 from ..fitting.problem import Problem
 from ..measurements.column_guesses import Choice, Reading, guess_columns, merge_columns
+from ..measurements.grad_columns import JOINTS, Meaning, keep_meaning, name_meanings, offer_meanings
 from ..measurements.headerless_columns import is_headerless, list_orders
 from ..measurements.measurements import Measurements
 from ..measurements.missed_rows import split_missed, take_rows
@@ -26,6 +27,7 @@ from ..setup.other_robots import compute_registered_misfit, sample_positions
 from ..setup.registration import register
 from .checks import check_setup
 from .orientation_reading import settle_orientation
+from .other_columns import describe_optional, describe_other_columns
 
 # columns that a message names
 MAX_SHOWN = 20
@@ -48,8 +50,8 @@ TOLD_NOTES = ("missed-rows", "units-converted")
 @dataclass(frozen=True)
 class StudyDraft:
     """What a file is read as: the choices that are open or settled, optional columns, and the
-    measurements once nothing is open; `table`: its rows with a position; `originals`: the names in
-    the file of columns that are converted."""
+    measurements once nothing is open; `originals`: the names in the file of columns of `table` that
+    are converted; `meanings`: columns of it whose unit "Grad" may mean several."""
 
     robot: Robot
     source: DataFile | Table
@@ -59,6 +61,7 @@ class StudyDraft:
     optional: tuple[Reading, ...] = ()
     remarks: tuple[str, ...] = ()
     originals: Mapping[str, str] = field(default_factory=dict)
+    meanings: Mapping[str, Meaning] = field(default_factory=dict)
 
     @property
     def columns(self) -> dict[str, str]:
@@ -71,13 +74,28 @@ class StudyDraft:
         originals = self.originals
         return {**given, **{name: originals.get(own, own) for name, own in guessed.items()}}
 
+    @property
+    def measured(self) -> Table:
+        """The rows of `table` with a position."""
+        first = [choice.readings[0] for choice in self.choices]
+        table = self.table
+        split = split_missed(rename_columns(table, {**self.given, **merge_columns(first)}))
+        return table if split.missed is None else take_rows(table, split.rows)
+
     def choose(self, what: str, reading: Reading) -> StudyDraft:
         """Return the draft with one choice settled."""
         choices = tuple(
             replace(choice, readings=(reading,)) if choice.what == what else choice
             for choice in self.choices
         )
-        return replace(self, choices=choices)
+        draft = replace(self, choices=choices)
+        if what != JOINTS or not self.meanings:
+            return draft
+        table = keep_meaning(self.table, self.meanings, reading)
+        as_it_is = set(reading.columns.values()) <= set(load_table(self.source).columns)
+        if as_it_is:
+            return replace(draft, table=table, meanings={})
+        return replace(draft, table=table, source=table, meanings={}, originals={})
 
     def remark(self, sentence: str) -> StudyDraft:
         """Return the draft with one sentence more to say."""
@@ -104,18 +122,20 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
         source = replace(source, headerless=False)
     if not len(table):
         raise table.where.refuse("a header, but no rows.")
+    as_given = table
     converted = convert_units(table, robot.prismatic, set(given.values()))
-    renamed = rename_columns(converted.table, given)
+    table, meanings = offer_meanings(converted.table, robot.prismatic, given.values())
+    renamed = rename_columns(table, given)
     choices = guess_columns(renamed, robot.prismatic, read_joint_names(robot))
     for choice in choices:
         if not choice.readings:
-            raise _refuse_missing(table, choice, robot)
-    draft = StudyDraft(robot, source, table, given, tuple(choices), originals=converted.originals)
-    split = split_missed(rename_columns(table, draft.columns))
-    if split.missed is not None:
-        draft = replace(draft, table=take_rows(table, split.rows))
+            raise _refuse_missing(as_given, choice, robot)
+    named = name_meanings(choices, meanings)
+    draft = StudyDraft(
+        robot, source, table, given, named, originals=converted.originals, meanings=meanings
+    )
     taken = {*draft.columns.values(), *given}
-    optional = guess_optional_columns(rename_columns(draft.table, given), taken)
+    optional = guess_optional_columns(rename_columns(draft.measured, given), taken)
     draft = replace(draft, optional=tuple(optional))
     return settle_by_arm(draft)
 
@@ -160,7 +180,7 @@ def add_orientation(draft: StudyDraft) -> StudyDraft:
     robot = draft.robot
     columns = draft.columns
     taken = set(columns.values())
-    choice = guess_orientation(draft.table, taken, robot.name)
+    choice = guess_orientation(draft.measured, taken, robot.name)
     given = set(draft.given)
     is_given = given & set(ORIENTATION_COLUMNS)
     if choice is None or is_given:
@@ -227,8 +247,12 @@ def _try_readings(draft: StudyDraft, readings: Sequence[Reading]) -> float:
     """Compute how far the positions are from the nominal arm [mm] by some readings; infinite where
     the file cannot be read so."""
     columns = {**draft.given, **merge_columns(readings)}
+    source: DataFile | Table = draft.table
+    if not draft.meanings:
+        source = draft.source
+        columns = {name: draft.originals.get(own, own) for name, own in columns.items()}
     try:
-        data = read_measurements(draft.source, draft.robot, columns)
+        data = read_measurements(source, draft.robot, columns)
     except ModelselError:
         return float("inf")
     misfit = measure_misfit(draft.robot, data)
@@ -261,7 +285,7 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
         first, *_ = choice.readings
         what = choice.what.capitalize()
         lines.append(f"{what}: {first.sentence}.")
-    lines += [f"Also: {reading.sentence}." for reading in draft.optional]
+    lines += describe_optional(draft.optional, data)
     counts = [_count(len(data), "row"), _count(data.configurations, "configuration")]
     targets = len(data.targets)
     if targets > 1:
@@ -270,6 +294,8 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     lines += _describe_misfit(robot, data)
     lines.append(_describe_split(data))
     lines += [note.sentence for note in data.notes if note.code in TOLD_NOTES]
+    taken = {*draft.columns.values(), *draft.originals}
+    lines += describe_other_columns(draft.measured, taken, data)
     return [*lines, *draft.remarks]
 
 
@@ -301,8 +327,9 @@ def _describe_misfit(robot: Robot, data: Measurements) -> list[str]:
 def _explain_misfit(robot: Robot, data: Measurements) -> list[str]:
     """Say which mistake of the set-up, or which other robot, explains positions that are far from
     the nominal arm, as `modelsel study` would."""
-    no_tools = np.zeros((len(data.targets), 3))
-    every_row = np.ones(len(data), bool)
+    targets, rows = len(data.targets), len(data)
+    no_tools = np.zeros((targets, 3))
+    every_row = np.ones(rows, bool)
     problem = Problem(robot, data, no_tools)
     try:
         registered = register(problem, every_row, per_group=False)

@@ -26,11 +26,13 @@ from ..diagnosis.data_faults import Fault, find_misplaced_rows
 from ..diagnosis.error_map import build_error_map
 from ..diagnosis.options import DiagnosisOptions
 from ..diagnosis.outcome import Diagnosis
+from ..diagnosis.prior_weights import weigh_outcomes
 from ..diagnosis.procedure import Nested, diagnose_split, run_nested_folds
 from ..diagnosis.unexplained import describe_unexplained, estimate_floor, predict_remainder
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
+from ..fitting.problem import Problem
 from ..fitting.undetermined import Unidentifiable, describe_unidentifiable
 from ..measurements.measurements import Measurements
 from ..mechanisms.registry import BUILTIN, Registry
@@ -63,6 +65,7 @@ from .model_ladder import (
     searches_cells,
 )
 from .noise_parts import note_untold_parts
+from .own_causes import build_own_candidates
 from .preparation import prepare, read_instrument, weigh_by_residuals
 from .result import Result
 from .stated_noise import check_stated_noise
@@ -128,8 +131,9 @@ def _analyse_prepared(
     split = weigh_orientations(study, registry, split, base)
 
     say(OUTLIERS)
+    options = choose_options(study, split.problem)
     split, diagnosis, candidates = diagnose_split(
-        split, base, mechanisms, study.seed, searches_cells(study), say, choose_options(study)
+        split, base, mechanisms, study.seed, searches_cells(study), say, options
     )
     split, floor, noise_notes = check_stated_noise(split, floor, diagnosis.fit)
     notes = (*notes, *note_untold_parts(study.noise, split))
@@ -212,14 +216,19 @@ def weigh_orientations(study: Study, registry: Registry, split: Split, base: Mod
     return split
 
 
-def choose_options(study: Study) -> DiagnosisOptions:
-    """Return the limits of the search for causes that the study sets."""
+def choose_options(study: Study, problem: Problem) -> DiagnosisOptions:
+    """Return the limits of the search for causes that the study sets, and what it adds to them."""
     search, noise = study.search, study.noise
     return DiagnosisOptions(
         memory_mb=search.memory_mb,
         max_rows=search.max_rows,
         parts=None if noise.parts == "all" else tuple(noise.parts),
         fixed_parts=tuple(noise.fixed.items()),
+        weights=tuple(
+            (name, weigh_outcomes(told.confirmed, told.contradicted))
+            for name, told in search.outcomes.items()
+        ),
+        own=build_own_candidates(study, problem),
     )
 
 
@@ -306,7 +315,7 @@ def repeat_in_folds(
     if not folds:
         return None
     say(f"{FOLDS} in {folds} folds")
-    cells, options = searches_cells(study), choose_options(study)
+    cells, options = searches_cells(study), choose_options(study, split.problem)
     return run_nested_folds(split, base, mechanisms, study.seed, cells, folds, options, say=say)
 
 

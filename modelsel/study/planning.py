@@ -28,7 +28,7 @@ from ..exceptions import StudyError
 from ..measurements.columns import UNITS
 from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
-from ..measurements.table import Source
+from ..measurements.table import Source, load_table
 from ..measurements.visits import count_distinct
 from ..mechanisms.terms import Term
 from ..robot.kinematics import forward
@@ -315,7 +315,7 @@ def plan_next(
     Args:
         result: a finished study.
         count: how many configurations to choose.
-        pool: a file or DataFrame of joint readings; by default drawn within the ranges measured.
+        pool: a file or DataFrame of joint readings, of the contract's names or the study's; by default drawn within the ranges measured.
         purpose: as in `choose_configurations`.
         limits: draw the pool within the robot file's joint limits.
         joints: draw joints within these ranges, such as {"q2_deg": (-90, 45)}.
@@ -329,7 +329,9 @@ def plan_next(
     seed = result.study.seed
     within = ""
     if pool is not None:
-        possible = read_measurements(pool, robot, positions=False)
+        listed = load_table(pool)
+        mapping = calibration.form.map_columns(listed, {})
+        possible = read_measurements(listed, robot, mapping, positions=False)
         possible = draw_approaches(possible, seed)
     else:
         data = result.problem.data

@@ -29,6 +29,7 @@ from ..selection.splits import assign_folds
 from ..setup.feature_positions import place_features
 from ..setup.registration import note_undetermined, register
 from .checks import check_setup
+from .own_causes import note_constant_causes
 from .row_selection import (
     center_unknown_times,
     check_features_in_one_group,
@@ -71,6 +72,7 @@ def prepare(
 
     problem, floor = weigh(problem, read_instrument(study.noise), study.noise.floor_mm)
     notes += _warn_of_unknown_gravity(robot)
+    notes += note_constant_causes(study, problem)
     _check_enough_configurations(study, data, estimation)
     folds = _assign_folds(study, data, estimation)
     notes += _warn_of_nothing_held_out(estimation)

@@ -37,7 +37,10 @@ def combine_limits(
                 row=row,
                 remedy="Correct the two limits.",
             )
-        limits.append(sorted(float(senses[row] * end) for end in ends))
+        sense = float(senses[row])
+        own = [sense * end for end in ends]
+        own.sort()
+        limits.append(own)
     return limits
 
 

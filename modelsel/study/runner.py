@@ -15,6 +15,7 @@ from ..mechanisms.registry import BUILTIN, Registry
 from .checkpoint import Checkpoint
 from .inputs import list_candidates, open_study, read_inputs
 from .model_ladder import build_model, searches_cells
+from .own_causes import build_own_candidates
 from .pipeline import analyse, record_provenance, sample_posterior
 from .preparation import prepare
 from .result import Result
@@ -102,6 +103,9 @@ def rehearse_study(
         "held_out": kept.take(~split.estimation).configurations,
     }
     candidates = {candidate.name for candidate in list_candidates(study, robot, registry)}
+    groups = build_own_candidates(study, split.problem)
+    own = [m for group in groups for m in group.mechanisms]
+    beyond = [m for m in own if m not in base.mechanisms]
     return {
         "study": study.name,
         "robot": robot.name,
@@ -113,5 +117,6 @@ def rehearse_study(
         "base_parameters": len(base.terms),
         "mechanisms": len(candidates),
         "cells": searches_cells(study),
+        "own_explanations": len(beyond),
         "warnings": [{"code": note.code, "sentence": note.sentence} for note in notes],
     }

@@ -141,7 +141,7 @@ def _write_table(table: Table) -> bytes:
     """Write joined measurements as CSV."""
     import pandas as pd
 
-    return csv_bytes(pd.DataFrame(dict(table.columns)), "%.17g")
+    return csv_bytes(pd.DataFrame(dict(table.columns)), None)
 
 
 def _quote(text: str) -> str:

@@ -21,6 +21,7 @@ from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.robot_programs import LANGUAGES, round_commands, write_program
 from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
+from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load_robot
 
 SUFFIX = {"robodk": "py", "urscript": "script", "krl": "src", "rapid": "mod", "ls": "ls"}
@@ -145,6 +146,39 @@ def test_robodk_script(monkeypatch, tmp_path) -> None:
     np.testing.assert_allclose(list(targets.values()), np.degrees(Q), atol=1e-9)
     with pytest.raises(SystemExit, match="No robot was picked"):
         run_robodk(text, monkeypatch, picked=False)
+
+
+def test_script_of_the_docs_writes_the_targets_of_a_station(monkeypatch, tmp_path) -> None:
+    """Run against a station of two targets; the file is read as planned commands."""
+    monkeypatch.chdir(tmp_path)
+    page = Path(__file__).parents[2] / "docs" / "how-to" / "your-files.md"
+    _, _, rest = page.read_text(encoding="utf-8").partition("## Targets of RoboDK")
+    script, _, _ = rest.partition("```python\n")[2].partition("```")
+    degrees = np.degrees(Q)
+
+    class Target:
+        def __init__(self, k: int):
+            self.k = k
+
+        def Name(self) -> str:
+            return f"Target {self.k}"
+
+        def Joints(self) -> Target:
+            return self
+
+        def list(self) -> list[float]:
+            return degrees[self.k].tolist()
+
+    stub = types.ModuleType("robodk.robolink")
+    stub.ITEM_TYPE_TARGET = 6
+    items = {6: [Target(k) for k in range(len(Q))]}
+    stub.Robolink = lambda: types.SimpleNamespace(ItemList=items.__getitem__)
+    monkeypatch.setitem(sys.modules, "robodk", types.ModuleType("robodk"))
+    monkeypatch.setitem(sys.modules, "robodk.robolink", stub)
+    Path("list_targets.py").write_text(script)
+    runpy.run_path("list_targets.py")
+    data = read_measurements("targets.csv", len(Q[0]) * [False], positions=False)
+    np.testing.assert_allclose(data.q, Q, atol=1e-12)
 
 
 def numbers_of(form: str, text: str) -> list[list[float]]:

@@ -80,7 +80,9 @@ def test_files_of_the_form_of_the_first(form, tmp_path, monkeypatch) -> None:
     there = pd.read_csv("c.csv")
     used = commands.dropna()
     np.testing.assert_allclose(
-        np.degrees(there.filter(regex="^q._rad$")) if "q1_rad" in there else there.filter(like="_deg"),
+        np.degrees(there.filter(regex="^q._rad$"))
+        if "q1_rad" in there
+        else there.filter(like="_deg"),
         used[JOINTS],
         atol=1e-4,
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tomllib
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,10 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner, Result
 
+from modelsel import load_result
 from modelsel.cli.main import run_command_line
 from modelsel.measurements.measurements import build_measurements
+from modelsel.measurements.reader import read_measurements
 from modelsel.robot.files import load_robot
 from modelsel.robot.rigid import rotation_matrix
 from modelsel.study.simulation import simulate_points
@@ -68,6 +71,7 @@ def test_german_excel_to_a_study_that_runs(tmp_path) -> None:
     page = Path(__file__).parents[2] / "docs" / "how-to" / "your-files.md"
     shown = "```text\n" + "\n".join(said[:8]) + "\n```"
     assert shown in page.read_text(encoding="utf-8"), shown
+    assert said[8] == 'Not used: "Prüfer".'
     assert said[-1] == "Next: modelsel study 'Messung 3'"
     folder = tmp_path / "Messung 3"
     assert (folder / file.name).read_bytes() == file.read_bytes()
@@ -246,6 +250,97 @@ def test_other_units_are_converted_and_said() -> None:
     assert invoked("study", "m", "--dry-run").exit_code == 0
 
 
+@pytest.mark.parametrize(
+    ("size", "words"), [(1.0, "degrees"), (1 / 0.9, "gon"), (np.pi / 180, "radians")]
+)
+@pytest.mark.parametrize("place", ["name", "row"])
+def test_the_arm_tells_what_grad_is(size, words, place) -> None:
+    frame = campaign()
+    frame.iloc[:, :6] *= size
+    if place == "name":
+        frame = frame.rename(columns={f"J{k}": f"J{k} [Grad]" for k in range(1, 7)})
+        frame.to_csv("m.csv", index=False)
+    else:
+        units = pd.DataFrame([["[Grad]"] * 6 + ["[mm]"] * 3], columns=frame.columns)
+        pd.concat([units, frame]).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    assert f' in {words} (their "Grad" ' in ran.stdout
+    assert "the nominal arm then fits to 0.0" in ran.stdout
+    assert "Not sure" not in ran.stdout
+    assert invoked("study", "m", "--dry-run").exit_code == 0
+    assert Path("m/measurements.csv").exists() == (words != "degrees")
+
+
+def test_grad_that_no_arm_tells_is_asked() -> None:
+    frame = campaign()
+    frame[["X", "Y", "Z"]] = frame[["X", "Y", "Z"]].to_numpy()[::-1]
+    frame.rename(columns={f"J{k}": f"J{k} [Grad]" for k in range(1, 7)}).to_csv(
+        "m.csv", index=False
+    )
+    silent = invoked("init", "m.csv", "--robot", "ur10")
+    assert silent.exit_code == 2
+    assert '"J1 [Grad]" to "J6 [Grad]" in degrees' in silent.stderr
+    assert '"J1 [Grad]" to "J6 [Grad]" in gon' in silent.stderr
+    assert not Path("m").exists()
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert 'may also be "J1 [Grad]" to "J6 [Grad]" in gon' in ran.stdout
+
+
+def test_a_named_column_is_converted_to_the_unit_that_is_wanted() -> None:
+    """A hint that says --column leads to a command that is not refused."""
+    frame = campaign()
+    frame.iloc[:, :6] /= 0.9
+    names = {f"J{k}": f"S{k} [gon]" for k in range(1, 7)}
+    frame.rename(columns=names).to_csv("m.csv", index=False)
+    refused = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert refused.exit_code == 3
+    assert '"S1 [gon]", "S2 [gon]"' in refused.stderr
+    said = [word for k in range(1, 7) for word in ("--column", f"q{k}_deg=S{k} [gon]")]
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", *said)
+    assert ran.exit_code == 0, ran.output
+    assert "the nominal arm fits to 0.0" in ran.stdout
+
+
+def test_a_spoilt_cell_in_another_unit_is_told_under_its_own_name() -> None:
+    """One cell that is no number leaves neither its column unconverted nor its name changed."""
+    frame = campaign().astype(object)
+    frame.iloc[:, :6] = (frame.iloc[:, :6].astype(float) / 0.9).astype(object)
+    frame.loc[12, "J2"] = "?"
+    units = pd.DataFrame([["gon"] * 6 + ["mm"] * 3], columns=frame.columns)
+    pd.concat([units, frame]).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 3
+    assert 'line 15, column J2: expected a finite number, found "?"' in ran.stderr
+
+
+def test_a_clock_is_the_time_and_commanded_positions_are_named() -> None:
+    frame = campaign()
+    frame["Uhrzeit"] = [f"{8 + k // 30:02d}:{k % 30 * 2:02d}:00" for k in range(len(frame))]
+    frame["Prüfer"] = "Jörg"
+    frame["Name"] = [f"P {k}" for k in range(len(frame))]
+    frame["Soll X"] = frame["X"].round()
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    assert '"Uhrzeit" as time_s (0 to 4680 s from the first row on)' in ran.stdout
+    assert 'Commanded, not measured, and not used: "Soll X".' in ran.stdout
+    assert 'Not used: "Prüfer".' in ran.stdout
+    table = tomllib.loads(Path("m/study.toml").read_text(encoding="utf-8"))
+    columns = table["measurements"]["columns"]
+    assert columns["time_s"] == "Uhrzeit"
+    data = read_measurements("m/m.csv", load_robot("ur10"), columns)
+    assert data.covariates["time_s"][[0, 1, 30]].tolist() == [0.0, 120.0, 3600.0]
+
+
+def test_a_clock_that_goes_back_is_no_time() -> None:
+    frame = campaign()
+    frame["Uhrzeit"] = [f"{(23 + k // 30) % 24:02d}:{k % 30 * 2:02d}" for k in range(len(frame))]
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert 'Not used: "Uhrzeit".' in ran.stdout
+
+
 def test_a_seventh_reading_is_not_cut_off() -> None:
     frame = campaign()
     frame.insert(6, "J7", 0.0)
@@ -370,6 +465,99 @@ def test_numbers_that_are_far_off_are_explained() -> None:
     assert re.search(
         r'The readings fit robot "ur10" (\d+ times|far) better than "ur5"', other.stdout
     )
+
+
+SAID = {"inches": ("[inch]", 25.4), "m": ("[m]", 1e3)}
+
+
+@pytest.mark.parametrize("unit", SAID)
+@pytest.mark.parametrize("by", ["name", "comment"])
+def test_a_unit_that_contradicts_the_numbers_is_told_with_both_readings(unit, by) -> None:
+    """Millimetres under a name, or below a comment, that says more: no arm reaches so far."""
+    frame = campaign()
+    mark, size = SAID[unit]
+    text = frame.to_csv(index=False)
+    if by == "name":
+        text = frame.rename(columns={axis: f"{axis} {mark}" for axis in "XYZ"}).to_csv(index=False)
+    else:
+        text = f"// Units: {unit}\n{text}"
+    Path("m.csv").write_text(text)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", "--out", "s")
+    assert ran.exit_code == 3
+    (sentence,) = ran.stderr.splitlines()
+    assert f"the file says {unit} of " in sentence
+    points = frame[["X", "Y", "Z"]].to_numpy()
+    spread = np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1))
+    assert f"lie more than {spread * size:,.0f} mm from their middle" in sentence
+    assert f"read as mm it is {spread:,.0f} mm" in sentence
+    assert not Path("s").exists()
+
+
+@pytest.mark.parametrize(
+    ("mark", "size", "said"),
+    [("[cm]", 1.0, "millimetres and not centimetres"), ("[mm]", 1 / 25.4, "are inches")],
+)
+def test_a_unit_that_the_arm_contradicts_is_told_by_init_and_study(mark, size, said) -> None:
+    frame = campaign()
+    frame[["X", "Y", "Z"]] *= size
+    frame.rename(columns={axis: f"{axis} {mark}" for axis in "XYZ"}).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", "--out", "s")
+    assert ran.exit_code == 0, ran.output
+    assert said in ran.stdout
+    refused = invoked("study", "s")
+    assert refused.exit_code == 3
+    assert said in refused.stderr
+
+
+def test_a_wide_campaign_in_its_unit_is_read() -> None:
+    """Of two stations of the tracker, each in its own frame; and in metres and inches."""
+    frame = campaign()
+    frame.loc[20:, ["X", "Y", "Z"]] += 40_000
+    frame["group"] = [1] * 20 + [2] * 20
+    names = {f"J{k}": f"q{k}_deg" for k in range(1, 7)}
+    robot = load_robot("ur10")
+    for unit, size in (("mm", 1.0), ("m", 1e-3), ("in", 1 / 25.4)):
+        table = frame.rename(columns=names | {a: f"{a.lower()}_{unit}" for a in "XYZ"})
+        table[[f"{a}_{unit}" for a in "xyz"]] *= size
+        data = read_measurements(table, robot)
+        np.testing.assert_allclose(data.position, frame[["X", "Y", "Z"]], atol=1e-9)
+
+
+def test_targets_and_pool_have_the_names_of_the_study() -> None:
+    """J1 to J6 with decimal commas: as under the contract's names, in degrees, to the last digit."""
+    frame = campaign()
+    frame.to_csv("m.csv", sep=";", decimal=",", index=False)
+    assert invoked("init", "m.csv", "--robot", "ur10", "--yes", "--out", "s").exit_code == 0
+    study = Path("s/study.toml")
+    study.write_text(study.read_text() + "\n[model]\ncandidates = []\n")
+    assert invoked("study", "s", "--no-sampling", "--no-report", "--quiet").exit_code == 0
+    joints = {f"J{k}": f"q{k}_deg" for k in range(1, 7)}
+    wanted = {axis: f"{axis.lower()}_mm" for axis in "XYZ"}
+    corrected = []
+    for names in ([*joints], [*joints, *wanted]):
+        own = frame[names].head(5)
+        own.to_csv("own.csv", sep=";", decimal=",", index=False)
+        own.rename(columns=joints | wanted).to_csv("plain.csv", index=False)
+        both = []
+        for file in ("own.csv", "plain.csv"):
+            ran = invoked(
+                "compensate", "reports/s", file, "--out", "out.csv", "--bound", "900", "900"
+            )
+            assert ran.exit_code == 0, ran.output
+            both.append(pd.read_csv("out.csv"))
+        pd.testing.assert_frame_equal(*both)
+        assert list(both[0])[:6] == [*joints.values()]
+        corrected.append(both[0])
+    assert not np.allclose(corrected[0]["q1_deg"], corrected[1]["q1_deg"], atol=1e-9)
+    calibration = load_result("reports/s").calibration
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        table = calibration.correct(frame[[*joints]].head(5))
+    np.testing.assert_allclose(table["q1_deg"], corrected[0]["q1_deg"], atol=1e-8)
+    own = frame[[*joints]].head(20)
+    own.to_csv("own.csv", sep=";", decimal=",", index=False)
+    planned = invoked("plan", "s", "--pool", "own.csv", "--count", "3")
+    assert planned.exit_code == 0, planned.output
 
 
 def test_a_file_of_the_form_of_the_study_goes_into_check_and_validate() -> None:

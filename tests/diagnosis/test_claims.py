@@ -101,6 +101,8 @@ def test_no_cause_is_claimed_of_what_no_list_has(kind: str, rng: np.random.Gener
 SHAPES: dict[CandidateKind, Values] = {
     CandidateKind.GROWTH: lambda s: s.progress * np.sin(s.q[:, 2] + 0.4),
     CandidateKind.JUMP: lambda s: (s.q[:, 2] > np.quantile(s.q[:, 2], 0.4)).astype(float),
+    CandidateKind.PERIOD: lambda s: np.mod(6 * s.q[:, 2] + 0.9, 2 * np.pi) / np.pi - 1,
+    CandidateKind.POWER: lambda s: s.moment(3)[:, 2] * np.abs(s.moment(3)[:, 2]),
 }
 
 

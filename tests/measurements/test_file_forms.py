@@ -11,11 +11,16 @@ import numpy as np
 import pytest
 
 from modelsel.config.study_file import find_source, parse_study
-from modelsel.exceptions import DataError
-from modelsel.measurements.number_format import convert_number_text, find_decimal_mark
+from modelsel.exceptions import DataError, StudyError
+from modelsel.measurements.number_format import (
+    convert_number_text,
+    find_decimal_mark,
+    find_mark_by_range,
+)
 from modelsel.measurements.reader import read_measurements
 from modelsel.measurements.row_places import where_from_record
 from modelsel.measurements.table import DataFile
+from modelsel.robot.files import load_robot
 
 NAMES = ["target", "q1_deg", "q2_deg", "q3_deg", "x_mm", "y_mm", "z_mm"]
 ROWS = 8
@@ -379,6 +384,30 @@ def test_numbers_kept_as_text_in_a_spreadsheet(tmp_path) -> None:
     check(read(xlsx(tmp_path / "m.xlsx", texts=True)))
 
 
+def test_single_numbers_kept_as_text_in_a_workbook_are_read_by_their_columns(tmp_path) -> None:
+    """Three decimals after a decimal comma could be a group of thousands: the other numbers of the
+    column tell."""
+    from openpyxl import load_workbook
+
+    path = xlsx(tmp_path / "m.xlsx")
+    book = load_workbook(path)
+    sheet = book["Messung"]
+    before = sheet["F9"].value
+    sheet["F9"] = f"{before + 0.123:.3f}".replace(".", ",")
+    book.save(path)
+    data = read(path)
+    assert data.position[4, 1] == pytest.approx(before + 0.123, abs=1e-3)
+    (note,) = [note.sentence for note in data.notes if note.code == "file-format"]
+    assert "a number kept as text with decimal commas (row 9)" in note
+
+
+def test_the_range_of_a_column_tells_the_mark() -> None:
+    assert find_mark_by_range([[7.024, 47.805, "63,351"]]) == ","
+    assert find_mark_by_range([[70240, 47805, "63,351"]]) == "."
+    assert find_mark_by_range([["63,351", "12,345"]]) is None
+    assert find_mark_by_range([[1.5, 2.5, "1,234"], [1500, 2500, "1,234"]]) is None
+
+
 def test_a_spoilt_cell_is_told_by_sheet_and_row(tmp_path) -> None:
     from openpyxl import load_workbook
 
@@ -412,3 +441,24 @@ def test_a_file_that_is_no_spreadsheet_is_refused(tmp_path) -> None:
     path.write_text(written())
     with pytest.raises(DataError, match="the spreadsheet cannot be read"):
         read(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "what", "remedy"),
+    [
+        ("cell.rdk", "a station of RoboDK", "the script of docs/how-to/your-files.md"),
+        ("Cell.RDK", "a station of RoboDK", "(Tools, Run Script)"),
+        ("job.xit64", "a job of Spatial Analyzer", "Export its points as text"),
+        ("data.mat", "a file of MATLAB", "writetable"),
+    ],
+)
+def test_formats_of_other_programs_are_named_with_what_to_give(tmp_path, name, what, remedy):
+    file = tmp_path / name
+    file.write_bytes(b"\x00\x01RDK\xff\xfe" + bytes(range(256)))
+    with pytest.raises(DataError) as refused:
+        read_measurements(file, 3 * [False])
+    sentence = str(refused.value)
+    assert sentence.startswith(f"{name}: this is {what}, in a format of its own")
+    assert remedy in sentence
+    with pytest.raises(StudyError, match=f"{name}: this is .*Give the name of a built-in robot"):
+        load_robot(str(file))

@@ -121,3 +121,20 @@ def test_a_row_that_lacks_some_coordinates_is_refused(lost) -> None:
 def test_a_table_without_any_position_is_refused() -> None:
     with pytest.raises(DataError, match=r"an empty cell \(16 such cells\)"):
         read(lose(campaign(), list(range(16))))
+
+
+@pytest.mark.parametrize("mark", ["-", "–", "—", " - ", "n/a", "N/A", "fehlt", "#NV", "#N/A", ""])
+def test_a_mark_in_place_of_a_position_is_a_missed_shot(mark, tmp_path) -> None:
+    frame = campaign().astype(dict.fromkeys(("x_mm", "y_mm", "z_mm"), object))
+    frame.loc[3, ["x_mm", "y_mm", "z_mm"]] = mark
+    for data in (read(frame), read(frame, tmp_path)):
+        assert 3 not in data.row
+        assert len(data) == 15
+
+
+@pytest.mark.parametrize("text", ["-?", "1018.673x"])
+def test_anything_else_is_no_missed_shot(text) -> None:
+    frame = campaign().astype(dict.fromkeys(("x_mm", "y_mm", "z_mm"), object))
+    frame.loc[3, ["x_mm", "y_mm", "z_mm"]] = text
+    with pytest.raises(DataError, match="expected a finite number"):
+        read(frame)

@@ -91,12 +91,17 @@ def test_page_says_what_the_studies_and_the_command_say(reports, page) -> None:
     assert f"{tested} parameters tested one by one, {moved} beyond chance" in text
 
 
-def test_findings_of_both_and_of_one_alone(page) -> None:
+def test_findings_of_both_and_of_one_alone(reports, page) -> None:
     table = page.read_text().split('class="plain stack findings"')[1].split("</table>")[0]
     rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in table.split("<tr>")[2:]]
     assert [row[0] for row in rows] == ["both", "the second only"]
-    assert "joint-compliance:3" in rows[0][1]
-    assert "joint-compliance:3 grew" in rows[0][3]
+    assert rows[0][3].count(" grew: ") == 1
+    for number, cell in enumerate(rows[0][1:3], 1):
+        label = json.loads((reports / f"s{number}" / "details.json").read_text())["findings"][0][
+            "label"
+        ]
+        assert label in cell
+        assert label in rows[0][3]
     assert rows[1][1] == "–"
     assert "approach-backlash:1" in rows[1][2]
     assert "approach-backlash:1 came" in rows[1][3]

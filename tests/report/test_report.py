@@ -167,17 +167,37 @@ def test_every_finding_stands_whole_on_a_page(drawn) -> None:
         assert ("Whatitcouldbe" in own) == (len(finding["credible_set"]) > 1)
 
 
-def test_nine_pages_at_most_and_none_half_empty(drawn) -> None:
-    """Of the PUMA: below the last line of a page, less than two fifths of it are left; of the last, three fifths."""
+def measure_rests(file: Path | io.BytesIO) -> list[float]:
+    """The share of every page below its last line."""
     from pdfminer.high_level import extract_pages
 
     left = []
-    for page in extract_pages(drawn / "report.pdf", laparams=None):
+    for page in extract_pages(file, laparams=None):
         low = min(item.y0 for item in page if item.y0 > FOOT)
         left.append((low - FOOT) / (A4[1] - 2 * FOOT))
+    return left
+
+
+def test_nine_pages_at_most_and_none_half_empty(drawn) -> None:
+    """Of the PUMA: below the last line of a page, a fifth of it is left at most; of the last, three fifths."""
+    left = measure_rests(drawn / "report.pdf")
     assert len(left) <= 9
-    assert max(left[:-1]) < 0.4
+    assert max(left[:-1]) < 0.2
     assert left[-1] < 0.6
+
+
+@pytest.mark.parametrize("count", range(6))
+def test_no_page_is_half_empty_whatever_was_found(drawn, count) -> None:
+    """With more and fewer findings, large pictures meet other ends of pages."""
+    result, details = written(drawn)
+    del result["findings"][count:], details["findings"][count:]
+    source = source_of(result, details)
+    blocks = collect_blocks(source, drawing.PAGES)
+    pdf, warnings = compile_pdf(fill_template(source, blocks), source.pictures)
+    assert not warnings
+    *left, last = measure_rests(io.BytesIO(pdf))
+    assert max(left) < 0.3
+    assert last < 0.65
 
 
 def test_words_are_found_as_they_are_written(drawn) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from modelsel.exceptions import StudyError
-from modelsel.robot.files import builtin_names, load_robot
+from modelsel.robot.files import builtin_names, list_full_names, load_robot
 from modelsel.robot.robot_names import find_robot_name
 
 
@@ -21,6 +21,8 @@ from modelsel.robot.robot_names import find_robot_name
         ("IRB_1600", "irb1600"),
         ("KUKA LBR iiwa 14 R820", "iiwa14"),
         ("Franka Research 3", "fr3"),
+        ("ABB IRB 1600-10/1.45", "irb1600"),
+        ("irb 120-3/0.58", "irb120"),
         ("ur10", "ur10"),
     ],
 )
@@ -28,7 +30,16 @@ def test_any_spelling(given, name) -> None:
     assert load_robot(given).name == name
 
 
-@pytest.mark.parametrize("given", ["ur", "irb", "puma", "UR16e", "iiwa 7", "", "KUKA"])
+def test_what_modelsel_robots_prints_is_read() -> None:
+    full_names = list_full_names()
+    assert full_names.keys() == {"iiwa14", "irb120", "irb1600"}
+    for name, full in full_names.items():
+        assert load_robot(full).name == name
+
+
+@pytest.mark.parametrize(
+    "given", ["ur", "irb", "puma", "UR16e", "iiwa 7", "", "KUKA", "ABB IRB 1600-6/1.2"]
+)
 def test_nothing_is_guessed(given) -> None:
     assert find_robot_name(given, builtin_names()) is None
     with pytest.raises(StudyError, match="unknown robot"):

@@ -12,6 +12,7 @@ from click.testing import CliRunner, Result
 from modelsel.cli.main import run_command_line
 from modelsel.exceptions import DataError
 from modelsel.measurements.joining import find_joins, join_tables
+from modelsel.measurements.leftover_points import find_repeated_name
 from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.measurements.table import DataFile, load_table
@@ -185,6 +186,66 @@ def test_rows_in_another_order_and_missing_ones_are_said(tmp_path) -> None:
     assert "(log.txt, line 4)." in ran.stdout
     assert "the controller's own coordinates: X, Y, Z" in ran.stdout
     check(tmp_path, [k for k in ALL if k not in (2, 6)])
+
+
+@pytest.mark.parametrize("again", ["P006_2", "P006 (2)", "P006-rep"])
+def test_a_repeated_shot_is_a_row_of_its_own(again, tmp_path) -> None:
+    """The first shot of point 6 is 0.7 mm off; it was shot again, which the joint log does not know."""
+    _, x = campaign()
+    good = x[5] + 0.01
+    lines = [f"{name},{numbers(row, ',')}" for name, row in zip(NAMES, x, strict=True)]
+    lines[5] = f"P006,{numbers(x[5] + 0.4, ',')}"
+    lines.insert(6, f"{again},{numbers(good, ',')}")
+    written(tmp_path, "\n".join(["Point,X,Y,Z", *lines]), log(NAMES))
+    ran = invoked()
+    assert ran.exit_code == 0, ran.output
+    assert f": {ROWS + 1} of {ROWS + 1} points." in ran.stdout
+    assert "Taken for a repeated shot" in ran.stdout
+    assert f"{again} (points.txt, line 8)" in ran.stdout
+    data = read_measurements(tmp_path / "s" / "measurements.csv", load_robot("ur10"))
+    assert (len(data), data.configurations) == (ROWS + 1, ROWS)
+    assert np.allclose(data.position[6], good, atol=1e-6)
+
+
+def test_fixed_points_at_the_start_and_the_end_tell_the_drift(tmp_path) -> None:
+    _, x = campaign()
+    lines = [f"{name},robot,{numbers(row, ',')}" for name, row in zip(NAMES, x, strict=True)]
+    first = "NEST_A_start,drift,100,200,300"
+    last = "NEST_A_end,drift,100,200.03,300.04"
+    written(
+        tmp_path, "\n".join(["Point,Group,X [mm],Y [mm],Z [mm]", first, *lines, last]), log(NAMES)
+    )
+    ran = invoked()
+    assert ran.exit_code == 0, ran.output
+    assert "the fixed points moved: NEST_A by 0.050 mm." in ran.stdout
+    assert "NEST_A_start (drift), NEST_A_end (drift) (points.txt, lines 2, 43)" in ran.stdout
+    assert "as groups" not in ran.stdout
+
+
+def test_clocks_that_differ_are_told_where_names_join(tmp_path) -> None:
+    """A log 37 s behind, joined by name: said, and nothing else changes."""
+    q, x = campaign()
+    points = ["Point,X,Y,Z,Date,Time"]
+    readings = ["time,Punkt,J1,J2,J3,J4,J5,J6,speed_pct,RMS"]
+    for k, name in enumerate(NAMES):
+        seen = clock(9 * 3600 + 40.0 * k)
+        logged = clock(9 * 3600 + 40.0 * k - 37.0)
+        points.append(f"{name},{numbers(x[k], ',')},2025-06-17,{seen}")
+        readings.append(
+            f"2025-06-17T{logged},{name},{numbers(q[k], ',')},30,{0.01 + 0.001 * (k % 5)}"
+        )
+    written(tmp_path, "\n".join(points), "\n".join(readings))
+    ran = invoked()
+    assert ran.exit_code == 0, ran.output
+    assert "The joint log's clock is 37 s behind the instrument's" in ran.stdout
+    assert 'Looked at as possible causes of errors, too: "RMS".' in ran.stdout
+    assert 'nothing can depend on it: "speed_pct".' in ran.stdout
+    check(tmp_path, ALL)
+
+
+@pytest.mark.parametrize("name", ["P031", "P031_2_x", "Q9_2", "P1_2"])
+def test_other_names_are_no_repeats(name) -> None:
+    assert find_repeated_name(name, {"P031", "P2", "P1", name}, {"P031", "P2", "P1_2"}) is None
 
 
 @pytest.mark.parametrize(
@@ -392,7 +453,7 @@ def two_files(tmp_path, ahead: float = 0.0) -> tuple[DataFile, DataFile]:
 def test_points_left_out_are_named_and_times_are_kept(tmp_path) -> None:
     draft = draft_joined_study(*two_files(tmp_path), load_robot("ur10"), {})
     said = " ".join(draft.remarks)
-    assert "Points without joint readings: Nest N1 (2 times) (p.txt, lines 2, 43)." in said
+    assert "Points without joint readings: N1 (Nest) (2 times) (p.txt, lines 2, 43)." in said
     time_s = draft.read().covariates["time_s"]
     assert time_s[0] == pytest.approx(60, abs=0.01)
     assert (np.diff(time_s) > 7).all()

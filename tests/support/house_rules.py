@@ -54,6 +54,7 @@ ALLOWED = {
     ("study_file", "pydantic"),
     ("study_tables", "pydantic"),
     ("campaign_table", "pydantic"),
+    ("covariate_table", "pydantic"),
     ("fleet_file", "pydantic"),
     ("_records", "pydantic"),
     ("schema", "pydantic"),

@@ -42,7 +42,9 @@ def write_parameters_page(source: Source, most: int | None = None) -> list[Block
     if not rows:
         return []
     heading = make_heading(TITLE, opens=True)
-    return [heading, *write_frames_figure(source), _write_table(source, rows, most)]
+    drawing = write_frames_figure(source)
+    table = _write_table(source, rows, most)
+    return [heading, *drawing, table]
 
 
 def write_parameters_summary(source: Source) -> list[Block]:

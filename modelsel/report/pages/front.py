@@ -17,7 +17,16 @@ from ...results.study_sentences import (
     format_mm,
     opening_sentences,
 )
-from ..document import Block, Source, make_heading, make_list, make_table, make_text, put_beside
+from ..document import (
+    Block,
+    Source,
+    let_float,
+    make_heading,
+    make_list,
+    make_table,
+    make_text,
+    put_beside,
+)
 from ..figures import errormap, space
 from ..figures.arm import draw_marked
 from ..figures.ladder import draw_ladder, label_way, select_way
@@ -175,8 +184,8 @@ def write_data_page(source: Source) -> list[Block]:
     )
     return [
         make_heading("Data and split"),
-        make_text(explanation, keep=True),
-        put_beside([coverage], [workspace]),
+        make_text(explanation),
+        let_float(put_beside([coverage], [workspace])),
         *_write_placements(record),
     ]
 
@@ -239,15 +248,15 @@ def write_error_map_page(source: Source) -> list[Block]:
         "than chance anywhere in the map; orange ring: and among the strongest of its column; black square: the cell of a "
         "finding. One effect darkens every cell that moves the target like it, so most dark cells are echoes."
     )
-    legend = [
-        "tx ty tz shift along, rx ry rz turn about the axes of a frame; rz of frames 1 to n is the joint's own rotation.",
-        "a & b: two numbers fitted together, as a sine and a cosine of unknown phase.",
-    ]
+    legend = (
+        "tx ty tz shift along, rx ry rz turn about the axes of a frame; rz of frames 1 to n is the joint's own rotation. "
+        "a & b: two numbers fitted together, as a sine and a cosine of unknown phase."
+    )
     return [
         make_heading("Error map"),
-        make_text(explanation, keep=True),
-        source.add_figure("error-map", draw, caption, _map_words(whole, columns)),
-        make_list(legend) | {"dense": True},
+        make_text(explanation),
+        make_text(legend, "quiet"),
+        let_float(source.add_figure("error-map", draw, caption, _map_words(whole, columns))),
     ]
 
 

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from ...results.model_schema import CandidatesRecord, NestedRecord, RungRecord, SubsetRecord
 from ...results.schema import StudyRecord
-from ...results.study_sentences import TABLE_PURPOSE, common_mechanisms, format_mm, format_weight
+from ...results.study_sentences import (
+    SETS_PURPOSE,
+    SETS_TITLE,
+    TABLE_PURPOSE,
+    common_mechanisms,
+    describe_set,
+    format_mm,
+    format_weight,
+)
 from ...results.tables import label_ladder
 from ..document import Block, Source, make_heading, make_table, make_text
 
@@ -19,6 +27,8 @@ def write_models_page(source: Source) -> list[Block]:
     blocks = [make_heading("Models"), *_write_ladder(record)]
     if record.candidates.best:
         blocks += _write_subsets(record.candidates)
+    if record.weighed_models:
+        blocks += _write_sets(record)
     if record.nested_cv is not None:
         blocks += _write_nested(record.nested_cv)
     return blocks
@@ -120,6 +130,14 @@ def _set_aside_sentence(candidates: CandidatesRecord) -> str:
         f" The subsets are made of {len(candidates.considered)} mechanisms; weaker alone, and left out: "
         f"{', '.join(shown)}{rest}."
     )
+
+
+def _write_sets(record: StudyRecord) -> list[Block]:
+    rows = [
+        [describe_set(model), format_weight(model.probability)] for model in record.weighed_models
+    ]
+    columns = [("effects beside the base", "left"), ("probability", "right")]
+    return [make_heading(SETS_TITLE, 2), make_table(columns, rows, SETS_PURPOSE, [1.0, 0.0])]
 
 
 def _write_nested(nested: NestedRecord) -> list[Block]:

@@ -9,7 +9,16 @@ from ...diagnosis.sentences import choose_prefix
 from ...results.model_schema import QuantilesRecord, SamplingRecord
 from ...results.schema import StudyRecord
 from ...results.study_sentences import describe_predictable, format_mm, write_sampling_sentences
-from ..document import Block, Source, make_heading, make_list, make_table, make_text, put_beside
+from ..document import (
+    Block,
+    Source,
+    let_float,
+    make_heading,
+    make_list,
+    make_table,
+    make_text,
+    put_beside,
+)
 from ..figures import ladder, parameter_plots
 from ..figures.residual_panels import draw_residuals, list_drivers
 
@@ -18,6 +27,10 @@ MAX_QUANTILES = 24
 UNIDENTIFIABLE = (
     "The data determine only combinations of these parameters, or hardly determine them. Where they leave a value open, "
     "its usual size decides, and its standard error says how far; predictions where the target was measured are the same."
+)
+DRIVERS = (
+    "Measured minus predicted, by the chosen model. Means that leave the grey band together, or follow a curve, are an error "
+    "that repeats with what stands below the panel. As vectors in the workspace they are in report.html."
 )
 DETERMINED = "The data determine every parameter of the chosen model."
 
@@ -72,16 +85,13 @@ def _write_panels(source: Source) -> list[Block]:
     drivers = list_drivers(details)
     if not drivers:
         return []
-    caption = (
-        "Residuals of the chosen model, measured minus predicted, along x, y and z of the tracker's frame; dots: single rows, "
-        "outliers left out. Means that leave the grey band together, or follow a curve, are an error that repeats with what "
-        "stands below the panel. As vectors in the workspace they are in report.html."
-    )
+    caption = "Residuals of the chosen model along x, y and z of the tracker's frame; dots: single rows, outliers left out."
     names = ", ".join(driver.name for driver in drivers)
     draw = partial(draw_residuals, details, drivers)
     words = f"Residuals of the chosen model with their means in small panels, against {names}."
+    figure = source.add_figure("residuals", draw, caption, words)
     heading = make_heading("Residuals against what may drive them", 2)
-    return [heading, source.add_figure("residuals", draw, caption, words)]
+    return [heading, make_text(DRIVERS), let_float(figure)]
 
 
 # -- what the data determine
@@ -93,9 +103,12 @@ def write_unidentifiable_page(source: Source) -> list[Block]:
     groups = source.record.unidentifiable
     heading = make_heading("What the data cannot tell")
     if not groups:
-        return [heading, make_text(DETERMINED)]
-    sentences = make_list([group.sentence for group in groups]) | {"dense": True}
-    return [heading, make_text(UNIDENTIFIABLE), sentences]
+        words = make_text(DETERMINED)
+        return [heading, words]
+    words = make_text(UNIDENTIFIABLE)
+    sentences = [group.sentence for group in groups]
+    listed = make_list(sentences) | {"dense": True}
+    return [heading, words, listed]
 
 
 def _write_correlation(source: Source) -> list[Block]:
@@ -127,7 +140,9 @@ def write_posterior_page(source: Source) -> list[Block]:
     correlation = _write_correlation(source)
     draws = _write_draws(source, sampling) if sampling is not None and sampling.converged else []
     table = [] if sampling is None else _write_quantiles(sampling.quantiles)
-    pictures = [put_beside(correlation, draws)] if correlation and draws else [*correlation, *draws]
+    pictures = [*correlation, *draws]
+    if correlation and draws:
+        pictures = [let_float(put_beside(correlation, draws))]
     if correlation and not draws:
         pictures = [put_beside(words, correlation)]
         words = []

@@ -1,0 +1,74 @@
+"""What becomes of the columns of a file that are neither readings nor positions."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..exceptions import one_line
+from ..measurements.column_guesses import Reading
+from ..measurements.column_names import parse_column_name
+from ..measurements.contract_columns import KNOWN_COVARIATES, list_contract_names
+from ..measurements.measurements import Measurements
+from ..measurements.point_times import are_clock_times
+from ..measurements.table import Table
+
+# share of different cells from which a column of text is the names of points
+MIN_DISTINCT = 0.9
+
+
+def describe_optional(optional: Sequence[Reading], data: Measurements) -> list[str]:
+    """Say how optional columns are read; a single group says nothing."""
+    groups = len(np.unique(data.group))
+    lines = []
+    for reading in optional:
+        is_group = "group" in reading.columns
+        if is_group and groups == 1:
+            continue
+        lines.append(f"Also: {reading.sentence}.")
+    return lines
+
+
+def describe_other_columns(table: Table, taken: Collection[str], data: Measurements) -> list[str]:
+    """Say which of the other columns of a file are looked at as causes, and which are not used;
+    `taken`: the columns that are mapped. Names of points, a different one in every row, need no
+    word."""
+    varying = list[str]()
+    constant = list[str]()
+    for name, values in data.covariates.items():
+        is_constant = np.ptp(values) == 0
+        if is_constant:
+            constant.append(name)
+        elif name not in KNOWN_COVARIATES:
+            varying.append(name)
+    contract = list_contract_names(data.prismatic)
+    known = {*taken, *contract, *data.covariates}
+    others = [name for name in table.columns if name not in known]
+    commanded = [name for name in others if parse_column_name(name).is_commanded]
+    rest = [name for name in others if name not in commanded]
+    unused = [name for name in rest if not _holds_point_names(table.columns[name])]
+    lines = _list_names("Looked at as possible causes of errors, too", varying)
+    lines += _list_names("The same in all rows, so that nothing can depend on it", constant)
+    lines += _list_names("Commanded, not measured, and not used", commanded)
+    return lines + _list_names("Not used", unused)
+
+
+def _holds_point_names(cells: NDArray[Any]) -> bool:
+    """Whether cells are text that differs in every row, or nearly so, and no times."""
+    texts = {str(cell) for cell in cells}
+    is_distinct = len(texts) >= MIN_DISTINCT * len(cells)
+    is_text = cells.dtype.kind == "O" and not are_clock_times(cells)
+    return is_text and is_distinct
+
+
+def _list_names(words: str, names: Sequence[str]) -> list[str]:
+    """List columns after some words; nothing where there are none."""
+    quoted = []
+    for name in names:
+        shown = one_line(name)
+        quoted.append(f'"{shown}"')
+    listed = ", ".join(quoted)
+    return [f"{words}: {listed}."] if quoted else []

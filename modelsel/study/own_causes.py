@@ -1,0 +1,234 @@
+"""Causes of a study's own, [[covariate]], against its robot, its registry and its measurements."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+from itertools import combinations
+
+import numpy as np
+
+from .._typing import Array
+from ..config.covariate_table import CovariateTable
+from ..config.study_file import Study
+from ..diagnosis.own_candidates import OwnCandidates
+from ..diagnosis.sentences import MOTIONS
+from ..diagnosis.unregistered import Causes, build_cell, list_places
+from ..exceptions import StudyError, sentence_list
+from ..fitting.problem import Problem
+from ..measurements.measurements import Measurements
+from ..mechanisms.causes import Cause, parse
+from ..mechanisms.registry import Registry
+from ..mechanisms.terms import Mechanism
+from ..notices import Note
+from ..robot.kinematics import Robot
+
+# spread of a cause over the rows, of its largest value, below which it is one value
+MIN_SPREAD = 1e-9
+# square of the cosine between the values of two causes above which they are one
+EQUAL = 1 - 1e-12
+
+
+def list_own_names(study: Study) -> list[str]:
+    """List the names that a study gives to causes of its own."""
+    return [table.name for table in study.covariate if table.name is not None]
+
+
+def find_own_name_problems(study: Study, registry: Registry) -> list[str]:
+    """Find names of a study's own that the registry has, in sentences."""
+    return [
+        f'covariate.{number}.name: "{table.name}" is a registered mechanism; choose another name.'
+        for number, table in enumerate(study.covariate, 1)
+        if table.name in registry
+    ]
+
+
+def check_own_causes(study: Study, robot: Robot, data: Measurements) -> None:
+    """Check a study's own causes against its measurements. Raises StudyError with every problem."""
+    if not study.covariate:
+        return
+    problem = Problem(robot, data, np.zeros((len(data.targets), 3)))
+    problems: list[str] = []
+    for number, table in enumerate(study.covariate, 1):
+        place = f"covariate.{number}"
+        problems += _find_place_problems(place, table, problem)
+        try:
+            causes = _parse_causes(place, table, problem)
+        except StudyError as error:
+            problems += error.problems
+            continue
+        problems += _find_cause_problems(place, causes, problem, table.as_ == "alone")
+    if problems:
+        raise StudyError(*problems)
+
+
+def _find_place_problems(place: str, table: CovariateTable, problem: Problem) -> Iterator[str]:
+    if table.frame is None or (table.frame, table.axis) in list_places(problem):
+        return
+    robot = problem.robot
+    last = robot.n + 1
+    if table.frame > last:
+        yield f"{place}.frame: {table.frame}, but {robot.name} has frames 1 to {last}."
+        return
+    yield (
+        f"{place}.axis: positions alone do not show that frame {last}, the target, turns; use tx, ty "
+        "or tz."
+    )
+
+
+def _parse_causes(place: str, table: CovariateTable, problem: Problem) -> list[Cause]:
+    """Read the causes of a table. Raises StudyError for those that cannot be read."""
+    units = problem.names()
+    causes, problems = [], []
+    for text in table.causes:
+        try:
+            causes.append(parse(text, units, f"{place}.causes"))
+        except StudyError as error:
+            columns = _list_columns(problem)
+            problems += [f"{one.rstrip()} {columns}" for one in error.problems]
+    if problems:
+        raise StudyError(*problems)
+    return causes
+
+
+def _list_columns(problem: Problem) -> str:
+    columns = sorted(problem.data.covariates)
+    if not columns:
+        return "The file has no further columns of numbers."
+    return f"The file's further columns of numbers: {', '.join(columns)}."
+
+
+def _find_cause_problems(
+    place: str, causes: Sequence[Cause], problem: Problem, alone: bool
+) -> Iterator[str]:
+    columns = set(problem.data.covariates)
+    without = [str(cause) for cause in causes if not cause.names() & columns]
+    # of causes together some may be of the robot alone
+    if len(without) > (0 if alone else len(causes) - 1):
+        them = "it" if len(without) == 1 else "them"
+        yield (
+            f"{place}.causes: {sentence_list(without)}: no column of the file is in {them}. "
+            f"{_list_columns(problem)}"
+        )
+    varying: list[tuple[Cause, Array]] = []
+    for cause in causes:
+        with np.errstate(all="ignore"):
+            values = np.broadcast_to(cause.of(problem.state), len(problem))
+        is_broken = ~np.isfinite(values)
+        broken = np.flatnonzero(is_broken)
+        if len(broken):
+            first = broken[0]
+            number = int(problem.data.row[first]) + 1
+            yield (
+                f'{place}.causes: "{cause}" is no finite number in row {number} of the '
+                "measurements; write it so that it is one in every row."
+            )
+        elif np.ptp(values):
+            varying.append((cause, values))
+    if not alone:
+        yield from _find_equal_causes(place, varying)
+
+
+def _find_equal_causes(place: str, evaluated: Sequence[tuple[Cause, Array]]) -> Iterator[str]:
+    """Find causes that are the same but for a factor, by their values (m,) in all rows."""
+    for (first, a), (second, b) in combinations(evaluated, 2):
+        square = float(a @ a) * float(b @ b)
+        product = float(a @ b)
+        if product * product > EQUAL * square:
+            yield (
+                f'{place}.causes: "{first}" and "{second}" are the same but for a factor; combine '
+                "different causes."
+            )
+
+
+def note_constant_causes(study: Study, problem: Problem) -> list[Note]:
+    """Note the causes of a study's own that have one value in all rows."""
+    notes = []
+    for number, table in enumerate(study.covariate, 1):
+        place = f"covariate.{number}"
+        for cause in _parse_causes(place, table, problem):
+            values = np.broadcast_to(cause.of(problem.state), len(problem))
+            largest = float(np.abs(values).max())
+            if np.ptp(values) > MIN_SPREAD * largest:
+                continue
+            value = values[0]
+            sentence = (
+                f'{place}: "{cause}" has one value, {value:.4g}, in all rows: what it alone does '
+                "cannot be told from the geometry."
+            )
+            note = Note("cause-constant", sentence)
+            notes.append(note)
+    return notes
+
+
+def build_own_candidates(study: Study, problem: Problem) -> tuple[OwnCandidates, ...]:
+    """Build what a study adds to the search. Raises StudyError for causes that the data lack.
+
+    A name that model.candidates leaves out is no candidate."""
+    listed = study.model.candidates
+    own = []
+    for number, table in enumerate(study.covariate, 1):
+        is_named = table.name is not None
+        is_open = listed in ("all", [])
+        if is_named and not is_open and table.name not in listed:
+            continue
+        place = f"covariate.{number}"
+        mechanisms = tuple(_generate_mechanisms(place, table, problem))
+        group = OwnCandidates(mechanisms, is_named, table.prior)
+        own.append(group)
+    return tuple(own)
+
+
+def build_own_mechanisms(study: Study, problem: Problem) -> dict[str, Mechanism]:
+    """Build the mechanisms that a study gives names, by these names."""
+    named = {}
+    for number, table in enumerate(study.covariate, 1):
+        if table.name is not None:
+            place = f"covariate.{number}"
+            (mechanism,) = _generate_mechanisms(place, table, problem)
+            named[table.name] = mechanism
+    return named
+
+
+def _generate_mechanisms(
+    place: str, table: CovariateTable, problem: Problem
+) -> Iterator[Mechanism]:
+    causes = _parse_causes(place, table, problem)
+    columns = problem.data.covariates.keys()
+    combined_causes = list(_combine(table, causes, columns))
+    places = list_places(problem)
+    if table.frame is not None and table.axis is not None:
+        only = (table.frame, str(table.axis))
+        places = (only,)
+    for where in places:
+        for combined in combined_causes:
+            cell = build_cell(where, combined)
+            if table.name is not None:
+                cell = _give_name(table.name, cell)
+            yield cell
+
+
+def _combine(
+    table: CovariateTable, causes: Sequence[Cause], columns: Collection[str]
+) -> Iterator[Causes]:
+    """Generate the causes of each effect that a table stands for, those without a column left out."""
+    if table.as_ == "alone":
+        yield from ((cause,) for cause in causes)
+        return
+    for first, second in combinations(causes, 2):
+        product = first * second
+        if not product.names() & set(columns):
+            continue
+        if table.as_ == "products":
+            yield (product,)
+        else:
+            yield first, second
+
+
+def _give_name(name: str, cell: Mechanism) -> Mechanism:
+    screws = [term.screws[0] for term in cell.terms]
+    first = screws[0]
+    causes = sentence_list([str(screw.cause) for screw in screws])
+    axis = first.axis
+    motion = MOTIONS[axis[0]]
+    sentence = f"Frame {first.frame} {motion} its {axis[1]} axis with {causes}"
+    return Mechanism(name, cell.terms, sentence)

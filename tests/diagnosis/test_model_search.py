@@ -1,0 +1,209 @@
+"""A search may take back: sets of effects are weighed exactly, a wrong one gives way to what was
+planted, and what is told of an effect is what holds in most sets."""
+
+from __future__ import annotations
+
+from itertools import combinations, pairwise
+
+import numpy as np
+import pytest
+from builders import seeds
+from hidden_arm import Effect as Planted
+from hidden_arm import State, arm, measured
+from hidden_effects import at, together
+from searches import ignore
+
+from modelsel import Model, mechanism
+from modelsel._typing import Array
+from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.conclusion import conclude, prove
+from modelsel.diagnosis.evidence import MIN_LOG_ODDS
+from modelsel.diagnosis.model_pool import Pool, _Group
+from modelsel.diagnosis.model_search import VisitedModels, visit_models
+from modelsel.diagnosis.state import Search
+from modelsel.diagnosis.stepwise import explore, explore_further
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.problem import Problem
+from modelsel.measurements.measurements import build_measurements
+from modelsel.mechanisms.registry import build_faults, every
+from modelsel.robot.files import load_robot
+
+SIGMA = 0.05
+COORDINATES = 60
+
+
+# -- exact evidence
+
+
+def draw_pool(
+    rng: np.random.Generator, signs: Array | None = None
+) -> tuple[Pool, list[Array], Array]:
+    """A pool of members of one and of two directions, their directions (60, k), and a response."""
+    sizes = [1, 1, 1, 2, 2]
+    shared = rng.standard_normal((COORDINATES, 3))
+    raw = [
+        shared[:, : 1 + g % 3] @ rng.standard_normal((1 + g % 3, k)) for g, k in enumerate(sizes)
+    ]
+    Z = [np.linalg.qr(x + 0.7 * rng.standard_normal(x.shape))[0] for x in raw]
+    response = 4 * Z[0][:, 0] - 3 * Z[3][:, 1] + rng.standard_normal(COORDINATES)
+    every_one = np.hstack(Z)
+    starts = np.cumsum([0, *sizes])
+    rows = tuple(np.arange(a, b) for a, b in pairwise(starts))
+    groups = []
+    for k in (1, 2):
+        which = np.array([g for g, size in enumerate(sizes) if size == k])
+        index = np.array([rows[g] for g in which])
+        terms, free = None, np.full((len(which), k), np.inf)
+        if signs is not None and k == 1:
+            terms = signs[:, None, None] * np.ones((3, 1, 1))
+            free = np.zeros((3, 1))
+        groups.append(_Group(which, index, terms, free))
+    pool = Pool(
+        members=(10, 11, 12, 13, 14),
+        rows=rows,
+        H=every_one.T @ every_one,
+        z=every_one.T @ response,
+        square=float(response @ response),
+        freedom=COORDINATES,
+        log_prior=rng.uniform(-8, -2, 5),
+        kind=np.array([0, 1, 0, 3, 4]),
+        groups=tuple(groups),
+    )
+    return pool, Z, response
+
+
+def compute_posterior(
+    pool: Pool, Z: list[Array], response: Array, ratios: dict[int, float]
+) -> float:
+    """The log posterior of a set, from the covariance of all coordinates."""
+    C = np.eye(COORDINATES) + sum((r * Z[g] @ Z[g].T for g, r in ratios.items()), np.zeros(()))
+    left = response @ np.linalg.solve(C, response) / (response @ response)
+    evidence = -0.5 * np.linalg.slogdet(C)[1] - COORDINATES / 2 * np.log(left)
+    # members 0 and 2 are one mechanism in two joints
+    kin = np.log(10) if {0, 2} <= ratios.keys() else 0.0
+    return float(evidence + sum(pool.log_prior[g] for g in ratios) + kin)
+
+
+@seeds(1, 2, 3)
+def test_a_set_is_weighed_by_its_whole_covariance(rng: np.random.Generator) -> None:
+    pool, Z, response = draw_pool(rng)
+    for size in range(6):
+        for members in combinations(range(5), size):
+            ratios = {g: float(10 ** rng.uniform(0.5, 5)) for g in members}
+            value, gains = pool.weigh(ratios)
+            assert value == pytest.approx(compute_posterior(pool, Z, response, ratios), abs=1e-8)
+            assert np.isinf(gains.value[list(members)]).all()
+            for g in set(range(5)) - set(members):
+                more = {**ratios, g: float(gains.ratio[g])}
+                expected = compute_posterior(pool, Z, response, more) - value
+                assert gains.value[g] == pytest.approx(expected, abs=1e-8)
+
+
+@seeds(1, 2)
+def test_a_sign_takes_its_share_of_what_an_effect_may_be(rng: np.random.Generator) -> None:
+    state = rng.bit_generator.state
+    free, _, _ = draw_pool(rng)
+    sums = np.zeros(3)
+    for sign in (1.0, -1.0):
+        rng.bit_generator.state = state
+        pool, _, _ = draw_pool(rng, signs=sign * np.ones(3))
+        for g in range(3):
+            ratios = {g: 30.0}
+            factor = pool.weigh(ratios)[0] - free.weigh(ratios)[0]
+            sums[g] += np.exp(factor)
+        # member 0 was planted with a positive term
+        if sign > 0:
+            assert pool.weigh({0: 30.0})[0] - free.weigh({0: 30.0})[0] == pytest.approx(
+                np.log(2), abs=1e-2
+            )
+        else:
+            assert pool.weigh({0: 30.0})[0] - free.weigh({0: 30.0})[0] < -3
+    assert sums == pytest.approx(2.0)
+
+
+# -- the search
+
+
+def search_lags(rng: np.random.Generator) -> tuple[Search, list[int], list[int]]:
+    """A search where joints 1 to 3 lag behind their moves, each by its own share; what is planted, and
+    what the stepwise search once told instead."""
+    robot = load_robot(("puma760", "ur10e", "irb120")[int(rng.integers(3))])
+    body = arm(robot, rng, (40.0, -25.0, 100.0))
+    state = State(body, body.draw(rng, 80), {})
+    exact = measured(body, state, ())
+    parts = []
+    for joint in (1, 2, 3):
+        term = together(at(joint, "rz", lambda s, j=joint: -s.move[:, j - 1]))
+        effect = Planted("planted", "", (term,), np.ones(1))
+        size = np.linalg.norm(measured(body, state, (effect.scaled(1e-4),)) - exact, axis=1).max()
+        parts.append(effect.scaled(1e-4 * SIGMA * rng.uniform(5, 8) / size))
+    position = measured(body, state, tuple(parts)) + SIGMA * rng.standard_normal(exact.shape)
+    problem = Problem(robot, build_measurements(state.q, position), body.tool[None])
+    base = Model((mechanism("geometric", robot),))
+    found = build_candidates(problem, base, (*build_faults(robot), *every(robot)))
+    search = Search(problem, base, found, rng, fit(problem, base))
+    place = {one.label: g for g, one in enumerate(found)}
+    planted = [place[f"settle:{j}"] for j in (1, 2, 3)]
+    mistaken = [place[name] for name in ("fault:read-too-early", "settle:4", "settle:5")]
+    return search, planted, mistaken
+
+
+@pytest.mark.integration
+@seeds(1, 2, 3)
+def test_a_mistaken_set_gives_way_to_what_was_planted(rng: np.random.Generator) -> None:
+    search, planted, mistaken = search_lags(rng)
+    view = search.fit_model(mistaken, None)
+    better = visit_models(search, view, mistaken).find_better(mistaken, MIN_LOG_ODDS)
+    assert better is not None
+    assert set(better) >= set(planted)
+    assert set(better).isdisjoint(mistaken)
+    # a further joint that lags is likely enough to be tried: chance explains it
+    further = explore_further(search, list(better), view.fitted, [])
+    assert further is not None
+    told = conclude(further).diagnosis.effects
+    assert {effect.candidate for effect in told} == {search.found[g] for g in planted}
+
+
+@pytest.mark.integration
+@seeds(1)
+def test_a_diagnosis_tells_the_sets_that_were_weighed(rng: np.random.Generator) -> None:
+    search, planted, _ = search_lags(rng)
+    diagnosis = prove(conclude(explore(search, (), ignore)))
+    first = diagnosis.models[0]
+    assert first.chosen
+    assert set(first.effects) == {search.found[g] for g in planted}
+    assert first.probability > 0.5
+    told = [model.probability for model in diagnosis.models]
+    assert told == sorted(told, reverse=True)
+    assert sum(told) <= 1 + 1e-12
+
+
+# -- what is told of an effect
+
+
+def test_a_level_holds_as_often_as_the_sets_say_it() -> None:
+    # candidates 0 and 1 share their place, 2 is elsewhere; each has a cause of its own
+    place, cause = np.array([7, 7, 8]), np.array([0, 1, 2])
+    odds = np.array([0.5, 0.3, 0.15, 0.05])
+    visited = VisitedModels(((0,), (1,), (2,), ()), np.log(odds))
+    included = visited.include([0], [place, cause])
+    # the empty set says that there is no effect, which is asked elsewhere
+    assert included[0] == pytest.approx([0.8 / 0.95, 0.5 / 0.95])
+    assert visited.find_better([1], 0.4) == (0,)
+    assert visited.find_better([1], 0.6) is None
+
+
+def test_effects_are_not_added_alone_by_taking_back() -> None:
+    sets = ((0, 1, 2), (0, 3, 4, 5), (3, 4), (3,), (0, 1))
+    visited = VisitedModels(sets, np.array([5.0, 4.0, 3.0, 2.0, 0.0]))
+    # the first only adds, the second adds three in the place of one
+    assert visited.find_better([0, 1], 1.0) == (3, 4)
+    assert visited.find_better([0, 1], 2.5) == (3, 4)
+    assert visited.find_better([0, 1], 3.5) is None
+
+
+def test_two_effects_of_a_place_are_not_held_by_one() -> None:
+    place = np.array([7, 7, 8])
+    visited = VisitedModels(((0, 1), (0, 2)), np.log([0.6, 0.4]))
+    included = visited.include([0, 1], [place])
+    assert included[1] == pytest.approx([0.6])
