@@ -16,9 +16,11 @@ from ..measurements.table import hash_source
 from ..robot.kinematics import Robot
 from ..robot.plain_values import check_robot_name, robot_record
 from ..robot.rigid import Axis
+from .directions import check_direction
 
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
+Direction = Annotated[Vector, AfterValidator(check_direction)]
 Positive = Annotated[float, Field(ge=1e-9, le=LARGEST, allow_inf_nan=False)]
 Scale = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
@@ -61,6 +63,10 @@ class RobotTable(_Table):
     )
     tools_mm: dict[Name, Vector] | None = Field(
         default=None, description="Nominal target per target's name, in the flange frame [mm]."
+    )
+    gravity: Direction | None = Field(
+        default=None,
+        description="Direction of gravity in the robot's base frame, instead of the robot file's.",
     )
     register_: bool | Literal["per group"] = Field(
         default=False,
@@ -109,7 +115,7 @@ class RobotTable(_Table):
         rest = {
             key: value
             for key, value in plain(self.model_copy(update={"nominal": None})).items()
-            if key != "nominal"
+            if key != "nominal" and (key != "gravity" or value is not None)
         }
         return rest if robot is None else rest | {"nominal": robot_record(robot)}
 

@@ -281,6 +281,9 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     robot = draft.robot
     lines = [f"Robot: {robot.name}, {robot.n} joints, links of {robot.reach:.0f} mm in all."]
     lines += [note.sentence for note in draft.table.notes]
+    if draft.given:
+        pairs = [f'{name} = "{own}"' for name, own in draft.given.items()]
+        lines.append(f"As you say: {', '.join(pairs)}.")
     for choice in draft.choices:
         first, *_ = choice.readings
         what = choice.what.capitalize()
