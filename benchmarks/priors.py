@@ -1,6 +1,6 @@
 """What the priors of the candidates do: the same cases named with other priors.
 
-    python -m benchmarks.priors --studies 36 --seed 2612 --out benchmarks/results/priors.txt
+    python -m benchmarks.priors --studies 20 --seed 2612 --out benchmarks/results/priors.txt
 
 Two lines of cases: *planted*, drawn as in benchmarks.naming with 1 to 3 effects, and *nothing*
 with none. Each is named as often as PRIORS has entries, from the same data: with the priors as they
@@ -209,7 +209,7 @@ def tabulate_prior(k: int, words: str, planted: Sequence[Study], nothing: Sequen
 
 
 def main() -> None:
-    parser = build_parser(__doc__.splitlines()[0], list(LINES), studies=36, seed=2612)
+    parser = build_parser(__doc__.splitlines()[0], list(LINES), studies=20, seed=2612)
     asked = parser.parse_args()
     studies = run_lines(asked, list(LINES), Study, run_one)
     text = tabulate(studies, name_command("priors", asked, list(LINES)))

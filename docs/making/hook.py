@@ -2,7 +2,8 @@
 MathML.
 
 A page says `<!-- made: NAME -->` where a generated part stands (`figure NAME`, `report NAME`: one
-picture). Nothing that is made here is stored: it says what the program does now. No network.
+picture); a list between `<!-- in the repository -->` and `<!-- in the site -->` stands for it where
+the page is read as it is. Nothing that is made here is stored: it says what the program does now. No network.
 """
 
 from __future__ import annotations
@@ -39,6 +40,10 @@ ROOT = Path(__file__).parents[2]
 REPORT = ROOT / "reports" / "puma760"
 NOTEBOOKS = ROOT / "docs" / "tutorials" / "notebooks"
 MADE = re.compile(r"^<!-- made: ([\w-]+)(?: ([\w-]+))? -->$", re.MULTILINE)
+# what a page shows where it is read in the repository, in place of a generated part
+UNFILLED = re.compile(
+    r"^<!-- in the repository -->\n.*?^<!-- in the site -->\n", re.MULTILINE | re.DOTALL
+)
 CANVAS = re.compile(
     rb'(<g id="patch_\d+">\s*<path d="[^"]+"\s+style="fill: )#ffffff'
 )  # white paper, in the dark a box
@@ -118,7 +123,7 @@ def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
             text = str(PARTS[kind]())
         return GENERATED.sub(rf"]({root}\1", text)
 
-    return MADE.sub(part, markdown)
+    return MADE.sub(part, UNFILLED.sub("", markdown))
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:

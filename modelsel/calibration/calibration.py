@@ -192,7 +192,8 @@ class Calibration:
         if missing:
             raise DataError(
                 f"the calibrated model needs {', '.join(missing)}, which the file does not have.",
-                remedy="Add a column for each.",
+                remedy="Add a column for each; for compensate a value for all rows will do, --at "
+                f"{missing[0]}=NUMBER.",
             )
         return problem
 

@@ -93,6 +93,14 @@ def _describe_unknown_approach(c: Calibration, data: Measurements) -> list[str]:
     return sentences
 
 
+def needs_approach(c: Calibration, data: Measurements) -> bool:
+    """Whether directions of approach were given with the commands, or the model looks at one."""
+    codes = [note.code for note in data.notes]
+    is_given = "approach-from-order" not in codes
+    joints = _joints_of(c, "approach")
+    return is_given or bool(joints)
+
+
 def _joints_of(c: Calibration, stem: str) -> list[int]:
     """List the joints whose value of a stem ("approach", "move") the model uses."""
     joints = []

@@ -24,7 +24,12 @@ from ..measurements.reader import read_measurements
 from ..measurements.table import Source, load_table
 from ..robot.kinematics import Robot, forward
 from ..robot.rigid import rotation_vector
-from .command_notes import describe_extrapolation, describe_order_dependence, find_past_limits
+from .command_notes import (
+    describe_extrapolation,
+    describe_order_dependence,
+    find_past_limits,
+    needs_approach,
+)
 from .prediction import compute_pose, propagate_uncertainty, to_tracker_frame
 
 if TYPE_CHECKING:
@@ -313,7 +318,10 @@ def build_commands_table(
     }
     columns |= dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
     columns["target"] = np.array(data.targets)[data.target]
-    columns |= {f"approach{j}": column for j, column in enumerate(data.approach.T.astype(int), 1)}
+    if needs_approach(c, data):
+        directions = data.approach.T.astype(int)
+        for j, column in enumerate(directions, 1):
+            columns[f"approach{j}"] = column
     return pd.DataFrame({**columns, **data.covariates, **more})
 
 

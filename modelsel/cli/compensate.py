@@ -50,6 +50,12 @@ if TYPE_CHECKING:
 @click.option(
     "--forward", is_flag=True, help="Keep the commands: write where the real target is at each."
 )
+@click.option(
+    "--at",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="A value of all rows that the file has no column of: payload_kg=3. May be repeated.",
+)
 @table_option
 @column_option
 @click.option("--json", "as_json", is_flag=True)
@@ -60,6 +66,7 @@ def compensate_command(
     form: str,
     bound: tuple[float, float],
     forward: bool,
+    at: tuple[str, ...],
     sheet: str | None,
     decimal: str | None,
     columns: dict[str, str],
@@ -75,6 +82,7 @@ def compensate_command(
     from .._files import write_frame
     from ..calibration.command_notes import describe_extrapolation, describe_order_dependence
     from ..calibration.compensation import build_commands_table, correct_measurements
+    from ..calibration.held_values import hold_values, read_held_values
     from ..calibration.loading import load_calibration
     from ..measurements.reader import read_measurements
     from ..measurements.table import load_table
@@ -84,6 +92,7 @@ def compensate_command(
     c = load_calibration(result)
     table = load_table(c.form.open(targets, sheet, decimal))
     mapping, mapped = c.form.read_columns(table, columns)
+    table = hold_values(c, table, read_held_values(at))
     data = read_measurements(table, c.robot, mapping, positions=False, once=False)
     commands: Commands | None = None
     if forward:

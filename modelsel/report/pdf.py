@@ -16,6 +16,7 @@ from ..results.schema import StudyRecord
 from .document import Block, Source
 from .style import shorten
 
+SUSPECTS = b"/Suspects false"
 LONGEST_HEADER = 70  # letters
 # share of the last page that is filled, below which less room between the blocks is tried
 MIN_LAST = 0.4
@@ -99,6 +100,8 @@ def _run_compiler(folder: Path, inputs: Mapping[str, str] | None = None) -> _Typ
         words = f"{error.message} {' '.join(error.hints)}".strip()
         raise ReportError(f"report.pdf could not be made: {words}") from None
     assert isinstance(pdf, bytes)
+    # false is what a reader takes where the key is missing; poppler calls it an error where it is written
+    pdf = pdf.replace(SUSPECTS, b" " * len(SUSPECTS))
     said = [warning.message for warning in warnings]
     return _Typeset(pdf, said, end["pages"], end["share"])
 

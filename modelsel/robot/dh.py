@@ -195,6 +195,12 @@ def dh_table(robot: Robot, form: DhForm) -> dict[str, Any]:
     return table
 
 
+def _round_limit(value: float) -> float:
+    """Round a limit to twelve digits: 120 degrees, not 119.99999999999999."""
+    digits = f"{value:.12g}"
+    return float(digits)
+
+
 def _joint_table(joint: Joint, row: DhRow, shift: Array) -> dict[str, Any]:
     table: dict[str, Any] = {"dh": row.to_table()}
     if joint.prismatic:
@@ -204,7 +210,7 @@ def _joint_table(joint: Joint, row: DhRow, shift: Array) -> dict[str, Any]:
         if joint.prismatic:
             key, scale = "limits_mm", 1.0
         low, high = joint.limits
-        table[key] = [float(low * scale), float(high * scale)]
+        table[key] = [_round_limit(low * scale), _round_limit(high * scale)]
     if joint.mass is not None:
         com = inverse(shift) @ [*joint.com, 1.0]
         table["mass_kg"] = joint.mass

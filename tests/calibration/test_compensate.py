@@ -18,6 +18,7 @@ from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.command_notes import describe_extrapolation, describe_order_dependence
 from modelsel.calibration.compensation import (
     MAX_CORRECTION,
+    build_commands_table,
     compensate_commands,
     correct,
     predict_nominal,
@@ -31,6 +32,7 @@ from modelsel.exceptions import DataError
 from modelsel.fitting.design import Model
 from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import Orientation, build_measurements
+from modelsel.measurements.state_names import is_state_name
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load_robot
@@ -276,6 +278,50 @@ def test_command(made, tmp_path) -> None:
     )
     assert ran.exit_code == 3
     assert not out.exists()
+
+
+def test_a_value_of_all_rows_needs_no_column(made, tmp_path) -> None:
+    """--at gives what the file has no column of; a name that the model does not look at, or that the
+    file has already, is refused."""
+    c, at = made
+    (tmp_path / "calibration.json").write_text(calibration_text(c))
+    (needed,) = [name for name in c.needs() if not is_state_name(name)]
+    columns = {f"q{j + 1}_deg": np.degrees(at.data.q[1:9, j]) for j in range(6)}
+    columns |= {f"approach{j + 1}": at.data.approach[1:9, j].astype(int) for j in range(6)}
+    columns |= {"target": np.array(at.data.targets)[at.data.target[1:9]], "group": "tue"}
+    bare, full = tmp_path / "bare.csv", tmp_path / "full.csv"
+    pd.DataFrame(columns).to_csv(bare, index=False)
+    pd.DataFrame({**columns, needed: 24.5}).to_csv(full, index=False)
+
+    def ran(plan, *words: str):
+        command = ["compensate", str(tmp_path), str(plan), "--out", str(tmp_path / "o.csv"), *words]
+        return CliRunner().invoke(run_command_line, command)
+
+    refused = ran(bare)
+    assert (refused.exit_code, f"--at {needed}=NUMBER" in refused.stderr) == (3, True)
+    assert ran(bare, "--at", f"{needed}=24.5").exit_code == 0
+    held = pd.read_csv(tmp_path / "o.csv")
+    assert ran(full).exit_code == 0
+    pd.testing.assert_frame_equal(held, pd.read_csv(tmp_path / "o.csv"))
+    for words, said in (
+        (["--at", "humidity=3"], f"looks at: {needed}."),
+        (["--at", f"{needed}=warm"], "expected NAME=NUMBER"),
+        (["--at", f"{needed}=1", "--at", f"{needed}=2"], "given twice"),
+    ):
+        answer = ran(bare, *words)
+        assert (answer.exit_code in (2, 3), said in answer.stderr) == (True, True), answer.stderr
+    assert "the file has it, too" in ran(full, "--at", f"{needed}=24.5").stderr
+
+
+def test_directions_that_nobody_gave_are_not_written(made) -> None:
+    c, at = made
+    data = plan(at, slice(1, 9))
+    bare = build_measurements(data.q, data.position, covariates=data.covariates)
+    assert "approach3" in build_commands_table(c, bare, bare.q, bare.position, {})
+    geometry = Mechanism("geometry", c.model.mechanisms[1].terms)
+    plain = replace(c, model=Model((geometry,)), theta=c.theta[:6])
+    assert "approach1" not in build_commands_table(plain, bare, bare.q, bare.position, {})
+    assert "approach1" in build_commands_table(plain, data, data.q, data.position, {})
 
 
 def test_a_slide_is_compensated(rng) -> None:

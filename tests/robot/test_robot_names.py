@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from modelsel.exceptions import StudyError
+from modelsel.robot.dh import dh_table
 from modelsel.robot.files import builtin_names, list_full_names, load_robot
 from modelsel.robot.robot_names import find_robot_name
 
@@ -51,3 +52,10 @@ def test_all_that_are_close_are_offered() -> None:
         load_robot("UR15e")
     with pytest.raises(StudyError, match=r"Known: fr3, .* takes a file: TOML, URDF, or a table"):
         load_robot("Motoman")
+
+
+def test_limits_of_exported_rows_are_as_people_write_them() -> None:
+    """Degrees that went through radians: 120, not 119.99999999999999."""
+    robot = load_robot("irb1600")
+    written = dh_table(robot, "standard")
+    assert [joint["limits_deg"] for joint in written["joint"]][1] == [-90.0, 120.0]
