@@ -37,8 +37,11 @@ class FileForm:
         taken = set(given.values())
         columns = dict(given)
         for wanted, name in self.columns.items():
-            is_open = wanted not in given and name not in taken and wanted not in table
-            if is_open and name in table:
+            if wanted in given or wanted in table:
+                continue
+            if name in taken:
+                continue
+            if name in table:
                 columns[wanted] = name
         return columns
 

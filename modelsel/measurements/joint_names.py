@@ -36,9 +36,14 @@ def find_named_joints(
             family = families[matched.words & (MEASURED | COMMANDED)]
             family.setdefault(key, matched)
     keys = list(wanted)
-    return [
-        [family[key] for key in keys] for family in families.values() if len(family) == len(keys)
-    ]
+    count = len(keys)
+    complete = []
+    for family in families.values():
+        if len(family) < count:
+            continue
+        columns = [family[key] for key in keys]
+        complete.append(columns)
+    return complete
 
 
 def _list_keys(joint_names: Sequence[str]) -> Mapping[Key, Key] | None:

@@ -160,28 +160,42 @@ def _describe_missed(split: Split, table: Table, is_known: Mask) -> Note:
 
 def _holds_remarks(cells: NDArray[Any]) -> bool:
     """Whether a column is empty in most rows that were measured, as remarks are."""
-    return bool(find_blank_cells(cells).mean() > 0.5)
+    is_blank = find_blank_cells(cells)
+    share = is_blank.mean()
+    return bool(share > 0.5)
 
 
 def _find_empty(cells: NDArray[Any]) -> Mask:
     """Find the rows (m,) in which nothing was measured by a column."""
     if cells.dtype.kind == "f":
-        return np.asarray(np.isnan(cells))
-    return np.array([is_not_measured(cell) for cell in cells.tolist()], dtype=bool)
+        is_nan = np.isnan(cells)
+        return np.asarray(is_nan)
+    found = []
+    for cell in cells.tolist():
+        is_empty = is_not_measured(cell)
+        found.append(is_empty)
+    return np.array(found, dtype=bool)
 
 
 def is_not_measured(cell: Any) -> bool:
     """Whether a cell is empty, or says that nothing was measured: "-", "n/a", "fehlt", "#NV"."""
-    word = str(cell).strip().lower()
-    return is_blank_row([cell]) or word in NOT_MEASURED
+    text = str(cell)
+    word = text.strip().lower()
+    if is_blank_row([cell]):
+        return True
+    return word in NOT_MEASURED
 
 
 def _find_remark(table: Table, names: Sequence[str], row: int) -> str:
     """Find the longest text in some columns of a row; empty where there is none."""
     remarks = list[str]()
     for name in names:
-        cell = table.columns[name][row]
-        is_word = isinstance(cell, str) and not is_not_measured(cell)
-        if is_word and not is_number(cell):
-            remarks.append(cell.strip())
+        cells = table.columns[name]
+        cell = cells[row]
+        if not isinstance(cell, str):
+            continue
+        if is_not_measured(cell) or is_number(cell):
+            continue
+        remark = cell.strip()
+        remarks.append(remark)
     return max(remarks, key=len, default="")

@@ -91,4 +91,8 @@ def _join(
     if first is None or second is None:
         return None
     labels = [*first, *second]
-    return [labels[k] for k in place]
+    joined = []
+    for k in place:
+        label = labels[k]
+        joined.append(label)
+    return joined

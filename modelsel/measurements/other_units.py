@@ -88,17 +88,25 @@ def _scale(cells: NDArray[Any], factor: float) -> NDArray[np.generic]:
     is_number = np.isfinite(values)
     if is_number.all():
         return np.asarray(values * factor)
-    scaled = np.asarray(cells, dtype=object).copy()
-    scaled[is_number] = values[is_number] * factor
+    objects = np.asarray(cells, dtype=object)
+    scaled = objects.copy()
+    numbers = values[is_number]
+    scaled[is_number] = numbers * factor
     return scaled
 
 
 def _is_length(name: ColumnName, prismatic: Sequence[bool]) -> bool | None:
     """Whether a column holds lengths, by what it is called: None for neither a joint's reading nor a
     coordinate."""
-    if name.quantity == "joint":
-        return None if name.number is None else _slides(name.number, prismatic)
-    return True if name.quantity in COORDINATES else None
+    quantity = name.quantity
+    number = name.number
+    if quantity in COORDINATES:
+        return True
+    if quantity != "joint":
+        return None
+    if number is None:
+        return None
+    return _slides(number, prismatic)
 
 
 def _slides(joint: int, prismatic: Sequence[bool]) -> bool:

@@ -16,6 +16,12 @@ from ..setup.other_robots import sample_positions
 from ..setup.registration import register
 from .gravity_direction import describe_upward_gravity, write_direction
 
+# of the reach: positions farther from the arm, as aligned, are in another frame
+FAR_SHARE = 0.02
+OTHER_FRAME = (
+    "That is far: the base frame of the robot file may be turned against the controller's, as it often "
+    "is in tables of DH parameters. Without --aligned the frame is found."
+)
 Triple = tuple[float, float, float]
 
 
@@ -34,14 +40,18 @@ class StatedSetup:
     def format_lines(self) -> list[str]:
         """Write the lines of the study's table [robot]."""
         lines = ["register = true  # tracker frame and target are found from the measurements"]
+        note = "  # a first guess: it is found from the measurements"
         if self.aligned:
             lines = ["register = false  # positions are in the robot's base frame"]
-        if self.tool is not None:
-            note = "" if self.aligned else "  # a first guess: it is found from the measurements"
-            lines.append(f"tool_mm = [{', '.join(f'{value:.10g}' for value in self.tool)}]{note}")
-        if self.gravity is not None:
-            given = ", ".join(f"{value:.10g}" for value in self.gravity)
-            lines.append(f"gravity = [{given}]  # in the robot's base frame")
+            note = ""
+        tool = self.tool
+        gravity = self.gravity
+        if tool is not None:
+            given = _write_numbers(tool)
+            lines.append(f"tool_mm = {given}{note}")
+        if gravity is not None:
+            given = _write_numbers(gravity)
+            lines.append(f"gravity = {given}  # in the robot's base frame")
         return lines
 
     def describe(self, robot: Robot, data: Measurements) -> list[str]:
@@ -58,6 +68,8 @@ class StatedSetup:
                 left = np.linalg.norm(residuals(problem)[:, :3], axis=1)
                 said = f"As aligned, with the target that you say, the nominal arm fits to {np.median(left):.3g} mm"
                 lines.append(f"{said} (median), the error of the alignment in it.")
+                if np.median(left) > FAR_SHARE * robot.reach:
+                    lines.append(OTHER_FRAME)
             elif self.gravity is None:
                 placed = register(problem, np.ones(len(problem), bool), per_group=False)
                 lines.append(describe_upward_gravity(robot, placed) or "")
@@ -68,6 +80,16 @@ class StatedSetup:
     def _set_up(self, robot: Robot, data: Measurements) -> Problem:
         tool = np.array(self.tool or (0.0, 0.0, 0.0))
         return Problem(robot, data, np.tile(tool, (len(data.targets), 1)))
+
+
+def _write_numbers(values: Triple) -> str:
+    """Write numbers as a list of TOML."""
+    numbers = []
+    for value in values:
+        text = f"{value:.10g}"
+        numbers.append(text)
+    listed = ", ".join(numbers)
+    return f"[{listed}]"
 
 
 def point_gravity(robot: Robot, direction: Triple | list[float]) -> Robot:
