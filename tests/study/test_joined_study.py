@@ -186,6 +186,11 @@ def test_rows_in_another_order_and_missing_ones_are_said(tmp_path) -> None:
     assert "(log.txt, line 4)." in ran.stdout
     assert "the controller's own coordinates: X, Y, Z" in ran.stdout
     check(tmp_path, [k for k in ALL if k not in (2, 6)])
+    # the arm went to the place that was not measured: the next row is approached from there
+    data = read_measurements(tmp_path / "s" / "measurements.csv", load_robot("ur10"))
+    q, _ = campaign()
+    assert (data.approach[2] == np.sign(q[3] - q[2])).all()
+    assert not (np.sign(q[3] - q[2]) == np.sign(q[3] - q[1])).all()
 
 
 @pytest.mark.parametrize("again", ["P006_2", "P006 (2)", "P006-rep"])

@@ -54,6 +54,7 @@ def test_the_joints_variables_are_their_readings(tmp_path, second: str, sign: in
     assert "not used" not in said
     readings = np.array([10.0, -70, 50, 20, 35, -110])
     angles = np.radians(readings * [1, sign, 1, 1, 1, 1])[None]
+    assert (robot.coupling is not None) == (sign < 0)
     if robot.coupling is not None:
         np.testing.assert_allclose(robot.coupling.joint_angles(np.radians(readings))[None], angles)
     expected = multiply(np.degrees(angles[0]))
