@@ -20,7 +20,6 @@ from .directions import check_direction
 
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
-Direction = Annotated[Vector, AfterValidator(check_direction)]
 Positive = Annotated[float, Field(ge=1e-9, le=LARGEST, allow_inf_nan=False)]
 Scale = Annotated[float, Field(gt=0, le=LARGEST, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, le=LARGEST, allow_inf_nan=False)]
@@ -64,15 +63,20 @@ class RobotTable(_Table):
     tools_mm: dict[Name, Vector] | None = Field(
         default=None, description="Nominal target per target's name, in the flange frame [mm]."
     )
-    gravity: Direction | None = Field(
-        default=None,
-        description="Direction of gravity in the robot's base frame, instead of the robot file's.",
+    gravity: Annotated[Vector, AfterValidator(check_direction)] | None = Field(
+        default=None, description="Direction of gravity in frame 0, instead of the robot file's."
     )
     register_: bool | Literal["per group"] = Field(
         default=False,
         alias="register",
         description="Find tracker frame and target offsets from the estimation configurations; "
         '"per group": one tracker placement per group.',
+    )
+
+    gear_ratios: list[Finite] | None = Field(
+        default=None,
+        description="Turns of the motor per turn of each joint, 0 where it is not known: gear-ripple "
+        "is looked for at once and twice so many waves, too.",
     )
 
     @model_validator(mode="before")
@@ -169,7 +173,7 @@ class MeasurementsTable(_Table):
     )
     header: bool = Field(
         default=True,
-        description='Whether the file has a header; without one its columns are "column 1" and so on.',
+        description='Whether there is a header, else columns are "column 1" and so on.',
     )
     features: dict[Name, FeatureTable] = Field(
         default={}, description="What is known of the features that rows share, by name."

@@ -22,7 +22,6 @@ from ..fitting.design import Model
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Cause
 from ..mechanisms.terms import Mechanism
-from ..robot.kinematics import Robot
 from ..selection.comparison import MAX_CANDIDATES
 from .candidate_kinds import CandidateKind
 from .data_faults import FaultKind, find_fault_kind
@@ -30,13 +29,7 @@ from .joint_shapes import generate_joint_shapes
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
 from .own_candidates import OwnCandidates, Screws, select_beyond
 from .prior_weights import choose_weight
-from .unregistered import (
-    Unregistered,
-    build_cell_causes,
-    generate_unregistered,
-    list_places,
-    weigh_places,
-)
+from .unregistered import Unregistered, build_cell_causes, generate_unregistered, list_places
 
 # share of the prior probability that the registered mechanisms have together
 REGISTERED = 0.6
@@ -143,7 +136,7 @@ def build_candidates(
     present = frozenset(term.key for term in base.terms)
     own = select_beyond(options.own, screws - one_sided.keys(), present)
     taken = (screws - one_sided.keys()) | _collect_own(own)
-    unregistered = _list_own_cells(problem.robot, own)
+    unregistered = _list_own_cells(own)
     if cells:
         within = exceeds_cell_limit(problem, options)
         offered = chain(
@@ -168,15 +161,14 @@ def _collect_own(own: Iterable[OwnCandidates]) -> set[Screws]:
     return {collect_screws(m) for group in own for m in group.mechanisms}
 
 
-def _list_own_cells(robot: Robot, own: Iterable[OwnCandidates]) -> dict[Screws, Unregistered]:
+def _list_own_cells(own: Iterable[OwnCandidates]) -> dict[Screws, Unregistered]:
     """List what a study adds to the error map without a prior of its own: as likely as a cell."""
     cells = {}
     for group in own:
         if group.prior is not None or group.named:
             continue
         for m in group.mechanisms:
-            weight = weigh_places(robot, m)
-            cells[collect_screws(m)] = Unregistered(m, CandidateKind.CELL, weight)
+            cells[collect_screws(m)] = Unregistered(m, CandidateKind.CELL, weight=1.0)
     return cells
 
 

@@ -20,7 +20,7 @@ from .after_selection import AfterSelection, allow_for_search, find_limit
 from .candidates import Candidate
 from .claims import Weighed, build_claim, weigh_claims
 from .effects import Effect
-from .evidence import compute_p_value, compute_single_f
+from .evidence import MIN_LOG_ODDS, compute_p_value, compute_single_f
 from .model_search import VisitedModels, visit_models
 from .outcome import Diagnosis
 from .signatures import SHAPELESS
@@ -29,9 +29,8 @@ from .stepwise import Exploration, Remainder, explore_further
 
 # times that shapes which no list has are offered
 MAX_OFFERS = 2
-# times that effects are taken back, and log odds from which they are
+# times that effects are taken back
 MAX_TAKEN_BACK = 2
-TWICE = float(np.log(2))
 # share of either of two effects below which what is left of both is reported
 MAX_CANCELLED = 0.5
 
@@ -122,18 +121,20 @@ def _claim(concluded: Conclusion, weighed: Weighed, visited: VisitedModels) -> t
 
 
 def _take_back(concluded: Conclusion) -> Conclusion:
-    """Put a set of effects in the place of the chosen ones, if it is twice as probable."""
+    """Put a set of effects in the place of the chosen ones, if it is clearly more probable."""
     for _ in range(MAX_TAKEN_BACK):
         explored, settled = concluded.explored, concluded.settled
         visited = _visit(concluded)
-        better = visited.find_better(settled.chosen, TWICE)
+        better = visited.find_better(settled.chosen, MIN_LOG_ODDS)
         if better is None:
             break
         before = _join_others(explored.search, settled.chosen, better)
         after = _join_others(explored.search, better, settled.chosen)
         path = [*explored.progress.path, f"{before} -> {after}"]
         start = settled.view.fitted
-        chosen = list(better)
+        # what stays keeps its order
+        chosen = [g for g in settled.chosen if g in better]
+        chosen += [g for g in better if g not in chosen]
         further = explore_further(explored.search, chosen, start, path)
         if further is None:
             break

@@ -16,10 +16,9 @@ import numpy as np
 from ..fitting.problem import Problem
 from ..mechanisms.causes import ONE, Bump, Cause, Named
 from ..mechanisms.terms import Mechanism, Screw, Term
-from ..robot.kinematics import Robot
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
-from .unregistered import Place, build_bumps, list_places, weigh_places
+from .unregistered import Place, build_bumps, list_places
 
 Drivers = frozenset[str]
 
@@ -112,20 +111,14 @@ def list_rivals(problem: Problem, candidate: Candidate) -> list[Rival]:
     return [
         *_weigh(alike, "drivers", prior * SHARES["shape"]),
         *_weigh(others, "place", prior * SHARES["drivers"]),
-        *_weigh(elsewhere, "", prior * SHARES["place"], problem.robot),
+        *_weigh(elsewhere, "", prior * SHARES["place"]),
     ]
 
 
-def _weigh(
-    mechanisms: Sequence[Mechanism], agrees: str, prior: float, robot: Robot | None = None
-) -> Iterator[Rival]:
-    """Weigh mechanisms of one prior probability together; with a robot, by their places."""
-    weights = [1.0 if robot is None else weigh_places(robot, m) for m in mechanisms]
-    total = sum(weights)
-    for mechanism, weight in zip(mechanisms, weights, strict=True):
-        share = prior * weight / total
-        candidate = Candidate(mechanism, CandidateKind.SHAPE, share)
-        yield Rival(candidate, agrees)
+def _weigh(mechanisms: Sequence[Mechanism], agrees: str, prior: float) -> Iterator[Rival]:
+    for mechanism in mechanisms:
+        share = prior / len(mechanisms)
+        yield Rival(Candidate(mechanism, CandidateKind.SHAPE, share), agrees)
 
 
 def _list_drivers(problem: Problem) -> tuple[str, ...]:

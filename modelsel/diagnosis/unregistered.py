@@ -20,7 +20,6 @@ from ..mechanisms.causes import Applied, Bump, Cause, Named, cos, q, sign, sin, 
 from ..mechanisms.drives import RIPPLING_PARTS, WAVES, wave_terms
 from ..mechanisms.environment import temperature_rise
 from ..mechanisms.gravity_effects import forearm_lever, upper_arm_lever
-from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism, Screw, Term
 from ..robot.gravity import find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
@@ -44,9 +43,6 @@ BETWEEN = tuple(k + part for k in range(3, 60) for part in (0.25, 0.5, 0.75))
 PITCHES = tuple(k / 8 for k in range(4, 481))
 # prior weight of rarer explanations (waves between whole numbers, free functions); a cell has 1
 RARE_WEIGHT = 0.1
-# prior weight of a cell at a likely place: a joint's own motion, where drives, gears, encoders,
-# springs and cables act, counts as much as the frame's five other places together
-LIKELY = 5.0
 # time constants of a warm-up, in shares of the campaign
 WARM_UP_SHARES = (0.05, 0.1, 0.25, 0.5)
 
@@ -87,20 +83,6 @@ def list_places(problem: Problem) -> tuple[Place, ...]:
         target_axes = AXES[:3]
     places += [(target, axis) for axis in target_axes]
     return tuple(places)
-
-
-def list_likely_places(robot: Robot) -> frozenset[Place]:
-    """List the places where most of what moves does: each joint's own motion, and the base, which
-    gives way or drifts as a whole."""
-    own = {(j, joint_axis(robot, j)) for j in range(1, robot.n + 1)}
-    base = {(1, axis) for axis in AXES}
-    return frozenset(own | base)
-
-
-def weigh_places(robot: Robot, mechanism: Mechanism) -> float:
-    """Weigh a mechanism by its places, as a cell there is weighed."""
-    places = mechanism.names_by_place().keys()
-    return LIKELY if places <= list_likely_places(robot) else 1.0
 
 
 def build_cell_causes(problem: Problem) -> tuple[Causes, ...]:
@@ -226,15 +208,13 @@ def _generate_cells(problem: Problem, adjacent_only: bool) -> Iterator[Unregiste
     for causes in build_cell_causes(problem):
         words = " & ".join(map(str, causes))
         columns.append((causes, words, _classify(causes), _find_joints(causes)))
-    likely = list_likely_places(problem.robot)
     for place in list_places(problem):
         frame, _ = place
         for causes, words, kind, joints in columns:
             if adjacent_only and not _is_adjacent(frame, joints):
                 continue
             cell = build_cell(place, causes, words)
-            weight = LIKELY if place in likely else 1.0
-            yield Unregistered(cell, kind, weight)
+            yield Unregistered(cell, kind, weight=1.0)
 
 
 def _find_joints(causes: Causes) -> set[int]:

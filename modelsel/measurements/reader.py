@@ -53,6 +53,7 @@ from .observation_columns import (
 )
 from .orientation_columns import QUATERNION_COLUMNS, convert_orientations
 from .other_units import convert_mapped
+from .row_names import list_row_names
 from .row_order import check_clock
 from .row_places import Where
 from .table import Source, Table, load_table, rename_columns
@@ -126,7 +127,8 @@ def read_measurements(
     if coupling is not None:
         notes.append(Note("coupled-joints", coupling.describe_readings()))
     said = (*table.notes, *missed, *content.notes, *notes, *data.notes)
-    return replace(data, notes=said, where=whole.where, units=units)
+    where = replace(whole.where, labels=list_row_names(table, split.rows))
+    return replace(data, notes=said, where=where, units=units)
 
 
 def _load_contract_table(

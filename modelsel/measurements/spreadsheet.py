@@ -36,7 +36,7 @@ HEADER_ROWS = 200
 def load_spreadsheet(path: Path, sheet: str | None = None, decimal: str | None = None) -> Grid:
     """Load the table of a spreadsheet: of the named sheet, else of the only one that holds a table
     of numbers. Raises DataError."""
-    sheets = _read_sheets(path)
+    sheets = read_sheets(path)
     name = _choose_sheet(path, sheets, sheet)
     rows = sheets[name]
     layout = find_layout(rows[:HEADER_ROWS])
@@ -91,7 +91,7 @@ def _describe_texts(odd: Sequence[tuple[int, Any]], decimal: str) -> list[str]:
     return [f"{what} kept as text with {style} ({place} {shown})"]
 
 
-def _read_sheets(path: Path) -> dict[str, list[list[Any]]]:
+def read_sheets(path: Path) -> dict[str, list[list[Any]]]:
     """Read all sheets, a list of cells per row from row 1 and column A on. Raises DataError."""
     from python_calamine import CalamineError, CalamineWorkbook
 

@@ -3,6 +3,8 @@ once a joint."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ..robot.kinematics import Robot
 from .causes import Cause, Named, cos, q, sin
 from .motors import drive_angle, drive_screws, joint_axis, motor_reading, name_drive
@@ -20,6 +22,19 @@ RIPPLING_PARTS = (
 )
 # waves a turn that gear ripple is scanned over
 WAVES = tuple(range(3, 61))
+
+
+def list_waves(robot: Robot, joint: int, ratios: Sequence[float] = ()) -> tuple[float, ...]:
+    """List the waves a turn that a joint's gear ripple is scanned over: with the ratios of the gears
+    also one and two a turn of its motor."""
+    waves = list[float](WAVES)
+    if ratios:
+        ratio = ratios[joint - 1]
+        for count in (ratio, 2 * ratio):
+            is_new = count not in waves
+            if count > 0 and is_new:
+                waves.append(count)
+    return tuple(waves)
 
 
 def revolute_joints(robot: Robot) -> tuple[int, ...]:
@@ -46,7 +61,7 @@ def wave_terms(joint: int, count: float, axis: str, symbol: str) -> tuple[Term, 
     return (Term(f"{symbol}s", (sine,), RUNOUT), Term(f"{symbol}c", (cosine,), RUNOUT))
 
 
-def _drive_waves(robot: Robot, joint: int, count: int, symbol: str) -> tuple[Term, Term]:
+def _drive_waves(robot: Robot, joint: int, count: float, symbol: str) -> tuple[Term, Term]:
     """Build a wave of unknown phase by which a drive stands off: `count` to a turn of what its
     encoder reads."""
     angle = _multiply(count, motor_reading(robot, joint))
@@ -95,14 +110,15 @@ def encoder_eccentricity(robot: Robot, joint: int) -> Mechanism:
     )
 
 
-def gear_ripple(robot: Robot, joint: int, waves: int) -> Mechanism:
+def gear_ripple(robot: Robot, joint: int, waves: float) -> Mechanism:
     """Tooth mesh and strain-wave gears: some tens of waves a turn; the number is scanned."""
     angle = motor_reading(robot, joint)
+    count = f"{waves:g}"
     return Mechanism(
         f"gear-ripple:{joint}",
         _drive_waves(robot, joint, waves, f"r{joint}"),
-        f"{_begin(robot, joint)} turns unevenly, {waves} waves a turn.",
-        f"{drive_angle(robot, joint)} + rs sin({waves} {angle}) + rc cos({waves} {angle})",
+        f"{_begin(robot, joint)} turns unevenly, {count} waves a turn.",
+        f"{drive_angle(robot, joint)} + rs sin({count} {angle}) + rc cos({count} {angle})",
         "Tuttle & Seering 1996, harmonic-drive gear transmission",
         usual_causes=RIPPLING_PARTS,
     )

@@ -6,7 +6,7 @@ entries (`with_plugins`)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -67,9 +67,7 @@ BUILTIN: Registry = {
     "gear-eccentricity": PerJoint(drives.gear_eccentricity, drives.revolute_joints),
     "encoder-eccentricity": PerJoint(drives.encoder_eccentricity, drives.revolute_joints),
     "encoder-scale": PerJoint(drives.encoder_scale, drives.all_joints),
-    "gear-ripple": Scanned(
-        drives.gear_ripple, lambda robot, joint: drives.WAVES, drives.revolute_joints
-    ),
+    "gear-ripple": Scanned(drives.gear_ripple, drives.list_waves, drives.revolute_joints),
     "axis-wobble": Scanned(drives.axis_wobble, lambda robot, joint: (1, 2), drives.revolute_joints),
     "joint-compliance": Scanned(
         compliance.joint_compliance, compliance.mass_choices, motors.find_gravity_motors
@@ -107,6 +105,18 @@ def set_reference(registry: Registry, reference: float) -> Registry:
         if is_own:
             counted[name] = thermal[name]
     return counted
+
+
+def set_gear_ratios(registry: Registry, ratios: Sequence[float]) -> Registry:
+    """Return the registry with gear ripple that is scanned at the turns of the motors, too; `ratios`:
+    turns of the motor per turn of each joint, 0 where it is not known."""
+    entry = registry.get("gear-ripple")
+    is_own = entry is BUILTIN["gear-ripple"]
+    if not is_own:
+        return registry
+    waves = partial(drives.list_waves, ratios=tuple(ratios))
+    ripple = Scanned(drives.gear_ripple, waves, drives.revolute_joints)
+    return {**registry, "gear-ripple": ripple}
 
 
 def build_faults(robot: Robot) -> tuple[Mechanism, ...]:
@@ -199,7 +209,10 @@ def _build_scanned(
             built.append(mechanism)
     if not built and constant is not None:
         stem, _, _ = name.partition(":")
-        raise StudyError(f'"{name}": {constant} is not among the constants of {stem}.')
+        hint = ""
+        if stem == "gear-ripple":
+            hint = " Waves beyond them: [robot] gear_ratios = [121, …] in the study file."
+        raise StudyError(f'"{name}": {constant} is not among the constants of {stem}.{hint}')
     return tuple(built)
 
 

@@ -20,6 +20,8 @@ SUSPECTS = b"/Suspects false"
 LONGEST_HEADER = 70  # letters
 # share of the last page that is filled, below which less room between the blocks is tried
 MIN_LAST = 0.4
+# shares of the usual room that are tried, the last with smaller pictures
+ROOMS = ("0.6", "0.5")
 
 
 class ReportError(ModelselError):
@@ -64,8 +66,10 @@ def compile_pdf(
         _write_inputs(folder, content, pictures)
         chosen = _run_compiler(folder)
         if chosen.pages > 1 and chosen.last < MIN_LAST:
-            tight = _run_compiler(folder, {"tight": "yes"})
-            chosen = tight if tight.pages < chosen.pages else chosen
+            for room in ROOMS:
+                tight = _run_compiler(folder, {"room": room})
+                if tight.pages < chosen.pages:
+                    return tight.pdf, tight.warnings
         return chosen.pdf, chosen.warnings
 
 

@@ -17,7 +17,7 @@ from ..results.study_sentences import (
     SETS_TITLE,
     TABLE_PURPOSE,
     common_mechanisms,
-    describe_set,
+    describe_sets,
     format_mm,
     format_p,
     format_share,
@@ -114,9 +114,9 @@ def _subset_table(record: StudyRecord, width: int) -> tuple[str, list[str], str]
 
 def _set_table(record: StudyRecord, width: int) -> tuple[str, list[str], str]:
     rows = []
-    for model in record.weighed_models:
+    models = record.weighed_models
+    for words, model in zip(describe_sets(models), models, strict=True):
         probability = format_weight(model.probability)
-        words = describe_set(model)
         row = Row(words, [probability])
         rows.append(row)
     lines = write_table("effects", SET_HEADS, "", rows, width)

@@ -19,10 +19,10 @@ TABLE_PURPOSE = (
     "chance would do as well, over all that was scanned: only that finds, and the two may differ."
 )
 # the sets of effects that the search has weighed, and what their table is for
-SETS_TITLE = "Sets of effects"
+SETS_TITLE = "Sets of effects that would do"
 SETS_PURPOSE = (
     "Probability among all sets that the search weighed around the findings: one effect more or less, one for another, "
-    "two for one, one for two. What a finding claims is what holds in nine tenths of them."
+    "two for one, one for two. What a finding claims holds in nine tenths of them."
 )
 # what figures that take the names as given do not say
 NOMINAL_CAVEAT = "take the names as given: the search is not repeated for them; the p of a finding is that of the whole search."
@@ -76,10 +76,25 @@ def format_weight(weight: float | None) -> str:
     return "<0.001" if weight < 0.0005 else f"{weight:.3f}"
 
 
-def describe_set(model: WeighedModelRecord) -> str:
-    """Return the effects of a set; which is that of the findings."""
-    effects = " + ".join(model.effects) or "none"
-    return f"{effects} (the findings)" if model.chosen else effects
+def describe_sets(models: Sequence[WeighedModelRecord]) -> list[str]:
+    """Return what each set of effects has beside that of the findings, or lacks."""
+    found = {effect for model in models if model.chosen for effect in model.effects}
+    sentences = []
+    for model in models:
+        own = set(model.effects)
+        more = " + ".join(effect for effect in model.effects if effect not in found)
+        fewer = " + ".join(sorted(found - own))
+        sentence = "the findings" if found else "none"
+        if more and not found:
+            sentence = more
+        elif more and fewer:
+            sentence = f"{more} in place of {fewer}"
+        elif more:
+            sentence = f"{more} beside the findings"
+        elif fewer:
+            sentence = f"the findings without {fewer}"
+        sentences.append(sentence)
+    return sentences
 
 
 def count_rows(rows: Sequence[int]) -> str:
@@ -259,7 +274,11 @@ def describe_outliers(record: StudyRecord, where: Where, most: int) -> str:
     rows = record.outliers
     if not rows:
         return ""
-    return f"Outliers left out: {count_rows(rows)} ({where.listed(rows, most)})."
+    places = where.listed(rows, most)
+    labels = where.label(rows, most)
+    if labels:
+        places = f"{labels}; {places}"
+    return f"Outliers left out: {count_rows(rows)} ({places})."
 
 
 # -- uncertainty

@@ -19,6 +19,7 @@ from ..mechanisms.registry import (
     build_mechanisms,
     every,
     mechanism,
+    set_gear_ratios,
     set_reference,
 )
 from ..mechanisms.terms import Mechanism, unstorable
@@ -29,6 +30,9 @@ from .noise_parts import check_joints_of_parts
 from .own_causes import check_own_causes, find_own_name_problems, list_own_names
 from .robot_tables import read_any_robot
 from .stated_setup import point_gravity
+
+# turns of a motor per turn of its joint, at most
+MAX_GEAR_RATIO = 1000.0
 
 
 def open_study(study: Study | Path | str, folder: Path | str | None) -> tuple[Study, Path]:
@@ -179,6 +183,7 @@ def read_inputs(
     labels (m,) are None where no column says which rows estimate. Raises StudyError or DataError.
     """
     robot = read_nominal_robot(study, folder)
+    registry = _use_gear_ratios(study, robot, registry)
     check_mechanism_names(study, robot, registry)
     check_joints_of_parts(study, robot)
     measured = _read_file(study, folder, robot)
@@ -190,6 +195,25 @@ def read_inputs(
         file_labels = read_labels(find_source(study, folder), split_column)
         labels = file_labels[measured.row]
     return robot, registry, measured, labels
+
+
+def _use_gear_ratios(study: Study, robot: Robot, registry: Registry) -> Registry:
+    """Return the registry with the gear ratios that the study gives. Raises StudyError for another
+    number of them than the robot has joints, and for one that is none."""
+    ratios = study.robot.gear_ratios
+    if ratios is None:
+        return registry
+    if len(ratios) != robot.n:
+        raise StudyError(
+            f"robot.gear_ratios: {len(ratios)} numbers, but {robot.name} has {robot.n} joints. Give one "
+            "for each, 0 where it is not known."
+        )
+    if not all(0 <= ratio <= MAX_GEAR_RATIO for ratio in ratios):
+        raise StudyError(
+            f"robot.gear_ratios: a ratio is 0 (not known) to {MAX_GEAR_RATIO:g} turns of the motor per "
+            "turn of the joint. Correct it."
+        )
+    return set_gear_ratios(registry, ratios)
 
 
 def read_study_measurements(study: Study, folder: Path) -> tuple[Robot, Measurements]:

@@ -11,6 +11,7 @@ import numpy as np
 from ..exceptions import DataError, ModelselError, NotEstimable
 from ..fitting.problem import Problem
 from ..measurements.column_guesses import Choice, Reading, guess_columns, merge_columns
+from ..measurements.gear_ratios import GearRatios, find_gear_ratios
 from ..measurements.grad_columns import JOINTS, Meaning, keep_meaning, name_meanings, offer_meanings
 from ..measurements.headerless_columns import is_headerless, list_orders
 from ..measurements.measurements import Measurements
@@ -62,6 +63,7 @@ class StudyDraft:
     remarks: tuple[str, ...] = ()
     originals: Mapping[str, str] = field(default_factory=dict)
     meanings: Mapping[str, Meaning] = field(default_factory=dict)
+    gears: GearRatios | None = None
 
     @property
     def columns(self) -> dict[str, str]:
@@ -113,7 +115,9 @@ class StudyDraft:
 def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]) -> StudyDraft:
     """Read a file's columns as well as its names, its values and the nominal arm tell; `given`:
     what the user says. Raises DataError where nothing looks like a required column."""
+    gears = None
     if isinstance(source, DataFile):
+        gears = find_gear_ratios(source.path, robot.n)
         source = replace(source, headerless=True)
     table = load_table(source)
     if is_headerless(table):
@@ -134,6 +138,8 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
     draft = StudyDraft(
         robot, source, table, given, named, originals=converted.originals, meanings=meanings
     )
+    if gears is not None:
+        draft = replace(draft, gears=gears).remark(gears.sentence)
     taken = {*draft.columns.values(), *given}
     optional = guess_optional_columns(rename_columns(draft.measured, given), taken)
     draft = replace(draft, optional=tuple(optional))

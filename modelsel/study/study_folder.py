@@ -119,6 +119,9 @@ def format_study(
     lines = [f"name = {_quote(name)}", "seed = 1", "", "[robot]"]
     lines += [f"{key} = {_quote(value)}" for key, value in robot.items()]
     lines += setup.format_lines()
+    if draft.gears is not None:
+        listed = ", ".join(f"{value:g}" for value in draft.gears.values)
+        lines += [f"gear_ratios = [{listed}]  # turns of the motor per turn of each joint"]
     lines += ["", "[measurements]", *_format_measurements(draft)]
     estimation = count_estimation(data)
     if estimation is not None:

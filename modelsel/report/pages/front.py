@@ -34,7 +34,7 @@ from ..style import shorten
 from .findings import name_finding
 
 MAX_NAMED = 9  # rows of the first page's table
-LONGEST_NAME = 40  # letters
+LONGEST_NAME = 48  # letters
 CAMPAIGN_LABELS = {
     "date": "Date",
     "instrument": "Instrument",

@@ -9,7 +9,7 @@ from ...results.study_sentences import (
     SETS_TITLE,
     TABLE_PURPOSE,
     common_mechanisms,
-    describe_set,
+    describe_sets,
     format_mm,
     format_weight,
 )
@@ -133,11 +133,14 @@ def _set_aside_sentence(candidates: CandidatesRecord) -> str:
 
 
 def _write_sets(record: StudyRecord) -> list[Block]:
-    rows = [
-        [describe_set(model), format_weight(model.probability)] for model in record.weighed_models
-    ]
-    columns = [("effects beside the base", "left"), ("probability", "right")]
-    return [make_heading(SETS_TITLE, 2), make_table(columns, rows, SETS_PURPOSE, [1.0, 0.0])]
+    models = record.weighed_models
+    rows = []
+    for words, model in zip(describe_sets(models), models, strict=True):
+        probability = format_weight(model.probability)
+        rows.append([words, probability])
+    columns = [("effects", "left"), ("probability", "right")]
+    table = make_table(columns, rows, SETS_PURPOSE, [1.0, 0.0])
+    return [make_heading(SETS_TITLE, 2), table]
 
 
 def _write_nested(nested: NestedRecord) -> list[Block]:
