@@ -48,6 +48,7 @@ from .observation_columns import (
     read_uncertainties,
 )
 from .orientation_columns import QUATERNION_COLUMNS, convert_orientations
+from .row_names import find_row_names
 from .row_order import check_clock
 from .row_places import Where
 from .table import Source, Table, load_table, rename_columns
@@ -118,7 +119,8 @@ def read_measurements(
     if coupling is not None:
         notes.append(Note("coupled-joints", coupling.describe_readings()))
     said = (*table.notes, *content.notes, *notes, *data.notes)
-    return replace(data, notes=said, where=table.where, units=units)
+    where = replace(table.where, labels=find_row_names(table))
+    return replace(data, notes=said, where=where, units=units)
 
 
 def _load_contract_table(
