@@ -24,6 +24,8 @@ CODES = {
     "columns-ignored": "text columns that the contract does not name are ignored",
     "counters-ignored": "columns that only count the rows are ignored",
     "covariates-ignored": "numeric columns that cannot serve as causes are ignored",
+    "units-converted": "columns in units that a measurements file does not have (cm, gon, mrad) are converted",
+    "missed-rows": "rows without a position are left out; their readings count as places that the arm went to",
     "duplicate-rows": "rows that repeat another cell for cell are counted once",
     "copied-rows": "rows that copy a measurement under another number are counted once",
     "joint-rests": "readings of a joint at rest flicker; that is not taken for motion",
@@ -33,6 +35,7 @@ CODES = {
     # preparing the study
     "gravity-unknown": "the robot file gives no direction of gravity; mechanisms that need it are left out",
     "cause-constant": "a cause of the study's own has one value in all rows",
+    "gravity-upwards": "the robot's gravity points along +z of the measurements' frame",
     "nothing-held-out": "every configuration estimates, none is held out",
     "other-session": "groups without an estimation configuration; drift is taken at the campaign's middle",
     "target-unseen": "held-out rows of a target without estimation rows are left out",
@@ -85,12 +88,13 @@ ALARMS = {
     "floor-unlike": "Check the noise floor",
     "beyond-tolerance": "Check the robot",
     "instrument-place": "Check the instrument",
+    "gravity-upwards": "Check the direction of gravity",
     HOPELESS_FIT: "Check the fit",
 }
 # faults of the data, each with the alarm that says as much
 ALARM_OF_FAULT = {"swapped-reflectors": "labels-swapped", "row-order": "rows-shifted"}
 # alarms that do not explain why a fit is bad
-NOISE_CODES = {"stated-uncertainty", "floor-unlike"}
+NOISE_CODES = {"stated-uncertainty", "floor-unlike", "gravity-upwards"}
 
 
 def list_alarms(notes: Sequence[Note]) -> list[str]:

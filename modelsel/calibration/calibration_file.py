@@ -96,6 +96,8 @@ def calibration_record(c: Calibration) -> dict[str, Any]:
     if not form.is_plain:
         columns = dict(form.columns)
         record["file_form"] = {"columns": columns, "sheet": form.sheet, "decimal": form.decimal}
+        if form.headerless:
+            record["file_form"]["header"] = False
     source = c.robot.urdf
     if source is not None and _is_of(source, c.robot):
         record["urdf"] = {"base": source.base, "tip": source.tip, "text": source.text}

@@ -57,6 +57,7 @@ class FileFormRecord(StrictRecord):
     columns: dict[Text, Text]
     sheet: Text | None
     decimal: Literal[",", "."] | None
+    header: bool = True
 
 
 class TargetRecord(StrictRecord):

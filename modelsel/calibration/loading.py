@@ -203,7 +203,7 @@ def _restore_form(record: CalibrationRecord) -> FileForm:
     stored = record.file_form
     if stored is None:
         return FileForm()
-    return FileForm(dict(stored.columns), stored.sheet, stored.decimal)
+    return FileForm(dict(stored.columns), stored.sheet, stored.decimal, not stored.header)
 
 
 def _restore_refits(record: CalibrationRecord, model: Model) -> Refits | None:

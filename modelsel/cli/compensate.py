@@ -91,7 +91,7 @@ def compensate_command(
         raise click.UsageError("--forward corrects no command: it goes with --format csv.")
     c = load_calibration(result)
     table = load_table(c.form.open(targets, sheet, decimal))
-    mapping = c.form.map_columns(table, columns)
+    mapping, mapped = c.form.read_columns(table, columns)
     table = hold_values(c, table, read_held_values(at))
     data = read_measurements(table, c.robot, mapping, positions=False, once=False)
     commands: Commands | None = None
@@ -113,6 +113,8 @@ def compensate_command(
         said = {"written": out.name, "rows": len(data), "warnings": notes, "left_out": skipped}
         print_json(said | figures)
     else:
+        if mapped:
+            click.echo(mapped)
         slides = np.array(c.robot.prismatic)
         gain = "" if commands is None else _sentence(commands, slides)
         click.echo(f"Written: {out}, {len(data)} rows.{gain}")

@@ -21,6 +21,7 @@ from ._options import (
 if TYPE_CHECKING:
     from ..measurements.column_guesses import Choice, Reading
     from ..study.new_study import StudyDraft
+    from ..study.stated_setup import StatedSetup
 
 
 @click.command("init")
@@ -62,6 +63,24 @@ if TYPE_CHECKING:
 @xacro_option
 @dh_option
 @column_option
+@click.option(
+    "--tool",
+    type=(float, float, float),
+    metavar="X Y Z",
+    help="The target in the flange frame [mm], where it is known: a first guess, or with --aligned "
+    "where it is.",
+)
+@click.option(
+    "--aligned",
+    is_flag=True,
+    help="Positions are in the robot's base frame already: find neither frame nor target anew.",
+)
+@click.option(
+    "--gravity",
+    type=(float, float, float),
+    metavar="X Y Z",
+    help="Direction of gravity in the robot's base frame: 0 0 -1 of an upright robot.",
+)
 @click.option("--json", "as_json", is_flag=True)
 def init_command(
     file: Path,
@@ -79,6 +98,9 @@ def init_command(
     arguments: dict[str, str],
     convention: str | None,
     columns: dict[str, str],
+    tool: tuple[float, float, float] | None,
+    aligned: bool,
+    gravity: tuple[float, float, float] | None,
     as_json: bool,
 ) -> None:
     """Write a study folder from a measurements file as it is: find the columns and their units,
@@ -86,12 +108,15 @@ def init_command(
     from ..measurements.table import DataFile
     from ..study.joined_study import draft_joined_study
     from ..study.new_study import add_orientation, describe_draft, draft_study
+    from ..study.stated_setup import StatedSetup
     from ..study.study_folder import RobotSource, check_new, write_study_folder
 
+    setup = StatedSetup(tool, aligned, gravity)
+    _check_setup(setup)
     folder = out if out is not None else Path(file.stem)
     check_new(folder)
     named = read_robot_option(robot, base, tip, arguments, convention)
-    arm = named.robot
+    arm = setup.place(named.robot)
     source = DataFile(file, sheet, decimal)
     if joints is None:
         draft = draft_study(source, arm, columns)
@@ -101,12 +126,14 @@ def init_command(
     draft = _settle(draft, yes)
     draft = _settle(add_orientation(draft), yes)
     data = draft.read()
-    lines = [*named.said, *describe_draft(draft, data)]
+    lines = [*named.said, *describe_draft(draft, data), *setup.describe(arm, data)]
     if not as_json:
         click.echo("\n".join(lines))
     if not yes:
         _ask_whether(f"Write a study to {folder}?")
-    written = write_study_folder(draft, data, RobotSource(robot, base, tip, named.written), folder)
+    written = write_study_folder(
+        draft, data, RobotSource(robot, base, tip, named.written), folder, setup
+    )
     if as_json:
         print_json(
             {"written": [str(path) for path in written], "columns": draft.columns, "said": lines}
@@ -114,6 +141,17 @@ def init_command(
         return
     click.echo(f"Written: {', '.join(map(str, written))}")
     click.echo(f"Next: modelsel study {shlex.quote(str(folder))}")
+
+
+def _check_setup(setup: StatedSetup) -> None:
+    """Refuse a set-up that is not whole. Raises click.UsageError."""
+    if setup.aligned and setup.tool is None:
+        raise click.UsageError(
+            "--aligned takes the frame as it is, and then the target must be known: give its place in "
+            "the flange frame by --tool X Y Z."
+        )
+    if setup.gravity is not None and not any(setup.gravity):
+        raise click.UsageError("--gravity is a direction: 0 0 -1 of an upright robot.")
 
 
 def _settle(draft: StudyDraft, yes: bool) -> StudyDraft:

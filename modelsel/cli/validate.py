@@ -37,11 +37,12 @@ def validate_command(
     from ..calibration.validation import describe_same_data, describe_verdict, judge
     from ..measurements.reader import read_measurements
     from ..measurements.table import hash_source, load_table
+    from ..study.new_study import TOLD_NOTES
 
     c = load_calibration(result)
     source = c.form.open(data, sheet, decimal)
     table = load_table(source)
-    mapping = c.form.map_columns(table, columns)
+    mapping, mapped = c.form.read_columns(table, columns)
     measured = read_measurements(table, c.robot, mapping)
     found = judge(c, measured, register)
     said, beyond = describe_verdict(measured, found), describe_extrapolation(c, measured)
@@ -67,9 +68,13 @@ def validate_command(
                     zip(("tracker_mm", "tracker_rad", "target_mm"), found.moved, strict=True)
                 ),
                 "warnings": warnings,
+                "columns": mapping,
             }
         )
     else:
+        for line in [mapped, *(n.sentence for n in measured.notes if n.code in TOLD_NOTES)]:
+            if line:
+                click.echo(line)
         for line in found.doubts:
             click.echo(f"Check the data: {line}")
         for line in said:

@@ -199,9 +199,10 @@ def find_source(study: Study, folder: Path) -> Source:
     if held is not None:
         return held.frame
     path = find_data(measurements.file, folder)
-    if measurements.sheet is None and measurements.decimal is None:
+    if measurements.sheet is None and measurements.decimal is None and measurements.header:
         return path
-    return DataFile(path, measurements.sheet, measurements.decimal)
+    headerless = not measurements.header
+    return DataFile(path, measurements.sheet, measurements.decimal, headerless)
 
 
 def _list_shared_folders(beside: Path) -> list[Path]:

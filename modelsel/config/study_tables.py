@@ -16,6 +16,7 @@ from ..measurements.table import hash_source
 from ..robot.kinematics import Robot
 from ..robot.plain_values import check_robot_name, robot_record
 from ..robot.rigid import Axis
+from .directions import check_direction
 
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
@@ -61,6 +62,9 @@ class RobotTable(_Table):
     )
     tools_mm: dict[Name, Vector] | None = Field(
         default=None, description="Nominal target per target's name, in the flange frame [mm]."
+    )
+    gravity: Annotated[Vector, AfterValidator(check_direction)] | None = Field(
+        default=None, description="Direction of gravity in frame 0, instead of the robot file's."
     )
     register_: bool | Literal["per group"] = Field(
         default=False,
@@ -115,7 +119,7 @@ class RobotTable(_Table):
         rest = {
             key: value
             for key, value in plain(self.model_copy(update={"nominal": None})).items()
-            if key != "nominal"
+            if key != "nominal" and (key != "gravity" or value is not None)
         }
         return rest if robot is None else rest | {"nominal": robot_record(robot)}
 
@@ -167,6 +171,10 @@ class MeasurementsTable(_Table):
     decimal: Literal[",", "."] | None = Field(
         default=None, description="Decimal mark, where the file's numbers leave it open."
     )
+    header: bool = Field(
+        default=True,
+        description='Whether there is a header, else columns are "column 1" and so on.',
+    )
     features: dict[Name, FeatureTable] = Field(
         default={}, description="What is known of the features that rows share, by name."
     )
@@ -174,7 +182,9 @@ class MeasurementsTable(_Table):
     @model_serializer(mode="wrap")
     def _since(self, plain: Plain) -> dict[str, Any]:
         """Write, and hash, a study without what earlier ones did not have as it was then."""
-        return _drop_defaults(plain(self), {"features": {}, "sheet": None, "decimal": None})
+        return _drop_defaults(
+            plain(self), {"features": {}, "sheet": None, "decimal": None, "header": True}
+        )
 
     @model_validator(mode="before")
     @classmethod

@@ -22,7 +22,7 @@ from .candidate_kinds import CandidateKind
 from .unregistered import Causes, Unregistered, build_cell
 
 # angles at which a jump is looked for, and readings that each side needs
-JUMPS = 24
+JUMPS = 96
 MIN_READINGS = 4
 # repetitions a turn of a pattern that is no single wave, and its harmonics
 PERIODS = tuple(range(2, 21))

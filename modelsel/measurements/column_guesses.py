@@ -6,7 +6,7 @@ from __future__ import annotations
 import shlex
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 from typing import TypeAlias
@@ -17,6 +17,7 @@ from .._typing import Array
 from ..exceptions import DataError, one_line, sentence_list
 from .column_names import OTHER_QUANTITIES, WEAK_JOINT_WORDS, ColumnName, parse_column_name
 from .columns import POSITION_UNITS, READING_UNITS, convert_to_numbers
+from .joint_names import find_named_joints
 from .table import Table
 
 # rad: readings beyond it are degrees; below it, and above the next, they are radians
@@ -62,14 +63,17 @@ class Choice:
         return count > 1
 
 
-def guess_columns(table: Table, prismatic: Sequence[bool]) -> list[Choice]:
-    """Guess the columns that a table does not have under the contract's names."""
+def guess_columns(
+    table: Table, prismatic: Sequence[bool], joint_names: Sequence[str] = ()
+) -> list[Choice]:
+    """Guess the columns that a table does not have under the contract's names; `joint_names`: what
+    the robot file calls the joints, where it does."""
     units = table.units
     names = [parse_column_name(name, units.get(name)) for name in table.columns]
     numeric = [name for name in names if _is_numeric(table, name.given)]
     choices = []
     if list_missing_joints(table, prismatic):
-        readings = _read_joint_columns(table, numeric, prismatic)
+        readings = _read_joint_columns(table, numeric, prismatic, joint_names)
         choice = Choice("the joint readings", readings)
         choices.append(choice)
     if is_position_missing(table):
@@ -111,10 +115,15 @@ def _is_numeric(table: Table, name: str) -> bool:
 
 
 def _read_joint_columns(
-    table: Table, names: Sequence[ColumnName], prismatic: Sequence[bool]
+    table: Table, names: Sequence[ColumnName], prismatic: Sequence[bool], joint_names: Sequence[str]
 ) -> tuple[Reading, ...]:
-    """List the readings of columns that are numbered like the joints."""
+    """List the readings of columns that are called as the robot's joints are, else of those that
+    are numbered like them."""
     count = len(prismatic)
+    named = find_named_joints(names, joint_names)
+    if named:
+        whole = [_read_family(table, columns, prismatic) for columns in _prefer_measured(named)]
+        return tuple(_list_each(reading) for readings in whole for reading in readings)
     families: dict[Family, dict[int, ColumnName]] = defaultdict(dict)
     for name in names:
         is_other = name.words & OTHER_QUANTITIES
@@ -137,6 +146,14 @@ def _read_joint_columns(
     for columns in _prefer_measured(complete):
         readings += _read_family(table, columns, prismatic)
     return tuple(readings)
+
+
+def _list_each(reading: Reading) -> Reading:
+    """Say of a reading by joints' names which column each joint has."""
+    pairs = [f"{wanted.split('_')[0]} = {_quote(name)}" for wanted, name in reading.columns.items()]
+    unit = reading.words.rpartition(" in ")[2]
+    words = f"by the names of the robot file's joints, {', '.join(pairs)}, in {unit}"
+    return replace(reading, words=words)
 
 
 def _is_weak(family: Sequence[ColumnName]) -> bool:
@@ -280,14 +297,16 @@ def _quote(name: str) -> str:
 # --------------------------------------------------------------------------------------------
 
 
-def propose_columns(table: Table, prismatic: Sequence[bool]) -> DataError | None:
+def propose_columns(
+    table: Table, prismatic: Sequence[bool], joint_names: Sequence[str] = ()
+) -> DataError | None:
     """Return the error that proposes names for all missing columns at once; None where fewer than
     two are missing, or nothing looks like any of them."""
     lacking = len(list_missing_joints(table, prismatic))
     lacking += sum(map(partial(_lacks_axis, table), AXES))
     if lacking < 2:
         return None
-    choices = guess_columns(table, prismatic)
+    choices = guess_columns(table, prismatic, joint_names)
     if not any(choice.readings for choice in choices):
         return None
     sentences = [_describe_choice(choice) for choice in choices]

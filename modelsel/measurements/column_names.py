@@ -69,6 +69,7 @@ OTHER_QUANTITIES = frozenset[str]().union(
         "max",
     ),
 )
+CELSIUS_WORDS = frozenset(("temp", "temperature", "temperatur", "t"))
 JOINT_WORDS = frozenset[str]().union(
     ("q", "j", "a", "t", "th", "theta", "θ", "joint", "joints", "axis", "ax", "achse", "axe"),
     ("axes", "gelenk", "jt", "rax", "jnt", "eje", "asse", "angle", "winkel", "enc", "motor"),
@@ -116,10 +117,14 @@ class ColumnName:
 
 def parse_column_name(name: str, unit: str | None = None) -> ColumnName:
     """Take a column's name apart; `unit`: what a row of units says below it."""
-    words, said = _split_name(name, unit)
+    words, said = split_name(name, unit)
     found = next((find_unit(text) for text in said if find_unit(text) is not None), None)
     brackets = [word for text in said if find_unit(text) is None for word in text.split()]
-    if found is None and len(words) > 1 and find_unit(words[-1]) is not None:
+    is_unit = len(words) > 1 and find_unit(words[-1]) is not None
+    if is_unit and words[-1] == "c":
+        # of "Euler_C" the letter is an angle's, KUKA's A B C
+        is_unit = not CELSIUS_WORDS.isdisjoint(words)
+    if found is None and is_unit:
         found = find_unit(words.pop())
         if words[-1] == "in" and len(words) > 1:
             words.pop()
@@ -129,12 +134,12 @@ def parse_column_name(name: str, unit: str | None = None) -> ColumnName:
 
 def list_units(name: str, unit: str | None = None) -> list[str]:
     """List the words that a name, and a row of units, say as its unit, in small letters."""
-    words, said = _split_name(name, unit)
+    words, said = split_name(name, unit)
     candidates = [*said, *words[1:][-1:]]
     return [word for word in candidates if find_unit(word) is not None]
 
 
-def _split_name(name: str, unit: str | None) -> tuple[list[str], list[str]]:
+def split_name(name: str, unit: str | None) -> tuple[list[str], list[str]]:
     """Split a name into (its words, what stands in brackets or in the row of units), in small
     letters."""
     bare, inside = name, []

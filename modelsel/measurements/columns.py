@@ -165,13 +165,17 @@ def read_quantity(table: Table, stem: str, units: Sequence[str], rows: Mask | No
 
 
 def read_coordinates(table: Table, required: bool = True) -> Array:
-    """Read positions (m, 3) [mm]; NaN where none are there and none are `required`. Raises
+    """Read positions (m, 3) [mm]; NaN in rows where none are there and none are `required`. Raises
     DataError as `read_quantity`."""
     plain = set("xyz")
     names = plain | {f"{axis}_{unit}" for axis in plain for unit in POSITION_UNITS}
     if not required and names.isdisjoint(table.columns):
         return np.full((len(table), 3), np.nan)
-    return np.stack([read_quantity(table, axis, POSITION_UNITS) for axis in "xyz"], 1)
+    rows = None
+    if not required:
+        present = [table.columns[name] for name in sorted(names & set(table.columns))]
+        rows = ~np.all([find_blank_cells(cells) for cells in present], axis=0)
+    return np.stack([read_quantity(table, axis, POSITION_UNITS, rows) for axis in "xyz"], 1)
 
 
 def read_column_set(

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
+from ..exceptions import StudyError, suggest
 from .columns import POSITION_UNITS, READING_UNITS
 from .observation_columns import KIND_COLUMNS
 from .orientation_columns import ORIENTATION_COLUMNS, QUATERNION_COLUMNS
 
 JOINT_COLUMN = re.compile(r"q([0-9]{1,9})_(?:rad|deg|mm|m)")
+# covariates with a meaning that mechanisms know
+KNOWN_COVARIATES = ("payload_kg", "temperature_C", "time_s")
 LABEL_COLUMNS = ("target", "configuration", "group")
 UNCERTAINTY_COLUMNS = ("sx_mm", "sy_mm", "sz_mm")
 ROTATION_UNCERTAINTY_COLUMNS = ("srx_rad", "sry_rad", "srz_rad")
@@ -34,5 +37,19 @@ def list_contract_names(prismatic: Sequence[bool]) -> set[str]:
     return names
 
 
-# covariates with a meaning that mechanisms know
-KNOWN_COVARIATES = ("payload_kg", "temperature_C", "time_s")
+def check_mapping(mapping: Mapping[str, str], prismatic: Sequence[bool]) -> None:
+    """Refuse a mapping of a name that the contract does not have, and two of one column."""
+    known = list_contract_names(prismatic)
+    problems = [
+        f'measurements.columns: unknown column "{name}". {suggest(name, known)}'
+        for name in mapping
+        if name not in known
+    ]
+    given = list(mapping.values())
+    problems += [
+        f'measurements.columns: "{name}" is mapped to twice. Name another column.'
+        for name in sorted(set(given))
+        if given.count(name) > 1
+    ]
+    if problems:
+        raise StudyError(*problems)

@@ -12,12 +12,13 @@ from .table import DataFile, Table
 
 @dataclass(frozen=True)
 class FileForm:
-    """A file's `columns` (contract name -> name in the file), the `sheet` of a spreadsheet, and the
-    `decimal` mark where the numbers leave it open."""
+    """A file's `columns` (contract name -> name in the file), the `sheet` of a spreadsheet, the
+    `decimal` mark where the numbers leave it open, and whether it has no header."""
 
     columns: Mapping[str, str] = field(default_factory=dict)
     sheet: str | None = None
     decimal: str | None = None
+    headerless: bool = False
 
     @property
     def is_plain(self) -> bool:
@@ -28,7 +29,7 @@ class FileForm:
         """Return a file of this form; a `sheet` or `decimal` that is given goes first."""
         if path.suffix.lower() in SPREADSHEET_SUFFIXES:
             sheet = sheet or self.sheet
-        return DataFile(path, sheet, decimal or self.decimal)
+        return DataFile(path, sheet, decimal or self.decimal, self.headerless)
 
     def map_columns(self, table: Table, given: Mapping[str, str]) -> dict[str, str]:
         """Return the mapping of a table's columns: `given`, then those of the form that the table
@@ -36,7 +37,19 @@ class FileForm:
         taken = set(given.values())
         columns = dict(given)
         for wanted, name in self.columns.items():
-            is_open = wanted not in given and name not in taken and wanted not in table
-            if is_open and name in table:
+            if wanted in given or wanted in table:
+                continue
+            if name in taken:
+                continue
+            if name in table:
                 columns[wanted] = name
         return columns
+
+    def read_columns(self, table: Table, given: Mapping[str, str]) -> tuple[dict[str, str], str]:
+        """Return the mapping of a table's columns, and a sentence on those that are read as the
+        study's file has them; an empty one where there are none."""
+        columns = self.map_columns(table, given)
+        own = [f'"{name}" as {wanted}' for wanted, name in columns.items() if wanted not in given]
+        if not own:
+            return columns, ""
+        return columns, f"Columns are read as in the study's file: {', '.join(own)}."

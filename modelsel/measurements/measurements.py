@@ -17,11 +17,12 @@ from ..notices import Note
 from ..robot.coupling import Coupling, readings_of
 from ..robot.rigid import to_quaternion
 from .features import COORDINATES, KINDS, Feature, KindColumns, add_kind_columns, collect_features
+from .motion import MeasuredRows, Waypoints, trace_motion
 from .reference_temperature import REFERENCE, choose_reference
 from .resting_joints import describe_resting_joints
 from .row_order import compute_progress
 from .row_places import Where
-from .visits import count_distinct, derive_motion, number_blocks, number_keys, number_visits
+from .visits import count_distinct, number_blocks, number_keys
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -285,6 +286,7 @@ def build_measurements(
     kinds: KindColumns | None = None,
     prismatic: Sequence[bool] = (),
     coupling: Coupling | None = None,
+    waypoints: Waypoints | None = None,
 ) -> Measurements:
     """Build measurements from plain arrays; everything optional is derived as contract.md says.
 
@@ -292,37 +294,37 @@ def build_measurements(
     `prismatic`: which joints slide; `coupling`: how motors, whose motion is derived, move them. By role: `configuration`, `target`, `group` label the rows, whose number in the
     file is `row`; `order` and `approach` describe the motion; `covariates` the state; `sigma`
     (m, 3) [mm] and `orientation` the measurement; `kinds` what rows measure where not every one is
-    a point. Raises DataError for a distance of one row."""
+    a point; `waypoints`: where the arm went between the rows. Raises DataError for a distance of
+    one row."""
     q = np.asarray(q, float)
     position = np.asarray(position, float)
     m = len(q)
     same = np.zeros(m, np.intp)
     target_index, targets = (same, ONE_TARGET) if target is None else number_keys(target)
     group_index, groups = (same, ONE_GROUP) if group is None else number_keys(group)
-    order = np.arange(m, dtype=float) if order is None else np.asarray(order, float)
-    visit = number_visits(q, configuration, group_index)
-    readings = readings_of(coupling, q)
-    derived, move, flicker = derive_motion(readings, visit, group_index, order, prismatic)
+    place = np.arange(m) if row is None else row
+    rows = MeasuredRows(q, place, group, configuration, order)
+    motion = trace_motion(rows, waypoints, coupling, prismatic)
     covariates = dict(covariates or {})
     data = Measurements(
         q,
         position,
-        row=np.arange(m) if row is None else row,
-        configuration=visit,
-        block=number_blocks(q, visit),
+        row=place,
+        configuration=motion.visit,
+        block=number_blocks(q, motion.visit),
         target=target_index,
         group=group_index,
-        order=order,
-        approach=derived if approach is None else np.asarray(approach, float),
-        move=move,
-        progress=compute_progress(group_index, order, covariates.get("time_s")),
+        order=motion.order,
+        approach=motion.approach if approach is None else np.asarray(approach, float),
+        move=motion.move,
+        progress=compute_progress(group_index, motion.order, covariates.get("time_s")),
         targets=targets,
         groups=groups,
         covariates=covariates,
         sigma=sigma,
         rotation=None if orientation is None else orientation.rotation,
         sigma_rotation=None if orientation is None else orientation.sigma,
-        notes=_describe_motion(flicker, prismatic, approach is None),
+        notes=_describe_motion(motion.flicker, prismatic, approach is None),
         prismatic=tuple(prismatic),
         reference_celsius=choose_reference(covariates),
         coupling=coupling,

@@ -1,14 +1,20 @@
-"""Rows of a file without a position: shots that were missed, left out where a study is begun."""
+"""Rows of a file without a position: shots that were missed. They are no measurements, but the arm
+went there: the row after one was approached from its readings."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .._typing import Mask
+from .._typing import Array, Index, Mask
+from ..notices import Note
+from ..robot.coupling import Coupling, angles_of
+from .columns import POSITION_UNITS, READING_UNITS, UNITS, convert_to_numbers, find_blank_cells
+from .motion import Waypoints
 from .number_format import is_number
 from .table import Table
 from .table_layout import is_blank_row
@@ -34,30 +40,141 @@ NOT_MEASURED = frozenset[str]().union(
 )
 # rows whose remarks are said
 MAX_REMARKS = 3
+AXES = ("x", "y", "z")
 
 
-def leave_out_missed(table: Table, coordinates: Sequence[str]) -> tuple[Table, tuple[str, ...]]:
-    """Leave out the rows in which all of the named coordinates are empty, or say that they were
-    not measured ("-", "n/a"), but for a table without any; returns the table, and what is said of it."""
-    is_missed = np.ones(len(table), bool)
-    for name in coordinates:
-        is_missed &= _find_empty(table, name)
-    if not coordinates or not is_missed.any() or is_missed.all():
-        return table, ()
-    rows = np.flatnonzero(is_missed)
+@dataclass(frozen=True, eq=False)
+class Split:
+    """A table without its missed rows: `kept`, the `rows` (m,) of the whole that it has, the
+    `missed` ones as a table of their own (None where there are none), their `places` (k,)."""
+
+    kept: Table
+    rows: Index
+    missed: Table | None
+    places: Index
+
+
+def split_missed(table: Table) -> Split:
+    """Split a table of points into rows with a position and rows in which every coordinate is
+    empty or says that it was not measured ("-", "n/a"); all rows are kept where none, or all, have one."""
+    names = _find_coordinates(table)
+    is_missed = np.zeros(len(table), bool)
+    if names:
+        is_missed = np.all([_find_empty(table.columns[name]) for name in names], axis=0)
+    if "kind" in table or not is_missed.any() or is_missed.all():
+        return split_nothing(table)
+    rows, places = np.flatnonzero(~is_missed), np.flatnonzero(is_missed)
+    return Split(take_rows(table, rows), rows, take_rows(table, places), places)
+
+
+def split_nothing(table: Table) -> Split:
+    """Return a table with all of its rows kept."""
+    return Split(table, np.arange(len(table)), None, np.zeros(0, np.intp))
+
+
+def _find_coordinates(table: Table) -> list[str]:
+    """Find the columns of the position; none where a coordinate is missing."""
+    found = []
+    for axis in AXES:
+        found += [name for unit in POSITION_UNITS if (name := f"{axis}_{unit}") in table][:1]
+    return found if len(found) == len(AXES) else []
+
+
+def take_rows(table: Table, rows: Index) -> Table:
+    """Take some rows, each with its own line."""
+    at = np.array([table.where.number(row) for row in rows.tolist()], dtype=np.intp)
+    columns = {name: cells[rows] for name, cells in table.columns.items()}
+    return replace(table, columns=columns, where=replace(table.where, at=at))
+
+
+def read_waypoints(
+    split: Split, prismatic: Sequence[bool], coupling: Coupling | None
+) -> tuple[Waypoints | None, list[Note]]:
+    """Read where the arm was in the missed rows, and say that they are left out; rows whose readings
+    or order are missing too say nothing of the motion. Without a group a row is of that of the next
+    measured row, without a configuration one of its own."""
+    table = split.missed
+    if table is None:
+        return None, []
+    q, is_known = _read_readings(table, prismatic)
+    order = convert_to_numbers(table.columns["order"]) if "order" in table else None
+    if order is not None:
+        is_known &= np.isfinite(order)
+    places = split.places[is_known]
+    waypoints = Waypoints(
+        angles_of(coupling, q[is_known]),
+        places,
+        _read_labels(split, "group", is_known, np.searchsorted(split.rows, places)),
+        _read_labels(split, "configuration", is_known, None),
+        None if order is None else order[is_known],
+    )
+    return waypoints, [_describe_missed(split, table, is_known)]
+
+
+def _read_labels(
+    split: Split, name: str, rows: Mask, following: Index | None
+) -> list[object] | None:
+    """Read labels of some missed rows; for an empty one that of the measured row `following` it, or
+    one that no row has. None where there is no such column."""
+    if split.missed is None or name not in split.missed:
+        return None
+    cells = split.missed.columns[name][rows]
+    labels: list[object] = ["" if cell is None else str(cell).strip() for cell in cells.tolist()]
+    measured = split.kept.columns[name]
+    for k in np.flatnonzero(find_blank_cells(cells)).tolist():
+        labels[k] = (name, k)
+        if following is not None:
+            labels[k] = str(measured[min(int(following[k]), len(measured) - 1)]).strip()
+    return labels
+
+
+def _read_readings(table: Table, prismatic: Sequence[bool]) -> tuple[Array, Mask]:
+    """Read joint readings (k, n), rad or mm, and mask (k,) the rows that have all of them."""
+    columns = []
+    for j, slides in enumerate(prismatic, 1):
+        for unit in READING_UNITS[slides]:
+            if f"q{j}_{unit}" in table:
+                columns.append(convert_to_numbers(table.columns[f"q{j}_{unit}"]) * UNITS[unit])
+                break
+        else:
+            columns.append(np.full(len(table), np.nan))
+    q = np.stack(columns, 1)
+    return q, np.asarray(np.isfinite(q).all(1))
+
+
+def _describe_missed(split: Split, table: Table, is_known: Mask) -> Note:
+    rows = np.arange(len(table))
     said = f"Left out, because there is no position: {table.where.listed(rows)}"
-    remarks = [remark for row in rows[:MAX_REMARKS] if (remark := _find_remark(table, int(row)))]
-    if remarks:
-        said += f" ({'; '.join(dict.fromkeys(remarks))})"
-    return _keep(table, ~is_missed), (f"{said}.",)
+    names = [name for name, cells in split.kept.columns.items() if _holds_remarks(cells)]
+    remarks = [_find_remark(table, names, row) for row in range(min(len(rows), MAX_REMARKS))]
+    if any(remarks):
+        said += f" ({'; '.join(filter(None, dict.fromkeys(remarks)))})"
+    count = int(is_known.sum())
+    whose, which = ("its", "a place") if len(rows) == 1 else ("their", "places")
+    if count == len(rows):
+        said += f"; {whose} joint readings count as {which} that the arm went to, from which the next row was approached"
+    elif count:
+        said += f"; the readings of {table.where.listed(rows[is_known])} count as places that the arm went to"
+    return Note("missed-rows", f"{said}.")
 
 
-def _find_empty(table: Table, name: str) -> Mask:
+def _holds_remarks(cells: NDArray[Any]) -> bool:
+    """Whether a column is empty in most rows that were measured, as remarks are."""
+    is_blank = find_blank_cells(cells)
+    share = is_blank.mean()
+    return bool(share > 0.5)
+
+
+def _find_empty(cells: NDArray[Any]) -> Mask:
     """Find the rows (m,) in which nothing was measured by a column."""
-    cells = table.columns[name]
     if cells.dtype.kind == "f":
-        return np.isnan(cells)
-    return np.array([is_not_measured(cell) for cell in cells.tolist()], dtype=bool)
+        is_nan = np.isnan(cells)
+        return np.asarray(is_nan)
+    found = []
+    for cell in cells.tolist():
+        is_empty = is_not_measured(cell)
+        found.append(is_empty)
+    return np.array(found, dtype=bool)
 
 
 def is_not_measured(cell: Any) -> bool:
@@ -69,26 +186,16 @@ def is_not_measured(cell: Any) -> bool:
     return word in NOT_MEASURED
 
 
-def _find_remark(table: Table, row: int) -> str:
-    """Find the longest text in a row."""
+def _find_remark(table: Table, names: Sequence[str], row: int) -> str:
+    """Find the longest text in some columns of a row; empty where there is none."""
     remarks = list[str]()
-    for column in table.columns.values():
-        cell = column[row]
-        is_word = isinstance(cell, str) and not is_not_measured(cell)
-        if is_word and not is_number(cell):
-            remark = cell.strip()
-            remarks.append(remark)
+    for name in names:
+        cells = table.columns[name]
+        cell = cells[row]
+        if not isinstance(cell, str):
+            continue
+        if is_not_measured(cell) or is_number(cell):
+            continue
+        remark = cell.strip()
+        remarks.append(remark)
     return max(remarks, key=len, default="")
-
-
-def _keep(table: Table, kept: Mask) -> Table:
-    """Keep some rows, each with its own line."""
-    place = table.where
-    rows = np.flatnonzero(kept).tolist()
-    lines = [place.number(row) for row in rows]
-    at = np.array(lines, dtype=np.intp)
-    columns = {}
-    for name, cells in table.columns.items():
-        columns[name] = cells[kept]
-    where = replace(place, at=at)
-    return replace(table, columns=columns, where=where)

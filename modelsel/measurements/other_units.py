@@ -1,61 +1,85 @@
-"""Columns in units that a measurements file does not have (cm, mrad, gon), converted to mm and
-rad where a study is begun."""
+"""Columns in units that a measurements file does not have (cm, mrad, gon), converted where a file
+says them: by the names of columns, or a row of units below these."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from types import MappingProxyType
+import re
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..notices import Note
 from .column_names import LENGTHS, OTHER_QUANTITIES, ColumnName, list_units, parse_column_name
-from .columns import convert_to_numbers
+from .columns import UNITS, convert_to_numbers
 from .table import Table
 from .unit_names import ANGLES, DEGREE, DEGREES
 
 COORDINATES = ("x", "y", "z")
 # one of each unit of an angle, in rad
 RADIANS = {**{unit: size * DEGREE for unit, size in DEGREES.items()}, **ANGLES}
-# of the units that are read, in mm or rad
-SIZES = {"mm": 1.0, "m": 1e3, "in": 25.4, "inch": 25.4, "rad": 1.0, "deg": DEGREE}
+QUANTITY = re.compile(r"(x|y|z|q(\d{1,9}))_(\w+)")
 
 
-def convert_units(
-    table: Table, prismatic: Sequence[bool], given: Mapping[str, str] = MappingProxyType({})
-) -> tuple[Table, tuple[str, ...]]:
+@dataclass(frozen=True)
+class Converted:
+    """A table whose columns of unread units are converted and renamed: `originals`, the names that
+    they have in the file."""
+
+    table: Table
+    originals: Mapping[str, str] = field(default_factory=dict)
+
+
+def convert_units(table: Table, prismatic: Sequence[bool], mapped: Collection[str]) -> Converted:
     """Convert joint readings and coordinates whose names, or a row of units below them, say a unit
-    that is not read; those that the user names (`given`) to the unit that is wanted, under the
-    name that is wanted. A column whose own name says the unit is renamed. Returns the table, and
-    what is said of it."""
-    wanted = {name: contract for contract, name in given.items()}
+    that is not read, to look at their values; not those that are `mapped` already."""
     columns: dict[str, NDArray[np.generic]] = {}
     units = dict(table.units)
-    converted: dict[str, list[str]] = {}
+    originals: dict[str, str] = {}
     for name, cells in table.columns.items():
         parsed = parse_column_name(name, units.get(name))
-        if name in wanted:
-            contract = parse_column_name(wanted[name])
-            parsed = replace(contract, given=name, unit=parsed.unit)
-        factor, unit, said = _find_factor(parsed, table, prismatic)
+        factor, unit, said = 1.0, "", ""
+        if name not in mapped and not parsed.words & OTHER_QUANTITIES:
+            factor, unit, said = _find_factor(parsed, table, _is_length(parsed, prismatic))
         if not said:
             columns[name] = cells
             continue
-        renamed = name
-        if name in wanted:
-            renamed = wanted[name]
-            unit = renamed.rpartition("_")[2]
-        elif parse_column_name(name).unit is not None:
-            renamed = f"{name} in {unit}"
-        columns[renamed] = _scale(cells, factor / SIZES.get(unit, 1.0))
+        is_in_name = parse_column_name(name).unit is not None
+        renamed = f"{name} in {unit}" if is_in_name else name
+        columns[renamed] = _scale(cells, factor)
         units[renamed] = unit
-        converted.setdefault(f"from {said} to {unit}", []).append(f'"{name}"')
+        originals[renamed] = name
+    return Converted(replace(table, columns=columns, units=units), originals)
+
+
+def convert_mapped(
+    table: Table, mapping: Mapping[str, str], prismatic: Sequence[bool]
+) -> tuple[Table, frozenset[str]]:
+    """Convert the columns that are mapped to coordinates or readings and say a unit that is not
+    read, to the unit of the contract's name. Returns the table, with a note, and these columns."""
+    columns = dict(table.columns)
+    units = dict(table.units)
+    converted: dict[str, list[str]] = {}
+    for wanted, given in mapping.items():
+        match = QUANTITY.fullmatch(wanted)
+        if match is None or given not in columns or match[3] not in UNITS:
+            continue
+        is_length = match[2] is None or _slides(int(match[2]), prismatic)
+        quantity = None if match[2] is None else "joint"
+        parsed = replace(parse_column_name(given, units.get(given)), quantity=quantity)
+        factor, _, said = _find_factor(parsed, table, is_length)
+        if said:
+            columns[given] = _scale(columns[given], factor / UNITS[match[3]])
+            units.pop(given, None)
+            converted.setdefault(f"from {said} to {match[3]}", []).append(f'"{given}"')
     if not converted:
-        return table, ()
+        return table, frozenset()
     listed = "; ".join(f"{', '.join(names)} {way}" for way, names in converted.items())
-    return replace(table, columns=columns, units=units), (f"Converted: {listed}.",)
+    notes = (*table.notes, Note("units-converted", f"Converted: {listed}."))
+    names = frozenset(name[1:-1] for each in converted.values() for name in each)
+    return replace(table, columns=columns, units=units, notes=notes), names
 
 
 def _scale(cells: NDArray[Any], factor: float) -> NDArray[np.generic]:
@@ -64,25 +88,37 @@ def _scale(cells: NDArray[Any], factor: float) -> NDArray[np.generic]:
     is_number = np.isfinite(values)
     if is_number.all():
         return np.asarray(values * factor)
-    scaled = np.asarray(cells, dtype=object).copy()
-    scaled[is_number] = values[is_number] * factor
+    objects = np.asarray(cells, dtype=object)
+    scaled = objects.copy()
+    numbers = values[is_number]
+    scaled[is_number] = numbers * factor
     return scaled
 
 
-def _find_factor(
-    name: ColumnName, table: Table, prismatic: Sequence[bool]
-) -> tuple[float, str, str]:
+def _is_length(name: ColumnName, prismatic: Sequence[bool]) -> bool | None:
+    """Whether a column holds lengths, by what it is called: None for neither a joint's reading nor a
+    coordinate."""
+    quantity = name.quantity
+    number = name.number
+    if quantity in COORDINATES:
+        return True
+    if quantity != "joint":
+        return None
+    if number is None:
+        return None
+    return _slides(number, prismatic)
+
+
+def _slides(joint: int, prismatic: Sequence[bool]) -> bool:
+    """Whether a joint, from 1, slides."""
+    return 1 <= joint <= len(prismatic) and bool(prismatic[joint - 1])
+
+
+def _find_factor(name: ColumnName, table: Table, is_length: bool | None) -> tuple[float, str, str]:
     """Find (factor, unit that is read, unit that is said) of a column; no unit said where nothing
     is to be converted."""
-    is_joint = name.quantity == "joint"
-    is_unread = name.unit == "" or is_joint and name.unit == "in"
-    if not is_unread or name.words & OTHER_QUANTITIES:
-        return 1.0, "", ""
-    is_length = name.quantity in COORDINATES
-    if is_joint and name.number is not None:
-        index = name.number - 1
-        is_length = 0 <= index < len(prismatic) and prismatic[index]
-    elif not is_length:
+    is_unread = name.unit == "" or name.quantity == "joint" and name.unit == "in"
+    if not is_unread or is_length is None:
         return 1.0, "", ""
     sizes, unit = (LENGTHS, "mm") if is_length else (RADIANS, "rad")
     for said in list_units(name.given, table.units.get(name.given)):

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..exceptions import StudyError, suggest
+from ..exceptions import suggest
 from ..notices import Note
 from ..robot.coupling import Coupling, angles_of
 from ..robot.kinematics import Robot
 from ..robot.rigid import from_quaternion
+from ..robot.urdf import read_joint_names
 from .board_columns import convert_board_poses
 from .column_guesses import propose_columns
 from .columns import (
@@ -33,6 +34,7 @@ from .contract_columns import (
     LABEL_COLUMNS,
     ROTATION_UNCERTAINTY_COLUMNS,
     UNCERTAINTY_COLUMNS,
+    check_mapping,
     list_contract_names,
 )
 from .covariates import read_covariates
@@ -40,6 +42,8 @@ from .duplicates import find_copies, find_duplicates
 from .extent import refuse_wide_positions
 from .features import KindColumns
 from .measurements import Measurements, Orientation, build_measurements
+from .missed_rows import read_waypoints, split_missed, split_nothing
+from .motion import Waypoints
 from .observation_columns import (
     KIND_COLUMNS,
     read_kinds,
@@ -48,6 +52,8 @@ from .observation_columns import (
     read_uncertainties,
 )
 from .orientation_columns import QUATERNION_COLUMNS, convert_orientations
+from .other_units import convert_mapped
+from .row_names import list_row_names
 from .row_order import check_clock
 from .row_places import Where
 from .table import Source, Table, load_table, rename_columns
@@ -99,26 +105,30 @@ def read_measurements(
 
     Raises DataError with file, line and column, or row (from 0) and column of the DataFrame;
     StudyError for a name that the contract does not have."""
-    prismatic, coupling = tuple[bool, ...](), None
+    prismatic, coupling, names = tuple[bool, ...](), None, tuple[str, ...]()
     if isinstance(robot, Robot):
-        prismatic, coupling = robot.prismatic, robot.coupling
+        prismatic, coupling, names = robot.prismatic, robot.coupling, read_joint_names(robot)
     else:
         prismatic = tuple(robot)
-    table = _load_contract_table(source, group, columns or {}, prismatic, positions)
+    whole = _load_contract_table(source, group, columns or {}, prismatic, positions, names)
+    split = split_missed(whole) if positions else split_nothing(whole)
+    waypoints, missed = read_waypoints(split, prismatic, coupling)
+    table = convert_board_poses(convert_orientations(split.kept))
     content = _read_columns(table, prismatic, positions)
     keep, notes = np.ones(len(table), bool), list[Note]()
     if once:
         keep, notes = _find_distinct_rows(table, content)
-    data = _select_rows(content, keep, prismatic, coupling)
+    data = _select_rows(content, keep, split.rows, prismatic, coupling, waypoints)
     if content.order is not None:
-        check_clock(data.order, data.covariates.get("time_s"), data.group, data.row, table.where)
+        check_clock(data.order, data.covariates.get("time_s"), data.group, data.row, whole.where)
     if positions and isinstance(robot, Robot):
         refuse_wide_positions(table, robot, data.position, data.group)
     units = _find_reading_units(table, prismatic)
     if coupling is not None:
         notes.append(Note("coupled-joints", coupling.describe_readings()))
-    said = (*table.notes, *content.notes, *notes, *data.notes)
-    return replace(data, notes=said, where=table.where, units=units)
+    said = (*table.notes, *missed, *content.notes, *notes, *data.notes)
+    where = replace(whole.where, labels=list_row_names(table, split.rows))
+    return replace(data, notes=said, where=where, units=units)
 
 
 def _load_contract_table(
@@ -127,21 +137,24 @@ def _load_contract_table(
     mapping: Mapping[str, str],
     prismatic: Sequence[bool],
     positions: bool,
+    joint_names: Sequence[str] = (),
 ) -> Table:
     """Load the table under the contract's names; refuse wrong mappings and foreign units."""
-    _check_mapping(mapping, prismatic)
+    check_mapping(mapping, prismatic)
     table = load_table(source, group)
-    refuse_mapped_units(mapping, prismatic, table)
+    table, converted = convert_mapped(table, mapping, prismatic)
+    rest = {name: own for name, own in mapping.items() if own not in converted}
+    refuse_mapped_units(rest, prismatic, table)
     table = rename_columns(table, mapping)
     has_kinds = "kind" in table and "feature" in table
     known = list_contract_names(prismatic)
     if not has_kinds:
         known -= set(KIND_COLUMNS)
-    proposal = None if has_kinds else propose_columns(table, prismatic)
+    proposal = None if has_kinds else propose_columns(table, prismatic, joint_names)
     if proposal is not None and positions:
         raise proposal
     refuse_other_units(table, known, prismatic, has_kinds)
-    return convert_board_poses(convert_orientations(table))
+    return table
 
 
 def _read_columns(table: Table, prismatic: Sequence[bool], positions: bool) -> _Columns:
@@ -176,9 +189,14 @@ def _read_columns(table: Table, prismatic: Sequence[bool], positions: bool) -> _
 
 
 def _select_rows(
-    columns: _Columns, keep: Mask, prismatic: Sequence[bool], coupling: Coupling | None
+    columns: _Columns,
+    keep: Mask,
+    places: NDArray[np.intp],
+    prismatic: Sequence[bool],
+    coupling: Coupling | None,
+    waypoints: Waypoints | None,
 ) -> Measurements:
-    """Build the measurements of some rows."""
+    """Build the measurements of some rows; `places` (m,): the rows of the file that all are."""
     rows = slice(None) if keep.all() else keep
 
     def select(values: Any) -> Any:
@@ -192,7 +210,7 @@ def _select_rows(
     return build_measurements(
         angles_of(coupling, columns.q[rows]),
         columns.position[rows],
-        row=np.flatnonzero(keep),
+        row=places[keep],
         **labels,
         order=select(columns.order),
         approach=select(columns.approach),
@@ -202,6 +220,7 @@ def _select_rows(
         kinds=None if columns.kinds is None else columns.kinds.take(keep),
         prismatic=prismatic,
         coupling=coupling,
+        waypoints=waypoints,
     )
 
 
@@ -273,24 +292,6 @@ def _read_approach(table: Table, joints: int) -> Array | None:
             remedy="Correct the cell, or leave the approach columns out.",
         )
     return approach
-
-
-def _check_mapping(mapping: Mapping[str, str], prismatic: Sequence[bool]) -> None:
-    """Refuse a mapping of a name that the contract does not have, and two of one column."""
-    known = list_contract_names(prismatic)
-    problems = [
-        f'measurements.columns: unknown column "{name}". {suggest(name, known)}'
-        for name in mapping
-        if name not in known
-    ]
-    given = list(mapping.values())
-    problems += [
-        f'measurements.columns: "{name}" is mapped to twice. Name another column.'
-        for name in sorted(set(given))
-        if given.count(name) > 1
-    ]
-    if problems:
-        raise StudyError(*problems)
 
 
 def _check_configurations(

@@ -20,7 +20,7 @@ class Where:
     the spreadsheet does; a DataFrame and a Parquet file have rows, counted from 0. `first`: the
     number of the table's first row, where it is a piece of a file; `at` (m,): the line or sheet
     row of every row, where rows do not follow one another from the second line on; `names`: what
-    the user calls columns that are renamed."""
+    the user calls columns that are renamed; `labels`: what the file calls its rows."""
 
     file: str = ""
     lines: bool = True
@@ -29,6 +29,7 @@ class Where:
     header: int = 1
     sheet: str = ""
     names: Mapping[str, str] = field(default_factory=dict)
+    labels: Mapping[int, str] | NDArray[Any] | None = None
 
     @property
     def is_file(self) -> bool:
@@ -104,13 +105,24 @@ class Where:
         base = ", counted from 0" if self.is_counted_from_zero else ""
         return f"{word} {shown}{ellipsis}{base}"
 
-    def record(self, rows: NDArray[np.intp]) -> dict[str, Any]:
-        """Return plain values that say of the `rows` how they are numbered; `where_from_record`
-        reads them."""
+    def label(self, rows: Sequence[int], most: int) -> str:
+        """List what the file calls the first so many rows; empty where it has no names."""
+        if self.labels is None or not rows:
+            return ""
+        names = [str(self.labels[row]).strip() for row in rows[:most]]
+        ellipsis = " …" if len(rows) > most else ""
+        return ", ".join(names) + ellipsis
+
+    def record(self, rows: NDArray[np.intp], labelled: Sequence[int] = ()) -> dict[str, Any]:
+        """Return plain values that say of the `rows` how they are numbered, and of those `labelled`
+        what the file calls them; `where_from_record` reads them."""
+        labels = None
+        if self.labels is not None and len(labelled):
+            labels = {str(row): str(self.labels[row]).strip() for row in labelled}
         at = None if self.at is None else {str(row): self.number(row) for row in rows.tolist()}
         first = 2 if self.is_text else self.first
         word = "sheet row" if self.sheet else "line" if self.is_text else "row"
-        return {"word": word, "first": first, "at": at}
+        return {"word": word, "first": first, "at": at, "labels": labels}
 
     def mapping(self, wanted: str, given: str) -> str:
         """Say how to map a column that has another name."""
@@ -149,4 +161,8 @@ def where_from_record(record: Mapping[str, Any] | None) -> Where:
     if not is_text:
         first = record["first"]
     sheet = "the sheet" if record["word"] == "sheet row" else ""
-    return Where("the file", is_text, first, at, sheet=sheet)
+    named = record.get("labels")
+    labels = None
+    if named is not None:
+        labels = {int(row): label for row, label in named.items()}
+    return Where("the file", is_text, first, at, sheet=sheet, labels=labels)

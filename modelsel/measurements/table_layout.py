@@ -20,6 +20,9 @@ UNIT = re.compile(
     re.IGNORECASE,
 )
 NO_UNIT = re.compile(r"[\[(]?\s*[-–/1]?\s*[\])]?")
+# of a remark: a word of letters, and how many there are at least
+WORD = re.compile(r"[^\W\d_]{2,}")
+MIN_REMARK_WORDS = 3
 # share of a data row's cells that a header fills
 MIN_HEADER_SHARE = 0.7
 
@@ -40,6 +43,15 @@ def is_blank_row(row: Row) -> bool:
     """Whether no cell of a row holds anything."""
     filled = map(_as_text, row)
     return not any(filled)
+
+
+def is_remark(row: Row, width: int) -> bool:
+    """Whether a row that has not `width` cells is a sentence below or between the rows, whatever
+    separates its words: three words or more, and far fewer numbers than words."""
+    text = " ".join(_as_text(cell) for cell in row)
+    words = len(WORD.findall(text))
+    numbers = sum(map(is_number, row))
+    return len(row) != width and words >= MIN_REMARK_WORDS and MIN_REMARK_WORDS * numbers <= words
 
 
 def find_layout(rows: Sequence[Row]) -> Layout | None:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._text import find_read_problem
-from ..exceptions import DataError
+from ..exceptions import DataError, one_line
 from .number_format import (
     convert_number_text,
     find_decimal_mark,
@@ -24,7 +24,7 @@ from .number_format import (
 )
 from .row_places import Where
 from .stated_units import find_stated_unit
-from .table_layout import Layout, find_layout, is_blank_row
+from .table_layout import Layout, find_layout, is_blank_row, is_remark
 from .text_format import (
     BLANKS,
     ENCODING_NAMES,
@@ -41,6 +41,9 @@ CHUNK_ROWS = 50_000
 LINE_BREAK = re.compile(r"\r\n|\r|\n")
 # lines of a kind that a note lists
 MAX_LISTED = 6
+# remarks that a note quotes, and their characters
+MAX_REMARKS = 3
+MAX_REMARK_LENGTH = 90
 
 
 @dataclass
@@ -70,6 +73,7 @@ class _Reading:
     padded: int  # cells of a row with the empty ones that end all rows
     comments: dict[int, str] = field(default_factory=dict)
     blank: list[int] = field(default_factory=list)
+    remarks: dict[int, str] = field(default_factory=dict)
     last: int = 0  # line of the last row that was read
 
     @property
@@ -169,7 +173,7 @@ def _prepare_reading(path: Path, decimal: str | None, headerless: bool) -> _Read
 
 def _find_padding(body: Sequence[Sequence[str]], width: int) -> int:
     """Find how many cells rows have where all of them end with the same number of empty ones."""
-    widths = {len(row) for row in body if not is_blank_row(row)}
+    widths = {len(row) for row in body if not is_blank_row(row) and not is_remark(row, width)}
     longest = max(widths, default=width)
     if len(widths) != 1 or longest <= width:
         return width
@@ -256,6 +260,7 @@ def _read_chunks(reading: _Reading) -> Iterator[tuple[list[list[str]], NDArray[n
             line = end
             rows, starts = _drop_blank_rows(reading, chunk, starts)
             if set(map(len, rows)) - {reading.width}:
+                rows, starts = _drop_remarks(reading, rows, starts)
                 pairs = zip(rows, starts, strict=True)
                 rows = [_fit_row(reading, row, start) for row, start in pairs]
             if reading.convert:
@@ -282,6 +287,18 @@ def _drop_blank_rows(
     dropped = set(blank)
     kept = [row for k, row in enumerate(chunk) if k not in dropped]
     return kept, np.delete(starts, blank)
+
+
+def _drop_remarks(
+    reading: _Reading, rows: list[list[str]], starts: NDArray[np.intp]
+) -> tuple[list[list[str]], NDArray[np.intp]]:
+    """Leave out sentences that stand between or below the rows, and keep them by their lines."""
+    found = [k for k, row in enumerate(rows) if is_remark(row, reading.width)]
+    mark = reading.form.separator
+    for k in found:
+        reading.remarks[int(starts[k])] = mark.join(rows[k]).strip(mark + " ")
+    kept = [row for k, row in enumerate(rows) if k not in set(found)]
+    return kept, np.delete(starts, found)
 
 
 def _fit_row(reading: _Reading, row: list[str], line: int) -> list[str]:
@@ -346,9 +363,19 @@ def _describe_reading(reading: _Reading) -> list[str]:
     if reading.layout.units:
         said.append("a row of units below the header")
     comments = [line for line in reading.comments if line != header]
+    shown = list(reading.remarks.items())[:MAX_REMARKS]
     said += describe_lines(comments, "a comment", "comments")
+    said += [f'line {line} is a remark ("{_shorten(text)}")' for line, text in shown]
+    if len(reading.remarks) > MAX_REMARKS:
+        said.append(f"{len(reading.remarks) - MAX_REMARKS} more lines are remarks")
     between = [line for line in reading.blank if line < reading.last]
     return said + describe_lines(between, "empty", "empty")
+
+
+def _shorten(text: str) -> str:
+    """Shorten a remark to what a note holds."""
+    plain = " ".join(one_line(text).split())
+    return plain if len(plain) <= MAX_REMARK_LENGTH else plain[:MAX_REMARK_LENGTH].rstrip() + " …"
 
 
 def describe_lines(lines: Sequence[int], one: str, many: str, word: str = "line") -> list[str]:

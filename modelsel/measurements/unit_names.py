@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from ..exceptions import DataError
 from .column_names import LENGTHS, find_unit
 from .columns import READING_UNITS
+from .contract_columns import list_contract_names
 from .table import Table
 
 # one of a unit in those that the contract reads
@@ -103,8 +104,10 @@ def refuse_mapped_units(
                 remedy=f"Map the contract's name of that unit; where there is none, convert it to {unit}.",
             )
         _refuse_unit_below(table, wanted, given)
-    for name in table.units:
-        _refuse_unit_below(table, name, name)
+    mapped = set(columns.values())
+    for name in list_contract_names(prismatic) - mapped:
+        if name in table.units:
+            _refuse_unit_below(table, name, name)
 
 
 def _refuse_unit_below(table: Table, wanted: str, given: str) -> None:

@@ -7,6 +7,7 @@ from math import inf
 
 from ..diagnosis.signatures import PROVEN
 from ..exceptions import sentence_list
+from ..measurements.row_places import where_from_record
 from ..notices import ALARMS
 from ..results.details_schema import DetailsRecord, FindingDetailsRecord
 from ..results.finding_schema import FindingRecord
@@ -15,8 +16,8 @@ from ..results.repeatability import summarise_repeatability
 from ..results.schema import StudyRecord
 from ..results.small_findings import split_findings
 from ..results.study_sentences import (
-    count_rows,
     describe_name_probability,
+    describe_outliers,
     describe_predictable,
     describe_probability,
     has_predictable_rest,
@@ -33,6 +34,8 @@ OTHER_LINES = 12
 SIZE_WIDTH = 6
 HANGING = " " * (SIZE_WIDTH + 2)
 SHOWN_RIVALS = 3
+# rows left out that are listed
+MAX_OUTLIERS = 3
 # the code of the note on chains that have not converged
 UNCONVERGED = "unconverged"
 
@@ -122,7 +125,10 @@ def _list_remarks(record: StudyRecord, details: DetailsRecord) -> list[str]:
     if has_predictable_rest(record):
         remarks.append(describe_predictable(record))
     if record.outliers:
-        remarks.append(f"Outliers left out: {count_rows(record.outliers)}.")
+        places = details.places
+        where = where_from_record(None if places is None else places.to_dict())
+        sentence = describe_outliers(record, where, MAX_OUTLIERS)
+        remarks.append(sentence)
     return remarks
 
 

@@ -16,6 +16,17 @@ def explain_restriction(candidates: Sequence[str] | str) -> str:
     return f" Only {sentence_list(candidates)} could be named: no other cause was considered."
 
 
+def explain_unknown_gravity(notes: Sequence[Note]) -> str:
+    """Return what a verdict adds where no direction of gravity is known; else nothing."""
+    if all(note.code != "gravity-unknown" for note in notes):
+        return ""
+    return (
+        " Springs, wind-up and bending under the arm's weight were not looked for, since no direction "
+        "of gravity is known: for an upright robot write gravity = [0, 0, -1] under [robot] in the "
+        "study file."
+    )
+
+
 def restriction_notes(candidates: Sequence[str] | str) -> tuple[Note, ...]:
     """Return the warning about a restricted list of candidates, where a study has one."""
     if isinstance(candidates, str) or not candidates:

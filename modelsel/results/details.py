@@ -94,7 +94,9 @@ def _values(run: StudyRun, drawing: _Drawing) -> Values:
         "study_sha256": run.provenance["study_sha256"],
         "campaign": run.study.campaign.given or None,
         "rows": _describe_rows(run, drawing),
-        "places": everything.where.record(everything.row),
+        "places": everything.where.record(
+            everything.row, everything.row[run.split.outlying].tolist()
+        ),
         "joints": _describe_joints(run),
         "arm_mm": round_nested(nominal_arm(run.problem), 1),
         "arm": describe_arm(run.problem),

@@ -30,6 +30,7 @@ class PlacesRecord(StrictRecord):
     word: Literal["line", "row", "sheet row"]
     first: Whole
     at: dict[Text, Whole] | None
+    labels: dict[Text, Text] | None = None
 
 
 class JointRecord(StrictRecord):

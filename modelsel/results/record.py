@@ -16,6 +16,7 @@ from ..notices import HOPELESS_FIT, Note
 from ..selection.branch_and_bound import Certified
 from ..selection.comparison import SubsetComparison
 from ..selection.evaluation import Evaluation, measure_orientation
+from .cautions import explain_unknown_gravity
 from .finding_figures import FindingFigures, describe_figures, describe_small, measure_effects
 from .finding_records import describe_fault, describe_finding, list_screws
 from .goodness_of_fit import describe_noise, locate_features, measure_lack_of_fit
@@ -83,6 +84,8 @@ def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
         run.study.model.candidates,
         diagnosis.nothing_else[0],
     )
+    gained, named_sentence, remainder = sentences
+    sentences = (gained, named_sentence + explain_unknown_gravity(run.warnings), remainder)
     hopeless = [note.sentence for note in run.warnings if note.code == HOPELESS_FIT]
     orientation = measure_orientation(run.split, nominal, models.chosen)
     registered = "its base and the target" if run.study.robot.register_ else None

@@ -297,7 +297,11 @@ def describe_outliers(record: StudyRecord, where: Where, most: int) -> str:
     rows = record.outliers
     if not rows:
         return ""
-    return f"Outliers left out: {count_rows(rows)} ({where.listed(rows, most)})."
+    places = where.listed(rows, most)
+    labels = where.label(rows, most)
+    if labels:
+        places = f"{labels}; {places}"
+    return f"Outliers left out: {count_rows(rows)} ({places})."
 
 
 # -- uncertainty

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -155,6 +156,17 @@ def read_urdf_text(text: str, where: str, base: str | None = None, tip: str | No
                 f"{where}: the name of link {quote_name(link)} is not valid: {problem}."
             )
     return replace(robot, urdf=UrdfSource(text, first_link, last_link))
+
+
+def read_joint_names(robot: Robot) -> tuple[str, ...]:
+    """Return the names of a robot's joints, from the base on; none where it is not from a URDF."""
+    return () if robot.urdf is None else _read_moving_names(robot.urdf)
+
+
+@lru_cache(maxsize=8)
+def _read_moving_names(source: UrdfSource) -> tuple[str, ...]:
+    root = parse_urdf(source.text, "the URDF")
+    return list_moving_names(find_chain(root, "the URDF", source.base, source.tip))
 
 
 def parse_urdf(text: str, where: str) -> ET.Element:

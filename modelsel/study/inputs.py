@@ -29,6 +29,7 @@ from ..robot.kinematics import Robot
 from .noise_parts import check_joints_of_parts
 from .own_causes import check_own_causes, find_own_name_problems, list_own_names
 from .robot_tables import read_any_robot
+from .stated_setup import point_gravity
 
 # turns of a motor per turn of its joint, at most
 MAX_GEAR_RATIO = 1000.0
@@ -76,11 +77,12 @@ def find_study_file(path: Path) -> Path:
 def read_nominal_robot(study: Study, folder: Path) -> Robot:
     """Return the study's nominal robot: given, built in, or read from a file. Raises StudyError."""
     table = study.robot
-    if table.nominal is not None:
-        return table.nominal
-    if table.name is not None:
-        return load_robot(table.name)
-    return read_any_robot(folder / str(table.file), table.base, table.tip)
+    robot = table.nominal
+    if robot is None and table.name is not None:
+        robot = load_robot(table.name)
+    if robot is None:
+        robot = read_any_robot(folder / str(table.file), table.base, table.tip)
+    return robot if table.gravity is None else point_gravity(robot, table.gravity)
 
 
 def read_known_features(study: Study) -> dict[str, KnownFeature]:

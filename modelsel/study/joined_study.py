@@ -10,6 +10,7 @@ import numpy as np
 from ..exceptions import DataError
 from ..measurements.headerless_columns import name_columns
 from ..measurements.join_sentences import describe_join
+from ..measurements.joined_waypoints import add_waypoints
 from ..measurements.joining import (
     WAYS,
     Join,
@@ -75,8 +76,9 @@ def _draft_join(
 ) -> StudyDraft:
     """Read the columns of two tables joined one way; rows that share their readings and stand apart
     are of several reflectors."""
-    joined = join_tables(points, log, join)
-    reflectors = find_reflectors(joined, np.sort(join.log))
+    matched = join_tables(points, log, join)
+    reflectors = find_reflectors(matched, np.sort(join.log))
+    joined = add_waypoints(matched, points, log, join)
     if reflectors is None or "target" in given or "target" in joined:
         return draft_study(joined, robot, given)
     draft = draft_study(joined, robot, {**given, "target": reflectors})

@@ -15,14 +15,15 @@ from ..measurements.gear_ratios import GearRatios, find_gear_ratios
 from ..measurements.grad_columns import JOINTS, Meaning, keep_meaning, name_meanings, offer_meanings
 from ..measurements.headerless_columns import is_headerless, list_orders
 from ..measurements.measurements import Measurements
-from ..measurements.missed_rows import leave_out_missed
+from ..measurements.missed_rows import split_missed, take_rows
 from ..measurements.optional_columns import guess_optional_columns
 from ..measurements.orientation_columns import ORIENTATION_COLUMNS
 from ..measurements.orientation_guesses import guess_orientation
-from ..measurements.other_units import COORDINATES, convert_units
+from ..measurements.other_units import convert_units
 from ..measurements.reader import read_measurements
 from ..measurements.table import DataFile, Table, load_table, rename_columns
 from ..robot.kinematics import Robot
+from ..robot.urdf import read_joint_names
 from ..setup.other_robots import compute_registered_misfit, sample_positions
 from ..setup.registration import register
 from .checks import check_setup
@@ -43,13 +44,15 @@ MIN_MISFIT_MM = 0.003
 MIN_SPLIT = 30
 HELD_OUT_SHARE = 0.4
 MAX_HELD_OUT = 40
+# what reading does to rows and units
+TOLD_NOTES = ("missed-rows", "units-converted")
 
 
 @dataclass(frozen=True)
 class StudyDraft:
     """What a file is read as: the choices that are open or settled, optional columns, and the
-    measurements once nothing is open; `meanings`: columns of `table`, where their unit "Grad" may
-    mean several."""
+    measurements once nothing is open; `originals`: the names in the file of columns of `table` that
+    are converted; `meanings`: columns of it whose unit "Grad" may mean several."""
 
     robot: Robot
     source: DataFile | Table
@@ -58,6 +61,7 @@ class StudyDraft:
     choices: tuple[Choice, ...]
     optional: tuple[Reading, ...] = ()
     remarks: tuple[str, ...] = ()
+    originals: Mapping[str, str] = field(default_factory=dict)
     meanings: Mapping[str, Meaning] = field(default_factory=dict)
     gears: GearRatios | None = None
 
@@ -69,7 +73,16 @@ class StudyDraft:
         readings = [*first, *optional]
         guessed = merge_columns(readings)
         given = self.given
-        return {**given, **guessed}
+        originals = self.originals
+        return {**given, **{name: originals.get(own, own) for name, own in guessed.items()}}
+
+    @property
+    def measured(self) -> Table:
+        """The rows of `table` with a position."""
+        first = [choice.readings[0] for choice in self.choices]
+        table = self.table
+        split = split_missed(rename_columns(table, {**self.given, **merge_columns(first)}))
+        return table if split.missed is None else take_rows(table, split.rows)
 
     def choose(self, what: str, reading: Reading) -> StudyDraft:
         """Return the draft with one choice settled."""
@@ -82,8 +95,9 @@ class StudyDraft:
             return draft
         table = keep_meaning(self.table, self.meanings, reading)
         as_it_is = set(reading.columns.values()) <= set(load_table(self.source).columns)
-        source = self.source if as_it_is else table
-        return replace(draft, table=table, source=source, meanings={})
+        if as_it_is:
+            return replace(draft, table=table, meanings={})
+        return replace(draft, table=table, source=table, meanings={}, originals={})
 
     def remark(self, sentence: str) -> StudyDraft:
         """Return the draft with one sentence more to say."""
@@ -107,47 +121,34 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
         source = replace(source, headerless=True)
     table = load_table(source)
     if is_headerless(table):
-        return _draft_headerless(table, robot, given)
+        return _draft_headerless(source, table, robot, given)
+    if isinstance(source, DataFile):
+        source = replace(source, headerless=False)
     if not len(table):
         raise table.where.refuse("a header, but no rows.")
-    table, missed = leave_out_missed(table, _find_coordinates(table, robot, given))
     as_given = table
-    table, converted = convert_units(table, robot.prismatic, given)
-    given = {wanted: name for wanted, name in given.items() if name in table}
-    remarks = (*missed, *converted)
-    if remarks:
-        source = table
-    table, meanings = offer_meanings(table, robot.prismatic, given.values())
+    converted = convert_units(table, robot.prismatic, set(given.values()))
+    table, meanings = offer_meanings(converted.table, robot.prismatic, given.values())
     renamed = rename_columns(table, given)
-    choices = guess_columns(renamed, robot.prismatic)
+    choices = guess_columns(renamed, robot.prismatic, read_joint_names(robot))
     for choice in choices:
         if not choice.readings:
             raise _refuse_missing(as_given, choice, robot)
     named = name_meanings(choices, meanings)
-    draft = StudyDraft(robot, source, table, given, named, remarks=remarks, meanings=meanings)
+    draft = StudyDraft(
+        robot, source, table, given, named, originals=converted.originals, meanings=meanings
+    )
     if gears is not None:
         draft = replace(draft, gears=gears).remark(gears.sentence)
     taken = {*draft.columns.values(), *given}
-    optional = guess_optional_columns(renamed, taken)
+    optional = guess_optional_columns(rename_columns(draft.measured, given), taken)
     draft = replace(draft, optional=tuple(optional))
     return settle_by_arm(draft)
 
 
-def _find_coordinates(table: Table, robot: Robot, given: Mapping[str, str]) -> list[str]:
-    """Find the columns that look like the position."""
-    renamed = rename_columns(table, given)
-    found = {**{name: name for name in table.columns}, **given}
-    for choice in guess_columns(renamed, robot.prismatic):
-        if choice.readings:
-            found.update(choice.readings[0].columns)
-    for unit in ("mm", "m"):
-        wanted = [f"{axis}_{unit}" for axis in COORDINATES]
-        if all(name in found for name in wanted):
-            return [found[name] for name in wanted]
-    return []
-
-
-def _draft_headerless(table: Table, robot: Robot, given: Mapping[str, str]) -> StudyDraft:
+def _draft_headerless(
+    source: DataFile | Table, table: Table, robot: Robot, given: Mapping[str, str]
+) -> StudyDraft:
     """Read a table without header, of readings and coordinates in the order that the nominal arm
     fits. Raises DataError where it fits neither clearly better."""
     orders = list_orders(table, robot.n)
@@ -165,7 +166,11 @@ def _draft_headerless(table: Table, robot: Robot, given: Mapping[str, str]) -> S
             remedy="Write the columns' names in a line above them: q1_deg, …, x_mm, y_mm, z_mm.",
         )
     order = ("joint readings, then X, Y, Z", "X, Y, Z, then joint readings")[best]
-    return drafts[best].remark(f"Without a header: {order}, as the nominal arm fits them.")
+    draft = drafts[best]
+    if not draft.originals:
+        names = dict(zip(orders[best].columns, table.columns, strict=True))
+        draft = replace(draft, source=source, originals=names)
+    return draft.remark(f"Without a header: {order}, as the nominal arm fits them.")
 
 
 def _measure_draft(draft: StudyDraft) -> float:
@@ -181,7 +186,7 @@ def add_orientation(draft: StudyDraft) -> StudyDraft:
     robot = draft.robot
     columns = draft.columns
     taken = set(columns.values())
-    choice = guess_orientation(draft.table, taken, robot.name)
+    choice = guess_orientation(draft.measured, taken, robot.name)
     given = set(draft.given)
     is_given = given & set(ORIENTATION_COLUMNS)
     if choice is None or is_given:
@@ -248,8 +253,11 @@ def _try_readings(draft: StudyDraft, readings: Sequence[Reading]) -> float:
     """Compute how far the positions are from the nominal arm [mm] by some readings; infinite where
     the file cannot be read so."""
     columns = {**draft.given, **merge_columns(readings)}
+    source: DataFile | Table = draft.table
+    if not draft.meanings:
+        source = draft.source
+        columns = {name: draft.originals.get(own, own) for name, own in columns.items()}
     try:
-        source = draft.table if draft.meanings else draft.source
         data = read_measurements(source, draft.robot, columns)
     except ModelselError:
         return float("inf")
@@ -279,6 +287,9 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     robot = draft.robot
     lines = [f"Robot: {robot.name}, {robot.n} joints, links of {robot.reach:.0f} mm in all."]
     lines += [note.sentence for note in draft.table.notes]
+    if draft.given:
+        pairs = [f'{name} = "{own}"' for name, own in draft.given.items()]
+        lines.append(f"As you say: {', '.join(pairs)}.")
     for choice in draft.choices:
         first, *_ = choice.readings
         what = choice.what.capitalize()
@@ -291,7 +302,9 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     lines.append(f"{', '.join(counts)}.")
     lines += _describe_misfit(robot, data)
     lines.append(_describe_split(data))
-    lines += describe_other_columns(draft.table, draft.columns.values(), data)
+    lines += [note.sentence for note in data.notes if note.code in TOLD_NOTES]
+    taken = {*draft.columns.values(), *draft.originals}
+    lines += describe_other_columns(draft.measured, taken, data)
     return [*lines, *draft.remarks]
 
 

@@ -16,6 +16,11 @@ from ..measurements.measurements import Measurements
 from ..measurements.point_times import are_clock_times
 from ..measurements.table import Table
 
+# where the mechanisms of a payload have its mass
+PAYLOAD = (
+    "payload_kg: its weight is taken to act at the target, the reflector on the flange; where its "
+    "centre is elsewhere, the stiffness that is found is that much off, the joint is not."
+)
 # share of different cells from which a column of text is the names of points
 MIN_DISTINCT = 0.9
 
@@ -50,7 +55,10 @@ def describe_other_columns(table: Table, taken: Collection[str], data: Measureme
     commanded = [name for name in others if parse_column_name(name).is_commanded]
     rest = [name for name in others if name not in commanded]
     unused = [name for name in rest if not _holds_point_names(table.columns[name])]
-    lines = _list_names("Looked at as possible causes of errors, too", varying)
+    lines = []
+    if "payload_kg" in data.covariates:
+        lines.append(PAYLOAD)
+    lines += _list_names("Looked at as possible causes of errors, too", varying)
     lines += _list_names("The same in all rows, so that nothing can depend on it", constant)
     lines += _list_names("Commanded, not measured, and not used", commanded)
     return lines + _list_names("Not used", unused)

@@ -29,6 +29,7 @@ from ..selection.splits import assign_folds
 from ..setup.feature_positions import place_features
 from ..setup.registration import note_undetermined, register
 from .checks import check_setup
+from .gravity_direction import note_gravity
 from .own_causes import note_constant_causes
 from .row_selection import (
     center_unknown_times,
@@ -71,7 +72,8 @@ def prepare(
     _check_plausible(study, problem, setup_notes)
 
     problem, floor = weigh(problem, read_instrument(study.noise), study.noise.floor_mm)
-    notes += _warn_of_unknown_gravity(robot)
+    is_stated = study.robot.gravity is not None or not study.robot.register_
+    notes += note_gravity(robot, problem, is_stated)
     notes += note_constant_causes(study, problem)
     _check_enough_configurations(study, data, estimation)
     folds = _assign_folds(study, data, estimation)
@@ -182,18 +184,6 @@ def _explain_implausible(study: Study, problem: Problem, setup_notes: Sequence[N
         f"This looks like {frame}the wrong robot or tool, metres called millimetres, or joints "
         "whose zero or sense is another than the robot file's."
     )
-
-
-def _warn_of_unknown_gravity(robot: Robot) -> list[Note]:
-    if robot.gravity is not None:
-        return []
-    return [
-        Note(
-            "gravity-unknown",
-            f"The robot file of {robot.name} gives no direction of gravity: mechanisms that need "
-            "it are left out. For an upright robot write gravity = [0, 0, -1].",
-        )
-    ]
 
 
 def _check_enough_configurations(study: Study, data: Measurements, estimation: Mask) -> None:

@@ -12,8 +12,17 @@ import numpy as np
 from .._typing import Array
 from ..measurements.row_places import Where
 
-# the joint's variable: theta1, q_2, θ3, θ, d4*
-VARIABLE = re.compile(r"(?:theta|q)_?\{?\d*\}?\*?|^d_?\{?\d+\}?\*?$")
+# the joint's own variable, by the column that holds it: theta1, q_2, θ3, θ, A1 (KUKA), J1, Achse 1; d4*
+NUMBER = r"_?\{?\d+\}?\*?"
+VARIABLES = {
+    "theta": re.compile(
+        r"[+-]?(?:(?:theta|q)_?\{?\d*\}?\*?|(?<![a-z])(?:joint|achse|axis|phi|th|[ajt])"
+        + NUMBER
+        + ")"
+    ),
+    "d": re.compile(r"[+-]?q_?\{?\d*\}?\*?|^[+-]?d" + NUMBER + "$"),
+}
+SUBSCRIPTS = str.maketrans("₀₁₂₃₄₅₆₇₈₉", "0123456789")
 TERM = re.compile(r"([+-]?)(\d*\.?\d+(?:e[+-]?\d+)?|\d+\.)?\*?(pi)?(?:/(\d+\.?\d*))?")
 # mm or m: arms are between a tenth and three metres
 LONGEST_IN_M = 5.0
@@ -21,15 +30,15 @@ LONGEST_IN_M = 5.0
 NEAR_MULTIPLE = 0.02
 
 
-def parse_cell(cell: Any, where: Where, row: int, column: str) -> tuple[float, bool]:
-    """Parse a cell: (its number, whether it is written with pi). Empty cells, dashes and the joint's
-    own variable are 0. Raises DataError."""
+def parse_cell(cell: Any, where: Where, row: int, column: str, key: str = "") -> tuple[float, bool]:
+    """Parse a cell: (its number, whether it is written with pi). Empty cells, dashes and, where the
+    `key` of the column is theta or d, the joint's own variable are 0. Raises DataError."""
     if cell is None or isinstance(cell, (int, float, np.number)):
         number = 0.0 if cell is None else float(cell)
         return (0.0 if np.isnan(number) else number), False
-    text = str(cell).lower().replace("−", "-").replace("θ", "theta").replace("π", "pi")
-    text = re.sub(r"[\s°]", "", text)
-    text = VARIABLE.sub("", text)
+    text = _spell_plainly(cell)
+    if key in VARIABLES:
+        text = VARIABLES[key].sub("", text)
     if text in ("", "-", "+"):
         return 0.0, False
     total, place = 0.0, 0
@@ -48,6 +57,36 @@ def parse_cell(cell: Any, where: Where, row: int, column: str) -> tuple[float, b
             remedy="Write a number, a multiple of pi such as -pi/2, or the joint's own variable.",
         )
     return total, "pi" in text
+
+
+def _spell_plainly(cell: Any) -> str:
+    """Spell a cell in small letters without blanks and degree signs, θ and π as words, minus signs
+    as hyphens."""
+    text = str(cell).lower().replace("−", "-").replace("–", "-").translate(SUBSCRIPTS)
+    text = text.replace("θ", "theta").replace("ϑ", "theta").replace("π", "pi").replace("φ", "phi")
+    return re.sub(r"[\s°º]", "", text)
+
+
+def find_variable(
+    cell: Any, where: Where, row: int, column: str, key: str
+) -> tuple[str, int] | None:
+    """Find the joint's own variable in a cell of theta or d: (as it is written, 1, or -1 where it
+    stands there with a minus: the joint counts the other way). Raises DataError for two of them."""
+    if key not in VARIABLES or not isinstance(cell, str):
+        return None
+    matches = VARIABLES[key].findall(_spell_plainly(cell))
+    if len(matches) > 1:
+        raise where.refuse(
+            f'"{cell[:30]}" holds several joints\' variables.',
+            row=row,
+            column=column,
+            remedy="Write the joint's own alone. That joints turn together is said by coupling in a "
+            "robot file (TOML).",
+        )
+    if not matches:
+        return None
+    (found,) = matches
+    return re.sub(r"[{}*+-]", "", found).upper(), -1 if found.startswith("-") else 1
 
 
 def find_angle_unit(columns: Sequence[tuple[Array, bool]], where: Where) -> str:

@@ -20,6 +20,7 @@ from ..robot.files import read_robot, robot_from_table
 from ..robot.kinematics import Robot
 from .robot_cells import find_angle_unit, find_length_unit, parse_cell
 from .robot_limits import combine_limits
+from .robot_variables import drop_remark_rows, read_variables
 
 TABLE_SUFFIXES = (".csv", ".tsv", ".txt", *SPREADSHEET_SUFFIXES)
 CONVENTIONS = {"standard": "standard DH", "modified": "modified DH (Craig)"}
@@ -36,7 +37,19 @@ STEMS = {
     "alpha": ("alpha", "rx", "twist", "linktwist"),
     "beta": ("beta", "ry"),
     "kind": ("kind", "type", "jointtype"),
-    "name": ("joint", "link", "name", "axis", "frame", "kinematics", "no", "nr", "i", "row"),
+    "name": (
+        "joint",
+        "link",
+        "name",
+        "axis",
+        "achse",
+        "frame",
+        "kinematics",
+        "no",
+        "nr",
+        "i",
+        "row",
+    ),
     "convention": ("convention",),
     "sense": ("sense", "sign", "direction"),
     "low": ("min", "lower", "low", "qmin", "minlimit", "limitmin", "lowerlimit", "limitlower"),
@@ -76,6 +89,7 @@ class _Rows:
     stated: str | None
     limits: list[list[float]] | None = None
     unused: list[str] = field(default_factory=list)
+    variables: str = ""
 
     @property
     def joints(self) -> int:
@@ -104,18 +118,31 @@ def read_robot_table(path: Path, convention: str | None = None) -> tuple[Robot, 
     the table was read). `convention`: standard or modified, where the table leaves it open. Raises
     StudyError."""
     try:
-        rows = _read_rows(load_table(path))
+        loaded = load_table(path)
+        table, remarks = drop_remark_rows(loaded, _find_parameters(loaded))
+        rows = _read_rows(table)
     except DataError as error:
         raise StudyError(f"the robot's table: {error}") from None
     word, reason = _find_convention(rows, path.name, convention)
     said = f"{CONVENTIONS[word]}, {reason}; {rows.units}; gravity along -z of its base"
+    if rows.variables:
+        said += f"; {rows.variables}"
     if rows.limits is not None:
         said += "; limits of the joints as the table has them"
     if rows.unused:
         said += f"; not used: {', '.join(rows.unused)}"
-    table = _to_robot_file(rows, word, path.stem, f"{path.name}: {said}")
-    robot = robot_from_table(table, path.name)
-    return robot, format_robot_table(table), f"{path.name} is read as {said}."
+    robot_file = _to_robot_file(rows, word, path.stem, f"{path.name}: {said}")
+    robot = robot_from_table(robot_file, path.name)
+    notes = [*(note.sentence for note in loaded.notes), *remarks]
+    sentence = " ".join([*notes, f"{path.name} is read as {said}."])
+    return robot, format_robot_table(robot_file), sentence
+
+
+def _find_parameters(table: Table) -> list[str]:
+    """Find the columns that hold parameters."""
+    read = {name: _read_name(name, table.units.get(name)) for name in table.columns}
+    parameters = (*ANGLES, *LENGTHS)
+    return [name for name, column in read.items() if column and column.key in parameters]
 
 
 def _read_rows(table: Table) -> _Rows:
@@ -140,6 +167,9 @@ def _read_rows(table: Table) -> _Rows:
     values = {key: np.zeros(count) for key in (*ANGLES, *LENGTHS)}
     angle_unit, length_unit = _add_columns(table, columns, values)
     slides, senses = _read_slides(table, columns, count), _read_senses(table, columns, count)
+    own = [(column.key, name, cells) for name, (column, cells) in columns.items()]
+    variables = read_variables(table, own, slides)
+    senses *= variables.signs
     names = _read_words(columns, "name", count)
     return _Rows(
         values,
@@ -150,6 +180,7 @@ def _read_rows(table: Table) -> _Rows:
         _read_stated(table, columns),
         limits=_read_limits(table, columns, slides[: _count_joints(names)], senses),
         unused=unused,
+        variables=variables.describe(),
     )
 
 
@@ -188,7 +219,8 @@ def _add_columns(
     for name, (column, cells) in columns.items():
         if column.key not in values:
             continue
-        parsed = [parse_cell(cell, table.where, row, name) for row, cell in enumerate(cells)]
+        where, key = table.where, column.key
+        parsed = [parse_cell(cell, where, row, name, key) for row, cell in enumerate(cells)]
         numbers = np.array([number for number, _ in parsed])
         read[name] = (column, numbers, any(has_pi for _, has_pi in parsed))
     units = []

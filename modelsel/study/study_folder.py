@@ -18,9 +18,11 @@ from ..measurements.table import Table, rename_columns
 from ..robot.files import is_robot_file
 from .new_study import StudyDraft, count_estimation
 from .robot_tables import is_robot_table
+from .stated_setup import StatedSetup
 
 JOINED_FILE = "measurements.csv"
 STUDY_FILE = "study.toml"
+AS_FOUND = StatedSetup()
 PLAIN_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -66,7 +68,11 @@ class RobotSource:
 
 
 def write_study_folder(
-    draft: StudyDraft, data: Measurements, robot: RobotSource, folder: Path
+    draft: StudyDraft,
+    data: Measurements,
+    robot: RobotSource,
+    folder: Path,
+    setup: StatedSetup = AS_FOUND,
 ) -> list[Path]:
     """Write a study of a draft. Returns the files written. Raises StudyError where there is a study
     already."""
@@ -82,7 +88,7 @@ def write_study_folder(
         if written or not _is_inside(Path(robot.given), folder):
             files[robot.file] = robot.read()
     keys = robot.list_keys(draft.robot.name)
-    text = format_study(draft, data, keys, folder.resolve().name)
+    text = format_study(draft, data, keys, folder.resolve().name, setup)
     parse_study(text, STUDY_FILE)
     files[STUDY_FILE] = text.encode()
     write_all(folder, files)
@@ -102,11 +108,17 @@ def check_new(folder: Path) -> None:
     check_writable(folder)
 
 
-def format_study(draft: StudyDraft, data: Measurements, robot: Mapping[str, str], name: str) -> str:
+def format_study(
+    draft: StudyDraft,
+    data: Measurements,
+    robot: Mapping[str, str],
+    name: str,
+    setup: StatedSetup = AS_FOUND,
+) -> str:
     """Write the text of a study file, which a person may go on with."""
     lines = [f"name = {_quote(name)}", "seed = 1", "", "[robot]"]
     lines += [f"{key} = {_quote(value)}" for key, value in robot.items()]
-    lines += ["register = true  # tracker frame and target are found from the measurements"]
+    lines += setup.format_lines()
     if draft.gears is not None:
         listed = ", ".join(f"{value:g}" for value in draft.gears.values)
         lines += [f"gear_ratios = [{listed}]  # turns of the motor per turn of each joint"]
@@ -132,6 +144,8 @@ def _format_measurements(draft: StudyDraft) -> list[str]:
     for key, value in keys.items():
         if value is not None:
             lines.append(f"{key} = {_quote(value)}")
+    if source.headerless:
+        lines.append("header = false")
     if draft.columns:
         lines += ["", "[measurements.columns]  # name of a measurements file = name in this one"]
         lines += [f"{_key(name)} = {_quote(given)}" for name, given in draft.columns.items()]

@@ -94,9 +94,29 @@ def test_a_missed_shot_is_left_out_and_said(tmp_path) -> None:
     frame.to_csv(file, index=False)
     ran = invoked("init", file, "--robot", "ur10", "--yes")
     assert ran.exit_code == 0, ran.output
-    assert "Left out, because there is no position: line 8 (beam broken)." in ran.stdout
-    assert len(pd.read_csv(tmp_path / "shots" / "measurements.csv")) == len(frame) - 1
-    assert invoked("study", "shots", "--dry-run").exit_code == 0
+    assert "Left out, because there is no position: line 8 (beam broken); its joint" in ran.stdout
+    assert "39 rows, 39 configurations." in ran.stdout
+    assert (tmp_path / "shots" / "shots.csv").read_bytes() == file.read_bytes()
+    dry = invoked("study", "shots", "--dry-run")
+    assert (dry.exit_code, "ur10, 39 rows" in dry.stdout) == (0, True)
+
+
+def test_missed_shots_hide_no_column_and_no_unit(tmp_path) -> None:
+    """Orientation, temperature and a unit that is converted are found although cells are empty."""
+    named = dict(zip("123", "ABC", strict=True))
+    frame = poses("ZYX").rename(columns=named)
+    frame["Temp_C"] = np.linspace(20, 24, len(frame)).round(1)
+    frame[["X", "Y", "Z"]] /= 10
+    frame = frame.rename(columns={axis: f"{axis} [cm]" for axis in "XYZ"})
+    frame.loc[[6, 11], [*"ABC", "X [cm]", "Y [cm]", "Z [cm]", "Temp_C"]] = np.nan
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    assert '"Z [cm]" from cm to mm' in ran.stdout
+    assert '"A B C" by the convention KUKA' in ran.stdout
+    assert '"Temp_C" as temperature_C' in ran.stdout
+    dry = invoked("study", "m", "--dry-run")
+    assert (dry.exit_code, "ur10, 38 rows" in dry.stdout) == (0, True)
 
 
 def test_what_is_shown_is_confirmed_before_anything_is_written(tmp_path) -> None:
@@ -386,6 +406,26 @@ def test_the_arm_tells_the_convention(order, letters, expected) -> None:
     assert expected.items() <= told["columns"].items()
     assert "from the nominal arm's" in " ".join(told["said"])
     assert invoked("study", "m", "--dry-run").exit_code == 0
+
+
+@pytest.mark.parametrize("names", ["A B C", "Winkel_A Winkel_B Winkel_C"])
+def test_the_angle_c_with_degrees_below_it_is_no_temperature(names, tmp_path) -> None:
+    """KUKA's A B C with a row of units of degree signs, through init and study."""
+    named = dict(zip("123", names.split(), strict=True))
+    frame = poses("ZYX").rename(columns=named)
+    frame["Temp_C"] = np.linspace(20, 24, len(frame)).round(1)
+    header, *lines = frame.to_csv(sep=";", decimal=",", index=False).splitlines()
+    units = ";".join(["°"] * 6 + ["mm"] * 3 + ["°"] * 3 + ["°C"])
+    text = "\r\n".join([header, units, *lines])
+    (tmp_path / "m.csv").write_bytes(text.encode("cp1252"))
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", "--json")
+    assert ran.exit_code == 0, ran.output
+    columns = json.loads(ran.stdout)["columns"]
+    assert columns["kuka_c_deg"] == names.split()[2]
+    assert columns["temperature_C"] == "Temp_C"
+    assert invoked("study", "m", "--dry-run").exit_code == 0
+    mapped = [f"--column={name}={given}" for name, given in columns.items()]
+    assert invoked("check", "m.csv", "--robot", "ur10", *mapped).exit_code == 0
 
 
 def test_a_controllers_own_orientation_is_left_out_and_said() -> None:

@@ -179,6 +179,8 @@ def test_what_is_not_found_is_said() -> None:
         ("qd1", None, None, None),
         ("Rx", None, None, None),
         ("Point Name", None, None, None),
+        ("Euler_C", None, None, None),
+        ("Temp_C", None, None, "C"),
     ],
 )
 def test_names_taken_apart(name, quantity, number, unit) -> None:

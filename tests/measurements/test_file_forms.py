@@ -223,6 +223,30 @@ def test_rows_that_are_all_narrower_than_the_header(tmp_path) -> None:
         read(path)
 
 
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_sentences_below_and_between_rows_are_left_out_and_quoted(separator, tmp_path) -> None:
+    lines = written(separator).splitlines()
+    lines[4:4] = ["Pause: tracker moved, doors closed"]
+    lines += ["", "Measured by station 2 on Monday"]
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join(lines))
+    data = read(path)
+    check(data)
+    (note,) = [note.sentence for note in data.notes if note.code == "file-format"]
+    assert 'line 5 is a remark ("Pause: tracker moved, doors closed")' in note
+    assert 'line 12 is a remark ("Measured by station 2 on Monday")' in note
+    assert data.where.number(int(data.row[3])) == 6
+
+
+@pytest.mark.parametrize("row", ["P7,1.5,2.5", "P7", "P7 of the second day,1,2,3"])
+def test_a_row_that_is_cut_off_is_no_sentence(row, tmp_path) -> None:
+    lines = written().splitlines()
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join([*lines, row]))
+    with pytest.raises(DataError, match=f"line 10: {row.count(',') + 1} cells, but the header"):
+        read(path)
+
+
 @pytest.mark.parametrize("rows", ["all", "one"])
 def test_separators_that_end_rows(rows, tmp_path) -> None:
     """All rows may end with one that the header lacks; a single row that does is another width."""

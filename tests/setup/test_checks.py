@@ -278,7 +278,7 @@ def test_other_units_are_no_covariates(name, right, remedy, rng, tmp_path) -> No
 
 @pytest.mark.parametrize(
     ("wanted", "given"),
-    [("q1_rad", "J1_deg"), ("q1_rad", "A1 [deg]"), ("sx_mm", "u_um"), ("x_mm", "X (cm)")],
+    [("q1_rad", "J1_deg"), ("q1_rad", "A1 [deg]"), ("sx_mm", "u_um"), ("x_mm", "X [inch]")],
 )
 def test_a_mapping_to_another_unit_is_refused(wanted, given, rng) -> None:
     data = frame(rng, 5).assign(sx_mm=0.1, sy_mm=0.1, sz_mm=0.1).rename(columns={wanted: given})
@@ -289,6 +289,25 @@ def test_a_mapping_to_another_unit_is_refused(wanted, given, rng) -> None:
     read_measurements(
         data.rename(columns={given: "J1"}), load_robot("ur5").prismatic, {wanted: "J1"}
     )
+
+
+@pytest.mark.parametrize(
+    ("wanted", "given", "size"),
+    [("x_mm", "X (cm)", 10.0), ("z_m", "Z [µm]", 1e-6), ("q2_deg", "J2 [gon]", 0.9)],
+)
+def test_a_mapping_to_a_unit_of_no_name_is_converted(wanted, given, size, rng) -> None:
+    """No name of the contract has that unit: the column's own name says what is to be done."""
+    prismatic = load_robot("ur5").prismatic
+    data = frame(rng, 5)
+    own = wanted.replace("z_m", "z_mm").replace("deg", "rad")
+    right = read_measurements(data, prismatic)
+    factor = {"x_mm": 1.0, "z_m": 1e-3, "q2_deg": 180 / np.pi}[wanted]
+    other = data.drop(columns=own).assign(**{given: data[own] * factor / size})
+    read = read_measurements(other, prismatic, {wanted: given})
+    np.testing.assert_allclose(read.position, right.position, rtol=1e-12)
+    np.testing.assert_allclose(read.q, right.q, rtol=1e-12)
+    (note,) = [note.sentence for note in read.notes if note.code == "units-converted"]
+    assert f'Converted: "{given}" from' in note
 
 
 def test_columns_of_other_names_stay_covariates(rng) -> None:

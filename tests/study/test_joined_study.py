@@ -186,6 +186,11 @@ def test_rows_in_another_order_and_missing_ones_are_said(tmp_path) -> None:
     assert "(log.txt, line 4)." in ran.stdout
     assert "the controller's own coordinates: X, Y, Z" in ran.stdout
     check(tmp_path, [k for k in ALL if k not in (2, 6)])
+    # the arm went to the place that was not measured: the next row is approached from there
+    data = read_measurements(tmp_path / "s" / "measurements.csv", load_robot("ur10"))
+    q, _ = campaign()
+    assert (data.approach[2] == np.sign(q[3] - q[2])).all()
+    assert not (np.sign(q[3] - q[2]) == np.sign(q[3] - q[1])).all()
 
 
 @pytest.mark.parametrize("again", ["P006_2", "P006 (2)", "P006-rep"])
@@ -226,13 +231,13 @@ def test_clocks_that_differ_are_told_where_names_join(tmp_path) -> None:
     """A log 37 s behind, joined by name: said, and nothing else changes."""
     q, x = campaign()
     points = ["Point,X,Y,Z,Date,Time"]
-    readings = ["time,Punkt,J1,J2,J3,J4,J5,J6,speed_pct,RMS"]
+    readings = ["time,Punkt,J1,J2,J3,J4,J5,J6,speed_pct,RMS,load_kg"]
     for k, name in enumerate(NAMES):
         seen = clock(9 * 3600 + 40.0 * k)
         logged = clock(9 * 3600 + 40.0 * k - 37.0)
         points.append(f"{name},{numbers(x[k], ',')},2025-06-17,{seen}")
         readings.append(
-            f"2025-06-17T{logged},{name},{numbers(q[k], ',')},30,{0.01 + 0.001 * (k % 5)}"
+            f"2025-06-17T{logged},{name},{numbers(q[k], ',')},30,{0.01 + 0.001 * (k % 5)},{k % 3}"
         )
     written(tmp_path, "\n".join(points), "\n".join(readings))
     ran = invoked()
@@ -240,6 +245,7 @@ def test_clocks_that_differ_are_told_where_names_join(tmp_path) -> None:
     assert "The joint log's clock is 37 s behind the instrument's" in ran.stdout
     assert 'Looked at as possible causes of errors, too: "RMS".' in ran.stdout
     assert 'nothing can depend on it: "speed_pct".' in ran.stdout
+    assert "payload_kg: its weight is taken to act at the target" in ran.stdout
     check(tmp_path, ALL)
 
 

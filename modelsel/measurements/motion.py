@@ -1,0 +1,98 @@
+"""The arm's motion through a campaign, past the places where nothing was measured."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._typing import Array, Index
+from ..robot.coupling import Coupling, readings_of
+from .visits import derive_motion, number_keys, number_visits
+
+
+@dataclass(frozen=True, eq=False)
+class Waypoints:
+    """Places that the arm went to and where nothing was measured: `q` (k, n) joint angles, rad or
+    mm; `row` (k,) in the file; group and configuration by name and `order` (k,), None where the
+    file has no such column."""
+
+    q: Array
+    row: Index
+    group: Sequence[object] | None = None
+    configuration: Sequence[object] | None = None
+    order: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredRows:
+    """Measured rows as motion sees them: `q` (m, n) joint angles, `row` (m,) in the file, labels by
+    name and `order` (m,), None where the file has no such column."""
+
+    q: Array
+    row: Index
+    group: Sequence[object] | None
+    configuration: Sequence[object] | None
+    order: Array | None
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Of every measured row: `visit` (m,) its visit's number; `approach` and `move` (m, n), sign and
+    size of each motor's last motion; `order` (m,) in the group. `flicker` (n,): the largest change
+    of each reading that is no motion."""
+
+    visit: Index
+    approach: Array
+    move: Array
+    order: Array
+    flicker: Array
+
+
+def trace_motion(
+    rows: MeasuredRows,
+    waypoints: Waypoints | None,
+    coupling: Coupling | None,
+    prismatic: Sequence[bool],
+) -> Motion:
+    """Trace the motion through measured rows and the waypoints between them."""
+    measured = len(rows.q)
+    place = np.arange(measured)
+    order = np.arange(measured, dtype=float) if rows.order is None else rows.order
+    if waypoints is not None and len(waypoints.q):
+        passed = waypoints
+        at = np.concatenate([rows.row, passed.row])
+        place = np.argsort(at, kind="stable")
+        own = at.astype(float)
+        if rows.order is not None and passed.order is not None:
+            own = np.concatenate([rows.order, passed.order])
+        order = own[:measured]
+        rows = MeasuredRows(
+            np.concatenate([rows.q, passed.q])[place],
+            at[place],
+            _join(rows.group, passed.group, place),
+            _join(rows.configuration, passed.configuration, place),
+            own[place],
+        )
+    group = np.zeros(len(place), np.intp) if rows.group is None else number_keys(rows.group)[0]
+    visit = number_visits(rows.q, rows.configuration, group)
+    readings = readings_of(coupling, rows.q)
+    along = order if rows.order is None else rows.order
+    approach, move, flicker = derive_motion(readings, visit, group, along, prismatic)
+    back = np.argsort(place, kind="stable")[:measured]
+    return Motion(visit[back], approach[back], move[back], np.asarray(order, float), flicker)
+
+
+def _join(
+    first: Sequence[object] | None, second: Sequence[object] | None, place: Index
+) -> Sequence[object] | None:
+    """Join the labels of rows and waypoints in the order of the file."""
+    if first is None or second is None:
+        return None
+    labels = [*first, *second]
+    joined = []
+    for k in place:
+        label = labels[k]
+        joined.append(label)
+    return joined
