@@ -54,8 +54,13 @@ def add_assumed(c: Calibration, data: Measurements, missing: Collection[str]) ->
     assumed = find_assumed(c)
     if not set(missing) <= assumed.keys():
         return data
-    added = {name: np.full(len(data), assumed[name]) for name in missing}
-    return replace(data, covariates={**data.covariates, **added})
+    rows = len(data)
+    added = {}
+    for name in missing:
+        value = assumed[name]
+        added[name] = np.full(rows, value)
+    covariates = {**data.covariates, **added}
+    return replace(data, covariates=covariates)
 
 
 def describe_assumed(c: Calibration, data: Measurements) -> list[str]:

@@ -58,7 +58,8 @@ def refuse_large_changes(
     if not rows:
         return
     first = rows[0]
-    change = _describe_largest_change(c, commands, first, int(np.argmax(shares[first])))
+    largest = int(np.argmax(shares[first]))
+    change = _describe_largest_change(c, commands, first, largest)
     count = ""
     if len(rows) > 1:
         count = f" ({len(rows)} such rows)"
@@ -94,15 +95,18 @@ def describe_skipped(
     rows = np.flatnonzero(skipped).tolist()
     sentences = []
     for row in rows[:MAX_LISTED]:
-        change = _describe_largest_change(c, commands, row, int(np.argmax(shares[row])))
-        place = data.where.named(int(data.row[row]))
+        largest = int(np.argmax(shares[row]))
+        change = _describe_largest_change(c, commands, row, largest)
+        number = int(data.row[row])
+        place = data.where.named(number)
         remedy = _advise(commands, row, data, "--bound")
         sentences.append(
             f"{place} is left out: {change}, beyond the {_describe_bound(bound)}. {remedy}"
         )
     more = len(rows) - MAX_LISTED
     if more > 0:
-        sentences.append(f"{more} more rows are left out for the same reason.")
+        rest = f"{more} more rows are left out for the same reason."
+        sentences.append(rest)
     return sentences
 
 

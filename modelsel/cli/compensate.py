@@ -100,7 +100,7 @@ def compensate_command(
         notes = [*describe_extrapolation(c, data), *describe_order_dependence(c, data)]
         table = build_commands_table(c, data, data.readings, c.predict(data), {})
     else:
-        found = _correct(c, data, (bound[0] / 1e3, bound[1]), targets.name)
+        found = _correct(c, data, bound, targets.name)
         commands, data, notes, skipped = found
         table = build_commands_table(c, data, commands.q, commands.wanted, commands.figures())
     if commands is None or form == "csv":
@@ -127,16 +127,22 @@ def compensate_command(
 def _correct(
     c: Calibration, data: Measurements, bound: tuple[float, float], file: str
 ) -> tuple[Commands, Measurements, list[str], list[str]]:
-    """Correct planned commands: they, the rows that they are of, the notes on them, and sentences
-    on the rows that cannot be corrected. Raises DataError where these are most."""
+    """Correct planned commands within a bound (mrad, mm): they, the rows that they are of, the notes
+    on them, and sentences on the rows that cannot be corrected. Raises DataError where these are
+    most."""
     from ..calibration.compensation import compensate_commands, note_commands
     from ..calibration.large_changes import describe_skipped, find_skipped, keep_commands
 
+    bound_mrad, bound_mm = bound
+    bounds = (bound_mrad / 1e3, bound_mm)
     commands = compensate_commands(c, data)
-    beyond = find_skipped(c, commands, data, bound, file)
-    skipped = describe_skipped(c, commands, data, bound, beyond)
-    kept, some = keep_commands(commands, ~beyond), data.take(np.flatnonzero(~beyond))
-    return kept, some, note_commands(c, kept, some), skipped
+    beyond = find_skipped(c, commands, data, bounds, file)
+    skipped = describe_skipped(c, commands, data, bounds, beyond)
+    kept = keep_commands(commands, ~beyond)
+    rows = np.flatnonzero(~beyond)
+    some = data.take(rows)
+    notes = note_commands(c, kept, some)
+    return kept, some, notes, skipped
 
 
 def _write_program(

@@ -206,8 +206,9 @@ def _is_own_reading(effect: Effect, names: Iterable[str]) -> bool:
 
 
 def _describe_shape(effect: Effect) -> str:
-    causes = effect.candidate.causes(" and ")
-    if effect.candidate.kind is CandidateKind.FREE_FUNCTION:
+    candidate = effect.candidate
+    causes = candidate.causes(" and ")
+    if candidate.kind is CandidateKind.FREE_FUNCTION:
         return f"{name_places(effect)} by a free function of its own angle"
     return f"{name_places(effect)} with {causes}"
 

@@ -346,7 +346,8 @@ def list_rival_labels(effect: Effect) -> list[str]:
 def _describe_probability(effect: Effect) -> str:
     candidate = effect.candidate
     entries = effect.named.entries
-    probability = f"probability {_write_probability(effect)}"
+    written = _write_probability(effect)
+    probability = f"probability {written}"
     if candidate.asked:
         probability += " among those considered"
     text = f" ({label_effect(effect)}, {probability}"

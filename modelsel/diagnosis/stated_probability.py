@@ -26,7 +26,9 @@ def scale_listed(levels: Sequence[float], of_name: float) -> float:
     of the name, `of_name` together, are as probable as the level that it says."""
     if not levels or of_name <= 0:
         return 1.0
-    return min(levels[find_named_level(levels)] / of_name, 1.0)
+    named = find_named_level(levels)
+    share = levels[named] / of_name
+    return min(share, 1.0)
 
 
 def describe_level_probability(levels: Sequence[float]) -> str:

@@ -112,10 +112,12 @@ def measure_effects(run: StudyRun) -> FindingFigures:
     for k, (finding, one) in enumerate(zip(findings, fitted, strict=True)):
         mechanism = finding.effect.candidate.mechanism
         usable = list_usable(mechanism, one)
+        worst = find_worst(one)
+        by_side = mechanism.stem in PLAYS
         figures = Figures(
             rms_mm=float(sizes.rms[k]),
             matters=bool(sizes.matters[k]),
-            worst=replace(find_worst(one), by_side=mechanism.stem in PLAYS),
+            worst=replace(worst, by_side=by_side),
             usable=tuple(usable),
         )
         each.append(figures)

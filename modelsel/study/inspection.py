@@ -161,11 +161,13 @@ def _find_placement(robot: Robot, data: Measurements) -> _Placement | None:
     step = max(len(points) // MAX_REGISTERED_POINTS, 1)
     use = np.zeros(len(data), bool)
     use[points[::step]] = True
-    configurations = np.unique(data.block[use])
+    blocks = data.block[use]
+    configurations = np.unique(blocks)
     if len(configurations) < MIN_CONFIGURATIONS:
         return None
     try:
-        return _Placement(register(problem, use, per_group=False), use)
+        registered = register(problem, use, per_group=False)
+        return _Placement(registered, use)
     except (DataError, NotEstimable):
         return None
 
