@@ -89,7 +89,7 @@ class View:
         for key in own & self.owners.keys():
             if any(m not in brought for m in self.owners[key]):
                 own.remove(key)
-        return np.array([key in own for key in self.owners])
+        return np.array([key in own for key in self.owners], dtype=bool)
 
     def release(self, *effects: Candidate) -> Released:
         """Take effects out of the model without a refit.
