@@ -88,8 +88,7 @@ class VisitedModels(NamedTuple):
         for g in chosen:
             levels = np.zeros(len(signatures))
             for level, known in enumerate(signatures):
-                needed = _count_alike(known, g, chosen)
-                told = [_count_alike(known, g, self.sets[k]) >= needed for k in counted]
+                told = [_says_as_much(known, g, self.sets[k], chosen) for k in counted]
                 levels[level] = weight[told].sum()
             included[g] = levels
         return included
@@ -115,10 +114,13 @@ class VisitedModels(NamedTuple):
         return tuple(models)
 
 
-def _count_alike(known: Index, g: int, members: Sequence[int]) -> int:
-    """Count the effects of a set that say the same as candidate g."""
-    said = known[list(members)]
-    return int((said == known[g]).sum())
+def _says_as_much(known: Index, g: int, members: Sequence[int], chosen: Sequence[int]) -> bool:
+    """Whether a set has candidate g, or as many effects that say the same as the chosen ones do."""
+    if g in members:
+        return True
+    said = known[list(members)] == known[g]
+    needed = known[list(chosen)] == known[g]
+    return bool(said.sum() >= needed.sum())
 
 
 def _join_labels(found: Sequence[Candidate], members: Sequence[int]) -> tuple[str, ...]:

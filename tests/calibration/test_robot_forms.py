@@ -57,6 +57,8 @@ def hayati_chain(table, q: np.ndarray) -> np.ndarray:
         turn = screw_z(np.radians(row["theta_deg"]) + value, row["d_mm"])
         T = T @ turn @ screw_x(np.radians(row["alpha_deg"]), row["a_mm"])
         T = T @ transform(rotation_matrix(1, np.radians(row.get("beta_deg", 0.0))))
+    if "last" not in table:  # it stands in the last row where that can hold it
+        return T
     return T @ np.vstack([table["last"]["transform_mm"], [0, 0, 0, 1]])
 
 
@@ -78,8 +80,10 @@ def test_hayati_has_no_long_way_round(made) -> None:
     assert ["beta_deg" in row for row in rows] == [False, True, True, False, False, False]
     assert [row["d_mm"] for row in rows[1:3]] == [0, 0]
     drawn = compute_dh_rows(made.robot, "standard").rows
-    for row, nominal in zip(rows, drawn, strict=True):
-        assert row["d_mm"] == pytest.approx(nominal.d, abs=10)
+    # the flange is 116.55 mm beyond the last axis, in its row
+    to_flange = [0.0] * 5 + [116.55]
+    for row, nominal, d in zip(rows, drawn, to_flange, strict=True):
+        assert row["d_mm"] == pytest.approx(nominal.d + d, abs=10)
         assert row["a_mm"] == pytest.approx(nominal.a, abs=10)
         assert row["theta_deg"] == pytest.approx(np.degrees(nominal.theta), abs=1)
         assert row["alpha_deg"] == pytest.approx(np.degrees(nominal.alpha), abs=1)

@@ -207,3 +207,5 @@ def test_two_effects_of_a_place_are_not_held_by_one() -> None:
     visited = VisitedModels(((0, 1), (0, 2)), np.log([0.6, 0.4]))
     included = visited.include([0, 1], [place])
     assert included[1] == pytest.approx([0.6])
+    # what both sets have is as sure as ever
+    assert included[0] == pytest.approx([1.0])

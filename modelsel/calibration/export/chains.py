@@ -128,18 +128,21 @@ def describe_link_places(
     unless they are one; poses (4, 4), mm."""
     notes = []
     for name, place in places.items():
-        x, y, z = place[:3, 3].tolist()
-        notes.append(
-            f'target "{name}" in link "{tip_link}": x, y, z = {x:.4f}, {y:.4f}, {z:.4f} mm'
-        )
+        position = _write_lengths(place[:3, 3])
+        notes.append(f'target "{name}" in link "{tip_link}": x, y, z = {position} mm')
     if not np.array_equal(base, np.eye(4)):
-        x, y, z = base[:3, 3].tolist()
-        angles = ", ".join(f"{angle:.6f}" for angle in np.degrees(to_rpy(base[:3, :3])))
+        position = _write_lengths(base[:3, 3])
+        angles = ", ".join(f"{angle:.9f}" for angle in np.degrees(to_rpy(base[:3, :3])))
         notes.append(
-            f'frame 0 of the calibration in link "{base_link}": x, y, z = {x:.4f}, {y:.4f}, '
-            f"{z:.4f} mm; roll, pitch, yaw = {angles} deg"
+            f'frame 0 of the calibration in link "{base_link}": x, y, z = {position} mm; '
+            f"roll, pitch, yaw = {angles} deg"
         )
     return notes
+
+
+def _write_lengths(values: Array) -> str:
+    """Write lengths [mm] so that a chain which is put together from them is off by less than 1e-9 mm."""
+    return ", ".join(f"{value:.10f}" for value in values)
 
 
 def _bound_slides(
@@ -209,7 +212,7 @@ def to_dh(c: Calibration, form: DhForm, notes: Sequence[str]) -> Exported:
     nearly = _describe_parallel(rows, form)
     where = []
     for name, T in made.targets.items():
-        numbers = ", ".join(f"{value:.4f}" for value in T[:3, 3])
+        numbers = _write_lengths(T[:3, 3])
         where.append(f'target "{name}" on the flange: x, y, z = {numbers} mm')
     table = round_rows(fold_last(dh_table(made.robot, form)))
     compared = compare_rows(fold_last(dh_table(c.robot, form)), table)

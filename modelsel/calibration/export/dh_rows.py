@@ -10,8 +10,8 @@ import numpy as np
 
 from ..._typing import Array
 
-# decimals in a file: less than 0.001 µm of an arm, unless a row is longer than FAR_MM
-DECIMALS_MM, DECIMALS_DEG, DECIMALS_DIRECTION = 7, 9, 12
+# decimals in a file: less than 1e-9 mm of an arm, unless a row is longer than FAR_MM
+DECIMALS_MM, DECIMALS_DEG, DECIMALS_DIRECTION = 10, 12, 12
 FAR_MM = 1e5
 # of a transform that a row can hold
 TOLERANCE = 1e-12
