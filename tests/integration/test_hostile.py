@@ -203,7 +203,7 @@ def test_every_output_of_a_study(name, tmp_path, monkeypatch) -> None:
     )
     assert [t["name"] for t in stored["targets"]] == [name]
     assert [g["name"] for g in stored["groups"]] == [name, "tuesday"]
-    assert details["places"] == {"word": "line", "first": 2, "at": None}
+    assert details["places"] == {"word": "line", "first": 2, "at": None, "labels": None}
     page, harmless = Page((out / "report.html").read_text("utf-8")), Page(plain()["report.html"])
     assert page.elements == harmless.elements
     assert name in page.text
