@@ -6,7 +6,8 @@ of some; the rest is fitted exactly and told with its claims."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -67,12 +68,18 @@ def build_empty(base: Model, base_fit: Fit) -> Diagnosis:
     )
 
 
-class Conclusion(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Conclusion:
     """A search with what stays of it, and its diagnosis before anything is claimed."""
 
     explored: Exploration
     settled: _Settled
     diagnosis: Diagnosis
+
+    @cached_property
+    def visited(self) -> VisitedModels:
+        """The sets of effects around what stays, weighed."""
+        return visit_models(self.explored.search, self.settled.view, self.settled.chosen)
 
 
 def conclude(explored: Exploration) -> Conclusion:
@@ -96,21 +103,21 @@ def prove(concluded: Conclusion) -> Diagnosis:
         concluded = conclude(explored)
     else:
         weighed = _weigh(concluded)
-    visited = _visit(concluded)
+    found, chosen = concluded.explored.search.found, concluded.settled.chosen
     return replace(
         concluded.diagnosis,
-        effects=_claim(concluded, weighed, visited),
-        models=visited.tell(concluded.explored.search.found, concluded.settled.chosen),
+        effects=_claim(concluded, weighed),
+        models=concluded.visited.tell(found, chosen),
     )
 
 
-def _claim(concluded: Conclusion, weighed: Weighed, visited: VisitedModels) -> tuple[Effect, ...]:
+def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:
     """Claim of every effect what holds both beside its rivals, given the others, and in the sets of
     effects that were weighed."""
     search = concluded.explored.search
     chosen = concluded.settled.chosen
     effects = concluded.diagnosis.effects
-    included = visited.include(chosen, search.signatures)
+    included = concluded.visited.include(chosen, search.signatures)
     claimed = []
     for g, effect in zip(chosen, effects, strict=True):
         levels = np.minimum(weighed.levels[g], included[g])
@@ -124,8 +131,7 @@ def _take_back(concluded: Conclusion) -> Conclusion:
     """Put a set of effects in the place of the chosen ones, if it is clearly more probable."""
     for _ in range(MAX_TAKEN_BACK):
         explored, settled = concluded.explored, concluded.settled
-        visited = _visit(concluded)
-        better = visited.find_better(settled.chosen, MIN_LOG_ODDS)
+        better = concluded.visited.find_better(settled.chosen, MIN_LOG_ODDS)
         if better is None:
             break
         before = _join_others(explored.search, settled.chosen, better)
@@ -146,11 +152,6 @@ def _join_others(search: Search, members: Sequence[int], others: Sequence[int]) 
     """Join the labels of the members that are not among the others."""
     own = [search.found[g].label for g in members if g not in others]
     return " & ".join(own) or "nothing"
-
-
-def _visit(concluded: Conclusion) -> VisitedModels:
-    settled = concluded.settled
-    return visit_models(concluded.explored.search, settled.view, settled.chosen)
 
 
 def _weigh(concluded: Conclusion) -> Weighed:

@@ -218,11 +218,6 @@ def _joint_table(joint: Joint, row: DhRow, shift: Array) -> dict[str, Any]:
     return table
 
 
-def format_dh_file(robot: Robot, form: DhForm, notes: Sequence[str] = ()) -> str:
-    """Write a robot as the text of a robot file (TOML) of DH rows; numbers in full."""
-    return format_robot_table(dh_table(robot, form), notes)
-
-
 def format_robot_table(table: Mapping[str, Any], notes: Sequence[str] = ()) -> str:
     """Write the table of a robot file as TOML; notes are comments above it."""
     joints = table["joint"]

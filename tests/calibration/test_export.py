@@ -134,7 +134,7 @@ def test_dh_read_by_hand(modified, made) -> None:
 @pytest.mark.parametrize("form", ["standard", "modified", "hayati"])
 def test_dh_of_every_robot(name, form, rng) -> None:
     """Drawn and out of true, sliding and turning, with torques of its masses."""
-    from modelsel.robot.dh import format_dh_file
+    from modelsel.robot.dh import dh_table, format_robot_table
 
     drawing = load_robot(name)
     for size in (0.0, 1e-3):
@@ -153,7 +153,7 @@ def test_dh_of_every_robot(name, form, rng) -> None:
             for k, j in enumerate(drawing.joints)
         ]
         robot = Robot(name, "drawn", tuple(joints), drawing.last, (0.0, 0.6, -0.8))
-        back = robot_from_table(tomllib.loads(format_dh_file(robot, form)), "file")
+        back = robot_from_table(tomllib.loads(format_robot_table(dh_table(robot, form))), "file")
         q = drawing.draw(rng, 30)
         np.testing.assert_allclose(
             forward(back, q, np.array([1.0, 2, 3])),

@@ -19,7 +19,7 @@ from modelsel.calibration.robot_programs import write_program
 from modelsel.exceptions import StudyError
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import build_mechanisms
-from modelsel.robot.dh import format_dh_file
+from modelsel.robot.dh import dh_table, format_robot_table
 from modelsel.robot.files import robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 
@@ -189,7 +189,9 @@ def test_files_hold_the_coupling(calibrated: Calibration) -> None:
     position = module["position"]
     assert callable(position)
     np.testing.assert_allclose(position(m), again.predict(data), atol=1e-6)
-    rows = robot_from_table(tomllib.loads(format_dh_file(PARALLELOGRAM, "modified")), "dh")
+    rows = robot_from_table(
+        tomllib.loads(format_robot_table(dh_table(PARALLELOGRAM, "modified"))), "dh"
+    )
     assert rows.coupling is not None
     assert PARALLELOGRAM.coupling is not None
     np.testing.assert_array_equal(rows.coupling.matrix, PARALLELOGRAM.coupling.matrix)
