@@ -19,6 +19,9 @@ from .joint_curves import build_curve, chain_effects, see_rest
 if TYPE_CHECKING:
     from .state import Search, View
 
+# log of how much likelier a mechanism is in a joint where another joint has it
+KIN = float(np.log(20))
+
 
 class Family(NamedTuple):
     """The number of a mechanism of several joints, and those of its parts."""
@@ -99,11 +102,19 @@ def _weigh(
     curve = build_curve(search.columns, which, search.log_prior[which], none_free)
     released = view.release(*(search.found[g] for g in now))
     start = see_rest(curve, view.scan, view.response, released)
-    present, _ = chain_effects(start.offer(np.isin(which, now)), len(now), at_any_cost=True)
+    present = chain_effects(start.offer(np.isin(which, now)), len(now), at_any_cost=True)
     is_whole = which == family.whole
     trials = [
         chain_effects(start.offer(is_whole), 1),
         chain_effects(start.offer(~is_whole), len(family.parts)),
         chain_effects(start, len(which)),
     ]
-    return present, trials
+    (value, _), *others = (_add_kin(family, *trial) for trial in (present, *trials))
+    return value, others
+
+
+def _add_kin(family: Family, value: float, members: list[int]) -> tuple[float, list[int]]:
+    """Add to the log evidence of some of a family's effects that a part makes another one likelier:
+    joints are built alike."""
+    further = len(set(members) - {family.whole}) - 1
+    return value + max(further, 0) * KIN, members

@@ -27,6 +27,7 @@ from .._linalg import TINY
 from .._typing import Array, Index
 from .evidence import RATIOS, compute_factors, sum_evidence
 from .joint_curves import Rest, build_curve, see_rest
+from .mechanism_families import KIN
 from .scan import Bucket, build_buckets, build_scan_without
 from .state import Search, View
 
@@ -35,8 +36,6 @@ MOST_MEMBERS, MOST_COLUMNS = 160, 40
 # pairs of effects that one explanation may replace, explanations of each, and the cosine of their
 # displacements from which they are such a pair
 MOST_PAIRS, EACH_PAIR, RELATED = 12, 12, 0.3
-# log of how much likelier a mechanism is in a joint where another joint has it
-KIN = float(np.log(10))
 # share of a residual that no set may exceed
 WHOLE = 1 - 1e-12
 

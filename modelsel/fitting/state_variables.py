@@ -202,12 +202,18 @@ def _progress(state: StateVariables) -> Values:
 
 
 def _positions(state: StateVariables) -> Values:
-    """Compute the target in frame 0, and its distance from the instrument."""
+    """Compute the target in frame 0, and its distances from the instrument and from axis 1."""
     target, group = state.pose().target, state.data.group
     R, t = state.placement
     line = np.einsum("mij,jm->mi", R[group], target) + t[group] - np.array(state.tracker)
-    distance = {StateVariable(StateKind.RANGE): np.linalg.norm(line, axis=1)}
-    return _by_axis(StateKind.POSITION, target) | distance
+    first = state.robot.joints[0].before
+    out = target - first[:3, 3:]
+    across = out - np.outer(first[:3, 2], first[:3, 2] @ out)
+    distances = {
+        StateVariable(StateKind.RANGE): np.linalg.norm(line, axis=1),
+        StateVariable(StateKind.REACH): np.linalg.norm(across, axis=0),
+    }
+    return _by_axis(StateKind.POSITION, target) | distances
 
 
 def _down(state: StateVariables) -> Values:
@@ -250,6 +256,7 @@ EVALUATORS: dict[StateKind, Callable[[StateVariables], Values]] = {
     StateKind.READING: _readings,
     StateKind.POSITION: _positions,
     StateKind.RANGE: _positions,
+    StateKind.REACH: _positions,
     StateKind.TARGET: _target,
     StateKind.GROUP: _group,
     StateKind.PROGRESS: _progress,

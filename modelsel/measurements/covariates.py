@@ -20,7 +20,7 @@ from .table import Table
 # numbers of a covariate that the contract names, and of any other
 MAX_KNOWN_COVARIATE = 1e12
 MAX_COVARIATE = 1e30
-FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "free"}
+FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "saw", "free"}
 
 
 # names of columns that only count the rows where they do

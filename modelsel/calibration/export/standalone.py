@@ -16,13 +16,14 @@ import numpy as np
 Array = np.ndarray
 Data = dict[str, Any]
 G = 9.81
-FUNCTIONS = {
+FUNCTIONS: dict[str, Any] = {
     "sin": np.sin,
     "cos": np.cos,
     "sign": np.sign,
     "abs": np.abs,
     "exp": np.exp,
     "tanh": np.tanh,
+    "saw": lambda angle: 2 * (angle / (2 * np.pi) % 1) - 1,
 }
 OPERATORS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide}
 
@@ -88,6 +89,10 @@ def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     out = {f"q{j + 1}": q[:, j] for j in range(n)}
     out |= dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
     out["range_mm"] = np.linalg.norm(far, axis=1)
+    first = np.array(data["before"][0])
+    from_axis = x - first[:, 3]
+    along = np.outer(from_axis @ first[:, 2], first[:, 2])
+    out["reach_mm"] = np.linalg.norm(from_axis - along, axis=1)
     if data["gravity"] is None:
         return out
     g = np.array(data["gravity"])
