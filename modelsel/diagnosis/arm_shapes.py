@@ -75,7 +75,7 @@ def _generate_pulled(problem: Problem) -> Iterator[Unregistered]:
             onsets = choose_onsets(problem.data.q[:, other - 1], ONSETS)
             for onset in onsets:
                 for pull in build_pulls(joint, other, onset):
-                    yield Unregistered(pull, CandidateKind.PULL, 1 / len(onsets))
+                    yield Unregistered(pull, CandidateKind.PULL, 1.0)
 
 
 def choose_onsets(readings: Array, shares: Sequence[float]) -> list[float]:
