@@ -6,6 +6,7 @@ They are told as what they are, without a cause."""
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -20,9 +21,12 @@ from .candidate_kinds import CandidateKind
 from .driver_functions import level_off
 from .unregistered import Place, Unregistered, build_cell
 
-# powers of the reach, which is in metres
-POWERS = ("reach", "square of the reach", "cube of the reach")
+# powers of the reach, counted in metres: a term is what it does at one metre
+POWERS = ("the reach", "the square of the reach", "the cube of the reach")
 PER_METRE = 1e-3
+# what has such shapes, as far as is known
+FEET = ("foundation or base plate that gives way", "column or bearing of joint 1")
+PULLS = ("hose or cable that tightens", "spring or balancer between the links")
 # axes that are parallel
 PARALLEL = 1 - 1e-9
 # places in a joint's range beyond which it may pull a neighbour, and readings that each side needs
@@ -44,13 +48,13 @@ def _generate_reaching(robot: Robot) -> Iterator[Unregistered]:
     """Generate powers of the reach from axis 1, at the base and at the column that turns with it."""
     if robot.n < 2 or robot.joints[0].prismatic:
         return
-    metres = PER_METRE * Named("reach_mm", "mm")
+    metres = PER_METRE * Named("reach_mm")
     powers: tuple[Cause, ...] = (metres, metres * metres, metres * metres * metres)
     for place in _list_foot(robot):
         for cause, words in zip(powers, POWERS, strict=True):
             motion = "shifts along" if place[1].startswith("t") else "turns about"
-            sentence = f"Frame {place[0]} {motion} its {place[1][1]} axis with the {words}"
-            cell = build_cell(place, (cause,), words, sentence)
+            sentence = f"Frame {place[0]} {motion} its {place[1][1]} axis with {words}"
+            cell = replace(build_cell(place, (cause,), words, sentence), usual_causes=FEET)
             yield Unregistered(cell, CandidateKind.REACH, 1.0)
 
 
@@ -95,7 +99,9 @@ def build_pulls(joint: int, other: int, onset: float) -> Iterator[Mechanism]:
         half = 0.5 * excess
         where = f"{side} {np.degrees(onset):.0f}°"
         sentence = f"Joint {joint} turns with joint {other} where that reads {where}"
-        yield build_cell((joint, "rz"), (half * half,), f"square of q{other} {where}", sentence)
+        words = f"the square of q{other} {where}"
+        cell = build_cell((joint, "rz"), (half * half,), words, sentence)
+        yield replace(cell, usual_causes=PULLS)
 
 
 def _generate_wound(problem: Problem) -> Iterator[Unregistered]:
@@ -109,6 +115,6 @@ def _generate_wound(problem: Problem) -> Iterator[Unregistered]:
         sentence = (
             f"Joint {joint} turns with its own reading, and more or less so with joint {other}'s"
         )
-        words = f"pull with q{joint} and q{other}"
+        words = f"q{joint} and q{other} levelling off"
         cell = build_cell((joint, "rz"), (own, own * levelling[other]), words, sentence)
-        yield Unregistered(cell, CandidateKind.WOUND, 1.0)
+        yield Unregistered(replace(cell, usual_causes=PULLS), CandidateKind.WOUND, 1.0)
