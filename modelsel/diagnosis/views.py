@@ -55,10 +55,14 @@ class View:
     @cached_property
     def owners(self) -> dict[TermKey, list[Mechanism]]:
         """The mechanisms of the model that have each of its terms."""
-        owners: dict[TermKey, list[Mechanism]] = {term.key: [] for term in self.model.terms}
-        for mechanism in self.model.mechanisms:
+        model = self.model
+        keys = [term.key for term in model.terms]
+        owners: dict[TermKey, list[Mechanism]] = {key: [] for key in keys}
+        for mechanism in model.mechanisms:
             for term in mechanism.terms:
-                owners[term.key].append(mechanism)
+                key = term.key
+                own = owners[key]
+                own.append(mechanism)
         return owners
 
     def mask_terms(self, *effects: Candidate) -> Mask:
@@ -86,8 +90,12 @@ class View:
     def scan_without(self, candidate: Candidate) -> tuple[Scan, Response]:
         """Scan from the model without one effect: (scan, residual with that effect put back)."""
         released = self.release(candidate)
-        scan = build_scan_without(self.scan, released.directions)
-        return scan, released.see(self.response, scan.back)
+        directions = released.directions
+        seen = self.scan
+        scan = build_scan_without(seen, directions)
+        back = scan.back
+        response = released.see(self.response, back)
+        return scan, response
 
 
 class _Projection(NamedTuple):
@@ -104,33 +112,40 @@ class _Projection(NamedTuple):
 def build_view(problem: Problem, columns: Columns, fitted: Fit) -> View:
     """Build the view of a fitted model by itself, linearised where it is."""
     root = prior_root(fitted.terms, fitted.precision)
-    A = np.vstack([stack_design(problem, fitted.terms, fitted.at())[0], root])
+    of_data, _ = stack_design(problem, fitted.terms, fitted.at())
+    A = np.vstack([of_data, root])
     kept = fitted.representatives
+    own = list(kept)
     reduced = np.vstack([fitted.reduction.R[:-1, :-1], root])
-    triangle = np.asarray(np.linalg.qr(reduced[:, list(kept)], mode="r"))
-    Q, R = orthonormalise(A[:, list(kept)], triangle)
-    return _see(problem, columns, fitted, _Projection(kept, A, Q, R, columns.dot(Q)))
+    triangle = np.asarray(np.linalg.qr(reduced[:, own], mode="r"))
+    Q, R = orthonormalise(A[:, own], triangle)
+    inside = columns.dot(Q)
+    projected = _Projection(kept, A, Q, R, inside)
+    return _see(problem, columns, fitted, projected)
 
 
 def _see(problem: Problem, columns: Columns, fitted: Fit, projected: _Projection) -> View:
     """See what a fitted model leaves, and every candidate beyond it."""
     root = prior_root(fitted.terms, fitted.precision)
-    left = stack_design(problem, (), fitted.at())[1]
-    raw = np.concatenate([left, -root @ fitted.theta])
-    along = projected.Q.T @ raw
-    residual = raw - projected.Q @ along
+    Q = projected.Q
+    _, of_data = stack_design(problem, (), fitted.at())
+    of_prior = -root @ fitted.theta
+    raw = np.concatenate([of_data, of_prior])
+    along = Q.T @ raw
+    residual = raw - Q @ along
+    square = float(residual @ residual)
     return View(
         model=fitted.model,
         fitted=fitted,
         kept=projected.kept,
         A=projected.A,
-        Q=projected.Q,
+        Q=Q,
         R=projected.R,
         raw=raw,
         along=along,
         residual=residual,
-        scan=assemble_scan(columns, projected.Q, projected.inside),
-        response=Response(columns.dot(residual), float(residual @ residual)),
+        scan=assemble_scan(columns, Q, projected.inside),
+        response=Response(columns.dot(residual), square),
     )
 
 
@@ -151,35 +166,39 @@ class Views:
 
         Where the columns that are added can hardly be told from the others, the view is built by
         itself."""
+        problem = self.problem
+        columns = self.columns
         projected = self._extend(fitted)
         if projected is None:
-            return build_view(self.problem, self.columns, fitted)
-        return _see(self.problem, self.columns, fitted, projected)
+            return build_view(problem, columns, fitted)
+        return _see(problem, columns, fitted, projected)
 
     def _extend(self, fitted: Fit) -> _Projection | None:
         """Extend the base's projection; None where what is added depends on what is there."""
-        first, before, rows = self.first, self.first.A.shape[1], self.columns.rows
+        first = self.first
+        inside = first.scan.inside
+        before = first.A.shape[1]
         columns, products = self._expand(fitted.terms[before:])
         root = prior_root(fitted.terms, fitted.precision)
-        A = np.vstack([np.column_stack([first.A, columns]), root])
+        of_data = np.column_stack([first.A, columns])
+        A = np.vstack([of_data, root])
         own = [k for k in fitted.representatives if k >= before]
-        rest = A[:, own]
-        along = np.zeros((first.Q.shape[1], len(own)))
-        for _ in range(2):  # twice is enough (Kahan, Parlett)
-            share = first.Q.T @ rest[:rows]
-            rest[:rows] -= first.Q @ share
-            along += share
+        new = A[:, own]
+        basis = np.pad(first.Q, ((0, len(root)), (0, 0)))
+        rest, along = _take_out(new, basis)
         Q, R = np.linalg.qr(rest)
-        size = np.linalg.norm(A[:, own], axis=0)
-        if not (np.abs(np.diagonal(R)) > OWN_SHARE * size).all():
+        size = np.linalg.norm(new, axis=0)
+        is_own = np.abs(np.diagonal(R)) > OWN_SHARE * size
+        if not is_own.all():
             return None
-        beyond = products[:, [k - before for k in own]] - first.scan.inside @ along
+        added = [k - before for k in own]
+        beyond = products[:, added] - inside @ along
         return _Projection(
             kept=(*first.kept, *own),
             A=A,
-            Q=np.column_stack([np.pad(first.Q, ((0, len(root)), (0, 0))), Q]),
+            Q=np.column_stack([basis, Q]),
             R=_stack_triangles(first.R, along, R),
-            inside=np.column_stack([first.scan.inside, _divide(beyond, R)]),
+            inside=np.column_stack([inside, _divide(beyond, R)]),
         )
 
     def _expand(self, terms: Sequence[Term]) -> tuple[Array, Array]:
@@ -188,29 +207,54 @@ class Views:
         keys = [term.key for term in terms]
         new = [key for key in keys if key not in self._known]
         if new:
-            added = self.columns.expand_terms(new)
-            multiplied = np.ascontiguousarray(self.columns.dot(added.T).T)
-            for key, column, product in zip(new, added, multiplied, strict=True):
-                self._known[key] = column, product
-        known = [self._known[key] for key in keys]
+            self._learn(new)
         self._forget(keys)
-        columns = np.array([column for column, _ in known]).reshape(len(keys), -1)
-        products = np.array([product for _, product in known]).reshape(len(keys), -1)
+        known = [self._known[key] for key in keys]
+        columns = np.array([column for column, _ in known])
+        products = np.array([product for _, product in known])
         return columns.T, products.T
+
+    def _learn(self, new: Sequence[TermKey]) -> None:
+        """Work out the columns of some terms, and the products of all candidates with them."""
+        columns = self.columns.expand_terms(new)
+        products = self.columns.dot(columns.T)
+        by_term = np.ascontiguousarray(products.T)
+        for key, column, product in zip(new, columns, by_term, strict=True):
+            self._known[key] = column, product
 
     def _forget(self, used: Sequence[TermKey]) -> None:
         """Forget the oldest columns where they are many, but for those in use."""
-        size = self.columns.rows + self.columns.screws.count
-        most = KEPT_NUMBERS // size
+        numbers = self.columns.rows + self.columns.screws.count
+        most = KEPT_NUMBERS // numbers
+        surplus = max(len(self._known) - most, 0)
         old = [key for key in self._known if key not in used]
-        for key in old[: max(len(self._known) - most, 0)]:
+        for key in old[:surplus]:
             del self._known[key]
+
+
+def _take_out(vectors: Array, basis: Array) -> tuple[Array, Array]:
+    """Take a basis (N, r) out of vectors (N, k); returns what is left, and the coordinates (r, k).
+
+    Twice is enough (Kahan, Parlett)."""
+    across = basis.T
+    first = across @ vectors
+    rest = vectors - basis @ first
+    second = across @ rest
+    rest -= basis @ second
+    coordinates = first + second
+    return rest, coordinates
 
 
 def _stack_triangles(first: Array, across: Array, last: Array) -> Array:
     """Stack the triangle (r + k, r + k) of two triangles and what is across them (r, k)."""
-    below = np.zeros((len(last), len(first)))
-    return np.block([[first, across], [below, last]])
+    rows = len(last)
+    size = len(first)
+    shape = rows, size
+    below = np.zeros(shape)
+    top = [first, across]
+    bottom = [below, last]
+    both = [top, bottom]
+    return np.block(both)
 
 
 def _divide(matrix: Array, triangle: Array) -> Array:
