@@ -13,7 +13,7 @@ import numpy as np
 
 from .._typing import Array
 from ..fitting.problem import Problem
-from ..mechanisms.causes import Applied, Cause, Named, q, shifted
+from ..mechanisms.causes import Applied, Named, q, shifted
 from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
@@ -21,9 +21,9 @@ from .candidate_kinds import CandidateKind
 from .driver_functions import level_off
 from .unregistered import Place, Unregistered, build_cell
 
-# powers of the reach, counted in metres: a term is what it does at one metre
-POWERS = ("the reach", "the square of the reach", "the cube of the reach")
+# the reach is counted in metres: a term is what it does at one metre
 PER_METRE = 1e-3
+MOTIONS = {"t": "shifts along", "r": "turns about"}
 # what has such shapes, as far as is known
 FEET = ("foundation or base plate that gives way", "column or bearing of joint 1")
 PULLS = ("hose or cable that tightens", "spring or balancer between the links")
@@ -49,72 +49,108 @@ def _generate_reaching(robot: Robot) -> Iterator[Unregistered]:
     if robot.n < 2 or robot.joints[0].prismatic:
         return
     metres = PER_METRE * Named("reach_mm")
-    powers: tuple[Cause, ...] = (metres, metres * metres, metres * metres * metres)
-    for place in _list_foot(robot):
-        for cause, words in zip(powers, POWERS, strict=True):
-            motion = "shifts along" if place[1].startswith("t") else "turns about"
-            sentence = f"Frame {place[0]} {motion} its {place[1][1]} axis with {words}"
-            cell = replace(build_cell(place, (cause,), words, sentence), usual_causes=FEET)
-            yield Unregistered(cell, CandidateKind.REACH, 1.0)
+    square = metres * metres
+    cube = square * metres
+    powers = (
+        (metres, "the reach"),
+        (square, "the square of the reach"),
+        (cube, "the cube of the reach"),
+    )
+    for frame, axis in _list_foot(robot):
+        motion = MOTIONS[axis[0]]
+        moves = f"Frame {frame} {motion} its {axis[1]} axis"
+        for cause, words in powers:
+            cell = build_cell(
+                place=(frame, axis), causes=(cause,), words=words, sentence=f"{moves} with {words}"
+            )
+            told = replace(cell, usual_causes=FEET)
+            yield Unregistered(told, CandidateKind.REACH, weight=1.0)
 
 
 def _list_foot(robot: Robot) -> Iterator[Place]:
     """List the places of frames 1 and 2, but for the shift along axis 1 that both have."""
-    yield from ((1, axis) for axis in AXES)
-    upright = np.abs(robot.joints[1].before[2, :3]) > PARALLEL
+    for axis in AXES:
+        yield 1, axis
+    second = robot.joints[1].before
+    # the direction of axis 1 in frame 2
+    direction = second[2, :3]
     for number, axis in enumerate(AXES):
-        if number > 2 or not upright[number]:
-            yield 2, axis
+        shifts = number < len(direction)
+        if shifts and abs(direction[number]) > PARALLEL:
+            continue
+        yield 2, axis
 
 
 def _generate_pulled(problem: Problem) -> Iterator[Unregistered]:
     """Generate turns of a joint with the square of a neighbour's reading beyond some angle, as a
     hose, a cable or a spring that tightens there has it."""
-    robot = problem.robot
-    turning = [j for j, joint in enumerate(robot.joints, 1) if not joint.prismatic]
-    for joint in turning:
-        for other in (joint - 1, joint + 1):
-            if other not in turning:
-                continue
-            onsets = choose_onsets(problem.data.q[:, other - 1], ONSETS)
-            for onset in onsets:
-                for pull in build_pulls(joint, other, onset):
-                    yield Unregistered(pull, CandidateKind.PULL, 1.0)
+    turning = list_turning(problem.robot)
+    neighbours = [
+        (joint, other) for joint, other in permutations(turning, 2) if abs(joint - other) == 1
+    ]
+    for joint, other in neighbours:
+        readings = problem.data.q[:, other - 1]
+        for onset in choose_onsets(readings, ONSETS):
+            for pull in build_pulls(joint, other, onset):
+                yield Unregistered(pull, CandidateKind.PULL, weight=1.0)
+
+
+def list_turning(robot: Robot) -> list[int]:
+    """List the joints that turn."""
+    turning = []
+    for number, joint in enumerate(robot.joints, 1):
+        if not joint.prismatic:
+            turning.append(number)
+    return turning
 
 
 def choose_onsets(readings: Array, shares: Sequence[float]) -> list[float]:
     """Choose the readings, at some shares of their range, beyond which a joint may pull another one:
     with data on either side."""
-    low, high = float(readings.min()), float(readings.max())
-    chosen = [float(f"{low + share * (high - low):.4g}") for share in shares]
-    fewest = [min((readings < onset).sum(), (readings > onset).sum()) for onset in chosen]
-    return [onset for onset, few in zip(chosen, fewest, strict=True) if few >= MIN_READINGS]
+    low = float(readings.min())
+    width = float(np.ptp(readings))
+    chosen = []
+    for share in shares:
+        onset = float(f"{low + share * width:.4g}")
+        below = (readings < onset).sum()
+        above = (readings > onset).sum()
+        if min(below, above) >= MIN_READINGS:
+            chosen.append(onset)
+    return chosen
 
 
 def build_pulls(joint: int, other: int, onset: float) -> Iterator[Mechanism]:
     """Build the pulls of a joint by another one above and below a reading of that [rad]."""
     beyond = shifted(q(other), -onset)
     size = Applied("abs", beyond)
-    for excess, side in ((size + beyond, "above"), (size - beyond, "below")):
+    degrees = np.degrees(onset)
+    excesses = {"above": size + beyond, "below": size - beyond}
+    for side, excess in excesses.items():
         half = 0.5 * excess
-        where = f"{side} {np.degrees(onset):.0f}°"
-        sentence = f"Joint {joint} turns with joint {other} where that reads {where}"
-        words = f"the square of q{other} {where}"
-        cell = build_cell((joint, "rz"), (half * half,), words, sentence)
+        where = f"{side} {degrees:.0f}°"
+        cell = build_cell(
+            place=(joint, "rz"),
+            causes=(half * half,),
+            words=f"the square of q{other} {where}",
+            sentence=f"Joint {joint} turns with joint {other} where that reads {where}",
+        )
         yield replace(cell, usual_causes=PULLS)
 
 
 def _generate_wound(problem: Problem) -> Iterator[Unregistered]:
     """Generate turns of a joint with its own reading, less and less towards both ends of its range,
     and more or less with another joint's, as a hose that both wind up pulls."""
-    robot = problem.robot
-    turning = [j for j, joint in enumerate(robot.joints, 1) if not joint.prismatic]
+    turning = list_turning(problem.robot)
     levelling = {j: level_off(problem, f"q{j}") for j in turning}
     for joint, other in permutations(turning, 2):
         own = levelling[joint]
-        sentence = (
-            f"Joint {joint} turns with its own reading, and more or less so with joint {other}'s"
+        both = own * levelling[other]
+        begin = f"Joint {joint} turns with its own reading"
+        cell = build_cell(
+            place=(joint, "rz"),
+            causes=(own, both),
+            words=f"q{joint} and q{other} levelling off",
+            sentence=f"{begin}, and more or less so with joint {other}'s",
         )
-        words = f"q{joint} and q{other} levelling off"
-        cell = build_cell((joint, "rz"), (own, own * levelling[other]), words, sentence)
-        yield Unregistered(replace(cell, usual_causes=PULLS), CandidateKind.WOUND, 1.0)
+        told = replace(cell, usual_causes=PULLS)
+        yield Unregistered(told, CandidateKind.WOUND, weight=1.0)

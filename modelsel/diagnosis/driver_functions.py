@@ -12,12 +12,22 @@ LEVELS_OFF = 2.0
 def scale_driver(problem: Problem, name: str) -> Cause:
     """A driver from -1 to 1 over its range."""
     values = problem.state.value(name)
-    low, high = float(values.min()), float(values.max())
-    middle, half = float(f"{(low + high) / 2:.6g}"), float(f"{(high - low) / 2:.6g}")
-    unit = problem.names().get(name, "1")
-    return (Named(name, unit) - middle) * (1 / half)
+    low = float(values.min())
+    high = float(values.max())
+    middle = _round(0.5 * (low + high))
+    half = _round(0.5 * (high - low))
+    units = problem.names()
+    unit = units.get(name, "1")
+    driver = Named(name, unit)
+    return (driver - middle) * (1 / half)
+
+
+def _round(value: float) -> float:
+    """Round to six digits, as formulas print them."""
+    return float(f"{value:.6g}")
 
 
 def level_off(problem: Problem, name: str, strength: float = LEVELS_OFF) -> Cause:
     """A function of a driver that is linear in the middle of its range and levels off at the ends."""
-    return Applied("tanh", strength * scale_driver(problem, name))
+    scaled = scale_driver(problem, name)
+    return Applied("tanh", strength * scaled)

@@ -117,5 +117,9 @@ def _weigh(
 def _add_kin(family: Family, value: float, members: list[int]) -> tuple[float, list[int]]:
     """Add to the log evidence of some of a family's effects that a part makes another one likelier:
     joints are built alike."""
-    further = len(set(members) - {family.whole}) - 1
-    return value + max(further, 0) * KIN, members
+    parts = set(members)
+    parts.discard(family.whole)
+    number = len(parts)
+    further = max(number - 1, 0)
+    together = value + further * KIN
+    return together, members

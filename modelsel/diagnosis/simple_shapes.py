@@ -11,11 +11,11 @@ from itertools import permutations, product
 
 import numpy as np
 
+from .._typing import Array
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Applied, Cause, q, shifted
-from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism
-from .arm_shapes import build_pulls, choose_onsets
+from .arm_shapes import build_pulls, choose_onsets, list_turning
 from .driver_functions import level_off, scale_driver
 from .unregistered import build_cell
 
@@ -31,20 +31,33 @@ WAVE = re.compile(r"(?:sin|cos)\((?:([\d.]+)\*)?q\d+\)")
 def generate_products(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
     """Generate products of functions of a finding's two drivers at its one place: a function of one
     of them, and that times one of the other. None for any other finding."""
-    parts = found.names_by_place()
+    places = list(found.names_by_place())
     drivers = sorted(found.names())
-    if len(parts) != 1 or len(drivers) != 2:
+    if len(places) != 1 or len(drivers) != 2:
         return
-    (place,) = parts
-    functions: dict[str, list[Cause]] = {}
-    for name in drivers:
-        if np.ptp(problem.state.value(name)) == 0:
-            return
-        bent = [level_off(problem, name, strength) for strength in STRENGTHS]
-        functions[name] = [scale_driver(problem, name), *bent]
+    if not all(_varies(problem, name) for name in drivers):
+        return
+    functions = {name: _list_functions(problem, name) for name in drivers}
     for first, second in permutations(drivers):
-        for one, other in product(functions[first], functions[second]):
-            yield build_cell(place, (one, one * other))
+        pairs = product(functions[first], functions[second])
+        for one, other in pairs:
+            both = one * other
+            yield build_cell(places[0], (one, both))
+
+
+def _varies(problem: Problem, name: str) -> bool:
+    values = problem.state.value(name)
+    width = float(np.ptp(values))
+    return width > 0
+
+
+def _list_functions(problem: Problem, name: str) -> list[Cause]:
+    """List what may be a factor: a driver as it is, and levelling off."""
+    functions = [scale_driver(problem, name)]
+    for strength in STRENGTHS:
+        bent = level_off(problem, name, strength)
+        functions.append(bent)
+    return functions
 
 
 def generate_saws(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
@@ -53,41 +66,72 @@ def generate_saws(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
     joint, teeth = find_own_wave(found)
     if not teeth:
         return
-    ((place, _),) = found.names_by_place().items()
+    (place,) = found.names_by_place()
     angle = float(teeth) * q(joint)
-    phases = np.unique(np.mod(teeth * problem.data.q[:, joint - 1], 2 * np.pi))
-    between = phases + 0.5 * np.diff(phases, append=phases[0] + 2 * np.pi)
-    chosen = np.linspace(0, len(between) - 1, min(FALLS, len(between))).round().astype(np.intp)
-    often = f"{teeth} times a turn" if teeth > 1 else "once a turn"
-    for fall in between[chosen]:
-        saw = Applied("saw", shifted(angle, -float(f"{fall:.6g}")))
-        sentence = f"Joint {joint} errs more and more and falls back, {often}"
-        yield build_cell(place, (saw,), sentence=sentence)
+    readings = problem.data.q[:, joint - 1]
+    often = "once a turn"
+    if teeth > 1:
+        often = f"{teeth} times a turn"
+    for fall in _choose_falls(teeth * readings):
+        saw = Applied("saw", shifted(angle, -fall))
+        yield build_cell(
+            place=place,
+            causes=(saw,),
+            sentence=f"Joint {joint} errs more and more and falls back, {often}",
+        )
+
+
+def _choose_falls(angles: Array) -> Iterator[float]:
+    """Choose angles within a turn between those that were measured, at most FALLS."""
+    turn = 2 * np.pi
+    phases = np.mod(angles, turn)
+    distinct = np.unique(phases)
+    end = distinct[0] + turn
+    gaps = np.diff(distinct, append=end)
+    between = distinct + 0.5 * gaps
+    number = len(between)
+    count = min(FALLS, number)
+    chosen = np.linspace(0, number - 1, count)
+    for place in chosen:
+        fall = between[round(place)]
+        rounded = f"{fall:.6g}"
+        yield float(rounded)
 
 
 def generate_pulls(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
     """Generate pulls of a joint by another one, beyond many readings of that. None for a finding
     that does not turn one joint with another one's reading."""
-    parts = found.names_by_place()
-    ((joint, axis), drivers), *others = parts.items()
-    joints = problem.robot.joints
-    turning = [f"q{k}" for k, one in enumerate(joints, 1) if k != joint and not one.prismatic]
-    is_turn = joint <= len(joints) and axis == joint_axis(problem.robot, joint) == "rz"
-    if others or len(drivers) != 1 or not is_turn or not drivers <= set(turning):
+    places = list(found.names_by_place())
+    drivers = list(found.names())
+    if len(places) != 1 or len(drivers) != 1:
         return
-    (driver,) = drivers
-    for onset in choose_onsets(problem.state.value(driver), ONSETS):
-        yield from build_pulls(joint, int(driver[1:]), onset)
+    (joint, axis), driver = places[0], drivers[0]
+    turning = list_turning(problem.robot)
+    others = {f"q{k}": k for k in turning if k != joint}
+    if axis != "rz" or joint not in turning or driver not in others:
+        return
+    readings = problem.state.value(driver)
+    for onset in choose_onsets(readings, ONSETS):
+        yield from build_pulls(joint, others[driver], onset)
 
 
 def find_own_wave(found: Mechanism) -> tuple[int, int]:
     """Find the joint of whose own angle a finding is a wave, and how many it has a turn: 0 where it
     is none, or no whole number."""
-    parts = found.names_by_place()
-    ((joint, _), drivers), *others = parts.items()
-    waves = [WAVE.fullmatch(str(term.screws[0].cause)) for term in found.terms]
-    counts = [float(wave[1] or 1) for wave in waves if wave]
-    is_own = not others and drivers == {f"q{joint}"} and len(counts) == len(waves)
-    if not is_own or min(counts) % 1:
+    places = list(found.names_by_place())
+    joint, _ = places[0]
+    if len(places) > 1 or found.names() != {f"q{joint}"}:
         return joint, 0
-    return joint, int(min(counts))
+    counts = []
+    for term in found.terms:
+        (screw,) = term.screws
+        cause = str(screw.cause)
+        wave = WAVE.fullmatch(cause)
+        if wave is None:
+            return joint, 0
+        count = float(wave[1] or 1)
+        counts.append(count)
+    fewest = min(counts)
+    if fewest % 1:
+        return joint, 0
+    return joint, int(fewest)

@@ -206,14 +206,21 @@ def _positions(state: StateVariables) -> Values:
     target, group = state.pose().target, state.data.group
     R, t = state.placement
     line = np.einsum("mij,jm->mi", R[group], target) + t[group] - np.array(state.tracker)
-    first = state.robot.joints[0].before
-    out = target - first[:3, 3:]
-    across = out - np.outer(first[:3, 2], first[:3, 2] @ out)
     distances = {
         StateVariable(StateKind.RANGE): np.linalg.norm(line, axis=1),
-        StateVariable(StateKind.REACH): np.linalg.norm(across, axis=0),
+        StateVariable(StateKind.REACH): _measure_reach(state.robot, target),
     }
     return _by_axis(StateKind.POSITION, target) | distances
+
+
+def _measure_reach(robot: Robot, target: Array) -> Array:
+    """Measure how far targets (3, m) are from joint 1's axis."""
+    first = robot.joints[0]
+    x, y, _, origin = first.before[:3].T
+    line = target.T - origin
+    across = [line @ x, line @ y]
+    reach = np.hypot(*across)
+    return np.asarray(reach)
 
 
 def _down(state: StateVariables) -> Values:

@@ -20,30 +20,14 @@ import numpy as np
 from .._hashing import cache_hash
 from .._typing import Array
 from ..exceptions import StudyError, suggest
+from .cause_functions import DIMENSIONLESS, FUNCTIONS
 
-
-def rise_and_fall_back(angle: Array) -> Array:
-    """Rise evenly from -1 to 1 within every turn of an angle, and fall back at its end."""
-    turns = angle / (2 * np.pi)
-    return np.asarray(2 * (turns - np.floor(turns)) - 1)
-
-
-FUNCTIONS: dict[str, Callable[[Any], Any]] = {
-    "sin": np.sin,
-    "cos": np.cos,
-    "sign": np.sign,
-    "abs": np.abs,
-    "exp": np.exp,
-    "tanh": np.tanh,
-    "saw": rise_and_fall_back,
-}
 ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
     "+": operator.add,
     "-": operator.sub,
     "*": operator.mul,
     "/": operator.truediv,
 }
-DIMENSIONLESS = {"sin", "cos", "sign", "exp", "tanh", "saw"}
 MAX_LENGTH = 500  # characters of a formula
 RANK = {"+": 1, "-": 1, "*": 2, "/": 2}  # how tightly an operator binds
 

@@ -34,7 +34,8 @@ from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
 from modelsel.fitting.whitening import Whitening
-from modelsel.mechanisms.causes import FUNCTIONS, Applied, Named, shifted
+from modelsel.mechanisms.cause_functions import FUNCTIONS
+from modelsel.mechanisms.causes import Applied, Named, shifted
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.dh import compute_dh_rows
 from modelsel.robot.files import builtin_names, load_robot, read_robot, robot_from_table

@@ -80,7 +80,7 @@ def compute_posterior(
     left = response @ np.linalg.solve(C, response) / (response @ response)
     evidence = -0.5 * np.linalg.slogdet(C)[1] - COORDINATES / 2 * np.log(left)
     # members 0 and 2 are one mechanism in two joints
-    kin = np.log(10) if {0, 2} <= ratios.keys() else 0.0
+    kin = np.log(20) if {0, 2} <= ratios.keys() else 0.0
     return float(evidence + sum(pool.log_prior[g] for g in ratios) + kin)
 
 
