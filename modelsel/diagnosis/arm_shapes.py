@@ -21,6 +21,8 @@ from .candidate_kinds import CandidateKind
 from .driver_functions import level_off
 from .unregistered import Place, Unregistered, build_cell
 
+# joints of an arm
+FEWEST_JOINTS = 3
 # the reach is counted in metres: a term is what it does at one metre
 PER_METRE = 1e-3
 MOTIONS = {"t": "shifts along", "r": "turns about"}
@@ -38,15 +40,19 @@ def generate_arm_shapes(problem: Problem) -> Iterator[Unregistered]:
     """Generate the shapes that involve more than one joint's own reading.
 
     A power of the reach at one place weighs as much as a cell; so does a pull of one joint by
-    another from one side, wherever it sets in."""
-    yield from _generate_reaching(problem.robot)
+    another from one side that sets in at one angle. None for fewer than three joints: a table that
+    turns and tilts does not reach out."""
+    robot = problem.robot
+    if robot.n < FEWEST_JOINTS:
+        return
+    yield from _generate_reaching(robot)
     yield from _generate_pulled(problem)
     yield from _generate_wound(problem)
 
 
 def _generate_reaching(robot: Robot) -> Iterator[Unregistered]:
     """Generate powers of the reach from axis 1, at the base and at the column that turns with it."""
-    if robot.n < 2 or robot.joints[0].prismatic:
+    if robot.joints[0].prismatic:
         return
     metres = PER_METRE * Named("reach_mm")
     square = metres * metres

@@ -175,3 +175,11 @@ def test_a_robot_on_a_rail_has_no_reach(rng: np.random.Generator) -> None:
     assert not shapes_of(moved, CandidateKind.REACH)
     pulled = shapes_of(moved, CandidateKind.PULL)
     assert all("q1" not in one.mechanism.names() for one in pulled)
+
+
+def test_a_table_of_two_joints_has_no_shapes_of_an_arm(rng: np.random.Generator) -> None:
+    robot = load_robot("puma760")
+    for count, has_shapes in ((2, False), (3, True)):
+        table = replace(robot, joints=robot.joints[:count])
+        found = list(generate_arm_shapes(drawn(table, rng, 40)))
+        assert bool(found) == has_shapes
