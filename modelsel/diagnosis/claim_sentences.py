@@ -83,13 +83,16 @@ def describe_proven(effect: Effect, doubt: str = "") -> str:
     claimed = _find_shorter_claim(effect)
     if claimed is None:
         return describe_effect(effect, doubt)
-    of = f"probability {claimed.probability:.2f} of the {claimed.level}"
+    probability = claimed.probability
+    of = f"probability {probability:.2f} of the {claimed.level}"
     standing = [*_list_sizes(effect), of]
     if doubt:
         standing.append(doubt)
-    parts = [f"{claimed.text} ({', '.join(standing)})"]
-    is_listed = claimed.probability < PROVEN
-    if effect.candidate.kind is not CandidateKind.SHAPE and not is_listed:
+    listed = ", ".join(standing)
+    parts = [f"{claimed.text} ({listed})"]
+    kind = effect.candidate.kind
+    is_listed = probability < PROVEN
+    if kind is not CandidateKind.SHAPE and not is_listed:
         parts.append(_describe_entries(effect))
     return "; ".join([*parts, *list_cautions(effect)]) + "."
 

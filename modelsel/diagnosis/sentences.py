@@ -356,7 +356,8 @@ def _describe_probability(effect: Effect) -> str:
     rivals = list_rival_labels(effect)
     twins = [rival for rival in rivals if rival in labels_alike]
     if twins:
-        together = weigh_listed(effect) * sum(e.probability for e in alike)
+        share = sum(e.probability for e in alike)
+        together = weigh_listed(effect) * share
         listed = twins[:NAMED_RIVALS]
         named = ", ".join(listed)
         same_move = f"{named} would move the target in the same way"

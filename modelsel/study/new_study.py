@@ -19,7 +19,7 @@ from ..measurements.missed_rows import split_missed, take_rows
 from ..measurements.optional_columns import guess_optional_columns
 from ..measurements.orientation_columns import ORIENTATION_COLUMNS
 from ..measurements.orientation_guesses import guess_orientation
-from ..measurements.other_units import convert_units
+from ..measurements.other_units import convert_mapped, convert_units
 from ..measurements.reader import read_measurements
 from ..measurements.table import DataFile, Table, load_table, rename_columns
 from ..robot.kinematics import Robot
@@ -99,11 +99,30 @@ class StudyDraft:
             return replace(draft, table=table, meanings={})
         return replace(draft, table=table, source=table, meanings={}, originals={})
 
+    def choose_first(self) -> StudyDraft:
+        """Return the draft with the likeliest reading of every open choice, and a remark on the
+        others."""
+        draft = self
+        for choice in self.choices:
+            if not choice.is_doubtful:
+                continue
+            first, *others = choice.readings
+            listed = " or ".join(other.words for other in others)
+            draft = draft.choose(choice.what, first)
+            draft = draft.remark(f"Not sure: {choice.what} may also be {listed}.")
+        return draft
+
     def remark(self, sentence: str) -> StudyDraft:
         """Return the draft with one sentence more to say."""
         before = self.remarks
         remarks = (*before, sentence)
         return replace(self, remarks=remarks)
+
+    def contract_table(self) -> Table:
+        """Return all rows under the contract's names and in its units."""
+        table = load_table(self.source)
+        converted, _ = convert_mapped(table, self.columns, self.robot.prismatic)
+        return rename_columns(converted, self.columns)
 
     def read(self) -> Measurements:
         """Read the measurements. Raises DataError with file, line and column."""
