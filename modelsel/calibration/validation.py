@@ -242,7 +242,8 @@ def _judge_rows(c: Calibration, data: Measurements, free_setup: bool) -> Verdict
     size = standardise_residual(residual, spread, sigma)
     row_p = compute_chi2_p(3, size**2)
     beyond = np.flatnonzero(row_p < MAX_ROW_P / len(size))
-    share = np.sqrt(test.count / residual.size)
+    counted = test.count / residual.size
+    share = np.sqrt(counted)
     expected = float(compute_expected_rms(spread, sigma) * share)
     floor = replace(c.floor, freedom=freedom)
     found = lack(floor, test.factor, test.count)

@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from ..exceptions import DataError, ModelselError, NotEstimable
+from ..exceptions import DataError, ModelselError, NotEstimable, count_words
 from ..fitting.problem import Problem
 from ..measurements.column_guesses import Choice, Reading, guess_columns, merge_columns
 from ..measurements.gear_ratios import GearRatios, find_gear_ratios
@@ -314,10 +314,10 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
         what = choice.what.capitalize()
         lines.append(f"{what}: {first.sentence}.")
     lines += describe_optional(draft.optional, data)
-    counts = [_count(len(data), "row"), _count(data.configurations, "configuration")]
+    counts = [count_words(len(data), "row"), count_words(data.configurations, "configuration")]
     targets = len(data.targets)
     if targets > 1:
-        counts.append(_count(targets, "target"))
+        counts.append(count_words(targets, "target"))
     lines.append(f"{', '.join(counts)}.")
     lines += _describe_misfit(robot, data)
     lines.append(_describe_split(data))
@@ -325,13 +325,6 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     taken = {*draft.columns.values(), *draft.originals}
     lines += describe_other_columns(draft.measured, taken, data)
     return [*lines, *draft.remarks]
-
-
-def _count(number: int, word: str) -> str:
-    """Write a number with its word, in the plural where it is one of several."""
-    if number != 1:
-        word += "s"
-    return f"{number} {word}"
 
 
 def _describe_misfit(robot: Robot, data: Measurements) -> list[str]:
@@ -379,4 +372,5 @@ def _describe_split(data: Measurements) -> str:
     count = count_estimation(data)
     if count is None:
         return f"All configurations fit the models: from {MIN_SPLIT} on, some would be held out."
-    return f"{count} configurations fit the models, {data.configurations - count} are held out."
+    held_out = data.configurations - count
+    return f"{count} configurations fit the models, {held_out} are held out."
