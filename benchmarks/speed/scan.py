@@ -16,7 +16,7 @@ from modelsel.diagnosis.candidate_columns import Columns, build_columns
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.evidence import compute_factors, compute_p_value, draw_null, sum_evidence
-from modelsel.diagnosis.scan import Scan, compute_basis, scan_residual
+from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
 from modelsel.diagnosis.unregistered import list_places
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.causes import cos, q, sin
@@ -62,7 +62,8 @@ def run() -> dict[str, float]:
         gram = np.matmul(whole, whole.swapaxes(1, 2))
         cols = Columns(given.screws, given.slices, (replace(block, gram=gram),), given.signs)
         Q = compute_basis(base)
-        seen, response = scan_residual(cols, Q, y - Q @ (Q.T @ y))
+        seen = build_scan(cols, Q)
+        response = seen.see(y - Q @ (Q.T @ y))
         return seen, sum_evidence(compute_factors(seen, response), log_prior)[0]
 
     def ours() -> float:

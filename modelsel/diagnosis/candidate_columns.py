@@ -70,10 +70,12 @@ class Block:
 class Columns:
     """All candidates' whitened columns, with their Gram blocks.
 
-    `screws`: the C columns; `slices`: the columns of each candidate; `signs`, (k,) for each
-    candidate: the signs that physics allows its terms, 0 for either."""
+    `screws`: the C columns; `place`: where that of each term is; `slices`: the columns of each
+    candidate; `signs`, (k,) for each candidate: the signs that physics allows its terms, 0 for
+    either."""
 
     screws: ScrewColumns
+    place: dict[TermKey, int]
     slices: tuple[Index, ...]
     grams: tuple[Block, ...]
     signs: tuple[Array, ...]
@@ -124,6 +126,11 @@ class Columns:
             known[g] = columns
         return known[g]
 
+    def expand_terms(self, keys: Sequence[TermKey]) -> Array:
+        """Compute the columns (k, N) of some terms."""
+        places = np.array([self.place[key] for key in keys], dtype=np.intp)
+        return self.screws.expand(places)
+
 
 def find_signed(signs: Sequence[Array]) -> Index:
     """Find the candidates (S,) with a term that physics gives a sign."""
@@ -152,7 +159,7 @@ def build_columns(
     screws = build_screw_columns(problem, distinct, at, memory_mb)
     most = _compute_largest(screws, distinct, problem)
     blocks_ = tuple(_build_blocks(mechanisms, screws, slices, most))
-    return Columns(screws=screws, slices=tuple(slices), grams=blocks_, signs=tuple(signs))
+    return Columns(screws, place, tuple(slices), blocks_, tuple(signs))
 
 
 def _build_blocks(

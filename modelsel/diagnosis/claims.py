@@ -24,8 +24,9 @@ from .mechanism_families import weigh_families
 from .scan import build_scan, build_scan_without
 from .sentences import has_contrary_signs
 from .signatures import LEVELS, PROVEN
-from .state import Search, View
+from .state import Search
 from .unlisted_shapes import Company, Rival, list_company, list_rivals
+from .views import View
 
 # levels that findings of one place lose to one shape for all: their drivers stay the same
 SHAPED = [LEVELS.index(level) >= LEVELS.index("shape") for level in LEVELS]

@@ -25,8 +25,9 @@ from .evidence import MIN_LOG_ODDS, compute_p_value, compute_single_f
 from .model_search import VisitedModels, visit_models
 from .outcome import Diagnosis
 from .signatures import SHAPELESS
-from .state import LEVEL, Search, View
+from .state import LEVEL, Search
 from .stepwise import Exploration, Remainder, explore_further
+from .views import View
 
 # times that shapes which no list has are offered
 MAX_OFFERS = 2

@@ -17,7 +17,8 @@ from .evidence import MIN_LOG_ODDS
 from .joint_curves import build_curve, chain_effects, see_rest
 
 if TYPE_CHECKING:
-    from .state import Search, View
+    from .state import Search
+    from .views import View
 
 
 class Family(NamedTuple):

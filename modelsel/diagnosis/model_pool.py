@@ -28,7 +28,8 @@ from .._typing import Array, Index
 from .evidence import RATIOS, compute_factors, sum_evidence
 from .joint_curves import Rest, build_curve, see_rest
 from .scan import Bucket, build_buckets, build_scan_without
-from .state import Search, View
+from .state import Search
+from .views import View
 
 # members of a pool, and columns up to which a candidate that is not chosen may join it
 MOST_MEMBERS, MOST_COLUMNS = 160, 40

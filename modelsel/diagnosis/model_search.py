@@ -18,7 +18,8 @@ from .._typing import Array, Index
 from .candidates import Candidate
 from .mechanism_families import Family
 from .model_pool import Gains, Pool, gather_pool, list_related
-from .state import Search, View
+from .state import Search
+from .views import View
 
 # sets of which all that one effect more adds is computed, at most
 MOST_WEIGHED = 300

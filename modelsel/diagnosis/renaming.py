@@ -11,7 +11,8 @@ import numpy as np
 from .candidates import Candidate
 from .evidence import MIN_LOG_ODDS, compute_p_value
 from .mechanism_families import generate_better_families
-from .state import LEVEL, Search, View
+from .state import LEVEL, Search
+from .views import View
 
 # changes of names that are tried in turn
 MAX_CHANGES = 16

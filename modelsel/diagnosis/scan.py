@@ -230,17 +230,11 @@ def _has_small_terms(bucket: Bucket, z: Array) -> Mask:
 
 def build_scan(cols: Columns, Q: Array) -> Scan:
     """Project every candidate off the model's orthonormal basis Q (N, r)."""
-    return _build(cols, Q, cols.dot(Q))
+    return assemble_scan(cols, Q, cols.dot(Q))
 
 
-def scan_residual(cols: Columns, Q: Array, residual: Array) -> tuple[Scan, Response]:
-    """Project every candidate off the model's basis Q (N, r), and see what the model leaves (N,)."""
-    products = cols.dot(np.column_stack([Q, residual]))
-    response = Response(products[:, -1].copy(), float(residual @ residual))
-    return _build(cols, Q, np.ascontiguousarray(products[:, :-1])), response
-
-
-def _build(cols: Columns, Q: Array, inside: Array) -> Scan:
+def assemble_scan(cols: Columns, Q: Array, inside: Array) -> Scan:
+    """Assemble the scan beyond a basis Q (N, r) from the products (C, r) of every column with it."""
     lefts = []
     for block in cols.grams:
         own = inside[block.index]

@@ -1,30 +1,23 @@
-"""The working state of the stepwise search: all candidates, the null distribution, and views of
-fitted models.
-
-A view is a fitted model seen as projections: what lies beyond it, and beyond it without one of its
-effects, follows without a refit. The search itself adds the fits, the names and the p-values."""
+"""The working state of the stepwise search: all candidates, the null distribution, and the fits of
+models with their views, names and p-values."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from .._linalg import orthonormalise
-from .._typing import Array, Index, Mask
+from .._typing import Array, Index
 from ..exceptions import NotEstimable
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit
-from ..fitting.prior import prior_root
 from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
-from ..mechanisms.terms import Mechanism, TermKey
-from .candidate_columns import Columns, build_columns, flatten_measured, stack_design
+from .candidate_columns import Columns, build_columns, flatten_measured
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .credible_sets import CredibleSet, ask, compute_own_evidence, include_candidate, rename_effect
@@ -33,8 +26,8 @@ from .joint_curves import collect_curves, find_better_curve, see_rest
 from .mechanism_families import Family, find_families
 from .options import DEFAULT_OPTIONS
 from .residual_tests import FLIP_DRAWS, adjust_residual, compute_flip_p, draw_flips, partition_rows
-from .scan import Released, Response, Scan, build_scan_without, compute_basis, scan_residual
 from .signatures import read_signatures
+from .views import View, Views, build_view
 
 # largest family-wise p-value of an effect
 LEVEL = 0.05
@@ -49,94 +42,6 @@ COARSE_MM = 1e-2
 def extend_model(base: Model, chosen: Sequence[Candidate]) -> Model:
     """Extend the base by the mechanisms of some candidates."""
     return base + tuple(dict.fromkeys(c.mechanism for c in chosen))
-
-
-@dataclass(frozen=True, eq=False)
-class View:
-    """A fitted model as projections, with every candidate beyond it.
-
-    Orthonormal Q (N, r) and R (r, r) with A[:, kept] = Q R; all columns A (N, p); the fit's residual
-    `raw` (N,), its coordinates `along` (r,) in Q, and its part `residual` (N,) off the model, which
-    the candidates see as `response`. The prior's rows of shrunk terms stand below the rows of the
-    data. `kept`: the columns that do not depend on others; geometry takes whatever it can, so the
-    prior of its usual sizes has no say."""
-
-    model: Model
-    fitted: Fit
-    kept: tuple[int, ...]
-    A: Array
-    Q: Array
-    R: Array
-    raw: Array
-    along: Array
-    residual: Array
-    scan: Scan
-    response: Response
-
-    @cached_property
-    def owners(self) -> dict[TermKey, list[Mechanism]]:
-        """The mechanisms of the model that have each of its terms."""
-        owners: dict[TermKey, list[Mechanism]] = {term.key: [] for term in self.model.terms}
-        for mechanism in self.model.mechanisms:
-            for term in mechanism.terms:
-                owners[term.key].append(mechanism)
-        return owners
-
-    def mask_terms(self, *effects: Candidate) -> Mask:
-        """Mask (p,) of the terms that these effects alone bring into the model."""
-        brought = [effect.mechanism for effect in effects]
-        own = {term.key for m in brought for term in m.terms}
-        for key in own & self.owners.keys():
-            if any(m not in brought for m in self.owners[key]):
-                own.remove(key)
-        return np.array([key in own for key in self.owners], dtype=bool)
-
-    def release(self, *effects: Candidate) -> Released:
-        """Take effects out of the model without a refit.
-
-        The directions are those that only they bring, in the coordinates of Q: R⁻ᵀ E with E their
-        columns of the identity. What the fit explained by them is put back."""
-        from scipy.linalg import solve_triangular
-
-        own = self.mask_terms(*effects)
-        E = np.eye(len(self.kept))[:, own[list(self.kept)]]
-        directions = compute_basis(solve_triangular(self.R, E, trans="T", check_finite=False))
-        effect = self.A[:, own] @ self.fitted.theta[own]
-        return Released(directions, directions.T @ (self.along + self.Q.T @ effect))
-
-    def scan_without(self, candidate: Candidate) -> tuple[Scan, Response]:
-        """Scan from the model without one effect: (scan, residual with that effect put back)."""
-        released = self.release(candidate)
-        scan = build_scan_without(self.scan, released.directions)
-        return scan, released.see(self.response, scan.back)
-
-
-def build_view(problem: Problem, columns: Columns, model: Model, fitted: Fit) -> View:
-    """Build the projections of a fitted model and scan every candidate beyond it."""
-    A, raw = stack_design(problem, model.terms, fitted.at())
-    root = prior_root(fitted.terms, fitted.precision)
-    A = np.vstack([A, root])
-    raw = np.concatenate([raw, -root @ fitted.theta])
-    kept = fitted.representatives
-    reduced = np.vstack([fitted.reduction.R[:-1, :-1], root])
-    triangle = np.asarray(np.linalg.qr(reduced[:, list(kept)], mode="r"))
-    Q, R = orthonormalise(A[:, list(kept)], triangle)
-    along = Q.T @ raw
-    residual = raw - Q @ along
-    scan, response = scan_residual(columns, Q, residual)
-    return View(
-        model=model,
-        fitted=fitted,
-        kept=kept,
-        A=A,
-        Q=Q,
-        R=R,
-        raw=raw,
-        along=along,
-        residual=residual,
-        scan=scan,
-        response=response,
-    )
 
 
 class Renamed(NamedTuple):
@@ -181,7 +86,8 @@ class Search:
         self.columns: Columns = build_columns(self.problem, found, base_fit.at(), self.memory_mb)
         self.log_prior = np.log([c.prior for c in found])
         self.curves = collect_curves(found, self.columns, self.log_prior)
-        self.first = build_view(self.problem, self.columns, self.base, base_fit)
+        self.first = build_view(self.problem, self.columns, base_fit)
+        self.views = Views(self.problem, self.columns, self.first)
         # candidates that the base has already: what a refit leaks of them is no cause
         self.dead = np.flatnonzero(self.first.scan.sizes == 0)
         self._renamed: WeakKeyDictionary[View, dict[int, Renamed]] = WeakKeyDictionary()
@@ -210,8 +116,7 @@ class Search:
         """Fit the base with the chosen candidates. Raises NotEstimable."""
         candidates = [self.found[g] for g in chosen]
         model = extend_model(self.base, candidates)
-        fitted = fit_shrunk(self.problem, model, start, step_mm)
-        return build_view(self.problem, self.columns, model, fitted)
+        return self.views.build(fit_shrunk(self.problem, model, start, step_mm))
 
     def try_fit(
         self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM

@@ -20,7 +20,8 @@ from .candidates import Candidate
 from .credible_sets import CredibleSet
 from .evidence import compute_p_value
 from .renaming import settle_names
-from .state import LEVEL, Search, View
+from .state import LEVEL, Search
+from .views import View
 
 # effects in a model
 MAX_EFFECTS = 24

@@ -212,18 +212,20 @@ def test_beyond_a_shrunk_model_is_beyond_it_with_its_terms_integrated_out(
     rng: np.random.Generator,
 ) -> None:
     """What the scan sees behind a free function against generalised least squares with its
-    covariance written out."""
+    covariance written out, columns at the base's parameters."""
     at = drawn("puma760", rng, 150)
     bent = turned(at, 4, 4e-4 * np.tanh(at.data.q[:, 3] / 0.3), rng)
     base = Model((mechanism("geometric", at.robot),))
     found = build_candidates(bent, base, every(at.robot))
-    search = Search(bent, base, found, rng, fit(bent, base))
+    base_fit = fit(bent, base)
+    search = Search(bent, base, found, rng, base_fit)
     free = next(g for g, c in enumerate(found) if c.mechanism.name == "free(q4) 20")
     view = search.fit_model([free], None)
     fitted, kept = view.fitted, list(view.kept)
     precision = fitted.precision
     assert precision is not None
-    A, r = stack_design(bent, view.model.terms, fitted.at())
+    A, _ = stack_design(bent, view.model.terms, base_fit.at())
+    _, r = stack_design(bent, (), fitted.at())
     soft = [k for k in kept if precision[k] > 0]
     firm = [k for k in kept if precision[k] == 0]
     inverse = fitted.root[:, soft].T @ fitted.root[:, soft]

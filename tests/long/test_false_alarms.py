@@ -20,8 +20,8 @@ from modelsel.diagnosis.evidence import draw_null
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.residual_tests import adjust_residual, compute_group_p, partition_rows
-from modelsel.diagnosis.state import build_view
 from modelsel.diagnosis.unexplained import estimate_predictability
+from modelsel.diagnosis.views import build_view
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.problem import Problem
@@ -336,7 +336,7 @@ def test_signs_under_equal_noise_are_the_exact_null(rng) -> None:
     base_fit = fit(at, BASE, held="nothing")
     found = build_candidates(at, BASE, every(ARM))
     log_prior = np.log([c.prior for c in found])
-    first = build_view(at, build_columns(at, found, base_fit.at()), BASE, base_fit)
+    first = build_view(at, build_columns(at, found, base_fit.at()), base_fit)
     exact, _ = draw_null(first.scan, log_prior, 300, rng)
     flips = []
     for _ in range(10):

@@ -1,0 +1,265 @@
+"""Views: fitted models seen as projections, with every candidate beyond them.
+
+What lies beyond a model, and beyond it without one of its effects, follows without a refit. All
+views of a search share the base's linearisation, that of the candidates' columns: an effect adds its
+few columns to the base's basis, and their products with every candidate are worked out once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from .._linalg import orthonormalise
+from .._typing import Array, Mask
+from ..fitting.design import Model
+from ..fitting.least_squares import Fit
+from ..fitting.prior import prior_root
+from ..fitting.problem import Problem
+from ..mechanisms.terms import Mechanism, Term, TermKey
+from .candidate_columns import Columns, stack_design
+from .candidates import Candidate
+from .scan import Released, Response, Scan, assemble_scan, build_scan_without, compute_basis
+
+# share of an added column beyond the columns before it from which its products keep their digits
+OWN_SHARE = 1e-6
+# numbers of added columns, and of their products with the candidates, that are kept
+KEPT_NUMBERS = 5_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A fitted model as projections, with every candidate beyond it.
+
+    Orthonormal Q (N, r) and R (r, r) with A[:, kept] = Q R; all columns A (N, p); the fit's residual
+    `raw` (N,), its coordinates `along` (r,) in Q, and its part `residual` (N,) off the model, which
+    the candidates see as `response`. The prior's rows of shrunk terms stand below the rows of the
+    data. `kept`: the columns that do not depend on others; geometry takes whatever it can, so the
+    prior of its usual sizes has no say."""
+
+    model: Model
+    fitted: Fit
+    kept: tuple[int, ...]
+    A: Array
+    Q: Array
+    R: Array
+    raw: Array
+    along: Array
+    residual: Array
+    scan: Scan
+    response: Response
+
+    @cached_property
+    def owners(self) -> dict[TermKey, list[Mechanism]]:
+        """The mechanisms of the model that have each of its terms."""
+        model = self.model
+        keys = [term.key for term in model.terms]
+        owners: dict[TermKey, list[Mechanism]] = {key: [] for key in keys}
+        for mechanism in model.mechanisms:
+            for term in mechanism.terms:
+                key = term.key
+                own = owners[key]
+                own.append(mechanism)
+        return owners
+
+    def mask_terms(self, *effects: Candidate) -> Mask:
+        """Mask (p,) of the terms that these effects alone bring into the model."""
+        brought = [effect.mechanism for effect in effects]
+        own = {term.key for m in brought for term in m.terms}
+        for key in own & self.owners.keys():
+            if any(m not in brought for m in self.owners[key]):
+                own.remove(key)
+        return np.array([key in own for key in self.owners], dtype=bool)
+
+    def release(self, *effects: Candidate) -> Released:
+        """Take effects out of the model without a refit.
+
+        The directions are those that only they bring, in the coordinates of Q: R⁻ᵀ E with E their
+        columns of the identity. What the fit explained by them is put back."""
+        from scipy.linalg import solve_triangular
+
+        own = self.mask_terms(*effects)
+        E = np.eye(len(self.kept))[:, own[list(self.kept)]]
+        directions = compute_basis(solve_triangular(self.R, E, trans="T", check_finite=False))
+        effect = self.A[:, own] @ self.fitted.theta[own]
+        return Released(directions, directions.T @ (self.along + self.Q.T @ effect))
+
+    def scan_without(self, candidate: Candidate) -> tuple[Scan, Response]:
+        """Scan from the model without one effect: (scan, residual with that effect put back)."""
+        released = self.release(candidate)
+        directions = released.directions
+        seen = self.scan
+        scan = build_scan_without(seen, directions)
+        back = scan.back
+        response = released.see(self.response, back)
+        return scan, response
+
+
+class _Projection(NamedTuple):
+    """A model's columns A (N + s, p), with s rows of a prior, and of those that are `kept` the basis
+    Q (N + s, r), the triangle R (r, r), and the products (C, r) of all candidates with Q."""
+
+    kept: tuple[int, ...]
+    A: Array
+    Q: Array
+    R: Array
+    inside: Array
+
+
+def build_view(problem: Problem, columns: Columns, fitted: Fit) -> View:
+    """Build the view of a fitted model by itself, linearised where it is."""
+    root = prior_root(fitted.terms, fitted.precision)
+    of_data, _ = stack_design(problem, fitted.terms, fitted.at())
+    A = np.vstack([of_data, root])
+    kept = fitted.representatives
+    own = list(kept)
+    reduced = np.vstack([fitted.reduction.R[:-1, :-1], root])
+    triangle = np.asarray(np.linalg.qr(reduced[:, own], mode="r"))
+    Q, R = orthonormalise(A[:, own], triangle)
+    inside = columns.dot(Q)
+    projected = _Projection(kept, A, Q, R, inside)
+    return _see(problem, columns, fitted, projected)
+
+
+def _see(problem: Problem, columns: Columns, fitted: Fit, projected: _Projection) -> View:
+    """See what a fitted model leaves, and every candidate beyond it."""
+    root = prior_root(fitted.terms, fitted.precision)
+    Q = projected.Q
+    _, of_data = stack_design(problem, (), fitted.at())
+    of_prior = -root @ fitted.theta
+    raw = np.concatenate([of_data, of_prior])
+    along = Q.T @ raw
+    residual = raw - Q @ along
+    square = float(residual @ residual)
+    return View(
+        model=fitted.model,
+        fitted=fitted,
+        kept=projected.kept,
+        A=projected.A,
+        Q=Q,
+        R=projected.R,
+        raw=raw,
+        along=along,
+        residual=residual,
+        scan=assemble_scan(columns, Q, projected.inside),
+        response=Response(columns.dot(residual), square),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """The views of one search: `first`, that of the base, and those of models that extend it.
+
+    `columns`: every candidate's, linearised at the base, which nothing shrinks. So are all views:
+    what the base's own terms determine does not change with what is added to them."""
+
+    problem: Problem
+    columns: Columns
+    first: View
+    _known: dict[TermKey, tuple[Array, Array]] = field(default_factory=dict, repr=False)
+
+    def build(self, fitted: Fit) -> View:
+        """Build the view of the base with more mechanisms, from the base's and what they add.
+
+        Where the columns that are added can hardly be told from the others, the view is built by
+        itself."""
+        problem = self.problem
+        columns = self.columns
+        projected = self._extend(fitted)
+        if projected is None:
+            return build_view(problem, columns, fitted)
+        return _see(problem, columns, fitted, projected)
+
+    def _extend(self, fitted: Fit) -> _Projection | None:
+        """Extend the base's projection; None where what is added depends on what is there."""
+        first = self.first
+        inside = first.scan.inside
+        before = first.A.shape[1]
+        columns, products = self._expand(fitted.terms[before:])
+        root = prior_root(fitted.terms, fitted.precision)
+        of_data = np.column_stack([first.A, columns])
+        A = np.vstack([of_data, root])
+        own = [k for k in fitted.representatives if k >= before]
+        new = A[:, own]
+        basis = np.pad(first.Q, ((0, len(root)), (0, 0)))
+        rest, along = _take_out(new, basis)
+        Q, R = np.linalg.qr(rest)
+        size = np.linalg.norm(new, axis=0)
+        is_own = np.abs(np.diagonal(R)) > OWN_SHARE * size
+        if not is_own.all():
+            return None
+        added = [k - before for k in own]
+        beyond = products[:, added] - inside @ along
+        return _Projection(
+            kept=(*first.kept, *own),
+            A=A,
+            Q=np.column_stack([basis, Q]),
+            R=_stack_triangles(first.R, along, R),
+            inside=np.column_stack([inside, _divide(beyond, R)]),
+        )
+
+    def _expand(self, terms: Sequence[Term]) -> tuple[Array, Array]:
+        """Compute the columns (N, k) of some terms, and the products (C, k) of all candidates with
+        them; those of the last models are known."""
+        keys = [term.key for term in terms]
+        new = [key for key in keys if key not in self._known]
+        if new:
+            self._learn(new)
+        self._forget(keys)
+        known = [self._known[key] for key in keys]
+        columns = np.array([column for column, _ in known])
+        products = np.array([product for _, product in known])
+        return columns.T, products.T
+
+    def _learn(self, new: Sequence[TermKey]) -> None:
+        """Work out the columns of some terms, and the products of all candidates with them."""
+        columns = self.columns.expand_terms(new)
+        products = self.columns.dot(columns.T)
+        by_term = np.ascontiguousarray(products.T)
+        for key, column, product in zip(new, columns, by_term, strict=True):
+            self._known[key] = column, product
+
+    def _forget(self, used: Sequence[TermKey]) -> None:
+        """Forget the oldest columns where they are many, but for those in use."""
+        numbers = self.columns.rows + self.columns.screws.count
+        most = KEPT_NUMBERS // numbers
+        surplus = max(len(self._known) - most, 0)
+        old = [key for key in self._known if key not in used]
+        for key in old[:surplus]:
+            del self._known[key]
+
+
+def _take_out(vectors: Array, basis: Array) -> tuple[Array, Array]:
+    """Take a basis (N, r) out of vectors (N, k); returns what is left, and the coordinates (r, k).
+
+    Twice is enough (Kahan, Parlett)."""
+    across = basis.T
+    first = across @ vectors
+    rest = vectors - basis @ first
+    second = across @ rest
+    rest -= basis @ second
+    coordinates = first + second
+    return rest, coordinates
+
+
+def _stack_triangles(first: Array, across: Array, last: Array) -> Array:
+    """Stack the triangle (r + k, r + k) of two triangles and what is across them (r, k)."""
+    rows = len(last)
+    size = len(first)
+    shape = rows, size
+    below = np.zeros(shape)
+    top = [first, across]
+    bottom = [below, last]
+    both = [top, bottom]
+    return np.block(both)
+
+
+def _divide(matrix: Array, triangle: Array) -> Array:
+    """Compute a matrix (C, k) times the inverse of an upper triangle (k, k)."""
+    from scipy.linalg import solve_triangular
+
+    solved = solve_triangular(triangle, matrix.T, trans="T", check_finite=False)
+    return np.asarray(solved.T)

@@ -1,0 +1,90 @@
+"""Views of models that extend a base, against all their columns projected together."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from builders import drawn, planted
+
+from modelsel._typing import Array
+from modelsel.diagnosis import views
+from modelsel.diagnosis.candidate_columns import stack_design
+from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.state import Search
+from modelsel.fitting.design import Model
+from modelsel.fitting.least_squares import fit
+from modelsel.mechanisms.registry import every, mechanism
+
+NAMES = ("free(q4) 20", "encoder-scale:4", "backlash:2", "settle:2")
+
+
+def search_drawn(rng: np.random.Generator, *base: str) -> Search:
+    """A search on a drawn campaign of a PUMA whose joint 3 has an eccentric encoder."""
+    at = drawn("puma760", rng, 70)
+    model = Model(tuple(mechanism(name, at.robot) for name in base))
+    bent = planted(at, mechanism("encoder-eccentricity:3", at.robot).terms, [3e-4, 2e-4], rng, 0.03)
+    found = build_candidates(bent, model, every(at.robot))
+    return Search(bent, model, found, rng, fit(bent, model))
+
+
+def find(search: Search, *names: str) -> list[int]:
+    """The candidates of these names."""
+    place = {one.mechanism.name: g for g, one in enumerate(search.found)}
+    return [place[name] for name in names]
+
+
+def see_strength(view: views.View) -> Array:
+    """How much of what the view leaves every candidate explains (G,)."""
+    return view.scan.strength(view.response.column).whole[:, 0]
+
+
+@pytest.mark.parametrize("count", range(1, len(NAMES) + 1))
+def test_a_view_holds_all_columns_of_its_model(rng: np.random.Generator, count: int) -> None:
+    search = search_drawn(rng, "geometric")
+    view = search.fit_model(find(search, *NAMES[:count]), None)
+    rows, kept = search.columns.rows, list(view.kept)
+    A, _ = stack_design(search.problem, view.model.terms, search.first.fitted.at())
+    size = np.linalg.norm(A, axis=0).max()
+    np.testing.assert_allclose(view.A[:rows], A, atol=1e-9 * size)
+    np.testing.assert_allclose(view.Q @ view.R, view.A[:, kept], atol=1e-9 * size)
+    np.testing.assert_allclose(view.Q.T @ view.Q, np.eye(len(kept)), atol=1e-9)
+    inside = search.columns.dot(view.Q)
+    np.testing.assert_allclose(view.scan.inside, inside, atol=1e-9 * np.abs(inside).max())
+    assert np.abs(view.Q.T @ view.residual).max() < 1e-9 * np.linalg.norm(view.residual)
+
+
+def test_columns_of_the_last_models_are_remembered_and_the_oldest_forgotten(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    search = search_drawn(rng, "geometric")
+    first, second = find(search, "settle:2"), find(search, "encoder-scale:4")
+    before = see_strength(search.fit_model(first, None))
+    asked: list[int] = []
+    multiply = search.views.columns.screws.dot
+
+    def count(values: Array) -> Array:
+        asked.append(values.reshape(len(values), -1).shape[1])
+        return multiply(values)
+
+    monkeypatch.setattr(type(search.columns), "dot", lambda _, values: count(values))
+    again = see_strength(search.fit_model(first, None))
+    np.testing.assert_array_equal(again, before)
+    assert asked == [1]  # what is left alone
+    monkeypatch.setattr(views, "KEPT_NUMBERS", 0)
+    search.fit_model(second, None)
+    search.fit_model(first, None)
+    assert sum(asked[1:]) > 3
+
+
+def test_a_view_by_itself_sees_the_same(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Linearised at its own fit instead of the base's, which are near each other."""
+    search = search_drawn(rng, "geometric")
+    chosen = find(search, *NAMES)
+    shared = search.fit_model(chosen, None)
+    monkeypatch.setattr(views, "OWN_SHARE", 2.0)  # no column has as much of its own
+    alone = search.fit_model(chosen, None)
+    assert alone.Q.shape == shared.Q.shape
+    assert not np.array_equal(alone.Q, shared.Q)
+    np.testing.assert_allclose(see_strength(alone), see_strength(shared), rtol=0.02, atol=0.02)
