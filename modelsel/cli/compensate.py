@@ -114,8 +114,7 @@ def compensate_command(
         notes += _write_program(c, data, commands, form, out, notes)
     if as_json:
         figures = {} if commands is None else _figures(commands)
-        rows = len(data)
-        said = {"written": out.name, "rows": rows, "warnings": notes, "left_out": skipped}
+        said = {"written": out.name, "rows": len(data), "warnings": notes, "left_out": skipped}
         print_json(said | figures)
     else:
         for line in later.said:
