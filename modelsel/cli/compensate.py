@@ -90,6 +90,7 @@ def compensate_command(
     from ..measurements.reader import read_measurements
     from ._later_files import load_later
 
+    _check_bound(bound)
     if forward and form != "csv":
         raise click.UsageError("--forward corrects no command: it goes with --format csv.")
     c = load_calibration(result)
@@ -126,6 +127,13 @@ def compensate_command(
             click.echo(f"Note: {note}")
     if commands is not None:
         _check_commands(commands, data, skipped)
+
+
+def _check_bound(bound: tuple[float, float]) -> None:
+    """Refuse a bound that nothing can be beyond, or within. Raises click.UsageError."""
+    is_positive = [0 < limit < np.inf for limit in bound]
+    if not all(is_positive):
+        raise click.UsageError("--bound takes two numbers above 0, in mrad and in mm.")
 
 
 def _correct(

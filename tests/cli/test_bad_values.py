@@ -3,6 +3,7 @@ words of the file."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner, Result
 
+from modelsel._files import write_atomically
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import DataError, StudyError
@@ -134,3 +136,15 @@ def test_init_says_which_cell_keeps_a_column_from_being_used(tmp_path: Path) -> 
     ran = run("init", tmp_path / "m.csv", "--robot", "ur10", "--yes", "--out", tmp_path / "s")
     assert ran.exit_code == 0, ran.output
     assert 'Not used: "load_kg" ("heavy" in m.csv, line 9).' in ran.stdout
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes on Windows")
+def test_nothing_takes_the_place_of_a_pipe(tmp_path: Path) -> None:
+    """Nor of a device: /dev/null stays what it is."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(StudyError, match="a device or a pipe, not a file"):
+        write_atomically(pipe, b"new")
+    assert pipe.is_fifo()
+    with pytest.raises(StudyError, match="it is a folder"):
+        write_atomically(tmp_path, b"new")

@@ -166,3 +166,13 @@ def test_rows_of_a_joined_table_name_both_files(folder: Path) -> None:
     of_log = table.where.refuse("it is odd.", row=6, column="q1_deg")
     assert (of_log.file, of_log.line, of_log.column) == ("later_log.csv", 8, "A1 [deg]")
     assert table.where.listed([6, 7]) == "lines 8, 9 of later_log.csv"
+
+
+@pytest.mark.parametrize("bound", [("-1", "2"), ("0", "20"), ("nan", "20"), ("10", "inf")])
+def test_a_bound_is_two_numbers_above_zero(bound: tuple[str, str], folder: Path) -> None:
+    out = folder / "bound.csv"
+    later = folder / "later_log.csv"
+    ran = run("compensate", folder / "out", later, "--out", out, "--bound", *bound)
+    assert ran.exit_code == 2
+    assert "--bound takes two numbers above 0" in ran.stderr
+    assert not out.exists()
