@@ -22,6 +22,16 @@ if TYPE_CHECKING:
     from ..measurements.measurements import Measurements
 
 
+def _check_bound(
+    context: click.Context, option: click.Parameter, bound: tuple[float, float]
+) -> tuple[float, float]:
+    """Refuse a bound that nothing can be beyond, or within."""
+    is_positive = [0 < limit < np.inf for limit in bound]
+    if not all(is_positive):
+        raise click.UsageError("--bound takes two numbers above 0, in mrad and in mm.")
+    return bound
+
+
 @click.command("compensate")
 @click.argument("result", type=click.Path(path_type=Path))
 @click.argument("targets", type=click.Path(path_type=Path))
@@ -44,6 +54,7 @@ if TYPE_CHECKING:
     nargs=2,
     type=float,
     default=(10.0, 20.0),
+    callback=_check_bound,
     show_default=True,
     metavar="MRAD MM",
     help="Largest change of a joint, and of the target, that is no mistake.",
@@ -90,7 +101,6 @@ def compensate_command(
     from ..measurements.reader import read_measurements
     from ._later_files import load_later
 
-    _check_bound(bound)
     if forward and form != "csv":
         raise click.UsageError("--forward corrects no command: it goes with --format csv.")
     c = load_calibration(result)
@@ -127,13 +137,6 @@ def compensate_command(
             click.echo(f"Note: {note}")
     if commands is not None:
         _check_commands(commands, data, skipped)
-
-
-def _check_bound(bound: tuple[float, float]) -> None:
-    """Refuse a bound that nothing can be beyond, or within. Raises click.UsageError."""
-    is_positive = [0 < limit < np.inf for limit in bound]
-    if not all(is_positive):
-        raise click.UsageError("--bound takes two numbers above 0, in mrad and in mm.")
 
 
 def _correct(
