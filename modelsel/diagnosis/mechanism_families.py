@@ -6,7 +6,8 @@ whichever the data make more probable stands."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -110,16 +111,26 @@ def _weigh(
         chain_effects(start.offer(~is_whole), len(family.parts)),
         chain_effects(start, len(which)),
     ]
-    (value, _), *others = (_add_kin(family, *trial) for trial in (present, *trials))
+    (value, _), *others = (_add_kin(search, *trial) for trial in (present, *trials))
     return value, others
 
 
-def _add_kin(family: Family, value: float, members: list[int]) -> tuple[float, list[int]]:
-    """Add to the log evidence of some of a family's effects that a part makes another one likelier:
-    joints are built alike."""
-    parts = set(members)
-    parts.discard(family.whole)
-    number = len(parts)
-    further = max(number - 1, 0)
+def _add_kin(search: Search, value: float, members: list[int]) -> tuple[float, list[int]]:
+    """Add to the log evidence of some effects that a mechanism of one joint makes that of another
+    joint likelier: joints are built alike."""
+    labels = [search.found[g].label for g in set(members)]
+    further = count_kin(labels)
     together = value + further * KIN
     return together, members
+
+
+def count_kin(labels: Iterable[str]) -> int:
+    """Count the labels that name a mechanism which another one before has in another joint."""
+    stems = [find_stem(label) for label in labels]
+    kinds = set(stems)
+    return len(stems) - len(kinds)
+
+
+def find_stem(label: str) -> str:
+    """Find the name of a mechanism without its joint."""
+    return re.sub(r":\d+$", "", label)
