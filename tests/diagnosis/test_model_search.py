@@ -18,6 +18,7 @@ from modelsel._typing import Array
 from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.conclusion import conclude, prove
 from modelsel.diagnosis.evidence import MIN_LOG_ODDS
+from modelsel.diagnosis.mechanism_families import count_kin
 from modelsel.diagnosis.model_pool import Pool, _Group
 from modelsel.diagnosis.model_search import VisitedModels, visit_models
 from modelsel.diagnosis.state import Search
@@ -209,3 +210,10 @@ def test_two_effects_of_a_place_are_not_held_by_one() -> None:
     assert included[1] == pytest.approx([0.6])
     # what both sets have is as sure as ever
     assert included[0] == pytest.approx([1.0])
+
+
+def test_only_the_same_mechanism_in_another_joint_is_kin() -> None:
+    assert count_kin(["settle:1", "settle:2", "settle:3"]) == 2
+    assert count_kin(["joint2-twist", "joint3-twist", "settle:3"]) == 0
+    assert count_kin(["fault:read-too-early", "settle:3"]) == 0
+    assert count_kin([]) == 0
