@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ._names import guard_cell
+from ._text import find_read_problem
 from .exceptions import StudyError
 
 if TYPE_CHECKING:
@@ -44,6 +45,8 @@ def write_all(folder: Path, files: Mapping[str, bytes]) -> None:
 def _write(files: Mapping[Path, bytes], beside: Path) -> None:
     ready: dict[Path, Path] = {}
     path = beside
+    for path in files:
+        _refuse_other_than_file(path)
     try:
         try:
             _folder(beside)
@@ -66,6 +69,16 @@ def _write(files: Mapping[Path, bytes], beside: Path) -> None:
         raise StudyError(
             f"{path}: cannot be written: {error.strerror or error}. Give another folder with --out."
         ) from None
+
+
+def _refuse_other_than_file(path: Path) -> None:
+    """Refuse a folder, a device or a pipe, which a file must not take the place of. Raises
+    StudyError."""
+    if not path.exists():
+        return
+    problem = find_read_problem(path)
+    if problem is not None:
+        raise StudyError(f"{path}: cannot be written: {problem}. Give a file with --out.")
 
 
 def _folder(path: Path) -> None:

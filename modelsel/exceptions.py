@@ -92,6 +92,12 @@ def sentence_list(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
+def count_words(count: int, word: str) -> str:
+    """1 row, 2 rows, 1,200 rows."""
+    ending = "" if count == 1 else "s"
+    return f"{count:,} {word}{ending}"
+
+
 def suggest(word: str, known: Iterable[str]) -> str:
     """`Did you mean "x"?`, or the known words where they are few, or nothing."""
     known = sorted(known)

@@ -98,6 +98,8 @@ def calibration_record(c: Calibration) -> dict[str, Any]:
         record["file_form"] = {"columns": columns, "sheet": form.sheet, "decimal": form.decimal}
         if form.headerless:
             record["file_form"]["header"] = False
+        if form.joined:
+            record["file_form"]["joined"] = dict(form.joined)
     source = c.robot.urdf
     if source is not None and _is_of(source, c.robot):
         record["urdf"] = {"base": source.base, "tip": source.tip, "text": source.text}

@@ -58,6 +58,7 @@ class FileFormRecord(StrictRecord):
     sheet: Text | None
     decimal: Literal[",", "."] | None
     header: bool = True
+    joined: dict[Text, Text] = Field(default={})
 
 
 class TargetRecord(StrictRecord):

@@ -14,6 +14,8 @@ from .mechanism_changes import SIGNIFICANCE
 MIN_CHI2 = 9.0  # that a term must explain to be named
 MAX_CHI2_LOSS = 2.0  # by how much less another term may explain and still do as well
 MIN_FREE_NORM = 1e-6  # of a unit column beyond the chosen ones, to be another direction
+# of the longest column: what is shorter is rounding, of a term that moves nothing that is tested
+MIN_LENGTH = 1e-9
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,9 @@ def select_fewest_terms(difference: Array, factor: Array, directions: Array) -> 
     response = solve_triangular(L, difference, lower=True)
     columns = solve_triangular(L, directions.T, lower=True)
     lengths = np.linalg.norm(columns, axis=0)
-    columns = columns / np.where(lengths > 0, lengths, 1.0)
+    longest = lengths.max(initial=0.0)
+    is_seen = lengths > MIN_LENGTH * longest
+    columns = np.where(is_seen, columns, 0.0) / np.where(is_seen, lengths, 1.0)
     basis = np.zeros((count, 0))
     residual = response
     chosen = list[int]()

@@ -203,7 +203,8 @@ def _restore_form(record: CalibrationRecord) -> FileForm:
     stored = record.file_form
     if stored is None:
         return FileForm()
-    return FileForm(dict(stored.columns), stored.sheet, stored.decimal, not stored.header)
+    joined = dict(stored.joined)
+    return FileForm(dict(stored.columns), stored.sheet, stored.decimal, not stored.header, joined)
 
 
 def _restore_refits(record: CalibrationRecord, model: Model) -> Refits | None:

@@ -39,6 +39,10 @@ MIN_FACTOR = 1.1  # of the errors to those expected, for a calibration called dr
 MAX_ROW_P = 0.05  # corrected for the number of rows: below it a row is beyond noise
 MAX_EXACT_FACTOR = 100.0  # a factor below is told to hundredths
 MIN_EXACT_P = 1e-12  # a p below is told to be below
+# a row further off [standard deviations] is no noise, as of a study's held-out rows; a greater share
+# of them is no bad shots
+MAX_ROW_SD = 8.0
+MAX_FAR_SHARE = 0.05
 MAX_LISTED = 10
 MIN_HALF_RATIO = 1.5  # of mean squared errors in two halves of a joint's range, to be named
 MIN_HALF_ROWS = 5
@@ -67,6 +71,7 @@ class Verdict:
     small: bool = False  # errors far below what the stated uncertainty would leave
     new_targets: tuple[str, ...] = ()  # not calibrated, found from the new data
     mistaken: bool = False  # a mistake in the data's rows explains them
+    left_out: tuple[int, ...] = ()  # a few rows far off, without which the data are judged
 
     @property
     def drifted(self) -> bool:
@@ -194,7 +199,31 @@ def _add_new_targets(c: Calibration, data: Measurements) -> Calibration:
 
 def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
     """Judge a stored calibration on new measurements; with `free_setup` the tracker and the targets
-    are found again first. Raises DataError."""
+    are found again first. A few rows that are far off are left out where the others are within
+    noise: a bad shot is likelier than an arm that changed in one place. Raises DataError."""
+    verdict = _judge_rows(c, data, free_setup)
+    size = verdict.size
+    is_far = size > MAX_ROW_SD
+    share = is_far.mean()
+    if not verdict.drifted or verdict.mistaken:
+        return verdict
+    if not 0 < share <= MAX_FAR_SHARE:
+        return verdict
+    others = np.flatnonzero(~is_far)
+    kept = data.take(others)
+    rest = _judge_rows(c, kept, free_setup)
+    if rest.drifted:
+        return verdict
+    worst_first = np.argsort(-size, kind="stable")
+    count = int(is_far.sum())
+    chosen = worst_first[:count]
+    rows = tuple(chosen.tolist())
+    residual = verdict.residual
+    return replace(rest, residual=residual, size=size, worst=rows, left_out=rows)
+
+
+def _judge_rows(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
+    """Judge a stored calibration on all rows of new measurements."""
     moved = None
     new_targets: tuple[str, ...] = ()
     free = np.zeros((len(data), 3, 0))
@@ -213,7 +242,8 @@ def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
     size = standardise_residual(residual, spread, sigma)
     row_p = compute_chi2_p(3, size**2)
     beyond = np.flatnonzero(row_p < MAX_ROW_P / len(size))
-    share = np.sqrt(test.count / residual.size)
+    counted = test.count / residual.size
+    share = np.sqrt(counted)
     expected = float(compute_expected_rms(spread, sigma) * share)
     floor = replace(c.floor, freedom=freedom)
     found = lack(floor, test.factor, test.count)
@@ -225,7 +255,8 @@ def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
         slips = describe_slips(
             problem, lambda other: other.data.position - predict(c, other), rows, expected
         )
-    mean_square = np.square(residual).sum(1).mean()
+    squares = np.square(residual)
+    mean_square = squares.sum(1).mean()
     order = np.argsort(-size[beyond], kind="stable")
     worst = beyond[order].tolist()
     return Verdict(
@@ -306,6 +337,10 @@ def _summarise_verdict(data: Measurements, verdict: Verdict) -> str:
         return f"The calibration has drifted: {figures}; {rows}{place}.{remedy}"
     if verdict.small:
         return f"Drift cannot be judged, since the stated uncertainty is far above the errors: {figures}."
+    count = len(verdict.left_out)
+    if count:
+        rows = "a row that is" if count == 1 else f"{count} rows that are"
+        return f"The calibration is still valid within noise, without {rows} far off: {figures}."
     return f"The calibration is still valid within noise: {figures}."
 
 
@@ -313,13 +348,19 @@ def _list_worst(data: Measurements, verdict: Verdict) -> str:
     rows = []
     for k in verdict.worst[:MAX_LISTED]:
         row = int(data.row[k])
-        named = data.where.named(row)
+        words = [data.where.label([row], 1), data.where.named(row)]
+        named = ", ".join(filter(None, words))
         size = verdict.size[k]
         rows.append(f"{named} ({size:.1f} sd)")
     listed = ", ".join(rows)
     more = ""
     if len(verdict.worst) > MAX_LISTED:
         more = " …"
+    if verdict.left_out:
+        return (
+            f"Far off, and left out: {listed}. A bad shot is likelier than an arm that changed there "
+            "alone: measure it again."
+        )
     return f"Beyond noise: {listed}{more}."
 
 

@@ -13,12 +13,23 @@ from numpy.typing import NDArray
 
 from .._choices import TARGET_FORMS
 from ..exceptions import CHECK_FAILED
+from ._join_options import JointLog, join_option
 from ._options import column_option, print_json, table_option
 
 if TYPE_CHECKING:
     from ..calibration.calibration import Calibration
     from ..calibration.compensation import Commands
     from ..measurements.measurements import Measurements
+
+
+def _check_bound(
+    context: click.Context, option: click.Parameter, bound: tuple[float, float]
+) -> tuple[float, float]:
+    """Refuse a bound that nothing can be beyond, or within."""
+    is_positive = [0 < limit < np.inf for limit in bound]
+    if not all(is_positive):
+        raise click.UsageError("--bound takes two numbers above 0, in mrad and in mm.")
+    return bound
 
 
 @click.command("compensate")
@@ -43,6 +54,7 @@ if TYPE_CHECKING:
     nargs=2,
     type=float,
     default=(10.0, 20.0),
+    callback=_check_bound,
     show_default=True,
     metavar="MRAD MM",
     help="Largest change of a joint, and of the target, that is no mistake.",
@@ -56,6 +68,7 @@ if TYPE_CHECKING:
     metavar="NAME=VALUE",
     help="A value of all rows that the file has no column of: payload_kg=3. May be repeated.",
 )
+@join_option
 @table_option
 @column_option
 @click.option("--json", "as_json", is_flag=True)
@@ -67,6 +80,7 @@ def compensate_command(
     bound: tuple[float, float],
     forward: bool,
     at: tuple[str, ...],
+    log: JointLog | None,
     sheet: str | None,
     decimal: str | None,
     columns: dict[str, str],
@@ -85,15 +99,15 @@ def compensate_command(
     from ..calibration.held_values import hold_values, read_held_values
     from ..calibration.loading import load_calibration
     from ..measurements.reader import read_measurements
-    from ..measurements.table import load_table
+    from ._later_files import load_later
 
     if forward and form != "csv":
         raise click.UsageError("--forward corrects no command: it goes with --format csv.")
     c = load_calibration(result)
-    table = load_table(c.form.open(targets, sheet, decimal))
-    mapping, mapped = c.form.read_columns(table, columns)
-    table = hold_values(c, table, read_held_values(at))
-    data = read_measurements(table, c.robot, mapping, positions=False, once=False)
+    later = load_later(c, c.form.open(targets, sheet, decimal), log, columns).matched()
+    values = read_held_values(at)
+    held = hold_values(c, later.table, values)
+    data = read_measurements(held, c.robot, later.columns, positions=False, once=False)
     commands: Commands | None = None
     skipped: list[str] = []
     if forward:
@@ -103,6 +117,7 @@ def compensate_command(
         found = _correct(c, data, bound, targets.name)
         commands, data, notes, skipped = found
         table = build_commands_table(c, data, commands.q, commands.wanted, commands.figures())
+    notes += later.note_own(c)
     if commands is None or form == "csv":
         write_frame(table, out, "%.10g")
     else:
@@ -113,8 +128,8 @@ def compensate_command(
         said = {"written": out.name, "rows": len(data), "warnings": notes, "left_out": skipped}
         print_json(said | figures)
     else:
-        if mapped:
-            click.echo(mapped)
+        for line in later.said:
+            click.echo(line)
         slides = np.array(c.robot.prismatic)
         gain = "" if commands is None else _sentence(commands, slides)
         click.echo(f"Written: {out}, {len(data)} rows.{gain}")

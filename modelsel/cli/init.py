@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ..exceptions import StudyError
+from ._join_options import JointLog, join_option
 from ._options import (
     column_option,
     dh_option,
@@ -36,30 +37,7 @@ if TYPE_CHECKING:
 @click.option("--base", help="Of a URDF: the link the chain starts at; default its root.")
 @click.option("--tip", help="Of a URDF: the link the chain ends at; default the longest chain's.")
 @table_option
-@click.option(
-    "--joints",
-    type=click.Path(path_type=Path),
-    help="A log of joint readings, where FILE has an instrument's points alone.",
-)
-@click.option(
-    "--join",
-    type=click.Choice(("name", "time", "order")),
-    help="How the points belong to the readings; default the way that fits.",
-)
-@click.option(
-    "--max-gap",
-    type=click.FloatRange(0, min_open=True),
-    default=0.5,
-    show_default=True,
-    help="Seconds that the times of a point and of its readings may differ.",
-)
-@click.option(
-    "--clock-offset",
-    type=float,
-    default=0.0,
-    metavar="SECONDS",
-    help="By how much the clock of the log of --joints is ahead of the instrument's.",
-)
+@join_option
 @xacro_option
 @dh_option
 @column_option
@@ -91,10 +69,7 @@ def init_command(
     tip: str | None,
     sheet: str | None,
     decimal: str | None,
-    joints: Path | None,
-    join: str | None,
-    max_gap: float,
-    clock_offset: float,
+    log: JointLog | None,
     arguments: dict[str, str],
     convention: str | None,
     columns: dict[str, str],
@@ -118,11 +93,13 @@ def init_command(
     named = read_robot_option(robot, base, tip, arguments, convention)
     arm = setup.place(named.robot)
     source = DataFile(file, sheet, decimal)
-    if joints is None:
+    if log is None:
         draft = draft_study(source, arm, columns)
     else:
-        log = DataFile(joints, decimal=source.decimal)
-        draft = draft_joined_study(source, log, arm, columns, join, max_gap, clock_offset)
+        readings = DataFile(log.path, decimal=source.decimal)
+        draft = draft_joined_study(
+            source, readings, arm, columns, log.way, log.max_gap, log.clock_offset
+        )
     draft = _settle(draft, yes)
     draft = _settle(add_orientation(draft), yes)
     data = draft.read()
@@ -156,17 +133,12 @@ def _check_setup(setup: StatedSetup) -> None:
 
 def _settle(draft: StudyDraft, yes: bool) -> StudyDraft:
     """Ask which reading is right where several fit; with `yes` take the first, and say so."""
+    if yes:
+        return draft.choose_first()
     for choice in draft.choices:
-        if not choice.is_doubtful:
-            continue
-        if not yes:
+        if choice.is_doubtful:
             reading = _ask_which(choice)
             draft = draft.choose(choice.what, reading)
-            continue
-        first, *others = choice.readings
-        draft = draft.choose(choice.what, first)
-        listed = " or ".join(other.words for other in others)
-        draft = draft.remark(f"Not sure: {choice.what} may also be {listed}.")
     return draft
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from ..exceptions import CHECK_FAILED
+from ._join_options import JointLog, join_option
 from ._options import column_option, print_json, table_option
 
 
@@ -18,6 +19,7 @@ from ._options import column_option, print_json, table_option
     is_flag=True,
     help="The tracker or the target may have moved: find them anew, keep the arm.",
 )
+@join_option
 @table_option
 @column_option
 @click.option("--json", "as_json", is_flag=True)
@@ -25,28 +27,28 @@ def validate_command(
     result: Path,
     data: Path,
     register: bool,
+    log: JointLog | None,
     sheet: str | None,
     decimal: str | None,
     columns: dict[str, str],
     as_json: bool,
 ) -> None:
     """Whether a stored calibration still holds on new measurements; nothing of it is refitted.
-    A file of the form of the study's (columns, sheet, decimal mark) goes in as it is."""
+    A file of the form of the study's (columns, sheet, decimal mark) goes in as it is; points and
+    readings in two files do with --joints."""
     from ..calibration.command_notes import describe_extrapolation
     from ..calibration.loading import load_calibration
     from ..calibration.validation import describe_same_data, describe_verdict, judge
     from ..measurements.reader import read_measurements
-    from ..measurements.table import hash_source, load_table
     from ..study.new_study import TOLD_NOTES
+    from ._later_files import load_later
 
     c = load_calibration(result)
-    source = c.form.open(data, sheet, decimal)
-    table = load_table(source)
-    mapping, mapped = c.form.read_columns(table, columns)
-    measured = read_measurements(table, c.robot, mapping)
+    later = load_later(c, c.form.open(data, sheet, decimal), log, columns)
+    measured = read_measurements(later.table, c.robot, later.columns)
     found = judge(c, measured, register)
     said, beyond = describe_verdict(measured, found), describe_extrapolation(c, measured)
-    beyond = [*describe_same_data(c, hash_source(data)), *beyond]
+    beyond = [*describe_same_data(c, later.sha256), *beyond]
     warnings = [*found.doubts, *beyond]
     if as_json:
         print_json(
@@ -62,19 +64,19 @@ def validate_command(
                     {"row": int(measured.row[k]), "standardised": found.size[k]}
                     for k in found.worst
                 ],
+                "left_out": [int(measured.row[k]) for k in found.left_out],
                 "registered": None
                 if found.moved is None
                 else dict(
                     zip(("tracker_mm", "tracker_rad", "target_mm"), found.moved, strict=True)
                 ),
                 "warnings": warnings,
-                "columns": mapping,
+                "columns": later.columns,
             }
         )
     else:
-        for line in [mapped, *(n.sentence for n in measured.notes if n.code in TOLD_NOTES)]:
-            if line:
-                click.echo(line)
+        for line in [*later.said, *(n.sentence for n in measured.notes if n.code in TOLD_NOTES)]:
+            click.echo(line)
         for line in found.doubts:
             click.echo(f"Check the data: {line}")
         for line in said:

@@ -22,6 +22,16 @@ EXPECTED = (
     ("number", "a number"),
     ("finite number", "a finite number"),
 )
+# what pydantic says of lengths and letters, in our words
+LENGTH_MESSAGES = {
+    "too_short": "expected {min_length} values or more",
+    "too_long": "expected {max_length} values or fewer",
+    "string_too_short": "expected text",
+    "string_too_long": "expected at most {max_length} characters",
+    "string_pattern_mismatch": "expected text without line breaks and control characters",
+}
+# a value of another type than expected: place, what was expected, what was found
+ALTERNATIVE = re.compile(r"(.+?): expected (.+), found (.+)", re.DOTALL)
 # ends of the keys whose values are lengths, angles or sizes
 NUMBER_KEYS = ("_mm", "_ppm", "_urad", "size")
 
@@ -45,6 +55,8 @@ def describe_error(error: Any) -> str:
         return message
     if kind in ("model_type", "dict_type"):
         message = "expected a table"
+    if kind in LENGTH_MESSAGES:
+        message = LENGTH_MESSAGES[kind].format(**error["ctx"])
     message = re.sub(r"^Input should be (a valid |)", "expected ", message)
     for theirs, ours in EXPECTED:
         message = message.replace(f"expected {theirs}", f"expected {ours}")
@@ -75,9 +87,8 @@ def format_place(location: Sequence[Any]) -> str:
 
 
 def _to_float(value: float) -> float:
-    if abs(value) < MAX_NUMBER:
-        return float(value)
-    return float("inf")
+    is_huge = abs(value) >= MAX_NUMBER
+    return float("inf") if is_huge else float(value)
 
 
 def _is_number(value: Any) -> bool:
@@ -114,3 +125,21 @@ def _to_toml_item(key: str, value: Any) -> Any:
     if type(value) is int and is_number:
         return _to_float(value)
     return to_toml_values(value)
+
+
+def join_alternatives(problems: Sequence[str]) -> list[str]:
+    """Say what is wrong with one value once, where pydantic tried several types: expected A or B."""
+    joined: dict[tuple[str, str], str] = {}
+    for problem in problems:
+        match = ALTERNATIVE.fullmatch(problem)
+        if match is None:
+            joined[problem, ""] = problem
+            continue
+        place, expected, found = match.groups()
+        before = joined.get((place, found))
+        if before is None:
+            joined[place, found] = f"{place}: expected {expected}, found {found}"
+            continue
+        first = before.removesuffix(f", found {found}")
+        joined[place, found] = f"{first} or {expected}, found {found}"
+    return list(joined.values())

@@ -23,7 +23,7 @@ from ..exceptions import StudyError, suggest
 from ..measurements.table import DataFile, Source
 from .campaign_table import CampaignTable
 from .covariate_table import CovariateTable, check_covariates, expect_tables
-from .messages import describe_value_problem, format_place, to_toml_values
+from .messages import describe_value_problem, format_place, join_alternatives, to_toml_values
 from .study_tables import (
     ComparisonTable,
     EffectTable,
@@ -75,7 +75,7 @@ class Study(_Table):
             super().__init__(**to_toml_values(tables))
         except ValidationError as error:
             sentences = [_describe_problem(problem) for problem in error.errors()]
-            raise StudyError(*dict.fromkeys(sentences)) from None
+            raise StudyError(*join_alternatives(sentences)) from None
 
     @model_serializer(mode="wrap")
     def _since(self, plain: Plain) -> dict[str, Any]:

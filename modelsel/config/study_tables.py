@@ -17,6 +17,7 @@ from ..robot.kinematics import Robot
 from ..robot.plain_values import check_robot_name, robot_record
 from ..robot.rigid import Axis
 from .directions import check_direction
+from .later_keys import PLAIN_FORM, drop_defaults
 
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
@@ -32,15 +33,6 @@ class _Table(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True
     )
-
-
-def _drop_defaults(written: dict[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
-    """Drop the keys that hold their defaults."""
-    return {
-        key: value
-        for key, value in written.items()
-        if key not in defaults or value != defaults[key]
-    }
 
 
 class RobotTable(_Table):
@@ -175,6 +167,7 @@ class MeasurementsTable(_Table):
         default=True,
         description='Whether there is a header, else columns are "column 1" and so on.',
     )
+    joined: dict[str, str] = Field(default={}, description="Contract name = name in joined files.")
     features: dict[Name, FeatureTable] = Field(
         default={}, description="What is known of the features that rows share, by name."
     )
@@ -182,9 +175,7 @@ class MeasurementsTable(_Table):
     @model_serializer(mode="wrap")
     def _since(self, plain: Plain) -> dict[str, Any]:
         """Write, and hash, a study without what earlier ones did not have as it was then."""
-        return _drop_defaults(
-            plain(self), {"features": {}, "sheet": None, "decimal": None, "header": True}
-        )
+        return drop_defaults(plain(self), PLAIN_FORM)
 
     @model_validator(mode="before")
     @classmethod
@@ -301,7 +292,7 @@ class NoiseTable(_Table):
     @model_serializer(mode="wrap")
     def _since(self, plain: Plain) -> dict[str, Any]:
         """Write a study without what earlier ones did not have: their hash stays."""
-        return _drop_defaults(plain(self), {"parts": "all", "fixed": {}})
+        return drop_defaults(plain(self), {"parts": "all", "fixed": {}})
 
     @property
     def instrument(self) -> bool:
@@ -353,7 +344,7 @@ class SearchTable(_Table):
     @model_serializer(mode="wrap")
     def _since(self, plain: Plain) -> dict[str, Any]:
         """Write a study without what earlier ones did not have: their hash stays."""
-        return _drop_defaults(plain(self), {"outcomes": {}})
+        return drop_defaults(plain(self), {"outcomes": {}})
 
 
 class EffectTable(_Table):
@@ -397,4 +388,4 @@ class SimulateTable(_Table):
     def _since(self, plain: Plain) -> dict[str, Any]:
         """Write a study without what earlier ones did not have: their hash stays."""
         later = {"repeats": 1, "groups": 1, "parts": {}, "lasting_visits": 6.0}
-        return _drop_defaults(plain(self), later)
+        return drop_defaults(plain(self), later)

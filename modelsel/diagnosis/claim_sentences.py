@@ -83,12 +83,16 @@ def describe_proven(effect: Effect, doubt: str = "") -> str:
     claimed = _find_shorter_claim(effect)
     if claimed is None:
         return describe_effect(effect, doubt)
-    of = f"probability {claimed.probability:.2f} of the {claimed.level}"
+    probability = claimed.probability
+    of = f"probability {probability:.2f} of the {claimed.level}"
     standing = [*_list_sizes(effect), of]
     if doubt:
         standing.append(doubt)
-    parts = [f"{claimed.text} ({', '.join(standing)})"]
-    if effect.candidate.kind is not CandidateKind.SHAPE:
+    listed = ", ".join(standing)
+    parts = [f"{claimed.text} ({listed})"]
+    kind = effect.candidate.kind
+    is_listed = probability < PROVEN
+    if kind is not CandidateKind.SHAPE and not is_listed:
         parts.append(_describe_entries(effect))
     return "; ".join([*parts, *list_cautions(effect)]) + "."
 
@@ -103,10 +107,12 @@ def describe_what(effect: Effect) -> str:
 
 def _find_shorter_claim(effect: Effect) -> ClaimedLevel | None:
     """Find the claim of a finding of which the candidate's own sentence would say more; None where
-    that says as much, or where not even the place is proven."""
+    that says as much, or says that it is not told apart from others."""
     claimed = describe_claim(effect)
-    if claimed is None or claimed.level == "cause" or claimed.probability < PROVEN:
+    if claimed is None or claimed.level == "cause":
         return None
+    if claimed.probability < PROVEN:
+        return claimed if effect.named.verdict == FOUND else None
     candidate = effect.candidate
     is_contrary = has_contrary_signs(candidate.mechanism, effect.estimate)
     is_told = {

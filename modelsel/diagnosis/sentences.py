@@ -356,7 +356,9 @@ def _describe_probability(effect: Effect) -> str:
     rivals = list_rival_labels(effect)
     twins = [rival for rival in rivals if rival in labels_alike]
     if twins:
-        together = sum(e.probability for e in alike)
+        scale = weigh_listed(effect)
+        share = sum(e.probability for e in alike)
+        together = scale * share
         listed = twins[:NAMED_RIVALS]
         named = ", ".join(listed)
         same_move = f"{named} would move the target in the same way"

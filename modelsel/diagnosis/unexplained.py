@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._typing import Array, Index
+from ..exceptions import count_words
 from ..fitting.noise import Floor
 from ..measurements.measurements import Measurements
 from ..selection.evaluation import Evaluation, Split
@@ -202,8 +203,10 @@ def _describe_stop(diagnosis: Diagnosis) -> str:
     """Describe a search that stopped although something systematic is left."""
     assert diagnosis.left is not None
     first = diagnosis.left.entries[0]
+    count = len(diagnosis.effects)
+    effects = count_words(count, "effect")
     return (
-        f"The search stopped after {len(diagnosis.effects)} effects, but something systematic is "
+        f"The search stopped after {effects}, but something systematic is "
         f"left: chance alone would explain it with probability {diagnosis.left_p:.2g}. It looks "
         f"most like {first.candidate.label} (probability {first.probability:.2f})."
     )

@@ -20,6 +20,8 @@ from .table import Table
 # numbers of a covariate that the contract names, and of any other
 MAX_KNOWN_COVARIATE = 1e12
 MAX_COVARIATE = 1e30
+# absolute zero: a colder one is no temperature
+LEAST_COVARIATE = {"temperature_C": -273.15}
 FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "free"}
 
 
@@ -43,7 +45,8 @@ def read_covariates(
         if clock is not None:
             values = clock
         elif name in KNOWN_COVARIATES:
-            values = read_numbers(table, name, -MAX_KNOWN_COVARIATE, MAX_KNOWN_COVARIATE)
+            least = LEAST_COVARIATE.get(name, -MAX_KNOWN_COVARIATE)
+            values = read_numbers(table, name, least, MAX_KNOWN_COVARIATE)
         else:
             values = convert_to_numbers(table.columns[name])
         if not np.isfinite(values).any():
@@ -86,12 +89,19 @@ def _describe_ignored(
         names = ", ".join(map(one_line, textual))
         notes.append(Note("columns-ignored", f"Columns that hold no numbers are ignored: {names}."))
     if unusable:
-        names = ", ".join(map(one_line, unusable))
-        notes.append(
-            Note(
-                "covariates-ignored",
-                "Columns that cannot serve as causes are ignored (empty cells, numbers above "
-                f"1e30, or a name that is not a plain word): {names}.",
-            )
-        )
+        listed = ", ".join(map(_say_why_unusable, unusable))
+        sentence = f"Columns that cannot serve as causes are ignored: {listed}."
+        notes.append(Note("covariates-ignored", sentence))
     return notes
+
+
+def _say_why_unusable(name: str) -> str:
+    """Name a numeric column, and why it is no cause."""
+    shown = one_line(name)
+    if not shown:
+        return "one without a name"
+    if name in FUNCTIONS or is_state_name(name):
+        return f"{shown} (a name that modelsel gives to values of its own)"
+    if not is_plain_word(name):
+        return f"{shown} (not a plain word)"
+    return f"{shown} (empty cells, or numbers above 1e30)"

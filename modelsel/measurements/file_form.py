@@ -13,12 +13,14 @@ from .table import DataFile, Table
 @dataclass(frozen=True)
 class FileForm:
     """A file's `columns` (contract name -> name in the file), the `sheet` of a spreadsheet, the
-    `decimal` mark where the numbers leave it open, and whether it has no header."""
+    `decimal` mark where the numbers leave it open, and whether it has no header; `joined`: contract
+    name -> name in the two files that were joined into it."""
 
     columns: Mapping[str, str] = field(default_factory=dict)
     sheet: str | None = None
     decimal: str | None = None
     headerless: bool = False
+    joined: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def is_plain(self) -> bool:
@@ -36,8 +38,8 @@ class FileForm:
         has under the study's names, not under the contract's."""
         taken = set(given.values())
         columns = dict(given)
-        for wanted, name in self.columns.items():
-            if wanted in given or wanted in table:
+        for wanted, name in [*self.columns.items(), *self.joined.items()]:
+            if wanted in columns or wanted in table:
                 continue
             if name in taken:
                 continue

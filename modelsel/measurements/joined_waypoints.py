@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._typing import Index
 from .joining import Join
 from .table import Table
 
@@ -30,7 +31,17 @@ def add_waypoints(joined: Table, points: Table, log: Table, join: Join) -> Table
         else:
             own = log.columns[name][unused]
         columns[name] = np.concatenate([cells, own])[sequence]
-    lines = np.array([log.where.number(row) for row in unused.tolist()], np.intp)
-    own_lines = [joined.where.number(row) for row in range(len(joined))]
-    at = np.concatenate([np.array(own_lines, np.intp), lines])[sequence]
-    return replace(joined, columns=columns, where=replace(joined.where, at=at))
+    lines = log.where.take(unused).at
+    nowhere = np.zeros(len(unused), np.intp)
+    parts = {
+        name: replace(part, at=_arrange(part.at, nowhere, sequence))
+        for name, part in joined.where.parts.items()
+    }
+    at = _arrange(joined.where.at, lines, sequence)
+    return replace(joined, columns=columns, where=replace(joined.where, at=at, parts=parts))
+
+
+def _arrange(first: Any, second: Any, sequence: Index) -> Index:
+    """Put the numbers of rows of two tables, one after the other, into their sequence."""
+    numbers = np.concatenate([first, second])
+    return np.asarray(numbers[sequence], np.intp)

@@ -90,10 +90,9 @@ def join_tables(points: Table, log: Table, join: Join) -> Table:
     if seconds is not None and "time_s" not in columns:
         columns["time_s"] = seconds[at_points]
     units = {**log.units, **points.units}
-    place = log.where
-    lines = [place.number(row) for row in at_log.tolist()]
-    at = np.array(lines, np.intp)
-    where = replace(place, at=at)
+    of_points = points.where.take(at_points)
+    parts = dict.fromkeys(points.columns, of_points)
+    where = replace(log.where.take(at_log), parts=parts)
     notes = (*points.notes, *log.notes)
     return Table(columns, where, units, notes)
 

@@ -82,9 +82,8 @@ def _find_coordinates(table: Table) -> list[str]:
 
 def take_rows(table: Table, rows: Index) -> Table:
     """Take some rows, each with its own line."""
-    at = np.array([table.where.number(row) for row in rows.tolist()], dtype=np.intp)
     columns = {name: cells[rows] for name, cells in table.columns.items()}
-    return replace(table, columns=columns, where=replace(table.where, at=at))
+    return replace(table, columns=columns, where=table.where.take(rows))
 
 
 def read_waypoints(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,8 @@ class Where:
     the spreadsheet does; a DataFrame and a Parquet file have rows, counted from 0. `first`: the
     number of the table's first row, where it is a piece of a file; `at` (m,): the line or sheet
     row of every row, where rows do not follow one another from the second line on; `names`: what
-    the user calls columns that are renamed; `labels`: what the file calls its rows."""
+    the user calls columns that are renamed; `labels`: what the file calls its rows; `parts`: of
+    rows that were joined from two files, where the cells of the other file's columns stand."""
 
     file: str = ""
     lines: bool = True
@@ -30,6 +31,7 @@ class Where:
     sheet: str = ""
     names: Mapping[str, str] = field(default_factory=dict)
     labels: Mapping[int, str] | NDArray[Any] | None = None
+    parts: Mapping[str, Where] = field(default_factory=dict)
 
     @property
     def is_file(self) -> bool:
@@ -59,12 +61,24 @@ class Where:
             first = 2
         return row + first
 
+    def take(self, rows: NDArray[np.intp]) -> Where:
+        """Return where some rows are, each with its own number."""
+        numbers = [self.number(row) for row in rows.tolist()]
+        at = np.array(numbers, dtype=np.intp)
+        parts = {}
+        for name, part in self.parts.items():
+            parts[name] = part.take(rows)
+        return replace(self, at=at, parts=parts)
+
     def refuse(
         self, what: str, *, row: int | None = None, column: str | None = None, remedy: str = ""
     ) -> DataError:
         """Return the error to raise, with its place: 0-based `row`, without it the header's."""
         if column is not None:
             column = self.names.get(column, column)
+            part = self.parts.get(column)
+            if part is not None:
+                return part.refuse(what, row=row, column=column, remedy=remedy)
         number = None if row is None else self.number(row)
         if self.is_text:
             line = self.header if number is None else number
@@ -77,10 +91,25 @@ class Where:
 
     def named(self, row: int) -> str:
         """Name a row: line 3, or row 1."""
-        word = "row"
-        if self.is_text:
-            word = "line"
-        return f"{word} {self.number(row)}"
+        return f"{self.named_alone(row)}{self._of_file}"
+
+    def locate(self, row: int, column: str) -> str:
+        """Name the file and the row of a cell: points.csv, line 3."""
+        own = self.names.get(column, column)
+        where = self.parts.get(own, self)
+        file = where.file or "DataFrame"
+        place = where.named_alone(row)
+        return f"{file}, {place}"
+
+    def named_alone(self, row: int) -> str:
+        """Name a row without its file."""
+        number = self.number(row)
+        return f"{self.word} {number}"
+
+    @property
+    def word(self) -> str:
+        """What a row is called: line, or row."""
+        return "line" if self.is_text else "row"
 
     def listed(self, rows: Sequence[int] | NDArray[np.intp], most: int = 10) -> str:
         """List the first so many rows: lines 3, 4, 9 … or rows 1, 2, 7 …, counted from 0."""
@@ -98,12 +127,17 @@ class Where:
         return self._say_rows(", ".join(words), len(numbers), len(runs) > most)
 
     def _say_rows(self, shown: str, count: int, is_cut: bool) -> str:
-        word = "line" if self.is_text else "row"
+        word = self.word
         if count != 1:
             word += "s"
         ellipsis = " …" if is_cut else ""
         base = ", counted from 0" if self.is_counted_from_zero else ""
-        return f"{word} {shown}{ellipsis}{base}"
+        return f"{word} {shown}{ellipsis}{base}{self._of_file}"
+
+    @property
+    def _of_file(self) -> str:
+        """The file whose rows are numbered, where they were joined from several."""
+        return f" of {self.file}" if self.parts else ""
 
     def label(self, rows: Sequence[int], most: int) -> str:
         """List what the file calls the first so many rows; empty where it has no names."""

@@ -134,13 +134,13 @@ def _refuse_doubtful_comments(reading: _Reading, columns: Sequence[NDArray[Any]]
 
 def check_file(path: Path) -> None:
     """Refuse what is not a file."""
-    if (why := find_read_problem(path)) is not None:
-        raise DataError(
-            f"{why}.",
-            file=path.name,
-            remedy="Put it beside the study file, or set MODELSEL_DATA to the folder that "
-            "holds it.",
-        )
+    why = find_read_problem(path)
+    if why is None:
+        return
+    remedy = "Put it beside the study file, or set MODELSEL_DATA to the folder that holds it."
+    if path.exists():
+        remedy = "Give the file that holds the measurements."
+    raise DataError(f"{why}.", file=path.name, remedy=remedy)
 
 
 # -- the form of a file

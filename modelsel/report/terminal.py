@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from ..exceptions import sentence_list
+from ..exceptions import count_words, sentence_list
 from ..measurements.row_places import where_from_record
 from ..notices import ALARMS
 from ..results.details_schema import DetailsRecord
@@ -181,8 +181,10 @@ def _correlation_sentences(record: StudyRecord) -> list[str]:
     shown = pairs[:MAX_PAIRS]
     sentences = [f"Only together: {pair.sentence}" for pair in shown]
     more = len(pairs) - len(shown)
+    further = count_words(more, "further pair")
+    verb = "correlates" if more == 1 else "correlate"
     if more > 0:
-        sentences.append(f"Only together: {more} further pairs correlate above 0.9.")
+        sentences.append(f"Only together: {further} {verb} above 0.9.")
     return sentences
 
 

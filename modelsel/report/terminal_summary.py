@@ -112,10 +112,12 @@ def _describe_standing(finding: FindingRecord, label: str) -> str:
         others = [f"{more} more"] if more > 0 else []
         return f"not told apart: {' or '.join([*rivals[:SHOWN_RIVALS], *others])}{doubt}"
     claim = finding.claim
-    # of a claim that does not hold, the candidate's own sentence stands above
-    if claim is None or claim.level == "cause" or claim.probability < PROVEN:
+    if claim is None or claim.level == "cause":
         return f"{label}, probability {describe_probability(finding)}{doubt}"
     named = f"{label} ({describe_name_probability(finding)})"
+    # of a place that is not proven, what it could be stands above
+    if claim.probability < PROVEN:
+        return f"best described by {named}{doubt}"
     return f"probability {claim.probability:.2f}{doubt}; best described by {named}"
 
 

@@ -151,12 +151,14 @@ def advise(record: StudyRecord, finding: FindingRecord) -> Advice:
 def _choose(record: StudyRecord, finding: FindingRecord) -> tuple[str, str]:
     """Choose the action and how, the joint left open."""
     first = finding.first
-    stem, _, _ = (first.mechanism or "").partition(":")
+    name = first.mechanism or ""
+    stem, _, _ = name.partition(":")
     if first.is_fault:
         return _FAULT
     if finding.doubtful:
         return _DOUBTFUL
-    is_place_alone = finding.claim is not None and finding.claim.level == LEVELS[0]
+    claim = finding.claim
+    is_place_alone = claim is not None and claim.level == LEVELS[0]
     if not finding.is_found or is_place_alone:
         return _INSTRUMENT if stem in SET_UP else _RIVALS
     return _choose_by_name(record, first, stem)

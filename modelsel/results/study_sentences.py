@@ -159,7 +159,10 @@ def gain_sentence(record: StudyRecord) -> str:
 def describe_split(record: StudyRecord) -> str:
     """Return how the configurations are split, without a full stop."""
     counts = record.configurations
-    return f"{counts.estimation:,} configurations fit the models, {counts.held_out:,} are held out"
+    verb = "is" if counts.held_out == 1 else "are"
+    return (
+        f"{counts.estimation:,} configurations fit the models, {counts.held_out:,} {verb} held out"
+    )
 
 
 def describe_noise_floor(record: StudyRecord) -> str:

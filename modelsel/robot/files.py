@@ -145,6 +145,8 @@ def _read_joint(read: Reader, place: str, row: Mapping[str, Any], before: Array)
     mass = None
     if "mass_kg" in row:
         mass = read.number(f"{place}.mass_kg", row["mass_kg"])
+        if mass < 0:
+            read.report(f"{place}.mass_kg", "expected a mass, 0 or above")
     com = read.vector(f"{place}.com_mm", row.get("com_mm", (0, 0, 0)))
     return Joint(before, prismatic, limits, mass, com)
 
@@ -152,9 +154,12 @@ def _read_joint(read: Reader, place: str, row: Mapping[str, Any], before: Array)
 def _read_limits(
     read: Reader, place: str, row: Mapping[str, Any], prismatic: bool
 ) -> tuple[float, float] | None:
-    key, scale = "limits_deg", np.pi / 180
+    key, other, scale = "limits_deg", "limits_mm", np.pi / 180
     if prismatic:
-        key, scale = "limits_mm", 1
+        key, other, scale = "limits_mm", "limits_deg", 1
+    if other in row:
+        motion = "slides" if prismatic else "turns"
+        read.report(f"{place}.{other}", f"the joint {motion}: its limits are {key}")
     if key not in row:
         return None
     limits = read.array(f"{place}.{key}", row[key], shape=(2,))

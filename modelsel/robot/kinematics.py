@@ -160,7 +160,8 @@ class Pose:
         """Compute the screw field (n+1, 6, 3, m): mm of the target per unit screw (tx ty tz: axis;
         rx ry rz: axis x lever)."""
         field = self.axes.copy()
-        fill_screw_field(field, self.origins, self.target, True, Workspace())
+        workspace = Workspace()
+        fill_screw_field(field, self.origins, self.target, True, workspace)
         return field
 
 

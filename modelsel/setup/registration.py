@@ -140,8 +140,9 @@ def _note_weak_part(part: Part, at: Placed, problem: Problem, per_group: bool) -
         )
     weak = part.targets[place > REPORTED_MM]
     if len(weak):
-        names = [problem.data.targets[k] for k in weak]
-        yield _note_weak_targets(names)
+        every = problem.data.targets
+        names = [every[k] for k in weak]
+        yield _note_weak_targets(names, len(every) == 1)
 
 
 def _read_placement(problem: Problem, part: Part, group: Index) -> Placed:
@@ -271,11 +272,13 @@ def _note_weak_turn(sight: Sight, at: Placed, g: int, turn: float, name: str) ->
     )
 
 
-def _note_weak_targets(names: list[str]) -> Note:
+def _note_weak_targets(names: list[str], is_only: bool) -> Note:
+    which = "the target sits"
+    if not is_only:
+        which = f"target {sentence_list(names)} sits"
     return Note(
         "target-weak",
-        f"The rows do not determine in every direction where target {sentence_list(names)} sits on "
-        "the flange, so it is taken to be near it: give tool_mm, or measure it with the flange "
+        f"The rows do not determine in every direction where {which} on the flange, so it is taken to be near it: give tool_mm, or measure it with the flange "
         "turned in other ways.",
     )
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..exceptions import DataError, NotEstimable
+from ..exceptions import DataError, NotEstimable, count_words
 from ..fitting.design import Model, residuals
 from ..fitting.identifiability import as_drawn, identify
 from ..fitting.noise import from_repeats, from_target_pairs
@@ -27,6 +27,7 @@ from ..setup.feature_positions import place_features
 from ..setup.mistakes import MIN_CONFIGURATIONS
 from ..setup.registration import register
 from .checks import check_setup
+from .preparation import MAX_NOMINAL_RESIDUAL
 from .told_parts import describe_told_parts
 
 MAX_REGISTERED_POINTS = 2000
@@ -34,6 +35,11 @@ MAX_LISTED_FEATURES = 6
 MAX_LISTED_GROUPS = 8
 ASSUMED_TOOL_MM = (0.0, 0.0, 100.0)  # nominal target, for what the configurations determine
 TOOL_OFF_AXIS_MM = (50.0, 0.0, 100.0)  # the same where every joint shall move it
+# what is said of positions further from the arm than a study takes
+FAR = (
+    "The positions are {share:.0%} of the arm's reach from where the robot has them, and `modelsel "
+    "study` refuses them: check the robot, the order of the joints, the units and the frame."
+)
 MIN_MOTION = 1e-6  # rad or mm: a joint with a smaller range does not move
 
 
@@ -183,12 +189,17 @@ def _describe_registration(found: _Placement | None) -> dict[str, Any]:
     median = float(np.median(distances))
     notes = check_setup(problem, use, registered=True, per_group=False)
     mistakes = [note.sentence for note in notes if note.code == SETUP_MISTAKE]
+    alarms = list_alarms(notes)
+    reach = problem.reach_mm
+    share = median / reach
+    if share > MAX_NOMINAL_RESIDUAL and not alarms:
+        alarms = [FAR.format(share=share)]
     return {
         "registered": {
             "median_mm": median,
             **locate_placements(problem, False),
             "mistake": mistakes[0] if mistakes else None,
-            "alarms": list_alarms(notes),
+            "alarms": alarms,
         }
     }
 
@@ -224,8 +235,10 @@ def _format_counts(inspection: dict[str, Any]) -> str:
     listed = ", ".join(groups[:MAX_LISTED_GROUPS])
     if len(groups) > MAX_LISTED_GROUPS:
         listed += " …"
+    rows = count_words(inspection["rows"], "row")
+    configurations = count_words(inspection["configurations"], "configuration")
     return (
-        f"{inspection['rows']:,} rows, {inspection['configurations']:,} configurations, "
+        f"{rows}, {configurations}, "
         f"{inspection['repeats']:,} of them repeats; targets: {', '.join(inspection['targets'])}; "
         f"groups: {listed}"
     )

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..exceptions import DataError
+from ..measurements.file_form import FileForm
 from ..measurements.headerless_columns import name_columns
 from ..measurements.join_sentences import describe_join
 from ..measurements.joined_waypoints import add_waypoints
@@ -60,6 +61,24 @@ def draft_joined_study(
     for sentence in describe_join(measured, readings, joins[chosen], max_gap):
         draft = draft.remark(sentence)
     return draft.remark(reason) if reason else draft
+
+
+def map_later_columns(
+    points: DataFile, log: DataFile, robot: Robot, form: FileForm, columns: Mapping[str, str]
+) -> dict[str, str]:
+    """Map the columns of two files of the form of a study's: those that the user maps, `columns`,
+    then the others that they have under the names of the study's files."""
+    measured = _load_named(points, robot)
+    readings = _load_named(log, robot)
+    given = dict(columns)
+    for wanted, name in form.joined.items():
+        is_there = name in measured or name in readings
+        taken = given.values()
+        if wanted in given or name in taken:
+            continue
+        if is_there:
+            given[wanted] = name
+    return given
 
 
 def _load_named(file: DataFile, robot: Robot) -> Table:

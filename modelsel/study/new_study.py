@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from ..exceptions import DataError, ModelselError, NotEstimable
+from ..exceptions import DataError, ModelselError, NotEstimable, count_words
 from ..fitting.problem import Problem
 from ..measurements.column_guesses import Choice, Reading, guess_columns, merge_columns
 from ..measurements.gear_ratios import GearRatios, find_gear_ratios
@@ -19,7 +19,7 @@ from ..measurements.missed_rows import split_missed, take_rows
 from ..measurements.optional_columns import guess_optional_columns
 from ..measurements.orientation_columns import ORIENTATION_COLUMNS
 from ..measurements.orientation_guesses import guess_orientation
-from ..measurements.other_units import convert_units
+from ..measurements.other_units import convert_mapped, convert_units
 from ..measurements.reader import read_measurements
 from ..measurements.table import DataFile, Table, load_table, rename_columns
 from ..robot.kinematics import Robot
@@ -99,11 +99,30 @@ class StudyDraft:
             return replace(draft, table=table, meanings={})
         return replace(draft, table=table, source=table, meanings={}, originals={})
 
+    def choose_first(self) -> StudyDraft:
+        """Return the draft with the likeliest reading of every open choice, and a remark on the
+        others."""
+        draft = self
+        for choice in self.choices:
+            if not choice.is_doubtful:
+                continue
+            first, *others = choice.readings
+            listed = " or ".join(other.words for other in others)
+            draft = draft.choose(choice.what, first)
+            draft = draft.remark(f"Not sure: {choice.what} may also be {listed}.")
+        return draft
+
     def remark(self, sentence: str) -> StudyDraft:
         """Return the draft with one sentence more to say."""
         before = self.remarks
         remarks = (*before, sentence)
         return replace(self, remarks=remarks)
+
+    def contract_table(self) -> Table:
+        """Return all rows under the contract's names and in its units."""
+        table = load_table(self.source)
+        converted, _ = convert_mapped(table, self.columns, self.robot.prismatic)
+        return rename_columns(converted, self.columns)
 
     def read(self) -> Measurements:
         """Read the measurements. Raises DataError with file, line and column."""
@@ -295,10 +314,10 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
         what = choice.what.capitalize()
         lines.append(f"{what}: {first.sentence}.")
     lines += describe_optional(draft.optional, data)
-    counts = [_count(len(data), "row"), _count(data.configurations, "configuration")]
+    counts = [count_words(len(data), "row"), count_words(data.configurations, "configuration")]
     targets = len(data.targets)
     if targets > 1:
-        counts.append(_count(targets, "target"))
+        counts.append(count_words(targets, "target"))
     lines.append(f"{', '.join(counts)}.")
     lines += _describe_misfit(robot, data)
     lines.append(_describe_split(data))
@@ -306,13 +325,6 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     taken = {*draft.columns.values(), *draft.originals}
     lines += describe_other_columns(draft.measured, taken, data)
     return [*lines, *draft.remarks]
-
-
-def _count(number: int, word: str) -> str:
-    """Write a number with its word, in the plural where it is one of several."""
-    if number != 1:
-        word += "s"
-    return f"{number} {word}"
 
 
 def _describe_misfit(robot: Robot, data: Measurements) -> list[str]:
@@ -360,4 +372,5 @@ def _describe_split(data: Measurements) -> str:
     count = count_estimation(data)
     if count is None:
         return f"All configurations fit the models: from {MIN_SPLIT} on, some would be held out."
-    return f"{count} configurations fit the models, {data.configurations - count} are held out."
+    held_out = data.configurations - count
+    return f"{count} configurations fit the models, {held_out} are held out."

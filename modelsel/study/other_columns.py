@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..exceptions import one_line
 from ..measurements.column_guesses import Reading
 from ..measurements.column_names import parse_column_name
+from ..measurements.columns import convert_to_numbers, find_blank_cells
 from ..measurements.contract_columns import KNOWN_COVARIATES, list_contract_names
 from ..measurements.measurements import Measurements
 from ..measurements.point_times import are_clock_times
@@ -23,6 +24,8 @@ PAYLOAD = (
 )
 # share of different cells from which a column of text is the names of points
 MIN_DISTINCT = 0.9
+# share of numbers from which a column is one of numbers with a stray cell
+MIN_NUMBERS = 0.5
 
 
 def describe_optional(optional: Sequence[Reading], data: Measurements) -> list[str]:
@@ -61,7 +64,7 @@ def describe_other_columns(table: Table, taken: Collection[str], data: Measureme
     lines += _list_names("Looked at as possible causes of errors, too", varying)
     lines += _list_names("The same in all rows, so that nothing can depend on it", constant)
     lines += _list_names("Commanded, not measured, and not used", commanded)
-    return lines + _list_names("Not used", unused)
+    return lines + _list_names("Not used", unused, table)
 
 
 def _holds_point_names(cells: NDArray[Any]) -> bool:
@@ -72,11 +75,34 @@ def _holds_point_names(cells: NDArray[Any]) -> bool:
     return is_text and is_distinct
 
 
-def _list_names(words: str, names: Sequence[str]) -> list[str]:
-    """List columns after some words; nothing where there are none."""
+def _list_names(words: str, names: Sequence[str], table: Table | None = None) -> list[str]:
+    """List columns after some words, and of a `table` the cell that keeps one from being numbers;
+    nothing where there are none."""
     quoted = []
     for name in names:
         shown = one_line(name)
-        quoted.append(f'"{shown}"')
+        reason = "" if table is None else _find_stray_cell(table, name)
+        quoted.append(f'"{shown}"{reason}')
     listed = ", ".join(quoted)
     return [f"{words}: {listed}."] if quoted else []
+
+
+def _find_stray_cell(table: Table, name: str) -> str:
+    """Name the first cell of a column of numbers that is none; empty of a column of words."""
+    cells = table.columns[name]
+    values = convert_to_numbers(cells)
+    is_number = np.isfinite(values)
+    share = is_number.mean()
+    if not MIN_NUMBERS <= share < 1:
+        return ""
+    stray = np.flatnonzero(~is_number)
+    row = int(stray[0])
+    where = table.where
+    place = where.locate(row, name)
+    content = "an empty cell"
+    is_blank = find_blank_cells(cells[[row]])
+    if not is_blank[0]:
+        cell = str(cells[row])
+        shown = one_line(cell)
+        content = f'"{shown}"'
+    return f" ({content} in {place})"

@@ -208,7 +208,7 @@ def _calibrate(run: StudyRun) -> Calibration:
         run.provenance,
     )
     table = run.study.measurements
-    form = FileForm(table.columns, table.sheet, table.decimal, not table.header)
+    form = FileForm(table.columns, table.sheet, table.decimal, not table.header, table.joined)
     refits = refit_forms(run.split, fitted, run.models.ladder)
     doubtful = [one.effect.candidate for one in run.diagnosis.findings if one.doubtful]
     names = tuple(candidate.mechanism.name for candidate in doubtful)

@@ -14,13 +14,16 @@ from .._text import read_text
 from ..config.study_file import parse_study
 from ..exceptions import StudyError
 from ..measurements.measurements import Measurements
-from ..measurements.table import Table, rename_columns
+from ..measurements.row_names import find_row_names
+from ..measurements.table import Table
 from ..robot.files import is_robot_file
 from .new_study import StudyDraft, count_estimation
 from .robot_tables import is_robot_table
 from .stated_setup import StatedSetup
 
 JOINED_FILE = "measurements.csv"
+# of joined rows: where each stands in the files that people have
+SOURCE_COLUMN = "source"
 STUDY_FILE = "study.toml"
 AS_FOUND = StatedSetup()
 PLAIN_KEY = re.compile(r"[A-Za-z0-9_-]+")
@@ -80,7 +83,7 @@ def write_study_folder(
     files: dict[str, bytes] = {}
     source = draft.source
     if isinstance(source, Table):
-        files[JOINED_FILE] = _write_table(rename_columns(source, draft.columns))
+        files[JOINED_FILE] = write_joined_table(draft.contract_table())
     elif not _is_inside(source.path, folder):
         files[source.path.name] = source.path.read_bytes()
     if robot.is_file:
@@ -135,10 +138,17 @@ def format_study(
 
 def _format_measurements(draft: StudyDraft) -> list[str]:
     """Write the lines of the table of measurements; of joined files the columns have their names
-    already."""
+    already, and those that they had are kept."""
     source = draft.source
     if isinstance(source, Table):
-        return [f"file = {_quote(JOINED_FILE)}"]
+        lines = [f"file = {_quote(JOINED_FILE)}"]
+        if source.where.parts and draft.columns:
+            lines += [
+                "",
+                "[measurements.joined]  # name of a measurements file = name in the files",
+            ]
+            lines += _format_names(draft.columns)
+        return lines
     keys = {"file": source.path.name, "sheet": source.sheet, "decimal": source.decimal}
     lines = []
     for key, value in keys.items():
@@ -148,15 +158,46 @@ def _format_measurements(draft: StudyDraft) -> list[str]:
         lines.append("header = false")
     if draft.columns:
         lines += ["", "[measurements.columns]  # name of a measurements file = name in this one"]
-        lines += [f"{_key(name)} = {_quote(given)}" for name, given in draft.columns.items()]
+        lines += _format_names(draft.columns)
     return lines
 
 
-def _write_table(table: Table) -> bytes:
-    """Write joined measurements as CSV."""
+def _format_names(columns: Mapping[str, str]) -> list[str]:
+    """Write contract name = name in a file, a line each."""
+    return [f"{_key(name)} = {_quote(given)}" for name, given in columns.items()]
+
+
+def write_joined_table(table: Table) -> bytes:
+    """Write joined measurements as CSV; the first column says where each row stands in the files
+    that people have."""
     import pandas as pd
 
-    return csv_bytes(pd.DataFrame(dict(table.columns)), None)
+    frame = pd.DataFrame(dict(table.columns))
+    is_joined = bool(table.where.parts)
+    if is_joined and SOURCE_COLUMN not in table:
+        sources = _name_sources(table)
+        frame.insert(0, SOURCE_COLUMN, sources)
+    return csv_bytes(frame, None)
+
+
+def _name_sources(table: Table) -> list[str]:
+    """Name the point of every row, where points have names, and its line in the instrument's file;
+    of a missed shot the line of its readings."""
+    log = table.where
+    points, *_ = log.parts.values()
+    names = find_row_names(table)
+    sources = []
+    for row in range(len(table)):
+        is_measured = points.number(row) > 0
+        where = points if is_measured else log
+        place = where.named_alone(row)
+        source = f"{where.file} {place}"
+        if names is not None:
+            name = str(names[row])
+            label = name.strip()
+            source = f"{label}, {source}"
+        sources.append(source)
+    return sources
 
 
 def _quote(text: str) -> str:

@@ -22,8 +22,9 @@ from ..robot.kinematics import Robot
 
 SINGLE = "noise scale"
 POSITION, ORIENTATION = "noise of position", "noise of orientation"
-# unit of a scale that multiplies stated uncertainties
+# units of a scale that multiplies stated uncertainties, or estimated ones
 STATED = "of the stated"
+ESTIMATED = "of the estimated"
 # values at which a cause is worked out; between them it is interpolated
 GRID = 401
 
@@ -75,15 +76,16 @@ def assign_components(problem: Problem, instrument: Instrument | None = None) ->
         component = [0, 0, 0]
         names = [POSITION if six else SINGLE]
     count = len(names)
-    units = [STATED] * count
+    relative = ESTIMATED if estimated else STATED
+    units = [relative] * count
     factor = np.ones(count)
-    if names == [SINGLE] and whitening.uniform:
+    if names == [SINGLE] and whitening.matrices is None:
         units = ["mm"]
         factor = np.array([1 / whitening.weight])
     if six:
         component += [count] * 3
         names.append(ORIENTATION)
-        units.append(STATED)
+        units.append(relative)
         factor = np.append(factor, 1.0)
     return Components(
         problem, np.array(component, dtype=np.intp), tuple(names), tuple(units), factor

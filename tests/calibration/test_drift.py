@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from modelsel.calibration.calibration import Calibration, calibrate
 from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.campaigns import compare_campaigns, correct_holm, describe_comparison
+from modelsel.calibration.fewest_terms import select_fewest_terms
 from modelsel.calibration.mechanism_changes import write_p
 from modelsel.calibration.validation import describe_verdict as told
 from modelsel.calibration.validation import judge
@@ -465,3 +466,24 @@ def test_change_that_would_have_been_seen_is_of_a_typical_parameter(rng) -> None
 def test_p_that_is_tiny_is_a_bound() -> None:
     assert write_p(0.0) == "p < 0.001"
     assert write_p(0.02) == "p = 0.02"
+
+
+def test_a_term_that_moves_nothing_tested_explains_nothing(rng) -> None:
+    """A direction of rounding has no length, whatever the other terms leave."""
+    directions = np.vstack([rng.normal(size=(3, 4)), 1e-15 * rng.normal(size=4)])
+    left = np.linalg.svd(directions[:3])[2][3]
+    difference = directions[:3].T @ (2.0, -1.0, 0.5) + 0.05 * left
+    steps = select_fewest_terms(difference, 1e-3 * np.eye(4), directions)
+    assert sorted(step.term for step in steps) == [0, 1, 2]
+
+
+def test_two_arms_registered_anew_differ_by_what_arms_differ_by(rng) -> None:
+    """All parameters differ, and the set-up with them: no change is larger than what was planted."""
+    model, theta = truth()
+    other = theta.copy()
+    of_geometry = [k for k, term in enumerate(model.terms) if term.unit in ("mm", "rad")]
+    other[of_geometry] *= -1
+    a, b = (replace(calibrated(rng, model, truth), registered=True) for truth in (theta, other))
+    found = compare_campaigns(a, b)
+    assert found.explained_by
+    assert max(e.moves_mm for e in found.explained_by) < 30

@@ -16,8 +16,9 @@ from wide_calibration import wide
 
 from modelsel.calibration.calibration import Calibration
 from modelsel.calibration.calibration_file import calibration_text
-from modelsel.calibration.constant_part import constant_entries, restrict_to_form
+from modelsel.calibration.constant_part import Part, constant_entries, restrict_to_form
 from modelsel.calibration.export import FORMS, export
+from modelsel.calibration.export.form import describe_left_out
 from modelsel.calibration.loading import parse_calibration
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study, read_study
@@ -309,3 +310,12 @@ def test_a_registered_geometry_is_as_good_as_it_says(tmp_path) -> None:
     assert made.errors[2] == pytest.approx(seen, rel=1e-6)
     assert made.errors[1] == pytest.approx(result.models.ladder[0].held_out.rms_mm)
     assert made.errors[3] < made.errors[2] < made.errors[1]
+
+
+def test_what_is_left_out_is_called_as_everywhere() -> None:
+    """A cell of the error map by its place and causes, a registered mechanism by its name."""
+    eccentric = mechanism("gear-eccentricity:3", load_robot("puma760"))
+    own = [Part("4 rz 1 waves", term, 1e-3, 1e-4) for term in eccentric.terms]
+    assert describe_left_out(own) == ("frame 3 rz · sin(q3) & cos(q3)",)
+    named = [Part(eccentric.name, term, 1e-3, 1e-4) for term in eccentric.terms]
+    assert describe_left_out(named) == ("gear-eccentricity:3 (frame 3 rz)",)

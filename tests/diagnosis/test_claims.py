@@ -20,6 +20,7 @@ from modelsel.diagnosis.claim_sentences import (
     describe_claim,
     describe_levels,
     describe_proven,
+    describe_what,
     is_settled,
     name_drivers,
     name_places,
@@ -276,6 +277,35 @@ def test_a_sentence_has_one_probability_of_each_level() -> None:
     one_joint = replace(partly, claim=replace(partly.claim, moves_joint=True))
     assert describe_proven(one_joint).startswith(
         "Joint 3 is off its reading, depending on its own reading; how is not proven"
+    )
+
+
+def test_a_cause_is_not_told_where_not_even_its_place_is_proven() -> None:
+    robot = load_robot("puma760")
+    uneven = Candidate(mechanism("gear-eccentricity:3", robot), CandidateKind.MECHANISM, 0.01)
+    open_effect = effect_of(uneven, 0.88, 0.87, 0.54, 0.54)
+    said = describe_proven(open_effect)
+    assert said.startswith("What moves is not proven: gear-eccentricity:3 (0.54) (")
+    assert "probability 0.88 of the place" in said
+    assert "it could be" not in said
+    assert "unevenly" not in describe_what(open_effect)
+    untold = replace(open_effect, named=replace(open_effect.named, verdict="cannot be told apart"))
+    assert "the data cannot tell this apart from" in describe_proven(untold)
+
+
+def test_names_that_move_alike_are_together_as_probable_as_the_name_is_told() -> None:
+    """The listed probabilities are scaled to the level that is told, and so is their sum."""
+    robot = load_robot("puma760")
+    uneven = Candidate(mechanism("gear-eccentricity:3", robot), CandidateKind.MECHANISM, 0.01)
+    other = Candidate(mechanism("encoder-scale:3", robot), CandidateKind.MECHANISM, 0.01)
+    effect = effect_of(uneven, 0.99, 0.98, 0.96, 0.92)
+    first = replace(effect.named.entries[0], probability=0.96)
+    twin = replace(first, candidate=other, probability=0.04)
+    effect = replace(effect, named=replace(effect.named, entries=(first, twin)))
+    said = describe_proven(effect)
+    assert (
+        "probability 0.92; encoder-scale:3 would move the target in the same way, together 0.96)"
+        in said
     )
 
 

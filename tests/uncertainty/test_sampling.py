@@ -24,6 +24,7 @@ from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import Fit, fit
 from modelsel.fitting.noise import Instrument, weigh
 from modelsel.fitting.problem import Problem
+from modelsel.fitting.shared_errors import SharedErrors
 from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q, sin
@@ -673,3 +674,18 @@ def test_progress_tells_steps_and_then_their_share(problem: Problem) -> None:
     known = [share for share in shares if share is not None]
     assert known == sorted(known)
     assert known[-1] == 1
+
+
+def test_a_scale_of_noise_has_the_unit_of_what_it_multiplies(problem: Problem) -> None:
+    """mm where nothing is stated, though errors that rows share were estimated beside it; of stated
+    uncertainties it is a multiple, and of estimated ones."""
+    stated = Whitening(4.0)
+    shared = Whitening(4.0, None, SharedErrors(()), stated)
+    noise = assign_components(replace(problem, whitening=shared))
+    assert noise.units == ("mm",)
+    assert noise.factor.tolist() == [0.25]
+    matrices = np.tile(np.eye(3), (len(problem), 1, 1))
+    by_row = assign_components(replace(problem, whitening=Whitening(1.0, matrices)))
+    assert by_row.units == ("of the stated",)
+    told = Whitening(1.0, matrices, SharedErrors(()), stated)
+    assert assign_components(replace(problem, whitening=told)).units == ("of the estimated",)

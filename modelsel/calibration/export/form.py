@@ -50,10 +50,15 @@ class Exported:
 
 
 def describe_left_out(some: Sequence[Part]) -> tuple[str, ...]:
-    """Describe what a form leaves out, once each mechanism."""
+    """Describe what a form leaves out, once each mechanism; of a cell of the error map its place
+    and causes, as elsewhere."""
     out: dict[str, list[str]] = {}
+    causes: dict[str, list[str]] = {}
     for part in some:
         places = out.setdefault(part.mechanism, [])
+        first, *_ = part.term.screws
+        cause = str(first.cause)
+        causes.setdefault(part.mechanism, []).append(cause)
         for screw in part.term.screws:
             frame = screw.frame
             place = f"frame {frame} {screw.axis}"
@@ -62,7 +67,11 @@ def describe_left_out(some: Sequence[Part]) -> tuple[str, ...]:
     sentences = []
     for name, places in out.items():
         listed = ", ".join(places)
-        sentences.append(f"{name} ({listed})")
+        sentence = f"{name} ({listed})"
+        if " " in name:
+            driven = " & ".join(causes[name])
+            sentence = f"{listed} · {driven}"
+        sentences.append(sentence)
     return tuple(sentences)
 
 

@@ -1,0 +1,87 @@
+"""Files that come after a study: of the form of its own, or two that are joined as its own were."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from ..calibration.calibration import Calibration
+    from ..measurements.table import DataFile, Table
+    from ._join_options import JointLog
+
+
+OWN_DATA = (
+    "these are the measurements that made the calibration: where the target was measured is taken "
+    "for where it is wanted. Without their position columns it is wanted where the nominal robot has "
+    "it."
+)
+
+
+@dataclass(frozen=True)
+class LaterFiles:
+    """A table, the mapping of its columns (contract name -> its own), what is said of how it is read,
+    and the SHA-256 that the study has where it was made from the same files."""
+
+    table: Table
+    columns: Mapping[str, str]
+    said: tuple[str, ...]
+    sha256: str
+
+    def note_own(self, c: Calibration) -> list[str]:
+        """Note that the measurements which made a calibration are given as targets."""
+        own = c.provenance.get("data_sha256")
+        return [OWN_DATA] if self.sha256 == own else []
+
+    def matched(self) -> LaterFiles:
+        """Return the rows that have a point; those of a log alone are no targets."""
+        from ..measurements.missed_rows import take_rows
+
+        table = self.table
+        points = next(iter(table.where.parts.values()), None)
+        if points is None:
+            return self
+        lines = [points.number(row) for row in range(len(table))]
+        rows = np.flatnonzero(lines)
+        matched = take_rows(table, rows)
+        return replace(self, table=matched)
+
+
+def load_later(
+    c: Calibration, file: DataFile, log: JointLog | None, columns: Mapping[str, str]
+) -> LaterFiles:
+    """Load a file of the form of a study's, or points and readings in two. Raises DataError."""
+    from ..measurements.table import DataFile, hash_source, load_table
+
+    if log is None:
+        table = load_table(file)
+        mapping, mapped = c.form.read_columns(table, columns)
+        if c.form.joined:
+            _refuse_points_alone(table, mapping)
+        return LaterFiles(table, mapping, (mapped,) if mapped else (), hash_source(file))
+    import hashlib
+
+    from ..study.joined_study import draft_joined_study, map_later_columns
+    from ..study.study_folder import write_joined_table
+
+    readings = DataFile(log.path, decimal=file.decimal)
+    given = map_later_columns(file, readings, c.robot, c.form, columns)
+    draft = draft_joined_study(
+        file, readings, c.robot, given, log.way, log.max_gap, log.clock_offset
+    ).choose_first()
+    digest = hashlib.sha256(write_joined_table(draft.contract_table())).hexdigest()
+    return LaterFiles(load_table(draft.source), draft.columns, draft.remarks, digest)
+
+
+def _refuse_points_alone(table: Table, mapping: Mapping[str, str]) -> None:
+    """Refuse points without joint readings, of a study whose rows were joined. Raises DataError."""
+    from ..measurements.contract_columns import JOINT_COLUMN
+
+    if not any(JOINT_COLUMN.fullmatch(name) for name in (*table.columns, *mapping)):
+        raise table.where.refuse(
+            "it has no joint readings; the study's rows were joined from two files.",
+            remedy="Give the log of joint readings, too: --joints LOG.",
+        )
