@@ -114,15 +114,20 @@ class Calibration:
             names |= mechanism.names()
         return frozenset(names)
 
-    def predict(self, measurements: Measurements) -> Array:
-        """Predict where the calibrated robot has the target at measured or planned configurations.
+    def predict(self, measurements: Measurements | Source | Array) -> Array:
+        """Predict where the calibrated robot has the target at measured or planned configurations:
+        measurements, a file or DataFrame of readings, or joint readings (m, n) [rad, mm].
 
         Returns positions (m, 3) [mm] in the tracker's frame. Raises DataError where a target, a
         group or a covariate is not known.
         """
+        from .compensation import read_planned
         from .prediction import predict
 
-        return predict(self, self.problem(measurements))
+        if not isinstance(measurements, Measurements):
+            measurements = read_planned(self, measurements)
+        problem = self.problem(measurements)
+        return predict(self, problem)
 
     def correct(
         self, targets: Source | Array, *, bound: tuple[float, float] | None = None

@@ -304,6 +304,15 @@ def tabulate_readings(c: Calibration, q: Array) -> pd.DataFrame:
     return pd.DataFrame(q, columns=names)
 
 
+def read_planned(c: Calibration, source: Source | Array) -> Measurements:
+    """Read configurations that nobody measured: joint readings (m, n) [rad, mm], or a file or
+    DataFrame with columns as the study's own. Raises DataError."""
+    table = tabulate_readings(c, source) if isinstance(source, np.ndarray) else source
+    loaded = load_table(table)
+    mapping = c.form.map_columns(loaded, {})
+    return read_measurements(loaded, c.robot, mapping, positions=False, once=False)
+
+
 def build_commands_table(
     c: Calibration, data: Measurements, q: Array, x: Array, more: Mapping[str, Array]
 ) -> pd.DataFrame:

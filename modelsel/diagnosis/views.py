@@ -174,11 +174,14 @@ class Views:
         return _see(problem, columns, fitted, projected)
 
     def _extend(self, fitted: Fit) -> _Projection | None:
-        """Extend the base's projection; None where what is added depends on what is there."""
+        """Extend the base's projection; None where nothing is added, or depends on what is there."""
         first = self.first
         inside = first.scan.inside
         before = first.A.shape[1]
-        columns, products = self._expand(fitted.terms[before:])
+        more = fitted.terms[before:]
+        if not more:
+            return None
+        columns, products = self._expand(more)
         root = prior_root(fitted.terms, fitted.precision)
         of_data = np.column_stack([first.A, columns])
         A = np.vstack([of_data, root])

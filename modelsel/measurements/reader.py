@@ -14,6 +14,7 @@ from .._typing import Array
 from ..exceptions import suggest
 from ..notices import Note
 from ..robot.coupling import Coupling, angles_of
+from ..robot.files import load_robot
 from ..robot.kinematics import Robot
 from ..robot.rigid import from_quaternion
 from ..robot.urdf import read_joint_names
@@ -87,7 +88,7 @@ class _Columns:
 
 def read_measurements(
     source: Source,
-    robot: Robot | Sequence[bool],
+    robot: Robot | str | Sequence[bool],
     columns: Mapping[str, str] | None = None,
     group: int | None = None,
     *,
@@ -97,7 +98,7 @@ def read_measurements(
     """Read measurements of a robot from a text table, spreadsheet or Parquet file, or a DataFrame.
 
     source: a path, or a DataFrame with the columns of a measurements file.
-    robot: the robot, or which of its joints are prismatic where none are coupled.
+    robot: the robot, the name of a built-in one, or which of its joints are prismatic where none are coupled.
     columns: contract name -> name in the file, where they differ.
     group: one row group of a Parquet file; None reads all.
     positions: whether positions must be there; absent ones are NaN.
@@ -106,6 +107,8 @@ def read_measurements(
     Raises DataError with file, line and column, or row (from 0) and column of the DataFrame;
     StudyError for a name that the contract does not have."""
     prismatic, coupling, names = tuple[bool, ...](), None, tuple[str, ...]()
+    if isinstance(robot, str):
+        robot = load_robot(robot)
     if isinstance(robot, Robot):
         prismatic, coupling, names = robot.prismatic, robot.coupling, read_joint_names(robot)
     else:

@@ -35,7 +35,7 @@ from .parameters_section import write_parameters
 
 SECTIONS = (
     ("ladder", "The ladder"),
-    ("findings", "What was named"),
+    ("findings", "Findings"),
     ("map", "Error map"),
     ("space", "Residual vectors"),
     ("parameters", "Calibrated parameters"),

@@ -114,10 +114,10 @@ def _describe_standing(finding: FindingRecord, label: str) -> str:
     claim = finding.claim
     if claim is None or claim.level == "cause":
         return f"{label}, probability {describe_probability(finding)}{doubt}"
-    named = f"{label} ({describe_name_probability(finding)})"
-    # of a place that is not proven, what it could be stands above
+    # of a place that is not proven, what it could be stands above, with the probabilities
     if claim.probability < PROVEN:
-        return f"best described by {named}{doubt}"
+        return f"best described by {label}{doubt}"
+    named = f"{label} ({describe_name_probability(finding)})"
     return f"probability {claim.probability:.2f}{doubt}; best described by {named}"
 
 

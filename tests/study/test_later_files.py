@@ -12,8 +12,11 @@ import pandas as pd
 import pytest
 from click.testing import CliRunner, Result
 
+from modelsel.calibration.loading import load_calibration
 from modelsel.cli.main import run_command_line
+from modelsel.exceptions import DataError
 from modelsel.measurements.measurements import build_measurements
+from modelsel.measurements.reader import read_measurements
 from modelsel.measurements.table import DataFile
 from modelsel.robot.files import load_robot
 from modelsel.study.joined_study import draft_joined_study
@@ -176,3 +179,19 @@ def test_a_bound_is_two_numbers_above_zero(bound: tuple[str, str], folder: Path)
     assert ran.exit_code == 2
     assert "--bound takes two numbers above 0" in ran.stderr
     assert not out.exists()
+
+
+def test_a_calibration_predicts_readings_files_and_frames_alike(folder: Path) -> None:
+    """A robot's name does for its measurements, too."""
+    c = load_calibration(folder / "out")
+    log = pd.read_csv(folder / "later_log.csv")
+    readings = np.radians(log[[f"A{j} [deg]" for j in range(1, 7)]].to_numpy())
+    predicted = c.predict(readings)
+    assert predicted.shape == (ROWS, 3)
+    assert np.allclose(c.predict(log), predicted)
+    assert np.allclose(c.predict(folder / "later_log.csv"), predicted)
+    measured = read_measurements(folder / "s" / "measurements.csv", "UR 10")
+    assert len(measured) == ROWS - 1
+    assert np.allclose(c.predict(measured), measured.position, atol=0.5)
+    with pytest.raises(DataError, match="expected an array of m x 6, found 2 x 5"):
+        c.predict(np.zeros((2, 5)))
