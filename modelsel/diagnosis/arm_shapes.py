@@ -117,7 +117,9 @@ def choose_onsets(readings: Array, shares: Sequence[float]) -> list[float]:
     width = float(np.ptp(readings))
     chosen = []
     for share in shares:
-        onset = float(f"{low + share * width:.4g}")
+        middle = low + share * width
+        rounded = f"{middle:.4g}"
+        onset = float(rounded)
         below = (readings < onset).sum()
         above = (readings > onset).sum()
         if min(below, above) >= MIN_READINGS:
@@ -133,10 +135,11 @@ def build_pulls(joint: int, other: int, onset: float) -> Iterator[Mechanism]:
     excesses = {"above": size + beyond, "below": size - beyond}
     for side, excess in excesses.items():
         half = 0.5 * excess
+        square = half * half
         where = f"{side} {degrees:.0f}°"
         cell = build_cell(
             place=(joint, "rz"),
-            causes=(half * half,),
+            causes=(square,),
             words=f"the square of q{other} {where}",
             sentence=f"Joint {joint} turns with joint {other} where that reads {where}",
         )

@@ -30,4 +30,5 @@ def _round(value: float) -> float:
 def level_off(problem: Problem, name: str, strength: float = LEVELS_OFF) -> Cause:
     """A function of a driver that is linear in the middle of its range and levels off at the ends."""
     scaled = scale_driver(problem, name)
-    return Applied("tanh", strength * scaled)
+    argument = strength * scaled
+    return Applied("tanh", argument)

@@ -118,19 +118,25 @@ def _weigh(
 def _add_kin(search: Search, value: float, members: list[int]) -> tuple[float, list[int]]:
     """Add to the log evidence of some effects that a mechanism of one joint makes that of another
     joint likelier: joints are built alike."""
-    labels = [search.found[g].label for g in set(members)]
-    further = count_kin(labels)
-    together = value + further * KIN
-    return together, members
+    labels = []
+    for g in set(members):
+        candidate = search.found[g]
+        labels.append(candidate.label)
+    likelier = KIN * count_kin(labels)
+    return value + likelier, members
 
 
 def count_kin(labels: Iterable[str]) -> int:
     """Count the labels that name a mechanism which another one before has in another joint."""
-    stems = [find_stem(label) for label in labels]
+    stems = []
+    for label in labels:
+        stem = find_stem(label)
+        stems.append(stem)
     kinds = set(stems)
     return len(stems) - len(kinds)
 
 
 def find_stem(label: str) -> str:
     """Find the name of a mechanism without its joint."""
-    return re.sub(r":\d+$", "", label)
+    joint = r":\d+$"
+    return re.sub(joint, "", label)

@@ -47,8 +47,8 @@ def generate_products(problem: Problem, found: Mechanism) -> Iterator[Mechanism]
 
 def _varies(problem: Problem, name: str) -> bool:
     values = problem.state.value(name)
-    width = float(np.ptp(values))
-    return width > 0
+    width = np.ptp(values)
+    return bool(width)
 
 
 def _list_functions(problem: Problem, name: str) -> list[Cause]:
