@@ -17,6 +17,7 @@ from ..fitting.design import Model
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
+from ..fitting.solver import COARSE_MM
 from .candidate_columns import Columns, build_columns, flatten_measured
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
@@ -35,8 +36,6 @@ LEVEL = 0.05
 # large studies
 LARGE_STUDY = 3e6
 NULL_DRAWS = (999, 499)
-# step [mm] at which intermediate fits have converged
-COARSE_MM = 1e-2
 
 
 def extend_model(base: Model, chosen: Sequence[Candidate]) -> Model:

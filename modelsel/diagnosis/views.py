@@ -195,7 +195,7 @@ class Views:
         if not is_own.all():
             return None
         added = [k - before for k in own]
-        beyond = products[:, added] - inside @ along
+        beyond = products[added] - along.T @ inside.T
         return _Projection(
             kept=(*first.kept, *own),
             A=A,
@@ -205,8 +205,8 @@ class Views:
         )
 
     def _expand(self, terms: Sequence[Term]) -> tuple[Array, Array]:
-        """Compute the columns (N, k) of some terms, and the products (C, k) of all candidates with
-        them; those of the last models are known."""
+        """Compute the columns (N, k) of some terms, and their products (k, C) with all candidates;
+        those of the last models are known."""
         keys = [term.key for term in terms]
         new = [key for key in keys if key not in self._known]
         if new:
@@ -215,7 +215,7 @@ class Views:
         known = [self._known[key] for key in keys]
         columns = np.array([column for column, _ in known])
         products = np.array([product for _, product in known])
-        return columns.T, products.T
+        return columns.T, products
 
     def _learn(self, new: Sequence[TermKey]) -> None:
         """Work out the columns of some terms, and the products of all candidates with them."""
@@ -260,9 +260,9 @@ def _stack_triangles(first: Array, across: Array, last: Array) -> Array:
     return np.block(both)
 
 
-def _divide(matrix: Array, triangle: Array) -> Array:
-    """Compute a matrix (C, k) times the inverse of an upper triangle (k, k)."""
+def _divide(rows: Array, triangle: Array) -> Array:
+    """Compute (C, k) the columns that rows (k, C) are, times the inverse of an upper triangle."""
     from scipy.linalg import solve_triangular
 
-    solved = solve_triangular(triangle, matrix.T, trans="T", check_finite=False)
+    solved = solve_triangular(triangle, rows, trans="T", check_finite=False)
     return np.asarray(solved.T)

@@ -192,8 +192,8 @@ class SampledSolver(Solver):
         """How far all rows together may move, whitened, from a point whose expansion is used."""
         return NEAR_MM * self.weight * float(np.sqrt(self.count))
 
-    def is_near(self, state: State) -> bool:
-        """Return whether the expansion is as good as one about theta."""
+    def is_near(self, state: State, step_mm: float) -> bool:
+        """Return whether the expansion is as good as one about theta, whatever the step."""
         return state.expansion.distance(state.theta) < self.near
 
     def settle(self, state: State, iterations: int, step_mm: float) -> State:
@@ -204,7 +204,7 @@ class SampledSolver(Solver):
             return self.judge(state)
         for _ in range(EXPANSIONS):
             state = self.settle_linear(state, iterations, step_mm)
-            if self.is_near(state):
+            if self.is_near(state, step_mm):
                 return state
             start = self.restart(state)
             there = replace(state, slope=self.rows.at(state.theta))
@@ -244,7 +244,7 @@ class SampledSolver(Solver):
             exact = replace(exact, step_mm=step / self.weight)
             if state.damping or step < step_mm * self.weight or step > size:
                 return exact
-            if not self.is_near(exact) and again:
+            if not self.is_near(exact, step_mm) and again:
                 state = self.settle(self.expanded(exact), 1, step_mm)
                 size, again, before = np.inf, False, None
                 continue

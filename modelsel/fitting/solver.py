@@ -42,7 +42,10 @@ QUIET_MM = 1e-6  # no measurement is better
 # rms: combinations that move the target less at their usual sizes wait until the others have
 # converged
 UNSEEN_MM = 0.01
-NEAR_MM = 1e-5  # all rows together: as far does the triangle change by nothing that counts
+COARSE_MM = 1e-2  # step at which intermediate fits have converged
+# all rows together: as far does the triangle change by nothing that counts, in the last fit and in
+# intermediate ones
+NEAR_MM, NEAR_COARSE_MM = 1e-5, 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,16 +206,17 @@ class Solver:
             returns = not has_more and any(judged.weak.like(weak) for weak in earlier)
             stays = returns or judged.weak.like(state.weak)
             if same_terms and stays and state.step_mm < step_mm:
-                if self.is_near(state):
+                if self.is_near(state, step_mm):
                     break
                 judged, earlier = self.judge(self.expanded(state)), []
             earlier.append(state.weak)
             state = self.solve(judged, iterations, step_mm)
         return state
 
-    def is_near(self, state: State) -> bool:
+    def is_near(self, state: State, step_mm: float) -> bool:
         """Return whether the expansion is as good as one about theta."""
-        return state.expansion.distance(state.theta) < NEAR_MM * self.weight
+        near_mm = NEAR_COARSE_MM if step_mm >= COARSE_MM else NEAR_MM
+        return state.expansion.distance(state.theta) < near_mm * self.weight
 
     def expanded(self, state: State) -> State:
         """Expand the squares anew, where the iteration stands."""
@@ -232,7 +236,7 @@ class Solver:
 
     def step(self, state: State, step_mm: float, only_one: bool) -> State:
         """Take a step, or find that it is none: then by a triangle of this point, or damped."""
-        own = self.is_near(state)
+        own = self.is_near(state, step_mm)
         delta, size = compute_direction(state)
         step = size / self.weight
         there = self.reach(state, delta)
