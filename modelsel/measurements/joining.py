@@ -163,7 +163,7 @@ def refuse_swapped(points: Table, log: Table) -> DataError | None:
         f"it holds joint readings, and {first} coordinates without joint readings: the files look "
         "swapped.",
         file=second,
-        remedy=f"Give them the other way round: modelsel init {first} --joints {second}.",
+        remedy=f"Give them the other way round: {first}, and --joints {second}.",
     )
 
 

@@ -478,7 +478,7 @@ def test_a_constant_clock_offset_is_proposed_not_used(tmp_path) -> None:
 
 def test_swapped_files_are_told(tmp_path) -> None:
     points, readings = two_files(tmp_path)
-    with pytest.raises(DataError, match=r"modelsel init p\.txt --joints log\.csv"):
+    with pytest.raises(DataError, match=r"the other way round: p\.txt, and --joints log\.csv"):
         draft_joined_study(readings, points, load_robot("ur10"), {})
 
 

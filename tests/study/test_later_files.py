@@ -195,3 +195,13 @@ def test_a_calibration_predicts_readings_files_and_frames_alike(folder: Path) ->
     assert np.allclose(c.predict(measured), measured.position, atol=0.5)
     with pytest.raises(DataError, match="expected an array of m x 6, found 2 x 5"):
         c.predict(np.zeros((2, 5)))
+
+
+def test_files_in_each_others_place_are_told_whatever_the_command(folder: Path) -> None:
+    log, points = folder / "later_log.csv", folder / "later.csv"
+    ran = run("validate", folder / "out", log, "--joints", points)
+    assert ran.exit_code == 3
+    assert (
+        "the files look swapped. Give them the other way round: later.csv, and --joints"
+        in ran.stderr
+    )
