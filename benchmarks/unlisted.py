@@ -54,6 +54,8 @@ TRIES = 100
 DRIVES = 0.1
 # waves a turn within which a count is the right one: what a turn of data hardly tells apart
 RESOLVED = 0.25
+# a wave or a saw of a joint's angle, with how many it has a turn
+WAVES = r"(?:sin|cos|saw)\((?:([\d.]+)\*)?q\d+(?:[+-][\d.e-]+)?\)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,9 +185,9 @@ def is_true_name(own: Mechanism, plant: Plant) -> bool:
 
 
 def fits_teeth(own: Mechanism, teeth: int) -> bool:
-    """Whether an explanation is a wave of a multiple of a saw's teeth."""
+    """Whether an explanation is a wave, or a saw, of a multiple of a saw's teeth."""
     causes = [str(screw.cause) for term in own.terms for screw in term.screws]
-    found = [re.fullmatch(r"(?:sin|cos)\((?:([\d.]+)\*)?q\d+\)", cause) for cause in causes]
+    found = [re.fullmatch(WAVES, cause) for cause in causes]
     counts = [float(own[1] or 1) if own else 0.0 for own in found]
     nearest = [teeth * max(1, round(count / teeth)) for count in counts]
     return all(abs(count - near) <= RESOLVED for count, near in zip(counts, nearest))

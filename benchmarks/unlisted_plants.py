@@ -24,7 +24,7 @@ A place is true also where another axis moves the target exactly alike (joint 4'
 it in frame 5, where they meet); what moves
 the base may turn it, too, but not alone. A formula (a shape) is true if place and drivers are, and it holds
 0.97 of what one part of the plant does to the target beyond the geometry; of a sawtooth, every wave
-of a multiple of its teeth."""
+and every saw of a multiple of its teeth."""
 
 from __future__ import annotations
 

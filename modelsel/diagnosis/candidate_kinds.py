@@ -19,8 +19,14 @@ class CandidateKind(Enum):
     JUMP = "jump at one angle of a joint"
     POWER = "compliance of a joint that is not in proportion to its torque"
     PERIOD = "pattern of a joint's own angle that repeats on a turn"
+    SAW = "joint that errs more and more and falls back, a whole number of times a turn"
+    REACH = "power of the reach, at the base or the column that turns with it"
+    PULL = "turn of a joint with its neighbour's reading beyond some angle"
+    WOUND = "turn of a joint with its own reading, more or less with another joint's"
     SHAPE = "shape that no list has, at the place of a finding or beside it"
 
 
 # kinds that are cells of the error map
 MAP_KINDS = (CandidateKind.CELL, CandidateKind.WAVE, CandidateKind.WAVE_PRODUCT)
+# kinds whose causes have words of their own
+NAMED_IN_WORDS = (CandidateKind.REACH, CandidateKind.PULL, CandidateKind.WOUND)

@@ -23,7 +23,8 @@ from ..fitting.problem import Problem
 from ..mechanisms.causes import Cause
 from ..mechanisms.terms import Mechanism
 from ..selection.comparison import MAX_CANDIDATES
-from .candidate_kinds import CandidateKind
+from .arm_shapes import generate_arm_shapes
+from .candidate_kinds import NAMED_IN_WORDS, CandidateKind
 from .data_faults import FaultKind, find_fault_kind
 from .joint_shapes import generate_joint_shapes
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
@@ -95,6 +96,8 @@ class Candidate:
         if self.kind is CandidateKind.WAVE_PRODUCT:
             first, second = sorted(mechanism.names())
             return f"waves of {first} times waves of {second}"
+        if self.kind in NAMED_IN_WORDS:
+            return mechanism.name.split(" ", 2)[2]
         if self.kind is CandidateKind.PERIOD:
             return f"pattern that repeats on {mechanism.terms[0].screws[0].cause}"
         words: list[str] = []
@@ -140,7 +143,9 @@ def build_candidates(
     if cells:
         within = exceeds_cell_limit(problem, options)
         offered = chain(
-            generate_unregistered(problem, adjacent_only=within), generate_joint_shapes(problem)
+            generate_unregistered(problem, adjacent_only=within),
+            generate_joint_shapes(problem),
+            generate_arm_shapes(problem),
         )
         unregistered |= _select_new(offered, base, taken)
     registered += [

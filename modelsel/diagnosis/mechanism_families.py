@@ -6,7 +6,8 @@ whichever the data make more probable stands."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -19,6 +20,9 @@ from .joint_curves import build_curve, chain_effects, see_rest
 if TYPE_CHECKING:
     from .state import Search
     from .views import View
+
+# log of how much likelier a mechanism is in a joint where another joint has it
+KIN = float(np.log(20))
 
 
 class Family(NamedTuple):
@@ -100,11 +104,39 @@ def _weigh(
     curve = build_curve(search.columns, which, search.log_prior[which], none_free)
     released = view.release(*(search.found[g] for g in now))
     start = see_rest(curve, view.scan, view.response, released)
-    present, _ = chain_effects(start.offer(np.isin(which, now)), len(now), at_any_cost=True)
+    present = chain_effects(start.offer(np.isin(which, now)), len(now), at_any_cost=True)
     is_whole = which == family.whole
     trials = [
         chain_effects(start.offer(is_whole), 1),
         chain_effects(start.offer(~is_whole), len(family.parts)),
         chain_effects(start, len(which)),
     ]
-    return present, trials
+    (value, _), *others = (_add_kin(search, *trial) for trial in (present, *trials))
+    return value, others
+
+
+def _add_kin(search: Search, value: float, members: list[int]) -> tuple[float, list[int]]:
+    """Add to the log evidence of some effects that a mechanism of one joint makes that of another
+    joint likelier: joints are built alike."""
+    labels = []
+    for g in set(members):
+        candidate = search.found[g]
+        labels.append(candidate.label)
+    likelier = KIN * count_kin(labels)
+    return value + likelier, members
+
+
+def count_kin(labels: Iterable[str]) -> int:
+    """Count the labels that name a mechanism which another one before has in another joint."""
+    stems = []
+    for label in labels:
+        stem = find_stem(label)
+        stems.append(stem)
+    kinds = set(stems)
+    return len(stems) - len(kinds)
+
+
+def find_stem(label: str) -> str:
+    """Find the name of a mechanism without its joint."""
+    joint = r":\d+$"
+    return re.sub(joint, "", label)

@@ -14,7 +14,6 @@ built alike."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -27,6 +26,7 @@ from .._linalg import TINY
 from .._typing import Array, Index
 from .evidence import RATIOS, compute_factors, sum_evidence
 from .joint_curves import Rest, build_curve, see_rest
+from .mechanism_families import KIN, find_stem
 from .scan import Bucket, build_buckets, build_scan_without
 from .state import Search
 from .views import View
@@ -36,8 +36,6 @@ MOST_MEMBERS, MOST_COLUMNS = 160, 40
 # pairs of effects that one explanation may replace, explanations of each, and the cosine of their
 # displacements from which they are such a pair
 MOST_PAIRS, EACH_PAIR, RELATED = 12, 12, 0.3
-# log of how much likelier a mechanism is in a joint where another joint has it
-KIN = float(np.log(10))
 # share of a residual that no set may exceed
 WHOLE = 1 - 1e-12
 
@@ -234,7 +232,7 @@ def gather_pool(search: Search, view: View, chosen: Sequence[int]) -> Pool:
 
 def _number_kinds(labels: Sequence[str]) -> Index:
     """Number (P,) the mechanisms that candidates are, whatever their joints."""
-    stems = [re.sub(r":\d+$", "", label) for label in labels]
+    stems = [find_stem(label) for label in labels]
     first = {stem: number for number, stem in reversed(list(enumerate(stems)))}
     return np.array([first[stem] for stem in stems], dtype=np.intp)
 

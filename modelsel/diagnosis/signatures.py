@@ -16,7 +16,12 @@ LEVELS = ("place", "drivers", "shape", "cause")
 # probability from which a level holds
 PROVEN = 0.9
 # kinds that take any shape of their drivers
-SHAPELESS = (CandidateKind.WAVE_PRODUCT, CandidateKind.FREE_FUNCTION, CandidateKind.SHAPE)
+SHAPELESS = (
+    CandidateKind.WAVE_PRODUCT,
+    CandidateKind.FREE_FUNCTION,
+    CandidateKind.WOUND,
+    CandidateKind.SHAPE,
+)
 
 
 def read_signatures(found: Sequence[Candidate]) -> tuple[Index, ...]:
@@ -44,8 +49,8 @@ def _read_shape(candidate: Candidate) -> Hashable:
     """Of a registered mechanism the name, whatever its constant; of a jump the place alone."""
     if candidate.kind in SHAPELESS:
         return None
-    if candidate.kind is CandidateKind.JUMP:
-        return CandidateKind.JUMP, frozenset(candidate.mechanism.names_by_place())
+    if candidate.kind in (CandidateKind.JUMP, CandidateKind.SAW, CandidateKind.PULL):
+        return candidate.kind, frozenset(candidate.mechanism.names_by_place().items())
     if candidate.but_for_sign:
         return candidate.but_for_sign[0].name
     return candidate.registered_name or candidate.screws

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from ..mechanisms.causes import ONE, Bump, Cause, Named
 from ..mechanisms.terms import Mechanism, Screw, Term
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
+from .driver_functions import level_off, scale_driver
+from .simple_shapes import generate_products, generate_pulls, generate_saws
 from .unregistered import Place, build_bumps, list_places
 
 Drivers = frozenset[str]
@@ -28,6 +30,14 @@ MIN_VALUES = 8
 PROGRESS = Named("progress")
 # places times drivers from which a finding acts in too many ways for one free function
 MAX_PARTS = 6
+# simple shapes of a finding's drivers at its place, of which one kind at most fits them
+SIMPLE = {
+    CandidateKind.SHAPE: generate_products,
+    CandidateKind.SAW: generate_saws,
+    CandidateKind.PULL: generate_pulls,
+}
+# how a free function of one driver may change with another one
+FACTORS = (scale_driver, level_off)
 # prior probability of a further listed finding at a place, where one is
 FURTHER = 0.1
 # prior probability of all rivals over that of the finding, and how it is divided
@@ -104,21 +114,36 @@ def list_rivals(problem: Problem, candidate: Candidate) -> list[Rival]:
         return []
     drivers = candidate.mechanism.names()
     names = _list_drivers(problem)
-    alike = [m for m in _generate_shapes(problem, parts) if m != candidate.mechanism]
+    own = candidate.mechanism
+    free = [m for m in _generate_shapes(problem, parts) if m != own]
+    simple = {
+        kind: [m for m in generate(problem, own) if m != own] for kind, generate in SIMPLE.items()
+    }
     others = list(_generate_other_drivers(problem, parts, drivers, names))
     elsewhere = list(_generate_other_places(problem, parts, drivers, names))
     prior = ODDS * candidate.prior
+    alike = prior * SHARES["shape"] / (2 if any(simple.values()) else 1)
     return [
-        *_weigh(alike, "drivers", prior * SHARES["shape"]),
+        *_weigh(free, "drivers", alike),
+        *(
+            rival
+            for kind, mechanisms in simple.items()
+            for rival in _weigh(mechanisms, "drivers", alike, kind)
+        ),
         *_weigh(others, "place", prior * SHARES["drivers"]),
         *_weigh(elsewhere, "", prior * SHARES["place"]),
     ]
 
 
-def _weigh(mechanisms: Sequence[Mechanism], agrees: str, prior: float) -> Iterator[Rival]:
+def _weigh(
+    mechanisms: Sequence[Mechanism],
+    agrees: str,
+    prior: float,
+    kind: CandidateKind = CandidateKind.SHAPE,
+) -> Iterator[Rival]:
     for mechanism in mechanisms:
         share = prior / len(mechanisms)
-        yield Rival(Candidate(mechanism, CandidateKind.SHAPE, share), agrees)
+        yield Rival(Candidate(mechanism, kind, share), agrees)
 
 
 def _list_drivers(problem: Problem) -> tuple[str, ...]:
@@ -139,15 +164,6 @@ def _build_basis(problem: Problem, name: str) -> list[Bump]:
     low, high = float(values.min()), float(values.max())
     width = float(f"{(high - low) / INTERVALS:.6g}")
     return build_bumps(name, low, high, width)
-
-
-def _scale(problem: Problem, name: str) -> Cause:
-    """A driver from -1 to 1 over its range."""
-    values = problem.state.value(name)
-    low, high = float(values.min()), float(values.max())
-    middle, half = float(f"{(low + high) / 2:.6g}"), float(f"{(high - low) / 2:.6g}")
-    unit = problem.names().get(name, "1")
-    return (Named(name, unit) - middle) * (1 / half)
 
 
 def _build(functions: Iterable[tuple[Place, Cause]]) -> Mechanism:
@@ -175,7 +191,8 @@ def _free(
 def _generate_shapes(problem: Problem, parts: dict[Place, Drivers]) -> Iterator[Mechanism]:
     """Generate free functions of the own drivers at the own places.
 
-    Of two drivers each has its turn: a free function of it, and one times the other. What depends on
+    Of two drivers each has its turn: a free function of it, and one times the other, which may level
+    off towards the ends of its range. What depends on
     the course of the campaign may be a free function of the other driver that grows, too."""
     shaped = {
         place: sorted(name for name in drivers if _has_shape(problem, name))
@@ -184,11 +201,11 @@ def _generate_shapes(problem: Problem, parts: dict[Place, Drivers]) -> Iterator[
     most = max(map(len, shaped.values()))
     if not all(shaped.values()) or most > 2:
         return
-    for turn in range(most):
+    for turn, shape in product(range(most), FACTORS[:most]):
         functions: list[tuple[Place, Cause]] = []
         for place, names in shaped.items():
             first = names[turn % len(names)]
-            times = (ONE, *(_scale(problem, name) for name in names if name != first))
+            times = (ONE, *(shape(problem, name) for name in names if name != first))
             functions += _free(problem, [place], first, times)
         yield _build(functions)
     if most == 2 and all("progress" in names for names in shaped.values()):
@@ -209,7 +226,7 @@ def _generate_other_drivers(
             continue
         yield _build(_free(problem, parts, other))
         if own is not None:
-            yield _build(_free(problem, parts, own, (ONE, _scale(problem, other))))
+            yield _build(_free(problem, parts, own, (ONE, scale_driver(problem, other))))
 
 
 def _generate_other_places(

@@ -202,12 +202,25 @@ def _progress(state: StateVariables) -> Values:
 
 
 def _positions(state: StateVariables) -> Values:
-    """Compute the target in frame 0, and its distance from the instrument."""
+    """Compute the target in frame 0, and its distances from the instrument and from axis 1."""
     target, group = state.pose().target, state.data.group
     R, t = state.placement
     line = np.einsum("mij,jm->mi", R[group], target) + t[group] - np.array(state.tracker)
-    distance = {StateVariable(StateKind.RANGE): np.linalg.norm(line, axis=1)}
-    return _by_axis(StateKind.POSITION, target) | distance
+    distances = {
+        StateVariable(StateKind.RANGE): np.linalg.norm(line, axis=1),
+        StateVariable(StateKind.REACH): _measure_reach(state.robot, target),
+    }
+    return _by_axis(StateKind.POSITION, target) | distances
+
+
+def _measure_reach(robot: Robot, target: Array) -> Array:
+    """Measure how far targets (3, m) are from joint 1's axis."""
+    first = robot.joints[0]
+    x, y, _, origin = first.before[:3].T
+    line = target.T - origin
+    across = [line @ x, line @ y]
+    reach = np.hypot(*across)
+    return np.asarray(reach)
 
 
 def _down(state: StateVariables) -> Values:
@@ -250,6 +263,7 @@ EVALUATORS: dict[StateKind, Callable[[StateVariables], Values]] = {
     StateKind.READING: _readings,
     StateKind.POSITION: _positions,
     StateKind.RANGE: _positions,
+    StateKind.REACH: _positions,
     StateKind.TARGET: _target,
     StateKind.GROUP: _group,
     StateKind.PROGRESS: _progress,

@@ -23,6 +23,7 @@ class StateKind(Enum):
     READING = "reading of a joint"
     POSITION = "coordinate of the target in frame 0"
     RANGE = "distance of the target from the instrument"
+    REACH = "distance of the target from joint 1's axis"
     TARGET = "index of the target"
     GROUP = "index of the group"
     PROGRESS = "place in the campaign, 0 to 1"
@@ -132,6 +133,7 @@ FAMILIES = (
     StateFamily(StateKind.READING, "q{joint}", "the reading of joint {joint}", None),
     StateFamily(StateKind.POSITION, "{axis}_mm", "the target's place", "mm", "xyz"),
     StateFamily(StateKind.RANGE, "range_mm", "the distance from the instrument", "mm"),
+    StateFamily(StateKind.REACH, "reach_mm", "the reach from joint 1's axis", "mm"),
     StateFamily(StateKind.TARGET, "target", "the target"),
     StateFamily(StateKind.GROUP, "group", "the group"),
     StateFamily(StateKind.PROGRESS, "progress", "the course of the campaign"),

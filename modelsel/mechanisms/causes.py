@@ -20,22 +20,14 @@ import numpy as np
 from .._hashing import cache_hash
 from .._typing import Array
 from ..exceptions import StudyError, suggest
+from .cause_functions import DIMENSIONLESS, FUNCTIONS
 
-FUNCTIONS = {
-    "sin": np.sin,
-    "cos": np.cos,
-    "sign": np.sign,
-    "abs": np.abs,
-    "exp": np.exp,
-    "tanh": np.tanh,
-}
 ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
     "+": operator.add,
     "-": operator.sub,
     "*": operator.mul,
     "/": operator.truediv,
 }
-DIMENSIONLESS = {"sin", "cos", "sign", "exp", "tanh"}
 MAX_LENGTH = 500  # characters of a formula
 RANK = {"+": 1, "-": 1, "*": 2, "/": 2}  # how tightly an operator binds
 

@@ -22,7 +22,8 @@ from .._records import OneOf, Pair, StrictRecord, Text, Whole, describe_problem
 from .._typing import LARGEST
 from ..exceptions import StudyError
 from ..robot.rigid import AXES
-from .causes import FUNCTIONS, RANK, Applied, Bump, Cause, Combined, Member, Named, Number
+from .cause_functions import FUNCTIONS
+from .causes import RANK, Applied, Bump, Cause, Combined, Member, Named, Number
 from .terms import Mechanism, Screw, Term, foreign
 
 

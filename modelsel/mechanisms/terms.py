@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from .._hashing import cache_hash
 from .._names import MAX_TEXT_LENGTH, find_hidden_character, find_name_problem
 from ..robot.rigid import AXES
-from .causes import FUNCTIONS, ONE, Applied, Bump, Cause, Combined, Member, Named, Number
+from .cause_functions import FUNCTIONS
+from .causes import ONE, Applied, Bump, Cause, Combined, Member, Named, Number
 
 FIXTURE_AXES = (*AXES, "length")  # of a feature of the set-up: its place, its tilt, a length
 KINDS = (Number, Named, Applied, Combined, Member, Bump)

@@ -21,7 +21,8 @@ from ..diagnosis.sentences import label_effect
 from ..diagnosis.unregistered import Place
 from ..fitting.design import PLACE, compute_columns
 from ..fitting.problem import Problem
-from ..mechanisms.causes import FUNCTIONS, Applied, Bump, Cause, Named, find_bump
+from ..mechanisms.cause_functions import FUNCTIONS
+from ..mechanisms.causes import Applied, Bump, Cause, Named, find_bump
 from ..mechanisms.terms import Term
 from .covariate_panel import draw_covariate, find_covariate
 from .finding_records import Finding

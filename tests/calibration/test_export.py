@@ -28,11 +28,14 @@ from modelsel.calibration.export import FORMS, export
 from modelsel.calibration.prediction import predict
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study
+from modelsel.diagnosis.unregistered import build_cell
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
 from modelsel.fitting.whitening import Whitening
+from modelsel.mechanisms.cause_functions import FUNCTIONS
+from modelsel.mechanisms.causes import Applied, Named, shifted
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.dh import compute_dh_rows
 from modelsel.robot.files import builtin_names, load_robot, read_robot, robot_from_table
@@ -221,8 +224,8 @@ def test_python_stands_alone(made, tmp_path) -> None:
 
 
 def test_python_knows_every_derived_cause(rng) -> None:
-    """Moments, torques with masses and without, the direction of gravity, coordinates and range: on
-    three arms."""
+    """Moments, torques with masses and without, the direction of gravity, coordinates, range, reach
+    and every function: on three arms."""
     for name in ("puma760", "ur5", "irb120"):
         robot = load_robot(name)
         names = (
@@ -236,7 +239,11 @@ def test_python_knows_every_derived_cause(rng) -> None:
             "settle:2",
             "backlash:2",
         )
-        model = Model(tuple(mechanism(n, robot) for n in names))
+        turned = shifted(3.0 * Named("q2", "rad"), 0.7)
+        causes = [Applied(function, turned) for function in FUNCTIONS]
+        own = build_cell((1, "tz"), (1e-3 * Named("reach_mm", "mm"), *causes))
+        sized = replace(own, terms=tuple(replace(t, size=(0.01, 0.2)) for t in own.terms))
+        model = Model((*(mechanism(n, robot) for n in names), sized))
         at = replace(drawn(robot, rng, 60), whitening=Whitening(50.0))
         theta = np.array([t.size[0] + 0.1 * (t.size[1] - t.size[0]) for t in model.terms])
         at = planted(at, model.terms, theta, rng, 0.02)

@@ -103,8 +103,10 @@ def test_no_cause_is_claimed_of_what_no_list_has(kind: str, rng: np.random.Gener
 SHAPES: dict[CandidateKind, Values] = {
     CandidateKind.GROWTH: lambda s: s.progress * np.sin(s.q[:, 2] + 0.4),
     CandidateKind.JUMP: lambda s: (s.q[:, 2] > np.quantile(s.q[:, 2], 0.4)).astype(float),
-    CandidateKind.PERIOD: lambda s: np.mod(6 * s.q[:, 2] + 0.9, 2 * np.pi) / np.pi - 1,
+    CandidateKind.PERIOD: lambda s: np.sin(6 * s.q[:, 2]) + 0.7 * np.sin(12 * s.q[:, 2] + 2.0),
+    CandidateKind.SAW: lambda s: np.mod(6 * s.q[:, 2] + 0.9, 2 * np.pi) / np.pi - 1,
     CandidateKind.POWER: lambda s: s.moment(3)[:, 2] * np.abs(s.moment(3)[:, 2]),
+    CandidateKind.PULL: lambda s: np.maximum(s.q[:, 1] - np.quantile(s.q[:, 1], 0.45), 0) ** 2,
 }
 
 

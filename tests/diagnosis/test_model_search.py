@@ -18,6 +18,7 @@ from modelsel._typing import Array
 from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.conclusion import conclude, prove
 from modelsel.diagnosis.evidence import MIN_LOG_ODDS
+from modelsel.diagnosis.mechanism_families import count_kin
 from modelsel.diagnosis.model_pool import Pool, _Group
 from modelsel.diagnosis.model_search import VisitedModels, visit_models
 from modelsel.diagnosis.state import Search
@@ -80,7 +81,7 @@ def compute_posterior(
     left = response @ np.linalg.solve(C, response) / (response @ response)
     evidence = -0.5 * np.linalg.slogdet(C)[1] - COORDINATES / 2 * np.log(left)
     # members 0 and 2 are one mechanism in two joints
-    kin = np.log(10) if {0, 2} <= ratios.keys() else 0.0
+    kin = np.log(20) if {0, 2} <= ratios.keys() else 0.0
     return float(evidence + sum(pool.log_prior[g] for g in ratios) + kin)
 
 
@@ -209,3 +210,10 @@ def test_two_effects_of_a_place_are_not_held_by_one() -> None:
     assert included[1] == pytest.approx([0.6])
     # what both sets have is as sure as ever
     assert included[0] == pytest.approx([1.0])
+
+
+def test_only_the_same_mechanism_in_another_joint_is_kin() -> None:
+    assert count_kin(["settle:1", "settle:2", "settle:3"]) == 2
+    assert count_kin(["joint2-twist", "joint3-twist", "settle:3"]) == 0
+    assert count_kin(["fault:read-too-early", "settle:3"]) == 0
+    assert count_kin([]) == 0

@@ -15,7 +15,17 @@ from modelsel.measurements.state_names import is_state_name, parse_state_name, s
 from modelsel.mechanisms.causes import Named, q, torque
 from modelsel.robot.files import load_robot
 
-NAMES = ("q2", "approach3", "move1", "range_mm", "x_mm", "torque2", "moment_y", "moment2_x_3")
+NAMES = (
+    "q2",
+    "approach3",
+    "move1",
+    "range_mm",
+    "reach_mm",
+    "x_mm",
+    "torque2",
+    "moment_y",
+    "moment2_x_3",
+)
 
 
 def test_every_name_of_the_table_is_read_back_as_it_was_written() -> None:

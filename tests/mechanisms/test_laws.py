@@ -12,7 +12,7 @@ import pytest
 from builders import drawn, one
 
 from modelsel.fitting import design
-from modelsel.mechanisms.causes import Cause, Named, Number, cos, q, sin
+from modelsel.mechanisms.causes import Applied, Cause, Named, Number, cos, q, sin
 from modelsel.mechanisms.geometry import build_setup
 from modelsel.mechanisms.registry import BUILTIN, Scanned, build_mechanisms, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term, unstorable
@@ -113,6 +113,8 @@ def test_names(robot) -> None:
         Named("move3", "rad"),
         Named("payload_kg", "kg") * cos(q(2)),
         Named("range_mm", "mm"),
+        Named("reach_mm", "mm"),
+        Applied("saw", 3.0 * q(2)),
         Named("temperature_C", "°C") - 20.0,
         Named("moment_x", "N m") / (Number(2.0) + q(1) * q(1)),
     ],

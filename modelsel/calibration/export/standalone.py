@@ -16,13 +16,14 @@ import numpy as np
 Array = np.ndarray
 Data = dict[str, Any]
 G = 9.81
-FUNCTIONS = {
+FUNCTIONS: dict[str, Any] = {
     "sin": np.sin,
     "cos": np.cos,
     "sign": np.sign,
     "abs": np.abs,
     "exp": np.exp,
     "tanh": np.tanh,
+    "saw": lambda angle: 2 * (angle / (2 * np.pi) % 1) - 1,
 }
 OPERATORS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide}
 
@@ -75,6 +76,15 @@ def walk_chain(data: Data, q: Array, tool: Array, H: Array) -> tuple[Array, Arra
     return np.array(origins), np.array(rotations)
 
 
+def measure_reach(data: Data, x: Array) -> Array:
+    """Return how far targets (m, 3) are from joint 1's axis."""
+    first = np.array(data["before"][0])
+    sideways, upward, _, origin = first.T
+    line = x - origin
+    reach = np.hypot(line @ sideways, line @ upward)
+    return np.asarray(reach)
+
+
 def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     """Derive what follows from the readings on the nominal arm: torques and moments [N m] of
     gravity, where the target is [mm]."""
@@ -88,6 +98,7 @@ def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     out = {f"q{j + 1}": q[:, j] for j in range(n)}
     out |= dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
     out["range_mm"] = np.linalg.norm(far, axis=1)
+    out["reach_mm"] = measure_reach(data, x)
     if data["gravity"] is None:
         return out
     g = np.array(data["gravity"])

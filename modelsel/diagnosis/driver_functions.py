@@ -1,0 +1,34 @@
+"""Functions of one driver over the range that was measured: what an error may do with it."""
+
+from __future__ import annotations
+
+from ..fitting.problem import Problem
+from ..mechanisms.causes import Applied, Cause, Named
+
+# how far a driver goes beyond the linear part of what levels off, at the ends of its range
+LEVELS_OFF = 2.0
+
+
+def scale_driver(problem: Problem, name: str) -> Cause:
+    """A driver from -1 to 1 over its range."""
+    values = problem.state.value(name)
+    low = float(values.min())
+    high = float(values.max())
+    middle = _round(0.5 * (low + high))
+    half = _round(0.5 * (high - low))
+    units = problem.names()
+    unit = units.get(name, "1")
+    driver = Named(name, unit)
+    return (driver - middle) * (1 / half)
+
+
+def _round(value: float) -> float:
+    """Round to six digits, as formulas print them."""
+    return float(f"{value:.6g}")
+
+
+def level_off(problem: Problem, name: str, strength: float = LEVELS_OFF) -> Cause:
+    """A function of a driver that is linear in the middle of its range and levels off at the ends."""
+    scaled = scale_driver(problem, name)
+    argument = strength * scaled
+    return Applied("tanh", argument)

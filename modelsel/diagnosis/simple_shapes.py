@@ -1,0 +1,137 @@
+"""Simple shapes beside the free functions that stand against a finding: few numbers, many constants.
+
+A wave of a joint may be the first of a saw's; what two drivers do may be a product of two functions
+that level off. Where one of them holds, it leaves less open than a free function."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from itertools import permutations, product
+
+import numpy as np
+
+from .._typing import Array
+from ..fitting.problem import Problem
+from ..mechanisms.causes import Applied, Cause, q, shifted
+from ..mechanisms.terms import Mechanism
+from .arm_shapes import build_pulls, choose_onsets, list_turning
+from .driver_functions import level_off, scale_driver
+from .unregistered import build_cell
+
+# how far two drivers go beyond the linear part of what levels off
+STRENGTHS = (1.5, 3.0)
+# shares of a joint's range beyond which it may pull another one
+ONSETS = tuple(k / 20 for k in range(2, 19))
+# moments in a saw's tooth at which it may fall back
+FALLS = 128
+WAVE = re.compile(r"(?:sin|cos)\((?:([\d.]+)\*)?q\d+\)")
+
+
+def generate_products(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
+    """Generate products of functions of a finding's two drivers at its one place: a function of one
+    of them, and that times one of the other. None for any other finding."""
+    places = list(found.names_by_place())
+    drivers = sorted(found.names())
+    if len(places) != 1 or len(drivers) != 2:
+        return
+    if not all(_varies(problem, name) for name in drivers):
+        return
+    functions = {name: _list_functions(problem, name) for name in drivers}
+    for first, second in permutations(drivers):
+        pairs = product(functions[first], functions[second])
+        for one, other in pairs:
+            both = one * other
+            yield build_cell(places[0], (one, both))
+
+
+def _varies(problem: Problem, name: str) -> bool:
+    values = problem.state.value(name)
+    width = np.ptp(values)
+    return bool(width)
+
+
+def _list_functions(problem: Problem, name: str) -> list[Cause]:
+    """List what may be a factor: a driver as it is, and levelling off."""
+    functions = [scale_driver(problem, name)]
+    for strength in STRENGTHS:
+        bent = level_off(problem, name, strength)
+        functions.append(bent)
+    return functions
+
+
+def generate_saws(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
+    """Generate saws of as many teeth a turn as a joint's wave has, which fall back between readings
+    that were measured. None for any other finding."""
+    joint, teeth = find_own_wave(found)
+    if not teeth:
+        return
+    (place,) = found.names_by_place()
+    angle = float(teeth) * q(joint)
+    readings = problem.data.q[:, joint - 1]
+    often = "once a turn"
+    if teeth > 1:
+        often = f"{teeth} times a turn"
+    for fall in _choose_falls(teeth * readings):
+        saw = Applied("saw", shifted(angle, -fall))
+        yield build_cell(
+            place=place,
+            causes=(saw,),
+            sentence=f"Joint {joint} errs more and more and falls back, {often}",
+        )
+
+
+def _choose_falls(angles: Array) -> Iterator[float]:
+    """Choose angles within a turn between those that were measured, at most FALLS."""
+    turn = 2 * np.pi
+    phases = np.mod(angles, turn)
+    distinct = np.unique(phases)
+    end = distinct[0] + turn
+    gaps = np.diff(distinct, append=end)
+    between = distinct + 0.5 * gaps
+    number = len(between)
+    count = min(FALLS, number)
+    chosen = np.linspace(0, number - 1, count)
+    for place in chosen:
+        fall = between[round(place)]
+        rounded = f"{fall:.6g}"
+        yield float(rounded)
+
+
+def generate_pulls(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
+    """Generate pulls of a joint by another one, beyond many readings of that. None for a finding
+    that does not turn one joint with another one's reading."""
+    places = list(found.names_by_place())
+    drivers = list(found.names())
+    if len(places) != 1 or len(drivers) != 1:
+        return
+    (joint, axis), driver = places[0], drivers[0]
+    turning = list_turning(problem.robot)
+    others = {f"q{k}": k for k in turning if k != joint}
+    if axis != "rz" or joint not in turning or driver not in others:
+        return
+    readings = problem.state.value(driver)
+    for onset in choose_onsets(readings, ONSETS):
+        yield from build_pulls(joint, others[driver], onset)
+
+
+def find_own_wave(found: Mechanism) -> tuple[int, int]:
+    """Find the joint of whose own angle a finding is a wave, and how many it has a turn: 0 where it
+    is none, or no whole number."""
+    places = list(found.names_by_place())
+    joint, _ = places[0]
+    if len(places) > 1 or found.names() != {f"q{joint}"}:
+        return joint, 0
+    counts = []
+    for term in found.terms:
+        (screw,) = term.screws
+        cause = str(screw.cause)
+        wave = WAVE.fullmatch(cause)
+        if wave is None:
+            return joint, 0
+        count = float(wave[1] or 1)
+        counts.append(count)
+    fewest = min(counts)
+    if fewest % 1:
+        return joint, 0
+    return joint, int(fewest)
