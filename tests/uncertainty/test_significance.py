@@ -19,6 +19,7 @@ from modelsel.mechanisms.causes import Named, q, sin
 from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.selection.cross_validation import fold_by_unit
 from modelsel.selection.evaluation import Split, evaluate
+from modelsel.uncertainty import bootstrap
 from modelsel.uncertainty.bootstrap import draw_half_samples, draw_signs, run_bootstrap
 from modelsel.uncertainty.parameters import (
     bootstrap_parameters,
@@ -194,9 +195,13 @@ def test_no_held_out_and_no_freedom(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.integration
-def test_bootstrap_is_the_cluster_robust_formula(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("many", [bootstrap.MANY_UNITS, 0], ids=("signs", "normal"))
+def test_bootstrap_is_the_cluster_robust_formula(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, many: int
+) -> None:
     """Against CR2 written out with dense matrices (Bell & McCaffrey 2002), two targets a
-    configuration."""
+    configuration; of many units, too, whose signs are not drawn one by one."""
+    monkeypatch.setattr(bootstrap, "MANY_UNITS", many)
     bare = drawn(ARM, rng, 40)
     pairs = replace(
         bare.data,
@@ -305,8 +310,12 @@ def test_shrunk_parameters_have_their_prior_in_the_bootstrap(rng: np.random.Gene
     assert np.allclose(found.errors, linear_posterior(fitted).spread, rtol=0.25)
 
 
-def test_draws_do_not_hang_on_the_factorisation(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("many", [bootstrap.MANY_UNITS, 0], ids=("signs", "normal"))
+def test_draws_do_not_hang_on_the_factorisation(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, many: int
+) -> None:
     """Another sign of the factor's columns is the same covariance, and gives the same draws."""
+    monkeypatch.setattr(bootstrap, "MANY_UNITS", many)
     model = Model((one(1, "tx"), one(1, "rz"), one(2, "rz", sin(q(1)))))
     problem = planted(drawn(ARM, rng, 30), model.terms, np.zeros(3), rng, 0.1)
     fitted = fit(problem, model, precision=np.array([0.0, 0.0, 1e4]))
