@@ -10,6 +10,7 @@ of unit variance (the innovations of the block's rows, in their order)."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -175,10 +176,13 @@ class Mixing:
 
 def _gather(values: Array, rows: Index) -> Array:
     """Gather values (..., c, m) of rows (B, k) as (B, k·c, p)."""
-    c, m = values.shape[-2:]
-    flat = values.reshape(-1, c, m)
+    *leading, c, m = values.shape
+    # of no values at all, too: then no size may be left open
+    count = math.prod(leading)
+    flat = values.reshape(count, c, m)
     own = flat[:, :, rows].transpose(2, 3, 1, 0)
-    return np.ascontiguousarray(own).reshape(len(rows), -1, len(flat))
+    blocks, size = rows.shape
+    return np.ascontiguousarray(own).reshape(blocks, size * c, count)
 
 
 def _scatter(values: Array, rows: Index, own: Array) -> None:

@@ -162,6 +162,15 @@ def test_some_rows_are_as_if_there_were_no_others(rng: np.random.Generator, kind
     )
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_values_are_made_independent(rng: np.random.Generator, kind: Kind) -> None:
+    """A model without terms has no columns."""
+    mixing = mix(keep_within(kind(rng)))
+    nothing = np.zeros((0, C, M))
+    assert mixing.apply(nothing.copy()).shape == nothing.shape
+    assert mixing.apply_transposed(nothing.copy()).shape == nothing.shape
+
+
 def test_blocks_join_rows_that_share_by_others() -> None:
     level = np.array([0, 0, 1, 1, 2, 3])
     other = np.array([0, 1, 1, 2, 3, 4])
