@@ -223,7 +223,8 @@ class Views:
         products = self.columns.dot(columns.T)
         by_term = np.ascontiguousarray(products.T)
         for key, column, product in zip(new, columns, by_term, strict=True):
-            self._known[key] = column, product
+            # copies: a row of either would keep all the others
+            self._known[key] = column.copy(), product.copy()
 
     def _forget(self, used: Sequence[TermKey]) -> None:
         """Forget the oldest columns where they are many, but for those in use."""
