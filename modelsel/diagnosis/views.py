@@ -19,15 +19,18 @@ from ..fitting.design import Model
 from ..fitting.least_squares import Fit
 from ..fitting.prior import prior_root
 from ..fitting.problem import Problem
-from ..mechanisms.terms import Mechanism, Term, TermKey
+from ..mechanisms.terms import Mechanism, TermKey
 from .candidate_columns import Columns, stack_design
 from .candidates import Candidate
 from .scan import Released, Response, Scan, assemble_scan, build_scan_without, compute_basis
+from .screw_columns import split_range
 
 # share of an added column beyond the columns before it from which its products keep their digits
 OWN_SHARE = 1e-6
 # numbers of added columns, and of their products with the candidates, that are kept
-KEPT_NUMBERS = 5_000_000
+KEPT_NUMBERS = 2_000_000
+# candidates' columns that are multiplied at a time
+PIECE = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,12 +179,12 @@ class Views:
     def _extend(self, fitted: Fit) -> _Projection | None:
         """Extend the base's projection; None where nothing is added, or depends on what is there."""
         first = self.first
-        inside = first.scan.inside
         before = first.A.shape[1]
-        more = fitted.terms[before:]
+        keys = [term.key for term in fitted.terms]
+        more = keys[before:]
         if not more:
             return None
-        columns, products = self._expand(more)
+        columns = self._expand(more)
         root = prior_root(fitted.terms, fitted.precision)
         of_data = np.column_stack([first.A, columns])
         A = np.vstack([of_data, root])
@@ -194,28 +197,40 @@ class Views:
         is_own = np.abs(np.diagonal(R)) > OWN_SHARE * size
         if not is_own.all():
             return None
-        added = [k - before for k in own]
-        beyond = products[added] - along.T @ inside.T
+        added = [keys[k] for k in own]
+        inside = self._multiply(added, along, R)
         return _Projection(
             kept=(*first.kept, *own),
             A=A,
             Q=np.column_stack([basis, Q]),
             R=_stack_triangles(first.R, along, R),
-            inside=np.column_stack([inside, _divide(beyond, R)]),
+            inside=inside,
         )
 
-    def _expand(self, terms: Sequence[Term]) -> tuple[Array, Array]:
-        """Compute the columns (N, k) of some terms, and their products (k, C) with all candidates;
-        those of the last models are known."""
-        keys = [term.key for term in terms]
+    def _expand(self, keys: Sequence[TermKey]) -> Array:
+        """Compute the columns (N, k) of some terms; those of the last models are known."""
         new = [key for key in keys if key not in self._known]
         if new:
             self._learn(new)
         self._forget(keys)
         known = [self._known[key] for key in keys]
         columns = np.array([column for column, _ in known])
-        products = np.array([product for _, product in known])
-        return columns.T, products
+        return columns.T
+
+    def _multiply(self, keys: Sequence[TermKey], along: Array, R: Array) -> Array:
+        """Multiply all candidates by the base's basis and by what some terms add, which are
+        Q along + Q_new R: (C, r + k), filled piece by piece."""
+        inside = self.first.scan.inside
+        count, size = inside.shape
+        products = np.empty((count, size + len(keys)))
+        products[:, :size] = inside
+        added = products[:, size:]
+        for number, key in enumerate(keys):
+            _, added[:, number] = self._known[key]
+        for rows in split_range(count, PIECE):
+            beyond = added[rows] - inside[rows] @ along
+            added[rows] = _divide(beyond, R)
+        return products
 
     def _learn(self, new: Sequence[TermKey]) -> None:
         """Work out the columns of some terms, and the products of all candidates with them."""
@@ -261,9 +276,9 @@ def _stack_triangles(first: Array, across: Array, last: Array) -> Array:
     return np.block(both)
 
 
-def _divide(rows: Array, triangle: Array) -> Array:
-    """Compute (C, k) the columns that rows (k, C) are, times the inverse of an upper triangle."""
+def _divide(matrix: Array, triangle: Array) -> Array:
+    """Compute a matrix (C, k) times the inverse of an upper triangle (k, k)."""
     from scipy.linalg import solve_triangular
 
-    solved = solve_triangular(triangle, rows, trans="T", check_finite=False)
+    solved = solve_triangular(triangle, matrix.T, trans="T", check_finite=False)
     return np.asarray(solved.T)
