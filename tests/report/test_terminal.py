@@ -17,7 +17,7 @@ from modelsel.report.drawing import read_source
 from modelsel.report.terminal import WIDTH, Amount, show_study
 from modelsel.report.terminal_summary import _describe_standing
 from modelsel.report.text_tables import Row, write_table
-from modelsel.results.study_sentences import describe_name_probability, describe_probability
+from modelsel.results.study_sentences import describe_name_probability
 
 SCREEN = 40
 
@@ -59,12 +59,12 @@ def test_verdict_comes_first_on_one_screen(drawn) -> None:
 
 
 def test_unproven_finding_has_the_probability_of_its_name(drawn) -> None:
-    """That of a place which is not proven is another figure, and stands beside no name."""
+    """Where not even the place is proven, what it could be stands in the sentence above, with the
+    probabilities; none is told twice."""
     finding = read_source(drawn).record.findings[0]
     claim = finding.claim.model_copy(update={"level": "place", "probability": 0.54})
     unproven = finding.model_copy(update={"claim": claim})
-    probability = describe_probability(finding)
-    assert _describe_standing(unproven, "a") == f"a, probability {probability}"
+    assert _describe_standing(unproven, "a") == "best described by a"
     proven = claim.model_copy(update={"probability": 0.97})
     partly = finding.model_copy(update={"claim": proven})
     named = describe_name_probability(finding)
