@@ -54,6 +54,8 @@ def load_later(
     c: Calibration, file: DataFile, log: JointLog | None, columns: Mapping[str, str]
 ) -> LaterFiles:
     """Load a file of the form of a study's, or points and readings in two. Raises DataError."""
+    import hashlib
+
     from ..measurements.table import DataFile, hash_source, load_table
 
     if log is None:
@@ -62,8 +64,6 @@ def load_later(
         if c.form.joined:
             _refuse_points_alone(table, mapping)
         return LaterFiles(table, mapping, (mapped,) if mapped else (), hash_source(file))
-    import hashlib
-
     from ..study.joined_study import draft_joined_study, map_later_columns
     from ..study.study_folder import write_joined_table
 

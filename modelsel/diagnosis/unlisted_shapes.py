@@ -192,8 +192,8 @@ def _generate_shapes(problem: Problem, parts: dict[Place, Drivers]) -> Iterator[
     """Generate free functions of the own drivers at the own places.
 
     Of two drivers each has its turn: a free function of it, and one times the other, which may level
-    off towards the ends of its range. What depends on
-    the course of the campaign may be a free function of the other driver that grows, too."""
+    off towards the ends of its range. What depends on the course of the campaign may be a free
+    function of the other driver that grows, too."""
     shaped = {
         place: sorted(name for name in drivers if _has_shape(problem, name))
         for place, drivers in parts.items()

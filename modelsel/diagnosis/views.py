@@ -136,7 +136,7 @@ def _see(problem: Problem, columns: Columns, fitted: Fit, projected: _Projection
     raw = np.concatenate([of_data, of_prior])
     along = Q.T @ raw
     residual = raw - Q @ along
-    square = float(residual @ residual)
+    scan = assemble_scan(columns, Q, projected.inside)
     return View(
         model=fitted.model,
         fitted=fitted,
@@ -147,8 +147,8 @@ def _see(problem: Problem, columns: Columns, fitted: Fit, projected: _Projection
         raw=raw,
         along=along,
         residual=residual,
-        scan=assemble_scan(columns, Q, projected.inside),
-        response=Response(columns.dot(residual), square),
+        scan=scan,
+        response=scan.see(residual),
     )
 
 
