@@ -25,6 +25,7 @@ from .scan import build_scan, build_scan_without
 from .sentences import has_contrary_signs
 from .signatures import LEVELS, PROVEN
 from .state import Search
+from .told_first import find_agreed, find_constant
 from .unlisted_shapes import Company, Rival, list_company, list_rivals
 from .views import View
 
@@ -33,8 +34,8 @@ SHAPED = [LEVELS.index(level) >= LEVELS.index("shape") for level in LEVELS]
 
 
 class Weighed(NamedTuple):
-    """The probability (4,) of every level of effects by their candidates, and shapes that no list
-    has which explain some effects better: (the effects, the shape)."""
+    """The probability (4,) of every level of effects by their candidates, and candidates that tell
+    some effects better: (the effects, the candidate)."""
 
     levels: dict[int, Array]
     better: list[tuple[tuple[int, ...], Candidate]]
@@ -76,8 +77,8 @@ def _see_beside(
 def _weigh_alone(search: Search, view: View, g: int) -> tuple[Array, Candidate | None]:
     """Weigh an effect against its credible set and its rivals.
 
-    Returns the probability (4,) of each level, and the rival that is clearly more probable, if any
-    is."""
+    Returns the probability (4,) of each level, and what should be told instead, if anything: the
+    rival that is clearly more probable, or the explanation on whose place and drivers most agree."""
     own = search.found[g]
     rivals = list_rivals(search.problem, own)
     scan, response = view.scan_without(own)
@@ -100,8 +101,15 @@ def _weigh_alone(search: Search, view: View, g: int) -> tuple[Array, Candidate |
     if has_contrary_signs(own.mechanism, view.fitted.theta[search.locate_terms(g, view)]):
         levels[-1] = 0.0
     best = int(np.argmax(logs[count:])) if others else -1
-    is_better = others and logs[count + best] - logs[:count].max() > MIN_LOG_ODDS
-    return levels, others[best] if is_better else None
+    if others and logs[count + best] - logs[:count].max() > MIN_LOG_ODDS:
+        return levels, others[best]
+    agreed = find_agreed(search.signatures, g, probability[:count], levels)
+    if agreed is not None:
+        return levels, search.found[agreed]
+    known = np.isfinite(log_prior)
+    evidence = np.full_like(logs, -np.inf)
+    np.subtract(logs, log_prior, out=evidence, where=known)
+    return levels, find_constant((*search.found, *others), g, evidence)
 
 
 def _agree(search: Search, g: int) -> list[Array]:

@@ -16,7 +16,6 @@ from .._typing import Array
 from ..fitting.design import Model
 from ..fitting.least_squares import STEP_MM, Fit
 from ..fitting.shrinkage import fit_shrunk
-from ..mechanisms.terms import Mechanism
 from .after_selection import AfterSelection, allow_for_search, find_limit
 from .candidates import Candidate
 from .claims import Weighed, build_claim, weigh_claims
@@ -170,19 +169,25 @@ def _settle(explored: Exploration) -> _Settled:
 def _take_shapes(
     explored: Exploration, settled: _Settled, better: Sequence[tuple[tuple[int, ...], Candidate]]
 ) -> Exploration:
-    """Put shapes that no list has in the place of effects, and let the search go on.
+    """Put what tells effects better in their place, and let the search go on.
 
-    An effect that has given way to one shape does not give way to another."""
+    An effect that has given way once does not give way again."""
     before, chosen, path = explored.search, settled.chosen, list(explored.progress.path)
-    shapes: dict[Mechanism, Candidate] = {}
-    for members, shape in better:
+    found = list(before.found)
+    place = {candidate.mechanism: g for g, candidate in enumerate(found)}
+    added: list[int] = []
+    for members, candidate in better:
         if set(members) <= set(chosen):
             left = " & ".join(before.found[g].label for g in members)
-            path.append(f"{left} -> {shape.label}")
+            path.append(f"{left} -> {candidate.label}")
             chosen = [g for g in chosen if g not in members]
-            shapes.setdefault(shape.mechanism, shape)
-    search = before.offer(tuple(shapes.values()))
-    chosen += range(len(before.found), len(search.found))
+            g = place.setdefault(candidate.mechanism, len(found))
+            if g == len(found):
+                found.append(candidate)
+            added.append(g)
+    shapes = tuple(found[len(before.found) :])
+    search = before.offer(shapes) if shapes else before
+    chosen += [g for g in dict.fromkeys(added) if g not in chosen]
     further = explore_further(search, chosen, settled.view.fitted, path)
     return further or explored
 

@@ -27,8 +27,11 @@ def _round(value: float) -> float:
     return float(f"{value:.6g}")
 
 
-def level_off(problem: Problem, name: str, strength: float = LEVELS_OFF) -> Cause:
-    """A function of a driver that is linear in the middle of its range and levels off at the ends."""
+def level_off(
+    problem: Problem, name: str, strength: float = LEVELS_OFF, centre: float = 0.0
+) -> Cause:
+    """A function of a driver that is linear around a part of its range, by default the middle, and
+    levels off towards the ends."""
     scaled = scale_driver(problem, name)
-    argument = strength * scaled
+    argument = strength * (scaled - centre) if centre else strength * scaled
     return Applied("tanh", argument)

@@ -12,13 +12,14 @@ import numpy as np
 
 from .._typing import Array
 from ..fitting.problem import Problem
-from ..mechanisms.causes import Applied, Cause, Named, cos, q, shifted, sign, sin, torque
+from ..mechanisms.causes import Cause, Named, cos, q, shifted, sign, sin
 from ..mechanisms.drives import RIPPLING_PARTS
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism
 from ..robot.gravity import find_gravity_joints
 from ..robot.kinematics import Robot
 from .candidate_kinds import CandidateKind
+from .torque_powers import SQUARE, build_powers
 from .unregistered import Causes, Unregistered, build_cell
 
 # angles at which a jump is looked for, and readings that each side needs
@@ -33,7 +34,7 @@ def generate_joint_shapes(problem: Problem) -> Iterator[Unregistered]:
     """Generate the shapes of every joint; each kind of a joint weighs as much as a cell."""
     yield from _generate_growing(problem)
     yield from _generate_jumps(problem)
-    yield from _generate_powers(problem.robot)
+    yield from _generate_powers(problem)
     yield from _generate_periods(problem.robot)
 
 
@@ -74,11 +75,11 @@ def _choose_places(readings: Array) -> Array:
     return np.array([float(f"{place:.6g}") for place in between[chosen]])
 
 
-def _generate_powers(robot: Robot) -> Iterator[Unregistered]:
-    for j in find_gravity_joints(robot):
-        square = torque(j) * Applied("abs", torque(j))
-        sentence = f"Joint {j} yields with the square of the gravity torque about it"
-        yield Unregistered(_build(robot, j, (square,), sentence), CandidateKind.POWER, 1.0)
+def _generate_powers(problem: Problem) -> Iterator[Unregistered]:
+    for j in find_gravity_joints(problem.robot):
+        powers = build_powers(problem, j)
+        if powers:
+            yield Unregistered(powers[SQUARE], CandidateKind.POWER, 1.0)
 
 
 def _generate_periods(robot: Robot) -> Iterator[Unregistered]:

@@ -28,7 +28,7 @@ def read_signatures(found: Sequence[Candidate]) -> tuple[Index, ...]:
     """Read off every candidate what it says at each level: equal numbers (G,) say the same, -1
     nothing."""
     signatures = []
-    for read in (_read_place, _read_drivers, _read_shape, _read_cause):
+    for read in (_read_place, read_drivers, _read_shape, _read_cause):
         known: dict[Hashable, int] = {}
         said = [read(candidate) for candidate in found]
         signatures.append(
@@ -41,7 +41,8 @@ def _read_place(candidate: Candidate) -> Hashable:
     return frozenset(candidate.mechanism.names_by_place()) or None
 
 
-def _read_drivers(candidate: Candidate) -> Hashable:
+def read_drivers(candidate: Candidate) -> Hashable:
+    """Read where a candidate moves the arm, and on what that depends; None for nothing."""
     return frozenset(candidate.mechanism.names_by_place().items()) or None
 
 

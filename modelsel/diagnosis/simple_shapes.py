@@ -19,8 +19,10 @@ from .arm_shapes import build_pulls, choose_onsets, list_turning
 from .driver_functions import level_off, scale_driver
 from .unregistered import build_cell
 
-# how far two drivers go beyond the linear part of what levels off
+# how far two drivers go beyond the linear part of what levels off, and in the middle of which part
+# of their range, from -1 to 1, they are linear
 STRENGTHS = (1.5, 3.0)
+CENTRES = (-0.4, 0.0, 0.4)
 # shares of a joint's range beyond which it may pull another one
 ONSETS = tuple(k / 20 for k in range(2, 19))
 # moments in a saw's tooth at which it may fall back
@@ -54,8 +56,8 @@ def _varies(problem: Problem, name: str) -> bool:
 def _list_functions(problem: Problem, name: str) -> list[Cause]:
     """List what may be a factor: a driver as it is, and levelling off."""
     functions = [scale_driver(problem, name)]
-    for strength in STRENGTHS:
-        bent = level_off(problem, name, strength)
+    for strength, centre in product(STRENGTHS, CENTRES):
+        bent = level_off(problem, name, strength, centre)
         functions.append(bent)
     return functions
 

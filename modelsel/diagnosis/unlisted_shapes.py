@@ -20,6 +20,7 @@ from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .driver_functions import level_off, scale_driver
 from .simple_shapes import generate_products, generate_pulls, generate_saws
+from .torque_powers import generate_powers
 from .unregistered import Place, build_bumps, list_places
 
 Drivers = frozenset[str]
@@ -35,6 +36,7 @@ SIMPLE = {
     CandidateKind.SHAPE: generate_products,
     CandidateKind.SAW: generate_saws,
     CandidateKind.PULL: generate_pulls,
+    CandidateKind.POWER: generate_powers,
 }
 # how a free function of one driver may change with another one
 FACTORS = (scale_driver, level_off)

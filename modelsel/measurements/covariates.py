@@ -22,7 +22,7 @@ MAX_KNOWN_COVARIATE = 1e12
 MAX_COVARIATE = 1e30
 # absolute zero: a colder one is no temperature
 LEAST_COVARIATE = {"temperature_C": -273.15}
-FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "saw", "free"}
+FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "root", "saw", "free"}
 
 
 # names of columns that only count the rows where they do

@@ -21,6 +21,13 @@ def rise_and_fall_back(angle: Array) -> Array:
     return np.asarray(risen)
 
 
+def take_signed_root(value: Array) -> Array:
+    """Take the square root of the absolute value, with the sign of the value."""
+    size = np.abs(value)
+    root = np.sqrt(size)
+    return np.asarray(np.copysign(root, value))
+
+
 FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "sin": np.sin,
     "cos": np.cos,
@@ -28,7 +35,8 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "abs": np.abs,
     "exp": np.exp,
     "tanh": np.tanh,
+    "root": take_signed_root,
     "saw": rise_and_fall_back,
 }
 # of them those whose value has no unit, whatever that of the argument
-DIMENSIONLESS = {"sin", "cos", "sign", "exp", "tanh", "saw"}
+DIMENSIONLESS = {"sin", "cos", "sign", "exp", "tanh", "root", "saw"}

@@ -173,7 +173,7 @@ class Combined(Cause):
         if b == "1":
             return a
         if self.operator == "/":
-            return f"{a}/{b}"
+            return "1" if a == b else f"{a}/{b}"
         if a == "1":
             return b
         return f"{a} {b}"

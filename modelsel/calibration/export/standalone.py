@@ -23,6 +23,7 @@ FUNCTIONS: dict[str, Any] = {
     "abs": np.abs,
     "exp": np.exp,
     "tanh": np.tanh,
+    "root": lambda value: np.sign(value) * np.sqrt(np.abs(value)),
     "saw": lambda angle: 2 * (angle / (2 * np.pi) % 1) - 1,
 }
 OPERATORS = {"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide}

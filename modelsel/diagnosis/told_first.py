@@ -1,0 +1,67 @@
+"""Which explanation of a finding is told: the one on whose place and drivers most of them agree, with
+the likeliest constant of its shape.
+
+Where something moves is told first, then on what that depends: several names of one place may be
+likelier together than the most probable name, which has another place. A shape whose constant is
+open (the angle of a jump, the power of a torque) was looked for with some constants; which of many it
+is costs nothing to ask once the shape stands."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .._typing import Array, Index
+from .candidate_kinds import CandidateKind
+from .candidates import Candidate
+from .signatures import read_drivers
+
+# levels that are told first: place and drivers
+FIRST_LEVELS = 2
+# kinds of one shape with a constant: the angle at which something sets in, a power
+WITH_CONSTANT = (CandidateKind.JUMP, CandidateKind.SAW, CandidateKind.PULL, CandidateKind.POWER)
+# log evidence by which a constant is not likelier than another
+SAME = 0.1
+
+
+def find_agreed(
+    signatures: Sequence[Index], g: int, probability: Array, levels: Array
+) -> int | None:
+    """Find the most probable explanation with the place, and then the drivers, that hold most
+    probability (G,) together; None where candidate g has these, or holds as much.
+
+    `signatures`: what every candidate says, level by level, -1 nothing; `levels`: the probability
+    of what candidate g says, of rivals that are no candidates, too."""
+    agree = np.ones(len(probability), bool)
+    for known, own in zip(signatures[:FIRST_LEVELS], levels, strict=False):
+        agree &= known >= 0
+        if not agree.any():
+            break
+        totals = np.bincount(known[agree], weights=probability[agree])
+        most = int(totals.argmax())
+        agree &= known == most
+        if most == known[g]:
+            continue
+        if totals[most] > own:
+            return int(np.where(agree, probability, -1.0).argmax())
+        break
+    return None
+
+
+def find_constant(found: Sequence[Candidate], g: int, evidence: Array) -> Candidate | None:
+    """Find the shape of candidate g with the likeliest constant by its log evidence (G,), whatever
+    the priors; it takes over the prior. None where candidate g has it, or has no constant."""
+    own = found[g]
+    if own.kind not in WITH_CONSTANT:
+        return None
+    drivers = read_drivers(own)
+    alike = []
+    for k, other in enumerate(found):
+        if other.kind is own.kind and read_drivers(other) == drivers:
+            alike.append(k)
+    best = max(alike, key=lambda k: evidence[k])
+    if evidence[best] <= evidence[g] + SAME:
+        return None
+    return replace(found[best], prior=own.prior)
