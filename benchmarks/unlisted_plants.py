@@ -19,6 +19,13 @@ the package come only the robots' drawings. What is true, kind by kind:
 | noise that varies: up to 1 to 8 times louder with sin(qj) | - | - | none |
 | constant tool error: the target off by c | - | - | none: geometry has it |
 | lag of joints 1 to 3: each by its own share of its last move | joints 1 to 3 | own last moves | settle:1, settle:2, settle:3 |
+| bump: θj + c exp(-(qj - a)²/2w²), w 0.2 rad | joint j | qj | none |
+| play that gives way: θj + c sign(τ) max(0, abs(τ) - half its mean) | joint j | joints that turn its torque | as the spring |
+| product: θj + c qa qb of two other joints | joint j | qa, qb | none |
+| creep: θj + c qj sqrt(t) | joint j | qj, time | none |
+| wrist that bends: the last frame along x by c exp(q of the joint before) | last frame | that joint | none |
+
+The last five are newer than the search: no candidate and no constant of it was chosen with them.
 
 A place is true also where another axis moves the target exactly alike (joint 4's and the one across
 it in frame 5, where they meet); what moves
@@ -42,6 +49,8 @@ Generator = np.random.Generator
 SIZES, LAGS = (1.0, 8.0), (4.0, 8.0)
 # share of moves in which a joint sticks
 STICKS = 1 / 3
+# width of a bump [rad]
+BUMP = 0.2
 # share of a value's variance that goes with a driver: from which it must be named, and may be
 NEEDED, ALLOWED = 0.2, 0.01
 
@@ -78,14 +87,17 @@ Draw = Callable[[Generator, Arm], Plant]
 @dataclass(frozen=True)
 class Kind:
     """A line of the benchmark: how it is drawn; `exact`: the names that must be found, and no
-    other; `sizes`; whether the payload varies; whether geometry leaves something to find."""
+    other; whether it is newer than the search; `sizes`; whether the payload varies; whether geometry leaves something to find; whether it
+    jumps: between two readings the data say nothing of where it does."""
 
     words: str
     draw: Draw
     exact: tuple[str, ...] = ()
+    is_newer: bool = False
     sizes: tuple[float, float] = SIZES
     payload: bool = False
     visible: bool = True
+    jumps: bool = False
 
 
 def turn(joint: int, values: Values) -> Effect:
@@ -102,10 +114,15 @@ def draw_joint(rng: Generator, arm: Arm) -> int:
     return int(rng.integers(1, arm.n + 1))
 
 
-def draw_spring(rng: Generator, arm: Arm) -> Plant:
+def draw_loaded(rng: Generator, arm: Arm) -> int:
+    """Draw one of the two joints whose torque changes most."""
     probe = State(arm, arm.draw(np.random.default_rng(0), 100))
     loads = [probe.moment(j)[:, 2].std() for j in range(1, arm.n + 1)]
-    j = int(rng.choice(np.argsort(loads)[-2:])) + 1
+    return int(rng.choice(np.argsort(loads)[-2:])) + 1
+
+
+def draw_spring(rng: Generator, arm: Arm) -> Plant:
+    j = draw_loaded(rng, arm)
 
     def harden(s: State) -> Array:
         torque = s.moment(j)[:, 2]
@@ -234,14 +251,51 @@ def draw_tool(rng: Generator, arm: Arm) -> Plant:
     return Plant("the tool is off", (one_part("tool", *terms),), ())
 
 
+def draw_bump(rng: Generator, arm: Arm) -> Plant:
+    j = draw_joint(rng, arm)
+    low, high = arm.limits[j - 1]
+    angle = low + rng.uniform(0.3, 0.7) * (high - low)
+    bump = turn(j, lambda s: np.exp(-0.5 * np.square((s.q[:, j - 1] - angle) / BUMP)))
+    return Plant(f"joint {j} has a bump at {np.degrees(angle):.0f}°", (bump,), joints=True)
+
+
+def draw_dead_zone(rng: Generator, arm: Arm) -> Plant:
+    j = draw_loaded(rng, arm)
+
+    def give_way(s: State) -> Array:
+        torque = s.moment(j)[:, 2]
+        beyond = np.abs(torque) - 0.5 * np.abs(torque).mean()
+        return np.sign(torque) * np.maximum(beyond, 0)
+
+    stems = frozenset(("joint-compliance", "joint2-twist", "joint3-twist"))
+    return Plant(f"joint {j} yields late", (turn(j, give_way),), stems=stems, joints=True)
+
+
+def draw_product(rng: Generator, arm: Arm) -> Plant:
+    j, a, b = (int(k) for k in rng.permutation(arm.n)[:3] + 1)
+    both = turn(j, lambda s: s.q[:, a - 1] * s.q[:, b - 1])
+    return Plant(f"joints {a} and {b} turn joint {j}", (both,), joints=True)
+
+
+def draw_creep(rng: Generator, arm: Arm) -> Plant:
+    j = draw_joint(rng, arm)
+    creep = turn(j, lambda s: s.q[:, j - 1] * np.sqrt(s.progress))
+    return Plant(f"joint {j} creeps", (creep,), drivers=frozenset(("time",)), joints=True)
+
+
+def draw_bent_wrist(rng: Generator, arm: Arm) -> Plant:
+    bend = one_part("wrist", at(arm.n, "tx", lambda s: np.exp(s.q[:, arm.n - 2])))
+    return Plant("the wrist bends", (bend,), joints=True)
+
+
 KINDS: Mapping[str, Kind] = {
     "spring": Kind("spring, c|tau|^1.5", draw_spring),
     "cable": Kind("cable pull, tanh(q4, q1)", draw_cable),
     "sag": Kind("base sag ~ reach^3", draw_sag),
     "lag": Kind("lag of all joints", draw_lag),
     "growth": Kind("growth, t sin q", draw_growth),
-    "jump": Kind("encoder jump at one angle", draw_jump),
-    "sawtooth": Kind("sawtooth of a joint", draw_sawtooth),
+    "jump": Kind("encoder jump at one angle", draw_jump, jumps=True),
+    "sawtooth": Kind("sawtooth of a joint", draw_sawtooth, jumps=True),
     "stiction": Kind("random stiction", draw_stiction),
     "drift": Kind("exponential drift", draw_drift),
     "coupling": Kind("coupling of 2 to 3", draw_coupling),
@@ -249,8 +303,13 @@ KINDS: Mapping[str, Kind] = {
     "noise": Kind("noise that varies", draw_uneven, visible=False),
     "tool": Kind("constant tool error", draw_tool, visible=False),
     "lag-123": Kind(
-        "lag of joints 1 to 3", draw_three_lags, ("settle:1", "settle:2", "settle:3"), LAGS
+        "lag of joints 1 to 3", draw_three_lags, ("settle:1", "settle:2", "settle:3"), sizes=LAGS
     ),
+    "bump": Kind("bump of a joint", draw_bump, is_newer=True),
+    "dead-zone": Kind("play that gives way", draw_dead_zone, is_newer=True),
+    "product": Kind("product of two joints", draw_product, is_newer=True),
+    "creep": Kind("creep, q sqrt(t)", draw_creep, is_newer=True),
+    "wrist": Kind("wrist that bends, exp(q)", draw_bent_wrist, is_newer=True),
 }
 
 

@@ -20,8 +20,8 @@ from .table import Table
 # numbers of a covariate that the contract names, and of any other
 MAX_KNOWN_COVARIATE = 1e12
 MAX_COVARIATE = 1e30
-# absolute zero: a colder one is no temperature
-LEAST_COVARIATE = {"temperature_C": -273.15}
+# from absolute zero to what no robot stands: a hotter one is in kelvin
+COVARIATE_LIMITS = {"temperature_C": (-273.15, 200.0)}
 FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "root", "saw", "free"}
 
 
@@ -45,8 +45,9 @@ def read_covariates(
         if clock is not None:
             values = clock
         elif name in KNOWN_COVARIATES:
-            least = LEAST_COVARIATE.get(name, -MAX_KNOWN_COVARIATE)
-            values = read_numbers(table, name, least, MAX_KNOWN_COVARIATE)
+            usual = -MAX_KNOWN_COVARIATE, MAX_KNOWN_COVARIATE
+            least, most = COVARIATE_LIMITS.get(name, usual)
+            values = read_numbers(table, name, least, most)
         else:
             values = convert_to_numbers(table.columns[name])
         if not np.isfinite(values).any():

@@ -24,6 +24,7 @@ from ..results.study_sentences import (
 )
 from ..results.tables import label_ladder
 from .document import Source
+from .effect_sets_section import write_effect_sets
 from .error_parts_section import write_error_parts
 from .figures.errormap import find_named_cells
 from .figures.ladder import label_way, select_way
@@ -55,6 +56,7 @@ def write_page(source: Source) -> bytes:
         about=escape(f"Robot {record.robot} · {describe_split(record)}"),
         verdict="\n".join(write_paragraph(one, "verdict") for one in opening_sentences(record)),
         campaign=_write_campaign(source.details),
+        effect_sets=write_effect_sets(record),
         repeatability=write_error_parts(record.repeatability),
         parameters=parameters,
         sections=_link_sections(bool(parameters)),

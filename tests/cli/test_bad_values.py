@@ -100,11 +100,13 @@ def test_columns_that_are_no_causes_are_ignored_with_the_reason() -> None:
     assert "gap (empty cells, or numbers above 1e30)" in note.sentence
 
 
-def test_below_absolute_zero_is_no_temperature() -> None:
+@pytest.mark.parametrize("value", [-300.0, 293.15], ids=["below absolute zero", "kelvin"])
+def test_what_no_robot_stands_is_no_temperature(value: float) -> None:
     robot = load_robot("ur10")
     frame = measured(robot, 12, temperature_C=20.0)
-    frame.loc[4, "temperature_C"] = -300.0
-    with pytest.raises(DataError, match=r"row 4, column temperature_C: .* between -273\.15"):
+    frame.loc[4, "temperature_C"] = value
+    words = r"row 4, column temperature_C: .* between -273\.15 and 200"
+    with pytest.raises(DataError, match=words):
         read_measurements(frame, robot)
 
 

@@ -33,9 +33,9 @@ def page_of(result: dict, details: dict) -> str:
     return write_page(source_of(result, details)).decode()
 
 
-def read_rows(page: str) -> list[list[str]]:
-    """The rows of the table of parameters, as text."""
-    _, _, rest = page.partition('<table class="plain stack calibrated">')
+def read_rows(page: str, of: str = "calibrated") -> list[list[str]]:
+    """The rows of a table, by default that of the parameters, as text."""
+    _, _, rest = page.partition(f'<table class="plain stack {of}">')
     body, _, _ = rest.partition("</table>")
     lines = findall(r"<tr>(.*?)</tr>", body)
     return [[unescape(cell) for cell in findall(r"<t[dh][^>]*>(.*?)</t", line)] for line in lines]
@@ -67,6 +67,23 @@ def test_long_numbers_of_causes_are_rounded(drawn) -> None:
     details["parameters"][0]["meaning"] = "joint 3, its turn × cos(q2+q3-0.2277659647)"
     meanings = [row[1] for row in read_rows(page_of(result, details))]
     assert "joint 3, its turn × cos(q2+q3-0.2278)" in meanings
+
+
+def test_sets_of_effects_are_those_of_the_result(drawn) -> None:
+    result, details = written(drawn)
+    models = [
+        {"effects": ["joint-compliance:2", "6 tx <b>"], "probability": 0.7, "chosen": True},
+        {"effects": ["link-bending:1"], "probability": 0.3, "chosen": False},
+    ]
+    result["weighed_models"] = models
+    page = page_of(result, details)
+    head, *body = read_rows(page, "sets")
+    assert head == ["effects", "probability"]
+    instead = "link-bending:1 in place of 6 tx <b> + joint-compliance:2"
+    assert body == [["the findings", "0.700"], [instead, "0.300"]]
+    assert "<b>" not in page
+    result["weighed_models"] = []
+    assert "sets-title" not in page_of(result, details)
 
 
 def test_no_parameter_no_section(drawn) -> None:
