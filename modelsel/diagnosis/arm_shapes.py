@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import permutations
+from itertools import combinations, permutations, product
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .candidate_kinds import CandidateKind
-from .driver_functions import level_off
+from .driver_functions import STILL, level_off, scale_driver
 from .unregistered import Place, Unregistered, build_cell
 
 # joints of an arm
@@ -48,6 +48,7 @@ def generate_arm_shapes(problem: Problem) -> Iterator[Unregistered]:
     yield from _generate_reaching(robot)
     yield from _generate_pulled(problem)
     yield from _generate_wound(problem)
+    yield from _generate_products(problem)
 
 
 def _generate_reaching(robot: Robot) -> Iterator[Unregistered]:
@@ -115,7 +116,9 @@ def choose_onsets(readings: Array, shares: Sequence[float]) -> list[float]:
     with data on either side."""
     low = float(readings.min())
     width = float(np.ptp(readings))
-    chosen = []
+    chosen: list[float] = []
+    if width <= STILL:
+        return chosen
     for share in shares:
         middle = low + share * width
         rounded = f"{middle:.4g}"
@@ -149,9 +152,9 @@ def build_pulls(joint: int, other: int, onset: float) -> Iterator[Mechanism]:
 def _generate_wound(problem: Problem) -> Iterator[Unregistered]:
     """Generate turns of a joint with its own reading, less and less towards both ends of its range,
     and more or less with another joint's, as a hose that both wind up pulls."""
-    turning = list_turning(problem.robot)
-    levelling = {j: level_off(problem, f"q{j}") for j in turning}
-    for joint, other in permutations(turning, 2):
+    moving = _list_moving(problem)
+    levelling = {j: level_off(problem, f"q{j}") for j in moving}
+    for joint, other in permutations(moving, 2):
         own = levelling[joint]
         both = own * levelling[other]
         begin = f"Joint {joint} turns with its own reading"
@@ -163,3 +166,26 @@ def _generate_wound(problem: Problem) -> Iterator[Unregistered]:
         )
         told = replace(cell, usual_causes=PULLS)
         yield Unregistered(told, CandidateKind.WOUND, weight=1.0)
+
+
+def _generate_products(problem: Problem) -> Iterator[Unregistered]:
+    """Generate turns of a joint with the product of two joints' readings, wherever these count as
+    zero: with either reading by itself, too."""
+    turning = list_turning(problem.robot)
+    scaled = {j: scale_driver(problem, f"q{j}") for j in _list_moving(problem)}
+    for joint, pair in product(turning, combinations(scaled, 2)):
+        first, second = pair
+        both = scaled[first] * scaled[second]
+        cell = build_cell(
+            place=(joint, "rz"),
+            causes=(both, scaled[first], scaled[second]),
+            words=f"q{first} times q{second}",
+            sentence=f"Joint {joint} turns with the product of joint {first}'s and joint {second}'s readings",
+        )
+        yield Unregistered(cell, CandidateKind.PRODUCT, weight=1.0)
+
+
+def _list_moving(problem: Problem) -> list[int]:
+    """List the turning joints that did not stand still in the campaign."""
+    widths = np.ptp(problem.data.q, axis=0)
+    return [j for j in list_turning(problem.robot) if widths[j - 1] > STILL]

@@ -23,6 +23,7 @@ class CandidateKind(Enum):
     REACH = "power of the reach, at the base or the column that turns with it"
     PULL = "turn of a joint with its neighbour's reading beyond some angle"
     WOUND = "turn of a joint with its own reading, more or less with another joint's"
+    PRODUCT = "turn of a joint with the product of two joints' readings"
     SHAPE = "shape that no list has, at the place of a finding or beside it"
 
 

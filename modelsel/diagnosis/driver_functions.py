@@ -7,6 +7,8 @@ from ..mechanisms.causes import Applied, Cause, Named
 
 # how far a driver goes beyond the linear part of what levels off, at the ends of its range
 LEVELS_OFF = 2.0
+# range of readings [rad, mm] of a joint that stands still: what changes there is the encoder's noise
+STILL = 1e-3
 
 
 def scale_driver(problem: Problem, name: str) -> Cause:

@@ -19,6 +19,7 @@ from ..mechanisms.terms import Mechanism
 from ..robot.gravity import find_gravity_joints
 from ..robot.kinematics import Robot
 from .candidate_kinds import CandidateKind
+from .driver_functions import STILL
 from .torque_powers import SQUARE, build_powers
 from .unregistered import Causes, Unregistered, build_cell
 
@@ -67,6 +68,8 @@ def _generate_jumps(problem: Problem) -> Iterator[Unregistered]:
 
 def _choose_places(readings: Array) -> Array:
     """Choose the readings at which a jump is looked for, between those that were measured."""
+    if np.ptp(readings) <= STILL:
+        return np.zeros(0)
     distinct = np.unique(readings)
     between = 0.5 * (distinct[1:] + distinct[:-1])
     between = between[MIN_READINGS - 1 : len(between) - MIN_READINGS + 1]

@@ -91,6 +91,39 @@ def test_a_joint_is_pulled_by_its_neighbours_where_data_are_on_either_side(
     assert all("q2" not in one.mechanism.names() for one in pulled)
 
 
+@pytest.mark.parametrize("jitter", [0.0, 1e-5])
+def test_a_joint_that_stands_still_has_no_shapes_of_its_readings(
+    jitter: float, rng: np.random.Generator
+) -> None:
+    at = drawn("puma760", rng, 40)
+    still = at.data.q.copy()
+    still[:, 5] = 0.3 + jitter * rng.uniform(-1, 1, 40)
+    resting = replace(at, data=replace(at.data, q=still))
+    for kind in (CandidateKind.WOUND, CandidateKind.PRODUCT, CandidateKind.PULL):
+        found = shapes_of(resting, kind)
+        assert found
+        assert all("q6" not in one.mechanism.names() for one in found)
+    assert diagnose(resting, seed=1).effects is not None
+
+
+def test_a_joint_turns_with_the_product_of_any_two_readings(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 40)
+    found = shapes_of(at, CandidateKind.PRODUCT)
+    assert len(found) == 6 * 15
+    own = next(
+        one.mechanism
+        for one in found
+        if place_of(one.mechanism) == (5, "rz") and one.mechanism.names() == {"q1", "q6"}
+    )
+    columns = [np.asarray(term.screws[0].cause.of(at.state)) for term in own.terms]
+    # wherever a reading counts as zero, the product is among what the columns span
+    span = np.stack([*columns, np.ones(40)], axis=1)
+    q1, q6 = at.data.q[:, 0] + 0.7, at.data.q[:, 5] - 2.0
+    _, left, rank, _ = np.linalg.lstsq(span, q1 * q6, rcond=None)
+    assert rank == 4
+    assert left.item() < 1e-18
+
+
 def test_a_saw_rises_and_falls_back_as_often_as_the_wave_that_was_found(
     rng: np.random.Generator,
 ) -> None:
