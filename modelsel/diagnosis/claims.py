@@ -47,7 +47,7 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
     levels: dict[int, Array] = {}
     better: list[tuple[tuple[int, ...], Candidate]] = []
     for g in chosen:
-        levels[g], shape = _weigh_alone(search, view, g)
+        levels[g], shape = weigh_alone(search, view, g)
         if shape is not None:
             better.append(((g,), shape))
     for g, share in weigh_families(search, chosen, view).items():
@@ -74,7 +74,7 @@ def _see_beside(
     return compute_factors(without, response)
 
 
-def _weigh_alone(search: Search, view: View, g: int) -> tuple[Array, Candidate | None]:
+def weigh_alone(search: Search, view: View, g: int) -> tuple[Array, Candidate | None]:
     """Weigh an effect against its credible set and its rivals.
 
     Returns the probability (4,) of each level, and what should be told instead, if anything: the
@@ -142,14 +142,17 @@ def build_claim(problem: Problem, candidate: Candidate, levels: Array) -> Claim:
     """Claim the deepest level that holds; the place where none does."""
     bounded = tuple(min(float(p), 1.0) for p in levels)
     held = [level for level, p in zip(LEVELS, bounded, strict=True) if p >= PROVEN]
-    return Claim(held[-1] if held else LEVELS[0], bounded, _moves_joint(problem, candidate))
+    return Claim(
+        held[-1] if held else LEVELS[0], bounded, find_joint(problem, candidate) is not None
+    )
 
 
-def _moves_joint(problem: Problem, candidate: Candidate) -> bool:
-    """Whether a candidate acts along the motion of one joint alone."""
+def find_joint(problem: Problem, candidate: Candidate) -> int | None:
+    """Find the one joint along whose motion alone a candidate acts; None for any other."""
     places = list(candidate.mechanism.names_by_place())
     if len(places) != 1:
-        return False
+        return None
     robot = problem.robot
     ((frame, axis),) = places
-    return frame <= robot.n and axis == joint_axis(robot, frame)
+    moves = frame <= robot.n and axis == joint_axis(robot, frame)
+    return frame if moves else None

@@ -17,12 +17,12 @@ from ..fitting.design import Model
 from ..fitting.least_squares import STEP_MM, Fit
 from ..fitting.shrinkage import fit_shrunk
 from .after_selection import AfterSelection, allow_for_search, find_limit
-from .candidates import Candidate
 from .claims import Weighed, build_claim, weigh_claims
 from .effects import Effect
 from .evidence import MIN_LOG_ODDS, compute_p_value, compute_single_f
 from .model_search import VisitedModels, visit_models
 from .outcome import Diagnosis
+from .reshaping import take_shapes
 from .signatures import SHAPELESS
 from .state import LEVEL, Search
 from .stepwise import Exploration, Remainder, explore_further
@@ -99,7 +99,9 @@ def prove(concluded: Conclusion) -> Diagnosis:
         weighed = _weigh(concluded)
         if not weighed.better:
             break
-        explored = _take_shapes(concluded.explored, concluded.settled, weighed.better)
+        settled = concluded.settled
+        start = settled.view.fitted
+        explored = take_shapes(concluded.explored, settled.chosen, start, weighed.better)
         concluded = conclude(explored)
     else:
         weighed = _weigh(concluded)
@@ -164,32 +166,6 @@ def _settle(explored: Exploration) -> _Settled:
     search, progress = explored.search, explored.progress
     chosen, view = prune_effects(search, progress.chosen, progress.view, progress.path)
     return _Settled(*_confirm_effects(search, chosen, view, progress.path))
-
-
-def _take_shapes(
-    explored: Exploration, settled: _Settled, better: Sequence[tuple[tuple[int, ...], Candidate]]
-) -> Exploration:
-    """Put what tells effects better in their place, and let the search go on.
-
-    An effect that has given way once does not give way again."""
-    before, chosen, path = explored.search, settled.chosen, list(explored.progress.path)
-    found = list(before.found)
-    place = {candidate.mechanism: g for g, candidate in enumerate(found)}
-    added: list[int] = []
-    for members, candidate in better:
-        if set(members) <= set(chosen):
-            left = " & ".join(before.found[g].label for g in members)
-            path.append(f"{left} -> {candidate.label}")
-            chosen = [g for g in chosen if g not in members]
-            g = place.setdefault(candidate.mechanism, len(found))
-            if g == len(found):
-                found.append(candidate)
-            added.append(g)
-    shapes = tuple(found[len(before.found) :])
-    search = before.offer(shapes) if shapes else before
-    chosen += [g for g in dict.fromkeys(added) if g not in chosen]
-    further = explore_further(search, chosen, settled.view.fitted, path)
-    return further or explored
 
 
 def _build_diagnosis(explored: Exploration, settled: _Settled) -> Diagnosis:

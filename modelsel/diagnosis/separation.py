@@ -30,6 +30,7 @@ from .candidates import Candidate
 from .conclusion import build_empty, conclude, prove
 from .options import DiagnosisOptions
 from .outcome import Diagnosis
+from .reshaping import improve_shapes
 from .state import Search
 from .stepwise import Exploration, explore
 
@@ -107,6 +108,7 @@ class _Separation:
         if best.left.shared:
             every = self.find_parts(base_fit)
             if every.tells(DIRECTIONS):
+                best = self._improve(best)
                 best = min(best, self.search(every), key=lambda one: one.criterion)
         best = self._go_on(best)
         if best.left.tells(ORDER):
@@ -114,6 +116,16 @@ class _Separation:
             if repeating.criterion < best.criterion - VERY_STRONG:
                 best = self._go_on(repeating)
         return best
+
+    def _improve(self, one: _Explanation) -> _Explanation:
+        """Give the effects of joints that seem not to repeat the shapes that tell them best."""
+        names = {f"joint {j}": j for j in range(1, self.split.problem.robot.n + 1)}
+        joints = [names[name] for name in one.left.names if name in names]
+        explored = improve_shapes(one.explored, joints)
+        if explored is one.explored:
+            return one
+        left = self.find_parts(explored.fitted)
+        return _Explanation(explored, one.given, left, self._judge(explored, left))
 
     def _go_on(self, best: _Explanation) -> _Explanation:
         """Search with what an explanation leaves of the parts, in turn, until that stays.

@@ -46,12 +46,16 @@ Values = Callable[[State], Array]
 
 
 def plant(
-    robot: str, rng: np.random.Generator, *turns: tuple[int, Values], times: float = 8.0
+    robot: str,
+    rng: np.random.Generator,
+    *turns: tuple[int, Values],
+    times: float = 8.0,
+    m: int = 80,
 ) -> Problem:
-    """80 configurations of an arm whose joints turn by more than they read, by so many `times` the
+    """`m` configurations of an arm whose joints turn by more than they read, by so many `times` the
     noise at the farthest, through the tests' own exact kinematics."""
     body: Arm = arm(load_robot(robot), rng, (40.0, -25.0, 100.0))
-    state = State(body, body.draw(rng, 80), {})
+    state = State(body, body.draw(rng, m), {})
     exact = measured(body, state, ())
     parts = []
     for joint, values in turns:
@@ -121,6 +125,23 @@ def test_a_shape_without_a_cause_is_told_as_what_it_is(
     assert effect.candidate.kind is kind
     assert set(effect.candidate.mechanism.names_by_place()) == {(3, "rz")}
     assert claim.level in ("drivers", "shape")
+
+
+@pytest.mark.integration
+@seeds(1, 2, 3)
+def test_a_saw_is_no_joint_that_does_not_repeat(rng: np.random.Generator) -> None:
+    """Of few configurations a wave holds too little of a saw to be preferred."""
+    joint, teeth, begin = int(rng.integers(2, 5)), int(rng.integers(3, 9)), rng.uniform(0, 6)
+
+    def saw(s: State) -> Array:
+        return np.mod(teeth * s.q[:, joint - 1] + begin, 2 * np.pi) / np.pi - 1
+
+    at_ = plant(ROBOTS[int(rng.integers(3))], rng, (joint, saw), times=12.0, m=40)
+    found: Diagnosis = diagnose(at_, seed=1)
+    assert f"joint {joint}" not in found.errors.names
+    (effect,) = found.effects
+    assert effect.candidate.kind is CandidateKind.SAW
+    assert set(effect.candidate.mechanism.names_by_place()) == {(joint, "rz")}
 
 
 @pytest.mark.integration
