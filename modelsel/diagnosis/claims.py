@@ -143,11 +143,11 @@ def build_claim(problem: Problem, candidate: Candidate, levels: Array) -> Claim:
     bounded = tuple(min(float(p), 1.0) for p in levels)
     held = [level for level, p in zip(LEVELS, bounded, strict=True) if p >= PROVEN]
     return Claim(
-        held[-1] if held else LEVELS[0], bounded, find_joint(problem, candidate) is not None
+        held[-1] if held else LEVELS[0], bounded, find_moved_joint(problem, candidate) is not None
     )
 
 
-def find_joint(problem: Problem, candidate: Candidate) -> int | None:
+def find_moved_joint(problem: Problem, candidate: Candidate) -> int | None:
     """Find the one joint along whose motion alone a candidate acts; None for any other."""
     places = list(candidate.mechanism.names_by_place())
     if len(places) != 1:

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 
 from ..fitting.least_squares import Fit
 from .candidates import Candidate
-from .claims import find_joint, weigh_alone
+from .claims import find_moved_joint, weigh_alone
 from .stepwise import Exploration, explore_further
 
 # effects by their numbers, and what tells them better
@@ -21,7 +21,7 @@ def improve_shapes(explored: Exploration, joints: Collection[int]) -> Exploratio
     search, progress = explored.search, explored.progress
     better: list[Better] = []
     for g in progress.chosen:
-        if find_joint(search.problem, search.found[g]) not in joints:
+        if find_moved_joint(search.problem, search.found[g]) not in joints:
             continue
         _, shape = weigh_alone(search, progress.view, g)
         if shape is not None:

@@ -99,7 +99,7 @@ def test_the_scan_is_that_of_generalised_least_squares(rng: np.random.Generator)
         own = write_out(at, found[g])
         own = own / np.linalg.norm(own, axis=0)
         own -= Q @ (Q.T @ own)
-        well = np.linalg.svd(own, compute_uv=False)[-1] > 1e-3
+        well = np.linalg.svd(own, compute_uv=False)[-1] > 1e-2
         if well and not columns.signs[g].any():
             explained = own @ np.linalg.lstsq(own, rest, rcond=None)[0]
             assert strength[g] == pytest.approx(explained @ explained, rel=1e-5)
