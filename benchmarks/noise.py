@@ -270,7 +270,7 @@ def _wave(at: Problem, base: Model, power: float, rng: Generator) -> Array:
     seen = build_scan(columns, compute_basis(kept))
     left = float(np.linalg.norm(off(seen.Q, _slope(at, moved).T.ravel())))
     critical = critical_p(seen, rng, DRAWS)
-    delta = brentq(lambda d: detection(d, 1, seen.freedom - 1, critical) - power, 0.1, 50.0)
+    delta = brentq(lambda d: detection(d, 1, seen.freedom - 1, critical) - power, 0.1, 15.0)
     return np.asarray(moved * delta * SIGMA / left)
 
 
