@@ -463,13 +463,13 @@ def tabulate(studies: Sequence[Study], command: str) -> str:
     heads = "".join(f"{head:<23}" for head in HEADS)
     lines = [f"{'planted':<28}{'studies':>7}{'oracle':>7}  {heads}{'error':<19}falsely named"]
     lines += [tabulate_kind(KINDS[name].words, own) for name, own in done.items()]
-    newer = [s for name, own in done.items() if KINDS[name].is_newer for s in own]
-    planted = [s for s in studies if not KINDS[s.line].exact and s not in newer]
+    later = [s for name, own in done.items() if KINDS[name].is_later for s in own]
+    planted = [s for s in studies if not KINDS[s.line].exact and s not in later]
     steady = [s for s in planted if not KINDS[s.line].jumps]
     for words, own in (
         ("the first thirteen", planted),
         ("of these, without jumps", steady),
-        ("the last five", newer),
+        ("the last five", later),
     ):
         if own:
             lines.append(tabulate_kind(words, own))
