@@ -18,7 +18,7 @@ from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .candidate_kinds import CandidateKind
-from .driver_functions import STILL, level_off, scale_driver
+from .driver_functions import STILL, level_off
 from .unregistered import Place, Unregistered, build_cell
 
 # joints of an arm
@@ -171,16 +171,16 @@ def _generate_wound(problem: Problem) -> Iterator[Unregistered]:
 def _generate_products(problem: Problem) -> Iterator[Unregistered]:
     """Generate turns of a joint with the product of two joints' readings, wherever these count as
     zero: with either reading by itself, too."""
-    turning = list_turning(problem.robot)
-    scaled = {j: scale_driver(problem, f"q{j}") for j in _list_moving(problem)}
-    for joint, pair in product(turning, combinations(scaled, 2)):
+    moving = _list_moving(problem)
+    for joint, pair in product(list_turning(problem.robot), combinations(moving, 2)):
         first, second = pair
-        both = scaled[first] * scaled[second]
+        one, other = q(first), q(second)
+        both = f"the product of joint {first}'s and joint {second}'s readings"
         cell = build_cell(
             place=(joint, "rz"),
-            causes=(both, scaled[first], scaled[second]),
+            causes=(one * other, one, other),
             words=f"q{first} times q{second}",
-            sentence=f"Joint {joint} turns with the product of joint {first}'s and joint {second}'s readings",
+            sentence=f"Joint {joint} turns with {both}",
         )
         yield Unregistered(cell, CandidateKind.PRODUCT, weight=1.0)
 

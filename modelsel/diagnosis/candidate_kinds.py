@@ -30,4 +30,10 @@ class CandidateKind(Enum):
 # kinds that are cells of the error map
 MAP_KINDS = (CandidateKind.CELL, CandidateKind.WAVE, CandidateKind.WAVE_PRODUCT)
 # kinds whose causes have words of their own
-NAMED_IN_WORDS = (CandidateKind.POWER, CandidateKind.REACH, CandidateKind.PULL, CandidateKind.WOUND)
+NAMED_IN_WORDS = (
+    CandidateKind.POWER,
+    CandidateKind.REACH,
+    CandidateKind.PULL,
+    CandidateKind.WOUND,
+    CandidateKind.PRODUCT,
+)

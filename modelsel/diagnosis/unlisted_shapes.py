@@ -92,8 +92,13 @@ def _build_company(
     drivers = frozenset[str]().union(*(mechanism.names() for mechanism in mechanisms))
     if drivers == {f"q{place[0]}"}:
         return None
-    shapes = tuple(_generate_shapes(problem, {place: drivers}))
-    if not shapes or any(m in shapes for m in mechanisms):
+    free = list(_generate_shapes(problem, {place: drivers}))
+    if any(m in free for m in mechanisms):
+        return None
+    powers = dict.fromkeys(power for m in mechanisms for power in generate_powers(problem, m))
+    shapes = [(m, CandidateKind.SHAPE) for m in free]
+    shapes += [(m, CandidateKind.POWER) for m in powers if m not in mechanisms]
+    if not shapes:
         return None
     terms = {term.key: term for mechanism in mechanisms for term in mechanism.terms}
     name = " & ".join(mechanism.name for mechanism in mechanisms)
@@ -104,7 +109,7 @@ def _build_company(
         prior * FURTHER ** (len(members) - 1),
     )
     share = prior * ODDS * SHARES["shape"] / len(shapes)
-    return Company(members, listed, tuple(Candidate(m, CandidateKind.SHAPE, share) for m in shapes))
+    return Company(members, listed, tuple(Candidate(m, kind, share) for m, kind in shapes))
 
 
 def list_rivals(problem: Problem, candidate: Candidate) -> list[Rival]:
