@@ -218,12 +218,13 @@ def test_findings_of_one_place_are_weighed_together(rng: np.random.Generator) ->
         9: single((2, "rz"), q(1)),
         11: single((3, "rz"), q(3)),
     }
-    groups = {one.members for one in list_company(at_, effects)}
-    assert (4, 7) in groups
-    assert all(9 not in members for members in groups)
-    # one joint's own angle is weighed elsewhere, three drivers are too many for one shape
-    assert (11,) not in groups
-    assert (4, 7, 11) not in groups
+    company = {one.members: one for one in list_company(at_, effects)}
+    assert (4, 7) in company
+    assert all(9 not in members for members in company)
+    # one joint's own angle is weighed elsewhere, three drivers are too many for a free shape
+    assert (11,) not in company
+    kinds = {shape.kind for shape in company[4, 7, 11].shapes}
+    assert kinds == {CandidateKind.POWER}
 
 
 def test_signatures_agree_level_by_level() -> None:
