@@ -170,8 +170,11 @@ def _generate_wound(problem: Problem) -> Iterator[Unregistered]:
 
 def _generate_products(problem: Problem) -> Iterator[Unregistered]:
     """Generate turns of a joint with the product of two joints' readings, wherever these count as
-    zero: with either reading by itself, too."""
+    zero: with either reading by itself, too.
+
+    All pairs at a joint weigh as much together as the single readings."""
     moving = _list_moving(problem)
+    weight = 2 / max(len(moving) - 1, 1)
     for joint, pair in product(list_turning(problem.robot), combinations(moving, 2)):
         first, second = pair
         one, other = q(first), q(second)
@@ -182,7 +185,7 @@ def _generate_products(problem: Problem) -> Iterator[Unregistered]:
             words=f"q{first} times q{second}",
             sentence=f"Joint {joint} turns with {both}",
         )
-        yield Unregistered(cell, CandidateKind.PRODUCT, weight=1.0)
+        yield Unregistered(cell, CandidateKind.PRODUCT, weight)
 
 
 def _list_moving(problem: Problem) -> list[int]:
