@@ -11,6 +11,7 @@ explanations an information criterion chooses."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -37,8 +38,8 @@ from .stepwise import Exploration, explore
 # searches at most that go on with the parts which the one before has left: where some stay, and
 # where none do
 MOST_WITH_PARTS, MOST_WITHOUT = 1, 2
-# by how much a criterion must be lower until what lasts is taken for effects: "very strong"
-# evidence by Kass & Raftery 1995, J. Am. Stat. Assoc. 90:773, section 3.2
+# by how much a criterion must be lower until what lasts is taken for effects, or for nothing else:
+# "very strong" evidence by Kass & Raftery 1995, J. Am. Stat. Assoc. 90:773, section 3.2
 VERY_STRONG = 10.0
 
 
@@ -52,22 +53,27 @@ class Inquiry(NamedTuple):
     say: Say
     options: DiagnosisOptions
 
-    def search(self, problem: Problem, found: tuple[Candidate, ...]) -> Search:
+    def search(
+        self, problem: Problem, found: tuple[Candidate, ...], known: Sequence[Candidate]
+    ) -> Search:
         """Prepare the search for effects in a training problem, with the study's random stream of
-        naming."""
+        naming. `known`: chosen before, of which some may be shapes of an earlier search."""
         rng = generator(self.seed, "naming")
         base_fit = fit(problem, self.base)
-        return Search(problem, self.base, found, rng, base_fit, self.options.memory_mb)
+        listed = {one.mechanism.name for one in found}
+        shapes = tuple(one for one in known if one.mechanism.name not in listed)
+        return Search(problem, self.base, found + shapes, rng, base_fit, self.options.memory_mb)
 
 
 class _Explanation(NamedTuple):
     """Effects that a search has found given parts of the errors, the parts that they leave, and the
-    information criterion of both together."""
+    information criterion of both together; effects that tell about as well what seems to last."""
 
     explored: Exploration
     given: ErrorStructure
     left: ErrorStructure
     criterion: float
+    instead: tuple[Candidate, ...] = ()
 
     @property
     def is_settled(self) -> bool:
@@ -92,7 +98,7 @@ class _Separation:
     def search(self, given: ErrorStructure, known: tuple[Candidate, ...] = ()) -> _Explanation:
         """Search for effects given parts of the errors, beside those that are known."""
         weighed = replace(self.split, problem=given.whiten(self.split.problem))
-        prepared = self.inquiry.search(weighed.training(), self.found)
+        prepared = self.inquiry.search(weighed.training(), self.found, known)
         explored = explore(prepared, known, self.inquiry.say)
         left = self.find_parts(explored.fitted)
         return _Explanation(explored, given, left, self._judge(explored, left))
@@ -111,11 +117,17 @@ class _Separation:
                 best = self._improve(best)
                 best = min(best, self.search(every), key=lambda one: one.criterion)
         best = self._go_on(best)
-        if best.left.tells(ORDER):
-            repeating = self.search(best.left.without(ORDER), best.explored.chosen)
-            if repeating.criterion < best.criterion - VERY_STRONG:
-                best = self._go_on(repeating)
-        return best
+        if not best.left.tells(ORDER):
+            return best
+        repeating = self.search(best.left.without(ORDER), best.explored.chosen)
+        gain = best.criterion - repeating.criterion
+        if gain > VERY_STRONG:
+            return self._go_on(repeating)
+        if gain < -VERY_STRONG:
+            return best
+        known = best.explored.chosen
+        more = tuple(one for one in repeating.explored.chosen if one not in known)
+        return best._replace(instead=more)
 
     def _improve(self, one: _Explanation) -> _Explanation:
         """Give the effects of joints that seem not to repeat the shapes that tell them best."""
@@ -155,5 +167,16 @@ def separate(
     diagnosis, errors = prove(conclude(best.explored)), best.left
     if [one.candidate for one in diagnosis.effects] != list(best.explored.chosen):
         errors = separation.find_parts(diagnosis.fit)
+    if best.instead:
+        errors = _name_instead(errors, best.instead)
     weighed = replace(split, problem=errors.whiten(split.problem))
     return weighed, replace(diagnosis, errors=errors)
+
+
+def _name_instead(errors: ErrorStructure, effects: tuple[Candidate, ...]) -> ErrorStructure:
+    """Name the effects that tell the data about as well as the part which lasts."""
+    labels = tuple(one.label for one in effects)
+    parts = [
+        replace(part, instead=labels) if part.told_by == ORDER else part for part in errors.parts
+    ]
+    return replace(errors, parts=tuple(parts))

@@ -53,7 +53,8 @@ class ErrorPart:
     """A part of the errors.
 
     scale, low, high: its standard deviation and 95 % interval [unit]; share: of the mean square at
-    the target that is left; at_target: its rms there [mm]; length: in visits, of a lasting error."""
+    the target that is left; at_target: its rms there [mm]; length: in visits, of a lasting error;
+    instead: labels of effects that would tell the data about as well."""
 
     name: str
     unit: str
@@ -64,6 +65,7 @@ class ErrorPart:
     at_target: float
     told_by: str
     length: float | None = None
+    instead: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,10 +73,7 @@ def _describe_part(part: ErrorPart, is_alone: bool) -> str:
             "new in every group, as where the instrument was set up anew."
         )
     if part.name == "lasting":
-        return (
-            f"Errors last from one configuration to the next, {size}, and fade over "
-            f"about {part.length:g} configurations: {effect}."
-        )
+        return _describe_lasting(part, size, effect)
     return _describe_joint(part, size, effect)
 
 
@@ -104,6 +101,20 @@ def _describe_shared(part: ErrorPart, size: str, effect: str) -> str:
         f"The targets of one configuration share an error of {size}: {effect}. The "
         "flange or the base stood a little differently each time, or, where no posture was measured "
         "again, the model errs there."
+    )
+
+
+def _describe_lasting(part: ErrorPart, size: str, effect: str) -> str:
+    """Return what lasts, and which effects would tell the data about as well."""
+    said = (
+        f"Errors last from one configuration to the next, {size}, and fade over "
+        f"about {part.length:g} configurations: {effect}."
+    )
+    if not part.instead:
+        return said
+    return (
+        f"{said} The data could hold {sentence_list(part.instead)} instead: a few reference "
+        "configurations, measured again throughout the campaign, would tell."
     )
 
 

@@ -1,4 +1,5 @@
-"""What lasts is told from an effect: a base that settles is named, errors that fade are not."""
+"""What lasts is told from an effect: a base that settles is named, errors that fade are not, and what
+the data do not tell apart is named together."""
 
 from __future__ import annotations
 
@@ -8,11 +9,21 @@ from builders import seeds
 from hidden_arm import Effect as Planted
 from hidden_arm import State, arm, measured
 from hidden_effects import at, together
+from searches import ignore
 
+from modelsel.diagnosis.candidate_kinds import CandidateKind
+from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.options import DEFAULT_OPTIONS
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose
+from modelsel.diagnosis.separation import Inquiry
+from modelsel.diagnosis.stepwise import explore
+from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
+from modelsel.mechanisms.causes import q
+from modelsel.mechanisms.registry import mechanism
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load_robot
 
 SIGMA = 0.05
@@ -55,3 +66,23 @@ def test_errors_that_fade_are_none(rng: np.random.Generator) -> None:
     told = diagnose(observe(rng, settles=0.0, fading=2 * SIGMA), seed=1)
     assert told.effects == ()
     assert "lasting" in told.errors.names
+
+
+@pytest.mark.integration
+@seeds(1, 2, 3)
+def test_a_small_drift_is_named_beside_errors_that_last(rng: np.random.Generator) -> None:
+    told = diagnose(observe(rng, settles=3 * SIGMA, fading=0.0), seed=1)
+    assert "progress" not in list_words(told)
+    (lasting,) = [part for part in told.errors.parts if part.name == "lasting"]
+    assert any("progress" in label for label in lasting.instead), told.errors.names
+
+
+def test_a_search_goes_on_with_a_shape_that_is_not_listed(rng: np.random.Generator) -> None:
+    problem = observe(rng, settles=0.0, fading=0.0)
+    base = Model((mechanism("geometric", problem.robot),))
+    listed = build_candidates(problem, base, ())[:50]
+    shape = Mechanism("3 rz own", (Term("own", (Screw(3, "rz", q(1) * q(2) * q(3)),)),))
+    known = (Candidate(shape, CandidateKind.PRODUCT, 1e-3),)
+    inquiry = Inquiry(base, (), 1, True, ignore, DEFAULT_OPTIONS)
+    chosen = explore(inquiry.search(problem, listed, known), known, ignore).chosen
+    assert chosen[: len(known)] == known
