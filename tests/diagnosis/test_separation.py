@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from builders import seeds
+from builders import drawn, planted, seeds
 from hidden_arm import Effect as Planted
 from hidden_arm import State, arm, measured
 from hidden_effects import at, together
@@ -78,10 +78,11 @@ def test_a_small_drift_is_named_beside_errors_that_last(rng: np.random.Generator
 
 
 def test_a_search_goes_on_with_a_shape_that_is_not_listed(rng: np.random.Generator) -> None:
-    problem = observe(rng, settles=0.0, fading=0.0)
+    at_ = drawn("puma760", rng, 60)
+    shape = Mechanism("3 rz own", (Term("own", (Screw(3, "rz", q(1) * q(2) * q(3)),)),))
+    problem = planted(at_, shape.terms, np.array([1e-3]), rng, SIGMA)
     base = Model((mechanism("geometric", problem.robot),))
     listed = build_candidates(problem, base, ())[:50]
-    shape = Mechanism("3 rz own", (Term("own", (Screw(3, "rz", q(1) * q(2) * q(3)),)),))
     known = (Candidate(shape, CandidateKind.PRODUCT, 1e-3),)
     inquiry = Inquiry(base, (), 1, True, ignore, DEFAULT_OPTIONS)
     chosen = explore(inquiry.search(problem, listed, known), known, ignore).chosen
