@@ -14,7 +14,11 @@ from modelsel.study.result import Result
 from modelsel.study.runner import run_study
 
 STUDIES = Path(__file__).parents[2] / "studies"
-DATA = {"wam-tracker": "jacobi-wam", "positioner": "rct-positioner"}
+DATA = {
+    "wam-tracker": "jacobi-wam",
+    "positioner": "rct-positioner",
+    "tiago-mocap": "tiago-mocap",
+}
 
 
 def find_data(folder: str) -> Path:
