@@ -10,15 +10,12 @@ from pathlib import Path
 import pytest
 
 from modelsel.config.study_file import read_study
+from modelsel.results.repeatability import format_scale
 from modelsel.study.result import Result
 from modelsel.study.runner import run_study
 
 STUDIES = Path(__file__).parents[2] / "studies"
-DATA = {
-    "wam-tracker": "jacobi-wam",
-    "positioner": "rct-positioner",
-    "tiago-mocap": "tiago-mocap",
-}
+DATA = {"wam-tracker": "jacobi-wam", "positioner": "rct-positioner", "tiago-mocap": "tiago-mocap"}
 
 
 def find_data(folder: str) -> Path:
@@ -62,6 +59,11 @@ def test_study_says_what_its_readme_says(name, monkeypatch) -> None:
         assert rung.estimation.mean_mm == pytest.approx(fitted, abs=0.006), word
         assert rung.held_out.mean_mm == pytest.approx(held_out, abs=0.006), word
     assert result.models.chosen.held_out.mean_mm < base.held_out.mean_mm
+    page = " ".join((STUDIES / name / "README.md").read_text(encoding="utf-8").split())
+    for part in result.diagnosis.search.errors.parts:
+        if part.name.startswith("joint"):
+            scale, interval = format_scale(part)
+            assert f"{scale} ({interval.rpartition(' ')[0]})" in page, part.name
     if name == "wam-tracker":
         effects = {one.effect.candidate.label: one.effect for one in result.diagnosis.findings}
         assert effects["approach-backlash:1"].named.verdict == "found"
