@@ -48,6 +48,7 @@ def describe_errors(errors: ErrorStructure) -> list[Values]:
             "high": part.high,
             "share": part.share,
             "told_by": part.told_by,
+            "instead": list(part.instead),
             "sentence": _describe_part(part, is_alone=len(parts) == 1),
         }
         for part in parts
@@ -189,13 +190,16 @@ def compute_target_rms(parts: Sequence[ErrorPartRecord]) -> Array:
 
 
 def summarise_repeatability(parts: Sequence[ErrorPartRecord]) -> list[str]:
-    """Return the largest part in full, and the others with their shares; none where nothing is told."""
+    """Return the largest part in full, and the others with their shares; what may be no error of the
+    measurement, too, in full. None where nothing is told."""
     if not parts:
         return []
     first, *others = parts
-    sentence = f"Repeatability: {first.sentence}"
-    if others:
-        shares = [f"{label_part(part)} {describe_share(part.share)}" for part in others]
+    doubted = [part for part in others if part.instead]
+    sentence = " ".join(["Repeatability:", *(part.sentence for part in [first, *doubted])])
+    rest = [part for part in others if not part.instead]
+    if rest:
+        shares = [f"{label_part(part)} {describe_share(part.share)}" for part in rest]
         sentence += f" The rest: {sentence_list(shares)}."
     return [sentence]
 

@@ -129,6 +129,9 @@ class ErrorPartRecord(StrictRecord):
         description="what tells it from other parts: `repeats` of a posture, `targets` of a configuration, `directions` "
         "alone, `groups`, `order` of motion; of the instrument `what is left`; `given` in `[noise.fixed]`"
     )
+    instead: list[Text] = Field(
+        default=[], description="effects that the data could hold instead of a part that lasts"
+    )
     sentence: Text = Field(description="for people")
 
 

@@ -29,7 +29,7 @@ from modelsel.results.schema import StudyRecord
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.study.result import Result
 
-KEYS = {"part", "scale", "unit", "low", "high", "share", "told_by", "sentence"}
+KEYS = {"part", "scale", "unit", "low", "high", "share", "told_by", "instead", "sentence"}
 
 
 def sentence(one: ErrorPart) -> str:
@@ -124,6 +124,17 @@ def test_a_summary_says_what_the_rest_is() -> None:
     (line,) = summarise_repeatability(some)
     assert line.startswith(f"Repeatability: {some[0].sentence} The rest: joint 2 30%")
     assert line.endswith(" and rows of one group 6%.")
+
+
+def test_a_summary_says_in_full_what_may_be_an_effect() -> None:
+    some = records(
+        part("instrument", 0.018, 0.016, 0.02, share=0.64, at_target=0.031),
+        part("joint 2", 21.3e-6, 18.2e-6, 24.4e-6, share=0.3, told_by="repeats"),
+        part("lasting", 0.01, 0.008, 0.02, share=0.06, length=4.0, instead=("tracker-drift",)),
+    )
+    (line,) = summarise_repeatability(some)
+    assert line == (f"Repeatability: {some[0].sentence} {some[2].sentence} The rest: joint 2 30%.")
+    assert "tracker-drift instead" in line
 
 
 @pytest.mark.parametrize(
