@@ -117,16 +117,21 @@ class _Separation:
                 best = self._improve(best)
                 best = min(best, self.search(every), key=lambda one: one.criterion)
         best = self._go_on(best)
-        if not best.left.tells(ORDER):
-            return best
-        repeating = self.search(best.left.without(ORDER), best.explored.chosen)
+        return self._hold_against_effects(best) if best.left.tells(ORDER) else best
+
+    def _hold_against_effects(self, best: _Explanation) -> _Explanation:
+        """Hold what lasts against effects that explain it: they take its place where that is clear,
+        and are named beside it where neither is."""
+        known = best.explored.chosen
+        others = best.left.without(ORDER)
+        repeating = self.search(others, known)
         gain = best.criterion - repeating.criterion
         if gain > VERY_STRONG:
             return self._go_on(repeating)
         if gain < -VERY_STRONG:
             return best
-        known = best.explored.chosen
-        more = tuple(one for one in repeating.explored.chosen if one not in known)
+        chosen = repeating.explored.chosen
+        more = tuple(one for one in chosen if one not in known)
         return best._replace(instead=more)
 
     def _improve(self, one: _Explanation) -> _Explanation:

@@ -195,11 +195,15 @@ def summarise_repeatability(parts: Sequence[ErrorPartRecord]) -> list[str]:
     if not parts:
         return []
     first, *others = parts
-    doubted = [part for part in others if part.instead]
-    sentence = " ".join(["Repeatability:", *(part.sentence for part in [first, *doubted])])
-    rest = [part for part in others if not part.instead]
-    if rest:
-        shares = [f"{label_part(part)} {describe_share(part.share)}" for part in rest]
+    sentence = f"Repeatability: {first.sentence}"
+    shares = []
+    for part in others:
+        if part.instead:
+            sentence += f" {part.sentence}"
+            continue
+        share = describe_share(part.share)
+        shares.append(f"{label_part(part)} {share}")
+    if shares:
         sentence += f" The rest: {sentence_list(shares)}."
     return [sentence]
 
