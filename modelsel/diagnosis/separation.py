@@ -41,6 +41,8 @@ MOST_WITH_PARTS, MOST_WITHOUT = 1, 2
 # by how much a criterion must be lower until what lasts is taken for effects, or for nothing else:
 # "very strong" evidence by Kass & Raftery 1995, J. Am. Stat. Assoc. 90:773, section 3.2
 VERY_STRONG = 10.0
+# what an effect depends on that errors which last resemble
+IN_TIME = {"progress", "time_s"}
 
 
 class Inquiry(NamedTuple):
@@ -120,8 +122,8 @@ class _Separation:
         return self._hold_against_effects(best) if best.left.tells(ORDER) else best
 
     def _hold_against_effects(self, best: _Explanation) -> _Explanation:
-        """Hold what lasts against effects that explain it: they take its place where that is clear,
-        and are named beside it where neither is."""
+        """Hold what lasts against effects that explain it: they take its place where that is clear;
+        where neither is, those that depend on time are named beside it."""
         known = best.explored.chosen
         others = best.left.without(ORDER)
         repeating = self.search(others, known)
@@ -131,8 +133,9 @@ class _Separation:
         if gain < -VERY_STRONG:
             return best
         chosen = repeating.explored.chosen
-        more = tuple(one for one in chosen if one not in known)
-        return best._replace(instead=more)
+        more = [one for one in chosen if one not in known]
+        in_time = tuple(one for one in more if one.mechanism.names() & IN_TIME)
+        return best._replace(instead=in_time)
 
     def _improve(self, one: _Explanation) -> _Explanation:
         """Give the effects of joints that seem not to repeat the shapes that tell them best."""
