@@ -34,6 +34,9 @@ from .unregistered import Unregistered, build_cell_causes, generate_unregistered
 
 # share of the prior probability that the registered mechanisms have together
 REGISTERED = 0.6
+# coordinates that a step needs before and after it, for each of its numbers: two or three rows far
+# off at either end of a campaign would pass for one
+COORDINATES_OF_STEP = 2
 
 
 @dataclass(frozen=True)
@@ -206,13 +209,16 @@ def _select_applicable(
 def _drop_equal_constants(problem: Problem, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:
     """Keep one of a scanned mechanism's constants that do the same on these rows.
 
-    For example, steps between the same two configurations do."""
+    For example, steps between the same two configurations do. Steps that only a few rows have are
+    left out: they are these rows' errors."""
     constants = Counter(m.name for m in mechanisms)
     probe = np.random.default_rng(0).normal(size=len(problem))
     earlier: dict[tuple[object, ...], list[Mechanism]] = {}
     kept = []
     for m in mechanisms:
         if constants[m.name] > 1:
+            if not _has_both_sides(problem, m):
+                continue
             key = _build_key(problem, m, probe)
             alike = earlier.setdefault(key, [])
             values = _evaluate_causes(problem, m) if alike else []
@@ -221,6 +227,18 @@ def _drop_equal_constants(problem: Problem, mechanisms: Sequence[Mechanism]) -> 
             alike.append(m)
         kept.append(m)
     return kept
+
+
+def _has_both_sides(problem: Problem, mechanism: Mechanism) -> bool:
+    """Return whether a step has enough coordinates before and after it; true of what is no step."""
+    cause = mechanism.terms[0].screws[0].cause
+    values = np.asarray(cause.of(problem.state))
+    is_before = values == values.min()
+    is_after = values == values.max()
+    if not (is_before | is_after).all():
+        return True
+    fewest = min(is_before.sum(), is_after.sum()) * problem.components
+    return bool(fewest >= COORDINATES_OF_STEP * len(mechanism.terms))
 
 
 def _build_key(problem: Problem, mechanism: Mechanism, probe: Array) -> tuple[object, ...]:
