@@ -40,10 +40,7 @@ OPEN = "the data do not determine the size of k: its standard error is larger th
 
 
 @pytest.mark.integration
-@pytest.mark.parametrize(
-    "asked",
-    [["gravity-twist"], ["joint-compliance:5", "backlash:3"]],
-)
+@pytest.mark.parametrize("asked", [["gravity-twist"], ["joint-compliance:5", "backlash:3"]])
 def test_a_study_of_few_candidates_says_that_no_other_was_considered(asked: list[str]) -> None:
     """The model may end up holding every candidate; nothing is left that chance could be drawn
     from."""
