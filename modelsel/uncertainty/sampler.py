@@ -1,9 +1,9 @@
 """Sampling with emcee: reproducible from one seed, resumable in chunks, and no number from an
 unconverged chain.
 
-Moves: differential evolution 0.8, snooker 0.2 (ter Braak 2006; ter Braak & Vrugt 2008), from
-walkers spread more widely than the posterior; where there are inner constants, a third of the moves
-draws one of them anew. The chain has converged when it is longer than 50 autocorrelation times,
+Moves: differential evolution 0.4, snooker 0.1 (ter Braak 2006; ter Braak & Vrugt 2008), and 0.5 that
+draw a walker anew about where the others stand, from walkers spread more widely than the posterior;
+where there are inner constants, a third of the moves draws one of them anew. The chain has converged when it is longer than 50 autocorrelation times,
 these are stable, and R-hat is low (`SamplingOptions`)."""
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ class SamplingOptions:
     min_times: float = 50
     max_change: float = 0.1
     max_r_hat: float = 1.05
-    first_check: int = 600
+    first_check: int = 400
     growth: float = 1.5
     max_steps: int = 20_000
     min_walkers: int = 48

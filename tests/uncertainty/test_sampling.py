@@ -35,7 +35,13 @@ from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import from_rpy
 from modelsel.study.checkpoint import Checkpoint
 from modelsel.uncertainty.log_posterior import TAIL, LogPosterior
-from modelsel.uncertainty.mcmc import autocorrelation_time, build_moves, propose_snooker, r_hat
+from modelsel.uncertainty.mcmc import (
+    autocorrelation_time,
+    build_moves,
+    propose_independent,
+    propose_snooker,
+    r_hat,
+)
 from modelsel.uncertainty.nuisance import assign_components, list_constants
 from modelsel.uncertainty.parameters import label_terms
 from modelsel.uncertainty.posterior import Importance
@@ -319,6 +325,47 @@ def test_snooker_keeps_a_normal_normal(rng: np.random.Generator) -> None:
     assert abs(np.square(after).mean() - 1) < 4 * np.sqrt(2 / (n * d))
 
 
+def test_independent_proposals_keep_a_density_that_is_not_normal(rng: np.random.Generator) -> None:
+    """One step from exact draws of a gamma and of a correlated normal density leaves their moments,
+    though the others are few, and what is held stays."""
+    n, others = 200_000, 12
+    covariance = np.array([[1.0, 0.8], [0.8, 1.0]])
+
+    def draw(count: int) -> np.ndarray:
+        normal = rng.multivariate_normal(np.zeros(2), covariance, count)
+        return np.column_stack([rng.gamma(4.0, size=count), normal, rng.random(count)])
+
+    def log_density(x: np.ndarray) -> np.ndarray:
+        inverse = np.linalg.inv(covariance)
+        normal = np.einsum("wi,ij,wj->w", x[:, 1:3], inverse, x[:, 1:3])
+        gamma = 3 * np.log(np.maximum(x[:, 0], 1e-300)) - x[:, 0]
+        return np.where(x[:, 0] > 0, gamma - 0.5 * normal, -np.inf)
+
+    x = draw(n)
+    proposal, log_factor = propose_independent(x, draw(others), rng.normal(size=x.shape), [3])
+    assert (proposal[:, 3] == x[:, 3]).all()
+    accepted = np.log(rng.random(n)) < log_factor + log_density(proposal) - log_density(x)
+    after = np.where(accepted[:, None], proposal, x)
+    assert accepted.mean() > 0.2
+    assert abs(after[:, 0].mean() - 4) < 4 * 2 / np.sqrt(n)
+    assert abs(after[:, 0].var() - 4) < 4 * np.sqrt(56 / n)  # of a gamma: its fourth moment
+    assert np.abs(np.cov(after[:, 1:3].T) - covariance).max() < 4 * np.sqrt(2 / n)
+
+
+def test_a_chain_of_many_names_forgets_soon(rng: np.random.Generator) -> None:
+    """Half of the moves do not depend on where a walker stands: its time is that of a few steps."""
+    import emcee
+
+    start = emcee.State(
+        rng.normal(size=(60, 20)), random_state=np.random.RandomState(3).get_state()
+    )
+    sampler = emcee.EnsembleSampler(
+        60, 20, lambda x: -0.5 * np.square(x).sum(1), moves=build_moves(), vectorize=True
+    )
+    sampler.run_mcmc(start, 1000)
+    assert autocorrelation_time(sampler.get_chain(discard=100)).max() < 20
+
+
 # -- one seed, interruption, resuming
 # ----------------------------------------------------------------------------------------
 
@@ -506,9 +553,9 @@ def test_interrupted_study_resumes(
 
 def test_unconverged_chain_is_not_quoted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     command = ("study", str(folder), "--out", str(folder / "out"))
-    status, output = invoke(monkeypatch, *command, max_steps=600)
+    status, output = invoke(monkeypatch, *command, max_steps=60)
     assert status == 5
-    assert "has not converged after 600 steps" in output
+    assert "has not converged after 60 steps" in output
     result = json.loads((folder / "out" / "result.json").read_text())
     assert not result["sampling"]["converged"]
     assert {
