@@ -14,7 +14,7 @@ import sys
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from typing import Any, TypeVar
+from typing import IO, Any, TypeVar
 
 from ._workers import count_cores
 
@@ -31,7 +31,8 @@ class SecondProcess:
     def __init__(self, cores: int):
         self.cores = cores
         self.process: subprocess.Popen[bytes] | None = None
-        # reads the results, so that the other never waits for this one
+        # neither process waits until the other reads what it was sent
+        self.writer = ThreadPoolExecutor(1)
         self.reader = ThreadPoolExecutor(1)
 
     def ask(self, work: Callable[[], T]) -> Collect[T]:
@@ -42,9 +43,7 @@ class SecondProcess:
             self.process = _start()
         if self.process is None or self.process.stdin is None:
             return lambda: None
-        with suppress(OSError):
-            pickle.dump(work, self.process.stdin)
-            self.process.stdin.flush()
+        self.writer.submit(_send, pickle.dumps(work), self.process.stdin)
         result: Future[T] = self.reader.submit(pickle.load, self.process.stdout)  # type: ignore[arg-type]
         return lambda: _result_or_none(result)
 
@@ -52,6 +51,7 @@ class SecondProcess:
         """End the process, whatever it is doing."""
         if self.process is not None:
             self.process.kill()
+        self.writer.shutdown()
         self.reader.shutdown()
         if self.process is not None:
             self.process.wait()
@@ -59,6 +59,13 @@ class SecondProcess:
                 with suppress(OSError):
                     if pipe is not None:
                         pipe.close()
+
+
+def _send(work: bytes, pipe: IO[bytes]) -> None:
+    """Send work to the process at the other end; where that has died nobody reads it."""
+    with suppress(OSError):
+        pipe.write(work)
+        pipe.flush()
 
 
 def _result_or_none(result: Future[T]) -> T | None:

@@ -37,10 +37,9 @@ MAX_CANCELLED = 0.5
 
 
 class _Settled(NamedTuple):
-    """What stays of a search: its effects with their p-values, the map's p-values, and the view."""
+    """What stays of a search: its effects with their p-values, and the view."""
 
     p: dict[int, float]
-    map_p: Array
     view: View
 
     @property
@@ -109,6 +108,7 @@ def prove(concluded: Conclusion) -> Diagnosis:
     return replace(
         concluded.diagnosis,
         effects=_claim(concluded, weighed),
+        map_p=concluded.explored.search.compute_map_p(concluded.settled.view),
         models=concluded.visited.tell(found, chosen),
     )
 
@@ -189,7 +189,7 @@ def _build_diagnosis(explored: Exploration, settled: _Settled) -> Diagnosis:
         held_back=remainder.held_back,
         bound=search.bound,
         single_f=compute_single_f(search.first.scan, search.first.response),
-        map_p=settled.map_p,
+        map_p=np.zeros(0),
         offered=search.found,
     )
 
@@ -231,10 +231,10 @@ def _find_dispensable(search: Search, chosen: Sequence[int], view: View) -> int 
 
 def _confirm_effects(
     search: Search, chosen: list[int], view: View, path: list[str]
-) -> tuple[dict[int, float], Array, View]:
+) -> tuple[dict[int, float], View]:
     """Confirm every effect given the others, under every null.
 
-    Returns p of every effect that stays, the map's family-wise p (G,), and the model's view.
+    Returns p of every effect that stays, and the model's view.
 
     An effect that passed when it came may fail once the others stand, and is dropped, the weakest
     first; one that stands alone was tested when it came."""
@@ -243,17 +243,17 @@ def _confirm_effects(
             refitted = search.try_fit(chosen, view.fitted, STEP_MM)
             view = refitted or view
         evidence = {g: search.rename(g, view).evidence for g in chosen}
-        nulls, map_p = search.draw_final_nulls(view, min(evidence.values(), default=np.inf))
+        nulls = search.draw_final_nulls(view, min(evidence.values(), default=np.inf))
         p = {g: _compute_largest_p(evidence[g], nulls) for g in chosen}
         if len(chosen) < 2:
-            return p, map_p, view
+            return p, view
         weakest = max(chosen, key=lambda g: p[g])
         if p[weakest] <= LEVEL:
-            return p, map_p, view
+            return p, view
         rest = [g for g in chosen if g != weakest]
         after = search.try_fit(rest, view.fitted)
         if after is None:
-            return p, map_p, view
+            return p, view
         label = search.found[weakest].label
         path.append(f"- {label}")
         chosen = rest

@@ -107,7 +107,8 @@ def adjust_residual(Q: Array, residual: Array, unit: Index) -> Array:
 def draw_flips(
     seen: Scan, log_prior: Array, e: Array, unit: Index, draws: int, rng: np.random.Generator
 ) -> Iterator[Chance]:
-    """Draw sign flips of an adjusted residual e (N,), CHUNK after CHUNK.
+    """Draw sign flips of an adjusted residual e (N,), CHUNK after CHUNK, in single precision: see
+    `draw_null`.
 
     `unit` (N,): which rows go together, -1 where a row keeps its sign (a prior's). Where no
     candidate is left, nothing is drawn."""
@@ -115,8 +116,8 @@ def draw_flips(
     row_unit = np.where(unit < 0, count, unit)
     for _ in range(draws // CHUNK):
         if not seen.by_size:
-            nothing = np.zeros((seen.columns.screws.count, CHUNK))
-            yield Chance(seen, log_prior, nothing, np.ones(CHUNK))
+            nothing = np.zeros((seen.columns.screws.count, CHUNK), np.float32)
+            yield Chance(seen, log_prior, nothing, np.ones(CHUNK, np.float32))
             continue
         sign = np.ones((count + 1, CHUNK))
         drawn_shape = count, CHUNK
@@ -124,8 +125,8 @@ def draw_flips(
         sign[:count] = 2.0 * heads - 1.0
         flipped = sign[row_unit] * e[:, None]
         explained = seen.Q @ (seen.Q.T @ flipped)
-        flipped -= explained
-        yield Chance(seen, log_prior, seen.columns.dot(flipped), np.square(flipped).sum(0))
+        left = (flipped - explained).astype(np.float32)
+        yield Chance(seen, log_prior, seen.columns.dot(left), np.square(left).sum(0))
 
 
 def compute_flip_p(chunks: Iterable[Chance], observed: float, draws: int, level: float) -> float:

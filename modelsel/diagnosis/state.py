@@ -22,11 +22,12 @@ from .candidate_columns import Columns, build_columns, flatten_measured
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .credible_sets import CredibleSet, ask, compute_own_evidence, include_candidate, rename_effect
-from .evidence import MIN_LOG_ODDS, compute_familywise_p, draw_null
+from .evidence import MIN_LOG_ODDS, Chance, compute_familywise_p, draw_null
 from .joint_curves import collect_curves, find_better_curve, see_rest
 from .mechanism_families import Family, find_families
 from .options import DEFAULT_OPTIONS
 from .residual_tests import FLIP_DRAWS, adjust_residual, compute_flip_p, draw_flips, partition_rows
+from .scan import Scan
 from .signatures import read_signatures
 from .views import View, Views, build_view
 
@@ -202,40 +203,40 @@ class Search:
             partitions.append(partition)
         return partitions
 
-    def draw_final_nulls(self, view: View, weakest: float) -> tuple[list[Array], Array]:
+    def draw_final_nulls(self, view: View, weakest: float) -> list[Array]:
         """Draw the nulls that the final effects are held against, the `weakest` of that evidence.
 
-        Returns sorted evidences of each null, or bounds of them below the weakest effect's, and
-        family-wise p-values (G,) of every candidate alone on the base.
-
-        The nulls are equal normal noise, and the signs of what `view` leaves; a p-value is the
-        largest by any of them. Where the model of `view` has every candidate already, evidences
-        beyond the base are taken."""
-        first = self.first
-        rows = len(first.residual)
+        Returns sorted evidences of each null, or bounds of them below the weakest effect's. The
+        nulls are equal normal noise, and the signs of what `view` leaves. Where the model of `view`
+        has every candidate already, evidences beyond the base are taken."""
+        is_beyond = view is not self.first and bool(view.scan.sizes.any())
+        seen = view.scan if is_beyond else self.first.scan
         nulls = [self.null]
-        p = compute_familywise_p(first.scan, first.response, self.smallest_p)
-        is_beyond = view is not first and bool(view.scan.sizes.any())
-        for unit in self.expand_partitions(view):
-            adjusted = adjust_residual(view.scan.Q, view.residual, unit)
-            on_base = draw_flips(
-                first.scan, self.log_prior, adjusted[:rows], unit[:rows], self.flip_draws, self.rng
-            )
-            evidences, smallest = [], []
-            for chance in on_base:
-                smallest.append(chance.smallest_p)
-                if not is_beyond:
-                    evidences.append(chance.below(weakest))
-            if is_beyond:
-                on_view = draw_flips(
-                    view.scan, self.log_prior, adjusted, unit, self.flip_draws, self.rng
-                )
-                evidences = [chance.below(weakest) for chance in on_view]
+        for on_seen in self._flip_rest(view, seen):
+            evidences = [chance.below(weakest) for chance in on_seen]
             nulls.append(np.sort(np.concatenate(evidences)))
+        return nulls
+
+    def compute_map_p(self, view: View) -> Array:
+        """Compute family-wise p-values (G,) of every candidate alone on the base: the largest by equal
+        normal noise, and by the signs of what `view` leaves."""
+        first = self.first
+        p = compute_familywise_p(first.scan, first.response, self.smallest_p)
+        for on_base in self._flip_rest(view, first.scan):
+            smallest = [chance.smallest_p for chance in on_base]
             least = np.sort(np.concatenate(smallest))
             p_by_signs = compute_familywise_p(first.scan, first.response, least)
             p = np.maximum(p, p_by_signs)
-        return nulls, p
+        return p
+
+    def _flip_rest(self, view: View, seen: Scan) -> Iterator[Iterator[Chance]]:
+        """Flip the signs of what a view leaves, in every partition, as another scan sees it."""
+        rows = len(seen.Q)
+        for unit in self.expand_partitions(view):
+            adjusted = adjust_residual(view.scan.Q, view.residual, unit)
+            yield draw_flips(
+                seen, self.log_prior, adjusted[:rows], unit[:rows], self.flip_draws, self.rng
+            )
 
     def rename(self, g: int, view: View) -> Renamed:
         """Name effect g again, given all others; remembered while the view lives."""
