@@ -23,7 +23,8 @@ from ..fitting.splines import spline, spline_groups
 from ..mechanisms.terms import Mechanism, Term, TermKey
 from .candidates import Candidate
 from .options import DEFAULT_OPTIONS
-from .screw_columns import ScrewColumns, build_screw_columns, order_terms, split_range
+from .screw_columns import ScrewColumns, build_screw_columns, split_range
+from .screw_places import order_terms
 
 # sizes [mm, rad] beyond which a screw is no error of an arm
 LARGEST_SCREW = {"t": 100.0, "r": 0.1}

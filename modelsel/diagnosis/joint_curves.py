@@ -19,6 +19,7 @@ from .candidate_columns import Block, Columns, find_signed
 from .candidates import Candidate
 from .evidence import compute_factors
 from .scan import Beyond, Released, Response, Scan, build_buckets
+from .screw_columns import ScrewColumns
 
 # effects (waves and the like) that one curve may be made of
 MAX_EFFECTS_PER_CURVE = 4
@@ -47,20 +48,25 @@ class Curve:
     """The candidates of one joint's own angle.
 
     `which` (k,): their indices among all candidates; `free` (k,) marks the free functions among
-    them; `index` (c,): their columns among all; `slices`: each candidate's own among those; `gram`
-    (c, c): products of the columns; `blocks`: the candidates by their number of columns; `homes`:
-    where the candidates of each block are among all candidates' blocks, (block, rows)."""
+    them; `index` (c,): their columns among all `columns`; `slices`: each candidate's own among
+    those; `blocks`: the candidates by their number of columns; `homes`: where the candidates of each
+    block are among all candidates' blocks, (block, rows)."""
 
+    columns: ScrewColumns
     which: Index
     log_prior: Array
     free: Mask
     index: Index
     slices: tuple[Index, ...]
-    gram: Array
     blocks: tuple[Block, ...]
     homes: tuple[tuple[int, Index], ...]
     signs: tuple[Array, ...]
     signed: Index
+
+    @cached_property
+    def gram(self) -> Array:
+        """Products (c, c) of the columns; few joints are ever asked for theirs."""
+        return self.columns.gram(self.index)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,12 +177,12 @@ def build_curve(cols: Columns, which: Index, log_prior: Array, free: Mask) -> Cu
             homes.append((number, inside))
     signs = tuple(cols.signs[g] for g in which)
     return Curve(
+        columns=cols.screws,
         which=which,
         log_prior=log_prior,
         free=free,
         index=index,
         slices=tuple(np.searchsorted(index, own) for own in columns),
-        gram=cols.screws.gram(index),
         blocks=tuple(blocks),
         homes=tuple(homes),
         signs=signs,

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._typing import Array, Index
+from .._typing import Array, Index, Rows
 from .._workers import map_in_threads
 from ..fitting.design import blocks
 from ..fitting.linearisation import Linearisation
@@ -33,8 +33,8 @@ from .screw_places import Place, build_places
 # that are held together
 CACHED_ROWS = 1024
 TOGETHER = 1_500_000
-# place after all others
-LAST = 1 << 62
+# all rows of a block
+EVERY = slice(None)
 # products of columns, rows and vectors from which a second core pays
 MANY_PRODUCTS = 5e7
 # share of the memory of a diagnosis that the values of the causes may take
@@ -64,17 +64,38 @@ class _RowBlock:
         """Return the causes (w, m) that are not zero at most rows."""
         return _evaluate(self.problem, self.wide) if self.kept is None else self.kept
 
-    def evaluate_causes(self, which: Index) -> Array:
-        """Return some causes (k, m) of the rows."""
-        out = np.empty((len(which), len(self.problem)))
+    def evaluate_causes(self, which: Index, rows: Rows = EVERY) -> Array:
+        """Return some causes (k, ...) of some rows."""
+        count = len(self.fields[rows])
+        out = np.empty((len(which), count))
         is_wide = which < len(self.wide)
         numbers = which[is_wide]
         if self.kept is None:
-            out[is_wide] = _evaluate(self.problem, [self.wide[k] for k in numbers])
+            causes = [self.wide[k] for k in numbers]
+            out[is_wide] = _evaluate(self.problem, causes)[:, rows]
+        elif isinstance(rows, slice):
+            out[is_wide] = self.kept[numbers, rows]
         else:
-            out[is_wide] = self.kept[numbers]
-        out[~is_wide] = self.local.expand(which[~is_wide] - len(self.wide))
+            out[is_wide] = self.kept[np.ix_(numbers, rows)]
+        local = which[~is_wide] - len(self.wide)
+        out[~is_wide] = self.local.expand(local)[:, rows]
         return out
+
+    def split(self) -> Iterator[tuple[Rows, Mixing | None]]:
+        """Split the rows into pieces that share nothing with one another, each with what makes its
+        rows independent."""
+        mixing = self.mixing
+        if mixing is None:
+            for rows in split_range(len(self.fields), CACHED_ROWS):
+                yield rows, None
+            return
+        for every, inverse in zip(mixing.rows, mixing.inverse, strict=True):
+            blocks, size = every.shape
+            for piece in split_range(blocks, CACHED_ROWS // size):
+                own = every[piece]
+                places = np.arange(own.size)
+                there = places.reshape(own.shape)
+                yield own.reshape(-1), Mixing((there,), (inverse[piece],))
 
     def arrange(self, values: NDArray[Any]) -> NDArray[Any]:
         """Arrange values (N, B) of all coordinates as (m, c, B) of this block's rows.
@@ -184,7 +205,10 @@ class ScrewColumns:
         out = np.zeros((len(columns), self.rows))
         for block in self.blocks:
             m, _, c = block.fields.shape
-            flat = self._expand_rows(block, columns, slice(0, m)).reshape(len(columns), c * m)
+            own = self._expand_rows(block, columns, EVERY)
+            if block.mixing is not None:
+                own = block.mixing.apply(own)
+            flat = own.reshape(len(columns), c * m)
             out[:, block.coordinates] = flat if block.measured is None else flat[:, block.measured]
         return out
 
@@ -220,10 +244,13 @@ class ScrewColumns:
                 total += self._gram_at_place(block, columns)
             return total
         for block in self.blocks:
-            size = CACHED_ROWS if block.mixing is None else len(block.fields)
-            for rows in split_range(len(block.fields), size):
+            for rows, mixing in block.split():
                 X = self._expand_rows(block, columns, rows)
-                total += np.einsum("kcm,lcm->kl", X, X, optimize=True)
+                if mixing is not None:
+                    X = mixing.apply(X)
+                k, c, m = X.shape
+                flat = X.reshape(k, c * m)
+                total += flat @ flat.T
         return total
 
     def _gram_at_place(self, block: _RowBlock, columns: Index) -> Array:
@@ -243,9 +270,8 @@ class ScrewColumns:
         total[np.ix_(local, local)] = block.local.gram(which, square)
         return total
 
-    def _expand_rows(self, block: _RowBlock, columns: Index, rows: slice) -> Array:
-        """Compute some columns (k, c, m) at some rows of a block, all of them where rows share
-        errors."""
+    def _expand_rows(self, block: _RowBlock, columns: Index, rows: Rows) -> Array:
+        """Compute some columns (k, c, m) at some rows of a block, which still share errors."""
         fields = block.fields[rows]
         m, _, c = fields.shape
         own = np.zeros((len(columns), c, m))
@@ -255,8 +281,9 @@ class ScrewColumns:
             has = np.flatnonzero(first + step < last)
             _, number, cause = self.pairs[:, first[has] + step]
             moved = fields[:, number].transpose(1, 2, 0)
-            own[has] += moved * block.evaluate_causes(cause)[:, None, rows]
-        return own if block.mixing is None else block.mixing.apply(own)
+            values = block.evaluate_causes(cause, rows)
+            own[has] += moved * values[:, None]
+        return own
 
     def mean_squares(self, problem: Problem, causes: Iterable[Cause]) -> dict[Cause, float]:
         """Compute the mean square of causes over the rows of the problem."""
@@ -278,27 +305,6 @@ def split_range(count: int, size: int) -> Iterator[slice]:
     """Split `count` into slices of at most `size`."""
     size = max(size, 1)
     return (slice(start, min(start + size, count)) for start in range(0, count, size))
-
-
-def order_terms(terms: Sequence[Term]) -> list[Term]:
-    """Order terms by place, and at a place by the number of places that share their cause.
-
-    Then every place has its causes and its columns in long runs, which products take as they are;
-    terms of several screws come last."""
-    axes = {axis: k for k, axis in enumerate(AXES)}
-    places: dict[Cause, int] = {}  # a bit each
-    first: list[tuple[int, Cause | None]] = []
-    for term in terms:
-        own = [len(AXES) * screw.frame + axes[screw.axis] for screw in term.screws]
-        for place, screw in zip(own, term.screws, strict=True):
-            places[screw.cause] = places.get(screw.cause, 0) | 1 << place
-        first.append((own[0], term.screws[0].cause) if len(own) == 1 else (LAST, None))
-    rank: dict[Cause | None, tuple[int, int]] = {None: (0, 0)}
-    for cause, bits in places.items():
-        rank[cause] = -bits.bit_count(), bits
-    keys = [(place, *rank[cause]) for place, cause in first]
-    order = sorted(range(len(keys)), key=keys.__getitem__)
-    return [terms[k] for k in order]
 
 
 def build_screw_columns(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
@@ -10,7 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from .._typing import Index
+from ..mechanisms.causes import Cause
+from ..mechanisms.terms import Term
+from ..robot.rigid import AXES
 
+# place after all others
+LAST = 1 << 62
 # causes in a row from which they are worth a product of their own, without a copy
 MIN_RUN = 16
 
@@ -60,3 +65,24 @@ def _find_runs(causes: Index, columns: Index) -> Iterator[Run]:
             alone[start:end] = False
     if alone.any():
         yield Run(causes[alone], columns[alone])
+
+
+def order_terms(terms: Sequence[Term]) -> list[Term]:
+    """Order terms by place, and at a place by the number of places that share their cause.
+
+    Then every place has its causes and its columns in long runs, which products take as they are;
+    terms of several screws come last."""
+    axes = {axis: k for k, axis in enumerate(AXES)}
+    places: dict[Cause, int] = {}  # a bit each
+    first: list[tuple[int, Cause | None]] = []
+    for term in terms:
+        own = [len(AXES) * screw.frame + axes[screw.axis] for screw in term.screws]
+        for place, screw in zip(own, term.screws, strict=True):
+            places[screw.cause] = places.get(screw.cause, 0) | 1 << place
+        first.append((own[0], term.screws[0].cause) if len(own) == 1 else (LAST, None))
+    rank: dict[Cause | None, tuple[int, int]] = {None: (0, 0)}
+    for cause, bits in places.items():
+        rank[cause] = -bits.bit_count(), bits
+    keys = [(place, *rank[cause]) for place, cause in first]
+    order = sorted(range(len(keys)), key=keys.__getitem__)
+    return [terms[k] for k in order]

@@ -209,34 +209,41 @@ class Search:
         Returns sorted evidences of each null, or bounds of them below the weakest effect's. The
         nulls are equal normal noise, and the signs of what `view` leaves. Where the model of `view`
         has every candidate already, evidences beyond the base are taken."""
-        is_beyond = view is not self.first and bool(view.scan.sizes.any())
-        seen = view.scan if is_beyond else self.first.scan
+        seen = view.scan
+        if not seen.sizes.any():
+            seen = self.first.scan
         nulls = [self.null]
-        for on_seen in self._flip_rest(view, seen):
-            evidences = [chance.below(weakest) for chance in on_seen]
-            nulls.append(np.sort(np.concatenate(evidences)))
+        for chances in self._flip_rest(view, seen):
+            parts = [chance.below(weakest) for chance in chances]
+            evidences = np.concatenate(parts)
+            evidences.sort()
+            nulls.append(evidences)
         return nulls
 
     def compute_map_p(self, view: View) -> Array:
         """Compute family-wise p-values (G,) of every candidate alone on the base: the largest by equal
         normal noise, and by the signs of what `view` leaves."""
-        first = self.first
-        p = compute_familywise_p(first.scan, first.response, self.smallest_p)
-        for on_base in self._flip_rest(view, first.scan):
-            smallest = [chance.smallest_p for chance in on_base]
-            least = np.sort(np.concatenate(smallest))
-            p_by_signs = compute_familywise_p(first.scan, first.response, least)
+        scan = self.first.scan
+        response = self.first.response
+        p = compute_familywise_p(scan, response, self.smallest_p)
+        for chances in self._flip_rest(view, scan):
+            parts = [chance.smallest_p for chance in chances]
+            smallest = np.concatenate(parts)
+            smallest.sort()
+            p_by_signs = compute_familywise_p(scan, response, smallest)
             p = np.maximum(p, p_by_signs)
         return p
 
     def _flip_rest(self, view: View, seen: Scan) -> Iterator[Iterator[Chance]]:
         """Flip the signs of what a view leaves, in every partition, as another scan sees it."""
         rows = len(seen.Q)
+        Q = view.scan.Q
+        draws = self.flip_draws
         for unit in self.expand_partitions(view):
-            adjusted = adjust_residual(view.scan.Q, view.residual, unit)
-            yield draw_flips(
-                seen, self.log_prior, adjusted[:rows], unit[:rows], self.flip_draws, self.rng
-            )
+            adjusted = adjust_residual(Q, view.residual, unit)
+            e = adjusted[:rows]
+            seen_unit = unit[:rows]
+            yield draw_flips(seen, self.log_prior, e, seen_unit, draws, self.rng)
 
     def rename(self, g: int, view: View) -> Renamed:
         """Name effect g again, given all others; remembered while the view lives."""

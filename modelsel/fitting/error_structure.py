@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,21 +19,17 @@ from .._linalg import TINY
 from .._typing import Array, Index, Mask
 from .design import compute_design
 from .least_squares import Fit
+from .part_trials import LEVEL, compute_p, find_next
 from .possible_parts import MIN_LEVELS, PossiblePart
 from .problem import Problem
 from .restricted_likelihood import Likelihood, LinearModel, evaluate_likelihood, maximise_likelihood
 from .shared_errors import MAX_BLOCK, SharedError, SharedErrors, group_blocks, keep_within, mix
 from .whitening import Whitening
 
-# probability with which chance gives a part that is none
-LEVEL = 0.01
-# parts beyond the instrument, and those that are tried at every step
+# parts beyond the instrument
 MAX_PARTS = 6
-TRIED = 2
 # standard errors of a variance beyond which a part is not tried to be left out
 CERTAIN = 3.5
-# gain of twice the log likelihood that something lasting needs beyond what does not last
-HANDICAP = 6.0
 # rows that are looked at, of many
 MAX_ROWS = 2048
 # digits of the logarithm of a variance
@@ -150,7 +145,7 @@ def find_structure(
     chosen = [one for one in offered if one.error.known is not None]
     at = _start_with_known(model, chosen)
     while len(chosen) < MAX_PARTS:
-        new = _find_next(at, offered, chosen)
+        new = find_next(at, offered, chosen)
         if new is None:
             break
         chosen, at = _prune(*new)
@@ -197,72 +192,6 @@ def _build_model(problem: Problem, fitted: Fit) -> LinearModel:
     Q = np.linalg.qr(flat / np.maximum(np.linalg.norm(flat, axis=0), TINY))[0]
     by_column = np.ascontiguousarray(Q.T.reshape(p, m, c).transpose(0, 2, 1))
     return LinearModel(by_column, residual.T * given_back, float(max(N - p, 1)))
-
-
-def _find_next(
-    at: Likelihood, offered: Sequence[PossiblePart], chosen: list[PossiblePart]
-) -> tuple[list[PossiblePart], Likelihood] | None:
-    """Find the part that the likelihood gains most by; None where chance gives as much."""
-    names = {(one.name, one.told_by) for one in chosen}
-    scores = []
-    for one in offered:
-        if (one.name, one.told_by) in names:
-            continue
-        slope, moved = at.slope(one.error)
-        information = float(at.information(moved)[0, 0])
-        if slope > 0 and information > 0:
-            scores.append((slope**2 / information, slope / information, one))
-    scores.sort(key=lambda score: -score[0])
-    lasting = [score for score in scores if score[2].error.time is not None]
-    others = [score for score in scores if score[2].error.time is None]
-    found = [_try(at, one, variance) for _, variance, one in others[:TRIED]]
-    if lasting:
-        _, variance, one = lasting[0]
-        found.append(_climb(at, [one for _, _, one in lasting], _try(at, one, variance)))
-    # what rows of a visit share resembles what lasts for a moment
-    found = [one for one in found if one.p <= LEVEL]
-    if not found:
-        return None
-    best = max(found, key=lambda one: one.at.log - HANDICAP * (one.part.error.time is not None))
-    return [*chosen, best.part], maximise_likelihood(at.model, best.at.parts, exact=False)
-
-
-class _Trial(NamedTuple):
-    """The likelihood with one part more, the others as they were, and how often chance gains as
-    much."""
-
-    part: PossiblePart
-    at: Likelihood
-    p: float
-
-
-def _try(at: Likelihood, part: PossiblePart, variance: float) -> _Trial:
-    start = replace(part.error, variance=variance)
-    trial = maximise_likelihood(at.model, [start], at.parts, exact=False)
-    p = part.tests * compute_p(trial.log - at.log)
-    return _Trial(part, trial, p if any(part.error.is_like(own) for own in trial.parts) else 1.0)
-
-
-def _climb(at: Likelihood, lasting: Sequence[PossiblePart], best: _Trial) -> _Trial:
-    """Try the correlation lengths beside the best as long as the likelihood gains."""
-    lengths = sorted(lasting, key=lambda one: one.error.length)
-    for step in (1, -1):
-        k = lengths.index(best.part) + step
-        while 0 <= k < len(lengths):
-            variance = max((own.variance for own in best.at.parts[-1:]), default=1.0)
-            trial = _try(at, lengths[k], variance)
-            if trial.at.log <= best.at.log:
-                break
-            best = trial
-            k += step
-    return best
-
-
-def compute_p(gain: float) -> float:
-    """Compute how often chance gains as much of twice the log likelihood by a part that is none."""
-    from scipy.special import chdtrc
-
-    return 0.5 * float(chdtrc(1, gain)) if gain > 0 else 1.0
 
 
 def _prune(chosen: list[PossiblePart], at: Likelihood) -> tuple[list[PossiblePart], Likelihood]:

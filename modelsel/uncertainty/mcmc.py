@@ -248,11 +248,13 @@ def propose_independent(
     mean = others.mean(0)
     deviation = others.std(0)
     spread = WIDER * deviation
-    free = np.ones(len(mean), bool)
-    free[list(held)] = False
-    proposal = np.where(free, mean + spread * drawn, x)
-    standard = (x - mean)[:, free] / spread[free]
-    before = np.square(standard).sum(1)
-    after = np.square(drawn[:, free]).sum(1)
-    log_factor = 0.5 * (after - before)
+    step = spread * drawn
+    proposal = mean + step
+    held = list(held)
+    proposal[:, held] = x[:, held]
+    standard = (x - mean) / spread
+    squares = np.square(drawn)
+    squares -= np.square(standard)
+    squares[:, held] = 0.0
+    log_factor = 0.5 * squares.sum(1)
     return proposal, log_factor

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from shown_code import ROOT, fenced
 
-from modelsel.fitting.error_structure import LEVEL
+from modelsel.fitting.part_trials import LEVEL
 from modelsel.fitting.possible_parts import MIN_EXCESS, MIN_GROUPS, MIN_LEVELS
 from modelsel.measurements.visits import SAME_READING
 from modelsel.results.repeatability import LABELS

@@ -19,7 +19,7 @@ from scipy.special import bdtrc
 
 from modelsel import diagnose
 from modelsel.diagnosis.outcome import Diagnosis
-from modelsel.fitting.error_structure import LEVEL as OF_A_PART
+from modelsel.fitting.part_trials import LEVEL as OF_A_PART
 from modelsel.fitting.possible_parts import list_parts
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements

@@ -1,0 +1,158 @@
+"""Trials of one part more of the errors: which of those offered the likelihood gains most by.
+
+The slope of the likelihood at nought bounds what a part may gain, so that few are tried."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from .possible_parts import PossiblePart
+from .restricted_likelihood import Likelihood, maximise_likelihood
+
+# probability with which chance gives a part that is none
+LEVEL = 0.01
+# parts that do not last which are tried at every step
+TRIED = 2
+# gain of twice the log likelihood that something lasting needs beyond what does not last
+HANDICAP = 6.0
+
+
+def find_next(
+    at: Likelihood, offered: Sequence[PossiblePart], chosen: list[PossiblePart]
+) -> tuple[list[PossiblePart], Likelihood] | None:
+    """Find the part that the likelihood gains most by; None where chance gives as much."""
+    scores = _score_parts(at, offered, chosen)
+    lasting = [score for score in scores if score.lasts]
+    lengths = [score.part for score in lasting]
+    others = [score for score in scores if not score.lasts]
+    tried = others[:TRIED] + lasting[:1]
+    tried.sort(key=lambda score: -score.most)
+    best: _Trial | None = None
+    for score in tried:
+        if not score.may_exceed(best):
+            continue
+        trial = _try(at, score.part, score.variance)
+        if score.lasts:
+            trial = _climb(at, lengths, trial)
+        # what rows of a visit share resembles what lasts for a moment
+        if trial.p <= LEVEL and (best is None or trial.worth > best.worth):
+            best = trial
+    if best is None:
+        return None
+    start = best.at.parts
+    after = maximise_likelihood(at.model, start, exact=False)
+    return [*chosen, best.part], after
+
+
+def _score_parts(
+    at: Likelihood, offered: Sequence[PossiblePart], chosen: Sequence[PossiblePart]
+) -> list[_Score]:
+    """Score the parts that may still be added, the highest first."""
+    names = {(one.name, one.told_by) for one in chosen}
+    scores = []
+    for one in offered:
+        if (one.name, one.told_by) in names:
+            continue
+        score = _score(at, one)
+        if score:
+            scores.append(score)
+    scores.sort(key=lambda score: -score.most)
+    return scores
+
+
+class _Score(NamedTuple):
+    """A part that is not there yet by the slope of twice the log likelihood at nought.
+
+    `most`: the slope's square over the information, more than the likelihood gains by it: with n
+    equal mean squares x times those of independent errors these are n (x - 1)²/x and n (x - 1 -
+    ln x), and ln x >= 1 - 1/x. `variance`: about what it will be; `before`: the log without it."""
+
+    part: PossiblePart
+    most: float
+    variance: float
+    before: float
+
+    @property
+    def lasts(self) -> bool:
+        """Whether the part lasts in order or time."""
+        return self.part.error.time is not None
+
+    def may_exceed(self, best: _Trial | None) -> bool:
+        """Whether it may be more than chance gives, and worth more than the best so far."""
+        p = self.part.tests * compute_p(self.most)
+        if p > LEVEL:
+            return False
+        if best is None:
+            return True
+        worth = self.before + self.most
+        worth -= _handicap(self.part)
+        return worth > best.worth
+
+
+def _score(at: Likelihood, part: PossiblePart) -> _Score | None:
+    """Score a part; None where the likelihood would lose by it."""
+    slope, moved = at.slope(part.error)
+    information = at.information(moved).item()
+    if slope <= 0 or information <= 0:
+        return None
+    variance = slope / information
+    most = slope * variance
+    return _Score(part, most, variance, at.log)
+
+
+def _handicap(part: PossiblePart) -> float:
+    """What a lasting part must gain beyond what does not last."""
+    return HANDICAP * (part.error.time is not None)
+
+
+class _Trial(NamedTuple):
+    """The likelihood with one part more, the others as they were, and how often chance gains as
+    much."""
+
+    part: PossiblePart
+    at: Likelihood
+    p: float
+
+    @property
+    def worth(self) -> float:
+        """Twice the log likelihood, less what the part must gain beyond others."""
+        return self.at.log - _handicap(self.part)
+
+
+def _try(at: Likelihood, part: PossiblePart, variance: float) -> _Trial:
+    start = replace(part.error, variance=variance)
+    trial = maximise_likelihood(at.model, [start], at.parts, exact=False)
+    gain = trial.log - at.log
+    p = part.tests * compute_p(gain)
+    is_there = any(part.error.is_like(own) for own in trial.parts)
+    if not is_there:
+        p = 1.0
+    return _Trial(part, trial, p)
+
+
+def _climb(at: Likelihood, lasting: Sequence[PossiblePart], best: _Trial) -> _Trial:
+    """Try the correlation lengths beside the best as long as the likelihood gains."""
+    first = best
+    lengths = sorted(lasting, key=lambda one: one.error.length)
+    for step in (1, -1):
+        k = lengths.index(best.part) + step
+        while 0 <= k < len(lengths):
+            last = best.at.parts[-1:]
+            variance = last[0].variance if last else 1.0
+            trial = _try(at, lengths[k], variance)
+            if trial.at.log <= best.at.log:
+                break
+            best = trial
+            k += step
+        if best is not first:
+            break  # below it lies what was there first
+    return best
+
+
+def compute_p(gain: float) -> float:
+    """Compute how often chance gains as much of twice the log likelihood by a part that is none."""
+    from scipy.special import chdtrc
+
+    return 0.5 * float(chdtrc(1, gain)) if gain > 0 else 1.0
