@@ -16,6 +16,7 @@ from ._options import amount_options, choose_amount, make_console, print_json, p
 
 if TYPE_CHECKING:
     from .._progress import Progress
+    from .._second_process import SecondProcess
     from ..config.study_file import Study
     from ..mechanisms.registry import Registry
     from ..report.terminal import Amount
@@ -111,21 +112,26 @@ class _Run(NamedTuple):
 
     def complete(self, study: Study, folder: Path, keeper: Checkpoint) -> tuple[Result, list[Path]]:
         """Analyse, tell, sample and draw at once, write. Result and files written."""
+        from .._second_process import second_process
+        from ..report.loading import load_drawing
         from ..study.runner import run_study
 
-        result = run_study(
-            study,
-            folder,
-            registry=self.registry,
-            say=self.progress,
-            sampling=False,
-            checkpoint=keeper,
-        )
-        self._tell_analysis(result)
-        if self.report:
-            return self._sample_and_draw(result, keeper)
-        result = self._sample(result, keeper)
-        return result, self._save(result, keeper)
+        with second_process() as second:
+            if self.report:
+                second.ask(load_drawing)
+            result = run_study(
+                study,
+                folder,
+                registry=self.registry,
+                say=self.progress,
+                sampling=False,
+                checkpoint=keeper,
+            )
+            self._tell_analysis(result)
+            if self.report:
+                return self._sample_and_draw(result, keeper, second)
+            result = self._sample(result, keeper)
+            return result, self._save(result, keeper)
 
     def _sample(self, result: Result, keeper: Checkpoint) -> Result:
         from ..study.pipeline import sample_posterior
@@ -135,21 +141,19 @@ class _Run(NamedTuple):
         _import_sampler()
         return sample_posterior(result, self.registry, self.progress, keeper)
 
-    def _sample_and_draw(self, result: Result, keeper: Checkpoint) -> tuple[Result, list[Path]]:
+    def _sample_and_draw(
+        self, result: Result, keeper: Checkpoint, second: SecondProcess
+    ) -> tuple[Result, list[Path]]:
         """Sample while a second process draws what sampling does not change."""
-        from .._second_process import second_process
-        from ..report.drawing import HALF, SAMPLED_PAGES, UNSAMPLED_PAGES, DrawnAhead, draw_records
+        from ..report.drawing import HALF, UNSAMPLED_PAGES, DrawnAhead, draw_records
 
-        with second_process() as second:
-            ahead = DrawnAhead(second)
-            pages = UNSAMPLED_PAGES if self.sampling else HALF
-            ahead.draw(result.record, result.details, pages)
-            result = self._sample(result, keeper)
-            record, details = result.record, result.details
-            if self.sampling:
-                ahead.draw(record, details, SAMPLED_PAGES)
-            written = self._save(result, keeper)
-            written += draw_records(record, details, self.folder, say=self.progress, ahead=ahead)
+        ahead = DrawnAhead(second)
+        pages = UNSAMPLED_PAGES if self.sampling else HALF
+        ahead.draw(result.record, result.details, pages)
+        result = self._sample(result, keeper)
+        record, details = result.record, result.details
+        written = self._save(result, keeper)
+        written += draw_records(record, details, self.folder, say=self.progress, ahead=ahead)
         return result, written
 
     def _save(self, result: Result, keeper: Checkpoint) -> list[Path]:
