@@ -113,7 +113,7 @@ class _Run(NamedTuple):
     def complete(self, study: Study, folder: Path, keeper: Checkpoint) -> tuple[Result, list[Path]]:
         """Analyse, tell, sample and draw at once, write. Result and files written."""
         from .._second_process import second_process
-        from ..report.loading import load_drawing
+        from ..report.imports_ahead import load_drawing
         from ..study.runner import run_study
 
         with second_process() as second:

@@ -22,6 +22,7 @@ from ..fitting.problem import Problem
 from ..fitting.splines import spline, spline_groups
 from ..mechanisms.terms import Mechanism, Term, TermKey
 from .candidates import Candidate
+from .kept_causes import KeptCauses
 from .options import DEFAULT_OPTIONS
 from .screw_columns import ScrewColumns, build_screw_columns, split_range
 from .screw_places import order_terms
@@ -143,8 +144,11 @@ def build_columns(
     found: Sequence[Candidate],
     at: Linearisation | None = None,
     memory_mb: float = DEFAULT_OPTIONS.memory_mb,
+    known: KeptCauses | None = None,
 ) -> Columns:
-    """Build the columns of every candidate at a point of the parameters (None: the nominal one)."""
+    """Build the columns of every candidate at a point of the parameters (None: the nominal one).
+
+    `known`: the causes of other columns at the same rows."""
     mechanisms = [candidate.mechanism for candidate in found]
     terms: dict[TermKey, Term] = {}
     for mechanism in mechanisms:
@@ -157,7 +161,7 @@ def build_columns(
         places = [place[term.key] for term in mechanism.terms]
         slices.append(np.array(places, dtype=np.intp))
         signs.append(np.array(mechanism.signs, dtype=float))
-    screws = build_screw_columns(problem, distinct, at, memory_mb)
+    screws = build_screw_columns(problem, distinct, at, memory_mb, known)
     most = _compute_largest(screws, distinct, problem)
     blocks_ = tuple(_build_blocks(mechanisms, screws, slices, most))
     return Columns(screws, place, tuple(slices), blocks_, tuple(signs))

@@ -8,7 +8,7 @@ against a few waves; whichever the data make more probable stands."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -63,10 +63,16 @@ class Curve:
     signs: tuple[Array, ...]
     signed: Index
 
-    @cached_property
-    def gram(self) -> Array:
-        """Products (c, c) of the columns; few joints are ever asked for theirs."""
-        return self.columns.gram(self.index)
+    _known: dict[int, Array] = field(default_factory=dict, repr=False)
+
+    def multiply(self, member: int) -> Array:
+        """Compute the products (c, k) of all columns with those of one candidate."""
+        if member not in self._known:
+            own = self.index[self.slices[member]]
+            vectors = self.columns.expand(own)
+            products = self.columns.dot(vectors.T)
+            self._known[member] = products[self.index]
+        return self._known[member]
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,9 +115,10 @@ class Rest:
     def absorb(self, member: int) -> Rest:
         """Add one candidate to the model, and offer it no more."""
         own = self.curve.slices[member]
-        left = self.curve.gram[:, own] - self.inside @ self.inside[own].T
+        products = self.curve.multiply(member)
+        left = products - self.inside @ self.inside[own].T
         left += self.back @ self.back[own].T
-        W = _whiten_all(left[own], np.diag(self.curve.gram)[own])
+        W = _whiten_all(left[own], np.diag(products[own]))
         shared = left @ W.T
         explained = W @ self.products[own]
         left_over = self.square - float(explained @ explained)

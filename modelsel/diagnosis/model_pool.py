@@ -296,7 +296,7 @@ def _build_pool(rest: Rest, log_prior: Array, kind: Index) -> Pool:
     curve = rest.curve
     along = rest.inside @ rest.inside.T
     returned = rest.back @ rest.back.T
-    gram = curve.gram - along + returned
+    gram = curve.columns.gram(curve.index) - along + returned
     count = len(curve.which)
     buckets, _ = build_buckets(rest.blocks, rest.lefts, count)
     rows: dict[int, Index] = {}

@@ -26,6 +26,7 @@ from ..fitting.shared_errors import Mixing
 from ..mechanisms.causes import ONE, Bump, Cause
 from ..mechanisms.terms import Screw, Term
 from ..robot.rigid import AXES
+from .kept_causes import KeptCauses, evaluate_causes
 from .local_causes import LocalCauses
 from .screw_places import Place, build_places
 
@@ -62,7 +63,7 @@ class _RowBlock:
 
     def evaluate_wide(self) -> Array:
         """Return the causes (w, m) that are not zero at most rows."""
-        return _evaluate(self.problem, self.wide) if self.kept is None else self.kept
+        return evaluate_causes(self.problem, self.wide) if self.kept is None else self.kept
 
     def evaluate_causes(self, which: Index, rows: Rows = EVERY) -> Array:
         """Return some causes (k, ...) of some rows."""
@@ -72,7 +73,7 @@ class _RowBlock:
         numbers = which[is_wide]
         if self.kept is None:
             causes = [self.wide[k] for k in numbers]
-            out[is_wide] = _evaluate(self.problem, causes)[:, rows]
+            out[is_wide] = evaluate_causes(self.problem, causes)[:, rows]
         elif isinstance(rows, slice):
             out[is_wide] = self.kept[numbers, rows]
         else:
@@ -84,18 +85,21 @@ class _RowBlock:
     def split(self) -> Iterator[tuple[Rows, Mixing | None]]:
         """Split the rows into pieces that share nothing with one another, each with what makes its
         rows independent."""
-        mixing = self.mixing
-        if mixing is None:
-            for rows in split_range(len(self.fields), CACHED_ROWS):
+        whole = self.mixing
+        count = len(self.fields)
+        if whole is None:
+            for rows in split_range(count, CACHED_ROWS):
                 yield rows, None
             return
-        for every, inverse in zip(mixing.rows, mixing.inverse, strict=True):
+        for every, inverse in zip(whole.rows, whole.inverse, strict=True):
             blocks, size = every.shape
             for piece in split_range(blocks, CACHED_ROWS // size):
                 own = every[piece]
                 places = np.arange(own.size)
                 there = places.reshape(own.shape)
-                yield own.reshape(-1), Mixing((there,), (inverse[piece],))
+                mixing = Mixing((there,), (inverse[piece],))
+                flat = own.reshape(-1)
+                yield flat, mixing
 
     def arrange(self, values: NDArray[Any]) -> NDArray[Any]:
         """Arrange values (N, B) of all coordinates as (m, c, B) of this block's rows.
@@ -112,14 +116,6 @@ class _RowBlock:
             by_vector = np.array(own.reshape(c, m, -1).transpose(2, 0, 1), order="C")
             return self.mixing.apply_transposed(by_vector).transpose(2, 1, 0)
         return own.reshape(c, m, -1).transpose(1, 0, 2)
-
-
-def _evaluate(problem: Problem, causes: Sequence[Cause]) -> Array:
-    """Evaluate causes (u, m); they are not kept by the problem, whose memory they would fill."""
-    values = np.empty((len(causes), len(problem)))
-    for row, cause in zip(values, causes, strict=True):
-        row[:] = cause.of(problem.state)
-    return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +245,8 @@ class ScrewColumns:
                 if mixing is not None:
                     X = mixing.apply(X)
                 k, c, m = X.shape
-                flat = X.reshape(k, c * m)
+                numbers = c * m
+                flat = X.reshape(k, numbers)
                 total += flat @ flat.T
         return total
 
@@ -308,22 +305,32 @@ def split_range(count: int, size: int) -> Iterator[slice]:
 
 
 def build_screw_columns(
-    problem: Problem, terms: Sequence[Term], at: Linearisation | None, memory_mb: float
+    problem: Problem,
+    terms: Sequence[Term],
+    at: Linearisation | None,
+    memory_mb: float,
+    known: KeptCauses | None = None,
 ) -> ScrewColumns:
     """Build the columns of distinct terms at a point of the parameters (None: the nominal one).
 
-    The causes of all rows are kept where they take no more than their share of `memory_mb`."""
+    The causes of all rows are kept where they take no more than their share of `memory_mb`; with
+    those that are `known` of other columns at these rows."""
     fields, screws = _find_fields(problem, terms)
     causes = dict.fromkeys(cause for own in screws for _, cause in own)
     wide = tuple(cause for cause in causes if not isinstance(cause, Bump))
+    known = KeptCauses() if known is None else known
+    numbers = known.count_with(wide) * len(problem)
+    is_kept = 8e-6 * numbers <= CAUSES_SHARE * memory_mb
+    if is_kept:
+        wide = known.add(wide)
     local = tuple(cause for cause in causes if isinstance(cause, Bump))
     number = {cause: k for k, cause in enumerate((*wide, *local))}
     pairs = np.array(
         [(k, f, number[cause]) for k, own in enumerate(screws) for f, cause in own], dtype=np.intp
     ).T.reshape(3, -1)
     starts = np.searchsorted(pairs[0], np.arange(len(terms) + 1))
-    is_kept = 8e-6 * len(wide) * len(problem) <= CAUSES_SHARE * memory_mb
-    row_blocks = tuple(_build_row_blocks(problem, fields, at, wide, local, is_kept))
+    kept = known if is_kept else None
+    row_blocks = tuple(_build_row_blocks(problem, fields, at, wide, local, kept))
     is_wide = pairs[2] < len(wide)
     wide_pairs, local_pairs = pairs[:, is_wide], pairs[:, ~is_wide]
     local_pairs[2] -= len(wide)
@@ -364,7 +371,7 @@ def _build_row_blocks(
     at: Linearisation | None,
     wide: tuple[Cause, ...],
     local: tuple[Cause, ...],
-    is_kept: bool,
+    known: KeptCauses | None,
 ) -> Iterator[_RowBlock]:
     start = 0
     whitening = problem.whitening.by_row()
@@ -384,7 +391,7 @@ def _build_row_blocks(
             coordinates=slice(start, stop),
             measured=measured,
             wide=wide,
-            kept=_evaluate(part, wide) if is_kept else None,
+            kept=None if known is None else known.evaluate(part, rows),
             local=LocalCauses.of(part, local),
             mixing=None if shared is None else shared.mixing,
         )

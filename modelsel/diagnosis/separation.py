@@ -12,7 +12,7 @@ explanations an information criterion chooses."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +30,7 @@ from ..selection.evaluation import Split
 from ..selection.structure_criterion import compute_criterion
 from .candidates import Candidate
 from .conclusion import build_empty, conclude, prove
+from .kept_causes import KeptCauses
 from .options import DiagnosisOptions
 from .outcome import Diagnosis
 from .reshaping import improve_shapes
@@ -60,15 +61,21 @@ class Inquiry(NamedTuple):
     options: DiagnosisOptions
 
     def search(
-        self, problem: Problem, found: tuple[Candidate, ...], known: Sequence[Candidate]
+        self,
+        problem: Problem,
+        found: tuple[Candidate, ...],
+        known: Sequence[Candidate],
+        causes: KeptCauses,
     ) -> Search:
         """Prepare the search for effects in a training problem, with the study's random stream of
-        naming. `known`: chosen before, of which some may be shapes of an earlier search."""
+        naming. `known`: chosen before, of which some may be shapes of an earlier search; `causes`:
+        those of other searches in the same rows."""
         rng = generator(self.seed, "naming")
         base_fit = fit(problem, self.base)
         listed = {one.mechanism.name for one in found}
         shapes = tuple(one for one in known if one.mechanism.name not in listed)
-        return Search(problem, self.base, found + shapes, rng, base_fit, self.options.memory_mb)
+        memory_mb = self.options.memory_mb
+        return Search(problem, self.base, found + shapes, rng, base_fit, memory_mb, causes)
 
 
 class _Explanation(NamedTuple):
@@ -95,6 +102,7 @@ class _Separation:
     inquiry: Inquiry
     found: tuple[Candidate, ...]
     parts: tuple[PossiblePart, ...]
+    causes: KeptCauses = field(default_factory=KeptCauses, repr=False)
 
     def find_parts(self, fitted: Fit, *unsure: str) -> ErrorStructure:
         """Find the parts that a fit leaves, of those that are not told by what is `unsure`."""
@@ -104,7 +112,7 @@ class _Separation:
     def search(self, given: ErrorStructure, known: tuple[Candidate, ...] = ()) -> _Explanation:
         """Search for effects given parts of the errors, beside those that are known."""
         weighed = replace(self.split, problem=given.whiten(self.split.problem))
-        prepared = self.inquiry.search(weighed.training(), self.found, known)
+        prepared = self.inquiry.search(weighed.training(), self.found, known, self.causes)
         explored = explore(prepared, known, self.inquiry.say)
         left = self.find_parts(explored.fitted)
         return _Explanation(explored, given, left, self._judge(explored, left))

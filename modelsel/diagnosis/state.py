@@ -24,6 +24,7 @@ from .candidates import Candidate
 from .credible_sets import CredibleSet, ask, compute_own_evidence, include_candidate, rename_effect
 from .evidence import MIN_LOG_ODDS, Chance, compute_familywise_p, draw_null
 from .joint_curves import collect_curves, find_better_curve, see_rest
+from .kept_causes import KeptCauses
 from .mechanism_families import Family, find_families
 from .options import DEFAULT_OPTIONS
 from .residual_tests import FLIP_DRAWS, adjust_residual, compute_flip_p, draw_flips, partition_rows
@@ -55,7 +56,7 @@ class Search:
     """What the steps of the search share: the data, the candidates and the null distribution.
 
     All candidates have their columns here; `first` is the view of the base, and the null
-    distribution is that of the first scan.
+    distribution is that of the first scan. `causes`: those of other searches in the same rows.
 
     Names that were asked for are remembered for each view, as long as the view lives: a view and
     the candidates never change, so that an answer stays valid."""
@@ -68,11 +69,13 @@ class Search:
         rng: np.random.Generator,
         base_fit: Fit,
         memory_mb: float = DEFAULT_OPTIONS.memory_mb,
+        causes: KeptCauses | None = None,
     ):
         self.problem = problem
         self.base = base
         self.rng = rng
         self.memory_mb = memory_mb
+        self.causes = KeptCauses() if causes is None else causes
         self._see(found, base_fit)
         is_large = self.columns.screws.size >= LARGE_STUDY
         self.flip_draws = FLIP_DRAWS[is_large]
@@ -83,7 +86,9 @@ class Search:
     def _see(self, found: tuple[Candidate, ...], base_fit: Fit) -> None:
         """See the candidates from the base."""
         self.found = found
-        self.columns: Columns = build_columns(self.problem, found, base_fit.at(), self.memory_mb)
+        self.columns: Columns = build_columns(
+            self.problem, found, base_fit.at(), self.memory_mb, self.causes
+        )
         self.log_prior = np.log([c.prior for c in found])
         self.curves = collect_curves(found, self.columns, self.log_prior)
         self.first = build_view(self.problem, self.columns, base_fit)

@@ -29,7 +29,7 @@ from .screw_columns import split_range
 OWN_SHARE = 1e-6
 # numbers of added columns, and of their products with the candidates, that are kept
 KEPT_NUMBERS = 2_000_000
-# candidates' columns that are multiplied at a time
+# candidates' columns, and rows, that are multiplied at a time
 PIECE = 4096
 
 
@@ -184,27 +184,28 @@ class Views:
         more = keys[before:]
         if not more:
             return None
-        columns = self._expand(more)
         root = prior_root(fitted.terms, fitted.precision)
-        of_data = np.column_stack([first.A, columns])
-        A = np.vstack([of_data, root])
+        rows = len(first.A)
+        A = np.empty((rows + len(root), len(keys)))
+        A[:rows, :before] = first.A
+        A[:rows, before:] = self._expand(more)
+        A[rows:] = root
         own = [k for k in fitted.representatives if k >= before]
-        new = A[:, own]
-        basis = np.pad(first.Q, ((0, len(root)), (0, 0)))
-        rest, along = _take_out(new, basis)
-        Q, R = np.linalg.qr(rest)
-        size = np.linalg.norm(new, axis=0)
+        rest = A[:, own]
+        size = np.linalg.norm(rest, axis=0)
+        rank = first.Q.shape[1]
+        Q = np.zeros((len(A), rank + len(own)))
+        basis = Q[:, :rank]
+        basis[:rows] = first.Q
+        along = _take_out(rest, basis)
+        Q[:, rank:], R = np.linalg.qr(rest)
         is_own = np.abs(np.diagonal(R)) > OWN_SHARE * size
         if not is_own.all():
             return None
         added = [keys[k] for k in own]
         inside = self._multiply(added, along, R)
         return _Projection(
-            kept=(*first.kept, *own),
-            A=A,
-            Q=np.column_stack([basis, Q]),
-            R=_stack_triangles(first.R, along, R),
-            inside=inside,
+            kept=(*first.kept, *own), A=A, Q=Q, R=_stack_triangles(first.R, along, R), inside=inside
         )
 
     def _expand(self, keys: Sequence[TermKey]) -> Array:
@@ -251,17 +252,21 @@ class Views:
             del self._known[key]
 
 
-def _take_out(vectors: Array, basis: Array) -> tuple[Array, Array]:
-    """Take a basis (N, r) out of vectors (N, k); returns what is left, and the coordinates (r, k).
+def _take_out(vectors: Array, basis: Array) -> Array:
+    """Take a basis (N, r) out of vectors (N, k), in place; returns the coordinates (r, k).
 
     Twice is enough (Kahan, Parlett)."""
     across = basis.T
-    first = across @ vectors
-    rest = vectors - basis @ first
-    second = across @ rest
-    rest -= basis @ second
-    coordinates = first + second
-    return rest, coordinates
+    count = len(vectors)
+    shape = len(across), vectors.shape[1]
+    coordinates = np.zeros(shape)
+    for _ in range(2):
+        along = across @ vectors
+        for rows in split_range(count, PIECE):
+            taken = basis[rows] @ along
+            vectors[rows] -= taken
+        coordinates += along
+    return coordinates
 
 
 def _stack_triangles(first: Array, across: Array, last: Array) -> Array:

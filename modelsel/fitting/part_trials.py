@@ -1,6 +1,7 @@
 """Trials of one part more of the errors: which of those offered the likelihood gains most by.
 
-The slope of the likelihood at nought bounds what a part may gain, so that few are tried."""
+The slope of the likelihood at nought bounds what a part may gain that does not last, so that few
+are tried."""
 
 from __future__ import annotations
 
@@ -10,6 +11,7 @@ from typing import NamedTuple
 
 from .possible_parts import PossiblePart
 from .restricted_likelihood import Likelihood, maximise_likelihood
+from .shared_errors import SharedError
 
 # probability with which chance gives a part that is none
 LEVEL = 0.01
@@ -27,10 +29,9 @@ def find_next(
     lasting = [score for score in scores if score.lasts]
     lengths = [score.part for score in lasting]
     others = [score for score in scores if not score.lasts]
-    tried = others[:TRIED] + lasting[:1]
-    tried.sort(key=lambda score: -score.most)
     best: _Trial | None = None
-    for score in tried:
+    # what lasts first: nothing bounds what it may gain
+    for score in lasting[:1] + others[:TRIED]:
         if not score.may_exceed(best):
             continue
         trial = _try(at, score.part, score.variance)
@@ -41,7 +42,7 @@ def find_next(
             best = trial
     if best is None:
         return None
-    start = best.at.parts
+    start = best.every
     after = maximise_likelihood(at.model, start, exact=False)
     return [*chosen, best.part], after
 
@@ -65,9 +66,10 @@ def _score_parts(
 class _Score(NamedTuple):
     """A part that is not there yet by the slope of twice the log likelihood at nought.
 
-    `most`: the slope's square over the information, more than the likelihood gains by it: with n
-    equal mean squares x times those of independent errors these are n (x - 1)²/x and n (x - 1 -
-    ln x), and ln x >= 1 - 1/x. `variance`: about what it will be; `before`: the log without it."""
+    `most`: the slope's square over the information, more than the likelihood gains by what does not
+    last: with n equal mean squares x times those of independent errors these are n (x - 1)²/x and n
+    (x - 1 - ln x), and ln x >= 1 - 1/x. `variance`: about what it will be; `before`: the log without
+    it."""
 
     part: PossiblePart
     most: float
@@ -81,14 +83,14 @@ class _Score(NamedTuple):
 
     def may_exceed(self, best: _Trial | None) -> bool:
         """Whether it may be more than chance gives, and worth more than the best so far."""
+        if self.lasts:
+            return True
         p = self.part.tests * compute_p(self.most)
         if p > LEVEL:
             return False
         if best is None:
             return True
-        worth = self.before + self.most
-        worth -= _handicap(self.part)
-        return worth > best.worth
+        return self.before + self.most > best.worth
 
 
 def _score(at: Likelihood, part: PossiblePart) -> _Score | None:
@@ -108,17 +110,18 @@ def _handicap(part: PossiblePart) -> float:
 
 
 class _Trial(NamedTuple):
-    """The likelihood with one part more, the others as they were, and how often chance gains as
-    much."""
+    """One part more, the others as they were: `every` part with its variance, twice the log
+    likelihood, and how often chance gains as much. The likelihood itself is large, and not kept."""
 
     part: PossiblePart
-    at: Likelihood
+    every: tuple[SharedError, ...]
+    log: float
     p: float
 
     @property
     def worth(self) -> float:
         """Twice the log likelihood, less what the part must gain beyond others."""
-        return self.at.log - _handicap(self.part)
+        return self.log - _handicap(self.part)
 
 
 def _try(at: Likelihood, part: PossiblePart, variance: float) -> _Trial:
@@ -129,7 +132,7 @@ def _try(at: Likelihood, part: PossiblePart, variance: float) -> _Trial:
     is_there = any(part.error.is_like(own) for own in trial.parts)
     if not is_there:
         p = 1.0
-    return _Trial(part, trial, p)
+    return _Trial(part, trial.parts, trial.log, p)
 
 
 def _climb(at: Likelihood, lasting: Sequence[PossiblePart], best: _Trial) -> _Trial:
@@ -139,10 +142,10 @@ def _climb(at: Likelihood, lasting: Sequence[PossiblePart], best: _Trial) -> _Tr
     for step in (1, -1):
         k = lengths.index(best.part) + step
         while 0 <= k < len(lengths):
-            last = best.at.parts[-1:]
+            last = best.every[-1:]
             variance = last[0].variance if last else 1.0
             trial = _try(at, lengths[k], variance)
-            if trial.at.log <= best.at.log:
+            if trial.log <= best.log:
                 break
             best = trial
             k += step

@@ -11,6 +11,7 @@ from modelsel.diagnosis import candidate_columns, screw_columns
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.evidence import Chance
+from modelsel.diagnosis.kept_causes import KeptCauses
 from modelsel.diagnosis.scan import Response, build_scan, build_scan_without, compute_basis
 from modelsel.diagnosis.screw_columns import ScrewColumns, build_screw_columns
 from modelsel.fitting.design import Model
@@ -73,6 +74,28 @@ def test_products_do_not_depend_on_the_memory_that_is_allowed(
     assert np.array_equal(kept.expand(np.arange(5)), evaluated.expand(np.arange(5)))
     monkeypatch.setattr(screw_columns, "CACHED_ROWS", 7)
     np.testing.assert_allclose(evaluated.dot(V), kept.dot(V), rtol=1e-12, atol=1e-9)
+
+
+def test_columns_of_the_same_rows_share_their_causes(rng: np.random.Generator) -> None:
+    """Whatever comes first, and beyond the room that was left, products are those of the columns by
+    themselves; those that were built before stay as they were."""
+    at = drawn("puma760", rng, 40)
+    alone, X = columns_of(at)
+    V = rng.normal(size=(len(X), 3))
+    known = KeptCauses()
+    first = build_screw_columns(at, TERMS[3:], None, 500.0, known)
+    before = first.dot(V)
+    many = tuple(Term(f"w{k}", (Screw(2, "rz", sin(0.01 * k * q(1))),)) for k in range(200))
+    build_screw_columns(at, many, None, 500.0, known)
+    point = Linearisation(TERMS, np.array([1e-3, 0.1, 0.05, 0.2, 1e-3]))
+    later = build_screw_columns(at, TERMS, point, 500.0, known)
+    assert np.array_equal(first.dot(V), before)
+    np.testing.assert_allclose(later.dot(V), alone.dot(V), rtol=1e-12, atol=1e-9)
+    np.testing.assert_allclose(later.expand(np.arange(5)), X.T, rtol=1e-12, atol=1e-12)
+    kept = later.blocks[0].kept
+    assert kept is not None
+    again = build_screw_columns(at, TERMS, point, 500.0, known).blocks[0].kept
+    assert np.shares_memory(kept, again)
 
 
 def test_splines_are_kept_where_they_are_not_zero(rng: np.random.Generator) -> None:

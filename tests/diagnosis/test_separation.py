@@ -13,6 +13,7 @@ from searches import ignore
 
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.kept_causes import KeptCauses
 from modelsel.diagnosis.options import DEFAULT_OPTIONS
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose
@@ -85,5 +86,5 @@ def test_a_search_goes_on_with_a_shape_that_is_not_listed(rng: np.random.Generat
     listed = build_candidates(problem, base, ())[:50]
     known = (Candidate(shape, CandidateKind.PRODUCT, 1e-3),)
     inquiry = Inquiry(base, (), 1, True, ignore, DEFAULT_OPTIONS)
-    chosen = explore(inquiry.search(problem, listed, known), known, ignore).chosen
+    chosen = explore(inquiry.search(problem, listed, known, KeptCauses()), known, ignore).chosen
     assert chosen[: len(known)] == known

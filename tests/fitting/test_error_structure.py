@@ -15,10 +15,12 @@ from scipy.stats import multivariate_normal
 
 from modelsel._typing import Array
 from modelsel.fitting.design import Model, compute_design
-from modelsel.fitting.error_structure import ErrorStructure, find_structure
+from modelsel.fitting.error_structure import ErrorStructure, _build_model, find_structure
 from modelsel.fitting.least_squares import fit
+from modelsel.fitting.part_trials import _score
 from modelsel.fitting.possible_parts import PossiblePart, list_parts
 from modelsel.fitting.problem import Problem
+from modelsel.fitting.restricted_likelihood import evaluate_likelihood, maximise_likelihood
 from modelsel.fitting.shared_errors import SharedErrors
 from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import build_measurements
@@ -183,6 +185,25 @@ def test_what_lasts_is_found_with_its_length(rng: np.random.Generator) -> None:
     part = found.parts[1]
     assert length / 4 < part.length < length * 4
     assert part.low / 1.4 < 3 * SIGMA < part.high * 1.4
+
+
+@seeds(1, 2, 3)
+@pytest.mark.parametrize("make", [{}, {"targets": 2}, {"groups": 6}], ids=str)
+def test_no_part_gains_more_than_its_slope_tells(
+    rng: np.random.Generator, make: dict[str, int]
+) -> None:
+    """What need not be tried could not have been chosen: of every part that does not last, large,
+    small or none."""
+    at = move_joint(campaign(rng, **make), 2, rng.choice([1e-5, 1e-4, 1e-3]), rng)
+    offered = [one for one in parts_of(at) if one.error.time is None]
+    before = evaluate_likelihood(_build_model(at, fit(at, BASE)), ())
+    scores = [score for one in offered if (score := _score(before, one)) is not None]
+    assert scores
+    for score in scores:
+        gain = maximise_likelihood(
+            before.model, [replace(score.part.error, variance=score.variance)]
+        ).log
+        assert gain - before.log <= score.most + 1e-6, score.part.name
 
 
 @seeds(1, 2)
