@@ -105,6 +105,8 @@ class Pool:
     def weigh(self, ratios: dict[int, float]) -> tuple[float, Gains]:
         """Compute the log posterior of a set of members with their ratios, up to a constant, and
         what each member more would add to it."""
+        from scipy.linalg import solve_triangular
+
         chosen = sorted(ratios)
         own = [row for p in chosen for row in self.rows[p]]
         variance = [ratios[p] for p in chosen for _ in self.rows[p]]
@@ -113,7 +115,7 @@ class Pool:
         whole = np.eye(len(own)) + H[:, own] * root
         L = np.linalg.cholesky(whole)
         z = root * self.z[own]
-        both = np.linalg.solve(L, np.column_stack([H, z]))
+        both = solve_triangular(L, np.column_stack([H, z]), lower=True, check_finite=False)
         along, response = both[:, :-1], both[:, -1]
         explained = float(response @ response)
         left = max(self.square - explained, TINY * self.square)
