@@ -21,6 +21,16 @@ def test_results_come_in_order_however_large() -> None:
         assert [collect() for collect in results] == [LARGE(), WORK(), 3]
 
 
+def test_who_asks_never_waits() -> None:
+    """Neither while the other is busy nor because a pipe holds less than what is sent."""
+    with second_process(2) as second:
+        second.ask(partial(time.sleep, 5))
+        start = time.monotonic()
+        length = second.ask(partial(len, b"x" * 3_000_000))
+        assert time.monotonic() - start < 2.5
+        assert length() == 3_000_000
+
+
 def test_with_one_core_nothing_is_started() -> None:
     with second_process(1) as second:
         assert second.ask(WORK)() is None
