@@ -208,6 +208,8 @@ class LogPosterior:
     @cached_property
     def _conditionals(self) -> tuple[ConditionalPrior, ...]:
         """Of the constants that affect a sampled coefficient."""
+        if not self.constants:
+            return ()  # without the basis, which takes long of very many rows
         return build_conditionals(
             self.noise.problem,
             self.fitted.at(),
