@@ -98,8 +98,7 @@ class LogPosterior:
     def _values(self, points: Array, constant: Constant) -> Array:
         """Return the values (W,) of a constant at natural points (W, d)."""
         position = self._position(constant)
-        values = points[:, position]
-        return np.asarray(values)
+        return np.asarray(points[:, position])
 
     # -- the linear problem at the optimum
 
@@ -207,9 +206,10 @@ class LogPosterior:
 
     @cached_property
     def _conditionals(self) -> tuple[ConditionalPrior, ...]:
-        """Of the constants that affect a sampled coefficient."""
+        """Of the constants that affect a sampled coefficient: where there are none, no basis of very
+        many rows is made."""
         if not self.constants:
-            return ()  # without the basis, which takes long of very many rows
+            return ()
         return build_conditionals(
             self.noise.problem,
             self.fitted.at(),
@@ -319,10 +319,8 @@ class LogPosterior:
     def _step(self, points: Array) -> Array:
         """Compute the departure (W, ψ) of the sampled coefficients from the optimum."""
         sampled = list(self.sampled)
-        count = len(sampled)
-        coefficients = points[:, :count]
-        optimum = self.fitted.theta
-        optimum = optimum[sampled]
+        coefficients = points[:, : len(sampled)]
+        optimum = self.fitted.theta[sampled]
         step = coefficients - optimum
         return np.asarray(step)
 
