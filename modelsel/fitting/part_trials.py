@@ -29,9 +29,10 @@ def find_next(
     lasting = [score for score in scores if score.lasts]
     lengths = [score.part for score in lasting]
     others = [score for score in scores if not score.lasts]
-    best: _Trial | None = None
     # what lasts first: nothing bounds what it may gain
-    for score in lasting[:1] + others[:TRIED]:
+    tried = lasting[:1] + others[:TRIED]
+    best: _Trial | None = None
+    for score in tried:
         if not score.may_exceed(best):
             continue
         trial = _try(at, score.part, score.variance)

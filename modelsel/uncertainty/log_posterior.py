@@ -319,10 +319,10 @@ class LogPosterior:
     def _step(self, points: Array) -> Array:
         """Compute the departure (W, ψ) of the sampled coefficients from the optimum."""
         sampled = list(self.sampled)
-        coefficients = points[:, : len(sampled)]
+        count = len(sampled)
+        coefficients = points[:, :count]
         optimum = self.fitted.theta[sampled]
-        step = coefficients - optimum
-        return np.asarray(step)
+        return np.asarray(coefficients - optimum)
 
     def _linear(self, points: Array) -> Array:
         """Compute the log density of normal noise of one scale, linear about the optimum, on the
