@@ -17,6 +17,7 @@ class CandidateKind(Enum):
     FREE_FUNCTION = "free function of a joint's own angle"
     GROWTH = "function of a joint's own angle that grows along the campaign"
     JUMP = "jump at one angle of a joint"
+    RAMP = "step of a joint over a part of its range"
     POWER = "compliance of a joint that is not in proportion to its torque"
     PERIOD = "pattern of a joint's own angle that repeats on a turn"
     SAW = "joint that errs more and more and falls back, a whole number of times a turn"

@@ -1,18 +1,19 @@
 """Shapes of single joints that the registry does not have, at the joint's own motion.
 
-An error of its own angle that grows along the campaign, a jump at one angle, a compliance that is
+An error of its own angle that grows along the campaign, a jump at one angle or a ramp, a compliance that is
 not in proportion to the torque, a pattern that repeats on a turn. They are told as what they are, without a cause."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from .._typing import Array
 from ..fitting.problem import Problem
-from ..mechanisms.causes import Cause, Named, cos, q, shifted, sign, sin
+from ..mechanisms.causes import Applied, Cause, Named, cos, q, shifted, sign, sin
 from ..mechanisms.drives import RIPPLING_PARTS
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism
@@ -26,6 +27,9 @@ from .unregistered import Causes, Unregistered, build_cell
 # angles at which a jump is looked for, and readings that each side needs
 JUMPS = 96
 MIN_READINGS = 4
+# angles about which a ramp is looked for, and its widths as shares of the joint's range
+RAMPS = 24
+WIDTHS = (0.125, 0.25, 0.5)
 # repetitions a turn of a pattern that is no single wave, and its harmonics
 PERIODS = tuple(range(2, 21))
 HARMONICS = 3
@@ -35,6 +39,7 @@ def generate_joint_shapes(problem: Problem) -> Iterator[Unregistered]:
     """Generate the shapes of every joint; each kind of a joint weighs as much as a cell."""
     yield from _generate_growing(problem)
     yield from _generate_jumps(problem)
+    yield from _generate_ramps(problem)
     yield from _generate_powers(problem)
     yield from _generate_periods(problem.robot)
 
@@ -58,7 +63,7 @@ def _generate_growing(problem: Problem) -> Iterator[Unregistered]:
 def _generate_jumps(problem: Problem) -> Iterator[Unregistered]:
     robot = problem.robot
     for j, joint in enumerate(robot.joints, 1):
-        places = _choose_places(problem.data.q[:, j - 1])
+        places = _choose_places(problem.data.q[:, j - 1], JUMPS)
         for place in places:
             jump = sign(shifted(q(j, robot.unit(j)), -float(place)))
             where = f"{place:.4g} mm" if joint.prismatic else f"{np.degrees(place):.0f}°"
@@ -66,14 +71,36 @@ def _generate_jumps(problem: Problem) -> Iterator[Unregistered]:
             yield Unregistered(mechanism, CandidateKind.JUMP, 1 / len(places))
 
 
-def _choose_places(readings: Array) -> Array:
-    """Choose the readings at which a jump is looked for, between those that were measured."""
+def _generate_ramps(problem: Problem) -> Iterator[Unregistered]:
+    """Generate steps that a joint takes over a part of its range: what a jump is at one angle."""
+    robot = problem.robot
+    for j, joint in enumerate(robot.joints, 1):
+        readings = problem.data.q[:, j - 1]
+        travel = np.ptp(readings)
+        places = _choose_places(readings, RAMPS)
+        weight = 1 / max(len(places) * len(WIDTHS), 1)
+        own = q(j, robot.unit(j))
+        for place, share in product(places, WIDTHS):
+            half = 0.5 * share * travel
+            low, high = (float(f"{end:.6g}") for end in (place - half, place + half))
+            ramp = Applied("abs", shifted(own, -low)) - Applied("abs", shifted(own, -high))
+            where = f"{low:.4g} to {high:.4g} mm"
+            if not joint.prismatic:
+                where = f"{np.degrees(low):.0f}° to {np.degrees(high):.0f}°"
+            sentence = f"Joint {j} errs by one amount below {where} and by another beyond"
+            mechanism = _build(robot, j, (ramp,), sentence)
+            yield Unregistered(mechanism, CandidateKind.RAMP, weight)
+
+
+def _choose_places(readings: Array, most: int) -> Array:
+    """Choose at most so many readings at which something may set in, between those that were
+    measured."""
     if np.ptp(readings) <= STILL:
         return np.zeros(0)
     distinct = np.unique(readings)
     between = 0.5 * (distinct[1:] + distinct[:-1])
     between = between[MIN_READINGS - 1 : len(between) - MIN_READINGS + 1]
-    count = min(JUMPS, len(between))
+    count = min(most, len(between))
     chosen = np.linspace(0, max(len(between) - 1, 0), count).round().astype(np.intp)
     return np.array([float(f"{place:.6g}") for place in between[chosen]])
 

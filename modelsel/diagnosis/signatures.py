@@ -23,6 +23,9 @@ SHAPELESS = (
     CandidateKind.SHAPE,
 )
 
+# kinds of one shape, whatever the reading at which it sets in
+WITH_PLACE = (CandidateKind.JUMP, CandidateKind.RAMP, CandidateKind.SAW, CandidateKind.PULL)
+
 
 def read_signatures(found: Sequence[Candidate]) -> tuple[Index, ...]:
     """Read off every candidate what it says at each level: equal numbers (G,) say the same, -1
@@ -50,7 +53,7 @@ def _read_shape(candidate: Candidate) -> Hashable:
     """Of a registered mechanism the name, whatever its constant; of a jump the place alone."""
     if candidate.kind in SHAPELESS:
         return None
-    if candidate.kind in (CandidateKind.JUMP, CandidateKind.SAW, CandidateKind.PULL):
+    if candidate.kind in WITH_PLACE:
         return candidate.kind, frozenset(candidate.mechanism.names_by_place().items())
     if candidate.but_for_sign:
         return candidate.but_for_sign[0].name
