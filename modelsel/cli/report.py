@@ -68,6 +68,5 @@ def _draw_whole(record: StudyRecord, details: DetailsRecord, folder: Path, say: 
     from ..report.drawing import HALF, DrawnAhead, draw_records
 
     with second_process() as second:
-        ahead = DrawnAhead(second)
-        ahead.draw(record, details, HALF)
+        ahead = DrawnAhead.draw(second, record, details, HALF)
         return draw_records(record, details, folder, None, say, ahead)

@@ -147,9 +147,8 @@ class _Run(NamedTuple):
         """Sample while a second process draws what sampling does not change."""
         from ..report.drawing import HALF, UNSAMPLED_PAGES, DrawnAhead, draw_records
 
-        ahead = DrawnAhead(second)
         pages = UNSAMPLED_PAGES if self.sampling else HALF
-        ahead.draw(result.record, result.details, pages)
+        ahead = DrawnAhead.draw(second, result.record, result.details, pages)
         result = self._sample(result, keeper)
         record, details = result.record, result.details
         written = self._save(result, keeper)

@@ -63,7 +63,6 @@ def build_empty(base: Model, base_fit: Fit) -> Diagnosis:
         held_back=None,
         bound=np.inf,
         single_f=nothing,
-        map_p=nothing,
     )
 
 
@@ -189,7 +188,6 @@ def _build_diagnosis(explored: Exploration, settled: _Settled) -> Diagnosis:
         held_back=remainder.held_back,
         bound=search.bound,
         single_f=compute_single_f(search.first.scan, search.first.response),
-        map_p=np.zeros(0),
         offered=search.found,
     )
 

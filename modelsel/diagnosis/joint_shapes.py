@@ -18,7 +18,7 @@ from ..mechanisms.drives import RIPPLING_PARTS
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism
 from ..robot.gravity import find_gravity_joints
-from ..robot.kinematics import Robot
+from ..robot.kinematics import Joint, Robot
 from .candidate_kinds import CandidateKind
 from .driver_functions import STILL
 from .torque_powers import SQUARE, build_powers
@@ -66,7 +66,7 @@ def _generate_jumps(problem: Problem) -> Iterator[Unregistered]:
         places = _choose_places(problem.data.q[:, j - 1], JUMPS)
         for place in places:
             jump = sign(shifted(q(j, robot.unit(j)), -float(place)))
-            where = f"{place:.4g} mm" if joint.prismatic else f"{np.degrees(place):.0f}°"
+            where = _describe_reading(joint, float(place))
             mechanism = _build(robot, j, (jump,), f"Joint {j} jumps where it reads {where}")
             yield Unregistered(mechanism, CandidateKind.JUMP, 1 / len(places))
 
@@ -84,12 +84,21 @@ def _generate_ramps(problem: Problem) -> Iterator[Unregistered]:
             half = 0.5 * share * travel
             low, high = (float(f"{end:.6g}") for end in (place - half, place + half))
             ramp = Applied("abs", shifted(own, -low)) - Applied("abs", shifted(own, -high))
-            where = f"{low:.4g} to {high:.4g} mm"
-            if not joint.prismatic:
-                where = f"{np.degrees(low):.0f}° to {np.degrees(high):.0f}°"
-            sentence = f"Joint {j} errs by one amount below {where} and by another beyond"
+            begin = _describe_reading(joint, low)
+            end = _describe_reading(joint, high)
+            sentence = (
+                f"Joint {j} errs by one amount where it reads less than {begin}, by another where "
+                f"it reads more than {end}, and changes evenly between"
+            )
             mechanism = _build(robot, j, (ramp,), sentence)
             yield Unregistered(mechanism, CandidateKind.RAMP, weight)
+
+
+def _describe_reading(joint: Joint, reading: float) -> str:
+    if joint.prismatic:
+        return f"{reading:.4g} mm"
+    degrees = np.degrees(reading)
+    return f"{degrees:.0f}°"
 
 
 def _choose_places(readings: Array, most: int) -> Array:

@@ -49,7 +49,7 @@ class KeptCauses:
         if count > len(values):
             values = _make_room(values, count)
         new = causes[known:]
-        evaluate_causes(problem, new, values[known:count])
+        evaluate_everywhere(problem, new, values[known:count])
         self._values[key] = values, count
         return values[:count]
 
@@ -65,8 +65,10 @@ def _make_room(values: Array, count: int) -> Array:
     return larger
 
 
-def evaluate_causes(problem: Problem, causes: Sequence[Cause], out: Array | None = None) -> Array:
-    """Evaluate causes (u, m); they are not kept by the problem, whose memory they would fill."""
+def evaluate_everywhere(
+    problem: Problem, causes: Sequence[Cause], out: Array | None = None
+) -> Array:
+    """Evaluate causes (u, m) at all rows; they are not kept by the problem, whose memory they would fill."""
     if out is None:
         shape = len(causes), len(problem)
         out = np.empty(shape)

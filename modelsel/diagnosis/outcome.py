@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from .._typing import Array
 from ..fitting.design import Model
 from ..fitting.error_structure import ErrorStructure
@@ -24,9 +26,9 @@ class Diagnosis:
     p-value `left_p`, whatever it is (None without candidates); `held_back`: its p-value under equal
     normal noise, where that would have named it and the signs of the residual's own rows do not.
     `bound`: the evidence that a further effect needs; `single_f` (G,): the F statistic of every
-    candidate `offered` alone on the base, `map_p` (G,): its family-wise p-value; `errors`: the parts that the
-    errors have, which do not repeat and are no effects; `models`: the most probable sets of effects,
-    of all that were weighed."""
+    candidate `offered` alone on the base, `map_p` (G,): its family-wise p-value, none until effects
+    are proven; `errors`: the parts that the errors have, which do not repeat and are no effects;
+    `models`: the most probable sets of effects, of all that were weighed."""
 
     base: Model
     effects: tuple[Effect, ...]
@@ -39,7 +41,7 @@ class Diagnosis:
     held_back: float | None
     bound: float
     single_f: Array = field(repr=False)
-    map_p: Array = field(repr=False)
+    map_p: Array = field(default_factory=lambda: np.zeros(0), repr=False)
     offered: tuple[Candidate, ...] = field(default=(), repr=False)
     errors: ErrorStructure = field(default_factory=ErrorStructure)
     models: tuple[WeighedModel, ...] = field(default=(), repr=False)

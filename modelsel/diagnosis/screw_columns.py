@@ -26,7 +26,7 @@ from ..fitting.shared_errors import Mixing
 from ..mechanisms.causes import ONE, Bump, Cause
 from ..mechanisms.terms import Screw, Term
 from ..robot.rigid import AXES
-from .kept_causes import KeptCauses, evaluate_causes
+from .kept_causes import KeptCauses, evaluate_everywhere
 from .local_causes import LocalCauses
 from .screw_places import Place, build_places
 
@@ -63,7 +63,7 @@ class _RowBlock:
 
     def evaluate_wide(self) -> Array:
         """Return the causes (w, m) that are not zero at most rows."""
-        return evaluate_causes(self.problem, self.wide) if self.kept is None else self.kept
+        return evaluate_everywhere(self.problem, self.wide) if self.kept is None else self.kept
 
     def evaluate_causes(self, which: Index, rows: Rows = EVERY) -> Array:
         """Return some causes (k, ...) of some rows."""
@@ -73,7 +73,7 @@ class _RowBlock:
         numbers = which[is_wide]
         if self.kept is None:
             causes = [self.wide[k] for k in numbers]
-            out[is_wide] = evaluate_causes(self.problem, causes)[:, rows]
+            out[is_wide] = evaluate_everywhere(self.problem, causes)[:, rows]
         elif isinstance(rows, slice):
             out[is_wide] = self.kept[numbers, rows]
         else:

@@ -16,18 +16,12 @@ import numpy as np
 from .._typing import Array, Index
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
-from .signatures import read_drivers
+from .signatures import WITH_PLACE, read_drivers
 
 # levels that are told first: place and drivers
 FIRST_LEVELS = 2
 # kinds of one shape with a constant: the angle at which something sets in, a power
-WITH_CONSTANT = (
-    CandidateKind.JUMP,
-    CandidateKind.RAMP,
-    CandidateKind.SAW,
-    CandidateKind.PULL,
-    CandidateKind.POWER,
-)
+WITH_CONSTANT = (*WITH_PLACE, CandidateKind.POWER)
 # log evidence by which a constant is not likelier than another
 SAME = 0.1
 

@@ -58,7 +58,7 @@ def _score_parts(
         if (one.name, one.told_by) in names:
             continue
         score = _score(at, one)
-        if score:
+        if score is not None:
             scores.append(score)
     scores.sort(key=lambda score: -score.most)
     return scores

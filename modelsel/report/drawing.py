@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -59,25 +60,24 @@ HALF = ("data", "findings")
 DRAWING, SETTING = STEPS = ("drawing the pictures", "setting the report")
 
 
+@dataclass(frozen=True, eq=False)
 class DrawnAhead:
-    """Pictures that a second process draws while this one does something else."""
+    """Pictures of some pages that a second process draws while this one does something else."""
 
-    def __init__(self, second: SecondProcess):
-        self.second = second
-        self.pages: list[str] = []
-        self.pending: list[Collect[dict[str, bytes]]] = []
+    pages: tuple[str, ...]
+    pending: Collect[dict[str, bytes]]
 
-    def draw(self, record: StudyRecord, details: DetailsRecord, pages: Sequence[str]) -> None:
+    @staticmethod
+    def draw(
+        second: SecondProcess, record: StudyRecord, details: DetailsRecord, pages: Sequence[str]
+    ) -> DrawnAhead:
         """Have the pictures of some pages drawn."""
-        self.pages += pages
-        self.pending.append(self.second.ask(partial(draw_pictures, record, details, pages)))
+        pending = second.ask(partial(draw_pictures, record, details, pages))
+        return DrawnAhead(tuple(pages), pending)
 
     def collect(self) -> dict[str, bytes]:
         """Wait for the pictures, by file name; those that failed are missing."""
-        pictures: dict[str, bytes] = {}
-        for collect in self.pending:
-            pictures |= collect() or {}
-        return pictures
+        return self.pending() or {}
 
 
 def draw_pictures(

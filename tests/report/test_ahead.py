@@ -37,8 +37,7 @@ def test_sampling_changes_no_picture_of_the_pages_drawn_before_it(drawn) -> None
 def test_the_same_bytes_whoever_draws(drawn, tmp_path, cores) -> None:
     source = read_source(drawn)
     with second_process(cores) as second:
-        ahead = DrawnAhead(second)
-        ahead.draw(source.record, source.details, UNSAMPLED_PAGES)
+        ahead = DrawnAhead.draw(second, source.record, source.details, UNSAMPLED_PAGES)
         files = draw_records(source.record, source.details, tmp_path, ahead=ahead)
     for file in files:
         assert file.read_bytes() == (drawn / file.name).read_bytes()
