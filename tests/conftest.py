@@ -3,6 +3,11 @@ without chance, and the stage that a test belongs to."""
 
 from __future__ import annotations
 
+import os
+
+# before numpy is loaded: its threads would contend with the other processes of `-n`
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 from pathlib import Path
 from zlib import crc32
 

@@ -137,6 +137,7 @@ def test_same_bytes(result) -> None:
     assert calibration_text(result.calibration) == calibration_text(again.calibration)
 
 
+@pytest.mark.integration
 def test_frame_and_notebook(result) -> None:
     stored = result.calibration
     frame = stored.to_frame()
@@ -148,6 +149,7 @@ def test_frame_and_notebook(result) -> None:
     assert "<script>" not in replace(stored, study="<script>")._repr_html_()
 
 
+@pytest.mark.integration
 def test_methods_are_the_functions(result, tmp_path) -> None:
     stored = result.calibration
     data = result.split.problem.data
@@ -161,6 +163,7 @@ def test_methods_are_the_functions(result, tmp_path) -> None:
         stored.export("urfd")
 
 
+@pytest.mark.integration
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_readings_are_corrected_as_a_table_of_them(result) -> None:
     stored, wide_bound = result.calibration, (0.1, 50.0)
@@ -176,6 +179,7 @@ def test_readings_are_corrected_as_a_table_of_them(result) -> None:
         stored.correct(q, bound=(1e-9, 1e-9))
 
 
+@pytest.mark.integration
 def test_the_schema_describes_the_file(result) -> None:
     schema = CalibrationRecord.model_json_schema(by_alias=True)
     written = json.loads(calibration_text(result.calibration))
@@ -184,6 +188,7 @@ def test_the_schema_describes_the_file(result) -> None:
     assert record.to_dict() == written
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("keys", "value", "says"),
     [

@@ -103,6 +103,7 @@ def test_a_geometry_is_as_good_as_geometry_alone(form, puma) -> None:
     assert "run the study again" in " ".join(export(beside, form).notes)
 
 
+@pytest.mark.integration
 def test_what_carries_everything_is_the_whole_model(puma) -> None:
     for form in ("json", "csv", "python"):
         assert export(puma[1], form).errors[2:] == (puma[0].models.chosen.held_out.rms_mm,) * 2
@@ -239,6 +240,7 @@ def test_a_table_needs_nothing_beside_the_nominal_chain() -> None:
     )  # refitted without what hangs on three values
 
 
+@pytest.mark.integration
 def test_worse_than_nominal_is_said_first(puma, tmp_path) -> None:
     record = json.loads(calibration_text(puma[1]))
     record["refits"]["alone"]["nominal"]["held_out_rms_mm"] = 1.0
@@ -261,6 +263,7 @@ def test_without_held_out_rows_the_fitted_ones_are_said(form) -> None:
     assert export(c, form).errors[0] == "on the rows that were fitted"
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("change", "says"),
     [
@@ -280,6 +283,7 @@ def test_damaged_refits_are_refused(change, says, puma) -> None:
         parse_calibration(json.dumps(record))
 
 
+@pytest.mark.integration
 def test_a_registered_geometry_is_as_good_as_it_says(tmp_path) -> None:
     """The tracker stands anywhere: the file's arm, put where the calibration has it, errs by what
     is said."""

@@ -68,6 +68,7 @@ COMMANDS = {
 }
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("command", COMMANDS)
 def test_sheet_and_decimal_mark(folder, monkeypatch, command: str) -> None:
     monkeypatch.chdir(folder)
@@ -88,6 +89,7 @@ def test_sheet_and_decimal_mark(folder, monkeypatch, command: str) -> None:
     assert (status, 'no sheet "July"' in said) == (3, True)
 
 
+@pytest.mark.integration
 def test_plan_without_a_pool_reads_no_table(folder, monkeypatch) -> None:
     monkeypatch.chdir(folder)
     status, said = run("plan", ".", "--sheet", "May")

@@ -70,6 +70,7 @@ def record(reports: Path, number: int) -> dict:
     return json.loads((reports / f"s{number}" / "result.json").read_text())
 
 
+@pytest.mark.integration
 def test_page_says_what_the_studies_and_the_command_say(reports, page) -> None:
     text = text_of(page)
     for number in (1, 2):
@@ -91,6 +92,7 @@ def test_page_says_what_the_studies_and_the_command_say(reports, page) -> None:
     assert f"{tested} parameters tested one by one, {moved} beyond chance" in text
 
 
+@pytest.mark.integration
 def test_findings_of_both_and_of_one_alone(reports, page) -> None:
     table = page.read_text().split('class="plain stack findings"')[1].split("</table>")[0]
     rows = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in table.split("<tr>")[2:]]
@@ -122,6 +124,7 @@ def test_page_reads_at_both_widths_and_asks_for_nothing(page, width) -> None:
         assert (first["y"] == second["y"]) == (width == 1400)
 
 
+@pytest.mark.integration
 def test_a_calibration_without_its_study_is_refused(reports, tmp_path) -> None:
     kept = tmp_path / "calibration.json"
     kept.write_bytes((reports / "s1" / "calibration.json").read_bytes())

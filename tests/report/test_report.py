@@ -370,6 +370,7 @@ def test_long_names_keep_their_place(drawn) -> None:
     within_margins(io.BytesIO(pdf))
 
 
+@pytest.mark.integration
 def test_failure_leaves_the_result(monkeypatch, tmp_path) -> None:
     def broken(*_: object) -> None:
         raise ReportError("the compiler is ill")

@@ -54,6 +54,7 @@ def near(found: BaseRecord, placed: str) -> None:
     np.testing.assert_allclose(found.rpy_deg, np.degrees(turns), atol=0.02)
 
 
+@pytest.mark.integration
 def test_registered_once(rng, tmp_path) -> None:
     """In result.json, on the terminal, in the PDF and on the page; the report is drawn from the
     files alone."""
@@ -81,6 +82,7 @@ def test_registered_once(rng, tmp_path) -> None:
     assert "turned by roll, pitch, yaw 17." in page
 
 
+@pytest.mark.integration
 def test_registered_per_group(rng) -> None:
     placed = run_study(study(rng, "per group"), sampling=False).record.registration
     assert [base.group for base in placed.base_in_tracker] == ["a", "b"]

@@ -26,6 +26,7 @@ def study() -> Study:
     )
 
 
+@pytest.mark.integration
 def test_every_step_is_told_in_order(study) -> None:
     said: list[str] = []
     run_study(study, say=said.append, sampling=False)
@@ -42,6 +43,7 @@ def test_every_step_is_told_in_order(study) -> None:
     )
 
 
+@pytest.mark.integration
 def test_progress_is_shown_when_asked(study, capsys) -> None:
     run_study(study, sampling=False)
     assert capsys.readouterr().err == ""
