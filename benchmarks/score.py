@@ -18,6 +18,7 @@ from modelsel.fitting.least_squares import fit
 from modelsel.mechanisms.registry import every, mechanism
 
 from .cases import EXPLAINS, NOISE, Array, Case, draw, oracle_error, powers
+from .listed import find_listed, is_rightly_told
 from .rivals import as_candidates, bench, forward, lasso, stlsq
 
 ABOUT = 0.7  # share of an effect's norm from which a finding counts as being about it
@@ -122,6 +123,12 @@ def run(
     mine["entries"] = [
         [(e.candidate.mechanism.name, round(e.probability, 4)) for e in x.named.entries[:6]]
         for x in effects
+    ]
+    rng = np.random.default_rng([*seed, 3])
+    truths = [find_listed(effect, case.fresh, rng) for effect in case.effects]
+    mine["told"] = [
+        f >= 0 and is_rightly_told(effects[f], judge.held(effects[f].candidate), truths, fresh)
+        for f, _ in match
     ]
     mine["path"] = list(extension.path)
     out["methods"]["modelsel"] = mine

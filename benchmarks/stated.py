@@ -15,35 +15,33 @@ is drawn beside the table."""
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from zlib import crc32
 
 import numpy as np
-from hidden_arm import Effect, State
 
 from modelsel import Model, mechanism
 from modelsel.diagnosis.effects import Effect as Finding
 from modelsel.diagnosis.signatures import LEVELS, PROVEN
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.registry import build_faults
-from modelsel.mechanisms.terms import Mechanism
 
-from .cases import EXPLAINS, Case, draw
+from .cases import Case, draw
+from .listed import find_listed, judge_listed
 from .noise import diagnose_campaign
 from .runner import Job, build_parser, interval, name_command, run_lines
 from .score import Judge
 from .summary import interval as bounds
-from .unlisted import ARMS, Campaign, draw_campaign, find_places, judge_levels, name_drivers
-from .unlisted_plants import ALLOWED, KINDS, find_alike, measure_drivers
+from .unlisted import ARMS, Campaign, draw_campaign, judge_levels
+from .unlisted_plants import KINDS
 
 Array = np.ndarray
 
 LINES = {"listed": "listed effects", "unlisted": "unlisted effects"}
 EDGES = (0.005, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0)
-BASE_PLACES = frozenset((1, f"{kind}{axis}") for kind in "tr" for axis in "xyz")
 
 
 @dataclass(frozen=True)
@@ -70,93 +68,6 @@ class Study:
         return [pair for _, _, p, right in self.claims for pair in zip(p, right, strict=True)]
 
 
-# -- what is right of listed effects
-
-
-@dataclass(frozen=True, eq=False)
-class Held(State):
-    """A campaign whose motions and times stay when its readings are exchanged."""
-
-    moves: Array = None  # type: ignore[assignment]
-    times: Array = None  # type: ignore[assignment]
-
-    @property
-    def move(self) -> Array:
-        """(m, n) signed last motions, as they were."""
-        return self.moves
-
-    @property
-    def progress(self) -> Array:
-        """(m,) place in the order of motion, as it was."""
-        return self.times
-
-
-@dataclass(frozen=True)
-class Listed:
-    """Where a listed effect acts, and what drives it."""
-
-    places: frozenset[tuple[int, str]]
-    drivers: frozenset[str]
-
-
-def find_listed(effect: Effect, state: State, rng: np.random.Generator) -> Listed:
-    """Find the places of an effect, others that move the target alike, and its drivers."""
-    held = Held(state.arm, state.q, state.covariates, state.move, state.progress)
-    J = state.arm.screws(state.q)
-
-    def displace(s: State) -> Array:
-        return (effect.columns(s, J) @ effect.sizes).reshape(-1, 3)
-
-    twist = np.abs(effect.perturbation(state)[0]).max(0)
-    own = [(int(f), int(a)) for f, a in zip(*np.nonzero(twist), strict=True)]
-    axes = ("tx", "ty", "tz", "rx", "ry", "rz")
-    places = frozenset((f + 1, axes[a]) for f, a in find_alike(state, own)) if own else BASE_PLACES
-    drivers = {
-        name for name, share in measure_drivers(displace, held, rng).items() if share > ALLOWED
-    }
-    plain, order = displace(held), rng.permutation(state.m)
-    varies = 2 * float(np.square(plain - plain.mean(0)).sum())
-    for name, other in exchange_states(held, order):
-        if np.square(displace(other) - plain).sum() > ALLOWED * varies:
-            drivers.add(name)
-    return Listed(places, frozenset(drivers))
-
-
-def exchange_states(held: Held, order: Array) -> Iterable[tuple[str, State]]:
-    """Generate campaigns of which everything but the readings is exchanged in turn."""
-    for j in range(held.arm.n):
-        moves = held.moves.copy()
-        moves[:, j] = moves[order, j]
-        yield f"move{j + 1}", replace(held, moves=moves)
-    yield "time", replace(held, times=held.times[order])
-    for name, values in held.covariates.items():
-        covariates = {**held.covariates, name: values[order]}
-        yield name.partition("_")[0], replace(held, covariates=covariates)
-
-
-def list_drivers(own: Mechanism, at: Problem) -> frozenset[str]:
-    """List what drives an explanation, the temperature, too."""
-    drivers = name_drivers(own, at)
-    return drivers | {"temperature"} if "temperature_C" in own.names() else drivers
-
-
-def judge_listed(
-    finding: Finding, judge: Judge, truths: Sequence[Listed], at: Problem
-) -> dict[str, bool]:
-    """Judge what a finding says at each level by the listed effects of a case."""
-    own = finding.candidate.mechanism
-    alike = any(share > EXPLAINS for share in judge.held(finding.candidate))
-    places, drivers = find_places(own), list_drivers(own, at)
-    there = [truth for truth in truths if places and places <= truth.places]
-    driven = [truth for truth in there if drivers and drivers <= truth.drivers]
-    return {
-        "place": alike or bool(there),
-        "drivers": alike or bool(driven),
-        "shape": alike,
-        "cause": alike and finding.candidate.registered,
-    }
-
-
 # -- studies
 
 
@@ -173,7 +84,9 @@ def run_listed(seed: int, number: int) -> Study:
     findings = _diagnose(at, number)
     judge, rng = Judge(case, unseen), np.random.default_rng((seed, number, 1))
     truths = [find_listed(effect, case.fresh, rng) for effect in case.effects]
-    rights = [judge_listed(finding, judge, truths, unseen) for finding in findings]
+    rights = [
+        judge_listed(finding, judge.held(finding.candidate), truths, unseen) for finding in findings
+    ]
     words = tuple(effect.words for effect in case.effects)
     return _keep("listed", number, case.robot, words, findings, rights, started)
 

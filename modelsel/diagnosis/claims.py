@@ -8,7 +8,8 @@ explain what several listed ones approximate. A finding claims the deepest level
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
@@ -31,6 +32,10 @@ from .views import View
 
 # levels that findings of one place lose to one shape for all: their drivers stay the same
 SHAPED = [LEVELS.index(level) >= LEVELS.index("shape") for level in LEVELS]
+
+# displacement of a part of a joint's own function over another's up to which that one's shape stays:
+# without it 0.97 of both together is left
+SMALL_BESIDE = 0.25
 
 
 class Weighed(NamedTuple):
@@ -58,7 +63,38 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
             levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
         if shape is not None:
             better.insert(0, (group.members, shape))
+    for g, share in weigh_own_functions(search, view, chosen, levels).items():
+        levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
     return Weighed(levels, better)
+
+
+def weigh_own_functions(
+    search: Search, view: View, chosen: Sequence[int], levels: Mapping[int, Array]
+) -> dict[int, float]:
+    """Weigh how sure the shapes are of what else turns a joint with its own angle.
+
+    Together these are one function of that angle: of one part the shape is proven only with those
+    of the others, unless they are small beside it."""
+    shape = SHAPED.index(True)
+    size = {}
+    for g in chosen:
+        if _is_own_function(search, g):
+            displacement = search.compute_displacement(g, view)
+            size[g] = float(np.linalg.norm(displacement))
+    shares: dict[int, float] = {}
+    for g, h in permutations(size, 2):
+        is_same = search.signatures[0][g] == search.signatures[0][h]
+        if is_same and size[h] > SMALL_BESIDE * size[g]:
+            sure = float(levels[h][shape])
+            shares[g] = min(shares.get(g, 1.0), sure)
+    return shares
+
+
+def _is_own_function(search: Search, g: int) -> bool:
+    """Return whether a candidate turns one joint by a function of its own angle."""
+    candidate = search.found[g]
+    joint = find_moved_joint(search.problem, candidate)
+    return joint is not None and candidate.mechanism.names() == {f"q{joint}"}
 
 
 def _see_beside(

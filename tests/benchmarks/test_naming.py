@@ -25,6 +25,7 @@ def case(count: int, right: list[bool], power: float = 1.0, extra: int = 0) -> d
         "found": [True] * count,
         "right": right,
         "covered": [True] * count,
+        "told": [True] * count,
         "set": [1] * count,
         "said": ["" if r else "encoder-scale:1" for r in right],
     }

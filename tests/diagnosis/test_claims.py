@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ from modelsel.diagnosis.claim_sentences import (
     name_drivers,
     name_places,
 )
-from modelsel.diagnosis.claims import build_claim
+from modelsel.diagnosis.claims import build_claim, weigh_own_functions
 from modelsel.diagnosis.credible_sets import CredibleSet, Entry
 from modelsel.diagnosis.effects import Claim, Effect
 from modelsel.diagnosis.mechanism_families import find_families
@@ -245,6 +246,28 @@ def test_signatures_agree_level_by_level() -> None:
     assert list(shape[:4] == shape[0]) == [True, True, False, False]
     assert shape[4] == -1
     assert (cause == -1).all()
+
+
+def test_the_shape_of_a_part_of_a_joints_own_function_is_proven_with_the_others_alone(rng) -> None:
+    """The others of another joint, of other drivers, or small beside it, take nothing from it."""
+    at_ = plant("puma760", rng)
+    found = [
+        single((3, "rz"), q(3)),
+        single((3, "rz"), sin(3.0 * q(3))),
+        single((3, "rz"), sin(2.0 * q(3))),
+        single((4, "rz"), q(4)),
+        single((3, "rz"), q(2)),
+    ]
+    size = {0: 1.0, 1: 0.5, 2: 0.2, 3: 1.0, 4: 1.0}
+    search = SimpleNamespace(
+        problem=at_,
+        found=found,
+        signatures=read_signatures(found),
+        compute_displacement=lambda g, _: np.array([size[g]]),
+    )
+    levels = {g: np.array([1.0, 1.0, p, p]) for g, p in enumerate((0.95, 0.3, 0.1, 0.4, 0.2))}
+    shares = weigh_own_functions(search, None, [0, 1, 2, 3, 4], levels)
+    assert shares == {0: 0.3, 1: 0.1, 2: 0.3}
 
 
 def test_families_are_sums_of_single_joints() -> None:
