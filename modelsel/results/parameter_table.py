@@ -19,6 +19,8 @@ COVERAGE = 2.0
 MAX_DECIMALS = 5
 # significant digits of an expanded uncertainty (JCGM 100, 7.2.6)
 DIGITS = 2
+# words of a symbol that name its place: m1 of 6 rz
+PLACE_WORDS = 4
 LONGEST_SYMBOL = 14  # letters
 PARAMETER_COLUMNS = (
     ("symbol", "left"),
@@ -85,15 +87,26 @@ def tabulate_calibrated(record: StudyRecord, details: DetailsRecord) -> list[Par
 
 def shorten_symbols(symbols: Sequence[str]) -> list[str]:
     """Return symbols without the names of their mechanisms, which their meanings replace; where two
-    would then be alike, as they are."""
+    would then be alike, with as much of these as tells them apart."""
     bare = [symbol.partition(" of ")[0] for symbol in symbols]
     counts = Counter(bare)
     shortened = []
     for symbol, short in zip(symbols, bare, strict=True):
         is_shared = counts[short] > 1
-        own = symbol if is_shared else _cut_symbol(short)
+        own = _tell_apart(symbol, symbols) if is_shared else _cut_symbol(short)
         shortened.append(own)
     return shortened
+
+
+def _tell_apart(symbol: str, symbols: Sequence[str]) -> str:
+    """Return the first words of a symbol that no other one begins with: of a cell its place at least."""
+    words = symbol.split(" ")
+    for count in range(PLACE_WORDS, len(words)):
+        first = " ".join(words[:count])
+        alike = [other for other in symbols if f"{other} ".startswith(f"{first} ")]
+        if len(alike) == 1:
+            return first
+    return symbol
 
 
 def _cut_symbol(symbol: str) -> str:

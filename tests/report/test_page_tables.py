@@ -12,7 +12,6 @@ from report_studies import source_of, written
 
 from modelsel.report import drawing
 from modelsel.report.html import write_page
-from modelsel.report.pages.calibrated import write_parameters_page
 from modelsel.results.finding_advice import advise
 from modelsel.results.parameter_table import PARAMETER_COLUMNS, tabulate_calibrated
 
@@ -49,21 +48,6 @@ def test_table_of_parameters_is_that_of_the_pdf(drawn) -> None:
     assert head == [name for name, _ in PARAMETER_COLUMNS]
     assert body == [row.cells for row in rows]
     assert len(body) > 40
-
-
-def test_long_symbols_leave_room_for_meanings(drawn) -> None:
-    """Several effects that the registry lacks have an m1 each, called by the whole cell."""
-    result, details = written(drawn)
-    *_, table = write_parameters_page(source_of(result, details))
-    assert table["widths"][:2] == [0.0, 1.0]
-    cells = ("6 rz sin(q2+q5) & cos(q2+q5)", "4 ry sin(q1+q4) & cos(q1+q4)")
-    for k, cell in enumerate(cells):
-        result["parameters"][k]["symbol"] = f"m1 of {cell}"
-        details["parameters"][k]["symbol"] = f"m1 of {cell}"
-    *_, table = write_parameters_page(source_of(result, details))
-    first, second, *others = table["widths"]
-    assert 0.3 < first < second
-    assert not any(others)
 
 
 def test_words_of_the_data_are_escaped_in_the_table(drawn) -> None:

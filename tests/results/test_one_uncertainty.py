@@ -19,6 +19,15 @@ def test_symbols_that_clash_keep_their_mechanism() -> None:
     assert shorten_symbols(symbols) == [*symbols[:2], "c3", "x" * 13 + "…"]
 
 
+def test_symbols_of_cells_keep_their_place_and_what_tells_them_apart() -> None:
+    symbols = ["m1 of 6 rz sin(q2) & cos(q2)", "m1 of 2 rx sin(q1) & cos(q1)", "m2 of 2 rx sin(q1)"]
+    assert shorten_symbols(symbols) == ["m1 of 6 rz", "m1 of 2 rx", "m2"]
+    symbols = ["m1 of 2 rx sin(q2) & cos(q2)", "m1 of 2 rx sin(q1) & cos(q1)"]
+    assert shorten_symbols(symbols) == ["m1 of 2 rx sin(q2)", "m1 of 2 rx sin(q1)"]
+    symbols = ["m of 2 rx q1", "m of 2 rx q1 times q2"]
+    assert shorten_symbols(symbols) == ["m of 2 rx q1", "m of 2 rx q1 times"]
+
+
 def test_star_goes_to_the_symbol_that_the_sentences_name(drawn) -> None:
     source = read_source(drawn)
     first, *rest = source.record.parameters

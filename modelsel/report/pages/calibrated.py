@@ -35,9 +35,6 @@ TOGETHER = (
     " *: known only together with others (see What the data cannot tell); its usual size decides."
 )
 WIDTHS = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
-# letters from which symbols are folded, and the width that they have then beside their meanings
-LONG_SYMBOL = 28
-FOLDED_WIDTH = 0.7
 
 
 def write_parameters_page(source: Source, most: int | None = None) -> list[Block]:
@@ -82,10 +79,7 @@ def _write_table(source: Source, rows: Sequence[ParameterRow], most: int | None)
     if len(shown) < len(rows):
         caption += f" {len(rows) - len(shown)} more, which move the target less, are in report.pdf."
     cells = [row.cells for row in shown]
-    longest = max(len(row.symbol) for row in shown)
-    first = FOLDED_WIDTH if longest > LONG_SYMBOL else 0.0
-    widths = [first, *WIDTHS[1:]]
-    return make_table(PARAMETER_COLUMNS, cells, caption, widths) | {"dense": True}
+    return make_table(PARAMETER_COLUMNS, cells, caption, WIDTHS) | {"dense": True}
 
 
 def caption_parameters(source: Source, rows: Sequence[ParameterRow]) -> str:

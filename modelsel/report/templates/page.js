@@ -44,7 +44,7 @@
   data.ladder.forEach(([k, name]) => {
     const value = result.ladder[k][side].rms_mm, bar = el("div", { class: "bar" });
     bar.style.width = `${value > 0 && top > 0 ? Math.max(0, Math.min(100, 100 * Math.log(value / floor) / top)) : 0}%`;
-    body.append(el("tr", {}, el("td", { text: name }), el("td", { class: "number", text: digits(value) }), el("td", { class: "track" }, bar)));
+    body.append(el("tr", {}, el("td", { text: name }), el("td", { class: "number", text: aligned(value) }), el("td", { class: "track" }, bar)));
   });
   ladder.append(body);
   document.getElementById("ladder").append(ladder);

@@ -28,6 +28,12 @@ function digits(value, count = 3) {
   return String(Number(value.toPrecision(count))).replace("-", "−");
 }
 
+// The same with its closing zeros, so that a column of figures stands in line.
+function aligned(value, count = 3) {
+  const text = digits(value, count);
+  return text === "–" || Math.abs(value) >= 10 ** count || Math.abs(value) < 1e-3 ? text : value.toPrecision(count).replace("-", "−");
+}
+
 function scaled(unit, biggest) {
   if (unit === "rad") return biggest < 1.5e-3 ? [1e6, "µrad"] : biggest < 1.5 ? [1e3, "mrad"] : [1, "rad"];
   return unit === "mm" && biggest < 0.5 ? [1e3, "µm"] : [1, unit];
