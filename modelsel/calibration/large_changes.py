@@ -100,9 +100,8 @@ def describe_skipped(
         number = int(data.row[row])
         place = data.where.named(number)
         remedy = _advise(commands, row, data, "--bound")
-        sentences.append(
-            f"{place} is left out: {change}, beyond the {_describe_bound(bound)}. {remedy}"
-        )
+        beyond = _describe_bound(bound)
+        sentences.append(f"{place} is left out: {change}, beyond the {beyond}. {remedy}")
     more = len(rows) - MAX_LISTED
     if more > 0:
         rest = f"{more} more rows are left out for the same reason."

@@ -76,6 +76,7 @@ def weigh_own_functions(
     Together these are one function of that angle: of one part the shape is proven only with those
     of the others, unless they are small beside it."""
     shape = SHAPED.index(True)
+    place = search.signatures[0]
     size = {}
     for g in chosen:
         if _is_own_function(search, g):
@@ -83,10 +84,13 @@ def weigh_own_functions(
             size[g] = float(np.linalg.norm(displacement))
     shares: dict[int, float] = {}
     for g, h in permutations(size, 2):
-        is_same = search.signatures[0][g] == search.signatures[0][h]
-        if is_same and size[h] > SMALL_BESIDE * size[g]:
+        if place[g] != place[h]:
+            continue
+        small = SMALL_BESIDE * size[g]
+        if size[h] > small:
             sure = float(levels[h][shape])
-            shares[g] = min(shares.get(g, 1.0), sure)
+            least = shares.get(g, 1.0)
+            shares[g] = min(least, sure)
     return shares
 
 
@@ -94,7 +98,11 @@ def _is_own_function(search: Search, g: int) -> bool:
     """Return whether a candidate turns one joint by a function of its own angle."""
     candidate = search.found[g]
     joint = find_moved_joint(search.problem, candidate)
-    return joint is not None and candidate.mechanism.names() == {f"q{joint}"}
+    if joint is None:
+        return False
+    drivers = candidate.mechanism.names()
+    own = {f"q{joint}"}
+    return drivers == own
 
 
 def _see_beside(

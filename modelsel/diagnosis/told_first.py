@@ -45,7 +45,9 @@ def find_agreed(
         if most == known[g]:
             continue
         if totals[most] > own:
-            return int(np.where(agree, probability, -1.0).argmax())
+            agreeing = np.where(agree, probability, -1.0)
+            likeliest = agreeing.argmax()
+            return int(likeliest)
         break
     return None
 

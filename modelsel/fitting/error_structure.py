@@ -30,6 +30,8 @@ from .whitening import Whitening
 MAX_PARTS = 6
 # standard errors of a variance beyond which a part is not tried to be left out
 CERTAIN = 3.5
+# p of a part from which the instrument's interval holds what it would be without it
+DOUBTFUL = 1e-3
 # rows that are looked at, of many
 MAX_ROWS = 2048
 # digits of the logarithm of a variance
@@ -152,7 +154,8 @@ def find_structure(
     if chosen:
         at = maximise_likelihood(model, at.parts)
         chosen = _match(chosen, at)
-    return _describe(problem, at, chosen, candidates, offered)
+    without = _fit_without_doubtful(chosen, at)
+    return _describe(problem, at, chosen, candidates, offered, without)
 
 
 def _start_with_known(model: LinearModel, known: Sequence[PossiblePart]) -> Likelihood:
@@ -210,6 +213,25 @@ def _prune(chosen: list[PossiblePart], at: Likelihood) -> tuple[list[PossiblePar
     return chosen, at
 
 
+def _fit_without_doubtful(chosen: Sequence[PossiblePart], at: Likelihood) -> Likelihood | None:
+    """Fit without the least certain part; None where chance hardly explains any."""
+    if not chosen:
+        return None
+    certainty = _measure_certainty(at)
+    k = int(np.argmin(certainty))
+    if certainty[k] > CERTAIN:
+        return None
+    rest = list(at.parts)
+    del rest[k]
+    without = maximise_likelihood(at.model, rest)
+    gain = at.log - without.log
+    p = compute_p(gain)
+    p_of_all = chosen[k].tests * p
+    if p_of_all > DOUBTFUL:
+        return without
+    return None
+
+
 def _match(chosen: Sequence[PossiblePart], at: Likelihood) -> list[PossiblePart]:
     """Keep the candidates whose parts the likelihood still has."""
     return [one for one in chosen if any(one.error.is_like(part) for part in at.parts)]
@@ -241,8 +263,10 @@ def _describe(
     chosen: Sequence[PossiblePart],
     candidates: Sequence[PossiblePart],
     offered: Sequence[PossiblePart],
+    without: Likelihood | None,
 ) -> ErrorStructure:
-    """Describe the parts: scales, intervals, shares."""
+    """Describe the parts: scales, intervals, shares. `without`: the fit without a part that is in
+    doubt, whose errors would be the instrument's."""
     variances = np.array([1.0, *(part.variance for part in at.parts)]) * at.phi
     freedom = _count_freedom(at)
     squares = [_square_of_instrument(problem), *(one.square for one in chosen)]
@@ -256,6 +280,8 @@ def _describe(
     ):
         scale = np.sqrt(variance) * (instrument if name == "instrument" else 1.0)
         low, high = compute_interval(float(scale), df)
+        if name == "instrument" and without is not None:
+            high = max(high, _compute_highest(without, instrument))
         share = float(variance * square / total)
         rms = float(np.sqrt(variance * square))
         parts.append(ErrorPart(name, unit, float(scale), low, high, share, rms, told_by, length))
@@ -265,6 +291,14 @@ def _describe(
         for k, part in zip(places, at.parts, strict=True)
     )
     return ErrorStructure(tuple(parts), shared)
+
+
+def _compute_highest(at: Likelihood, instrument: float) -> float:
+    """Compute the upper end of the instrument's interval."""
+    scale = np.sqrt(at.phi) * instrument
+    freedom = _count_freedom(at)
+    _, high = compute_interval(float(scale), float(freedom[0]))
+    return high
 
 
 def _round(variance: float) -> float:

@@ -57,7 +57,8 @@ def refuse_wide_positions(
 def measure_spread(position: Array, group: NDArray[np.intp]) -> float:
     """Measure the median distance [mm] of positions (m, 3) from their middle, in the group (m,)
     where it is least; 0 where no group has rows enough."""
-    is_known = np.isfinite(position).all(1)
+    finite = np.isfinite(position)
+    is_known = finite.all(1)
     spreads = []
     for each in np.unique(group):
         rows = is_known & (group == each)

@@ -101,11 +101,12 @@ def shorten_symbols(symbols: Sequence[str]) -> list[str]:
 def _tell_apart(symbol: str, symbols: Sequence[str]) -> str:
     """Return the first words of a symbol that no other one begins with: of a cell its place at least."""
     words = symbol.split(" ")
+    split = [other.split(" ") for other in symbols]
     for count in range(PLACE_WORDS, len(words)):
-        first = " ".join(words[:count])
-        alike = [other for other in symbols if f"{other} ".startswith(f"{first} ")]
+        beginning = words[:count]
+        alike = [own for own in split if own[:count] == beginning]
         if len(alike) == 1:
-            return first
+            return " ".join(beginning)
     return symbol
 
 

@@ -14,6 +14,7 @@ from builders import OFF_AXIS, ON_AXIS, bind, measured, seeds, small_arm
 from scipy.stats import multivariate_normal
 
 from modelsel._typing import Array
+from modelsel.fitting import error_structure, part_trials
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.error_structure import ErrorStructure, _build_model, find_structure
 from modelsel.fitting.least_squares import fit
@@ -231,6 +232,25 @@ def test_rows_that_are_not_used_say_nothing(rng: np.random.Generator) -> None:
     one, other = structure_of(at, used), structure_of(measured(at, noisy), used)
     assert one.names == ("joint 2",)
     assert one.parts == other.parts
+
+
+@seeds(1, 2, 3)
+def test_the_instruments_interval_allows_for_a_part_that_chance_may_have_brought(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not for one that is sure: what that explains is not the instrument's."""
+    chance = campaign(rng, 40)
+    sure = move_joint(chance, 2, 6e-4, rng)
+    monkeypatch.setattr(error_structure, "MAX_PARTS", 0)
+    (alone,), (too_much,) = structure_of(chance).parts, structure_of(sure).parts
+    monkeypatch.setattr(error_structure, "MAX_PARTS", 1)
+    assert structure_of(sure).parts[0].high < too_much.high
+    for module in (error_structure, part_trials):
+        monkeypatch.setattr(module, "LEVEL", 10.0)
+    by_chance = structure_of(chance).parts
+    assert len(by_chance) == 2
+    assert by_chance[0].scale < alone.scale
+    assert by_chance[0].high >= alone.high * (1 - 1e-9)
 
 
 @seeds(1, 2)
