@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -30,9 +30,9 @@ COUNTER_NAMES = frozenset(("no", "nr", "nummer", "lfd. nr", "lfdnr"))
 
 
 def read_covariates(
-    table: Table, prismatic: Sequence[bool], has_kinds: bool
+    table: Table, prismatic: Sequence[bool], has_kinds: bool, used: Collection[str] = ()
 ) -> tuple[dict[str, Array], list[Note]]:
-    """Read every other numeric column, and say which columns are ignored."""
+    """Read every other numeric column, and say which columns are ignored, without those `used`."""
     taken = list_contract_names(prismatic) - {*KNOWN_COVARIATES}
     if not has_kinds:
         taken -= set(KIND_COLUMNS)
@@ -58,7 +58,10 @@ def read_covariates(
             covariates[name] = values
         else:
             unusable.append(name)
-    return covariates, _describe_ignored(textual, unusable, counters)
+    ignored = [
+        [name for name in names if name not in used] for names in (textual, unusable, counters)
+    ]
+    return covariates, _describe_ignored(*ignored)
 
 
 def _counts_rows(name: str, values: Array) -> bool:

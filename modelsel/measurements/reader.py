@@ -3,7 +3,7 @@ place and remedy."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -94,6 +94,7 @@ def read_measurements(
     *,
     positions: bool = True,
     once: bool = True,
+    used: Collection[str] = (),
 ) -> Measurements:
     """Read measurements of a robot from a text table, spreadsheet or Parquet file, or a DataFrame.
 
@@ -103,6 +104,7 @@ def read_measurements(
     group: one row group of a Parquet file; None reads all.
     positions: whether positions must be there; absent ones are NaN.
     once: whether a measurement that stands in the file twice counts once.
+    used: columns that the caller reads himself, such as the split's: they are not said to be ignored.
 
     Raises DataError with file, line and column, or row (from 0) and column of the DataFrame;
     StudyError for a name that the contract does not have."""
@@ -117,7 +119,7 @@ def read_measurements(
     split = split_missed(whole) if positions else split_nothing(whole)
     waypoints, missed = read_waypoints(split, prismatic, coupling)
     table = convert_board_poses(convert_orientations(split.kept))
-    content = _read_columns(table, prismatic, positions)
+    content = _read_columns(table, prismatic, positions, used)
     keep, notes = np.ones(len(table), bool), list[Note]()
     if once:
         keep, notes = _find_distinct_rows(table, content)
@@ -160,7 +162,9 @@ def _load_contract_table(
     return table
 
 
-def _read_columns(table: Table, prismatic: Sequence[bool], positions: bool) -> _Columns:
+def _read_columns(
+    table: Table, prismatic: Sequence[bool], positions: bool, used: Collection[str] = ()
+) -> _Columns:
     """Read and check all columns of a table."""
     q = _read_joints(table, prismatic)
     kinds = read_kinds(table)
@@ -173,7 +177,7 @@ def _read_columns(table: Table, prismatic: Sequence[bool], positions: bool) -> _
     approach = _read_approach(table, len(prismatic))
     labels = {name: read_names(table, name) for name in LABEL_COLUMNS if name in table}
     order = read_numbers(table, "order") if "order" in table else None
-    covariates, notes = read_covariates(table, prismatic, kinds is not None)
+    covariates, notes = read_covariates(table, prismatic, kinds is not None, used)
     if "configuration" in labels:
         _check_configurations(labels["configuration"], q, prismatic, table.where)
     return _Columns(

@@ -226,5 +226,6 @@ def _read_file(study: Study, folder: Path, robot: Robot) -> Measurements:
     """Read a study's measurements, with what it states of their features."""
     source = find_source(study, folder)
     columns = study.measurements.columns
-    measured = read_measurements(source, robot, columns)
+    used = () if study.split.column is None else (study.split.column,)
+    measured = read_measurements(source, robot, columns, used=used)
     return apply_known_features(measured, read_known_features(study))

@@ -151,6 +151,13 @@ def test_notes_say_what_is_ignored(tmp_path) -> None:
     assert "approach-from-order" in said
 
 
+def test_a_column_that_the_split_uses_is_not_said_to_be_ignored(tmp_path) -> None:
+    path = csv(tmp_path, f"{PLAIN},role,operator", "0,0,1,2,3,estimation,Ann", "1,0,1,2,3,new,Bob")
+    data = read_measurements(path, ARM, used=("role",))
+    said = {note.code: note.sentence for note in data.notes}
+    assert said["columns-ignored"] == "Columns that hold no numbers are ignored: operator."
+
+
 def test_a_column_that_counts_the_rows_is_no_cause(tmp_path) -> None:
     cells = [f"{0.1 * k},0,1,2,{k},{number},{number}" for k, number in enumerate((1, 2, 4, 5, 6))]
     data = read_measurements(csv(tmp_path, f"{PLAIN},No,load", *cells), ARM)
