@@ -87,15 +87,33 @@ def convert_number_text(cell: Any, decimal: str) -> Any:
 
 def needs_conversion(cells: Sequence[Any]) -> bool:
     """Whether cells are written another way than Python's as a rule: a single odd cell among many
-    is a mistake, and stays one."""
+    is a mistake, and stays one, but for 1,067.665, which can be one number only."""
     count = 0
     odd = 0
     for cell in cells:
         if is_number(cell):
             count += 1
             odd += is_odd_number(cell)
+            if _has_groups_and_point(cell):
+                return True
     least = MIN_ODD_SHARE * count
     return odd >= max(1, least)
+
+
+def _has_groups_and_point(cell: Any) -> bool:
+    """Whether a cell has commas between groups of three digits, and a decimal point after them."""
+    text = _clean_number(cell)
+    has_both = "," in text and "." in text
+    return has_both and COMMA_GROUPS.fullmatch(text) is not None
+
+
+def describe_odd_numbers(cells: Iterable[Any], decimal: str) -> str:
+    """Say how the numbers of cells with this decimal mark differ from Python's."""
+    if decimal == ",":
+        return "decimal commas"
+    texts = [_clean_number(cell) for cell in cells if is_odd_number(cell)]
+    has_groups = any(not PLAIN.fullmatch(text) for text in texts)
+    return "thousands in groups of digits" if has_groups else "long minus signs (U+2212)"
 
 
 def is_odd_number(cell: Any) -> bool:

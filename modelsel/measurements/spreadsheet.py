@@ -13,7 +13,13 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import DataError, suggest
-from .number_format import convert_number_text, find_mark_by_range, is_number, is_odd_number
+from .number_format import (
+    convert_number_text,
+    describe_odd_numbers,
+    find_mark_by_range,
+    is_number,
+    is_odd_number,
+)
 from .row_places import Where
 from .table_layout import find_layout, is_blank_row
 from .text_table import (
@@ -76,9 +82,7 @@ def _describe_texts(odd: Sequence[tuple[int, Any]], decimal: str) -> list[str]:
     for number, _ in odd:
         if number not in rows:
             rows.append(number)
-    style = "digits in groups"
-    if decimal == ",":
-        style = "decimal commas"
+    style = describe_odd_numbers((cell for _, cell in odd), decimal)
     shown = ", ".join(map(str, rows[:MAX_LISTED]))
     if len(rows) > MAX_LISTED:
         shown += " …"

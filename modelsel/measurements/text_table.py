@@ -17,6 +17,7 @@ from .._text import find_read_problem
 from ..exceptions import DataError, one_line
 from .number_format import (
     convert_number_text,
+    describe_odd_numbers,
     find_decimal_mark,
     is_number,
     is_odd_number,
@@ -61,15 +62,15 @@ class Grid:
 
 @dataclass
 class _Reading:
-    """A text file that is being read: its form, its header, the decimal mark, whether cells need
-    conversion, and which lines are left out."""
+    """A text file that is being read: its form, its header, the decimal mark, how its numbers are
+    written, and which lines are left out."""
 
     path: Path
     form: TextFormat
     layout: Layout
     first: int  # line of the first row
     decimal: str
-    convert: bool
+    numbers: str  # how they differ from plain ones; empty where they do not
     padded: int  # cells of a row with the empty ones that end all rows
     comments: dict[int, str] = field(default_factory=dict)
     blank: list[int] = field(default_factory=list)
@@ -164,11 +165,12 @@ def _prepare_reading(path: Path, decimal: str | None, headerless: bool) -> _Read
         layout, first, body = Layout(names, 0, 0), 1, rows
     layout = replace(layout, header=line)
     cells = [cell for row in body for cell in row]
-    convert = needs_conversion(cells)
-    if convert:
+    numbers = ""
+    if needs_conversion(cells):
         decimal = decimal or choose_decimal_mark(path.name, cells)
+        numbers = describe_odd_numbers(cells, decimal)
     padded = _find_padding(body, len(layout.names))
-    return _Reading(path, form, layout, first, decimal or ".", convert, padded)
+    return _Reading(path, form, layout, first, decimal or ".", numbers, padded)
 
 
 def _find_padding(body: Sequence[Sequence[str]], width: int) -> int:
@@ -263,7 +265,7 @@ def _read_chunks(reading: _Reading) -> Iterator[tuple[list[list[str]], NDArray[n
                 rows, starts = _drop_remarks(reading, rows, starts)
                 pairs = zip(rows, starts, strict=True)
                 rows = [_fit_row(reading, row, start) for row, start in pairs]
-            if reading.convert:
+            if reading.numbers:
                 mark = reading.decimal
                 rows = [[convert_number_text(cell, mark) for cell in row] for row in rows]
             if rows:
@@ -351,10 +353,8 @@ def _describe_reading(reading: _Reading) -> list[str]:
         said.append("cells separated by blanks")
     elif form.separator != ",":
         said.append(f"cells separated by {SEPARATOR_NAMES[form.separator]}")
-    if reading.decimal == ",":
-        said.append("decimal commas")
-    elif reading.convert:
-        said.append("thousands in groups of digits")
+    if reading.numbers:
+        said.append(reading.numbers)
     header = reading.layout.header
     if header == 0:
         said.append("no header")

@@ -171,7 +171,7 @@ def test_numbers_are_written_with_points(text, mark, number) -> None:
     assert convert_number_text(text, mark) == number
 
 
-@pytest.mark.parametrize("text", ["\u22121.5", "1 000", "1'000", '"1,5"', '"1,000.5"'])
+@pytest.mark.parametrize("text", ["\u22121.5", "1 000", "1'000", '"1,5"', '"1,000"'])
 def test_a_single_odd_cell_is_a_mistake_not_a_form(text, tmp_path) -> None:
     """One cell among hundreds that are plain; written so throughout, it is how the file is."""
     rng = np.random.default_rng(1)
@@ -181,6 +181,27 @@ def test_a_single_odd_cell_is_a_mistake_not_a_form(text, tmp_path) -> None:
     path.write_text("\n".join([",".join(NAMES[1:]), *lines]), encoding="utf-8")
     with pytest.raises(DataError, match="line 22, column q1_deg"):
         read(path)
+
+
+def test_a_number_with_groups_and_a_point_is_read_wherever_it_stands(tmp_path) -> None:
+    """1,067.665 can be one number only; most coordinates of an arm stay below 1000."""
+    lines = [f"{k};0;0;1.5;2.5;{990 + k}.25" for k in range(10)]
+    lines += [f"{k};0;0;1.5;2.5;999.25" for k in range(10, 100)]
+    lines[20] = "20;0;0;1.5;2.5;1,067.665"
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join([";".join(NAMES[1:]), *lines]), encoding="utf-8")
+    data = read(path)
+    assert data.position[20].tolist() == [1.5, 2.5, 1067.665]
+    assert "thousands in groups of digits" in data.notes[0].sentence
+
+
+def test_long_minus_signs_are_told_as_such(tmp_path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text(written().replace("-", "\u2212"), encoding="utf-8")
+    data = read(path)
+    check(data)
+    (note,) = [note for note in data.notes if note.code == "file-format"]
+    assert note.sentence == "m.csv is read as it is: long minus signs (U+2212)."
 
 
 def doubtful() -> str:
