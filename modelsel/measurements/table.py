@@ -25,6 +25,7 @@ from .text_table import check_file, load_text_table
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pyarrow as pa
 
 PARQUET_SUFFIXES = (".parquet", ".pq")
 Columns = Mapping[str, "NDArray[Any]"]
@@ -181,8 +182,6 @@ def apply_stated_unit(table: Table) -> Table:
 
 def _load_parquet(path: Path, group: int | None) -> Table:
     """Load all of a file, or one of its row groups."""
-    import pyarrow as pa
-
     with _open_parquet(path) as file:
         names = file.schema_arrow.names
         where = Where(
@@ -202,18 +201,19 @@ def _load_parquet(path: Path, group: int | None) -> Table:
                 file=path.name,
                 remedy="A row per measured point, with named columns, is expected.",
             )
-        nested = [
-            name for name in names if pa.types.is_nested(table.schema.field(name).type)
-        ]  # no number, no text
-        return Table(
-            {
-                name: np.full(len(table), "(nested)", object)
-                if name in nested
-                else table.column(name).to_numpy()
-                for name in names
-            },
-            where,
-        )
+        columns = {name: _load_arrow_column(table.column(name)) for name in names}
+        return Table(columns, where)
+
+
+def _load_arrow_column(column: pa.ChunkedArray) -> NDArray[Any]:
+    """Load a column; one that holds neither numbers nor text nor times has no cell that is read."""
+    import pyarrow as pa
+
+    if pa.types.is_nested(column.type):
+        return np.full(len(column), "(nested)", object)
+    if pa.types.is_temporal(column.type):
+        return _load_series(column.to_pandas())
+    return np.asarray(column.to_numpy())
 
 
 def parquet_errors() -> tuple[type[Exception], ...]:

@@ -447,6 +447,14 @@ def test_parquet_refusals_say_the_row(tmp_path) -> None:
         read_measurements(path, ARM)
 
 
+def test_a_parquet_column_of_moments_is_a_clock(tmp_path) -> None:
+    steps = np.arange(3)
+    moments = np.datetime64("2025-01-01T00:00:00", "us") + steps * np.timedelta64(90, "s")
+    columns = dict.fromkeys(PLAIN.split(","), steps / 10)
+    path = parquet(tmp_path, **columns, time_s=moments)
+    assert read_measurements(path, ARM).covariates["time_s"].tolist() == [0, 90, 180]
+
+
 def test_labels_of_the_split(tmp_path) -> None:
     path = csv(tmp_path, f"{PLAIN},role", "0,0,1,2,3,estimation", "1,0,1,2,3,held-out")
     assert read_labels(path, "role").tolist() == ["estimation", "held-out"]
