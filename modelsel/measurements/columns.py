@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .._names import find_name_problem, quote_name, unguard_cell
 from .._typing import LARGEST, Array
 from ..exceptions import suggest
+from .spreadsheet_formulas import FORMULA_REMEDY, is_formula
 from .table import Table
 
 DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
@@ -102,6 +103,8 @@ def _refuse_wrong_cells(
         content += f" ({len(wrong)} such cells)"
     if DECIMAL_COMMA.fullmatch(cell.strip()):
         remedy += " Numbers need a decimal point, not a comma."
+    if is_formula(cell):
+        remedy = FORMULA_REMEDY
     raise table.where.refuse(
         f"expected {expected}, found {content}.", row=row, column=name, remedy=remedy
     )

@@ -21,6 +21,7 @@ from .number_format import (
     is_odd_number,
 )
 from .row_places import Where
+from .spreadsheet_formulas import FORMULA_REMEDY, find_valueless_cells, is_formula
 from .table_layout import find_layout, is_blank_row
 from .text_table import (
     MAX_LISTED,
@@ -112,9 +113,21 @@ def read_sheets(path: Path) -> dict[str, list[list[Any]]]:
             file=path.name,
             remedy="Open it and save it anew, without a password, or as CSV in UTF-8.",
         ) from None
-    return {
-        name: [[_read_cell(cell) for cell in row] for row in rows] for name, rows in read.items()
-    }
+    sheets = {}
+    for name, rows in read.items():
+        cells = [[_read_cell(cell) for cell in row] for row in rows]
+        sheets[name] = _fill_valueless(path, name, cells)
+    return sheets
+
+
+def _fill_valueless(path: Path, sheet: str, rows: list[list[Any]]) -> list[list[Any]]:
+    """Write the formulas and errors that have no value in the cells that show nothing."""
+    if not any("" in row for row in rows):
+        return rows
+    for (row, column), text in find_valueless_cells(path, sheet).items():
+        if row < len(rows) and column < len(rows[row]) and rows[row][column] == "":
+            rows[row][column] = text
+    return rows
 
 
 def _read_cell(cell: Any) -> Any:
@@ -145,11 +158,11 @@ def _choose_sheet(path: Path, sheets: dict[str, list[list[Any]]], wanted: str | 
             "(on the command line: --sheet).",
         )
     if not tables:
-        raise DataError(
-            "no sheet holds a table of numbers.",
-            file=path.name,
-            remedy="A header row and a row per measured point are expected.",
-        )
+        cells = (cell for rows in sheets.values() for row in rows for cell in row)
+        remedy = "A header row and a row per measured point are expected."
+        if any(map(is_formula, cells)):
+            remedy = f"{remedy} {FORMULA_REMEDY}"
+        raise DataError("no sheet holds a table of numbers.", file=path.name, remedy=remedy)
     return tables[0]
 
 

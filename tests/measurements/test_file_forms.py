@@ -401,6 +401,25 @@ def test_spreadsheets_hold_the_same_numbers(tmp_path) -> None:
     check(read(ods(tmp_path / "m.ods")))
 
 
+@pytest.mark.parametrize(
+    ("cell", "words"),
+    [
+        ("=649.5+0", r'found "=649\.5\+0"\. Formulas without their values .* Excel'),
+        ("#REF!", 'found "#REF!". Correct the cell'),
+        (None, "found an empty cell. Correct the cell"),
+    ],
+)
+def test_cells_of_a_workbook_without_a_value_are_shown(cell, words, tmp_path) -> None:
+    from openpyxl import load_workbook
+
+    path = xlsx(tmp_path / "m.xlsx")
+    book = load_workbook(path)
+    book["Messung"]["G5"] = cell
+    book.save(path)
+    with pytest.raises(DataError, match=f"row 5, column z_mm: expected a finite number, {words}"):
+        read(path)
+
+
 def test_numbers_kept_as_text_in_a_spreadsheet(tmp_path) -> None:
     check(read(xlsx(tmp_path / "m.xlsx", texts=True)))
 
