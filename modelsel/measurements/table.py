@@ -271,7 +271,7 @@ def rename_columns(table: Table, columns: Mapping[str, str]) -> Table:
     for wanted, given in columns.items():
         if given not in table:
             raise table.where.refuse(
-                f'the study maps {wanted} to "{given}", which is not in the '
+                f'column "{given}", given for {wanted}, is not in the '
                 f"{'file' if table.where.is_file else 'DataFrame'}. {suggest(given, table.columns)}"
             )
     new = {given: wanted for wanted, given in columns.items()}

@@ -99,7 +99,7 @@ def refuse_mapped_units(
         is_wanted = said in (unit, *WORDS) or find_unit(said) == find_unit(unit) == "in"
         if said in units and not is_wanted:
             raise where.refuse(
-                f'the study maps {wanted} to it, but its name says "{said}", not "{unit}".',
+                f'it is given for {wanted}, but its name says "{said}", not "{unit}".',
                 column=given,
                 remedy=f"Map the contract's name of that unit; where there is none, convert it to {unit}.",
             )

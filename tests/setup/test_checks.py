@@ -283,7 +283,7 @@ def test_other_units_are_no_covariates(name, right, remedy, rng, tmp_path) -> No
 def test_a_mapping_to_another_unit_is_refused(wanted, given, rng) -> None:
     data = frame(rng, 5).assign(sx_mm=0.1, sy_mm=0.1, sz_mm=0.1).rename(columns={wanted: given})
     with pytest.raises(
-        DataError, match=rf'the study maps {wanted} to it, but its name says "\w+", not "(rad|mm)"'
+        DataError, match=rf'it is given for {wanted}, but its name says "\w+", not "(rad|mm)"'
     ):
         read_measurements(data, load_robot("ur5").prismatic, {wanted: given})
     read_measurements(
