@@ -54,6 +54,20 @@ def is_remark(row: Row, width: int) -> bool:
     return len(row) != width and words >= MIN_REMARK_WORDS and MIN_REMARK_WORDS * numbers <= words
 
 
+def advise_on_width(row: Sequence[str], width: int, separator: str) -> str:
+    """Say what to do about a row that has not `width` cells; `separator`: what is between them."""
+    marks = {separator, "\n", "\r"} - {" "}
+    is_joined = any(mark in cell for cell in row for mark in marks)
+    if len(row) < width and is_joined:
+        return "A quotation mark joins several cells into one: close it, or remove it."
+    if len(row) > width and is_blank_row(row[width:]):
+        return "The cells after the last column are empty: remove the separators at the row's end."
+    remedy = "Every row needs as many cells as the header."
+    if len(row) > width and separator == ",":
+        remedy += " Numbers need a decimal point: a comma separates cells."
+    return remedy
+
+
 def find_layout(rows: Sequence[Row]) -> Layout | None:
     """Find the header among the first rows of a table; None where a table begins with numbers."""
     header = _find_header(rows)

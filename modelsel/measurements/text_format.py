@@ -81,7 +81,15 @@ def sniff_text(path: Path) -> tuple[TextFormat, str]:
     is_cut = len(head) > SAMPLE_BYTES
     decoder = codecs.getincrementaldecoder(encoding)()
     sample = decoder.decode(head, final=not is_cut)
-    if not sample.strip() or "\0" in sample:
+    readable, zero, _ = sample.partition("\0")
+    if zero and _is_table_text(readable):
+        raise DataError(
+            "bytes of zero follow, as in a file that was not written to its end.",
+            file=path.name,
+            line=1 + readable.count("\n"),
+            remedy="Export the table again, or remove them.",
+        )
+    if zero or not sample.strip():
         raise DataError(
             "the file is empty or not text.",
             file=path.name,
@@ -92,6 +100,13 @@ def sniff_text(path: Path) -> tuple[TextFormat, str]:
     marks = _find_marks(sample)
     separator = _find_separator(sample, marks)
     return TextFormat(encoding, separator, marks), sample
+
+
+def _is_table_text(text: str) -> bool:
+    """Whether text has several lines, and nothing in them that cannot be seen."""
+    lines = text.splitlines()
+    plain = "".join(lines).replace("\t", " ")
+    return len(lines) > 1 and plain.isprintable()
 
 
 def find_encoding(path: Path) -> str:

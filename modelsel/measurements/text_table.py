@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._text import find_read_problem
-from ..exceptions import DataError, one_line
+from ..exceptions import DataError, count_words, one_line
 from .number_format import (
     convert_number_text,
     describe_odd_numbers,
@@ -25,7 +25,7 @@ from .number_format import (
 )
 from .row_places import Where
 from .stated_units import find_stated_unit
-from .table_layout import Layout, find_layout, is_blank_row, is_remark
+from .table_layout import Layout, advise_on_width, find_layout, is_blank_row, is_remark
 from .text_format import (
     BLANKS,
     ENCODING_NAMES,
@@ -311,14 +311,11 @@ def _fit_row(reading: _Reading, row: list[str], line: int) -> list[str]:
         return row
     if len(row) == reading.padded and is_blank_row(row[width:]):
         return row[:width]
-    remedy = "Every row needs as many cells as the header."
-    if len(row) > width and reading.form.separator == ",":
-        remedy += " Numbers need a decimal point: a comma separates cells."
     raise DataError(
-        f"{len(row)} cells, but the header has {width}.",
+        f"{count_words(len(row), 'cell')}, but the header has {width}.",
         file=reading.path.name,
         line=int(line),
-        remedy=remedy,
+        remedy=advise_on_width(row, width, reading.form.separator),
     )
 
 

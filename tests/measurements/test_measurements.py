@@ -360,6 +360,13 @@ def test_bad_cells(column, cell, tmp_path) -> None:
 REFUSED = {
     "too few cells": ([PLAIN, "0,0,1,2,3", "0,0,1,2"], "line 3", "4 cells, but the header has 5"),
     "too many cells": ([PLAIN, "0,0,1,2,3,4"], "line 2", "6 cells, but the header has 5"),
+    "a separator too many": ([PLAIN, "0,0,1,2,3", "0,0,1,2,3,"], "line 3", "at the row's end"),
+    "an open quotation mark": (
+        [PLAIN, "0,0,1,2,3", '"0,0,1,2,3', "0,0,1,2,3"],
+        "line 3",
+        "1 cell, but the header has 5. A quotation mark joins several cells",
+    ),
+    "zeros at the end": ([PLAIN, "0,0,1,2,3", "\0\0"], "line 3", "not written to its end"),
     "degrees": ([PLAIN, "0,0,1,2,3", "0,-45,1,2,3"], "line 3, column q2_rad", "looks like degrees"),
     "no unit, joint": (
         ["q1,q2_rad,x_mm,y_mm,z_mm", "0,0,1,2,3"],
@@ -434,7 +441,7 @@ def test_refused_files(tmp_path) -> None:
     ):
         with pytest.raises(DataError, match=name):
             read_measurements(tmp_path / name, ARM)
-    with pytest.raises(DataError, match='maps q1_rad to "J1"'):
+    with pytest.raises(DataError, match='column "J1", given for q1_rad, is not in the file'):
         read_measurements(csv(tmp_path, PLAIN, "0,0,1,2,3"), ARM, {"q1_rad": "J1"})
 
 
