@@ -87,14 +87,18 @@ def _is_report_of(report: Path, study: Path) -> bool:
 
 def parse_calibration(text: str, where: str = CALIBRATION_FILE) -> Calibration:
     """Return the calibration of a file's text. Raises StudyError."""
+    no_calibration = StudyError(
+        f"{where}: not a calibration; `modelsel study` writes one beside its result.json."
+    )
+    is_object = text.lstrip().startswith("{")
+    if not is_object:
+        raise no_calibration
     try:
         value = parse_json(text)
     except ValueError as error:
         raise StudyError(f"{where}: cannot be read: {error}. {REMEDY}") from None
-    if not isinstance(value, dict) or value.get("kind") != "calibration":
-        raise StudyError(
-            f"{where}: not a calibration; `modelsel study` writes one beside its result.json."
-        )
+    if value.get("kind") != "calibration":
+        raise no_calibration
     version = value.get("schema")
     if version is True or version != SCHEMA_VERSION:
         raise StudyError(

@@ -18,7 +18,7 @@ from .kinematics import Joint, Robot, UrdfSource
 from .rigid import align_z, inverse, transform
 from .urdf_chain import check_tree, find_chain, list_moving_names
 from .urdf_elements import (
-    MOVING,
+    KINDS,
     child_of,
     group_by_parent,
     parent_of,
@@ -28,8 +28,6 @@ from .urdf_elements import (
     read_vector,
 )
 
-# planar and floating ones have more than one reading
-KINDS = (*MOVING, "fixed")
 OTHER_CHAIN = 'Or name a chain without it: base = "…", tip = "…".'
 # rad: files have 1.571 for a right angle, and no mount is known better
 UPRIGHT_TOLERANCE = 1e-3

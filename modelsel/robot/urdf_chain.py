@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import chain
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from .._typing import Array
 from ..exceptions import StudyError, suggest
 from .urdf_elements import (
+    KINDS,
     child_of,
     find_end,
     group_by_parent,
@@ -82,7 +84,8 @@ def find_chain(root: ET.Element, where: str, base: str | None, tip: str | None) 
     most = max(counts)
     if not most:
         destination = "" if tip is None else f' on the way to "{tip}"'
-        raise StudyError(f"{where}: no moving joint found{destination}.")
+        unknown = _describe_unknown_kinds(paths)
+        raise StudyError(f"{where}: no moving joint found{destination}.{unknown}")
     longest = []
     for path, count in zip(paths, counts, strict=True):
         has_most = count == most
@@ -91,10 +94,23 @@ def find_chain(root: ET.Element, where: str, base: str | None, tip: str | None) 
     return _choose_path(longest, most, where)
 
 
+def _describe_unknown_kinds(paths: Sequence[Sequence[ET.Element]]) -> str:
+    """Name the first joint whose type is not one that is read; empty where there is none."""
+    for joint in chain.from_iterable(paths):
+        kind = joint.get("type")
+        if kind not in KINDS:
+            name = read_joint_name(joint)
+            return f' Joint "{name}" has type "{kind}"; {", ".join(KINDS)} are known.'
+    return ""
+
+
 def _find_root(roots: list[str], where: str) -> str:
-    """Return the one link that hangs on nothing. Raises StudyError where there are several."""
+    """Return the one link that hangs on nothing. Raises StudyError where there are several, or
+    none."""
     if len(roots) == 1:
         return roots[0]
+    if not roots:
+        raise StudyError(f"{where}: the links form a loop. A serial chain is expected.")
     listed = ", ".join(sorted(roots)[:5])
     raise StudyError(
         f'{where}: expected one root link, found {len(roots)}: {listed}. Say which: base = "…".'

@@ -12,6 +12,8 @@ from .rigid import from_rpy, transform
 
 # kinds of joints that have one reading each
 MOVING = ("revolute", "continuous", "prismatic")
+# kinds that are read: planar and floating ones have more than one reading
+KINDS = (*MOVING, "fixed")
 
 
 def read_vector(element: ET.Element | None, key: str, default: tuple[float, ...]) -> Array:

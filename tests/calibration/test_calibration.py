@@ -115,6 +115,7 @@ def test_refusals(rng) -> None:
     text = calibration_text(made)
     for broken, says in (
         (text[:-20], "not valid JSON"),
+        ("<robot/>", "not a calibration; "),
         ("{}", "not a calibration"),
         (text.replace('"schema": 1', '"schema": 9', 1), "schema 9"),
         (text.replace('"axis": "rx"', '"axis": "up"'), "damaged"),

@@ -379,6 +379,14 @@ PLACES = [
 ]
 
 
+PAIR = (
+    '<robot name="pair"><link name="a"/><link name="b"/><joint name="ab" type="{kind}">'
+    '<parent link="a"/><child link="b"/></joint></robot>'
+)
+BACK = '<joint name="ba" type="fixed"><parent link="b"/><child link="a"/></joint></robot>'
+RING = PAIR.format(kind="revolute").replace("</robot>", BACK)
+
+
 def test_all_problems_of_a_robot_file_at_once() -> None:
     with pytest.raises(StudyError) as caught:
         robot_from_table(WRONG, "wrong.toml")
@@ -397,6 +405,8 @@ def test_all_problems_of_a_robot_file_at_once() -> None:
         ("c.urdf", "<robot", "c.urdf: not valid XML"),
         ("d.urdf", '<!DOCTYPE x [<!ENTITY e "e">]><robot/>', "refused"),
         ("e.urdf", '<robot name="e"><link name="a"/></robot>', "root link"),
+        ("f.urdf", PAIR.format(kind="rotary"), 'Joint "ab" has type "rotary"; revolute, cont'),
+        ("g.urdf", RING, "the links form a loop"),
     ],
 )
 def test_unreadable_robot_files(file, text, message, tmp_path) -> None:
