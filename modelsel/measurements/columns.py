@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from .._names import find_name_problem, quote_name, unguard_cell
 from .._typing import LARGEST, Array
-from ..exceptions import suggest
+from ..exceptions import one_line, suggest
 from .spreadsheet_formulas import FORMULA_REMEDY, is_formula
 from .table import Table
 
@@ -141,6 +141,18 @@ def _convert_cell(cell: Any) -> float:
         return float(cell)
     except (TypeError, ValueError, OverflowError):
         return float("nan")
+
+
+def describe_cell(table: Table, name: str, row: int) -> str:
+    """Say what a cell holds, and where it is: "n/a" in points.csv, line 3."""
+    cells = table.columns[name]
+    place = table.where.locate(row, name)
+    is_blank = find_blank_cells(cells[[row]])
+    if is_blank[0]:
+        return f"an empty cell in {place}"
+    cell = str(cells[row])
+    shown = one_line(cell)
+    return f'"{shown[:MAX_SHOWN]}" in {place}'
 
 
 def read_quantity(table: Table, stem: str, units: Sequence[str], rows: Mask | None = None) -> Array:

@@ -10,7 +10,7 @@ from .._names import is_plain_word
 from .._typing import Array
 from ..exceptions import one_line
 from ..notices import Note
-from .columns import convert_to_numbers, read_numbers
+from .columns import convert_to_numbers, describe_cell, read_numbers
 from .contract_columns import JOINT_COLUMN, KNOWN_COVARIATES, list_contract_names
 from .observation_columns import KIND_COLUMNS
 from .point_times import parse_clock
@@ -61,7 +61,7 @@ def read_covariates(
     ignored = [
         [name for name in names if name not in used] for names in (textual, unusable, counters)
     ]
-    return covariates, _describe_ignored(*ignored)
+    return covariates, _describe_ignored(table, *ignored)
 
 
 def _counts_rows(name: str, values: Array) -> bool:
@@ -80,7 +80,7 @@ def _can_be_cause(name: str) -> bool:
 
 
 def _describe_ignored(
-    textual: Sequence[str], unusable: Sequence[str], counters: Sequence[str]
+    table: Table, textual: Sequence[str], unusable: Sequence[str], counters: Sequence[str]
 ) -> list[Note]:
     """Say which columns are ignored; characters of their names that cannot be seen are escaped."""
     notes = []
@@ -93,13 +93,13 @@ def _describe_ignored(
         names = ", ".join(map(one_line, textual))
         notes.append(Note("columns-ignored", f"Columns that hold no numbers are ignored: {names}."))
     if unusable:
-        listed = ", ".join(map(_say_why_unusable, unusable))
+        listed = ", ".join(_say_why_unusable(table, name) for name in unusable)
         sentence = f"Columns that cannot serve as causes are ignored: {listed}."
         notes.append(Note("covariates-ignored", sentence))
     return notes
 
 
-def _say_why_unusable(name: str) -> str:
+def _say_why_unusable(table: Table, name: str) -> str:
     """Name a numeric column, and why it is no cause."""
     shown = one_line(name)
     if not shown:
@@ -108,4 +108,10 @@ def _say_why_unusable(name: str) -> str:
         return f"{shown} (a name that modelsel gives to values of its own)"
     if not is_plain_word(name):
         return f"{shown} (not a plain word)"
-    return f"{shown} (empty cells, or numbers above 1e30)"
+    values = convert_to_numbers(table.columns[name])
+    with np.errstate(invalid="ignore"):
+        is_wrong = ~(np.abs(values) <= MAX_COVARIATE)
+    wrong = np.flatnonzero(is_wrong)
+    row = int(wrong[0])
+    content = describe_cell(table, name, row)
+    return f"{shown} ({content}; every row needs a number, {MAX_COVARIATE:g} at most)"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..exceptions import one_line
 from ..measurements.column_guesses import Reading
 from ..measurements.column_names import parse_column_name
-from ..measurements.columns import convert_to_numbers, find_blank_cells
+from ..measurements.columns import convert_to_numbers, describe_cell
 from ..measurements.contract_columns import KNOWN_COVARIATES, list_contract_names
 from ..measurements.measurements import Measurements
 from ..measurements.point_times import are_clock_times
@@ -97,12 +97,4 @@ def _find_stray_cell(table: Table, name: str) -> str:
         return ""
     stray = np.flatnonzero(~is_number)
     row = int(stray[0])
-    where = table.where
-    place = where.locate(row, name)
-    content = "an empty cell"
-    is_blank = find_blank_cells(cells[[row]])
-    if not is_blank[0]:
-        cell = str(cells[row])
-        shown = one_line(cell)
-        content = f'"{shown}"'
-    return f" ({content} in {place})"
+    return f" ({describe_cell(table, name, row)})"

@@ -117,10 +117,11 @@ def _find_cause_problems(
         broken = np.flatnonzero(is_broken)
         if len(broken):
             first = broken[0]
-            number = int(problem.data.row[first]) + 1
+            data = problem.data
+            row = data.where.named(int(data.row[first]))
             yield (
-                f'{place}.causes: "{cause}" is no finite number in row {number} of the '
-                "measurements; write it so that it is one in every row."
+                f'{place}.causes: "{cause}" is no finite number on {row}; write it so '
+                "that it is one in every row."
             )
         elif np.ptp(values):
             varying.append((cause, values))

@@ -97,7 +97,8 @@ def test_columns_that_are_no_causes_are_ignored_with_the_reason() -> None:
     assert "torque2 (a name" in note.sentence
     assert "a b (not a plain word)" in note.sentence
     assert "one without a name" in note.sentence
-    assert "gap (empty cells, or numbers above 1e30)" in note.sentence
+    words = "gap (an empty cell in DataFrame, row 3; every row needs a number, 1e+30 at most)"
+    assert words in note.sentence
 
 
 @pytest.mark.parametrize("value", [-300.0, 293.15], ids=["below absolute zero", "kelvin"])
