@@ -16,6 +16,13 @@ DEEP_KEY = re.compile(
     r"(?<![\w\"'.-])(?:[\w\"'-]++\s*+\.\s*+){60}"
 )  # a key of so many parts: tomllib would take minutes
 
+# what tomllib says of names that stand twice, and our words for it
+TOML_WORDS = (
+    (re.compile(r"Cannot overwrite a value|Duplicate inline table key '.*'"), "a key stands twice"),
+    (re.compile(r"Cannot declare \(.*\) twice"), "a table stands twice"),
+    (re.compile(r"Cannot mutate immutable namespace \(.*\)(?= \()"), "a key stands twice"),
+)
+
 
 def find_read_problem(path: Path) -> str | None:
     """Say in a few words why a path cannot be read as a file; None where it can. A device or a pipe
@@ -71,9 +78,14 @@ def parse_toml(text: str, where: str) -> dict[str, Any]:
             f"{where}: not valid TOML: nested too deeply. Tables of tables of a few levels are expected."
         ) from None
     except ValueError as error:  # TOMLDecodeError; a whole number of thousands of digits
-        said = (
-            str(error)
-            if isinstance(error, tomllib.TOMLDecodeError)
-            else "a number with too many digits"
-        )
+        said = "a number with too many digits"
+        if isinstance(error, tomllib.TOMLDecodeError):
+            said = _reword_toml_error(str(error))
         raise StudyError(f"{where}: not valid TOML: {said}. Correct this place.") from None
+
+
+def _reword_toml_error(message: str) -> str:
+    """Say in plain words what tomllib says of a name that stands twice; anything else as it is."""
+    for theirs, ours in TOML_WORDS:
+        message = theirs.sub(ours, message)
+    return message

@@ -87,8 +87,9 @@ def format_place(location: Sequence[Any]) -> str:
 
 
 def _to_float(value: float) -> float:
-    is_huge = abs(value) >= MAX_NUMBER
-    return float("inf") if is_huge else float(value)
+    """Convert a number; a whole one that no float holds stays, and is refused as it is."""
+    is_huge = isinstance(value, int) and abs(value) >= MAX_NUMBER
+    return value if is_huge else float(value)
 
 
 def _is_number(value: Any) -> bool:

@@ -3,6 +3,7 @@ textbook Jacobians, torques."""
 
 from __future__ import annotations
 
+import re
 import tomllib
 from pathlib import Path
 
@@ -401,6 +402,9 @@ def test_all_problems_of_a_robot_file_at_once() -> None:
     ("file", "text", "message"),
     [
         ("a.toml", "name = ", "a.toml: not valid TOML"),
+        ("a.toml", 'name = "a"\nname = "b"', "a key stands twice (at end of document)"),
+        ("a.toml", "[n]\n[n]\n", "a table stands twice (at line 2"),
+        ("a.toml", "n = {b = {}}\nn.c = 1\n", "a key stands twice (at line 2"),
         ("b.toml", 'name = "b"', "b.toml: no [[joint]] found"),
         ("c.urdf", "<robot", "c.urdf: not valid XML"),
         ("d.urdf", '<!DOCTYPE x [<!ENTITY e "e">]><robot/>', "refused"),
@@ -411,7 +415,7 @@ def test_all_problems_of_a_robot_file_at_once() -> None:
 )
 def test_unreadable_robot_files(file, text, message, tmp_path) -> None:
     (tmp_path / file).write_text(text)
-    with pytest.raises(StudyError, match=message.replace("[", r"\[")):
+    with pytest.raises(StudyError, match=re.escape(message)):
         read_robot(tmp_path / file)
 
 
