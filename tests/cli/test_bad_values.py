@@ -36,7 +36,7 @@ def run(*words: str | Path) -> Result:
         ("register = 'per day'", "m.csv", "", "expected true or false or 'per group', found"),
         ("tool_mm = [1, nan, 2]", "m.csv", "", "tool_mm.2: expected a finite number, found 'nan'"),
         ("tool_mm = [1, 1e300, 2]", "m.csv", "", "tool_mm.2: expected less than or equal to 1000"),
-        (f"tool_mm = [1, {10**300}, 2]", "m.csv", "", "found '301 digits'"),
+        (f"tool_mm = [1, {10**305}, 2]", "m.csv", "", " digits'"),
         ("tool_mm = [1, 2]", "m.csv", "", "tool_mm: expected 3 values or more, found"),
         ("register = true", "a\\u0000b", "", "file: expected text without line breaks"),
         ("register = true", "a" * 5000, "", "file: expected at most 4000 characters"),
