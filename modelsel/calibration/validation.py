@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._typing import Array
-from ..diagnosis.mistaken_rows import describe_slips
 from ..exceptions import sentence_list
 from ..fitting.noise import Floor
 from ..fitting.noise_check import (
@@ -22,6 +21,7 @@ from ..fitting.noise_check import (
     lack,
     name_likeliest_mistake,
 )
+from ..fitting.problem import Problem
 from ..measurements.columns import MIN_UNCERTAINTY
 from ..measurements.measurements import Measurements
 from .calibration import Calibration
@@ -31,8 +31,15 @@ from .drift_statistic import (
     compute_statistic,
     standardise_residual,
 )
+from .mistaken_data import (
+    REGISTER_AGAIN,
+    check_near_arm,
+    describe_wrong_registered_rows,
+    describe_wrong_rows,
+    describe_wrong_setup,
+)
 from .prediction import predict, propagate_uncertainty
-from .reregistration import Registration, register_again
+from .reregistration import register_again
 
 MAX_P = 0.01  # below it a calibration is called drifted
 MIN_FACTOR = 1.1  # of the errors to those expected, for a calibration called drifted
@@ -200,7 +207,8 @@ def _add_new_targets(c: Calibration, data: Measurements) -> Calibration:
 def judge(c: Calibration, data: Measurements, free_setup: bool) -> Verdict:
     """Judge a stored calibration on new measurements; with `free_setup` the tracker and the targets
     are found again first. A few rows that are far off are left out where the others are within
-    noise: a bad shot is likelier than an arm that changed in one place. Raises DataError."""
+    noise: a bad shot is likelier than an arm that changed in one place. Raises DataError, also for
+    data that cannot be of this arm."""
     verdict = _judge_rows(c, data, free_setup)
     size = verdict.size
     is_far = size > MAX_ROW_SD
@@ -228,14 +236,17 @@ def _judge_rows(c: Calibration, data: Measurements, free_setup: bool) -> Verdict
     new_targets: tuple[str, ...] = ()
     free = np.zeros((len(data), 3, 0))
     if free_setup:
-        registration = _register_data(c, data)
+        bound = _bind_as_one_group(c, data)
+        registration = register_again(c, bound)
         problem = registration.problem
         free = registration.free
         moved = registration.moved
         new_targets = _find_new_targets(c, data)
     else:
-        problem = c.problem(data)
+        bound = c.problem(data)
+        problem = bound
     residual = problem.data.position - predict(c, problem)
+    check_near_arm(c, bound, residual, free_setup)
     sigma, freedom = expected_noise(c)
     spread = propagate_uncertainty(c, problem)
     test = compute_statistic(residual / sigma, spread / sigma, free)
@@ -250,11 +261,13 @@ def _judge_rows(c: Calibration, data: Measurements, free_setup: bool) -> Verdict
     p = test.p(freedom)
     doubts = _list_doubts(c, data, residual, found)
     slips: tuple[str, ...] = ()
-    if not free_setup and p <= MAX_P:
+    if p <= MAX_P and free_setup:
+        slips = describe_wrong_registered_rows(bound)
+    elif p <= MAX_P:
         rows = np.isin(np.arange(len(size)), beyond)
-        slips = describe_slips(
-            problem, lambda other: other.data.position - predict(c, other), rows, expected
-        )
+        slips = describe_wrong_rows(c, bound, residual, rows, expected)
+    if p <= MAX_P and not slips:
+        doubts += describe_wrong_setup(bound, residual)
     squares = np.square(residual)
     mean_square = squares.sum(1).mean()
     order = np.argsort(-size[beyond], kind="stable")
@@ -275,13 +288,12 @@ def _judge_rows(c: Calibration, data: Measurements, free_setup: bool) -> Verdict
     )
 
 
-def _register_data(c: Calibration, data: Measurements) -> Registration:
-    """Register the arm to new data as one group, whatever groups these have."""
+def _bind_as_one_group(c: Calibration, data: Measurements) -> Problem:
+    """Bind new data to the calibrated set-up as one group, whatever groups these have."""
     group = np.zeros(len(data), np.intp)
     one_group = replace(data, groups=c.groups[:1], group=group)
     completed = _add_new_targets(c, data)
-    problem = completed.problem(one_group)
-    return register_again(c, problem)
+    return completed.problem(one_group)
 
 
 def describe_same_data(c: Calibration, digest: str) -> list[str]:
@@ -333,7 +345,7 @@ def _summarise_verdict(data: Measurements, verdict: Verdict) -> str:
         place = _locate_errors(data, verdict)
         remedy = ""
         if verdict.moved is None:
-            remedy = " If the tracker or the target was moved, --register finds them again and keeps the arm."
+            remedy = f" {REGISTER_AGAIN}"
         return f"The calibration has drifted: {figures}; {rows}{place}.{remedy}"
     if verdict.small:
         return f"Drift cannot be judged, since the stated uncertainty is far above the errors: {figures}."

@@ -134,6 +134,7 @@ def describe_slips(
     selected = problem.take(suspected)
     before = compute_lengths(left(selected))
     is_open = before > far
+    is_told = np.zeros(len(before), bool)
     sentences = []
     stale = _build_stale(problem, suspected)
     for slip in (*_generate_slips(selected), stale):
@@ -141,9 +142,13 @@ def describe_slips(
         after = compute_lengths(left(corrected))
         explained = is_open & (after < near)
         if explained.any():
+            # rows that have the slip where it changes little
+            is_improved = after < before / MIN_IMPROVEMENT
+            explained = ~is_told & is_improved & (after < near)
             sentence = _describe(slip, selected, explained, before, after)
             sentences.append(sentence)
-            is_open = is_open & ~explained
+            is_told |= explained
+            is_open &= ~explained
     return tuple(sentences)
 
 

@@ -25,9 +25,9 @@ from ..results.schema import RegistrationRecord
 from ..robot.kinematics import Robot
 from ..setup.feature_positions import place_features
 from ..setup.mistakes import MIN_CONFIGURATIONS
+from ..setup.plausibility import MAX_DISTANCE_SHARE
 from ..setup.registration import register
 from .checks import check_setup
-from .preparation import MAX_NOMINAL_RESIDUAL
 from .told_parts import describe_told_parts
 
 MAX_REGISTERED_POINTS = 2000
@@ -192,7 +192,7 @@ def _describe_registration(found: _Placement | None) -> dict[str, Any]:
     alarms = list_alarms(notes)
     reach = problem.reach_mm
     share = median / reach
-    if share > MAX_NOMINAL_RESIDUAL and not alarms:
+    if share > MAX_DISTANCE_SHARE and not alarms:
         alarms = [FAR.format(share=share)]
     return {
         "registered": {

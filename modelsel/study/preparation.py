@@ -27,6 +27,7 @@ from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
 from ..selection.splits import assign_folds
 from ..setup.feature_positions import place_features
+from ..setup.plausibility import describe_implausible_distance
 from ..setup.registration import note_undetermined, register
 from .checks import check_setup
 from .gravity_direction import note_gravity
@@ -43,7 +44,6 @@ from .row_selection import (
 Mask = NDArray[np.bool_]
 POSITION, ROTATION = slice(0, 3), slice(3, 6)  # coordinates of a residual [mm], [rad]
 
-MAX_NOMINAL_RESIDUAL = 0.25  # of the arm's reach (median): beyond it the data are refused
 METRES = 0.01  # of the arm's reach: coordinates so small (median length) look like metres
 
 
@@ -157,14 +157,10 @@ def _check_plausible(study: Study, problem: Problem, setup_notes: Sequence[Note]
     Raises DataError where the median residual is above a quarter of the reach, with the likeliest
     reason.
     """
-    distance = float(np.median(np.linalg.norm(residuals(problem)[:, :3], axis=1)))
-    if not distance > MAX_NOMINAL_RESIDUAL * problem.reach_mm:
-        return
-    raise DataError(
-        f"measured and nominal positions are {distance:.4g} mm apart (median), more than a quarter "
-        f"of the arm's reach ({problem.reach_mm:.4g} mm).",
-        remedy=_explain_implausible(study, problem, setup_notes),
-    )
+    residual = residuals(problem)
+    what = describe_implausible_distance(residual[:, POSITION], problem.reach_mm)
+    if what is not None:
+        raise DataError(what, remedy=_explain_implausible(study, problem, setup_notes))
 
 
 def _explain_implausible(study: Study, problem: Problem, setup_notes: Sequence[Note]) -> str:

@@ -137,7 +137,8 @@ def test_registering_anew_is_no_drift(rng) -> None:
     new = replace(new, position=new.position @ R.T + t)
     new.position[5] += 4.0  # a gross row must not tilt it
     found = judge(c, new, True)
-    assert judge(c, new, False).factor > 1e3
+    with pytest.raises(DataError, match=r"If the tracker or the target was moved, --register finds"):
+        judge(c, new, False)
     assert found.worst == (5,)
     clean = judge(c, new.take(np.arange(40) != 5), True)
     assert not clean.drifted
@@ -186,19 +187,55 @@ def test_which_configurations(rng) -> None:
     assert f"row {found.worst[0]} (" in said[1]
 
 
-def test_metres_are_no_drift(rng) -> None:
-    """The verdict waits until the data are right; the factor has no digits that mean nothing."""
+@pytest.mark.parametrize("changed_by", [0.0, 4e-4])
+def test_rows_in_metres_are_no_drift(changed_by, rng) -> None:
+    """The verdict waits until the data are right; the factor has no digits that mean nothing. Where
+    the arm has changed, too, the rows are counted all the same, and the others are not."""
     model, theta = truth()
     c = calibrated(rng, model, theta)
-    new = campaign(rng, 60, model, theta)
-    found = judge(c, replace(new, position=new.position / 1e3), False)
-    assert found.drifted
-    assert "in metres" in found.doubts[-1]
-    said = told(new, found)
-    assert said[0].startswith("Whether the calibration still holds cannot be said before")
-    assert not any("Beyond noise" in line or "a factor" in line for line in said)
-    moved = judge(c, replace(new, position=new.position + 400.0), False)
+    changed = theta.copy()
+    changed[place(model, "γ3")] += changed_by
+    new = campaign(rng, 60, model, changed)
+    position = new.position.copy()
+    position[10:30] /= 1e3
+    mixed = replace(new, position=position)
+    for free_setup in (False, True):
+        found = judge(c, mixed, free_setup)
+        assert found.drifted
+        assert "20 rows are in metres, not millimetres (rows 10 to 29, " in found.doubts[-1]
+        said = told(new, found)
+        assert said[0].startswith("Whether the calibration still holds cannot be said before")
+        assert not any("Beyond noise" in line or "a factor" in line for line in said)
+    moved = judge(c, replace(new, position=new.position + 100.0), False)
     assert "(p < 1e-12)" in told(new, moved)[0]
+
+
+def test_data_that_cannot_be_of_the_arm_are_refused(rng) -> None:
+    """Further from the arm than a quarter of its reach, registered or not: the mistake is named, and
+    no drift is told."""
+    model, theta = truth()
+    c = calibrated(rng, model, theta)
+    new = campaign(rng, 40, model, theta)
+    turned, metres = replace(new, q=new.q * (1, 1, -1, 1, 1, 1)), new.position / 1e3
+    for free_setup in (False, True):
+        with pytest.raises(DataError, match=r"quarter of the arm's reach.*joint 3 turns the other"):
+            judge(c, turned, free_setup)
+        with pytest.raises(DataError, match=r"quarter of the arm's reach.* are (in )?metres"):
+            judge(c, replace(new, position=metres), free_setup)
+    shuffled = replace(new, position=rng.permutation(new.position))
+    with pytest.raises(DataError, match="This looks like another arm"):
+        judge(c, shuffled, True)
+
+
+def test_a_mistake_within_a_quarter_of_the_reach_is_said(rng) -> None:
+    """A zero that is off by ten degrees may be a slipped joint: said beside the drift."""
+    model, theta = truth()
+    c = calibrated(rng, model, theta)
+    new = campaign(rng, 40, model, theta)
+    found = judge(c, replace(new, q=new.q + np.radians((0, 0, 10, 0, 0, 0))), False)
+    assert found.drifted
+    assert not found.mistaken
+    assert "joint 3" in found.doubts[-1]
 
 
 def test_estimated_noise_is_no_certainty(rng) -> None:

@@ -1,0 +1,27 @@
+"""Whether measurements can be of an arm at all: how far they are from where it should be."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .._typing import Array
+
+# of the arm's reach (median): measurements further from the arm are refused
+MAX_DISTANCE_SHARE = 0.25
+
+
+def describe_implausible_distance(
+    residual: Array, reach_mm: float, expected: str = "nominal"
+) -> str | None:
+    """Describe how far measured and `expected` positions are apart; None where they are near enough.
+
+    `residual` (m, 3) [mm]. The median decides: few gross rows do not make a file implausible."""
+    lengths = np.linalg.norm(residual, axis=1)
+    distance = float(np.median(lengths))
+    limit = MAX_DISTANCE_SHARE * reach_mm
+    if not distance > limit:
+        return None
+    return (
+        f"measured and {expected} positions are {distance:.4g} mm apart (median), more than a "
+        f"quarter of the arm's reach ({reach_mm:.4g} mm)."
+    )
