@@ -12,6 +12,7 @@ from ..exceptions import DataError, NotEstimable
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
 from ..measurements.visits import count_distinct
+from ..robot.alignment import have_same_chain
 from ..robot.kinematics import Robot
 from .registration import register
 
@@ -116,15 +117,23 @@ def describe_other_robot(
     tried = [
         (compute_registered_misfit(replace(sample, robot=robot)), name, robot.reach)
         for name, robot in robots().items()
-        if robot.prismatic == own.prismatic and name != own.name
+        if robot.prismatic == own.prismatic and not have_same_chain(robot, own)
     ]
     after, name, reach = min(tried, default=(np.inf, "", 0.0))
     if after > before / MIN_IMPROVEMENT or after > MAX_REACH_SHARE * reach:
         return None
+    fit = f'robot "{name}"'
+    than = f'"{own.name}"'
+    remedy = "check the robot's name or file in the study"
+    if name == own.name:
+        fit = f'the built-in robot "{name}"'
+        than = "the given robot of that name"
+        remedy = "check the convention, the units and the rows of the robot file"
+    improvement = describe_improvement(before, after)
     return (
-        f'The readings fit robot "{name}" {describe_improvement(before, after)} than "{own.name}" '
+        f"The readings fit {fit} {improvement} than {than} "
         f"({after:.2g} mm instead of {before:.3g} mm, median, tracker and target found for each): "
-        "check the robot's name or file in the study."
+        f"{remedy}."
     )
 
 

@@ -31,9 +31,15 @@ from modelsel.robot.kinematics import forward, pose
 from modelsel.robot.rigid import from_rpy
 from modelsel.setup.measured_orientations import describe_orientation_mistake
 from modelsel.setup.mistakes import describe_setup_mistake
+from modelsel.setup.other_robots import describe_other_robot
 from modelsel.setup.registration import register
 from modelsel.setup.target_labels import describe_swapped_labels
-from modelsel.study.checks import add_alarms_to_errors, check_chosen_model, check_setup
+from modelsel.study.checks import (
+    add_alarms_to_errors,
+    check_chosen_model,
+    check_setup,
+    load_builtin_robots,
+)
 from modelsel.study.result import Result
 from modelsel.study.runner import rehearse_study, run_study
 
@@ -414,6 +420,22 @@ def test_the_wrong_robot_is_said(rng, tmp_path) -> None:
     assert codes(result) & SET_UP == {"other-robot"}
 
 
+def test_a_robot_file_with_a_built_in_name_is_held_against_that_robot(rng) -> None:
+    """The UR5e's rows read in another convention, under its name: not another robot is named."""
+    arm = load_robot("ur5e")
+    twisted = [
+        replace(joint, before=np.linalg.inv(joint.before) if k == 2 else joint.before)
+        for k, joint in enumerate(arm.joints)
+    ]
+    at = drawn("ur5e", rng, 60)
+    wrong = replace(at, robot=replace(arm, joints=tuple(twisted)))
+    use = np.ones(60, bool)
+    sentence = describe_other_robot(wrong, use, load_builtin_robots) or ""
+    assert 'fit the built-in robot "ur5e" far better than the given robot of that name' in sentence
+    assert "check the convention" in sentence
+    assert describe_other_robot(at, use, load_builtin_robots, always=True) is None
+
+
 SET_UP = {"setup-mistake", "other-robot", "beyond-tolerance"}
 
 
@@ -720,9 +742,10 @@ def test_validate_says_what_is_mistaken_in_the_new_data(rng, tmp_path) -> None:
     )
     assert "divide sx_mm, sy_mm, sz_mm by 1000" in found["warnings"][0]
     metres = new.assign(**{c: new[c] / 1000 for c in ("x_mm", "y_mm", "z_mm")})
+    metres.loc[20:] = new.loc[20:]
     _, found, text = validated(folder, metres)
-    assert found["warnings"][0].startswith("60 rows are in metres, not millimetres (lines 2 to 61)")
-    assert text.startswith("Check the data: 60 rows are in metres")
+    assert found["warnings"][0].startswith("20 rows are in metres, not millimetres (lines 2 to 21)")
+    assert text.startswith("Check the data: 20 rows are in metres")
 
 
 def test_validate_finds_a_new_target_where_it_registers(rng, tmp_path) -> None:
