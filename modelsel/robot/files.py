@@ -16,7 +16,7 @@ from .._typing import Array
 from ..exceptions import StudyError
 from .coupling import Coupling, find_coupling_problem, find_passive_problem
 from .kinematics import Joint, Robot
-from .plain_values import check_robot_name
+from .plain_values import check_robot_name, find_reach_problem
 from .rigid import align_z, from_rpy, inverse, rotation_matrix, transform
 from .robot_names import find_full_name, find_robot_name, has_robot_name, suggest_robots
 from .ur_kinematics import YAML_SUFFIXES, read_ur_calibration
@@ -279,6 +279,9 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
         check_robot_name(robot)
     except ValueError as error:
         read.problems.append(f"{where}: {error}.")
+    implausible = find_reach_problem(robot, "mm")
+    if implausible is not None:
+        read.problems.append(f"{where}: {implausible}.")
     if read.problems:
         raise StudyError(*read.problems)
     return robot

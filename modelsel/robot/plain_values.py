@@ -15,6 +15,8 @@ from .kinematics import Joint, Robot
 
 # a stored rotation, or a direction, differs from one by less
 ROTATION_TOLERANCE = 1e-6
+# no arm's links are longer together [m]
+MAX_LINKS_M = 100.0
 
 
 def check_robot_name(robot: Robot) -> None:
@@ -27,6 +29,23 @@ def check_robot_name(robot: Robot) -> None:
         problem = find_name_problem(source, MAX_TEXT_LENGTH)
     if problem is not None:
         raise ValueError(f"the robot's {part} is not valid: {problem}")
+
+
+def find_reach_problem(robot: Robot, unit: str) -> str | None:
+    """Find what is wrong with the reach of a robot whose file has lengths in a `unit`, mm or m; None
+    for a plausible one. The travels of slides, which may be unbounded, are left out."""
+    fixed = [joint.before for joint in robot.joints[1:]]
+    lengths = [float(np.linalg.norm(link[:3, 3])) for link in (*fixed, robot.last)]
+    total = sum(lengths) / 1e3
+    if total <= MAX_LINKS_M:
+        return None
+    mistake = "some lengths look wrong"
+    if unit == "m":
+        mistake = "these look like millimetres, so divide them by 1000"
+    return (
+        f"its links are {total:.4g} m long together, more than any arm's ({MAX_LINKS_M:.0f} m): "
+        f"lengths are expected in {unit}; {mistake}"
+    )
 
 
 def robot_record(robot: Robot) -> dict[str, Any]:

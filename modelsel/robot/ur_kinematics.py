@@ -14,6 +14,7 @@ from .._text import read_text
 from .._typing import LARGEST
 from ..exceptions import StudyError
 from .kinematics import Joint, Robot
+from .plain_values import find_reach_problem
 from .rigid import from_rpy, transform
 
 YAML_SUFFIXES = (".yaml", ".yml")
@@ -42,13 +43,17 @@ def read_ur_calibration(path: Path) -> Robot:
         joints.append(Joint(before))
     if problems:
         raise StudyError(*problems)
-    return Robot(
+    robot = Robot(
         path.stem,
         source=f"ur_calibration {path.name}, {chain.get('hash', 'without hash')}",
         joints=tuple(joints),
         last=np.eye(4),
         gravity=(0.0, 0.0, -1.0),
     )
+    implausible = find_reach_problem(robot, "m")
+    if implausible is not None:
+        raise StudyError(f"{path.name}: {implausible}.")
+    return robot
 
 
 def _load_yaml(path: Path) -> Mapping[str, Any]:

@@ -165,14 +165,14 @@ def _check_plausible(study: Study, problem: Problem, setup_notes: Sequence[Note]
 
 def _explain_implausible(study: Study, problem: Problem, setup_notes: Sequence[Note]) -> str:
     """Return the likeliest reason why the measurements are far from the nominal arm."""
+    if setup_notes:
+        text = " ".join(note.sentence for note in setup_notes)
+        return text[0].upper() + text[1:]
     data = problem.data
     if data.gauges is None:
         lengths = np.linalg.norm(np.nan_to_num(data.position), axis=1)
         if np.nanmedian(lengths) < METRES * problem.reach_mm:
             return "The coordinates look like metres: name them x_m y_m z_m."
-    if setup_notes:
-        text = " ".join(note.sentence for note in setup_notes)
-        return text[0].upper() + text[1:]
     frame = "a tracker frame that is not the robot's base ([robot] register = true finds it), "
     if study.robot.register_:
         frame = ""

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,8 @@ from modelsel.mechanisms.geometry import geometric
 from modelsel.robot.files import builtin_names, load_robot, read_robot, robot_from_table
 from modelsel.robot.kinematics import Robot, forward, pose, screw_field
 from modelsel.robot.rigid import from_rotation_vector, rotation_matrix
+from modelsel.robot.urdf import read_urdf_text
+from modelsel.robot.urdf_writer import write_urdf
 
 POSES = tomllib.loads(
     (Path(__file__).parents[1] / "support" / "poses.toml").read_text(encoding="utf-8")
@@ -417,6 +420,22 @@ def test_unreadable_robot_files(file, text, message, tmp_path) -> None:
     (tmp_path / file).write_text(text)
     with pytest.raises(StudyError, match=re.escape(message)):
         read_robot(tmp_path / file)
+
+
+def test_lengths_in_the_wrong_unit_are_refused() -> None:
+    """A URDF in millimetres is an arm of half a kilometre; a slide without bounds is none."""
+    arm = load_robot("ur5")
+    rows = [{"transform_mm": joint.before[:3].tolist()} for joint in arm.joints]
+    large = np.array([[1, 1, 1, 1e3]] * 3 + [[1] * 4])
+    joints = tuple(replace(joint, before=joint.before * large) for joint in arm.joints)
+    text = write_urdf(replace(arm, joints=joints), {}, {})
+    with pytest.raises(StudyError, match=r"arm\.urdf: its links are .* expected in m; these look"):
+        read_urdf_text(text, "arm.urdf")
+    rows[2]["transform_mm"][0][3] = 2e5
+    with pytest.raises(StudyError, match=r"arm\.toml: its links are .* expected in mm; some"):
+        robot_from_table({"name": "arm", "joint": rows}, "arm.toml")
+    rows[2] = rows[1] | {"kind": "prismatic", "limits_mm": [-1e9, 1e9]}
+    assert robot_from_table({"name": "arm", "joint": rows}, "arm.toml").n == 6
 
 
 def test_unknown_robot_is_suggested() -> None:
