@@ -215,7 +215,8 @@ def measure_sizes(fitted: Sequence[Fitted], base: Array, threshold: float) -> Si
 def _flatten(displacement: Array, rows: int) -> Array:
     """Return displacements (p, 3, m) of the first rows as columns (3 rows, p)."""
     measured = displacement[:, :, :rows]
-    return np.asarray(measured.reshape(len(measured), -1).T)
+    columns = measured.reshape(len(measured), 3 * rows)
+    return np.asarray(columns.T)
 
 
 def _set_aside(gram: Array, owner: Array, threshold: float) -> Sizes:

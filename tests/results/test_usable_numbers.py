@@ -286,3 +286,9 @@ def test_what_is_above_the_threshold_matters() -> None:
     effects, base = three_effects()
     assert measure_sizes(effects[1:], base, 1e-9).matters.all()
     assert not measure_sizes(effects[1:], base, 1e3).matters.any()
+
+
+def test_effects_have_their_sizes_without_a_base() -> None:
+    effects, base = three_effects()
+    nothing = base[:0]
+    assert measure_sizes(effects[1:], nothing, 1e-9).matters.all()
