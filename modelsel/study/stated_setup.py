@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..exceptions import DataError, NotEstimable
+from .._typing import LARGEST
+from ..exceptions import DataError, NotEstimable, StudyError
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
@@ -32,6 +33,16 @@ class StatedSetup:
     tool: Triple | None = None
     aligned: bool = False
     gravity: Triple | None = None
+
+    def __post_init__(self) -> None:
+        """Raises StudyError for numbers that no place and no direction has."""
+        for option, values in (("--tool", self.tool), ("--gravity", self.gravity)):
+            size = np.abs(values or (0.0, 0.0, 0.0))
+            if not (size <= LARGEST).all():
+                listed = " ".join(map(str, values or ()))
+                raise StudyError(
+                    f"{option}: expected three finite numbers below {LARGEST:g}, found {listed}."
+                )
 
     def place(self, robot: Robot) -> Robot:
         """Return a robot with the gravity that is stated."""

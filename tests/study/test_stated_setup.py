@@ -24,7 +24,7 @@ from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import rotation_matrix
 from modelsel.study.gravity_direction import note_gravity
 from modelsel.study.inputs import read_nominal_robot
-from modelsel.study.stated_setup import point_gravity
+from modelsel.study.stated_setup import StatedSetup, point_gravity
 
 TOOL = np.array([40.0, -25, 120])
 ROBOT = load_robot("ur10")
@@ -49,6 +49,13 @@ def test_gravity_along_the_frames_z_is_warned_of(degrees, said) -> None:
     hanging = point_gravity(ROBOT, (0, 0, 2))
     upright = note_gravity(hanging, placed(np.eye(3)), False)
     assert "the robot's gravity is [0, 0, -1]" in upright[0].sentence
+
+
+def test_a_place_that_is_no_number_is_refused() -> None:
+    with pytest.raises(StudyError, match=r"--tool: expected three finite .* found nan 0\.0 0\.0"):
+        StatedSetup(tool=(np.nan, 0.0, 0.0))
+    with pytest.raises(StudyError, match=r"--gravity: expected three finite"):
+        StatedSetup(gravity=(0.0, 0.0, -np.inf))
 
 
 def test_unknown_gravity_stands_in_the_verdict() -> None:
