@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import operator
+import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -26,8 +27,9 @@ ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
     "+": operator.add,
     "-": operator.sub,
     "*": operator.mul,
-    "/": operator.truediv,
+    "/": np.divide,  # of numbers too: by zero it is not finite, and no error
 }
+LARGEST_NUMBER = sys.float_info.max  # in a formula
 MAX_LENGTH = 500  # characters of a formula
 RANK = {"+": 1, "-": 1, "*": 2, "/": 2}  # how tightly an operator binds
 
@@ -303,7 +305,7 @@ class _Formula:
         match node:
             case ast.Constant(value=bool()):
                 pass
-            case ast.Constant(value=int() | float() as value):
+            case ast.Constant(value=int() | float() as value) if value <= LARGEST_NUMBER:
                 return Number(float(value))
             case ast.Name(id=name):
                 return self._named(name)

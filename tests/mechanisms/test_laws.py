@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from builders import drawn, one
 
+from modelsel.exceptions import StudyError
 from modelsel.fitting import design
-from modelsel.mechanisms.causes import Applied, Cause, Named, Number, cos, q, sin
+from modelsel.mechanisms.causes import Applied, Cause, Named, Number, cos, parse, q, sin
 from modelsel.mechanisms.geometry import build_setup
 from modelsel.mechanisms.registry import BUILTIN, Scanned, build_mechanisms, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term, unstorable
@@ -233,3 +234,13 @@ def test_setup_columns_with_orientation(rng) -> None:
             np.testing.assert_allclose(
                 columns[:, part, j], difference[:, part], atol=1e-6 * size, err_msg=term.symbol
             )
+
+
+@pytest.mark.filterwarnings("ignore:divide by zero")
+def test_a_formula_of_numbers_is_no_error(rng) -> None:
+    """A division by zero is not finite, of numbers as of readings; a number that none is is refused."""
+    state = drawn("ur5", rng, 5).state
+    assert parse("1/(2-2)", {}).of(state) == np.inf
+    assert parse("3/4", {}).of(state) == 0.75
+    with pytest.raises(StudyError, match="is not a cause"):
+        parse(f"1{'0' * 400}", {})
