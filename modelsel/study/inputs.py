@@ -26,7 +26,7 @@ from ..mechanisms.terms import Mechanism, unstorable
 from ..results.reading import read_records
 from ..robot.files import load_robot
 from ..robot.kinematics import Robot
-from .noise_parts import check_joints_of_parts
+from .noise_parts import check_parts
 from .own_causes import check_own_causes, find_own_name_problems, list_own_names
 from .robot_tables import read_any_robot
 from .stated_setup import point_gravity
@@ -185,7 +185,7 @@ def read_inputs(
     robot = read_nominal_robot(study, folder)
     registry = _use_gear_ratios(study, robot, registry)
     check_mechanism_names(study, robot, registry)
-    check_joints_of_parts(study, robot)
+    check_parts(study, robot)
     measured = _read_file(study, folder, robot)
     check_own_causes(study, robot, measured)
     registry = set_reference(registry, measured.reference_celsius)

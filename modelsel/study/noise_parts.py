@@ -11,6 +11,11 @@ from ..notices import Note
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
 
+# scales of fixed parts that no arm exceeds: of a joint that turns [rad], of what moves [of the reach],
+# and that of the shortest arm [mm]
+MAX_SCALE_RAD = 0.1
+MAX_SCALE_SHARE = 0.1
+MIN_LARGEST_MM = 10.0
 # what would tell a part that the data do not tell
 WHAT_WOULD_TELL = {
     "configuration": "several targets at each configuration, or configurations measured again, would",
@@ -19,8 +24,9 @@ WHAT_WOULD_TELL = {
 }
 
 
-def check_joints_of_parts(study: Study, robot: Robot) -> None:
-    """Check that the robot has the joints that a study's parts name. Raises StudyError."""
+def check_parts(study: Study, robot: Robot) -> None:
+    """Check that the robot has the joints that a study's parts name, and that no arm is as bad as
+    scales of parts that are fixed. Raises StudyError."""
     noise = study.noise
     listed = () if noise.parts == "all" else noise.parts
     tables = {
@@ -34,8 +40,27 @@ def check_joints_of_parts(study: Study, robot: Robot) -> None:
         for name, joint in list_joints(names).items()
         if joint > robot.n
     ]
+    if not problems:
+        problems = _list_absurd_scales(noise, robot)
     if problems:
         raise StudyError(*problems)
+
+
+def _list_absurd_scales(noise: NoiseTable, robot: Robot) -> list[str]:
+    """List the problems with scales of fixed parts that no arm has, with the unit that is
+    expected."""
+    largest_mm = max(MAX_SCALE_SHARE * robot.reach, MIN_LARGEST_MM)
+    joints = list_joints(noise.fixed)
+    problems = []
+    for name, scale in noise.fixed.items():
+        unit = robot.unit(joints[name]) if name in joints else "mm"
+        largest = MAX_SCALE_RAD if unit == "rad" else largest_mm
+        if scale > largest:
+            problems.append(
+                f'noise.fixed: "{name}" = {scale:.6g} is more than {largest:.3g} {unit}, which no arm '
+                f"has; give its standard deviation in {unit}."
+            )
+    return problems
 
 
 def note_untold_parts(noise: NoiseTable, split: Split) -> tuple[Note, ...]:

@@ -29,7 +29,7 @@ from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..setup.feature_positions import place_features
 from .inputs import open_study, read_known_features, read_nominal_robot
-from .noise_parts import check_joints_of_parts
+from .noise_parts import check_parts
 from .preparation import arrange_tools
 from .unrepeated import NOTHING, Unrepeated, draw_unrepeated
 
@@ -47,7 +47,7 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
     """
     study, folder = open_study(study, folder)
     robot = read_nominal_robot(study, folder)
-    check_joints_of_parts(study, robot)
+    check_parts(study, robot)
     rng = generator(study.seed, "simulate")
     noise_mm = study.noise.floor_mm
     if noise_mm is None:

@@ -17,6 +17,7 @@ from modelsel.fitting.shared_errors import MAX_BLOCK
 from modelsel.measurements.reader import read_measurements
 from modelsel.robot.kinematics import forward
 from modelsel.study.inspection import format_inspection, inspect_measurements
+from modelsel.study.noise_parts import check_parts
 
 ROBOT = load_robot("puma760")
 TOOLS = {"a": [40.0, -25.0, 100.0], "b": [-60.0, 30.0, 100.0]}
@@ -98,6 +99,20 @@ def test_joints_that_the_arm_does_not_have_are_refused(tmp_path) -> None:
     frame = simulated(tmp_path, configurations=20)
     with pytest.raises(StudyError, match=said):
         run_study(study.with_measurements(frame))
+
+
+@pytest.mark.parametrize(
+    ("name", "scale", "said"),
+    [
+        ("joint 2", 20, '"joint 2" = 20 is more than 0.1 rad, which no arm has; give .* in rad'),
+        ("group", 500.0, '"group" = 500 is more than .* mm, which no arm has; give .* in mm'),
+    ],
+)
+def test_scales_that_no_arm_has_are_refused(name, scale, said) -> None:
+    """Microradians and micrometres, where rad and mm are expected."""
+    with pytest.raises(StudyError, match=said):
+        check_parts(Study(**BASE, noise={"fixed": {name: scale}}), ROBOT)
+    check_parts(Study(**BASE, noise={"fixed": {name: scale / 1e3}}), ROBOT)
 
 
 def test_studies_without_parts_keep_their_hash() -> None:
