@@ -51,7 +51,7 @@ def convert_board_poses(table: Table) -> Table:
             remedy="Make a study of each kind.",
         )
     position = read_coordinates(table)
-    quaternion = read_column_set(table, QUATERNION_COLUMNS, "zero")
+    quaternion = read_column_set(table, QUATERNION_COLUMNS, "not unit")
     if quaternion is None:
         raise table.where.refuse(
             "rows of a board seen from the hand need the board's orientation, too.",

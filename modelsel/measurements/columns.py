@@ -20,6 +20,8 @@ from .table import Table
 DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 # mm or rad: the least standard uncertainty
 MIN_UNCERTAINTY = 1e-9
+# by which a quaternion's length may differ from one: digits cut off
+MAX_LENGTH_ERROR = 0.1
 # one of each unit in rad or mm
 UNITS = {"rad": 1.0, "deg": np.pi / 180, "mm": 1.0, "m": 1e3, "in": 25.4, "inch": 25.4}
 # units of the readings of joints that turn (False) and that slide (True)
@@ -197,7 +199,7 @@ def read_column_set(
     table: Table, names: Sequence[str], refuse: str = "", rows: Mask | None = None
 ) -> Array | None:
     """Read columns that come together or not at all, (m, len(names)). Raises DataError for rows
-    that are "not positive" or "zero"."""
+    that are "not positive" or "not unit" quaternions."""
     present = [name for name in names if name in table]
     if not present:
         return None
@@ -211,8 +213,8 @@ def read_column_set(
     values = np.stack(columns, 1)
     if refuse == "not positive":
         _refuse_small_uncertainties(table, names, values)
-    if refuse == "zero":
-        _refuse_zero_quaternions(table, names, values)
+    if refuse == "not unit":
+        _refuse_other_lengths(table, names, values)
     return values
 
 
@@ -228,7 +230,7 @@ def _refuse_small_uncertainties(table: Table, names: Sequence[str], values: Arra
         )
 
 
-def _refuse_zero_quaternions(table: Table, names: Sequence[str], values: Array) -> None:
+def _refuse_other_lengths(table: Table, names: Sequence[str], values: Array) -> None:
     is_zero = np.abs(values).max(1, initial=0.0) < MIN_UNCERTAINTY
     if is_zero.any():
         raise table.where.refuse(
@@ -236,6 +238,16 @@ def _refuse_zero_quaternions(table: Table, names: Sequence[str], values: Array) 
             row=int(np.argmax(is_zero)),
             column=names[0],
             remedy="Correct the row or remove it.",
+        )
+    length = np.linalg.norm(values, axis=1)
+    is_other = np.abs(length - 1) > MAX_LENGTH_ERROR
+    if is_other.any():
+        row = int(np.argmax(is_other))
+        raise table.where.refuse(
+            f"a quaternion of length {length[row]:.3g}, where 1 is expected.",
+            row=row,
+            column=names[0],
+            remedy=f"Check whether {' '.join(names)} hold a quaternion, and divide it by its length.",
         )
 
 

@@ -245,7 +245,7 @@ def read_quaternions(table: Table, kinds: KindColumns) -> tuple[Array | None, Ar
     points = kinds.of("point")
     columns = ("qw", "qx", "qy", "qz")
     sigma_columns = ("srx_rad", "sry_rad", "srz_rad")
-    quaternion = read_column_set(table, columns, "zero", points)
+    quaternion = read_column_set(table, columns, "not unit", points)
     sigma = read_column_set(table, sigma_columns, "not positive", points)
     if quaternion is not None:
         quaternion[~points] = 1.0, 0.0, 0.0, 0.0

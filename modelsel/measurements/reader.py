@@ -279,7 +279,7 @@ def _read_uncertainties(
         return read_uncertainties(table, kinds), *read_quaternions(table, kinds)
     return (
         read_column_set(table, UNCERTAINTY_COLUMNS, "not positive"),
-        read_column_set(table, QUATERNION_COLUMNS, "zero"),
+        read_column_set(table, QUATERNION_COLUMNS, "not unit"),
         read_column_set(table, ROTATION_UNCERTAINTY_COLUMNS, "not positive"),
     )
 
