@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from ._options import print_json
+from ._output_path import OutputPath, check_output
 
 if TYPE_CHECKING:
     from ..calibration.campaigns import Comparison
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 @click.option(
     "--html",
     "page",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=OutputPath(dir_okay=False),
     help="Write a page that shows both studies beside each other; BEFORE and AFTER are their folders.",
 )
 @click.option("--json", "as_json", is_flag=True)
@@ -33,6 +34,8 @@ def compare_command(before: Path, after: Path, page: Path | None, as_json: bool)
     from ..calibration.campaigns import describe_comparison
     from ..calibration.loading import load_calibration
 
+    if page is not None:
+        check_output(page, (before, after), "--html")
     found = compared(load_calibration(before), load_calibration(after))
     if page is not None:
         write_atomically(page, _write_page(before, after, found))

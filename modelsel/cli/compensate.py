@@ -15,6 +15,7 @@ from .._choices import TARGET_FORMS
 from ..exceptions import CHECK_FAILED
 from ._join_options import JointLog, join_option
 from ._options import column_option, print_json, table_option
+from ._output_path import OutputPath, check_output, check_table_path
 
 if TYPE_CHECKING:
     from ..calibration.calibration import Calibration
@@ -36,10 +37,7 @@ def _check_bound(
 @click.argument("result", type=click.Path(path_type=Path))
 @click.argument("targets", type=click.Path(path_type=Path))
 @click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    required=True,
-    help="CSV (or Parquet) file to write.",
+    "--out", type=OutputPath(dir_okay=False), required=True, help="CSV (or Parquet) file to write."
 )
 @click.option(
     "--format",
@@ -103,6 +101,9 @@ def compensate_command(
 
     if forward and form != "csv":
         raise click.UsageError("--forward corrects no command: it goes with --format csv.")
+    if form == "csv":
+        check_table_path(out)
+    check_output(out, (result, targets, *(() if log is None else (log.path,))))
     c = load_calibration(result)
     later = load_later(c, c.form.open(targets, sheet, decimal), log, columns).matched()
     values = read_held_values(at)
@@ -128,13 +129,10 @@ def compensate_command(
         said = {"written": out.name, "rows": len(data), "warnings": notes, "left_out": skipped}
         print_json(said | figures)
     else:
-        for line in later.said:
-            click.echo(line)
         slides = np.array(c.robot.prismatic)
         gain = "" if commands is None else _sentence(commands, slides)
-        click.echo(f"Written: {out}, {len(data)} rows.{gain}")
-        for note in notes:
-            click.echo(f"Note: {note}")
+        written = f"Written: {out}, {len(data)} rows.{gain}"
+        click.echo("\n".join([*later.said, written, *(f"Note: {note}" for note in notes)]))
     if commands is not None:
         _check_commands(commands, data, skipped)
 

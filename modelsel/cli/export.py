@@ -11,6 +11,7 @@ import click
 from .._choices import EXPORT_FORMS
 from ..exceptions import CHECK_FAILED
 from ._options import print_json, xacro_option
+from ._output_path import OutputPath, check_output
 
 if TYPE_CHECKING:
     from ..calibration.calibration import Calibration
@@ -27,9 +28,7 @@ ERRORS = ("rows", "nominal_rms_mm", "file_rms_mm", "model_rms_mm")
 @click.option(
     "--format", "form", type=click.Choice(EXPORT_FORMS), required=True, help="What to write."
 )
-@click.option(
-    "--out", type=click.Path(path_type=Path, dir_okay=False), required=True, help="The file."
-)
+@click.option("--out", type=OutputPath(dir_okay=False), required=True, help="The file.")
 @click.option(
     "--urdf",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -88,6 +87,7 @@ def export_command(
         raise click.UsageError("--xacro gives arguments to --urdf FILE.xacro.")
     if form != "grid" and (joints or at or within):
         raise click.UsageError("--joints, --at and --within go with --format grid.")
+    check_output(out, (result,) if urdf is None else (result, urdf))
     calibration = load_calibration(result)
     if urdf is not None:
         text = None

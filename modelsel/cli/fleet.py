@@ -8,14 +8,13 @@ import click
 
 from .._progress import show_progress
 from ._options import make_console, print_json
+from ._output_path import OutputPath
 
 
 @click.command("fleet")
 @click.argument("fleet", type=click.Path(path_type=Path, dir_okay=False))
 @click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Output folder; default reports/<fleet folder>.",
+    "--out", type=OutputPath(file_okay=False), help="Output folder; default reports/<fleet folder>."
 )
 @click.option(
     "--workers", type=click.IntRange(1), help="Workers on this machine; default one a core."

@@ -18,6 +18,7 @@ from ._options import (
     table_option,
     xacro_option,
 )
+from ._output_path import OutputPath
 
 if TYPE_CHECKING:
     from ..measurements.column_guesses import Choice, Reading
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 @click.option("--robot", required=True, help="A built-in robot in any spelling, or a robot file.")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=OutputPath(file_okay=False),
     help="Folder of the study; default the file's name without its ending.",
 )
 @click.option("--yes", is_flag=True, help="Ask nothing: take the best reading, and print it.")

@@ -10,6 +10,7 @@ import click
 from .._choices import PLAN_PURPOSES
 from .._progress import show_progress
 from ._options import print_json, table_option
+from ._output_path import OutputPath, check_output, check_table_path
 
 if TYPE_CHECKING:
     from ..study.planning import MeasurementPlan
@@ -62,8 +63,8 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="CSV file to write the chosen configurations to.",
+    type=OutputPath(dir_okay=False),
+    help="CSV (or Parquet) file to write the chosen configurations to.",
 )
 @table_option
 @click.option("--json", "as_json", is_flag=True)
@@ -83,11 +84,11 @@ def plan_command(
 ) -> None:
     """Choose what to measure next: to tell a study's rival explanations apart, or to determine its
     parameters."""
-    from .._files import csv_bytes, write_atomically
+    from .._files import write_frame
     from ..config.study_file import read_study
     from ..measurements.table import DataFile
     from ..mechanisms.registry import with_plugins
-    from ..study.inputs import find_study_file, read_nominal_robot
+    from ..study.inputs import find_study_file, list_input_files, read_nominal_robot
     from ..study.planning import format_plan, plan_next
     from ..study.runner import run_study
     from ..study.steps import list_steps
@@ -102,6 +103,10 @@ def plan_command(
     pool = None if pool_file is None else DataFile(pool_file, sheet, decimal)
     path = find_study_file(study)
     read = read_study(path)
+    if out is not None:
+        pools = [] if pool_file is None else [pool_file]
+        check_table_path(out)
+        check_output(out, (*list_input_files(read, path), *pools))
     registry, _ = with_plugins(robot=read_nominal_robot(read, path.parent))
     planning = "choosing configurations"
     with show_progress([*list_steps(read, sampling=False), planning]) as say:
@@ -113,7 +118,7 @@ def plan_command(
     table = planned.to_frame()
     more = _count_more(result, planned, size)
     if out is not None:
-        write_atomically(out, csv_bytes(table, "%.6f"))
+        write_frame(table, out, "%.6f")
     if as_json:
         configurations = table.to_dict("records")
         print_json(_to_dict(planned) | {"configurations": configurations, "more_for_size": more})

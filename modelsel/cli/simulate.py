@@ -7,25 +7,27 @@ from pathlib import Path
 import click
 
 from ._options import print_json
+from ._output_path import OutputPath, check_output, check_table_path
 
 
 @click.command("simulate")
 @click.argument("study", type=click.Path(path_type=Path))
 @click.option(
-    "--out",
-    type=click.Path(path_type=Path, dir_okay=False),
-    required=True,
-    help="CSV (or Parquet) file to write.",
+    "--out", type=OutputPath(dir_okay=False), required=True, help="CSV (or Parquet) file to write."
 )
 @click.option("--json", "as_json", is_flag=True)
 def simulate_command(study: Path, out: Path, as_json: bool) -> None:
     """Make data with planted effects: [simulate] and [[simulate.effect]] of a study file."""
     from .._files import write_frame
     from ..config.study_file import read_study
+    from ..study.inputs import list_input_files
     from ..study.simulation import simulate_study
 
     path = study / "study.toml" if study.is_dir() else study
-    frame = simulate_study(read_study(path), path.parent)
+    read = read_study(path)
+    check_table_path(out)
+    check_output(out, list_input_files(read, path))
+    frame = simulate_study(read, path.parent)
     write_frame(frame, out, "%.9f")
     if as_json:
         print_json({"written": out.name, "rows": len(frame), "columns": list(frame.columns)})

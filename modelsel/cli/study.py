@@ -13,6 +13,7 @@ import click
 from .._progress import show_progress
 from ..exceptions import CHECK_FAILED
 from ._options import amount_options, choose_amount, make_console, print_json, print_written
+from ._output_path import OutputPath
 
 if TYPE_CHECKING:
     from .._progress import Progress
@@ -29,9 +30,7 @@ COLLECT = 50_000  # new values between two looks of Python's garbage collector
 @click.command("study")
 @click.argument("study", type=click.Path(path_type=Path))
 @click.option(
-    "--out",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="Output folder; default reports/<study folder>.",
+    "--out", type=OutputPath(file_okay=False), help="Output folder; default reports/<study folder>."
 )
 @click.option("--no-report", is_flag=True, help="Leave out report.pdf and report.html.")
 @click.option("--no-sampling", is_flag=True, help="Leave out the sampling of the posterior.")

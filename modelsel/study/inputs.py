@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ..config.study_file import Study, find_source, read_study
+from ..config.study_file import Study, find_data, find_source, read_study
 from ..exceptions import StudyError
 from ..measurements.measurements import Measurements
 from ..measurements.observation_columns import KnownFeature, apply_known_features
@@ -72,6 +72,17 @@ def find_study_file(path: Path) -> Path:
         f"{path}: the folder of a report; the folder of its study, with study.toml, was expected, and "
         f'no study "{written.study}" was found in {name} or studies/{name}.'
     )
+
+
+def list_input_files(study: Study, path: Path) -> list[Path]:
+    """List the files that a study is read from: its own at `path`, the measurements, and the robot
+    file where it has one."""
+    folder = path.parent
+    data = find_data(study.measurements.file, folder)
+    files = [path, data]
+    if study.robot.file is not None:
+        files.append(folder / study.robot.file)
+    return files
 
 
 def read_nominal_robot(study: Study, folder: Path) -> Robot:

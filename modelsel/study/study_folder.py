@@ -78,7 +78,7 @@ def write_study_folder(
     setup: StatedSetup = AS_FOUND,
 ) -> list[Path]:
     """Write a study of a draft. Returns the files written. Raises StudyError where there is a study
-    already."""
+    already, or another file of the name of one."""
     check_new(folder)
     files: dict[str, bytes] = {}
     source = draft.source
@@ -94,8 +94,20 @@ def write_study_folder(
     text = format_study(draft, data, keys, folder.resolve().name, setup)
     parse_study(text, STUDY_FILE)
     files[STUDY_FILE] = text.encode()
+    _refuse_other_content(folder, files)
     write_all(folder, files)
     return [folder / name for name in files]
+
+
+def _refuse_other_content(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Refuse to replace a file of the folder by one of the same name. Raises StudyError."""
+    for name, content in files.items():
+        path = folder / name
+        if path.is_file() and path.read_bytes() != content:
+            raise StudyError(
+                f"{path}: another file of this name is there and would be replaced. Give another folder "
+                "with --out."
+            )
 
 
 def _is_inside(path: Path, folder: Path) -> bool:

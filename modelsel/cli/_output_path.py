@@ -1,0 +1,87 @@
+"""Where a command writes: at a path that is given, and not over what people or other commands made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from ..exceptions import StudyError
+
+REMEDY = "Give another file with {option}."
+RESULT_FILE = "result.json"  # says that a folder holds a result
+
+
+class OutputPath(click.Path):
+    """The path of an option that says where to write; an empty one is refused, which a shell's
+    variable without a value leaves and which would be the current folder."""
+
+    def __init__(self, **options: Any):
+        super().__init__(path_type=Path, **options)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Convert to a Path. Raises BadParameter."""
+        if value == "":
+            self.fail("expected a path, found an empty text.")
+        return super().convert(value, param, ctx)
+
+
+def check_output(out: Path, inputs: Iterable[Path], option: str = "--out") -> None:
+    """Refuse an output file that one of a command's inputs is, or that belongs to a study or a result
+    beside it: neither is to be had again. Raises StudyError."""
+    if not out.is_file():
+        return
+    remedy = REMEDY.format(option=option)
+    if _is_among(out, inputs):
+        raise StudyError(f"{out}: this command reads the file and would replace it. {remedy}")
+    owner = _find_owner(out)
+    if owner is not None:
+        raise StudyError(f"{out}: the file belongs to {owner} and would be replaced. {remedy}")
+
+
+def check_table_path(out: Path) -> None:
+    """Refuse the name of a spreadsheet for a table, which is written as CSV or Parquet. Raises
+    StudyError."""
+    from ..measurements.spreadsheet import SPREADSHEET_SUFFIXES
+
+    suffix = out.suffix.lower()
+    if suffix in SPREADSHEET_SUFFIXES:
+        raise StudyError(
+            f"{out}: a table is written as CSV or as Parquet, not as a spreadsheet ({suffix}). "
+            "Give a file .csv or .parquet with --out; spreadsheet programs open CSV."
+        )
+
+
+def _is_among(out: Path, paths: Iterable[Path]) -> bool:
+    """Whether a file is one of some paths, under whatever name, the folders among them left out."""
+    files = [path for path in paths if path.is_file()]
+    return any(out.samefile(path) for path in files)
+
+
+def _find_owner(out: Path) -> str | None:
+    """Find what a file belongs to, in words: the result or the study of its folder; None where
+    it is a file of its own."""
+    from ..results.storage import WRITES
+    from ..study.study_folder import STUDY_FILE
+
+    folder = out.parent
+    if out.name in WRITES and (folder / RESULT_FILE).is_file():
+        return f"the result in {folder}"
+    if _is_among(out, [folder / STUDY_FILE]) or _is_among(out, _list_inputs_beside(folder)):
+        return f"the study in {folder}"
+    return None
+
+
+def _list_inputs_beside(folder: Path) -> list[Path]:
+    """List the files that the study of a folder is read from; none where it has no such study."""
+    from ..config.study_file import read_study
+    from ..study.inputs import list_input_files
+    from ..study.study_folder import STUDY_FILE
+
+    path = folder / STUDY_FILE
+    try:
+        return list_input_files(read_study(path), path)
+    except StudyError:
+        return []

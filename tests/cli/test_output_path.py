@@ -1,0 +1,92 @@
+"""Nothing that a command reads, and nothing of a study or a result, is replaced by what it writes."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from modelsel.cli.main import run_command_line
+
+PUMA = Path(__file__).parents[2] / "studies" / "puma760"
+READS = "this command reads the file and would replace it. Give another file with"
+RESULT = "the file belongs to the result in result and would be replaced"
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A study, a result, targets and a link to the study's measurements."""
+    shutil.copytree(PUMA, tmp_path / "study")
+    (tmp_path / "study" / "more.csv").symlink_to("measurements.csv")
+    (tmp_path / "result").mkdir()
+    for name in ("result.json", "calibration.json"):
+        (tmp_path / "result" / name).write_text("{}")
+    for name in ("targets.csv", "arm.urdf"):
+        (tmp_path / name).write_text("what people wrote")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def read_all(folder: Path) -> dict[str, bytes]:
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("simulate study --out study/measurements.csv", READS),
+        ("simulate study --out study/study.toml", READS),
+        ("simulate study --out study/more.csv", READS),
+        ("plan study --out study/measurements.csv", READS),
+        ("plan study --pool targets.csv --out targets.csv", READS),
+        ("plan study --out result/result.json", RESULT),
+        ("compensate result targets.csv --out ./targets.csv", READS),
+        ("compensate result targets.csv --format krl --out targets.csv", READS),
+        (
+            "compensate result targets.csv --out study/measurements.csv",
+            "the file belongs to the study in study and would be replaced",
+        ),
+        ("export result/calibration.json --format json --out result/calibration.json", READS),
+        ("export result --format json --out result/calibration.json", RESULT),
+        ("export result --format urdf --urdf arm.urdf --out arm.urdf", READS),
+        ("compare result result --html result/result.json", RESULT),
+        ("init study/robot.toml --robot puma760 --yes --out study", "already exists"),
+        ("compensate result targets.csv --out c.xlsx", "not as a spreadsheet (.xlsx)"),
+        ("simulate study --out c.ods", "not as a spreadsheet (.ods)"),
+        ("plan study --out c.xls", "not as a spreadsheet (.xls)"),
+    ],
+)
+def test_nothing_that_is_there_is_replaced(place: Path, words: str, said: str) -> None:
+    before = read_all(place)
+    ran = CliRunner().invoke(run_command_line, words.split())
+    assert ran.exit_code == 2, ran.output
+    assert said in ran.output
+    assert read_all(place) == before
+
+
+@pytest.mark.parametrize("words", ["study study", "simulate study", "plan study", "fleet f.toml"])
+def test_an_empty_path_is_refused(place: Path, words: str) -> None:
+    (place / "f.toml").write_text('name = "f"\n')
+    ran = CliRunner().invoke(run_command_line, [*words.split(), "--out", ""])
+    assert ran.exit_code == 2, ran.output
+    assert "expected a path, found an empty text" in ran.output
+
+
+def test_a_file_of_its_own_is_written_again(place: Path) -> None:
+    for _ in range(2):
+        ran = CliRunner().invoke(run_command_line, ["simulate", "study", "--out", "study/new.csv"])
+        assert ran.exit_code == 0, ran.output
+
+
+def test_a_new_study_replaces_no_file_of_its_folder(place: Path) -> None:
+    (place / "new").mkdir()
+    own = place / "new" / "measurements.csv"
+    own.write_text("what people wrote")
+    words = ["init", "study/measurements.csv", "--robot", "puma760", "--yes", "--out", "new"]
+    ran = CliRunner().invoke(run_command_line, words)
+    assert ran.exit_code == 2, ran.output
+    assert "another file of this name is there and would be replaced" in ran.output
+    assert own.read_text() == "what people wrote"
