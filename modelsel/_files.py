@@ -6,7 +6,7 @@ from __future__ import annotations
 import os
 import secrets
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -32,22 +32,24 @@ def write_atomically(path: Path, content: bytes) -> None:
     _write(files, path.parent)
 
 
-def write_all(folder: Path, files: Mapping[str, bytes]) -> None:
+def write_all(folder: Path, files: Mapping[str, bytes], outdated: Iterable[str] = ()) -> None:
     """Write files of a folder, whole or not at all: all of them are on the disk before the first
-    takes its place, in the order given. Raises StudyError with the reason."""
+    takes its place, in the order given. Files that they leave `outdated` are removed just before
+    that: an old one never stands beside a new one. Raises StudyError with the reason."""
+    old = [folder / name for name in outdated]
     try:
-        _write({folder / name: content for name, content in files.items()}, folder / HIDDEN)
+        _write({folder / name: content for name, content in files.items()}, folder / HIDDEN, old)
     finally:
         with suppress(OSError):
             (folder / HIDDEN).rmdir()
 
 
-def _write(files: Mapping[Path, bytes], beside: Path) -> None:
+def _write(files: Mapping[Path, bytes], beside: Path, outdated: Iterable[Path] = ()) -> None:
     ready: dict[Path, Path] = {}
     path = beside
-    for path in files:
-        _refuse_other_than_file(path)
     try:
+        for path in files:
+            _refuse_other_than_file(path)
         try:
             _folder(beside)
             for path, content in files.items():
@@ -60,6 +62,8 @@ def _write(files: Mapping[Path, bytes], beside: Path) -> None:
                     file.write(content)
                     file.flush()
                     os.fsync(file.fileno())
+            for path in outdated:
+                path.unlink(missing_ok=True)
             for path, temporary in ready.items():
                 temporary.replace(path)
         finally:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import shlex
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -63,7 +64,7 @@ def study_command(
     from .._files import check_writable, claim_folder
     from ..config.study_file import read_study
     from ..mechanisms.registry import with_plugins
-    from ..results.storage import WRITES
+    from ..results.storage import WRITES, find_reports
     from ..study.checkpoint import Checkpoint
     from ..study.inputs import read_nominal_robot
     from ..study.runner import rehearse_study
@@ -88,12 +89,14 @@ def study_command(
         from ..report.drawing import STEPS
 
         steps += STEPS
+    earlier = find_reports(folder)
     amount = None if as_json else choose_amount(verbose, quiet)
     with claim_folder(folder), show_progress(steps, hidden=quiet) as progress:
         run = _Run(folder, registry, progress, amount, not no_sampling, not no_report)
         result, written = run.complete(read, path.parent, Checkpoint(folder, resume))
     if amount is not None and not quiet:
         print_written(folder, written)
+        _print_removed(folder, earlier)
     sampling = result.record.sampling
     if sampling is not None and not sampling.converged:
         raise SystemExit(CHECK_FAILED)
@@ -191,6 +194,20 @@ def _import_sampler() -> None:
         import_module("emcee")
     finally:
         del sys.modules["scipy.stats"]
+
+
+def _print_removed(folder: Path, earlier: list[str]) -> None:
+    """Print which reports of an earlier result are no longer there, and what draws them again."""
+    from ..report.text_tables import fold_text
+
+    removed = [name for name in earlier if not (folder / name).exists()]
+    if not removed:
+        return
+    again = f"modelsel report {shlex.quote(str(folder))}"
+    names = ", ".join(removed)
+    said = f"Removed, as they showed an earlier result: {names}. Drawn anew by: {again}"
+    for line in fold_text(said, 80, hanging="    "):
+        click.echo(line)
 
 
 def _would(found: dict[str, Any], folder: Path, writes: tuple[str, ...]) -> str:

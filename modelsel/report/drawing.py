@@ -13,6 +13,7 @@ from .._typing import Say
 from ..results.details_schema import DetailsRecord
 from ..results.reading import read_records
 from ..results.schema import StudyRecord
+from ..results.storage import REPORTS, SOME_PAGES, SUMMARY_FILE
 from .document import Block, Page, Source, collect_blocks
 from .html import write_page
 from .pages.appendix import write_outliers_page, write_provenance_page
@@ -49,9 +50,6 @@ PAGES: dict[str, Page] = {
 }
 # of two pages: the verdict, and the table of the parameters
 SUMMARY: dict[str, Page] = {"first": write_first_page, "parameters": write_parameters_summary}
-# the files that are drawn: whole, some pages, the summary
-REPORT, SOME_PAGES, SUMMARY_FILE = "report.pdf", "report-pages.pdf", "report-summary.pdf"
-
 # whose pictures show what sampling adds to a record, and those whose do not
 SAMPLED_PAGES = ("posterior",)
 UNSAMPLED_PAGES = tuple(name for name in PAGES if name not in SAMPLED_PAGES)
@@ -124,8 +122,9 @@ def draw_records(
     if pages is not None:
         write_all(folder, {SOME_PAGES: _set_pages(source, chosen)})
         return [folder / SOME_PAGES]
-    write_all(folder, {REPORT: _set_pages(source, chosen), "report.html": write_page(source)})
-    return [folder / REPORT, folder / "report.html"]
+    contents = (_set_pages(source, chosen), write_page(source))
+    write_all(folder, dict(zip(REPORTS, contents, strict=True)))
+    return [folder / name for name in REPORTS]
 
 
 def draw_summary(

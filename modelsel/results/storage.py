@@ -4,6 +4,7 @@ back."""
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +25,10 @@ WRITES = (
     CALIBRATION_FILE,
     "result.json",
 )  # the last says that all are there
+# what is drawn of a result: the report, some of its pages, its summary
+REPORTS = ("report.pdf", "report.html")
+SOME_PAGES, SUMMARY_FILE = "report-pages.pdf", "report-summary.pdf"
+DRAWN_FROM = ("result.json", "details.json")
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +43,8 @@ class StudyFiles:
 
 
 def write_study_files(files: StudyFiles, folder: Path) -> list[Path]:
-    """Write a study's files into a folder, all whole before the first takes its place. Files written. Raises
-    StudyError."""
+    """Write a study's files into a folder, all whole before the first takes its place; reports of another result,
+    which was there before, are removed. Files written. Raises StudyError."""
     run = files.record.provenance.run
     contents = {
         "details.json": details_text(files.details).encode(),
@@ -49,8 +54,25 @@ def write_study_files(files: StudyFiles, folder: Path) -> list[Path]:
     if files.residuals is not None:
         contents[RESIDUALS] = pack_residuals(files.residuals, run)
     names = [name for name in WRITES if name in contents]
-    write_all(folder, {name: contents[name] for name in names})
+    outdated = find_outdated_reports(contents, folder)
+    write_all(folder, {name: contents[name] for name in names}, outdated)
     return [folder / name for name in names]
+
+
+def find_reports(folder: Path) -> list[str]:
+    """Find the reports that a folder has, by name."""
+    names = (*REPORTS, SOME_PAGES, SUMMARY_FILE)
+    return [name for name in names if (folder / name).is_file()]
+
+
+def find_outdated_reports(contents: Mapping[str, bytes], folder: Path) -> list[str]:
+    """Find the reports of a folder's result that some new contents replace by another: none where there was no
+    result, or the same."""
+    if not (folder / "result.json").is_file():
+        return []
+    paths = [folder / name for name in DRAWN_FROM]
+    unchanged = [path.is_file() and path.read_bytes() == contents[path.name] for path in paths]
+    return [] if all(unchanged) else find_reports(folder)
 
 
 def read_study_files(folder: Path) -> StudyFiles:

@@ -30,7 +30,7 @@ from ..fitting.design import Model
 from ..mechanisms.registry import mechanism, with_plugins
 from ..report.drawing import draw
 from ..report.pages.fleet_summary import write_summary
-from ..results.storage import WRITES
+from ..results.storage import REPORTS, WRITES
 from ..robot.files import builtin_names, load_robot
 from ..robot.kinematics import Robot
 from ..selection.streaming import Parts, fit_parts, list_parts
@@ -60,7 +60,6 @@ SUMMARY_COLUMNS = (
     "why",
 )
 SHOWN_ERRORS = ("nominal", "base", "chosen")  # columns of errors on the terminal
-REPORTS = ("report.pdf", "report.html")
 SCHEDULER_TIMEOUT_S = 20
 
 

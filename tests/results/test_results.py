@@ -14,6 +14,7 @@ from builders import OFF_AXIS, one, planted, small_arm
 from builders import drawn as scene_of
 
 from modelsel import Study, load_result, run_study
+from modelsel._files import write_all
 from modelsel.calibration.calibration_file import calibration_text
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
@@ -308,3 +309,29 @@ def test_a_stored_result_says_what_belongs_to_the_run(result, tmp_path) -> None:
     for part in ("problem", "models", "diagnosis", "uncertainty"):
         with pytest.raises(StudyError, match="belong to the run and are not stored: run the study"):
             getattr(back, part)
+
+
+# -- reports of an earlier result
+# -------------------------------------------------------------------------------------------------
+
+
+def test_a_report_stays_beside_its_own_result_alone(result, tmp_path) -> None:
+    """A report that was there without a result is somebody's own; that of the same result stays."""
+    reports = ("report.pdf", "report.html", "report-pages.pdf", "report-summary.pdf")
+    for name in reports:
+        (tmp_path / name).write_text("drawn")
+    for _ in range(2):
+        result.save(tmp_path)
+        assert {path.name for path in tmp_path.iterdir()} == {*WRITES, *reports}
+    (tmp_path / "result.json").write_text("another result")
+    result.save(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == set(WRITES)
+
+
+def test_an_earlier_report_stays_where_the_new_result_cannot_be_written(tmp_path) -> None:
+    (tmp_path / "report.pdf").write_text("drawn")
+    with pytest.raises(StudyError, match="cannot be written"):
+        write_all(tmp_path, {"result.json": b"new", "b" * 300: b"new"}, ["report.pdf"])
+    assert [path.name for path in tmp_path.iterdir()] == ["report.pdf"]
+    write_all(tmp_path, {"result.json": b"new"}, ["report.pdf"])
+    assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
