@@ -9,12 +9,27 @@ import click
 
 from .._choices import PLAN_PURPOSES
 from .._progress import show_progress
+from ..exceptions import count_words
 from ._options import print_json, table_option
 from ._output_path import OutputPath, check_output, check_table_path
+
+# sizes of effects [mm] that are asked for
+MIN_SIZE_MM, MAX_SIZE_MM = 1e-6, 1e4
 
 if TYPE_CHECKING:
     from ..study.planning import MeasurementPlan
     from ..study.result import Result
+
+
+def _check_size(
+    context: click.Context, option: click.Parameter, size: float | None
+) -> float | None:
+    """Refuse a size of an effect that no arm's error has, or that is no number."""
+    if size is None or MIN_SIZE_MM <= size <= MAX_SIZE_MM:
+        return size
+    raise click.BadParameter(
+        f"expected a length from {MIN_SIZE_MM:f} to {MAX_SIZE_MM:g} mm, found {size:g}."
+    )
 
 
 @click.command("plan")
@@ -52,7 +67,8 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--size",
-    type=click.FloatRange(0, min_open=True),
+    type=float,
+    callback=_check_size,
     help="Say how many more configurations an effect of this size (mm rms) needs.",
 )
 @click.option(
@@ -127,10 +143,16 @@ def plan_command(
     click.echo(text if out is None else f"Written: {out}")
     for line in format_plan(planned):
         click.echo(line)
-    if more is not None:
-        click.echo(
-            f"An effect of {size:g} mm rms beyond the model is found with 90 % probability after {more} more configurations."
-        )
+    if size is not None and more is not None:
+        click.echo(_describe_size(size, more))
+
+
+def _describe_size(size: float, more: int) -> str:
+    """Say after how many more configurations an effect of a size [mm] is found."""
+    when = "in what is measured already"
+    if more:
+        when = f"after {count_words(more, 'more configuration')}"
+    return f"An effect of {size:g} mm rms beyond the model is found with 90 % probability {when}."
 
 
 def _count_more(result: Result, planned: MeasurementPlan, size: float | None) -> int | None:

@@ -21,6 +21,8 @@ COLLISIONS = (
 )
 SETTABLE = ("payload_kg", "temperature_C")
 TIME = "time_s"
+# what rounding may add to a range that is given [deg, rad or mm]
+SLACK = 1e-6
 POOL_SIZE = 2000  # configurations of a pool that is drawn within ranges
 
 
@@ -145,4 +147,25 @@ def describe_ranges(robot: Robot, limits: bool, joints: Mapping[str, tuple[float
         text += ", since the robot file gives no limits"
     if joints:
         text += f", {', '.join(joints)} as given"
-    return text
+    sentences = [text, *_list_ranges_beyond_limits(robot, joints)]
+    return ". ".join(sentences)
+
+
+def _list_ranges_beyond_limits(
+    robot: Robot, joints: Mapping[str, tuple[float, float]]
+) -> list[str]:
+    """List the given ranges that leave the robot file's limits, in words."""
+    columns = _list_joint_columns(robot)
+    beyond = []
+    for name, (low, high) in joints.items():
+        k, factor = columns[name]
+        limits = robot.joints[k].limits
+        if limits is None:
+            continue
+        least, most = (limit / factor for limit in limits)
+        if low < least - SLACK or high > most + SLACK:
+            beyond.append(
+                f"{name} goes beyond the joint's limits in the robot file, {least:.6g} to {most:.6g}: "
+                "the arm may not reach these postures"
+            )
+    return beyond

@@ -44,7 +44,13 @@ def open_study(study: Study | Path | str, folder: Path | str | None) -> tuple[St
     if isinstance(study, Study):
         given = folder or "."
         return study, Path(given)
-    path = Path(study)
+    try:
+        path = Path(study)
+    except TypeError:
+        kind = type(study).__name__
+        raise StudyError(
+            f"expected a Study, or the path of a study file or of its folder, found {kind}."
+        ) from None
     read = read_study(path)
     if folder is not None:
         return read, Path(folder)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from ..calibration.experiment_design import (
     merge_indistinct,
 )
 from ..calibration.plan_pool import Pool, build_pool
-from ..exceptions import StudyError
+from ..exceptions import StudyError, count_words
 from ..measurements.columns import UNITS
 from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
@@ -62,7 +62,8 @@ class MeasurementPlan:
     effects [mm rms], and how many more configurations than the `configurations` measured find one;
     `within`: the ranges in which the pool was drawn; `repeats`: which of the configurations to
     measure again, so that the study tells what does not repeat (None where it has no points), whose
-    rounds the table holds where they were asked for; `by_gravity`: whether a rival follows gravity.
+    rounds the table holds where they were asked for; `by_gravity`: whether a rival follows gravity;
+    `count`: how many configurations were asked for, which the pool may not have.
     """
 
     rows: tuple[int, ...]
@@ -78,6 +79,7 @@ class MeasurementPlan:
     within: str = ""
     repeats: RepeatPlan | None = None
     by_gravity: bool = False
+    count: int = 0
 
     def to_frame(self) -> pd.DataFrame:
         """Return the configurations in order, as a measurements file without positions."""
@@ -160,6 +162,7 @@ def choose_configurations(
         indices={name: (before[name], after[name]) for name in before},
         learning=_estimate_learning(result.diagnosis.nothing_else[1], known.data.configurations),
         by_gravity=any(follows_gravity(rivals) for rivals in rival_sets),
+        count=count,
     )
 
 
@@ -253,6 +256,13 @@ def _plan_repeats(
     return plan_repeats(chosen.q, places, before, times)
 
 
+def _check_whole_number(name: str, number: Any, least: int) -> None:
+    """Refuse what is no whole number, or a smaller one. Raises StudyError."""
+    is_whole = isinstance(number, (int, np.integer)) and not isinstance(number, bool)
+    if not is_whole or number < least:
+        raise StudyError(f"{name}: expected a whole number from {least} on, found {number!r}.")
+
+
 def plan_next(
     result: Result,
     count: int = 10,
@@ -277,6 +287,9 @@ def plan_next(
     Raises:
         DataError or StudyError.
     """
+    _check_whole_number("count", count, 1)
+    if repeats is not None:
+        _check_whole_number("repeats", repeats, 2)
     calibration = result.calibration
     robot = calibration.robot
     seed = result.study.seed
@@ -309,6 +322,12 @@ def format_plan(plan: MeasurementPlan) -> list[str]:
     lines = []
     if plan.within:
         lines.append(f"Drawn within {plan.within}. {COLLISIONS}")
+    listed = len(plan.rows)
+    if listed < plan.count:
+        held = count_words(listed, "configuration")
+        lines.append(
+            f"The pool has {held}, fewer than the {plan.count:,} asked for: all are chosen."
+        )
     rivals = describe_rivals(
         plan.rivals, plan.probabilities, plan.random_probability, len(plan.rows), plan.by_gravity
     )

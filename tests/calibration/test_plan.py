@@ -372,6 +372,9 @@ def test_ranges_and_units_are_the_users(rng) -> None:
     assert "Drawn within the robot file's limits." in wide
     assert "Collisions are not known here" in wide
     assert "Drawn within the joint ranges measured, q2_deg, q6_rad as given." in repr(own)
+    beyond = "q2_deg goes beyond the joint's limits in the robot file, -110 to 110"
+    assert repr(own).count("goes beyond") == 1
+    assert beyond in repr(own)
     for wrong, said in (
         ({"q7_deg": (0, 1)}, '"q7_deg" is no joint'),
         ({"q2_deg": (9, 1)}, "from a lower to a higher number"),
@@ -474,6 +477,41 @@ def test_few_configurations_are_repeated_more_often(fitted) -> None:
     repeated = plan_repeats(np.eye(4), np.eye(4)[:, :3], before=40)
     assert repeated.freedom == 40 + 4 * 3
     assert "52 degrees of freedom, 40 of them the study's" in format_repeats(repeated)
+
+
+def test_a_pool_of_few_configurations_is_told(fitted) -> None:
+    pool = plan_next(fitted, 5).to_frame()
+    assert "The pool has 5 configurations, fewer than the 8 asked for" in repr(
+        plan_next(fitted, 8, pool=pool)
+    )
+    assert "The pool has" not in repr(plan_next(fitted, 5, pool=pool))
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ({"count": 0}, "count: expected a whole number from 1 on, found 0"),
+        ({"count": -1}, "count: expected a whole number from 1 on, found -1"),
+        ({"count": 2.5}, "count: expected a whole number from 1 on, found 2.5"),
+        ({"count": True}, "count: expected a whole number from 1 on, found True"),
+        ({"repeats": 1}, "repeats: expected a whole number from 2 on, found 1"),
+    ],
+)
+def test_numbers_of_configurations_are_whole(fitted, asked, said) -> None:
+    with pytest.raises(StudyError, match=said):
+        plan_next(fitted, **asked)
+
+
+@pytest.mark.parametrize("size", ["nan", "inf", "1e-300", "0", "-1"])
+def test_a_size_that_is_no_length_is_refused(size, tmp_path) -> None:
+    ran = CliRunner().invoke(run_command_line, ["plan", str(tmp_path), "--size", size])
+    assert ran.exit_code == 2, ran.output
+    assert "expected a length from 0.000001 to 10000 mm" in ran.output
+
+
+def test_what_is_no_study_is_refused() -> None:
+    with pytest.raises(StudyError, match="expected a Study, or the path of a study file"):
+        study_run(3)
 
 
 def test_repeats_are_spread_over_the_workspace(rng) -> None:
