@@ -31,6 +31,7 @@ CODES = {
     "joint-rests": "readings of a joint at rest flicker; that is not taken for motion",
     "coupled-joints": "the readings are of motors; the robot file's coupling makes joint angles of them",
     "board-seen": "poses of a board seen from the hand are turned into poses of the camera",
+    "orders-equal": "rows of a group have the same order, but other joint readings",
     "approach-from-order": "directions of approach are taken from the order of motion",
     # preparing the study
     "gravity-unknown": "the robot file gives no direction of gravity; mechanisms that need it are left out",

@@ -20,8 +20,8 @@ from .table import Table
 # numbers of a covariate that the contract names, and of any other
 MAX_KNOWN_COVARIATE = 1e12
 MAX_COVARIATE = 1e30
-# from absolute zero to what no robot stands: a hotter one is in kelvin
-COVARIATE_LIMITS = {"temperature_C": (-273.15, 200.0)}
+# from absolute zero to what no robot stands: a hotter one is in kelvin; what no robot carries
+COVARIATE_LIMITS = {"temperature_C": (-273.15, 200.0), "payload_kg": (0.0, 1e5)}
 FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "root", "saw", "free"}
 
 

@@ -55,7 +55,7 @@ from .observation_columns import (
 from .orientation_columns import QUATERNION_COLUMNS, convert_orientations
 from .other_units import convert_mapped
 from .row_names import list_row_names
-from .row_order import check_clock
+from .row_order import check_clock, note_equal_orders
 from .row_places import Where
 from .table import Source, Table, load_table, rename_columns
 from .unit_names import refuse_mapped_units, refuse_other_units
@@ -125,6 +125,10 @@ def read_measurements(
         keep, notes = _find_distinct_rows(table, content)
     data = _select_rows(content, keep, split.rows, prismatic, coupling, waypoints)
     if content.order is not None:
+        standstill = np.where(prismatic, STANDSTILL_MM, STANDSTILL_RAD)
+        notes += note_equal_orders(
+            data.order, data.readings, data.group, data.row, whole.where, standstill
+        )
         check_clock(data.order, data.covariates.get("time_s"), data.group, data.row, whole.where)
     if positions and isinstance(robot, Robot):
         refuse_wide_positions(table, robot, data.position, data.group)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
+from ..notices import Note
 from .row_places import Where
 
 Index = NDArray[np.intp]
@@ -72,3 +73,28 @@ def check_clock(order: Array, time: Array | None, group: Index, rows: Index, whe
         remedy="Correct the column that is wrong or leave it out; where the clock was started anew, "
         "give every session a name of its own in a column group.",
     )
+
+
+def note_equal_orders(
+    order: Array, q: Array, group: Index, rows: Index, where: Where, standstill: Array
+) -> list[Note]:
+    """Note rows of a group that have the same `order` (m,), but other joint readings.
+
+    q (m, n): readings, which differ by more than `standstill` (n,) where the arm has moved; `rows`
+    (m,): the table's rows, of which `where` says the places."""
+    sequence = np.lexsort((order, group))
+    later, earlier = sequence[1:], sequence[:-1]
+    is_alike = (order[later] == order[earlier]) & (group[later] == group[earlier])
+    has_moved = (np.abs(q[later] - q[earlier]) > standstill).any(1)
+    tied = np.flatnonzero(is_alike & has_moved)
+    if not len(tied):
+        return []
+    row, before = int(later[tied[0]]), int(earlier[tied[0]])
+    first, second = (where.named(int(rows[k])) for k in (before, row))
+    more = f" (and {len(tied) - 1} more)" if len(tied) > 1 else ""
+    sentence = (
+        f"order is {order[row]:g} on {first} and on {second}, whose joint readings differ{more}: rows with the same "
+        "order are taken in the order of the file. Where order was started anew, give every session "
+        "a name of its own in a column group."
+    )
+    return [Note("orders-equal", sentence)]

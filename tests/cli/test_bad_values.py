@@ -113,6 +113,15 @@ def test_what_no_robot_stands_is_no_temperature(value: float) -> None:
         read_measurements(frame, robot)
 
 
+def test_a_load_has_a_mass() -> None:
+    robot = load_robot("ur10")
+    frame = measured(robot, 12, payload_kg=5.0)
+    frame.loc[4, "payload_kg"] = -5.0
+    words = r"row 4, column payload_kg: .* between 0 and 100000, found \"-5"
+    with pytest.raises(DataError, match=words):
+        read_measurements(frame, robot)
+
+
 def test_check_says_what_study_would_refuse(tmp_path: Path) -> None:
     """Positions that do not move at all are no arm's."""
     robot = load_robot("ur10")

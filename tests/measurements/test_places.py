@@ -127,3 +127,22 @@ def test_a_clock_that_contradicts_the_order_is_refused_with_its_rows(tmp_path) -
         "that is wrong or leave it out; where the clock was started anew, give every session a "
         "name of its own in a column group."
     )
+
+
+def test_rows_of_one_order_are_told_where_the_arm_moved(tmp_path) -> None:
+    """An arm that stands still may be measured again under the same order; groups count anew."""
+    head = "q1_rad,q2_rad,x_mm,y_mm,z_mm,group,order"
+    sound = ["0,0,1,2,3,a,2", "1,0,1,2,3,a,1", "1,0.0001,1,2,4,a,1", "1,1,1,2,3,b,1"]
+    file = tmp_path / "order.csv"
+    file.write_text("\n".join([head, *sound]))
+    codes = [note.code for note in read_measurements(file, (False, False)).notes]
+    assert "orders-equal" not in codes
+
+    file.write_text("\n".join([head, *sound, "2,2,1,2,3,b,1", "2,3,1,2,3,b,1"]))
+    notes = read_measurements(file, (False, False)).notes
+    (said,) = [note.sentence for note in notes if note.code == "orders-equal"]
+    assert said == (
+        "order is 1 on line 5 and on line 6, whose joint readings differ (and 1 more): rows with the "
+        "same order are taken in the order of the file. Where order was started anew, give every "
+        "session a name of its own in a column group."
+    )
