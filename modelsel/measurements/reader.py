@@ -55,7 +55,7 @@ from .observation_columns import (
 from .orientation_columns import QUATERNION_COLUMNS, convert_orientations
 from .other_units import convert_mapped
 from .row_names import list_row_names
-from .row_order import check_clock, note_equal_orders
+from .row_order import check_clock, choose_standstill, note_equal_orders
 from .row_places import Where
 from .table import Source, Table, load_table, rename_columns
 from .unit_names import refuse_mapped_units, refuse_other_units
@@ -63,9 +63,6 @@ from .visits import number_keys
 
 # copies of a single number to one repeat that differs, from which they are taken for copies
 COPIES_PER_REPEAT = 10.0
-# rad, mm: by how much an arm that stands still may be read anew: encoders' noise, servos' hold
-STANDSTILL_RAD = 1e-3
-STANDSTILL_MM = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +122,7 @@ def read_measurements(
         keep, notes = _find_distinct_rows(table, content)
     data = _select_rows(content, keep, split.rows, prismatic, coupling, waypoints)
     if content.order is not None:
-        standstill = np.where(prismatic, STANDSTILL_MM, STANDSTILL_RAD)
+        standstill = choose_standstill(prismatic)
         notes += note_equal_orders(
             data.order, data.readings, data.group, data.row, whole.where, standstill
         )
@@ -312,7 +309,7 @@ def _check_configurations(
     has, read again."""
     first_rows: dict[str, int] = {}
     first = np.array([first_rows.setdefault(name, row) for row, name in enumerate(names)])
-    tolerance = np.where(prismatic, STANDSTILL_MM, STANDSTILL_RAD)
+    tolerance = choose_standstill(prismatic)
     difference = np.abs(q - q[first])
     is_moved = (difference > tolerance).any(1)
     moved = np.flatnonzero(is_moved)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,6 +12,9 @@ from ..notices import Note
 from .row_places import Where
 
 Index = NDArray[np.intp]
+# rad, mm: by how much an arm that stands still may be read anew: encoders' noise, servos' hold
+STANDSTILL_RAD = 1e-3
+STANDSTILL_MM = 0.1
 
 
 def compute_progress(group: Index, order: Array, time: Array | None = None) -> Array:
@@ -47,6 +52,11 @@ def _after_one_another(group: Index, time: Array | None) -> Index:
     # place of each group by the clock
     place: Index = np.argsort(by_clock)
     return place[group]
+
+
+def choose_standstill(prismatic: Sequence[bool]) -> Array:
+    """Choose (n,) by how much the reading of each joint may differ while the arm stands still."""
+    return np.where(prismatic, STANDSTILL_MM, STANDSTILL_RAD)
 
 
 def check_clock(order: Array, time: Array | None, group: Index, rows: Index, where: Where) -> None:

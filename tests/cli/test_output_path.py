@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from pathlib import Path
 
@@ -17,8 +18,11 @@ RESULT = "the file belongs to the result in result and would be replaced"
 
 @pytest.fixture
 def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A study, a result, targets and a link to the study's measurements."""
+    """A study, a result, targets and a link to the study's measurements, as an instrument writes
+    them."""
     shutil.copytree(PUMA, tmp_path / "study")
+    measured = tmp_path / "study" / "measurements.csv"
+    measured.write_text(re.sub(r"(\.\d{4})\d{5}", r"\1", measured.read_text()))
     (tmp_path / "study" / "more.csv").symlink_to("measurements.csv")
     (tmp_path / "result").mkdir()
     for name in ("result.json", "calibration.json"):
@@ -78,6 +82,15 @@ def test_an_empty_path_is_refused(place: Path, words: str) -> None:
 def test_a_file_of_its_own_is_written_again(place: Path) -> None:
     for _ in range(2):
         ran = CliRunner().invoke(run_command_line, ["simulate", "study", "--out", "study/new.csv"])
+        assert ran.exit_code == 0, ran.output
+
+
+def test_what_was_simulated_is_simulated_again(place: Path) -> None:
+    """The study's own measurements, too, once a call has written them."""
+    own = place / "study" / "measurements.csv"
+    own.unlink()
+    for _ in range(2):
+        ran = CliRunner().invoke(run_command_line, ["simulate", "study", "--out", str(own)])
         assert ran.exit_code == 0, ran.output
 
 
