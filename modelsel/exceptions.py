@@ -98,6 +98,15 @@ def count_words(count: int, word: str) -> str:
     return f"{count:,} {word}{ending}"
 
 
+def write_rounded(value: float, digits: int = 3) -> str:
+    """0.012, 12.3, 1,230: a number of so many digits, its thousands apart; never 1.23e+03."""
+    short = f"{value:.{digits}g}"
+    rounded = float(short)
+    if abs(rounded) < 1000:
+        return short
+    return f"{rounded:,.0f}"
+
+
 def suggest(word: str, known: Iterable[str]) -> str:
     """`Did you mean "x"?`, or the known words where they are few, or nothing."""
     known = sorted(known)

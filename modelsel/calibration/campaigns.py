@@ -15,7 +15,7 @@ import numpy as np
 from .._linalg import TINY
 from .._typing import Array, Index
 from ..diagnosis.sentences import format_quantity
-from ..exceptions import StudyError
+from ..exceptions import StudyError, write_rounded
 from ..robot.kinematics import Joint
 from .calibration import Calibration
 from .common_space import CommonSpace, build_common_space
@@ -298,7 +298,7 @@ def describe_comparison(comparison: Comparison) -> list[str]:
     sentences.append(_summarise(comparison))
     if comparison.targets_apart_mm > SAME_TARGET_MM:
         sentences.append(
-            f"The two campaigns measured different targets: {comparison.targets_apart_mm:.3g} mm apart on the flange."
+            f"The two campaigns measured different targets: {write_rounded(comparison.targets_apart_mm)} mm apart on the flange."
         )
     if comparison.left_aside:
         sentences.append(
@@ -316,7 +316,7 @@ def _describe_explanation(explanation: Explanation) -> str:
     name = f"{explanation.symbol} of {explanation.mechanism}"
     error = COVERAGE * explanation.standard_error
     by = format_quantity(explanation.by, error, explanation.unit)
-    moves = f"{explanation.moves_mm:.3g}"
+    moves = write_rounded(explanation.moves_mm)
     return f"{name}{also} changed by {by} (k = 2): {moves} mm rms at the target."
 
 

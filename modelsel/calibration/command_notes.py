@@ -66,8 +66,9 @@ def _describe_beyond_ranges(c: Calibration, data: Measurements) -> list[str]:
         if count:
             factor, unit = _reading_unit(c, name)
             known = f"{low * factor:.4g} to {high * factor:.4g}{unit}"
+            verb = "lies" if count == 1 else "lie"
             sentences.append(
-                f"{name}: {count} of {len(data)} rows lie beyond the {known} that the calibration has seen; "
+                f"{name}: {count} of {len(data)} rows {verb} beyond the {known} that the calibration has seen; "
                 "there the model extrapolates."
             )
     return sentences
@@ -78,7 +79,10 @@ def _describe_past_limits(c: Calibration, data: Measurements) -> list[str]:
     sentences = []
     counts = past.sum(0).tolist()
     for j, count in enumerate(counts, 1):
-        sentence = f"joint {j}: {count} of {len(data)} rows lie beyond its limits."
+        verb = "lie"
+        if count == 1:
+            verb = "lies"
+        sentence = f"joint {j}: {count} of {len(data)} rows {verb} beyond its limits."
         if count:
             sentences.append(sentence)
     return sentences

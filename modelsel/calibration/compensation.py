@@ -269,7 +269,10 @@ def correct(
     missed = int((~commands.reached).sum())
     if missed:
         where = commands.where_left
-        notes.append(f"{missed} of {len(data)} rows are not reached: see {where}.")
+        verb = "are"
+        if missed == 1:
+            verb = "is"
+        notes.append(f"{missed} of {len(data)} rows {verb} not reached: see {where}.")
     for note in notes:
         warn(note, stacklevel=2)
     figures = commands.figures()

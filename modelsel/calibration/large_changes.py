@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
+from ..exceptions import write_rounded
 from ..measurements.measurements import Measurements
 
 if TYPE_CHECKING:
@@ -125,17 +126,17 @@ def _describe_largest_change(c: Calibration, commands: Commands, row: int, joint
     number; and where the arm is nearly singular, that."""
     if joint == c.robot.n:
         distance = commands.before_mm[row]
-        return f"the target would be moved by {distance:.3g} mm"
+        return f"the target would be moved by {write_rounded(distance)} mm"
     change = commands.change[row, joint]
-    size = f"{change * 1e3:.3g} mrad"
+    size = f"{write_rounded(change * 1e3)} mrad"
     if c.robot.joints[joint].prismatic:
-        size = f"{change:.3g} mm"
+        size = f"{write_rounded(change)} mm"
     weakest = float(commands.weakest[row])
     why = ""
     if weakest:
         why = (
-            f" to move the target by {commands.before_mm[row]:.3g} mm, because the arm is nearly singular in this "
-            f"posture (a millimetre in its weakest direction takes {weakest * 1e3:.3g} mrad)"
+            f" to move the target by {write_rounded(commands.before_mm[row])} mm, because the arm is nearly singular in this "
+            f"posture (a millimetre in its weakest direction takes {write_rounded(weakest * 1e3)} mrad)"
         )
     return f"joint {joint + 1} would be changed by {size}{why}"
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from .._linalg import TINY, orthonormal_basis, project_out
 from .._typing import Array
+from ..exceptions import write_rounded
 from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Term
 from .calibration import Calibration
@@ -273,8 +274,8 @@ def describe_change(change: MechanismChange) -> str:
         return _describe_single(change)
     name = change.name
     what = change.what
-    before = f"{change.before_mm:.3g}"
-    after = f"{change.after_mm:.3g}"
+    before = f"{write_rounded(change.before_mm)}"
+    after = f"{write_rounded(change.after_mm)}"
     sizes = f"{before} to {after} mm rms at the target ({write_p(change.p)})"
     if what in ("grew", "shrank"):
         return f"{name} {what}: {sizes}."
@@ -289,7 +290,8 @@ def describe_change(change: MechanismChange) -> str:
 def _describe_single(change: MechanismChange) -> str:
     """Describe a mechanism that one campaign alone has named."""
     named, other = ("first", "second") if change.before_mm else ("second", "first")
-    size = f"{max(change.before_mm, change.after_mm):.3g} mm rms at the target"
+    largest = max(change.before_mm, change.after_mm)
+    size = f"{write_rounded(largest)} mm rms at the target"
     if change.what in DEFINITE_CHANGES:
         return (
             f"{change.name} {change.what}: {size}; the {other} campaign would have named it from "

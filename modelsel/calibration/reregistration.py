@@ -9,7 +9,7 @@ import numpy as np
 
 from .._linalg import RANK_TOLERANCE
 from .._typing import Array, Index
-from ..exceptions import DataError
+from ..exceptions import DataError, count_words
 from ..fitting.problem import Problem
 from ..robot.rigid import rotation_vector
 from ..setup.placement import fit_rigid_transform
@@ -38,7 +38,7 @@ def register_again(c: Calibration, at: Problem) -> Registration:
     count = at.data.configurations
     if count < MIN_CONFIGURATIONS:
         raise DataError(
-            f"the file has {count} configurations, and --register needs {MIN_CONFIGURATIONS}.",
+            f"the file has {count_words(count, 'configuration')}, and --register needs {MIN_CONFIGURATIONS}.",
             remedy="Measure more.",
         )
     registration = _register_at(c, at, at)

@@ -131,7 +131,8 @@ def _plain_lines(text: str, width: int) -> list[str]:
     space."""
     decomposed = unicodedata.normalize("NFKD", text)
     letters = "".join(c for c in decomposed if not unicodedata.combining(c))
-    words = PLAIN.sub(" ", letters).split()
+    parts = letters.replace(";", ",")
+    words = PLAIN.sub(" ", parts).split()
     return textwrap.wrap(" ".join(words), width)
 
 

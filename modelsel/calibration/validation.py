@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._typing import Array
-from ..exceptions import sentence_list
+from ..exceptions import sentence_list, write_rounded
 from ..fitting.noise import Floor
 from ..fitting.noise_check import (
     CLEARLY_TOO_LARGE,
@@ -320,8 +320,8 @@ def describe_verdict(data: Measurements, verdict: Verdict) -> list[str]:
     if verdict.moved is not None:
         shift, turn, offset = verdict.moved
         sentences.append(
-            f"Registered again: the tracker is {shift:.3g} mm and {turn * 1e3:.3g} mrad from where it was, and the "
-            f"target {offset:.3g} mm on the flange; errors of the arm that move the target as these do cannot be judged."
+            f"Registered again: the tracker is {write_rounded(shift)} mm and {write_rounded(turn * 1e3)} mrad from where it was, and the "
+            f"target {write_rounded(offset)} mm on the flange; errors of the arm that move the target as these do cannot be judged."
         )
     return sentences
 
@@ -341,7 +341,8 @@ def _summarise_verdict(data: Measurements, verdict: Verdict) -> str:
         count = len(verdict.worst)
         rows = "no single row shows it"
         if count:
-            rows = f"{count} of {len(data)} rows show it"
+            verb = "shows" if count == 1 else "show"
+            rows = f"{count} of {len(data)} rows {verb} it"
         place = _locate_errors(data, verdict)
         remedy = ""
         if verdict.moved is None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..exceptions import StudyError
+from ..exceptions import StudyError, count_words
 
 # words of --decimal
 DECIMAL_MARKS = {"comma": ",", "point": "."}
@@ -148,7 +148,7 @@ def _describe_chain(arm: Robot) -> str:
     chain = "" if arm.urdf is None else f"from {arm.urdf.base} to {arm.urdf.tip}"
     masses = sum(joint.mass is not None for joint in arm.joints)
     said = f"masses of {masses} of {arm.n} links were read" if masses else "no masses were read"
-    return f"The chain goes {chain}: {arm.n} joints; {said}."
+    return f"The chain goes {chain}: {count_words(arm.n, 'joint')}; {said}."
 
 
 def amount_options(command: Callable[..., Any]) -> Callable[..., Any]:

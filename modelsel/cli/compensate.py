@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._choices import TARGET_FORMS
-from ..exceptions import CHECK_FAILED
+from ..exceptions import CHECK_FAILED, count_words, write_rounded
 from ._join_options import JointLog, join_option
 from ._options import column_option, print_json, table_option
 from ._output_path import OutputPath, check_output, check_table_path
@@ -131,7 +131,7 @@ def compensate_command(
     else:
         slides = np.array(c.robot.prismatic)
         gain = "" if commands is None else _sentence(commands, slides)
-        written = f"Written: {out}, {len(data)} rows.{gain}"
+        written = f"Written: {out}, {count_words(len(data), 'row')}.{gain}"
         click.echo("\n".join([*later.said, written, *(f"Note: {note}" for note in notes)]))
     if commands is not None:
         _check_commands(commands, data, skipped)
@@ -175,8 +175,8 @@ def _write_program(
 
     expected = commands.expected_mm.max()
     comments = [
-        f"{len(data)} joint commands, corrected by modelsel. Study {c.study}, robot {c.robot.name}.",
-        f"Expected error of the target: {expected:.3g} mm at most.",
+        f"{count_words(len(data), 'joint command')}, corrected by modelsel. Study {c.study}, robot {c.robot.name}.",
+        f"Expected error of the target: {write_rounded(expected)} mm at most.",
         *notes,
         "Moves are slow and stop at every point. Check the path before the arm runs it.",
     ]
@@ -202,14 +202,18 @@ def _check_commands(
     for sentence in skipped:
         click.echo(f"modelsel: {sentence}", err=True)
     if missed.any():
+        rows = count_words(int(missed.sum()), "row")
+        verb = "is" if missed.sum() == 1 else "are"
         click.echo(
-            f"modelsel: {int(missed.sum())} rows are not reached, next to a jump of the model or at the edge of the "
+            f"modelsel: {rows} {verb} not reached, next to a jump of the model or at the edge of the "
             f"workspace ({data.where.listed(data.row[missed])}); {_where_left(commands, written)}.",
             err=True,
         )
     if stuck.any():
+        commands_beyond = count_words(int(stuck.sum()), "corrected command")
+        verb = "lies" if stuck.sum() == 1 else "lie"
         click.echo(
-            f"modelsel: {int(stuck.sum())} corrected commands lie beyond a joint's limits "
+            f"modelsel: {commands_beyond} {verb} beyond a joint's limits "
             f"({data.where.listed(data.row[stuck])}): the arm cannot take them. Choose other postures.",
             err=True,
         )
@@ -222,7 +226,7 @@ def _check_commands(
 def _where_left(commands: Commands, written: bool) -> str:
     if written:
         return f"{commands.where_left} says what is left"
-    return f"up to {commands.left_mm.max():.3g} mm are left"
+    return f"up to {write_rounded(commands.left_mm.max())} mm are left"
 
 
 def _figures(commands: Commands) -> dict[str, Any]:

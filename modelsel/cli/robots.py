@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import click
 
+from ..exceptions import count_words
 from ._options import print_json, read_robot_option
 
 
@@ -22,7 +23,7 @@ def robots_command(name: str | None, as_json: bool) -> None:
         return
     for card in cards:
         click.echo(
-            f"{card['name']}: {card['joints']} joints, reach {card['reach_mm']:.0f} mm. {card['source']}"
+            f"{card['name']}: {count_words(card['joints'], 'joint')}, reach {card['reach_mm']:.0f} mm. {card['source']}"
         )
         if name:
             for k, joint in enumerate(card["chain"], 1):

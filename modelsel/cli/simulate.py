@@ -8,6 +8,7 @@ from pathlib import Path
 
 import click
 
+from ..exceptions import count_words
 from ._options import print_json
 from ._output_path import OutputPath, check_output, check_table_path
 
@@ -40,7 +41,7 @@ def simulate_command(study: Path, out: Path, as_json: bool) -> None:
     if as_json:
         print_json({"written": out.name, "rows": len(frame), "columns": list(frame.columns)})
     else:
-        click.echo(f"Written: {out}, {len(frame)} rows")
+        click.echo(f"Written: {out}, {count_words(len(frame), 'row')}")
 
 
 def _is_simulated(out: Path) -> bool:

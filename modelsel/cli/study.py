@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from .._progress import show_progress
-from ..exceptions import CHECK_FAILED
+from ..exceptions import CHECK_FAILED, count_words
 from ._options import amount_options, choose_amount, make_console, print_json, print_written
 from ._output_path import OutputPath
 
@@ -223,8 +223,8 @@ def _would(found: dict[str, Any], folder: Path, writes: tuple[str, ...]) -> str:
         cells += f", and {found['own_explanations']} explanations of the study's own"
     files = ", ".join(writes)
     said = (
-        f"{found['study']}: {found['robot']}, {found['rows']} rows; {counts['estimation']} configurations would estimate, "
-        f"{counts['held_out']} would be held out{registered}. Base: {base}, {found['base_parameters']} parameters; "
+        f"{found['study']}: {found['robot']}, {count_words(found['rows'], 'row')}; {count_words(counts['estimation'], 'configuration')} would estimate, "
+        f"{counts['held_out']} would be held out{registered}. Base: {base}, {count_words(found['base_parameters'], 'parameter')}; "
         f"{found['mechanisms']} mechanisms may extend it{cells}. Would write {files} into {folder}."
     )
     lines = [said]

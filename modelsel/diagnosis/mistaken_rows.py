@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._typing import Array, Index, Mask
-from ..exceptions import DataError, NotEstimable
+from ..exceptions import DataError, NotEstimable, write_rounded
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
 from ..measurements.row_places import Where
@@ -169,7 +169,7 @@ def _describe(slip: Slip, problem: Problem, rows: Mask, before: Array, after: Ar
     place = where.spans(indices)
     return (
         f"{subject} {slip.words} ({place}): corrected, {they_fit} {improvement} "
-        f"({median_after:.2g} mm instead of {median_before:.3g} mm, median); "
+        f"({write_rounded(median_after, 2)} mm instead of {write_rounded(median_before)} mm, median); "
         f"{slip.remedy} there, or leave {them} out."
     )
 

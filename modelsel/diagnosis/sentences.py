@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from .._typing import Array
+from ..exceptions import write_rounded
 from ..measurements.state_names import StateKind, parse_state_name
 from ..mechanisms.causes import Applied, Bump
 from ..mechanisms.terms import LETTERS, Mechanism, Term
@@ -81,7 +82,7 @@ def format_quantity(value: float, error: float | None, unit: str) -> str:
 
 def format_length(mm: float) -> str:
     """Format a length [mm] with three digits."""
-    return f"{mm:.3g} mm"
+    return f"{write_rounded(mm)} mm"
 
 
 def is_wave(terms: Sequence[Term]) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..exceptions import write_rounded
 from .noise import MEDIAN, Floor
 
 LEVEL = 1e-3  # share of studies whose chi-square lies outside its range by chance
@@ -112,9 +113,14 @@ def describe_lack(
 ) -> str:
     """Put the comparison in words: `what` is stated to be `floor`, and `left` is left [`scale`, of one
     coordinate]."""
-    times = f"{1 / found.factor:.3g} times" if found.factor < 1 else f"1/{found.factor:.3g} of"
+    times = f"1/{write_rounded(found.factor)} of"
+    if found.factor < 1:
+        times = f"{write_rounded(1 / found.factor)} times"
+    stated = f"{write_rounded(floor)} {scale}"
+    remaining = f"{write_rounded(left)} {scale}"
+    squares = [write_rounded(factor**2) for factor in (found.factor, found.low, found.high)]
     return (
-        f"{what}: the standard uncertainty of one coordinate is stated as {floor:.3g} {scale}, {times} what {model} "
-        f"({left:.3g} {scale}; chi-square over its degrees of freedom {found.factor**2:.3g}, where {found.low**2:.3g} to "
-        f"{found.high**2:.3g} holds 99.9 % of chance)."
+        f"{what}: the standard uncertainty of one coordinate is stated as {stated}, {times} what {model} "
+        f"({remaining}; chi-square over its degrees of freedom {squares[0]}, where {squares[1]} to "
+        f"{squares[2]} holds 99.9 % of chance)."
     )

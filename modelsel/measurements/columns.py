@@ -153,8 +153,9 @@ def describe_cell(table: Table, name: str, row: int) -> str:
     if is_blank[0]:
         return f"an empty cell in {place}"
     cell = str(cells[row])
-    shown = one_line(cell)
-    return f'"{shown[:MAX_SHOWN]}" in {place}'
+    printable = one_line(cell)
+    shown = printable[:MAX_SHOWN]
+    return f'"{shown}" in {place}'
 
 
 def read_quantity(table: Table, stem: str, units: Sequence[str], rows: Mask | None = None) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array, Index
+from ..exceptions import count_words
 
 Mask = NDArray[np.bool_]
 # 2^64 over the golden ratio: spreads the bits of a hash
@@ -119,3 +120,11 @@ def _compare_neighbours(columns: Sequence[NDArray[Any]]) -> tuple[Index, NDArray
         agreements.append(agrees)
     same = np.array(agreements)
     return order, same
+
+
+def describe_duplicates(count: int) -> str:
+    """Say that so many rows repeat an earlier one."""
+    rows = count_words(count, "row")
+    if count == 1:
+        return f"{rows} repeats an earlier row cell for cell and is counted once."
+    return f"{rows} repeat an earlier row cell for cell and are counted once."

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from .._linalg import connected_components
 from .._typing import Array, Index
-from ..exceptions import DataError
+from ..exceptions import DataError, count_words
 from ..notices import Note
 from ..robot.coupling import Coupling, readings_of
 from ..robot.rigid import to_quaternion
@@ -239,13 +239,12 @@ class Measurements:
         return joined.sort_index(kind="stable")
 
     def __repr__(self) -> str:
-        rows = len(self)
-        configurations = self.configurations
-        targets = f"{len(self.targets)} target"
-        if len(self.targets) > 1:
-            targets += "s"
-        counts = f"{rows} rows, {configurations} configurations"
-        return f"Measurements: {counts}, {targets}"
+        count = len(self)
+        rows = count_words(count, "row")
+        configurations = count_words(self.configurations, "configuration")
+        target_count = len(self.targets)
+        targets = count_words(target_count, "target")
+        return f"Measurements: {rows}, {configurations}, {targets}"
 
     def _repr_html_(self) -> str:
         """Show the number of rows and the first of them, for a notebook."""

@@ -103,17 +103,21 @@ def needs_conversion(cells: Sequence[Any]) -> bool:
 def _has_groups_and_point(cell: Any) -> bool:
     """Whether a cell has commas between groups of three digits, and a decimal point after them."""
     text = _clean_number(cell)
-    has_both = "," in text and "." in text
-    return has_both and COMMA_GROUPS.fullmatch(text) is not None
+    has_point = "." in text
+    has_commas = "," in text
+    is_grouped = COMMA_GROUPS.fullmatch(text) is not None
+    return is_grouped and has_commas and has_point
 
 
 def describe_odd_numbers(cells: Iterable[Any], decimal: str) -> str:
     """Say how the numbers of cells with this decimal mark differ from Python's."""
     if decimal == ",":
         return "decimal commas"
-    texts = [_clean_number(cell) for cell in cells if is_odd_number(cell)]
-    has_groups = any(not PLAIN.fullmatch(text) for text in texts)
-    return "thousands in groups of digits" if has_groups else "long minus signs (U+2212)"
+    for cell in filter(is_odd_number, cells):
+        text = _clean_number(cell)
+        if not PLAIN.fullmatch(text):
+            return "thousands in groups of digits"
+    return "long minus signs (U+2212)"
 
 
 def is_odd_number(cell: Any) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..exceptions import suggest
+from ..exceptions import count_words, suggest
 from ..notices import Note
 from ..robot.coupling import Coupling, angles_of
 from ..robot.files import load_robot
@@ -39,7 +39,7 @@ from .contract_columns import (
     list_contract_names,
 )
 from .covariates import read_covariates
-from .duplicates import find_copies, find_duplicates
+from .duplicates import describe_duplicates, find_copies, find_duplicates
 from .extent import refuse_wide_positions
 from .features import KindColumns
 from .measurements import Measurements, Orientation, build_measurements
@@ -248,9 +248,9 @@ def _read_joints(table: Table, prismatic: Sequence[bool]) -> Array:
         match = JOINT_COLUMN.fullmatch(name)
         if match and not 1 <= int(match[1]) <= len(prismatic):
             table_words = "the file" if table.where.is_file else "it"
+            count = count_words(len(prismatic), "joint")
             raise table.where.refuse(
-                f"{table_words} has a joint q{int(match[1])}, but the robot has {len(prismatic)} "
-                "joints.",
+                f"{table_words} has a joint q{int(match[1])}, but the robot has {count}.",
                 column=name,
                 remedy="Check the robot's name in the study, or rename the column.",
             )
@@ -335,12 +335,8 @@ def _find_distinct_rows(table: Table, columns: _Columns) -> tuple[Mask, list[Not
     notes = []
     repeated = find_duplicates(table.columns, len(table))
     if repeated.any():
-        notes.append(
-            Note(
-                "duplicate-rows",
-                f"{int(repeated.sum())} rows repeat an earlier row cell for cell and are counted once.",
-            )
-        )
+        sentence = describe_duplicates(int(repeated.sum()))
+        notes.append(Note("duplicate-rows", sentence))
     rows = np.flatnonzero(~repeated)
     values, attributes, repeats = _list_compared(columns)
     copied, example = find_copies(
@@ -348,14 +344,13 @@ def _find_distinct_rows(table: Table, columns: _Columns) -> tuple[Mask, list[Not
     )
     if example is not None:
         later, earlier = (table.where.named(int(rows[k])) for k in example)
-        notes.append(
-            Note(
-                "copied-rows",
-                f"{int(copied.sum())} rows hold the readings and the position of an earlier row to the "
-                f"last digit, under another number, time or name ({later} is {earlier} again): they are "
-                "taken for copies and counted once.",
-            )
+        rows_hold = "1 row holds" if copied.sum() == 1 else f"{int(copied.sum())} rows hold"
+        sentence = (
+            f"{rows_hold} the readings and the position of an earlier row to the last digit, under "
+            f"another number, time or name ({later} is {earlier} again): taken for copies and "
+            "counted once."
         )
+        notes.append(Note("copied-rows", sentence))
     distinct = ~repeated
     distinct[rows[copied]] = False
     return distinct, notes

@@ -122,11 +122,14 @@ def read_sheets(path: Path) -> dict[str, list[list[Any]]]:
 
 def _fill_valueless(path: Path, sheet: str, rows: list[list[Any]]) -> list[list[Any]]:
     """Write the formulas and errors that have no value in the cells that show nothing."""
-    if not any("" in row for row in rows):
+    has_blank = any("" in row for row in rows)
+    if not has_blank:
         return rows
-    for (row, column), text in find_valueless_cells(path, sheet).items():
-        if row < len(rows) and column < len(rows[row]) and rows[row][column] == "":
-            rows[row][column] = text
+    texts = find_valueless_cells(path, sheet)
+    for number, row in enumerate(rows):
+        for k, cell in enumerate(row):
+            if cell == "":
+                row[k] = texts.get((number, k), "")
     return rows
 
 

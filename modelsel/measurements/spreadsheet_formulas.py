@@ -12,6 +12,7 @@ from zipfile import BadZipFile, ZipFile
 FORMULA_SUFFIXES = (".xlsx", ".xlsm")
 WORKBOOK = "xl/workbook.xml"
 RELATIONS = "xl/_rels/workbook.xml.rels"
+IDENTITY = "{http://schemas.openxmlformats.org/officeDocument/2006/relationships}id"
 # what a sheet has where a cell holds a formula, or an error
 SIGNS = (b"<f", b't="e"')
 CELL = re.compile(r"([A-Z]+)(\d+)")
@@ -22,7 +23,8 @@ FORMULA_REMEDY = "Formulas without their values are no numbers: open the file in
 
 def is_formula(cell: object) -> bool:
     """Whether a cell shows a formula, not its value."""
-    return isinstance(cell, str) and cell.startswith("=")
+    text = str(cell)
+    return text.startswith("=")
 
 
 def find_valueless_cells(path: Path, sheet: str) -> dict[tuple[int, int], str]:
@@ -43,26 +45,35 @@ def find_valueless_cells(path: Path, sheet: str) -> dict[tuple[int, int], str]:
 
 def _find_part(book: ZipFile, sheet: str) -> str:
     """Find the part of the file that holds a sheet. Raises KeyError where there is none."""
-    workbook = ET.fromstring(book.read(WORKBOOK))
-    relations = ET.fromstring(book.read(RELATIONS))
-    targets = {relation.get("Id"): relation.get("Target", "") for relation in relations}
+    workbook_text = book.read(WORKBOOK)
+    workbook = ET.fromstring(workbook_text)
+    relations_text = book.read(RELATIONS)
+    relations = ET.fromstring(relations_text)
+    targets = {}
+    for relation in relations:
+        name = relation.get("Id")
+        targets[name] = relation.get("Target", "")
     for element in workbook.iterfind(".//{*}sheet"):
         if element.get("name") != sheet:
             continue
-        keys = [key for key in element.attrib if key.endswith("}id")]
-        target = targets[element.get(keys[0]) if keys else None]
-        return target.removeprefix("/") if target.startswith("/") else f"xl/{target}"
+        target = targets[element.get(IDENTITY)]
+        if target.startswith("/"):
+            return target.removeprefix("/")
+        return f"xl/{target}"
     raise KeyError(sheet)
 
 
 def _list_valueless(sheet: ET.Element) -> dict[tuple[int, int], str]:
     cells = {}
     for cell in sheet.iterfind(".//{*}c"):
-        place = CELL.fullmatch(cell.get("r", ""))
+        name = cell.get("r", "")
+        place = CELL.fullmatch(name)
         text = _show_valueless(cell)
-        if place is not None and text is not None:
-            row = int(place[2]) - 1
-            cells[row, _number_column(place[1])] = text
+        if place is None or text is None:
+            continue
+        row = int(place[2]) - 1
+        column = _number_column(place[1])
+        cells[row, column] = text
     return cells
 
 

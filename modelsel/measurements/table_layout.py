@@ -58,12 +58,14 @@ def advise_on_width(row: Sequence[str], width: int, separator: str) -> str:
     """Say what to do about a row that has not `width` cells; `separator`: what is between them."""
     marks = {separator, "\n", "\r"} - {" "}
     is_joined = any(mark in cell for cell in row for mark in marks)
-    if len(row) < width and is_joined:
+    is_wide = len(row) > width
+    beyond = row[width:]
+    if is_joined and not is_wide:
         return "A quotation mark joins several cells into one: close it, or remove it."
-    if len(row) > width and is_blank_row(row[width:]):
+    if is_wide and is_blank_row(beyond):
         return "The cells after the last column are empty: remove the separators at the row's end."
     remedy = "Every row needs as many cells as the header."
-    if len(row) > width and separator == ",":
+    if is_wide and separator == ",":
         remedy += " Numbers need a decimal point: a comma separates cells."
     return remedy
 

@@ -105,8 +105,10 @@ def sniff_text(path: Path) -> tuple[TextFormat, str]:
 def _is_table_text(text: str) -> bool:
     """Whether text has several lines, and nothing in them that cannot be seen."""
     lines = text.splitlines()
-    plain = "".join(lines).replace("\t", " ")
-    return len(lines) > 1 and plain.isprintable()
+    joined = "".join(lines)
+    plain = joined.replace("\t", " ")
+    has_lines = len(lines) > 1
+    return has_lines and plain.isprintable()
 
 
 def find_encoding(path: Path) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from math import degrees
 from typing import NamedTuple
 
-from ..exceptions import sentence_list
+from ..exceptions import sentence_list, write_rounded
 from ..fitting.noise import Floor
 from ..selection.evaluation import Evaluation
 from ..selection.gain import Gain
@@ -112,12 +112,12 @@ def _describe_gain(nominal: Evaluation, chosen: Evaluation, gain: Gain, floor: F
         after = chosen.estimation.rms_mm or 0.0
         return (
             "Nothing is held out: on the configurations that made the model its position error goes from "
-            f"{before:.3g} to {after:.3g} mm rms, which flatters it; {noise}."
+            f"{write_rounded(before)} to {write_rounded(after)} mm rms, which flatters it; {noise}."
         )
     verb = _change_verb(before, after)
     interval = describe_interval(gain.interval_mm)
     return (
-        f"On held-out configurations the position error {verb} from {before:.3g} to {after:.3g} mm rms{interval}; "
+        f"On held-out configurations the position error {verb} from {write_rounded(before)} to {write_rounded(after)} mm rms{interval}; "
         f"{noise}."
     )
 
@@ -127,7 +127,7 @@ def describe_interval(interval: Sequence[float] | None) -> str:
     if interval is None:
         return ""
     low, high = interval
-    return f", a gain of {low:.3g} to {high:.3g} mm (95 %)"
+    return f", a gain of {write_rounded(low)} to {write_rounded(high)} mm (95 %)"
 
 
 def _rms_length(floor: Floor) -> float:

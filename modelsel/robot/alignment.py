@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._typing import Array
+from ..exceptions import count_words
 from .kinematics import Robot
 from .rigid import inverse, nearest_rotation, rotation_matrix, transform
 
@@ -96,7 +97,7 @@ def _align_at(
 
 def _describe_joints(robot: Robot) -> str:
     kinds = ["slides" if slides else "turns" for slides in robot.prismatic]
-    return f"{robot.n} joints ({', '.join(kinds)})"
+    return f"{count_words(robot.n, 'joint')} ({', '.join(kinds)})"
 
 
 def _place_frames(robot: Robot) -> list[Array]:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..config.study_file import Study, find_data, find_source, read_study
-from ..exceptions import StudyError
+from ..exceptions import StudyError, count_words
 from ..measurements.measurements import Measurements
 from ..measurements.observation_columns import KnownFeature, apply_known_features
 from ..measurements.reader import read_labels, read_measurements
@@ -222,7 +222,8 @@ def _use_gear_ratios(study: Study, robot: Robot, registry: Registry) -> Registry
         return registry
     if len(ratios) != robot.n:
         raise StudyError(
-            f"robot.gear_ratios: {len(ratios)} numbers, but {robot.name} has {robot.n} joints. Give one "
+            f"robot.gear_ratios: {len(ratios)} numbers, but {robot.name} has "
+            f"{count_words(robot.n, 'joint')}. Give one "
             "for each, 0 where it is not known."
         )
     if not all(0 <= ratio <= MAX_GEAR_RATIO for ratio in ratios):

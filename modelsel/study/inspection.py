@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..exceptions import DataError, NotEstimable, count_words
+from ..exceptions import DataError, NotEstimable, count_words, write_rounded
 from ..fitting.design import Model, residuals
 from ..fitting.identifiability import as_drawn, identify
 from ..fitting.noise import from_repeats, from_target_pairs
@@ -314,7 +314,7 @@ def _format_geometry(inspection: dict[str, Any]) -> list[str]:
 
 def _format_registration(registered: dict[str, Any]) -> list[str]:
     line = (
-        f"Registered (tracker's frame and target found): {registered['median_mm']:.3g} mm from the "
+        f"Registered (tracker's frame and target found): {write_rounded(registered['median_mm'])} mm from the "
         "nominal robot (median)"
     )
     placements = RegistrationRecord.model_validate(registered)

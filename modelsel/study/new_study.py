@@ -227,7 +227,7 @@ def _refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
     names = list(table.columns)
     shown = names[:MAX_SHOWN]
     listed = ", ".join(f'"{name}"' for name in shown)
-    joints = f"{robot.name} has {robot.n} joints"
+    joints = f"{robot.name} has {count_words(robot.n, 'joint')}"
     return where.refuse(
         f"nothing looks like {choice.what}: {joints}, and the columns are {listed}.",
         remedy=f"Say which they are: --column {first}=NAME, and so on ({wanted}).",
@@ -304,7 +304,9 @@ def measure_misfit(robot: Robot, data: Measurements) -> float | None:
 def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     """Say how a file is read, and how well the nominal arm fits it."""
     robot = draft.robot
-    lines = [f"Robot: {robot.name}, {robot.n} joints, links of {robot.reach:.0f} mm in all."]
+    lines = [
+        f"Robot: {robot.name}, {count_words(robot.n, 'joint')}, links of {robot.reach:.0f} mm in all."
+    ]
     lines += [note.sentence for note in draft.table.notes]
     if draft.given:
         pairs = [f'{name} = "{own}"' for name, own in draft.given.items()]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from .._part_names import JOINTS, is_named, list_joints
 from ..config.study_file import Study
 from ..config.study_tables import NoiseTable
-from ..exceptions import StudyError
+from ..exceptions import StudyError, count_words
 from ..fitting.possible_parts import MIN_GROUPS, MIN_LEVELS, list_parts
 from ..notices import Note
 from ..robot.kinematics import Robot
@@ -35,7 +35,7 @@ def check_parts(study: Study, robot: Robot) -> None:
         "simulate.parts": study.simulate.parts,
     }
     problems = [
-        f'{place}: "{name}", but {robot.name} has {robot.n} joints.'
+        f'{place}: "{name}", but {robot.name} has {count_words(robot.n, "joint")}.'
         for place, names in tables.items()
         for name, joint in list_joints(names).items()
         if joint > robot.n

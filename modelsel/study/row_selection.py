@@ -11,7 +11,7 @@ from .._random import generator
 from .._typing import Array, Index
 from ..config.study_file import Study
 from ..config.study_tables import SplitTable
-from ..exceptions import StudyError, sentence_list
+from ..exceptions import StudyError, count_words, sentence_list
 from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
 from ..notices import Note
@@ -45,7 +45,7 @@ def choose_estimation_rows(
         wanted = max(MIN_ESTIMATION, round(ESTIMATION_SHARE * configurations))
     if wanted > configurations:
         raise StudyError(
-            f"split.estimation = {wanted}, but the file has {configurations} configurations: "
+            f"split.estimation = {wanted}, but the file has {count_words(configurations, 'configuration')}: "
             "ask for fewer."
         )
     return split_configurations(data, wanted, prismatic, generator(study.seed, "split"))

@@ -195,7 +195,7 @@ def test_a_frame_of_targets_in_and_out(made) -> None:
         DataError, match=r"DataFrame, row 4: .* beyond the bound .* raise the bound"
     ):
         correct(c, frame)
-    with pytest.warns(UserWarning, match="1 of 1 rows lie beyond the"):
+    with pytest.warns(UserWarning, match="1 of 1 rows lies beyond the"):
         correct(
             c,
             frame[:1].drop(columns=["x_mm", "y_mm", "z_mm"]).assign(q2_rad=4.0),
@@ -214,7 +214,7 @@ def test_outside_is_said(made) -> None:
     said = " ".join(describe_extrapolation(c, data))
     assert "q2: 1 of 8" in said
     assert "temperature_C: 2 of 8" in said
-    assert "joint 2: 1 of 8 rows lie beyond its limits" in said
+    assert "joint 2: 1 of 8 rows lies beyond its limits" in said
     assert "joint 3: the direction of approach" in said
     assert "payload" not in said  # not needed: not said
 

@@ -1,4 +1,5 @@
-"""Values that remember their hash: the same as worked out anew, and never another process's."""
+"""Values that remember their hash: the same as worked out anew, and never another process's. And
+numbers in words."""
 
 from __future__ import annotations
 
@@ -11,6 +12,7 @@ from dataclasses import replace
 import pytest
 
 from modelsel._hashing import HASH_ATTRIBUTE
+from modelsel.exceptions import count_words, write_rounded
 from modelsel.mechanisms.causes import Bump, Cause, Named, cos, q, sin
 from modelsel.mechanisms.terms import Screw
 
@@ -48,3 +50,19 @@ def test_another_process_hashes_anew() -> None:
         check=True,
         env=os.environ | {"PYTHONHASHSEED": "7"},
     )
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [(0.012, "0.012"), (12.34, "12.3"), (999.7, "1,000"), (-1234.0, "-1,230"), (5e5, "500,000")],
+)
+def test_large_numbers_have_no_exponent(value: float, words: str) -> None:
+    assert write_rounded(value) == words
+
+
+def test_one_is_no_plural() -> None:
+    assert [count_words(count, "row") for count in (1, 2, 1200)] == [
+        "1 row",
+        "2 rows",
+        "1,200 rows",
+    ]
