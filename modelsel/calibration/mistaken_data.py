@@ -51,13 +51,17 @@ def describe_wrong_setup(at: Problem, residual: Array) -> tuple[str, ...]:
     (m, 3) [mm] far from the calibrated arm, wherever the tracker and the target are; empty where
     there is none. `at`: the data at the calibrated set-up."""
     lengths = np.linalg.norm(residual, axis=1)
+    median = float(np.median(lengths))
     least = FAR_SHARE * at.reach_mm
-    if np.median(lengths) < least:
+    if median < least:
         return ()
     every_row = np.ones(len(at), bool)
     mistake = describe_setup_mistake(at, every_row, registered=True, links=False)
-    mistake = mistake or describe_shifted_rows(at, every_row)
-    return () if mistake is None else (mistake,)
+    if mistake is None:
+        mistake = describe_shifted_rows(at, every_row)
+    if mistake is None:
+        return ()
+    return (mistake,)
 
 
 def describe_wrong_rows(
@@ -67,11 +71,17 @@ def describe_wrong_rows(
 
     A corrected row fits where it is as near as the others: at the noise (`expected_mm`), or as far
     as an arm that changed."""
+
+    def compute_residual(problem: Problem) -> Array:
+        predicted = predict(c, problem)
+        return problem.data.position - predicted
+
     lengths = np.linalg.norm(residual, axis=1)
+    median = float(np.median(lengths))
     largest = MAX_DRIFT_SHARE * at.reach_mm
-    of_others = min(float(np.median(lengths)), largest)
+    of_others = min(median, largest)
     usual = max(expected_mm, of_others)
-    return describe_slips(at, lambda other: other.data.position - predict(c, other), rows, usual)
+    return describe_slips(at, compute_residual, rows, usual)
 
 
 def describe_wrong_registered_rows(at: Problem) -> tuple[str, ...]:

@@ -279,11 +279,11 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
         check_robot_name(robot)
     except ValueError as error:
         read.problems.append(f"{where}: {error}.")
-    implausible = find_reach_problem(robot, "mm")
-    if implausible is not None:
-        read.problems.append(f"{where}: {implausible}.")
     if read.problems:
         raise StudyError(*read.problems)
+    implausible = find_reach_problem(robot, "mm")
+    if implausible is not None:
+        raise StudyError(f"{where}: {implausible}.")
     return robot
 
 

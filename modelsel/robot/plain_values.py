@@ -11,12 +11,13 @@ import numpy as np
 from .._names import MAX_TEXT_LENGTH, find_name_problem
 from .._typing import LARGEST, Array
 from .coupling import Coupling, find_coupling_problem, find_passive_problem
-from .kinematics import Joint, Robot
+from .kinematics import Joint, Robot, forward
 
 # a stored rotation, or a direction, differs from one by less
 ROTATION_TOLERANCE = 1e-6
-# no arm's links are longer together [m]
-MAX_LINKS_M = 100.0
+# no arm's flange reaches further [m]; postures in which that is looked at
+MAX_REACH_M = 100.0
+TRIED_POSTURES = 8
 
 
 def check_robot_name(robot: Robot) -> None:
@@ -33,17 +34,25 @@ def check_robot_name(robot: Robot) -> None:
 
 def find_reach_problem(robot: Robot, unit: str) -> str | None:
     """Find what is wrong with the reach of a robot whose file has lengths in a `unit`, mm or m; None
-    for a plausible one. The travels of slides, which may be unbounded, are left out."""
-    fixed = [joint.before for joint in robot.joints[1:]]
-    lengths = [float(np.linalg.norm(link[:3, 3])) for link in (*fixed, robot.last)]
-    total = sum(lengths) / 1e3
-    if total <= MAX_LINKS_M:
+    for a plausible one. Only how far turning joints move the flange counts: rows of nearly parallel
+    axes have long lengths that cancel, and slides may be unbounded."""
+    steps = np.arange(1.0, robot.n + 1)
+    slides = np.array(robot.prismatic)
+    steps[slides] = 0.0
+    postures = np.arange(TRIED_POSTURES)
+    readings = np.outer(postures, steps)
+    flange = forward(robot, readings, np.zeros(3))
+    middle = flange.mean(0)
+    lengths = np.linalg.norm(flange - middle, axis=1)
+    largest = lengths.max()
+    reach = float(largest) / 1e3
+    if reach <= MAX_REACH_M:
         return None
-    mistake = "some lengths look wrong"
+    mistake = "some look wrong"
     if unit == "m":
         mistake = "these look like millimetres, so divide them by 1000"
     return (
-        f"its links are {total:.4g} m long together, more than any arm's ({MAX_LINKS_M:.0f} m): "
+        f"its flange would reach {reach:.3g} m, further than any arm's ({MAX_REACH_M:.0f} m): "
         f"lengths are expected in {unit}; {mistake}"
     )
 

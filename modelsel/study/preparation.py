@@ -158,9 +158,12 @@ def _check_plausible(study: Study, problem: Problem, setup_notes: Sequence[Note]
     reason.
     """
     residual = residuals(problem)
-    what = describe_implausible_distance(residual[:, POSITION], problem.reach_mm)
-    if what is not None:
-        raise DataError(what, remedy=_explain_implausible(study, problem, setup_notes))
+    positions = residual[:, POSITION]
+    what = describe_implausible_distance(positions, problem.reach_mm)
+    if what is None:
+        return
+    reason = _explain_implausible(study, problem, setup_notes)
+    raise DataError(what, remedy=reason)
 
 
 def _explain_implausible(study: Study, problem: Problem, setup_notes: Sequence[Note]) -> str:

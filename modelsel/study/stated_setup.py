@@ -36,10 +36,13 @@ class StatedSetup:
 
     def __post_init__(self) -> None:
         """Raises StudyError for numbers that no place and no direction has."""
-        for option, values in (("--tool", self.tool), ("--gravity", self.gravity)):
-            size = np.abs(values or (0.0, 0.0, 0.0))
-            if not (size <= LARGEST).all():
-                listed = " ".join(map(str, values or ()))
+        stated = {"--tool": self.tool, "--gravity": self.gravity}
+        for option, values in stated.items():
+            if values is None:
+                continue
+            is_valid = np.abs(values) <= LARGEST
+            if not is_valid.all():
+                listed = " ".join(map(str, values))
                 raise StudyError(
                     f"{option}: expected three finite numbers below {LARGEST:g}, found {listed}."
                 )

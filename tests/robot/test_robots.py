@@ -423,19 +423,26 @@ def test_unreadable_robot_files(file, text, message, tmp_path) -> None:
 
 
 def test_lengths_in_the_wrong_unit_are_refused() -> None:
-    """A URDF in millimetres is an arm of half a kilometre; a slide without bounds is none."""
+    """A URDF in millimetres is an arm of half a kilometre; a slide without bounds is none, nor are
+    parallel axes whose lengths cancel."""
     arm = load_robot("ur5")
     rows = [{"transform_mm": joint.before[:3].tolist()} for joint in arm.joints]
     large = np.array([[1, 1, 1, 1e3]] * 3 + [[1] * 4])
     joints = tuple(replace(joint, before=joint.before * large) for joint in arm.joints)
     text = write_urdf(replace(arm, joints=joints), {}, {})
-    with pytest.raises(StudyError, match=r"arm\.urdf: its links are .* expected in m; these look"):
+    with pytest.raises(
+        StudyError, match=r"arm\.urdf: its flange would reach .* expected in m; these look"
+    ):
         read_urdf_text(text, "arm.urdf")
     rows[2]["transform_mm"][0][3] = 2e5
-    with pytest.raises(StudyError, match=r"arm\.toml: its links are .* expected in mm; some"):
+    with pytest.raises(
+        StudyError, match=r"arm\.toml: its flange would reach .* expected in mm; some"
+    ):
         robot_from_table({"name": "arm", "joint": rows}, "arm.toml")
     rows[2] = rows[1] | {"kind": "prismatic", "limits_mm": [-1e9, 1e9]}
     assert robot_from_table({"name": "arm", "joint": rows}, "arm.toml").n == 6
+    parallel = [{"dh": {"a_mm": 400, "d_mm": d}} for d in (1e6, -1e6, 100)]
+    assert robot_from_table({"name": "arm", "joint": parallel}, "arm.toml").n == 3
 
 
 def test_unknown_robot_is_suggested() -> None:
