@@ -37,6 +37,7 @@ from ..selection.streaming import Parts, fit_parts, list_parts
 from .pipeline import record_provenance
 from .robot_tables import read_any_robot
 from .runner import run_study
+from .scheduler_address import check_scheduler_address
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -91,6 +92,7 @@ def cluster(workers: int | None = None, scheduler: str | None = None) -> Iterato
             "fleet: dask.distributed is not installed: pip install 'modelsel[fleet]'"
         ) from None
     if scheduler is not None:
+        check_scheduler_address(scheduler)
         try:
             client = Client(scheduler, timeout=SCHEDULER_TIMEOUT_S, set_as_default=False)
         except (OSError, ValueError) as error:

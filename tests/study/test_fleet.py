@@ -283,6 +283,18 @@ def test_pieces_know_nothing_of_the_one_before(folder) -> None:
     )
 
 
-def test_no_scheduler_there() -> None:
-    with pytest.raises(StudyError, match="--scheduler nonsense"), cluster(scheduler="nonsense://x"):
+@pytest.mark.parametrize("address", ["nonsense://x", "", "tcp://x:y", "localhost"])
+def test_what_is_no_address_of_a_scheduler_is_refused_at_once(address) -> None:
+    """Before there is a client, which would wait for its own end and show a traceback then."""
+    before = time.monotonic()
+    with (
+        pytest.raises(StudyError, match="expected the address of a running dask scheduler"),
+        cluster(scheduler=address),
+    ):
+        pass
+    assert time.monotonic() - before < 5
+
+
+def test_a_secure_scheduler_needs_certificates() -> None:
+    with pytest.raises(StudyError, match="tls needs certificates"), cluster(scheduler="tls://h:1"):
         pass
