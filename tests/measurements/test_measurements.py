@@ -478,7 +478,7 @@ def test_labels_of_the_split(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("scale", "robot", "words"),
     [
-        (1e-3, "ur5", "looks? like metres"),
+        (1e-3, "ur5", "if the positions are metres: name them x_m y_m z_m"),
         (1.0, "irb1600", 'The readings fit robot "ur5" far better'),
     ],
 )
