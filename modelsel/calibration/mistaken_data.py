@@ -30,8 +30,9 @@ UNKNOWN_REASON = (
 
 def check_near_arm(c: Calibration, at: Problem, residual: Array, free_setup: bool) -> None:
     """Check that new data are near the calibrated arm, after registration where asked
-    (`free_setup`). `at`: the data at the calibrated set-up; `residual` (m, 3) [mm]. Raises DataError
-    with the likeliest reason."""
+    (`free_setup`), or would be with it: then the set-up moved, which is a verdict and no mistake.
+    `at`: the data at the calibrated set-up; `residual` (m, 3) [mm]. Raises DataError with the
+    likeliest reason."""
     what = describe_implausible_distance(residual, at.reach_mm, "predicted")
     if what is None:
         return
@@ -40,8 +41,8 @@ def check_near_arm(c: Calibration, at: Problem, residual: Array, free_setup: boo
         every_row = np.ones(len(at), bool)
         reasons = describe_wrong_rows(c, at, residual, every_row)
     reasons = reasons or describe_wrong_setup(at, residual)
-    if not reasons and not free_setup:
-        reasons = _describe_new_setup(c, at)
+    if not reasons and not free_setup and _is_near_registered(c, at):
+        return
     remedy = " ".join(reasons or (UNKNOWN_REASON,))
     raise DataError(what, remedy=remedy)
 
@@ -97,14 +98,14 @@ def describe_wrong_registered_rows(at: Problem) -> tuple[str, ...]:
     return () if slip is None else (slip,)
 
 
-def _describe_new_setup(c: Calibration, at: Problem) -> tuple[str, ...]:
-    """Describe that the set-up moved, where the data are near the arm with it found again."""
+def _is_near_registered(c: Calibration, at: Problem) -> bool:
+    """Return whether the data are near the arm with the tracker and the target found again."""
     try:
         registration = register_again(c, at)
     except DataError:
-        return ()
+        return False
     problem = registration.problem
     residual = problem.data.position - predict(c, problem)
     lengths = np.linalg.norm(residual, axis=1)
-    is_near = np.median(lengths) < FAR_SHARE * at.reach_mm
-    return (REGISTER_AGAIN,) if is_near else ()
+    median = float(np.median(lengths))
+    return median < FAR_SHARE * at.reach_mm
