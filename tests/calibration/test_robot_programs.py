@@ -342,7 +342,7 @@ def test_no_program_of_what_is_not_reached(cell, tmp_path) -> None:
     words = ["compensate", cell, tmp_path / "far.csv", "--out", out, "--bound", 1e5, 1e5]
     ran = CliRunner().invoke(run_command_line, [*map(str, words), "--format", "krl"])
     assert ran.exit_code == 5
-    assert "1 rows are not reached" in ran.output
+    assert "1 row is not reached" in ran.output
     assert "no program was written" in ran.output
     assert "error_left_mm" not in ran.output
     assert not out.exists()
@@ -352,3 +352,9 @@ def test_forward_corrects_nothing(cell, tmp_path) -> None:
     ran = compensate(cell, "--forward", "--format", "krl", "--out", tmp_path / "a.src")
     assert ran.exit_code == 2
     assert "it goes with --format csv" in ran.output
+
+
+def test_a_semicolon_of_a_note_is_a_comma_in_a_comment() -> None:
+    """A semicolon may end a comment; without a mark two clauses run into one another."""
+    text = write_program("krl", Path("pick.src"), Q, TURNS, ["seen; there it extrapolates."])
+    assert "; seen, there it extrapolates." in text
