@@ -10,7 +10,8 @@ import signal
 import sys
 from collections.abc import Iterator
 from importlib import import_module
-from typing import Any
+from pathlib import Path
+from typing import Any, TextIO
 
 import click
 
@@ -58,12 +59,45 @@ def _terminable() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _readable() -> None:
-    """Show ? on a terminal or in a log for a ± or α that its encoding lacks, and all the rest."""
-    streams = (sys.stdout, sys.stderr)
-    for stream in streams:
+class _Unread(io.FileIO):
+    """An output whose reader may be gone, as behind `| head`: what nobody reads is dropped, and the
+    command goes on to write its files. What cannot be written is said once."""
+
+    is_lost = False
+
+    def write(self, data: Any) -> int:
+        """Write bytes, or drop them where nobody reads."""
+        if self.is_lost:
+            return len(data)
+        try:
+            return super().write(data) or 0
+        except OSError as error:
+            self.is_lost = True
+            if isinstance(error, BrokenPipeError):
+                return len(data)
+            raise
+
+
+def _prepare_streams() -> None:
+    """Open streams that a caller has closed, on nothing; show ? on a terminal or in a log for a ± or
+    α that its encoding lacks, and all the rest; go on where nobody reads."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            nothing = Path(os.devnull).open(mode, encoding="utf-8")  # noqa: SIM115 - for good
+            setattr(sys, name, nothing)
+    output = sys.stdout
+    if os.name == "posix" and output is not None and output is sys.__stdout__:
+        sys.stdout = _reopen(output)
+    for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
+
+
+def _reopen(stream: Any) -> TextIO:
+    """Open an output again as one whose reader may be gone."""
+    raw = _Unread(stream.fileno(), "w", closefd=False)
+    buffer = io.BufferedWriter(raw)
+    return io.TextIOWrapper(buffer, encoding=stream.encoding, line_buffering=stream.isatty())
 
 
 class _Lazy(click.Group):
@@ -91,7 +125,7 @@ class _Lazy(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         from ..exceptions import ModelselError
 
-        _readable()
+        _prepare_streams()
         try:
             with _terminable():
                 return super().invoke(ctx)
@@ -106,8 +140,6 @@ class _Lazy(click.Group):
             again = [*sys.argv[1:], *(["--resume"] if resumes else [])]
             click.echo(f"modelsel: interrupted; to go on: modelsel {shlex.join(again)}", err=True)
             sys.exit(INTERRUPTED)
-        except BrokenPipeError:
-            sys.exit(0)
         except OSError as error:
             if ctx.params.get("debug"):
                 raise
