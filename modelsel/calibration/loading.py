@@ -90,14 +90,14 @@ def parse_calibration(text: str, where: str = CALIBRATION_FILE) -> Calibration:
     no_calibration = StudyError(
         f"{where}: not a calibration; `modelsel study` writes one beside its result.json."
     )
-    is_object = text.lstrip().startswith("{")
-    if not is_object:
+    is_json = text.lstrip().startswith(("{", "["))
+    if not is_json:
         raise no_calibration
     try:
         value = parse_json(text)
     except ValueError as error:
         raise StudyError(f"{where}: cannot be read: {error}. {REMEDY}") from None
-    if value.get("kind") != "calibration":
+    if not isinstance(value, dict) or value.get("kind") != "calibration":
         raise no_calibration
     version = value.get("schema")
     if version is True or version != SCHEMA_VERSION:
