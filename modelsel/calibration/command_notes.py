@@ -79,9 +79,7 @@ def _describe_past_limits(c: Calibration, data: Measurements) -> list[str]:
     sentences = []
     counts = past.sum(0).tolist()
     for j, count in enumerate(counts, 1):
-        verb = "lie"
-        if count == 1:
-            verb = "lies"
+        verb = "lies" if count == 1 else "lie"
         sentence = f"joint {j}: {count} of {len(data)} rows {verb} beyond its limits."
         if count:
             sentences.append(sentence)

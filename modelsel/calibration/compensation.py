@@ -269,9 +269,7 @@ def correct(
     missed = int((~commands.reached).sum())
     if missed:
         where = commands.where_left
-        verb = "are"
-        if missed == 1:
-            verb = "is"
+        verb = "is" if missed == 1 else "are"
         notes.append(f"{missed} of {len(data)} rows {verb} not reached: see {where}.")
     for note in notes:
         warn(note, stacklevel=2)

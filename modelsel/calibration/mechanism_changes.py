@@ -274,8 +274,8 @@ def describe_change(change: MechanismChange) -> str:
         return _describe_single(change)
     name = change.name
     what = change.what
-    before = f"{write_rounded(change.before_mm)}"
-    after = f"{write_rounded(change.after_mm)}"
+    before = write_rounded(change.before_mm)
+    after = write_rounded(change.after_mm)
     sizes = f"{before} to {after} mm rms at the target ({write_p(change.p)})"
     if what in ("grew", "shrank"):
         return f"{name} {what}: {sizes}."

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
+from typing import NamedTuple
 
 import numpy as np
 
@@ -128,6 +129,15 @@ def _whiten_rows(
 # ------------------------------------------------------------------------------------------------------
 
 
+class _LeftOut(NamedTuple):
+    """The place of the part that was left out, the fit without it, and how often chance would gain
+    as much by it."""
+
+    place: int
+    without: Likelihood
+    p: float
+
+
 def find_structure(
     problem: Problem, training: Mask, fitted: Fit, candidates: Sequence[PossiblePart]
 ) -> ErrorStructure:
@@ -201,15 +211,12 @@ def _prune(chosen: list[PossiblePart], at: Likelihood) -> tuple[list[PossiblePar
     """Drop the parts that the others make dispensable, the least likely first."""
     chosen = _match(chosen, at)
     while len(chosen) > 1:
-        certainty = _measure_certainty(at)
-        k = int(np.argmin(certainty))
-        if certainty[k] > CERTAIN:
+        trial = _leave_out_weakest(chosen, at, exact=False)
+        if trial is None or trial.p <= LEVEL:
             break
-        rest = [part for i, part in enumerate(at.parts) if i != k]
-        after = maximise_likelihood(at.model, rest, exact=False)
-        if chosen[k].tests * compute_p(at.log - after.log) <= LEVEL:
-            break
-        chosen, at = _match([one for i, one in enumerate(chosen) if i != k], after), after
+        del chosen[trial.place]
+        at = trial.without
+        chosen = _match(chosen, at)
     return chosen, at
 
 
@@ -217,19 +224,26 @@ def _fit_without_doubtful(chosen: Sequence[PossiblePart], at: Likelihood) -> Lik
     """Fit without the least certain part; None where chance hardly explains any."""
     if not chosen:
         return None
+    trial = _leave_out_weakest(chosen, at)
+    if trial is None or trial.p <= DOUBTFUL:
+        return None
+    return trial.without
+
+
+def _leave_out_weakest(
+    chosen: Sequence[PossiblePart], at: Likelihood, exact: bool = True
+) -> _LeftOut | None:
+    """Leave out the least certain part; None where all are certain."""
     certainty = _measure_certainty(at)
     k = int(np.argmin(certainty))
     if certainty[k] > CERTAIN:
         return None
     rest = list(at.parts)
     del rest[k]
-    without = maximise_likelihood(at.model, rest)
+    without = maximise_likelihood(at.model, rest, exact=exact)
     gain = at.log - without.log
-    p = compute_p(gain)
-    p_of_all = chosen[k].tests * p
-    if p_of_all > DOUBTFUL:
-        return without
-    return None
+    p = chosen[k].tests * compute_p(gain)
+    return _LeftOut(k, without, p)
 
 
 def _match(chosen: Sequence[PossiblePart], at: Likelihood) -> list[PossiblePart]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._typing import Array
+from ..exceptions import write_rounded
 from ..results.model_schema import SignificanceRecord
 from ..results.schema import ErrorMapRecord, StudyRecord
 from ..results.study_sentences import (
@@ -224,6 +225,5 @@ def _format_figure(value: float | None) -> str:
         return "–"
     if 0 <= value < SMALLEST_F:
         return "< 1e-99"
-    short = f"{value:.3g}"
-    is_long = LARGEST_SHORT > abs(value) >= 1000
-    return f"{float(short):,.0f}" if is_long else short
+    is_long = abs(value) >= LARGEST_SHORT
+    return f"{value:.3g}" if is_long else write_rounded(value)

@@ -16,7 +16,7 @@ from .._typing import Array
 from ..exceptions import StudyError
 from .coupling import Coupling, find_coupling_problem, find_passive_problem
 from .kinematics import Joint, Robot
-from .plain_values import check_robot_name, find_reach_problem
+from .plain_values import check_reach, check_robot_name
 from .rigid import align_z, from_rpy, inverse, rotation_matrix, transform
 from .robot_names import find_full_name, find_robot_name, has_robot_name, suggest_robots
 from .ur_kinematics import YAML_SUFFIXES, read_ur_calibration
@@ -281,9 +281,7 @@ def robot_from_table(table: Mapping[str, Any], where: str) -> Robot:
         read.problems.append(f"{where}: {error}.")
     if read.problems:
         raise StudyError(*read.problems)
-    implausible = find_reach_problem(robot, "mm")
-    if implausible is not None:
-        raise StudyError(f"{where}: {implausible}.")
+    check_reach(robot, "mm", where)
     return robot
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from .._names import MAX_TEXT_LENGTH, find_name_problem
 from .._typing import LARGEST, Array
+from ..exceptions import StudyError
 from .coupling import Coupling, find_coupling_problem, find_passive_problem
 from .kinematics import Joint, Robot, forward
 
@@ -32,10 +33,10 @@ def check_robot_name(robot: Robot) -> None:
         raise ValueError(f"the robot's {part} is not valid: {problem}")
 
 
-def find_reach_problem(robot: Robot, unit: str) -> str | None:
-    """Find what is wrong with the reach of a robot whose file has lengths in a `unit`, mm or m; None
-    for a plausible one. Only how far turning joints move the flange counts: rows of nearly parallel
-    axes have long lengths that cancel, and slides may be unbounded."""
+def check_reach(robot: Robot, unit: str, where: str) -> None:
+    """Check that a robot whose file `where` has lengths in a `unit`, mm or m, has an arm's reach. Only
+    how far turning joints move the flange counts: rows of nearly parallel axes have long lengths
+    that cancel, and slides may be unbounded. Raises StudyError."""
     steps = np.arange(1.0, robot.n + 1)
     slides = np.array(robot.prismatic)
     steps[slides] = 0.0
@@ -47,13 +48,13 @@ def find_reach_problem(robot: Robot, unit: str) -> str | None:
     largest = lengths.max()
     reach = float(largest) / 1e3
     if reach <= MAX_REACH_M:
-        return None
+        return
     mistake = "some look wrong"
     if unit == "m":
         mistake = "these look like millimetres, so divide them by 1000"
-    return (
-        f"its flange would reach {reach:.3g} m, further than any arm's ({MAX_REACH_M:.0f} m): "
-        f"lengths are expected in {unit}; {mistake}"
+    raise StudyError(
+        f"{where}: its flange would reach {reach:.3g} m, further than any arm's "
+        f"({MAX_REACH_M:.0f} m): lengths are expected in {unit}; {mistake}."
     )
 
 

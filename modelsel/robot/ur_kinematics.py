@@ -14,7 +14,7 @@ from .._text import read_text
 from .._typing import LARGEST
 from ..exceptions import StudyError
 from .kinematics import Joint, Robot
-from .plain_values import find_reach_problem
+from .plain_values import check_reach
 from .rigid import from_rpy, transform
 
 YAML_SUFFIXES = (".yaml", ".yml")
@@ -50,9 +50,7 @@ def read_ur_calibration(path: Path) -> Robot:
         last=np.eye(4),
         gravity=(0.0, 0.0, -1.0),
     )
-    implausible = find_reach_problem(robot, "m")
-    if implausible is not None:
-        raise StudyError(f"{path.name}: {implausible}.")
+    check_reach(robot, "m", path.name)
     return robot
 
 

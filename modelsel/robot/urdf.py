@@ -15,7 +15,7 @@ from .._text import read_text
 from .._typing import Array
 from ..exceptions import StudyError, one_line
 from .kinematics import Joint, Robot, UrdfSource
-from .plain_values import find_reach_problem
+from .plain_values import check_reach
 from .rigid import align_z, inverse, transform
 from .urdf_chain import check_tree, find_chain, list_moving_names
 from .urdf_elements import (
@@ -143,9 +143,7 @@ def read_urdf_text(text: str, where: str, base: str | None = None, tip: str | No
         check_tree(root, where)
         chain = find_chain(root, where, base, tip)
         robot = _read_chain(root, chain, where)
-        implausible = find_reach_problem(robot, "m")
-        if implausible is not None:
-            raise StudyError(f"{where}: {implausible}.")
+        check_reach(robot, "m", where)
     except StudyError as error:
         placed = [p if p.startswith(where) else f"{where}: {p}" for p in error.problems]
         raise StudyError(*placed) from None
