@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from math import sqrt
 from typing import Any
 
@@ -196,20 +196,27 @@ def _compute_grams(screws: ScrewColumns, index: Index) -> Array:
     """Compute (n, k, k) Gram matrices of candidates of k columns, `index` (n, k).
 
     As many are computed at a time as need little memory; a candidate at one place needs only the
-    lengths of its columns' rows."""
+    causes of its columns."""
     n, k = index.shape
     grams = np.empty((n, k, k))
     field = screws.lone_field[index]
     at_one_place = (field[:, 0] >= 0) & (field == field[:, :1]).all(1)
     for which, expand in (
-        (np.flatnonzero(at_one_place), screws.expand_lengths),
-        (np.flatnonzero(~at_one_place), screws.expand),
+        (np.flatnonzero(at_one_place), screws.expand_causes),
+        (np.flatnonzero(~at_one_place), partial(_expand_twice, screws)),
     ):
         for piece in split_range(len(which), EXPANDED_NUMBERS // (k * screws.rows)):
             members = which[piece]
-            X = expand(index[members].ravel()).reshape(len(members), k, -1)
-            grams[members] = np.matmul(X, X.swapaxes(1, 2))
+            shape = len(members), k, -1
+            X, Y = (values.reshape(shape) for values in expand(index[members].ravel()))
+            grams[members] = np.matmul(X, Y.swapaxes(1, 2))
     return grams
+
+
+def _expand_twice(screws: ScrewColumns, columns: Index) -> tuple[Array, Array]:
+    """Compute some columns (k, N) in full, for both sides of their products."""
+    X = screws.expand(columns)
+    return X, X
 
 
 def flatten_measured(problem: Problem, rows: slice, values: NDArray[Any]) -> NDArray[Any]:

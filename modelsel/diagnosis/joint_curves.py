@@ -15,10 +15,11 @@ import numpy as np
 
 from .._typing import Array, Index, Mask
 from ..fitting.splines import spline
+from .buckets import build_buckets
 from .candidate_columns import Block, Columns, find_signed
 from .candidates import Candidate
 from .evidence import compute_factors
-from .scan import Beyond, Released, Response, Scan, build_buckets
+from .scan import Beyond, Released, Response, Scan
 from .screw_columns import ScrewColumns
 
 # effects (waves and the like) that one curve may be made of

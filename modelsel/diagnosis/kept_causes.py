@@ -9,7 +9,7 @@ import numpy as np
 
 from .._typing import Array
 from ..fitting.problem import Problem
-from ..mechanisms.causes import Cause
+from ..mechanisms.causes import ARITHMETIC, Applied, Cause, Combined, State
 
 # room for causes that come later, as a share of those that are there, and at least: memory that
 # nothing is written to is not used
@@ -68,11 +68,27 @@ def _make_room(values: Array, count: int) -> Array:
 def evaluate_everywhere(
     problem: Problem, causes: Sequence[Cause], out: Array | None = None
 ) -> Array:
-    """Evaluate causes (u, m) at all rows; they are not kept by the problem, whose memory they would fill."""
+    """Evaluate causes (u, m) at all rows, a function in several of them once; they are not kept by
+    the problem, whose memory they would fill."""
     if out is None:
         shape = len(causes), len(problem)
         out = np.empty(shape)
-    state = problem.state
+    known: dict[Cause, Array | float] = {}
     for row, cause in zip(out, causes, strict=True):
-        row[:] = cause.of(state)
+        row[:] = _evaluate(cause, problem.state, known)
     return out
+
+
+def _evaluate(cause: Cause, state: State, known: dict[Cause, Array | float]) -> Array | float:
+    """Evaluate a cause at all rows; values of functions are kept in `known`."""
+    if isinstance(cause, Combined):
+        left = _evaluate(cause.left, state, known)
+        right = _evaluate(cause.right, state, known)
+        operate = ARITHMETIC[cause.operator]
+        value: Array | float = operate(left, right)
+        return value
+    if not isinstance(cause, Applied):
+        return cause.of(state)
+    if cause not in known:
+        known[cause] = cause.of(state)
+    return known[cause]

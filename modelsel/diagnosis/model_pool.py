@@ -24,10 +24,11 @@ import numpy as np
 
 from .._linalg import TINY
 from .._typing import Array, Index
+from .buckets import Bucket, build_buckets
 from .evidence import RATIOS, compute_factors, sum_evidence
 from .joint_curves import Rest, build_curve, see_rest
 from .mechanism_families import KIN, find_stem
-from .scan import Bucket, build_buckets, build_scan_without
+from .scan import build_scan_without
 from .state import Search
 from .views import View
 

@@ -11,7 +11,7 @@ from .own_candidates import OwnCandidates
 class DiagnosisOptions:
     """Sizes that bound the time and memory of a diagnosis.
 
-    `memory_mb`: for the values of the causes, which are kept if they take no more than three quarters
+    `memory_mb`: for the values of the causes, which are kept for as many rows as take no more than 85 %
     of it, else computed wherever they are needed. `max_rows`: estimation rows that are scanned; of more, whole
     configurations are drawn by the seed.
     `parts`: names of the parts of the errors that may be looked for, "joints" for all of them (None:

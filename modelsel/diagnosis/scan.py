@@ -15,39 +15,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._linalg import TINY, invert_factors
 from .._typing import Array, Index, Mask
-from .candidate_columns import Block, Columns
+from .buckets import SOLID_WEIGHT, Bucket, build_buckets
+from .candidate_columns import Columns
 from .sign_constraints import Sides, build_sides, compute_least_of_sign
 
-# share of a direction's squared norm that must be left beyond the model for it to count; rounding
-# adds up in candidates of many columns, which need ten times as much
-ABSORBED = 1e-5
-FEW_COLUMNS = 4
-# prior variance of a smooth function's direction, relative to its largest: from which it counts at
-# all, and from which it shows in the function's size
-FAINT_WEIGHT = 1e-7
-SOLID_WEIGHT = 1e-3
-# columns up to which many small matrices are factored at once, number by number
-MAX_UNROLLED = 6
 # unit column below which a column, and diagonal of R below which a direction, depends on others
 ZERO_COLUMN = 1e-13
 DEPENDENT = 1e-10
-
-
-@dataclass(frozen=True, eq=False)
-class Bucket:
-    """A block of candidates beyond the model.
-
-    `left` (n, k, k): their Gram matrices there; W (n, k, k) with Z_gᵀr = W X_gᵀr, Z_g orthonormal.
-
-    `weights` (n, k): prior variances of a free function's directions, the largest 1; None where all
-    directions are alike."""
-
-    block: Block
-    left: Array
-    W: Array
-    weights: Array | None
 
 
 class Strength(NamedTuple):
@@ -271,75 +246,41 @@ def build_scan_without(seen: Scan, directions: Array) -> Scan:
     """Build the scan from a smaller model, by giving directions back.
 
     They are (r, d), orthonormal, in the coordinates of `seen.Q`."""
+    smaller = give_back(seen, directions)
+    blocks = seen.columns.grams
+    buckets, sizes = build_buckets(blocks, smaller.lefts, seen.columns.groups)
+    return smaller.complete(buckets, sizes)
+
+
+class Smaller(NamedTuple):
+    """A smaller model than that of a scan: the products (C, d) with the directions that it gives
+    back, and the Gram matrices (n, k, k) of every block beyond it."""
+
+    seen: Scan
+    back: Array
+    lefts: list[Array]
+
+    @property
+    def freedom(self) -> int:
+        """Coordinates less its rank."""
+        given_back = int(self.back.shape[1])
+        return self.seen.freedom + given_back
+
+    def complete(self, buckets: tuple[Bucket, ...], sizes: Array) -> Scan:
+        """Complete the scan beyond it."""
+        return replace(
+            self.seen, buckets=buckets, sizes=sizes, freedom=self.freedom, back=self.back
+        )
+
+
+def give_back(seen: Scan, directions: Array) -> Smaller:
+    """Give directions (r, d) of a model back to the candidates."""
     back = seen.inside @ directions
     lefts = []
     for bucket in seen.buckets:
         own = back[bucket.block.index]
         lefts.append(bucket.left + np.matmul(own, own.swapaxes(1, 2)))
-    buckets, sizes = build_buckets(seen.columns.grams, lefts, seen.columns.groups)
-    freedom = seen.freedom + directions.shape[1]
-    return replace(seen, buckets=buckets, sizes=sizes, freedom=freedom, back=back)
-
-
-def build_buckets(
-    blocks: Sequence[Block], lefts: Sequence[Array], count: int
-) -> tuple[tuple[Bucket, ...], Array]:
-    """Build the buckets of blocks of candidates from their Gram matrices beyond a model.
-
-    Returns them, and the number (G,) of directions there of every candidate, of which there are
-    `count`: 0 for one of no block."""
-    buckets = []
-    sizes = np.zeros(count)
-    pairs = zip(blocks, lefts, strict=True)
-    for block, left in pairs:
-        W, size = _whiten(block, left)
-        sizes[block.which] = size
-        weights = None
-        root = block.root
-        if root is not None:
-            W, weights = _separate_by_prior(W, left, root)
-        bucket = Bucket(block, left, W, weights)
-        buckets.append(bucket)
-    return tuple(buckets), sizes
-
-
-def _whiten(block: Block, left: Array) -> tuple[Array, Array]:
-    """Compute W (n, k, k) with orthonormal Z = X Wᵀ beyond the model.
-
-    `left`: the Gram matrices there. Returns also the number (n,) of directions that are left; the
-    rows of the others are zero.
-
-    Of few columns that surely are all left W is the inverse of a Cholesky factor L: the smallest
-    eigenvalue is at least 1 / trace((L Lᵀ)⁻¹)."""
-    unit = block.unit
-    scaled = left * unit[:, :, None] * unit[:, None, :]
-    n, k = unit.shape
-    least = ABSORBED if k <= FEW_COLUMNS else 10 * ABSORBED
-    W, size = np.empty_like(scaled), np.full(n, k)
-    is_open = np.ones(n, bool)
-    if k <= MAX_UNROLLED:
-        W = invert_factors(scaled)
-        trace = np.einsum("nkl,nkl->n", W, W)
-        is_open = ~(trace * least < 1)
-    if is_open.any():
-        value, vector = np.linalg.eigh(scaled[is_open])
-        is_left = value > least
-        scale = np.where(is_left, 1 / np.sqrt(np.where(is_left, value, 1)), 0)
-        W[is_open] = scale[:, :, None] * vector.swapaxes(1, 2)
-        size[is_open] = is_left.sum(1)
-    W *= unit[:, None, :]
-    return W, size
-
-
-def _separate_by_prior(W: Array, left: Array, root: Array) -> tuple[Array, Array]:
-    """Rotate Z to the directions that a smooth function's prior and these data keep apart.
-
-    Returns W, and the prior variances (n, k) of the directions, the largest 1."""
-    half = np.matmul(W, np.matmul(left, root))  # (Zᵀ X) L
-    value, vector = np.linalg.eigh(np.matmul(half, half.swapaxes(1, 2)))
-    top = np.maximum(value.max(1, keepdims=True), TINY)
-    weights = np.where(value > FAINT_WEIGHT * top, value / top, 0.0)
-    return np.matmul(vector.swapaxes(1, 2), W), weights
+    return Smaller(seen, back, lefts)
 
 
 def compute_basis(matrix: Array) -> Array:

@@ -23,12 +23,12 @@ from ..fitting.design import blocks
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
 from ..fitting.shared_errors import Mixing
-from ..mechanisms.causes import ONE, Bump, Cause
-from ..mechanisms.terms import Screw, Term
-from ..robot.rigid import AXES
+from ..mechanisms.causes import Bump, Cause
+from ..mechanisms.terms import Term
 from .kept_causes import KeptCauses, evaluate_everywhere
 from .local_causes import LocalCauses
-from .screw_places import Place, build_places
+from .place_weights import PlaceWeights
+from .screw_places import Place, build_places, find_fields
 
 # rows of one product, which is of full speed with as many, and numbers of the products by place
 # that are held together
@@ -39,7 +39,7 @@ EVERY = slice(None)
 # products of columns, rows and vectors from which a second core pays
 MANY_PRODUCTS = 5e7
 # share of the memory of a diagnosis that the values of the causes may take
-CAUSES_SHARE = 0.75
+CAUSES_SHARE = 0.85
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class _RowBlock:
     slice of all measured coordinates; `measured` (c·m,): which of its components are measured, None
     for all; `local`: the splines among the causes, which are the last of them; `kept` (w, m): the
     others, None where they are evaluated each time. Fields are whitened row by row; where rows share
-    errors, the columns are made independent by `mixing`."""
+    errors, the columns are made independent by `mixing`; `weights`: of the rows at every place."""
 
     problem: Problem
     fields: Array
@@ -60,6 +60,7 @@ class _RowBlock:
     kept: Array | None
     local: LocalCauses
     mixing: Mixing | None
+    weights: PlaceWeights
 
     def evaluate_wide(self) -> Array:
         """Return the causes (w, m) that are not zero at most rows."""
@@ -210,24 +211,27 @@ class ScrewColumns:
 
     @cached_property
     def lone_field(self) -> Index:
-        """The field (C,) of columns of one screw, -1 of others, and of all where rows share
-        errors."""
-        if self.blocks[0].mixing is not None:
-            return np.full(self.count, -1, np.intp)
+        """The field (C,) of columns of one screw, -1 of others."""
         is_lone = np.diff(self.starts) == 1
         first = np.minimum(self.starts[:-1], max(len(self.pairs[0]) - 1, 0))
         return np.where(is_lone, self.pairs[1][first], -1)
 
-    def expand_lengths(self, columns: Index) -> Array:
-        """Compute causes times lengths of the field (k, m), of columns of one screw.
+    def expand_causes(self, columns: Index) -> tuple[Array, Array]:
+        """Compute the causes (k, m) of columns of one screw, as they are and weighed.
 
-        The products of two columns of one place are those of these."""
-        return np.concatenate([self._expand_lengths(b, columns) for b in self.blocks], axis=1)
+        Products of the ones with the others are those of columns of one place."""
+        pairs = [self._expand_causes(block, columns) for block in self.blocks]
+        causes = np.concatenate([own for own, _ in pairs], axis=1)
+        return causes, np.concatenate([weighed for _, weighed in pairs], axis=1)
 
-    def _expand_lengths(self, block: _RowBlock, columns: Index) -> Array:
-        _, number, cause = self.pairs[:, self.starts[columns]]
-        length = np.sqrt(np.einsum("mfc,mfc->fm", block.fields, block.fields))
-        return np.asarray(block.evaluate_causes(cause) * length[number])
+    def _expand_causes(self, block: _RowBlock, columns: Index) -> tuple[Array, Array]:
+        _, places, cause = self.pairs[:, self.starts[columns]]
+        values = block.evaluate_causes(cause)
+        weighed = np.empty_like(values)
+        for place in np.unique(places).tolist():
+            own = places == place
+            weighed[own] = block.weights.weigh(place, values[own])
+        return values, weighed
 
     def gram(self, columns: Index) -> Array:
         """Compute the products (k, k) of some columns, rows by rows.
@@ -252,8 +256,11 @@ class ScrewColumns:
 
     def _gram_at_place(self, block: _RowBlock, columns: Index) -> Array:
         """Compute the products (k, k) of some columns of one screw at one place over a block."""
+        if block.mixing is not None:
+            causes, weighed = self._expand_causes(block, columns)
+            return np.asarray(causes @ weighed.T)
         _, number, cause = self.pairs[:, self.starts[columns]]
-        square = np.square(block.fields[:, number[0]]).sum(1)
+        square = block.weights.squares[number[0]]
         wide = np.flatnonzero(cause < len(block.wide))
         local = np.flatnonzero(cause >= len(block.wide))
         length = np.sqrt(square)
@@ -313,15 +320,15 @@ def build_screw_columns(
 ) -> ScrewColumns:
     """Build the columns of distinct terms at a point of the parameters (None: the nominal one).
 
-    The causes of all rows are kept where they take no more than their share of `memory_mb`; with
-    those that are `known` of other columns at these rows."""
-    fields, screws = _find_fields(problem, terms)
+    The causes of as many blocks of rows are kept as take no more than their share of `memory_mb`;
+    with those that are `known` of other columns at these rows."""
+    fields, screws = find_fields(problem, terms)
     causes = dict.fromkeys(cause for own in screws for _, cause in own)
     wide = tuple(cause for cause in causes if not isinstance(cause, Bump))
     known = KeptCauses() if known is None else known
-    numbers = known.count_with(wide) * len(problem)
-    is_kept = 8e-6 * numbers <= CAUSES_SHARE * memory_mb
-    if is_kept:
+    share_mb = CAUSES_SHARE * memory_mb
+    kept_rows = int(share_mb / (8e-6 * max(known.count_with(wide), 1)))
+    if kept_rows >= next(problem.blocks()).stop:
         wide = known.add(wide)
     local = tuple(cause for cause in causes if isinstance(cause, Bump))
     number = {cause: k for k, cause in enumerate((*wide, *local))}
@@ -329,8 +336,7 @@ def build_screw_columns(
         [(k, f, number[cause]) for k, own in enumerate(screws) for f, cause in own], dtype=np.intp
     ).T.reshape(3, -1)
     starts = np.searchsorted(pairs[0], np.arange(len(terms) + 1))
-    kept = known if is_kept else None
-    row_blocks = tuple(_build_row_blocks(problem, fields, at, wide, local, kept))
+    row_blocks = tuple(_build_row_blocks(problem, fields, at, wide, local, known, kept_rows))
     is_wide = pairs[2] < len(wide)
     wide_pairs, local_pairs = pairs[:, is_wide], pairs[:, ~is_wide]
     local_pairs[2] -= len(wide)
@@ -346,33 +352,16 @@ def build_screw_columns(
     )
 
 
-def _find_fields(
-    problem: Problem, terms: Sequence[Term]
-) -> tuple[tuple[Term, ...], list[list[tuple[int, Cause]]]]:
-    """Find the fields, as terms of unit cause, and of every term the fields and causes of its
-    screws.
-
-    Where distances are measured from one configuration to another, a cause has two values in one
-    row: then every term is a field of its own."""
-    if problem.origin is not None or any(not term.screws for term in terms):
-        return tuple(terms), [[(k, ONE)] for k in range(len(terms))]
-    places = [(frame, axis) for frame in range(1, problem.robot.n + 2) for axis in AXES]
-    used = {(screw.frame, screw.axis) for term in terms for screw in term.screws}
-    places = [place for place in places if place in used]
-    number = {place: k for k, place in enumerate(places)}
-    fields = tuple(Term(f"{axis} {frame}", (Screw(frame, axis, ONE),)) for frame, axis in places)
-    screws = [[(number[s.frame, s.axis], s.cause) for s in term.screws] for term in terms]
-    return fields, screws
-
-
 def _build_row_blocks(
     problem: Problem,
     fields: Sequence[Term],
     at: Linearisation | None,
     wide: tuple[Cause, ...],
     local: tuple[Cause, ...],
-    known: KeptCauses | None,
+    known: KeptCauses,
+    kept_rows: int,
 ) -> Iterator[_RowBlock]:
+    """Build the blocks of rows; of the first `kept_rows` the causes are kept."""
     start = 0
     whitening = problem.whitening.by_row()
     by_row = replace(problem, whitening=whitening)
@@ -385,14 +374,17 @@ def _build_row_blocks(
         if problem.measured is not None:
             measured = np.flatnonzero(problem.measured[rows].T.reshape(-1))
             stop = start + len(measured)
+        by_place = np.ascontiguousarray(values.transpose(2, 0, 1))
+        mixing = None if shared is None else shared.mixing
         yield _RowBlock(
             problem=part,
-            fields=np.ascontiguousarray(values.transpose(2, 0, 1)),
+            fields=by_place,
             coordinates=slice(start, stop),
             measured=measured,
             wide=wide,
-            kept=None if known is None else known.evaluate(part, rows),
+            kept=known.evaluate(part, rows) if rows.stop <= kept_rows else None,
             local=LocalCauses.of(part, local),
-            mixing=None if shared is None else shared.mixing,
+            mixing=mixing,
+            weights=PlaceWeights(by_place, mixing),
         )
         start = stop

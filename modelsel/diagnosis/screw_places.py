@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .._typing import Index
-from ..mechanisms.causes import Cause
-from ..mechanisms.terms import Term
+from ..fitting.problem import Problem
+from ..mechanisms.causes import ONE, Cause
+from ..mechanisms.terms import Screw, Term
 from ..robot.rigid import AXES
 
 # place after all others
@@ -86,3 +87,22 @@ def order_terms(terms: Sequence[Term]) -> list[Term]:
     keys = [(place, *rank[cause]) for place, cause in first]
     order = sorted(range(len(keys)), key=keys.__getitem__)
     return [terms[k] for k in order]
+
+
+def find_fields(
+    problem: Problem, terms: Sequence[Term]
+) -> tuple[tuple[Term, ...], list[list[tuple[int, Cause]]]]:
+    """Find the fields, as terms of unit cause, and of every term the fields and causes of its
+    screws.
+
+    Where distances are measured from one configuration to another, a cause has two values in one
+    row: then every term is a field of its own."""
+    if problem.origin is not None or any(not term.screws for term in terms):
+        return tuple(terms), [[(k, ONE)] for k in range(len(terms))]
+    places = [(frame, axis) for frame in range(1, problem.robot.n + 2) for axis in AXES]
+    used = {(screw.frame, screw.axis) for term in terms for screw in term.screws}
+    places = [place for place in places if place in used]
+    number = {place: k for k, place in enumerate(places)}
+    fields = tuple(Term(f"{axis} {frame}", (Screw(frame, axis, ONE),)) for frame, axis in places)
+    screws = [[(number[s.frame, s.axis], s.cause) for s in term.screws] for term in terms]
+    return fields, screws

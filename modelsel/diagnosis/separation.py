@@ -104,17 +104,21 @@ class _Separation:
     parts: tuple[PossiblePart, ...]
     causes: KeptCauses = field(default_factory=KeptCauses, repr=False)
 
-    def find_parts(self, fitted: Fit, *unsure: str) -> ErrorStructure:
-        """Find the parts that a fit leaves, of those that are not told by what is `unsure`."""
+    def find_parts(
+        self, fitted: Fit, *unsure: str, before: ErrorStructure | None = None
+    ) -> ErrorStructure:
+        """Find the parts that a fit leaves, of those that are not told by what is `unsure`; `before`:
+        those of a like fit."""
         offered = [part for part in self.parts if part.told_by not in unsure]
-        return find_structure(self.split.problem, self.split.used, fitted, offered)
+        split = self.split
+        return find_structure(split.problem, split.used, fitted, offered, before)
 
     def search(self, given: ErrorStructure, known: tuple[Candidate, ...] = ()) -> _Explanation:
         """Search for effects given parts of the errors, beside those that are known."""
         weighed = replace(self.split, problem=given.whiten(self.split.problem))
         prepared = self.inquiry.search(weighed.training(), self.found, known, self.causes)
         explored = explore(prepared, known, self.inquiry.say)
-        left = self.find_parts(explored.fitted)
+        left = self.find_parts(explored.fitted, before=given)
         return _Explanation(explored, given, left, self._judge(explored, left))
 
     def _judge(self, explored: Exploration, left: ErrorStructure) -> float:
@@ -124,9 +128,10 @@ class _Separation:
 
     def explain(self, base_fit: Fit) -> _Explanation:
         """Explain the data by effects and by errors: of what may be either, as is more probable."""
-        best = self.search(self.find_parts(base_fit, DIRECTIONS))
+        sure = self.find_parts(base_fit, DIRECTIONS)
+        best = self.search(sure)
         if best.left.shared:
-            every = self.find_parts(base_fit)
+            every = self.find_parts(base_fit, before=sure)
             if every.tells(DIRECTIONS):
                 best = self._improve(best)
                 best = min(best, self.search(every), key=lambda one: one.criterion)
@@ -157,7 +162,7 @@ class _Separation:
         explored = improve_shapes(one.explored, joints)
         if explored is one.explored:
             return one
-        left = self.find_parts(explored.fitted)
+        left = self.find_parts(explored.fitted, before=one.left)
         return _Explanation(explored, one.given, left, self._judge(explored, left))
 
     def _go_on(self, best: _Explanation) -> _Explanation:
@@ -187,7 +192,7 @@ def separate(
     best = separation.explain(base_fit)
     diagnosis, errors = prove(conclude(best.explored)), best.left
     if [one.candidate for one in diagnosis.effects] != list(best.explored.chosen):
-        errors = separation.find_parts(diagnosis.fit)
+        errors = separation.find_parts(diagnosis.fit, before=errors)
     if best.instead:
         errors = _name_instead(errors, best.instead)
     weighed = replace(split, problem=errors.whiten(split.problem))

@@ -29,6 +29,7 @@ from .mechanism_families import Family, find_families
 from .options import DEFAULT_OPTIONS
 from .residual_tests import FLIP_DRAWS, adjust_residual, compute_flip_p, draw_flips, partition_rows
 from .scan import Scan
+from .screening import build_scan_for
 from .signatures import read_signatures
 from .views import View, Views, build_view
 
@@ -255,7 +256,8 @@ class Search:
         answers = self._renamed.setdefault(view, {})
         if g in answers:
             return answers[g]
-        scan, response = view.scan_without(self.found[g])
+        released = view.release(self.found[g])
+        scan, response = build_scan_for(view.scan, released, view.response, g, self.log_prior)
         question = ask(scan, self.found, response)
         renamed = rename_effect(question, g, without=self.dead)
         evidence = compute_own_evidence(question, renamed, g)

@@ -20,7 +20,8 @@ from .._linalg import TINY
 from .._typing import Array, Index, Mask
 from .design import compute_design
 from .least_squares import Fit
-from .part_trials import LEVEL, compute_p, find_next
+from .noise import compute_interval
+from .part_trials import LEVEL, change_length, compute_p, find_next
 from .possible_parts import MIN_LEVELS, PossiblePart
 from .problem import Problem
 from .restricted_likelihood import Likelihood, LinearModel, evaluate_likelihood, maximise_likelihood
@@ -39,7 +40,6 @@ MAX_ROWS = 2048
 DIGITS = 4
 # columns of a model that are looked at
 MANY_COLUMNS = 96
-COVERAGE = 0.95
 # factor by which a length is changed to see what hangs on it
 STEP = 1.05
 # factor between variances, over the instrument's, that is no change
@@ -139,13 +139,18 @@ class _LeftOut(NamedTuple):
 
 
 def find_structure(
-    problem: Problem, training: Mask, fitted: Fit, candidates: Sequence[PossiblePart]
+    problem: Problem,
+    training: Mask,
+    fitted: Fit,
+    candidates: Sequence[PossiblePart],
+    before: ErrorStructure | None = None,
 ) -> ErrorStructure:
     """Find the parts that the errors of a fitted model have, in the rows (m,) it was fitted to.
 
     The `candidates` are of all rows of the problem; those of known variance are there. Parts are
     added while the likelihood gains more than chance gives; one that the others make dispensable is
-    dropped. Without candidates nothing is told, not even the instrument's part."""
+    dropped. `before`: what a like model left in these rows, from which to go on. Without candidates
+    nothing is told, not even the instrument's part."""
     if not candidates:
         return ErrorStructure()
     rows = _choose_rows(problem, training)
@@ -154,16 +159,19 @@ def find_structure(
     model = _build_model(used, fitted)
     if model.freedom < MIN_LEVELS:
         return ErrorStructure()
-    chosen = [one for one in offered if one.error.known is not None]
-    at = _start_with_known(model, chosen)
+    if before is not None and before.shared:
+        chosen, at = _go_on(model, offered, before)
+    else:
+        chosen = [one for one in offered if one.error.known is not None]
+        at = _start_with_known(model, chosen)
     while len(chosen) < MAX_PARTS:
         new = find_next(at, offered, chosen)
         if new is None:
             break
         chosen, at = _prune(*new)
     if chosen:
-        at = maximise_likelihood(model, at.parts)
-        chosen = _match(chosen, at)
+        at = maximise_likelihood(model, _sort(at.parts, offered))
+        chosen = _match(offered, at)
     without = _fit_without_doubtful(chosen, at)
     return _describe(problem, at, chosen, candidates, offered, without)
 
@@ -173,6 +181,25 @@ def _start_with_known(model: LinearModel, known: Sequence[PossiblePart]) -> Like
     none = evaluate_likelihood(model, ())
     start = [replace(one.error, variance=(one.error.known or 0.0) / none.phi) for one in known]
     return maximise_likelihood(model, start)
+
+
+def _go_on(
+    model: LinearModel, offered: Sequence[PossiblePart], before: ErrorStructure
+) -> tuple[list[PossiblePart], Likelihood]:
+    """Go on from the parts that there were, and drop those that are there no longer."""
+    variances = {
+        (part.name, part.told_by, part.length): own.variance
+        for part, own in zip(before.parts[1:], before.shared, strict=True)
+    }
+    chosen, start = [], []
+    for one in offered:
+        variance = variances.get((one.name, one.told_by, _length_of(one)))
+        if variance is not None:
+            chosen.append(one)
+            start.append(replace(one.error, variance=variance))
+    at = maximise_likelihood(model, start, exact=False)
+    chosen, at = _prune(chosen, at, least=0)
+    return change_length(at, offered, chosen)
 
 
 def _choose_rows(problem: Problem, training: Mask) -> Index:
@@ -207,10 +234,13 @@ def _build_model(problem: Problem, fitted: Fit) -> LinearModel:
     return LinearModel(by_column, residual.T * given_back, float(max(N - p, 1)))
 
 
-def _prune(chosen: list[PossiblePart], at: Likelihood) -> tuple[list[PossiblePart], Likelihood]:
-    """Drop the parts that the others make dispensable, the least likely first."""
+def _prune(
+    chosen: list[PossiblePart], at: Likelihood, least: int = 1
+) -> tuple[list[PossiblePart], Likelihood]:
+    """Drop the parts that the others make dispensable, the least likely first, to no fewer than
+    `least`."""
     chosen = _match(chosen, at)
-    while len(chosen) > 1:
+    while len(chosen) > least:
         trial = _leave_out_weakest(chosen, at, exact=False)
         if trial is None or trial.p <= LEVEL:
             break
@@ -249,6 +279,11 @@ def _leave_out_weakest(
 def _match(chosen: Sequence[PossiblePart], at: Likelihood) -> list[PossiblePart]:
     """Keep the candidates whose parts the likelihood still has."""
     return [one for one in chosen if any(one.error.is_like(part) for part in at.parts)]
+
+
+def _sort(parts: Sequence[SharedError], offered: Sequence[PossiblePart]) -> list[SharedError]:
+    """Sort parts as they are offered, in whatever order they were found."""
+    return [part for one in offered for part in parts if one.error.is_like(part)]
 
 
 def _measure_certainty(at: Likelihood) -> Array:
@@ -353,20 +388,3 @@ def _count_freedom(at: Likelihood) -> Array:
     is_sought = [True, *(part.known is None for part in at.parts)]
     freedom[is_sought] = 2 / relative[: 1 + len(sought)]
     return freedom
-
-
-def compute_interval(scale: float, freedom: float) -> tuple[float, float]:
-    """Compute the 95 % interval of a standard deviation of so many degrees of freedom; a known one
-    is its own."""
-    from scipy.special import chdtri
-
-    if np.isinf(freedom):
-        return scale, scale
-    tail = (1 - COVERAGE) / 2
-    freedom = max(freedom, 1.0)
-    high_quantile, low_quantile = chdtri(freedom, [tail, 1 - tail])
-    low_ratio = freedom / high_quantile
-    high_ratio = freedom / low_quantile
-    low = scale * np.sqrt(low_ratio)
-    high = scale * np.sqrt(high_ratio)
-    return float(low), float(high)

@@ -20,6 +20,8 @@ NORMAL = 1.4826
 LACKING = "lack-of-fit"  # code of the warning that a model leaves another noise than is known
 # degrees of freedom of a standard deviation by the median, against one by the mean square
 MEDIAN = 0.37
+# of a standard deviation's interval
+COVERAGE = 0.95
 # degrees of freedom from which repeats or pairs of targets are believed
 MIN_FREEDOM = 10
 # of a distance's size: no instrument measures one better; where pairs agree so well, one was
@@ -251,3 +253,20 @@ def _diagonal(values: Array) -> Array:
     identity = np.eye(size)
     matrices: Array = np.einsum("mi,ij->mij", values, identity)
     return matrices
+
+
+def compute_interval(scale: float, freedom: float) -> tuple[float, float]:
+    """Compute the 95 % interval of a standard deviation of so many degrees of freedom; a known one
+    is its own."""
+    from scipy.special import chdtri
+
+    if np.isinf(freedom):
+        return scale, scale
+    tail = (1 - COVERAGE) / 2
+    freedom = max(freedom, 1.0)
+    high_quantile, low_quantile = chdtri(freedom, [tail, 1 - tail])
+    low_ratio = freedom / high_quantile
+    high_ratio = freedom / low_quantile
+    low = scale * np.sqrt(low_ratio)
+    high = scale * np.sqrt(high_ratio)
+    return float(low), float(high)

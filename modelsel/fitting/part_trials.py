@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from .possible_parts import PossiblePart
-from .restricted_likelihood import Likelihood, maximise_likelihood
+from .restricted_likelihood import Likelihood, evaluate_likelihood, maximise_likelihood
 from .shared_errors import SharedError
 
 # probability with which chance gives a part that is none
@@ -46,6 +46,29 @@ def find_next(
     start = best.every
     after = maximise_likelihood(at.model, start, exact=False)
     return [*chosen, best.part], after
+
+
+def change_length(
+    at: Likelihood, offered: Sequence[PossiblePart], chosen: list[PossiblePart]
+) -> tuple[list[PossiblePart], Likelihood]:
+    """Change the correlation length of the part that lasts, if there is one, as long as the
+    likelihood gains."""
+    lasting = (one for one in chosen if one.error.time is not None)
+    now = next(lasting, None)
+    if now is None:
+        return chosen, at
+    own = next(part for part in at.parts if part.is_like(now.error))
+    others = [part for part in at.parts if part is not own]
+    without = evaluate_likelihood(at.model, others)
+    lengths = [one for one in offered if one.error.time is not None]
+    every = (*others, own)
+    first = _Trial(now, every, at.log, 0.0)
+    best = _climb(without, lengths, first)
+    if best is first:
+        return chosen, at
+    after = maximise_likelihood(at.model, best.every, exact=False)
+    rest = [one for one in chosen if one is not now]
+    return [*rest, best.part], after
 
 
 def _score_parts(

@@ -97,16 +97,11 @@ class Likelihood:
         if self.mixing is None:
             return float(np.square(part.loading).sum()) - taken
         total = 0.0
-        for k, (rows, precision) in enumerate(zip(self.mixing.rows, self._precisions, strict=True)):
+        blocks = zip(self.mixing.rows, self.mixing.precisions, strict=True)
+        for k, (rows, precision) in enumerate(blocks):
             spread = part.spread(rows) if number is None else self.layout.spreads[k][number]
             total += float(np.vdot(precision, spread))
         return total - taken
-
-    @cached_property
-    def _precisions(self) -> list[Array]:
-        """H⁻¹ of every block."""
-        assert self.mixing is not None
-        return [np.matmul(inv.transpose(0, 2, 1), inv) for inv in self.mixing.inverse]
 
 
 def lay_out(parts: Sequence[SharedError]) -> Layout:

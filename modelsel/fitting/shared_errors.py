@@ -157,13 +157,18 @@ class Mixing:
             _scatter(values, rows, independent)
         return values
 
+    @cached_property
+    def precisions(self) -> tuple[Array, ...]:
+        """The inverse (B, k·c, k·c) of the covariance of every block's rows."""
+        return tuple(np.matmul(one.transpose(0, 2, 1), one) for one in self.inverse)
+
     def solve(self, values: Array) -> Array:
         """Multiply values (m, c, p) by the inverse of the rows' covariance."""
         solved = np.empty_like(values)
-        for rows, inverse in zip(self.rows, self.inverse, strict=True):
-            own = values[rows].reshape(*inverse.shape[:2], -1)
-            own = np.matmul(inverse.transpose(0, 2, 1), np.matmul(inverse, own))
-            solved[rows] = own.reshape(*rows.shape, *values.shape[1:])
+        for rows, precision in zip(self.rows, self.precisions, strict=True):
+            own = values[rows].reshape(*precision.shape[:2], -1)
+            weighed = np.matmul(precision, own)
+            solved[rows] = weighed.reshape(*rows.shape, *values.shape[1:])
         return solved
 
     def apply_transposed(self, values: Array) -> Array:

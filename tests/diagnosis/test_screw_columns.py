@@ -11,14 +11,14 @@ from modelsel.diagnosis import candidate_columns, screw_columns
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.evidence import Chance
-from modelsel.diagnosis.kept_causes import KeptCauses
+from modelsel.diagnosis.kept_causes import KeptCauses, evaluate_everywhere
 from modelsel.diagnosis.scan import Response, build_scan, build_scan_without, compute_basis
 from modelsel.diagnosis.screw_columns import ScrewColumns, build_screw_columns
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.problem import Problem
-from modelsel.mechanisms.causes import Bump, Named, cos, q, sin
+from modelsel.mechanisms.causes import Applied, Bump, Named, State, cos, q, sin
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Screw, Term
 
@@ -74,6 +74,37 @@ def test_products_do_not_depend_on_the_memory_that_is_allowed(
     assert np.array_equal(kept.expand(np.arange(5)), evaluated.expand(np.arange(5)))
     monkeypatch.setattr(screw_columns, "CACHED_ROWS", 7)
     np.testing.assert_allclose(evaluated.dot(V), kept.dot(V), rtol=1e-12, atol=1e-9)
+
+
+def test_as_many_blocks_are_kept_as_memory_is_allowed(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 5000)
+    kept, X = columns_of(at)
+    causes = len(kept.blocks[0].wide)
+    first = len(kept.blocks[0].fields)
+    some, _ = columns_of(at, 8e-6 * causes * (first + 1) / screw_columns.CAUSES_SHARE)
+    assert [block.kept is not None for block in some.blocks] == [True, False]
+    V = rng.normal(size=(len(X), 2))
+    assert np.array_equal(kept.dot(V), some.dot(V))
+
+
+def test_a_function_of_several_causes_is_evaluated_once(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    at = drawn("puma760", rng, 20)
+    once = sin(2.0 * q(2))
+    causes = (once, once * cos(q(1)), cos(q(1)) + once, q(3) * (once - 2.0), once * 3.0)
+    want = [cause.of(at.state) for cause in causes]
+    asked: list[object] = []
+    evaluate = Applied.of
+
+    def count(cause: Applied, state: State) -> object:
+        asked.append(cause)
+        return evaluate(cause, state)
+
+    monkeypatch.setattr(Applied, "of", count)
+    values = evaluate_everywhere(at, causes)
+    assert np.array_equal(values, want)
+    assert sorted(map(str, asked)) == ["cos(q1)", "sin(2*q2)"]
 
 
 def test_columns_of_the_same_rows_share_their_causes(rng: np.random.Generator) -> None:

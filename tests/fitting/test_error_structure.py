@@ -269,6 +269,58 @@ def test_the_order_of_rows_does_not_matter_where_nothing_lasts(rng: np.random.Ge
         assert (a.scale, a.low, a.high) == pytest.approx((b.scale, b.low, b.high), rel=1e-3)
 
 
+# -- from what there was before
+
+
+@seeds(1, 2, 3)
+@pytest.mark.parametrize("before", [(), (2,), (1,), (1, 2, 3)])
+def test_parts_that_were_there_before_lead_to_the_same(
+    rng: np.random.Generator, before: tuple[int, ...]
+) -> None:
+    """Whether what was there is there still, is there no longer, or was not seen."""
+    quiet = campaign(rng, targets=2)
+    at = move_joint(quiet, 2, 8e-4, rng)
+    other = quiet
+    for joint in before:
+        other = move_joint(other, joint, 8e-4, rng)
+    earlier = structure_of(other)
+    assert {f"joint {joint}" for joint in before} <= set(earlier.names)
+    alone, offered = structure_of(at), parts_of(at)
+    going_on = find_structure(at, everywhere(at), fit(at, BASE), offered, earlier)
+    assert alone.names == going_on.names == ("joint 2",)
+    for a, b in zip(alone.parts, going_on.parts, strict=True):
+        assert (a.scale, a.low, a.high) == pytest.approx((b.scale, b.low, b.high), rel=1e-3)
+
+
+def test_the_only_part_that_was_there_may_be_gone(rng: np.random.Generator) -> None:
+    quiet = campaign(rng, targets=2)
+    earlier = structure_of(move_joint(quiet, 2, 3e-4, rng))
+    assert earlier.names == ("joint 2",)
+    for _ in range(6):
+        noisy = measured(quiet, quiet.data.position + rng.normal(0, SIGMA, (len(quiet), 3)))
+        assert structure_of(noisy).names == ()
+        offered = parts_of(noisy)
+        now = find_structure(noisy, everywhere(noisy), fit(noisy, BASE), offered, earlier)
+        assert now.names == ()
+
+
+@seeds(1, 2)
+def test_what_lasts_may_last_longer_than_before(rng: np.random.Generator) -> None:
+    structures = []
+    draws = rng.normal(size=(2, 120, 3))
+    at = campaign(rng, 120)
+    for keeps, own in zip((0.3, 0.95), draws, strict=True):
+        lasting = np.zeros((120, 3))
+        for k in range(1, 120):
+            lasting[k] = keeps * lasting[k - 1] + np.sqrt(1 - keeps**2) * own[k]
+        moved = measured(at, at.data.position + 3 * SIGMA * lasting)
+        structures.append((moved, structure_of(moved)))
+    (_, short), (moved, long) = structures
+    offered = parts_of(moved)
+    going_on = find_structure(moved, everywhere(moved), fit(moved, BASE), offered, short)
+    assert short.parts[1].length < long.parts[1].length == going_on.parts[1].length
+
+
 # -- how rows are weighed
 
 

@@ -15,7 +15,7 @@ from scipy.stats import f, multivariate_normal
 
 from modelsel._typing import Array
 from modelsel.fitting import restricted_likelihood
-from modelsel.fitting.error_structure import compute_interval
+from modelsel.fitting.noise import compute_interval
 from modelsel.fitting.part_trials import compute_p
 from modelsel.fitting.restricted_likelihood import (
     Likelihood,
