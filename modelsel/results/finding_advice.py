@@ -108,7 +108,7 @@ BY_STEM = {
     "tracker-scale": _INSTRUMENT,
     "refraction": _INSTRUMENT,
 }
-_FAULT = (MEASURE, "again the rows that it concerns, or correct them in the file")
+_FAULT = (MEASURE, "the rows that it concerns again, or correct them in the file")
 _DOUBTFUL = (
     MEASURE,
     "more configurations before anything is done; held-out ones do not confirm it",

@@ -20,8 +20,8 @@ from .small_findings import split_findings
 
 # what the table of subsets is for, said with it
 TABLE_PURPOSE = (
-    "The table asks which names predict best together, and may add one that chance brought; naming asks of each whether "
-    "chance would do as well, over all that was scanned: only that finds, and the two may differ."
+    "The table asks which names predict best together, and may add one by chance; naming asks of each whether chance "
+    "would do as well, over all that was scanned. Only naming makes findings, and the two may differ."
 )
 # the sets of effects that the search has weighed, and what their table is for
 SETS_TITLE = "Sets of effects that would do"
