@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from math import ceil, log10
 
 from ..diagnosis.stated_probability import (
     describe_level_probability,
@@ -58,6 +59,15 @@ def format_mm(value: float | None) -> str:
     if value is None:
         return "–"
     return f"{value:.3f}" if value < LARGEST_FINE_MM else f"{value:.2f}"
+
+
+def format_gain(value: float) -> str:
+    """Return a change of a length [mm] as `format_mm` does, with the first digit of one that is smaller."""
+    text = format_mm(value)
+    if float(text) == 0 != value:
+        places = ceil(-log10(abs(value)))
+        text = f"{value:.{places}f}"
+    return text.replace("-", "−")
 
 
 def format_p(p: float | None) -> str:

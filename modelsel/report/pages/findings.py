@@ -15,6 +15,7 @@ from ...results.small_findings import split_findings, write_sum
 from ...results.study_sentences import (
     count_rows,
     describe_probability,
+    format_gain,
     format_mm,
     label_entries,
     weigh_listed_record,
@@ -77,10 +78,11 @@ def _write_grouped(source: Source, grouped: Sequence[int]) -> list[Block]:
         "rms: at the measured configurations, beyond the other findings that matter; at most: in the workspace. All that "
         "is known of them is in result.json and in report.html."
     )
+    table = make_table(columns, rows, caption, [0.0, 0.4, 1.0, 0.0, 0.0, 0.0])
     return [
         make_heading("Smaller findings", 2),
-        make_text(write_sum(record.small_findings)),
-        make_table(columns, rows, caption, [0.0, 0.4, 1.0, 0.0, 0.0, 0.0]),
+        make_text(write_sum(record.small_findings), keep=True),
+        table | {"breaks": True},
     ]
 
 
@@ -192,9 +194,9 @@ def _describe_change(interval: Sequence[float] | None) -> str:
         return ""
     low, high = interval
     if low < 0 < high:
-        return f" (95 %: {-low:.2g} mm more to {high:.2g} mm less)"
-    near, far = sorted(map(abs, interval))
-    return f" (95 %: {near:.2g} to {far:.2g} mm {'less' if low >= 0 else 'more'})"
+        return f" (95 %: {format_gain(-low)} mm more to {format_gain(high)} mm less)"
+    near, far = map(format_gain, sorted(map(abs, interval)))
+    return f" (95 %: {near} to {far} mm {'less' if low >= 0 else 'more'})"
 
 
 # -- rivals
