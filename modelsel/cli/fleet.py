@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from .._progress import show_progress
-from ._options import make_console, print_json
+from ._options import make_console, print_json, print_written
 from ._output_path import OutputPath
 
 
@@ -62,7 +62,7 @@ def fleet_command(
         print_json({"fleet": read.name, "studies": rows})
     else:
         show_fleet(rows, make_console())
-        click.echo(f"Written: {', '.join(map(str, written))}")
+        print_written(folder, written)
     worst = max((row["exit"] for row in rows), default=0)
     if worst:
         raise SystemExit(worst)

@@ -38,7 +38,8 @@ def _table(parts: list[ErrorPartRecord]) -> str:
         "share of what is left",
         f"at the target, 0 to {round_digits(factor * end)} {unit}",
     ]
-    head = "".join(f'<th scope="col">{escape(name)}</th>' for name in columns)
+    heads = [_head(name, is_number=0 < k < len(COLUMNS)) for k, name in enumerate(columns)]
+    head = "".join(heads)
     pictures = _draw_rows(parts, end)
     rows = zip(tabulate_parts(parts), pictures, strict=True)
     lines = [f"<tr>{_cells(row)}{picture}</tr>" for row, picture in rows]
@@ -47,8 +48,18 @@ def _table(parts: list[ErrorPartRecord]) -> str:
     return f'<table class="plain stack">\n{table}\n</table>\n{_note(SHARES)}'
 
 
+def _head(name: str, is_number: bool) -> str:
+    style = ' class="number"' if is_number else ""
+    return f'<th scope="col"{style}>{escape(name)}</th>'
+
+
 def _cells(row: list[str]) -> str:
-    return "".join(f"<td>{escape(cell)}</td>" for cell in row)
+    part, *figures = row
+    cells = [f"<td>{escape(part)}</td>"]
+    for name, figure in zip(COLUMNS[1:], figures, strict=True):
+        label = escape(name)
+        cells.append(f'<td class="number" data-head="{label}">{escape(figure)}</td>')
+    return "".join(cells)
 
 
 def _draw_rows(parts: list[ErrorPartRecord], end: float) -> Iterator[str]:

@@ -24,6 +24,8 @@ RING = ORANGE
 WIDTH = 6.5
 # inch: that of a column, where there are two
 HALF_WIDTH = 3.15
+# share of a shortened text that ends between two words
+MIN_KEPT = 0.7
 STYLE: dict[Any, Any] = {
     "svg.hashsalt": "modelsel",
     "svg.fonttype": "none",
@@ -118,8 +120,19 @@ def choose_unit(unit: str, largest: float) -> tuple[float, str]:
 
 
 def shorten(text: str, longest: int) -> str:
-    """Return a name cut to a length, with an ellipsis."""
+    """Return a text cut to a length, with an ellipsis; between words where that leaves most of it."""
     if len(text) <= longest:
         return text
-    kept = text[: longest - 1].rstrip(" ·&")
-    return kept + "…"
+    kept = text[: longest - 1]
+    words, _, _ = text[:longest].rpartition(" ")
+    if len(words) > MIN_KEPT * longest:
+        kept = words
+    return kept.rstrip(" ·&,;:") + "…"
+
+
+def shorten_clause(sentence: str, longest: int) -> str:
+    """Return a sentence, or where it is longer than that the clause it begins with."""
+    if len(sentence) <= longest:
+        return sentence
+    clause, _, _ = sentence.partition(": ")
+    return shorten(clause, longest)

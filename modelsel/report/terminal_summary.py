@@ -14,7 +14,7 @@ from ..results.finding_schema import FindingRecord
 from ..results.quantities import format_figure
 from ..results.repeatability import summarise_repeatability
 from ..results.schema import StudyRecord
-from ..results.small_findings import split_findings
+from ..results.small_findings import split_findings, write_sum
 from ..results.study_sentences import (
     describe_name_probability,
     describe_outliers,
@@ -82,21 +82,20 @@ def _write_findings(
     if left_out:
         lines.append(f"{'…':>{SIZE_WIDTH}}  {left_out} more, which --verbose shows")
     if grouped and record.small_findings is not None:
-        small = record.small_findings.sentence.partition(":")[0].rstrip(".")
-        lines += fold_text(f"{small}.", width)
+        lines += fold_text(write_sum(record.small_findings), width)
     return lines
 
 
 def _measure_size(finding: FindingRecord) -> float:
-    """Measure by what findings are sorted [mm]; faults of the data come first."""
+    """Measure by what findings are sorted [mm]; faults of single rows come first."""
     return inf if finding.worst is None else finding.worst.mm
 
 
 def _write_finding(finding: FindingRecord, drawn: FindingDetailsRecord, width: int) -> list[str]:
     """Write a finding: how much it moves, what it says as far as it is proven, and its standing."""
-    if finding.first.is_fault:
-        return fold_text(f"{'–':>{SIZE_WIDTH}}  {finding.sentence}", width, hanging=HANGING)
     worst = finding.worst
+    if finding.first.is_fault and worst is None:
+        return fold_text(f"{'–':>{SIZE_WIDTH}}  {finding.sentence}", width, hanging=HANGING)
     size = "–" if worst is None else format_figure(worst.mm)
     lines = fold_text(f"{size:>{SIZE_WIDTH}}  {drawn.what}", width, hanging=HANGING)
     return lines + fold_text(_describe_standing(finding, drawn.label), width, HANGING)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from ..diagnosis.signatures import LEVELS
 from .finding_schema import EntryRecord, FindingRecord
 from .schema import StudyRecord
-from .study_sentences import format_mm
+from .study_sentences import format_gain
 
 MODEL, ADJUST, MEASURE, REPLACE = "Model", "Adjust", "Measure", "Replace"
 # effects of the instrument, its set-up or the target: nothing of them belongs in a controller
@@ -37,13 +37,10 @@ class Advice(NamedTuple):
         """The fall of the error in figures; a dash where undefined."""
         if self.gain_mm is None:
             return "–"
-        text = format_mm(self.gain_mm)
-        if float(text) == 0 != self.gain_mm:
-            text = f"{self.gain_mm:.1g}"
-        text = text.replace("-", "−")
+        text = format_gain(self.gain_mm)
         if self.interval_mm is None:
             return text
-        low, high = (f"{end:.2g}".replace("-", "−") for end in self.interval_mm)
+        low, high = map(format_gain, self.interval_mm)
         return f"{text} ({low} to {high})"
 
 
@@ -108,7 +105,7 @@ BY_STEM = {
     "tracker-scale": _INSTRUMENT,
     "refraction": _INSTRUMENT,
 }
-_FAULT = (MEASURE, "again the rows that it concerns, or correct them in the file")
+_FAULT = (MEASURE, "the rows that it concerns again, or correct them in the file")
 _DOUBTFUL = (
     MEASURE,
     "more configurations before anything is done; held-out ones do not confirm it",

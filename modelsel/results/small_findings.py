@@ -38,6 +38,12 @@ def write_number(count: int) -> str:
     return NUMBERS[count] if count < len(NUMBERS) else str(count)
 
 
+def write_sum(small: SmallFindingsRecord) -> str:
+    """Return how many they are and their sum, as a sentence without their names."""
+    counted, _, _ = small.sentence.partition(":")
+    return f"{counted.rstrip('.')}."
+
+
 def split_findings(
     findings: Sequence[FindingRecord], small: SmallFindingsRecord | None
 ) -> tuple[list[int], list[int]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from math import ceil, log10
 
 from ..diagnosis.stated_probability import (
     describe_level_probability,
@@ -20,8 +21,8 @@ from .small_findings import split_findings
 
 # what the table of subsets is for, said with it
 TABLE_PURPOSE = (
-    "The table asks which names predict best together, and may add one that chance brought; naming asks of each whether "
-    "chance would do as well, over all that was scanned: only that finds, and the two may differ."
+    "The table asks which names predict best together, and may add one by chance; naming asks of each whether chance "
+    "would do as well, over all that was scanned. Only naming makes findings, and the two may differ."
 )
 # the sets of effects that the search has weighed, and what their table is for
 SETS_TITLE = "Sets of effects that would do"
@@ -58,6 +59,15 @@ def format_mm(value: float | None) -> str:
     if value is None:
         return "–"
     return f"{value:.3f}" if value < LARGEST_FINE_MM else f"{value:.2f}"
+
+
+def format_gain(value: float) -> str:
+    """Return a change of a length [mm] as `format_mm` does, with the first digit of one that is smaller."""
+    text = format_mm(value)
+    if float(text) == 0 != value:
+        places = ceil(-log10(abs(value)))
+        text = f"{value:.{places}f}"
+    return text.replace("-", "−")
 
 
 def format_p(p: float | None) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -21,10 +21,12 @@ SHORTEST_BAR = 0.08  # em
 
 
 def label_models(models: Sequence[Sequence[str]]) -> list[str]:
-    """Return what each model adds to the one above it, or all of it; a model is the names of its mechanisms."""
+    """Return what each model adds to the one above it, or all of it; a model is the names of its mechanisms. A name
+    that a model has several times is numbered, as the symbols of its parameters are."""
+    repeated = {name for names in models for name in names if names.count(name) > 1}
     labels: list[str] = []
     above: list[str] = []
-    for names in map(list, models):
+    for names in (_number_repeated(names, repeated) for names in models):
         common = len(above)
         extends = len(names) > common and names[:common] == above
         if above and extends:
@@ -34,6 +36,15 @@ def label_models(models: Sequence[Sequence[str]]) -> list[str]:
             labels.append(" + ".join(names) or "set-up alone")
         above = names
     return labels
+
+
+def _number_repeated(names: Sequence[str], repeated: Collection[str]) -> list[str]:
+    """Return the names of a model, with their number where they are repeated ones."""
+    numbered = []
+    for place, name in enumerate(names):
+        number = names[: place + 1].count(name)
+        numbered.append(f"{name} ({number})" if name in repeated else name)
+    return numbered
 
 
 def label_ladder(record: StudyRecord) -> list[str]:

@@ -245,7 +245,7 @@ def _advance(walk: Walk, steps: int, keeper: Keeper | None, needed: float | None
 def _describe_advance(done: int, next_look: int, needed: float | None) -> News:
     """Describe how far a chain is; before the first look nobody knows how long it must be."""
     if needed is None:
-        return News(f"{done:,} steps, at {next_look:,} it shows how many are needed")
+        return News(f"{done:,} of at least {next_look:,} steps")
     most = max(next_look, needed)
     return News(f"{done:,} of {most:,.0f} steps", done / most)
 

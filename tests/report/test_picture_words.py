@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,12 +10,23 @@ import pytest
 
 from modelsel.report.drawing import read_source
 from modelsel.report.figures import parameter_plots
-from modelsel.report.figures.arm import find_room
-from modelsel.report.figures.ladder import _scale
+from modelsel.report.figures.arm import draw_frames, find_room
+from modelsel.report.figures.ladder import _scale, choose_ticks, draw_ladder
+from modelsel.report.figures.space import draw_joints
 from modelsel.report.pages.parameter_uncertainty import write_residuals_page
 from modelsel.report.pdf import fill_template
+from modelsel.report.style import shorten, shorten_clause
+from modelsel.results.details_schema import ArmRecord
+from modelsel.results.quantities import format_figure
 
 LEFT = np.array([-1.0, 0.2])
+WORDS = re.compile(r'<text [^>]*x="([-0-9.]+)" y="([-0-9.]+)"[^>]*>([^<]*)</text>')
+
+
+def read_words(picture: bytes) -> list[tuple[str, float, float]]:
+    """The words of a picture and where they stand, in points from its upper left corner."""
+    found = WORDS.findall(picture.decode())
+    return [(words, float(x), float(y)) for x, y, words in found]
 
 
 @pytest.mark.parametrize("x", [0.15, 0.34, 2.0])
@@ -28,6 +40,67 @@ def test_target_at_the_edge_is_whole_and_on_no_frame(x) -> None:
         inside = ((points > box[0]) & (points < box[1])).all(1)
         assert not inside.any()
     assert (first[1] <= second[0]).any() or (second[1] <= first[0]).any()
+
+
+def test_words_cover_no_link_where_another_place_is_free() -> None:
+    place = np.array([1.0, 1.0])
+    across = np.array([[0.2, 1.03], [1.8, 1.03]])
+    link = across[0] + np.linspace(0, 1, 40)[:, None] * (across[1] - across[0])
+    points = np.vstack([place, across])
+    for links, is_clear in ((link, True), (None, False)):
+        low, high = find_room("5 6", place, LEFT, points, [], links)
+        covered = ((link > low) & (link < high)).all(1).any()
+        assert covered != is_clear
+
+
+@pytest.mark.parametrize("frames", [4, 8, 9, 10, 13])
+def test_names_of_all_frames_are_whole_and_apart_from_axes(frames) -> None:
+    along = np.arange(frames + 1.0)
+    origins = np.stack([100 * along, 0 * along, 50 * np.sin(along)], 1)
+    values = {"origins_mm": origins.tolist(), "axes": [np.eye(3).tolist()] * (frames + 1)}
+    picture = draw_frames(ArmRecord.model_validate(values | {"slides": [False] * (frames - 1)}))
+    height = float(re.search(rb'height="([0-9.]+)pt"', picture)[1])
+    words = read_words(picture)
+    names = [(x, y) for name, x, y in words if name.startswith("frame ")]
+    letters = [(x, y) for name, x, y in words if name in ("x", "y", "z")]
+    assert len(names) == frames - 1
+    assert all(6 < y < height for _, y in names + letters)
+    for x, y in names:
+        assert all(abs(y - other) > 7 or abs(x - at) > 20 for at, other in letters)
+
+
+def test_numbers_of_a_joint_that_slides_stand_apart(drawn) -> None:
+    details = read_source(drawn).details
+    slide = details.joints[0].model_copy(update={"unit": "mm", "limits": None})
+    rows = details.rows.q
+    moved = [[300.0 * k / len(rows), *row[1:]] for k, row in enumerate(rows)]
+    joints = [slide, *details.joints[1:]]
+    changed = {"joints": joints, "rows": details.rows.model_copy(update={"q": moved})}
+    words = read_words(draw_joints(details.model_copy(update=changed)))
+    places = sorted(x for name, x, _ in words if name.endswith(" mm"))
+    assert len(places) >= 3
+    assert min(np.diff(places)) > 30
+
+
+def test_a_short_logarithmic_axis_has_several_numbers() -> None:
+    assert choose_ticks(0.7, 9.0) == [1.0, 2.0, 5.0]
+    assert choose_ticks(0.02, 11.0) == [0.1, 1.0, 10.0]
+
+
+def test_ladder_s_figures_are_those_of_the_verdict(drawn) -> None:
+    record = read_source(drawn).record
+    words = [word for word, _, _ in read_words(draw_ladder(record))]
+    chosen = format_figure(record.ladder[-1].held_out.rms_mm)
+    assert chosen in words
+    assert f"to {chosen} mm rms" in record.verdict[0]
+
+
+def test_long_words_end_between_two_words_or_with_their_clause() -> None:
+    sentence = "Joint 3 steps where its torque changes sign: play would yield to it"
+    assert shorten_clause(sentence, 80) == sentence
+    assert shorten_clause(sentence, 50) == "Joint 3 steps where its torque changes sign"
+    assert shorten(sentence, 60) == "Joint 3 steps where its torque changes sign: play would…"
+    assert shorten("encoder-eccentricity:4", 10) == "encoder-e…"
 
 
 def test_zone_of_noise_has_room_for_its_words(drawn) -> None:

@@ -24,6 +24,8 @@ from modelsel.exceptions import StudyError
 from modelsel.report import drawing
 from modelsel.report.document import collect_blocks, walk_blocks
 from modelsel.report.pdf import ReportError, compile_pdf, fill_template
+from modelsel.report.terminal_summary import summarise_study
+from modelsel.results.quantities import format_figure
 from modelsel.results.storage import WRITES
 from modelsel.results.study_sentences import TABLE_PURPOSE
 from modelsel.study.runner import run_study
@@ -222,7 +224,7 @@ def test_one_measure_of_error_in_text_and_pictures(drawn) -> None:
     assert "mean error" not in words
     assert "mean position" not in words + source.pictures["ladder.svg"].decode()
     last = source.record.ladder[-1].held_out
-    assert f"{last.rms_mm:.2g}" in source.pictures["ladder.svg"].decode()
+    assert format_figure(last.rms_mm) in source.pictures["ladder.svg"].decode()
 
 
 def within_margins(file: Path | io.BytesIO) -> None:
@@ -474,6 +476,35 @@ def test_no_finding_no_sampling_no_outlier(drawn) -> None:
     )
     assert pdf.startswith(b"%PDF")
     assert not warnings
+
+
+def fault_of(finding: dict, rows: list[int]) -> dict:
+    """The finding as a fault of the data that concerns some rows."""
+    first, *others = finding["credible_set"]
+    named = first | {"mechanism": "fault:tracker-bumped"}
+    return finding | {"credible_set": [named, *others], "rows": rows}
+
+
+def test_a_fault_is_told_once_and_its_rows_with_the_outliers(drawn) -> None:
+    result, details = written(drawn)
+    result["findings"][1] = fault_of(result["findings"][1], [3, 5])
+    details["findings"][1]["label"] = "fault:tracker-bumped"
+    source = source_of(result, details)
+    lines = summarise_study(source.record, source.details, 80)
+    assert any(line.endswith(details["findings"][1]["what"]) for line in lines)
+    words = [b for b in collect_blocks(source, drawing.PAGES, ("outliers",)) if "items" in b]
+    assert words[0]["items"] == [
+        f"Finding 2, fault:tracker-bumped, concerns 2 rows ({source.where.listed([3, 5])})."
+    ]
+
+
+def test_steps_of_the_search_say_what_changed(drawn) -> None:
+    result, details = written(drawn)
+    result["path"] = ["+ backlash:3", "backlash:3 -> backlash:3", "- a", "b -> c"]
+    blocks = collect_blocks(source_of(result, details), drawing.PAGES, ("provenance",))
+    said = " ".join(b.get("text", "") for b in blocks)
+    steps = "+ backlash:3; backlash:3 → backlash:3 in another form; − a; b → c."
+    assert said.count(f"in this order: {steps}") == 1
 
 
 def extended(result: dict, rng: np.random.Generator) -> dict:

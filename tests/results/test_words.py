@@ -111,10 +111,10 @@ def test_a_parameters_quantiles_have_one_unit() -> None:
         "closed_form_high": None,
     }
     assert _format_quantiles(QuantilesRecord(name="p", **found)) == [
-        "-60.9",
+        "−60.9",
         "0.7",
         "63.5",
-        "-60.5",
+        "−60.5",
         "–",
         "µrad",
     ]
@@ -161,6 +161,16 @@ def test_the_set_up_alone_has_a_name_in_every_table() -> None:
     ]
 
 
+def test_a_mechanism_that_a_model_has_twice_is_numbered() -> None:
+    bumped = "fault:tracker-bumped"
+    once, twice = ["geometric", bumped, "backlash:3"], ["geometric", bumped, "backlash:3", bumped]
+    assert label_models([["geometric"], once, twice]) == [
+        "geometric",
+        f"+ {bumped} (1) + backlash:3",
+        f"+ {bumped} (2)",
+    ]
+
+
 def test_a_robot_without_masses_says_so() -> None:
     assert load_robot("puma760").joints[0].mass is None
     shown = CliRunner().invoke(run_command_line, ["robots", "puma760"]).output
@@ -189,6 +199,7 @@ def test_a_fitted_effect_is_drawn_whole() -> None:
     assert panel_height(points, 0.5 * points) == pytest.approx(1.15 * 0.98)
     assert panel_height(points, 2.0 * points) == pytest.approx(2.1)
     assert panel_height(points, 1e6 * points) == pytest.approx(3 * 1.15 * 0.98)
+    assert panel_height(points, 1e6 * points, np.inf) == pytest.approx(1.05e6)
     assert panel_height(0 * points, 0 * points) > 0
 
 

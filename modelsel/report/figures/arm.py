@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from textwrap import wrap
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from ..._typing import Array
 from ...results.details_schema import ArmRecord
-from ..style import BLUE, INK, ORANGE, QUIET, WIDTH, shorten, svg, use_style
+from ..style import BLUE, INK, ORANGE, QUIET, WIDTH, shorten_clause, svg, use_style
 
 ELEVATION = 24.0  # degrees
 AZIMUTHS = np.arange(-160.0, 180.0, 10.0)
@@ -22,6 +23,7 @@ ARM_WIDTH = 2.9  # inch
 MARGIN = 0.34  # inch about the arm
 LABEL_ROOM = 0.4  # inch for a word right of it
 PEDESTAL = 0.22  # inch below frame 0
+LINK_POINTS = 25  # of a link, that no words may cover
 MARKED_TOGETHER = 0.3  # inch below which frames share a row of marks
 # inch below which frames stand at one point of the picture
 SAME_POINT = 0.14
@@ -31,7 +33,8 @@ NUMBER_OFFSET = 0.18  # inch from a frame to its number
 EDGE, LETTER, WORD_HEIGHT, DOT = 0.02, 0.075, 0.13, 0.04
 MARK_STEP = 0.17  # inch from one mark to the next
 LARGEST_LINE = 0.25  # inch between the lines of a list
-TRIAD_COLUMNS = 4
+TRIAD_COLUMNS, MANY_COLUMNS = 4, 5  # triads in a row; of more than two such rows
+TRIAD_ROW = 1.1  # inch that a triad needs with its name
 TRIAD = 0.27  # inch: an axis of a triad
 AXIS_COLOURS = (ORANGE, QUIET, BLUE)
 HIDDEN = 0.2  # share of an axis below which it points at the reader
@@ -50,6 +53,15 @@ class _Drawing:
     def last(self) -> int:
         """The target's place among the points."""
         return len(self.points) - 1
+
+    @property
+    def links(self) -> Array:
+        """Points close together along the links, the one to the ground among them."""
+        foot = self.points[0] - np.array([0.0, PEDESTAL])
+        chain = np.vstack([foot, self.points])
+        steps = np.linspace(0, 1, LINK_POINTS)[:, None]
+        along = [start + steps * (end - start) for start, end in pairwise(chain)]
+        return np.concatenate(along)
 
     def group_frames(self, within: float = SAME_POINT) -> list[list[int]]:
         """Group the frames that stand within some inches of each other, in their order."""
@@ -72,15 +84,18 @@ class _Drawing:
 
 def draw_frames(arm: ArmRecord) -> bytes:
     """Draw the arm with its frames numbered, and beside it the axes of every frame in the same view."""
-    drawing = _place_arm(arm, FRAMES_HEIGHT)
-    lines = -(-drawing.last // TRIAD_COLUMNS)
-    width, height = (WIDTH - ARM_WIDTH) / TRIAD_COLUMNS, FRAMES_HEIGHT / lines
+    frames = len(arm.origins_mm) - 1
+    columns = TRIAD_COLUMNS if frames <= 2 * TRIAD_COLUMNS else MANY_COLUMNS
+    lines = -(-frames // columns)
+    sheet = max(FRAMES_HEIGHT, TRIAD_ROW * lines)
+    drawing = _place_arm(arm, sheet)
+    width, height = (WIDTH - ARM_WIDTH) / columns, sheet / lines
     with use_style() as sheets:
-        fig, ax = _open_sheet(sheets, FRAMES_HEIGHT)
+        fig, ax = _open_sheet(sheets, sheet)
         _draw_chain(ax, drawing)
         for frame in range(1, len(drawing.points)):
-            row, column = divmod(frame - 1, TRIAD_COLUMNS)
-            place = (ARM_WIDTH + (column + 0.5) * width, FRAMES_HEIGHT - (row + 0.45) * height)
+            row, column = divmod(frame - 1, columns)
+            place = (ARM_WIDTH + (column + 0.5) * width, sheet - (row + 0.45) * height)
             name = "target" if frame == drawing.last else f"frame {frame}"
             _draw_triad(ax, np.array(place), drawing.view @ drawing.axes[frame], name)
         return svg(fig, "The arm with its frames")
@@ -98,14 +113,16 @@ def draw_marked(arm: ArmRecord, marks: Sequence[tuple[str, str, Sequence[int]]])
         for line, (number, what, _) in enumerate(marks):
             y = top - step * line
             _draw_mark(ax, (ARM_WIDTH + 0.2, y), number)
-            words = _break_words(what) if step >= LARGEST_LINE else shorten(what, LONGEST_MARK)
+            words = (
+                _break_words(what) if step >= LARGEST_LINE else shorten_clause(what, LONGEST_MARK)
+            )
             ax.text(ARM_WIDTH + 0.36, y, words, fontsize=7, va="center", color=INK)
         return svg(fig, "The arm with what was found")
 
 
 def _break_words(what: str) -> str:
     """Return a sentence in two lines at most."""
-    lines = wrap(shorten(what, 2 * LONGEST_MARK - 8), LONGEST_MARK)
+    lines = wrap(shorten_clause(what, 2 * LONGEST_MARK - 8), LONGEST_MARK)
     return "\n".join(lines[:2])
 
 
@@ -185,17 +202,23 @@ def _write_numbers(ax: Any, drawing: _Drawing) -> None:
     for group in drawing.group_frames():
         names = ["target" if frame == drawing.last else str(frame) for frame in group]
         words = " ".join(names)
-        box = find_room(words, *drawing.point_away(group), drawing.points, written)
+        where = drawing.point_away(group)
+        box = find_room(words, *where, drawing.points, written, drawing.links)
         written.append(box)
         style = {"fontsize": 8, "fontweight": "bold", "color": INK, "zorder": 4}
         ax.text(*box.mean(0), words, ha="center", va="center", **style)
 
 
 def find_room(
-    words: str, place: Array, away: Array, points: Array, written: Sequence[Array]
+    words: str,
+    place: Array,
+    away: Array,
+    points: Array,
+    written: Sequence[Array],
+    links: Array | None = None,
 ) -> Array:
     """Find where words go beside a place: the box (2, 2), low and high corner [inch], that is whole in the picture
-    and covers no frame and no other words; the first tried where there is none."""
+    and covers no frame, no other words and if it can be no link; the first tried where there is none."""
     half = 0.5 * np.array([LETTER * len(words), WORD_HEIGHT])
     beside = np.array([half[0] * np.sign(away[0] or 1.0), 0.0])
     upwards = 1.0 if away[1] > 0 else -1.0
@@ -205,7 +228,11 @@ def find_room(
             above = place + np.array([0.0, sign * distance])
             centres += [above, above + beside, above - beside]
     boxes = [np.stack([centre - half, centre + half]) for centre in centres]
-    return next((box for box in boxes if _is_free(box, points, written)), boxes[0])
+    free = [box for box in boxes if _is_free(box, points, written)]
+    if links is not None:
+        clear = [box for box in free if _is_free(box, links, ())]
+        free = clear or free
+    return free[0] if free else boxes[0]
 
 
 def _is_free(box: Array, points: Array, written: Sequence[Array]) -> bool:

@@ -33,6 +33,8 @@ LONGEST_AXIS = 30  # letters
 FEW_VALUES = 6
 # spreads points that share a value, evenly and without chance
 GOLDEN_RATIO = 0.6180339887
+# heights of the points up to which a panel shows the fitted effect whole
+MAX_CURVE = 3.0
 # of a panel's height, for residuals that are all zero
 SMALLEST_HEIGHT = 1e-12
 
@@ -97,10 +99,14 @@ def _scale_panel(record: PanelRecord) -> _Panel:
     )
 
 
+def _has_few_values(x: Array) -> bool:
+    return len(np.unique(x)) <= FEW_VALUES
+
+
 def _draw_points(ax: Any, panel: _Panel) -> None:
     """Draw the residuals, larger where their lever is; points that share a value beside each other."""
     x = panel.x
-    if len(np.unique(x)) <= FEW_VALUES:
+    if _has_few_values(x):
         offset = np.arange(len(x)) * GOLDEN_RATIO % 1 - 0.5
         x = x + 0.05 * np.ptp(x) * offset
     ax.axhline(0, color="#BBBBBB", lw=0.7)
@@ -166,19 +172,21 @@ def average_sides(x: Array, y: Array, weight: Array) -> tuple[Array, Array]:
     return places, _weighted_means(y, sides, weight)
 
 
-def panel_height(points: Array, curve: Array) -> float:
-    """Return up to where a panel is drawn: nearly all points, and the fitted effect whole unless it is several times
+def panel_height(points: Array, curve: Array, most: float = MAX_CURVE) -> float:
+    """Return up to where a panel is drawn: nearly all points, and the fitted effect whole unless it is `most` times
     as high."""
     nearly_all = np.percentile(np.abs(points), 98)
     usual = 1.15 * float(nearly_all)
     largest = np.abs(curve).max(initial=0.0)
     whole = 1.05 * float(largest)
-    return max(usual, min(whole, 3 * usual), SMALLEST_HEIGHT)
+    return max(usual, min(whole, most * usual), SMALLEST_HEIGHT)
 
 
 def _label_panel(ax: Any, panel: _Panel) -> None:
     record = panel.record
-    top = panel_height(np.concatenate([panel.before, panel.after]), panel.curve)
+    # where a cause has few values, as before and after a jump, few points may stand at one of them
+    most = np.inf if _has_few_values(panel.x) else MAX_CURVE
+    top = panel_height(np.concatenate([panel.before, panel.after]), panel.curve, most)
     ax.set_ylim(-top, top)
     unit = "°" if record.against_unit == "deg" else record.against_unit
     bracket = "" if unit == "1" else f" [{unit}]"

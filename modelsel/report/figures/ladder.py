@@ -12,6 +12,7 @@ import numpy as np
 from ..._typing import Array, Index
 from ...results.details_schema import DetailsRecord
 from ...results.model_schema import RungRecord
+from ...results.quantities import format_figure
 from ...results.schema import NoiseFloorRecord, StudyRecord
 from ...results.tables import label_models
 from ..style import (
@@ -80,13 +81,13 @@ class _Scale:
         """One row per rung."""
         return np.arange(len(self.shown))
 
-    @property
-    def ticks(self) -> list[float]:
-        """Powers of ten, and 2 and 5 times these where the axis is short."""
-        is_short = np.log10(self.high / self.low) < 2
-        factors = (1, 2, 5) if is_short else (1,)
-        ticks = np.outer(10.0 ** np.arange(-6, 5), factors).ravel()
-        return [float(tick) for tick in ticks if self.low <= tick <= self.high]
+
+def choose_ticks(low: float, high: float) -> list[float]:
+    """Choose the ticks of a logarithmic axis: powers of ten, and 2 and 5 times these where it is short."""
+    is_short = np.log10(high / low) < 2
+    factors = (1, 2, 5) if is_short else (1,)
+    ticks = np.outer(10.0 ** np.arange(-6, 5), factors).ravel()
+    return [float(tick) for tick in ticks if low <= tick <= high]
 
 
 def draw_ladder(record: StudyRecord) -> bytes:
@@ -137,7 +138,7 @@ def _draw_noise(ax: Any, scale: _Scale) -> None:
     ax.text(
         np.sqrt(scale.low * scale.noise),
         rungs / 2 - 0.5 if is_tall else -0.55,
-        f"noise alone: {scale.noise:.2g} mm",
+        f"noise alone: {format_figure(scale.noise)} mm",
         rotation=90 if is_tall else 0,
         ha="center",
         va="center",
@@ -155,7 +156,7 @@ def _draw_rungs(ax: Any, scale: _Scale) -> None:
     if scale.is_held_out:
         ax.plot(scale.shown, rows, "o", ms=4.5, color=AFTER, label="held-out configurations")
     for row, shown in enumerate(scale.shown):
-        figure = f"{shown:.2g}" if shown < 0.1 else f"{shown:.2f}"
+        figure = format_figure(shown) if np.isfinite(shown) else "–"
         ax.annotate(
             figure,
             (np.nanmax([scale.estimation[row], shown]), row),
@@ -172,7 +173,7 @@ def _label_ladder(ax: Any, scale: _Scale, labels: Sequence[str]) -> None:
     rungs = len(labels)
     ax.set_yticks(scale.rows, [shorten(label, LONGEST_NAME) for label in labels], color=INK)
     ax.set_ylim(rungs - 0.5, -0.6 if rungs > FEW_RUNGS else -0.8)
-    ax.set_xticks(scale.ticks)
+    ax.set_xticks(choose_ticks(scale.low, scale.high))
     ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     ax.xaxis.set_minor_formatter(lambda value, _: "")
     ax.set_xlabel("rms position error [mm], logarithmic")
@@ -197,6 +198,8 @@ def draw_error_distribution(record: StudyRecord, details: DetailsRecord) -> byte
             residual = np.array(details.rungs[rung].residual_mm)[rows]
             _draw_distribution(ax, residual, labels[rung], number, rung == drawn[-1])
         ax.set_xscale("log")
+        low, high = ax.get_xlim()
+        ax.set_xticks(choose_ticks(low, high))
         ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
         ax.xaxis.set_minor_formatter(lambda value, _: "")
         ax.set_ylim(0, 1.01)

@@ -13,6 +13,7 @@ from ...results.details_schema import DetailsRecord, JointRecord
 from ..style import BLUE, HALF_WIDTH, INK, ORANGE, QUIET, svg, use_style
 
 HEIGHT = 2.3  # inch
+MAX_LENGTHS = 4  # intervals between the numbers below a joint that slides
 VIEW = (22.0, -58.0)  # elevation, azimuth in degrees: the same in every picture
 
 Mask = NDArray[np.bool_]
@@ -54,6 +55,8 @@ def _draw_readings(ax: Any, joint: JointRecord, readings: Array, estimation: Mas
     ax.set_yticks([])
     ax.spines[["left", "bottom"]].set_visible(False)
     ax.tick_params(labelsize=6.5, length=2, pad=1)
+    if not is_angle:
+        ax.locator_params(axis="x", nbins=MAX_LENGTHS)
     ax.xaxis.set_major_formatter(lambda value, _: f"{value:.0f}{unit}")
 
 

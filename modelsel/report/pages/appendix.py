@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from ...results.schema import StudyRecord
-from ...results.study_sentences import describe_outliers
+from ...results.study_sentences import count_rows, describe_outliers
 from ..document import Block, Source, make_heading, make_list, make_table, make_text
+from .findings import name_finding
 
 MAX_ROWS = 60  # numbers of outlying rows
+MAX_FAULTY_ROWS = 12  # numbers of the rows of a fault
 HASH_NAMES = {"data_sha256": "measurements, SHA-256", "study_sha256": "study file, SHA-256"}
 
 
@@ -14,13 +16,26 @@ def write_outliers_page(source: Source) -> list[Block]:
     """Write the rows left out, faults of the data, warnings."""
     record = source.record
     blocks = [make_heading("Outliers and warnings"), make_text(_outlier_sentence(source))]
-    faults = [finding.sentence for finding in record.findings if finding.first.is_fault]
+    faults = _list_faults(source)
     if faults:
         blocks.append(make_list(faults))
     if record.warnings:
         warnings = [warning.sentence for warning in record.warnings]
         blocks += [make_heading("Warnings", 2), make_list(warnings)]
     return blocks
+
+
+def _list_faults(source: Source) -> list[str]:
+    """Return which rows each finding concerns that is a fault of the data; it is told among the findings."""
+    sentences = []
+    for number, finding in enumerate(source.record.findings, 1):
+        rows = finding.rows or []
+        if not finding.first.is_fault or not rows:
+            continue
+        name = name_finding(finding, source.details.findings[number - 1])
+        listed = source.where.listed(rows, MAX_FAULTY_ROWS)
+        sentences.append(f"Finding {number}, {name}, concerns {count_rows(rows)} ({listed}).")
+    return sentences
 
 
 def _outlier_sentence(source: Source) -> str:
@@ -64,8 +79,16 @@ def write_provenance_page(source: Source) -> list[Block]:
 
 def _path_sentence(path: list[str]) -> str:
     """Return the steps of the search."""
-    steps = [step.replace("->", "→").replace("- ", "− ") for step in path]
+    steps = [_write_step(step) for step in path]
     return (
         "An effect joined (+), was dropped (−) or got a better name (→), in this order: "
-        f"{';  '.join(steps)}."
+        f"{'; '.join(steps)}."
     )
+
+
+def _write_step(step: str) -> str:
+    """Return a step of the search; a name that stays has another form of the same."""
+    before, arrow, after = step.partition(" -> ")
+    if arrow and before == after:
+        return f"{after} → {after} in another form"
+    return step.replace("->", "→").replace("- ", "− ")

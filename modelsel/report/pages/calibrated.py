@@ -113,7 +113,10 @@ def _write_mechanisms(mechanisms: Sequence[SignificanceRecord]) -> list[Block]:
     names = [one.mechanism for one in mechanisms]
     columns = [("mechanism", "left"), *((name, "right") for name in figures)]
     rows = list(zip(names, *figures.values(), strict=True))
-    caption = "Mean and worst displacement of the target by each mechanism. Held-out: rms without it and with it."
+    caption = (
+        "Mean and worst displacement of the target by each mechanism, over the measured configurations. Held-out: rms "
+        "without it and with it."
+    )
     if "stable" in figures:
         caption += " Stable: share of half-samples in which it stays significant."
     if {"nominal p", "stable"} & set(figures):

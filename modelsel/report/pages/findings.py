@@ -11,10 +11,11 @@ from ...results.details_schema import FindingDetailsRecord
 from ...results.finding_advice import advise
 from ...results.finding_schema import EntryRecord, FindingRecord
 from ...results.schema import StudyRecord
-from ...results.small_findings import split_findings
+from ...results.small_findings import split_findings, write_sum
 from ...results.study_sentences import (
     count_rows,
     describe_probability,
+    format_gain,
     format_mm,
     label_entries,
     weigh_listed_record,
@@ -31,12 +32,12 @@ PICTURE_MM = 70.0
 MAX_NAMES = 8  # explanations of a credible set
 HOW_TO_READ = (
     "Open squares: what the model without the effect leaves about its axis; blue: what the chosen model leaves; large "
-    "marks: means; orange: the fitted effect. Where the squares follow the line and the blue lies flat, the effect is there "
-    "and gone."
+    "marks: means; orange: the fitted effect. Where the squares follow the line and the blue lies flat, the effect is there, "
+    "and the model removes it."
 )
 LEVELS = (
-    "Levels: how probable it is what moves (place), on what that depends (drivers), how (shape) and why (cause). A finding "
-    "claims the deepest that reaches 0.9."
+    "Levels: the probability of what moves (place), of what it depends on (drivers), of how (shape) and of why (cause). A "
+    "finding claims the deepest level that reaches 0.9."
 )
 REMEDIES = (  # names in a cause, how to measure again
     (("progress", "time_s", "temperature_C"), "measured again at another time of the campaign"),
@@ -65,17 +66,23 @@ def _write_grouped(source: Source, grouped: Sequence[int]) -> list[Block]:
     record, details = source.record, source.details
     if not grouped or record.small_findings is None:
         return []
-    rows = [_grouped_row(record.findings[k], details.findings[k]) for k in grouped]
-    columns = [("finding", "left"), ("what goes wrong", "left"), ("rms, mm", "right")]
+    rows = [[str(k + 1), *_grouped_row(record.findings[k], details.findings[k])] for k in grouped]
+    columns = [
+        ("", "right"),
+        ("finding", "left"),
+        ("what goes wrong", "left"),
+        ("rms, mm", "right"),
+    ]
     columns += [("at most, mm", "right"), ("probability", "left")]
     caption = (
         "rms: at the measured configurations, beyond the other findings that matter; at most: in the workspace. All that "
         "is known of them is in result.json and in report.html."
     )
+    table = make_table(columns, rows, caption, [0.0, 0.4, 1.0, 0.0, 0.0, 0.0])
     return [
         make_heading("Smaller findings", 2),
-        make_text(record.small_findings.sentence),
-        make_table(columns, rows, caption, [0.4, 1.0, 0.0, 0.0, 0.0]),
+        make_text(write_sum(record.small_findings), keep=True),
+        table | {"breaks": True},
     ]
 
 
@@ -187,9 +194,9 @@ def _describe_change(interval: Sequence[float] | None) -> str:
         return ""
     low, high = interval
     if low < 0 < high:
-        return f" (95 %: {-low:.2g} mm more to {high:.2g} mm less)"
-    near, far = sorted(map(abs, interval))
-    return f" (95 %: {near:.2g} to {far:.2g} mm {'less' if low >= 0 else 'more'})"
+        return f" (95 %: {format_gain(-low)} mm more to {format_gain(high)} mm less)"
+    near, far = map(format_gain, sorted(map(abs, interval)))
+    return f" (95 %: {near} to {far} mm {'less' if low >= 0 else 'more'})"
 
 
 # -- rivals

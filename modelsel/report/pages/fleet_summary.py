@@ -21,7 +21,8 @@ MAX_STUDIES = 45  # lines of the table; a larger fleet has the others in summary
 MAX_NAMES = 14  # findings that are counted
 MAX_FAILURES = 12  # failures that are listed
 MAX_MENTIONED = 6  # studies named beside a warning or failure
-LONGEST_REASON = 160  # letters of a warning or reason
+LONGEST_REASON = 160  # letters of a reason
+LONGEST_WARNING = 400  # letters of a warning, of which each kind stands there once
 LONGEST_FINDING = 50  # letters of a finding's name
 LONGEST_STUDY = 30  # letters of a study's name in a list
 LONGEST_HEADER = 70  # letters
@@ -214,7 +215,7 @@ def _write_warnings(done: Sequence[Row], out: Path) -> list[Block]:
     if not sentences:
         return []
     lines = [
-        [code, shorten(sentence, LONGEST_REASON), _list_studies(list(studies[code].values()))]
+        [code, shorten(sentence, LONGEST_WARNING), _list_studies(list(studies[code].values()))]
         for code, sentence in sentences.items()
     ]
     columns = [("warning", "left"), ("what it says", "left"), ("studies", "left")]

@@ -45,8 +45,8 @@ CAMPAIGN_LABELS = {
 LONGEST_ADVICE = 160  # letters
 WORTH = "Worth: by how much the held-out rms error falls when it joins the model, with its interval"
 PROBABILITY = (
-    "Probability: of the cause; where that is not proven also of what is, place (what moves), drivers (on what that "
-    "depends) or shape"
+    "Probability: of the cause; where that is not proven, also of the deepest level that is: place (what moves), drivers "
+    "(what it depends on) or shape"
 )
 NAMED_COLUMNS = (
     ("", "right"),

@@ -29,8 +29,8 @@ UNIDENTIFIABLE = (
     "its usual size decides, and its standard error says how far; predictions where the target was measured are the same."
 )
 DRIVERS = (
-    "Measured minus predicted, by the chosen model. Means that leave the grey band together, or follow a curve, are an error "
-    "that repeats with what stands below the panel. As vectors in the workspace they are in report.html."
+    "Measured minus predicted, by the chosen model. Means that leave the grey band together, or follow a curve, show an "
+    "error that repeats with the quantity below it. report.html has the residuals as vectors in the workspace."
 )
 DETERMINED = "The data determine every parameter of the chosen model."
 
@@ -74,7 +74,9 @@ def _write_distribution(source: Source) -> list[Block]:
     caption = f"{title}: share of configurations whose error stays below a length. The further left and the steeper, the better."
     models = len(ladder.select_way(record))
     if models > ladder.MAX_CURVES:
-        caption += f" {ladder.MAX_CURVES} of the ladder's {models} models, called as there."
+        caption += (
+            f" {ladder.MAX_CURVES} of the first page's {models} models, by the names used there."
+        )
     words = f"Distribution of {side} errors per model. {_describe_errors(record)}".strip()
     return [source.add_figure("held-out", draw, caption, words)]
 
@@ -196,4 +198,5 @@ def _format_quantiles(one: QuantilesRecord) -> list[str]:
     exponent = int(f"{largest / factor:.2e}".partition("e")[2])
     decimals = max(2 - exponent, 0)
     figures = ["–" if value is None else f"{value / factor:.{decimals}f}" for value in values]
-    return [*figures, unit]
+    signed = [figure.replace("-", "−") for figure in figures]
+    return [*signed, unit]

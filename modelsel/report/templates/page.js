@@ -55,7 +55,7 @@
     const table = el("table", { class: "plain stack" }), rows = el("tbody");
     table.append(el("thead", {}, el("tr", {}, ...["finding", "what goes wrong, what to do", "worth, mm rms", "verdict"].map((h) => el("th", { scope: "col", text: h })))), rows);
     const open = (k) => {
-      const button = el("button", { type: "button", text: details.findings[k].label });
+      const button = el("button", { type: "button", text: `${k + 1}\u00a0${details.findings[k].label}` });
       button.addEventListener("click", () => openFinding(k));
       return button;
     };

@@ -51,7 +51,8 @@ function scatter(panel) {
   const all = [...panel.before, ...panel.after].map(Math.abs).sort((a, b) => a - b);
   const biggest = all.length ? all[Math.floor(0.98 * (all.length - 1))] : 1;
   const [factor, unit] = scaled(panel.unit, biggest);
-  const high = Math.max(biggest * factor * 1.2, 1e-12);
+  const most = new Set(panel.x).size <= 6 ? Infinity : 3 * biggest, curved = Math.min(Math.max(0, ...panel.curve[1].map(Math.abs)), most);
+  const high = Math.max(biggest * factor * 1.2, curved * factor * 1.05, 1e-12);
   let low = Math.min(...panel.x, ...panel.curve[0]), far = Math.max(...panel.x, ...panel.curve[0]);
   if (!(far > low)) { low -= 1; far += 1; }
   const room = 0.04 * (far - low), x0 = low - room, x1 = far + room;
