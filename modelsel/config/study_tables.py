@@ -329,8 +329,8 @@ class SearchTable(_Table):
         default=500.0,
         ge=50,
         le=1e6,
-        description="Memory for the values of the causes [MB]: kept if they take no more than three "
-        "quarters of it, else computed where they are needed; the results do not depend on it.",
+        description="Memory for the values of the causes [MB]: kept for as many rows as take no more "
+        "than 85 % of it, else computed where needed; the results do not depend on it.",
     )
     max_rows: int = Field(
         default=12_000,

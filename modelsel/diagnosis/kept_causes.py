@@ -90,5 +90,6 @@ def _evaluate(cause: Cause, state: State, known: dict[Cause, Array | float]) -> 
     if not isinstance(cause, Applied):
         return cause.of(state)
     if cause not in known:
-        known[cause] = cause.of(state)
+        values = cause.of(state)
+        known[cause] = values
     return known[cause]

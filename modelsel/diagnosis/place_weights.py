@@ -54,7 +54,8 @@ class PlaceWeights:
         """Find the weights at a place; those of the last places are known."""
         known = self._known
         if place not in known:
-            weights = tuple(self._compute_weights(place))
+            computed = self._compute_weights(place)
+            weights = tuple(computed)
             numbers = sum(one.size for one in weights)
             places = len(known) + 1
             if places * numbers > KEPT_NUMBERS:

@@ -168,7 +168,8 @@ def find_structure(
         new = find_next(at, offered, chosen)
         if new is None:
             break
-        chosen, at = _prune(*new)
+        more, there = new
+        chosen, at = _prune(more, there)
     if chosen:
         at = maximise_likelihood(model, _sort(at.parts, offered))
         chosen = _match(offered, at)

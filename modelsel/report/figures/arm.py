@@ -57,10 +57,15 @@ class _Drawing:
     @property
     def links(self) -> Array:
         """Points close together along the links, the one to the ground among them."""
-        foot = self.points[0] - np.array([0.0, PEDESTAL])
+        below = np.array([0.0, PEDESTAL])
+        foot = self.points[0] - below
         chain = np.vstack([foot, self.points])
-        steps = np.linspace(0, 1, LINK_POINTS)[:, None]
-        along = [start + steps * (end - start) for start, end in pairwise(chain)]
+        steps = np.linspace(0, 1, LINK_POINTS)
+        along = []
+        for start, end in pairwise(chain):
+            way = end - start
+            link = start + np.outer(steps, way)
+            along.append(link)
         return np.concatenate(along)
 
     def group_frames(self, within: float = SAME_POINT) -> list[list[int]]:

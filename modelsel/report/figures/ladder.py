@@ -84,10 +84,11 @@ class _Scale:
 
 def choose_ticks(low: float, high: float) -> list[float]:
     """Choose the ticks of a logarithmic axis: powers of ten, and 2 and 5 times these where it is short."""
-    is_short = np.log10(high / low) < 2
-    factors = (1, 2, 5) if is_short else (1,)
-    ticks = np.outer(10.0 ** np.arange(-6, 5), factors).ravel()
-    return [float(tick) for tick in ticks if low <= tick <= high]
+    decades = np.log10(high / low)
+    factors = (1, 2, 5) if decades < 2 else (1,)
+    powers = 10.0 ** np.arange(-6, 5)
+    ticks = np.outer(powers, factors)
+    return [float(tick) for tick in ticks.ravel() if low <= tick <= high]
 
 
 def draw_ladder(record: StudyRecord) -> bytes:
