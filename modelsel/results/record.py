@@ -40,13 +40,14 @@ def _values(run: StudyRun) -> Values:
     models, diagnosis, data = run.models, run.diagnosis, run.problem.data
     figures = measure_effects(run)
     named = collect_named(run.diagnosis, figures)
+    errors = NamedErrors(named, figures.small_rms_mm, figures.told_small_mrad)
     return {
         "schema": SCHEMA,
         "study": run.study.name,
         "robot": run.robot.name,
         "seed": run.study.seed,
         "provenance": dict(run.provenance),
-        "verdict": list(_verdict(run, NamedErrors(named, figures.small_rms_mm))),
+        "verdict": list(_verdict(run, errors)),
         "configurations": _configurations(run),
         "noise_floor": describe_noise(run.floor, data),
         **_placements(run, data),

@@ -232,8 +232,8 @@ class StudyRecord(StrictRecord):
     findings: list[FindingRecord] = Field(description="a list, below")
     small_findings: SmallFindingsRecord | None = Field(
         None,
-        description="the findings that do not matter, together: `count`, `rms_mm` (of their sum, beyond the others), "
-        "`sentence`; null where every finding matters",
+        description="the findings that do not matter, together: `count`, `rms_mm` (of their sum, beyond the others), `rms_mrad` "
+        "(of their turning, beyond the base; only where orientations were measured), `sentence`; null where every finding matters",
     )
     repeatability: ErrorParts = Field(
         [],
