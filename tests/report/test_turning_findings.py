@@ -173,3 +173,8 @@ def test_a_turn_of_the_target_is_told_in_mrad_by_a_study(tmp_path) -> None:
     assert finding["turning"]["mrad"] == pytest.approx(3.0, rel=0.1)
     assert " mrad (95 %: " in finding["turning"]["text"]
     assert not [one for one in finding["usable"] if one["unit"] == "mm"]
+    rest = result.record.nothing_else
+    assert f" mm or {rest.detection_limit_mrad:.3g} mrad of orientation rms" in rest.sentence
+    # noise of 0.1 mrad and of 0.02 mm
+    ratio = rest.detection_limit_mrad / rest.detection_limit_mm
+    assert ratio == pytest.approx(5.0, rel=0.2)
