@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from .._typing import Array, Index
-from ..exceptions import count_words
+from ..exceptions import count_words, write_rounded
 from ..fitting.noise import Floor
 from ..measurements.measurements import Measurements
 from ..selection.evaluation import Evaluation, Split
@@ -39,6 +40,16 @@ BISECTIONS = 60
 # that is stated
 MIN_FLOOR_FREEDOM = 10
 STATED_FLOOR_FREEDOM = 1e9
+
+
+class DetectionLimit(NamedTuple):
+    """What a further effect would have had to be to be found, as a sentence, its displacement [mm]
+    and, where orientations were measured, the turning [mrad] of one that only turns the target; None
+    where the data are too few."""
+
+    sentence: str
+    mm: float | None = None
+    mrad: float | None = None
 
 
 @dataclass(frozen=True)
@@ -175,28 +186,51 @@ def count_rows_seen(diagnosis: Diagnosis, split: Split) -> int:
 
 def describe_unexplained(
     diagnosis: Diagnosis, found: tuple[Candidate, ...], split: Split, chosen: Evaluation
-) -> tuple[str, float | None]:
-    """Describe what a further effect would have had to be to be found: (sentence, limit [mm])."""
+) -> DetectionLimit:
+    """Describe what a further effect would have had to be to be found."""
     if not found or diagnosis.left is None:
-        return "No mechanism may extend the base in this study: nothing was searched.", None
+        return DetectionLimit(
+            "No mechanism may extend the base in this study: nothing was searched."
+        )
     sigma = estimate_floor(chosen, split).coordinate_mm
     priors, rows = [c.prior for c in found], count_rows_seen(diagnosis, split)
     limit = compute_detection_limit(diagnosis, priors, rows, sigma)
+    limit_mrad = None
+    rad_per_mm = _measure_rad_per_mm(chosen, split)
+    if limit is not None and rad_per_mm is not None:
+        limit_mrad = 1e3 * rad_per_mm * limit
     if diagnosis.left_p <= LEVEL:
-        return _describe_stop(diagnosis), limit
+        return DetectionLimit(_describe_stop(diagnosis), limit, limit_mrad)
     found_nothing = f"Nothing {'else ' if diagnosis.effects else ''}was found; "
     if limit is None:
         reach = "the data are too few for any further effect to be found, however large."
     else:
+        size = format_length(limit)
+        if limit_mrad is not None:
+            size += f" or {write_rounded(limit_mrad)} mrad of orientation"
         reach = (
-            f"an effect above {format_length(limit)} rms beyond what the geometry absorbs would "
+            f"an effect above {size} rms beyond what the geometry absorbs would "
             "have been found with 90 % probability."
         )
     left = (
         " The strongest remaining candidate would occur by chance with probability "
         f"{diagnosis.left_p:.2g}."
     )
-    return found_nothing + reach + left, limit
+    return DetectionLimit(found_nothing + reach + left, limit, limit_mrad)
+
+
+def _measure_rad_per_mm(evaluation: Evaluation, split: Split) -> float | None:
+    """Measure a model's rms residual of orientation against that of position, per coordinate [rad
+    per mm]; None where no orientation was measured, or nothing is left of the position."""
+    used = split.used
+    residual = evaluation.residual[used]
+    measured = split.problem.components_measured[used]
+    if residual.shape[1] == 3 or not measured[:, 3:].any():
+        return None
+    sums = np.square(residual) * measured
+    counts = measured[:, :3].sum(), measured[:, 3:].sum()
+    position, orientation = sums[:, :3].sum() / counts[0], sums[:, 3:].sum() / counts[1]
+    return float(np.sqrt(orientation / position)) if position > 0 else None
 
 
 def _describe_stop(diagnosis: Diagnosis) -> str:

@@ -185,7 +185,13 @@ def _write_match(campaigns: Pair, match: Match, said: dict[str, str]) -> Iterato
 def _write_finding(campaign: Campaign, k: int) -> str:
     finding, drawn = campaign.record.findings[k], campaign.details.findings[k]
     parts = [f"<b>{escape(drawn.label)}</b>", write_paragraph(drawn.what)]
-    figures = [] if finding.worst is None else [f"at most {_format(finding.worst.mm)} mm"]
+    figures = []
+    if finding.worst is not None and not finding.only_turns:
+        figures.append(f"at most {_format(finding.worst.mm)} mm")
+    if finding.told_turning is not None:
+        figures.append(
+            f"at most {_format(finding.told_turning.mrad)} mrad of the target's orientation"
+        )
     figures.append(f"{finding.verdict}, probability {describe_probability(finding)}")
     if finding.doubtful:
         figures.append("doubtful")

@@ -3,8 +3,6 @@ models' errors, and where the rest is told."""
 
 from __future__ import annotations
 
-from math import inf
-
 from ..diagnosis.signatures import PROVEN
 from ..exceptions import sentence_list
 from ..measurements.row_places import where_from_record
@@ -69,7 +67,6 @@ def _write_findings(
     told, grouped = split_findings(record.findings, record.small_findings)
     if not told:
         return []
-    told = sorted(told, key=lambda k: -_measure_size(record.findings[k]))
     lines = fold_text("Findings, and the most that each moves the target [mm]:", width)
     count = 0
     for k in told:
@@ -86,19 +83,18 @@ def _write_findings(
     return lines
 
 
-def _measure_size(finding: FindingRecord) -> float:
-    """Measure by what findings are sorted [mm]; faults of single rows come first."""
-    return inf if finding.worst is None else finding.worst.mm
-
-
 def _write_finding(finding: FindingRecord, drawn: FindingDetailsRecord, width: int) -> list[str]:
     """Write a finding: how much it moves, what it says as far as it is proven, and its standing."""
     worst = finding.worst
     if finding.first.is_fault and worst is None:
         return fold_text(f"{'–':>{SIZE_WIDTH}}  {finding.sentence}", width, hanging=HANGING)
-    size = "–" if worst is None else format_figure(worst.mm)
+    size = "–" if worst is None or finding.only_turns else format_figure(worst.mm)
     lines = fold_text(f"{size:>{SIZE_WIDTH}}  {drawn.what}", width, hanging=HANGING)
-    return lines + fold_text(_describe_standing(finding, drawn.label), width, HANGING)
+    standing = _describe_standing(finding, drawn.label)
+    if finding.told_turning is not None:
+        turned = format_figure(finding.told_turning.mrad)
+        standing = f"turns the target by at most {turned} mrad; {standing}"
+    return lines + fold_text(standing, width, HANGING)
 
 
 def _describe_standing(finding: FindingRecord, label: str) -> str:

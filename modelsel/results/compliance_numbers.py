@@ -14,11 +14,10 @@ from .._typing import Array
 from ..mechanisms.motors import motor_torque, name_drive
 from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
-from .quantities import Usable, express, format_figure
+from .quantities import MILLI, Usable, express, format_figure
 from .workspace import Fitted, Workspace
 
 TURNS = slice(3, 6)
-MILLI = 1e3
 NO_MASSES = " (no stiffness: the robot file gives no masses)"
 
 

@@ -152,10 +152,12 @@ class PanelRecord(StrictRecord):
 
 class PostureRecord(StrictRecord):
     """The nominal arm where a finding moves the target most, upright: origins of frame 0, the joints
-    and the target, the target's displacement, and what the finding moves."""
+    and the target, the target's displacement, and what the finding moves; `turned_mrad`: of a finding
+    that only turns the target, how far it turns it where it does so most."""
 
     origins_mm: Annotated[list[Vector], Field(min_length=2)]
     moved_mm: Vector
+    turned_mrad: Figure = None
     places: list[ActingPlaceRecord]
 
 

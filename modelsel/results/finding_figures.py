@@ -1,5 +1,5 @@
 """Figures of findings: how large each is beyond what else the model holds, whether it matters, its
-worst in the workspace, and its usable numbers."""
+worst in the workspace, how far it turns the target where that was measured, its usable numbers."""
 
 from __future__ import annotations
 
@@ -9,14 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from .._linalg import TINY, orthonormal_basis, project_out
 from .._random import generator
 from .._typing import Array
 from ..diagnosis.effects import Effect
 from ..diagnosis.sentences import format_length
-from ..exceptions import sentence_list
+from ..exceptions import sentence_list, write_rounded
 from ..fitting.least_squares import Fit
-from .quantities import Usable, describe_ends, format_figure
+from ..fitting.noise import RAD_PER_MM
+from ..selection.evaluation import measure_orientation
+from .effect_sizes import measure_sizes
+from .map_details import MIN_DISPLACEMENT
+from .quantities import MILLI, Usable, describe_ends, format_figure
 from .small_findings import write_number
 from .study_run import StudyRun
 from .usable_numbers import PLAYS, list_usable
@@ -25,27 +28,37 @@ from .workspace import Fitted, Range, Workspace, build_workspace
 
 # share of the mean square of what is left that an effect which matters has at least
 MIN_SHARE = 0.1
-# of the squares of unit columns, that keeps their Gram matrix invertible
-RIDGE = 1e-11
+
+# what a size in mm or in mrad is a change of, and how none is told
+WHAT_CHANGES = {"mm": "at the target", "mrad": "of the target's orientation"}
+NO_CHANGE = {
+    "mm": "the target's position does not change",
+    "mrad": "the target's orientation does not change",
+}
+
+# mrad, below which a turn is rounding
+MIN_TURN = 1e-6
 
 Values = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Worst:
-    """Where an effect moves the target most [mm], and the joint readings there (degrees; mm of a
-    slide); `by_side`: to either of two sides, whose step is twice as large."""
+    """Where an effect moves the target most [mm], or turns it most [mrad], and the joint readings
+    there (degrees; mm of a slide); `by_side`: to either of two sides, whose step is twice as
+    large."""
 
     moved: Range
     readings: tuple[float, ...]
     slides: tuple[bool, ...]
     beyond: tuple[int, ...]
     by_side: bool = False
+    unit: str = "mm"
 
     def describe(self) -> Values:
         """Return result.json's value; `unmeasured_joints`: those beyond their measured range."""
         return {
-            "mm": self.moved.value,
+            self.unit: self.moved.value,
             "low": self.moved.low,
             "high": self.moved.high,
             "joints_deg": list(self.readings),
@@ -56,6 +69,8 @@ class Worst:
     @property
     def text(self) -> str:
         """In words: how far, and where the joints stand."""
+        if self.moved.value == 0:
+            return NO_CHANGE[self.unit]
         places = ", ".join(
             f"{round(reading)} mm" if slides else f"{round(reading)}°"
             for reading, slides in zip(self.readings, self.slides, strict=True)
@@ -65,36 +80,72 @@ class Worst:
             numbers = sentence_list([str(joint) for joint in self.beyond])
             joints = "joint" if len(self.beyond) == 1 else "joints"
             beyond = f", beyond the measured range of {joints} {numbers}"
-        size = f"{format_figure(self.moved.value)} mm{describe_ends(self.moved)}"
+        size = f"{format_figure(self.moved.value)} {self.unit}{describe_ends(self.moved)}"
         side = " to either side" if self.by_side else ""
-        return f"at most {size} at the target{side}, where the joints stand at {places}{beyond}"
+        what = WHAT_CHANGES[self.unit]
+        return f"at most {size} {what}{side}, where the joints stand at {places}{beyond}"
+
+
+@dataclass(frozen=True)
+class Turning:
+    """How far a finding turns the target: its rms at the measured rows and its worst [mrad].
+
+    `prevails`: it changes the orientation more than the position, each against what is left of
+    it."""
+
+    rms_mrad: float
+    worst: Worst
+    prevails: bool
+
+    def describe(self) -> Values:
+        """Return result.json's value."""
+        return {"rms_mrad": self.rms_mrad, **self.worst.describe(), "prevails": self.prevails}
 
 
 @dataclass(frozen=True)
 class Figures:
     """Figures of one finding; `rms_mm`: what is moved at the measured rows beyond the base and the
-    other findings that matter."""
+    other findings that matter; `turning`: None where no orientation was measured."""
 
     rms_mm: float
     matters: bool
     worst: Worst
     usable: tuple[Usable, ...]
+    turning: Turning | None = None
+
+    @property
+    def is_turning_told(self) -> bool:
+        """Whether the turning is told beside the mm."""
+        return self.turning is not None and self.turning.prevails
 
 
 @dataclass(frozen=True)
 class FindingFigures:
-    """Figures of all findings; `small_rms_mm`: of those that do not matter, together."""
+    """Figures of all findings; `small_rms_mm`, `small_rms_mrad`: of those that do not matter,
+    together."""
 
     each: tuple[Figures, ...]
     small_rms_mm: float
+    small_rms_mrad: float | None = None
+
+    @property
+    def told_small_mrad(self) -> float | None:
+        """The rms of the turning [mrad] of those that do not matter, where that of one is told."""
+        told = any(one.is_turning_told for one in self.each if not one.matters)
+        return self.small_rms_mrad if told else None
 
 
 def order_findings(run: StudyRun) -> StudyRun:
-    """Return a run with its findings in the order of how far each moves the target at most, the
-    largest first: the order in which all outputs tell them."""
-    fitted = bind_findings(run) if run.diagnosis.findings else []
-    sizes = np.array([find_worst(one).moved.value for one in fitted])
-    order = np.argsort(-sizes, kind="stable")
+    """Return a run with its findings in the order of how far each moves the target at most, or
+    turns it, the largest first: the order in which all outputs tell them."""
+    if not run.diagnosis.findings:
+        return run
+    mm_per_rad = _find_mm_per_rad(run)
+    sizes = []
+    for one in bind_findings(run):
+        moved, turned = find_worst(one).moved.value, find_worst_turn(one).moved.value
+        sizes.append(max(moved, turned / MILLI * mm_per_rad))
+    order = np.argsort(-np.array(sizes), kind="stable")
     findings = tuple(run.diagnosis.findings[k] for k in order)
     return replace(run, diagnosis=replace(run.diagnosis, findings=findings))
 
@@ -107,21 +158,28 @@ def measure_effects(run: StudyRun) -> FindingFigures:
     fitted = bind_findings(run)
     workspace = fitted[0].workspace
     base = [term for term in run.diagnosis.search.base.terms if not term.fixture]
-    sizes = measure_sizes(fitted, workspace.displace(base), _find_threshold(run))
+    mm_per_rad = _find_mm_per_rad(run)
+    sizes = measure_sizes(fitted, base, _find_threshold(run), mm_per_rad)
     each = []
     for k, (finding, one) in enumerate(zip(findings, fitted, strict=True)):
         mechanism = finding.effect.candidate.mechanism
-        usable = list_usable(mechanism, one)
-        worst = find_worst(one)
         by_side = mechanism.stem in PLAYS
+        worst = replace(find_worst(one), by_side=by_side)
+        turning = None
+        if workspace.oriented:
+            turned = replace(find_worst_turn(one), by_side=by_side)
+            prevails = turned.moved.value / MILLI * mm_per_rad > worst.moved.value
+            turning = Turning(MILLI * float(sizes.rms_rad[k]), turned, prevails)
         figures = Figures(
             rms_mm=float(sizes.rms[k]),
             matters=bool(sizes.matters[k]),
-            worst=replace(worst, by_side=by_side),
-            usable=tuple(usable),
+            worst=worst,
+            usable=tuple(list_usable(mechanism, one)),
+            turning=turning,
         )
         each.append(figures)
-    return FindingFigures(tuple(each), sizes.small_rms)
+    small_rms_mrad = MILLI * sizes.small_rms_rad if workspace.oriented else None
+    return FindingFigures(tuple(each), sizes.small_rms, small_rms_mrad)
 
 
 def bind_findings(run: StudyRun) -> list[Fitted]:
@@ -136,12 +194,26 @@ def bind_findings(run: StudyRun) -> list[Fitted]:
 def _find_threshold(run: StudyRun) -> float:
     """Find the rms [mm] from which an effect matters: its mean square is above a tenth of that of
     what is left, or it is above the noise."""
+    noise = run.floor.coordinate_mm * float(np.sqrt(run.floor.coordinates))
+    return min(_find_left(run) * float(np.sqrt(MIN_SHARE)), noise)
+
+
+def _find_left(run: StudyRun) -> float:
+    """Find the rms of the position error that is left [mm]."""
     named_last = run.diagnosis.search.effects[-1].candidate
     gains = [one.gain for one in run.diagnosis.findings if one.effect.candidate == named_last]
     last = gains[-1].held_out_rms_after_mm
-    left = last if last is not None else run.models.chosen.estimation.rms_mm or 0.0
-    noise = run.floor.coordinate_mm * float(np.sqrt(run.floor.coordinates))
-    return min(left * float(np.sqrt(MIN_SHARE)), noise)
+    return last if last is not None else run.models.chosen.estimation.rms_mm or 0.0
+
+
+def _find_mm_per_rad(run: StudyRun) -> float:
+    """Find the mm of position that count as a rad of orientation: what is left of the one against
+    what is left of the other; 0 where no orientation was measured."""
+    chosen = run.models.chosen
+    angles = measure_orientation(run.split, chosen, chosen)
+    if angles is None:
+        return 0.0
+    return _find_left(run) / angles[1] if angles[1] > 0 else 1 / RAD_PER_MM
 
 
 def bind_effect(effect: Effect, fit: Fit, workspace: Workspace) -> Fitted:
@@ -166,8 +238,23 @@ def scale_covariance(covariance: Array, errors: Array) -> Array:
 
 def find_worst(fitted: Fitted) -> Worst:
     """Find where in the workspace an effect moves the target most."""
-    workspace = fitted.workspace
     row = fitted.find_worst()
+    moved = fitted.moved_at(row)
+    if moved.value < MIN_DISPLACEMENT:
+        moved = Range(0.0, 0.0, 0.0)
+    return _describe_row(fitted.workspace, row, moved, "mm")
+
+
+def find_worst_turn(fitted: Fitted) -> Worst:
+    """Find where in the workspace an effect turns the target most."""
+    row = fitted.find_worst_turn()
+    turned = fitted.turned_at(row).scale(MILLI)
+    if turned.value < MIN_TURN:
+        turned = Range(0.0, 0.0, 0.0)
+    return _describe_row(fitted.workspace, row, turned, "mrad")
+
+
+def _describe_row(workspace: Workspace, row: int, moved: Range, unit: str) -> Worst:
     readings = workspace.q[row]
     low, high = workspace.seen
     is_beyond = (readings < low) | (readings > high)
@@ -177,91 +264,7 @@ def find_worst(fitted: Fitted) -> Worst:
     for reading, slides in zip(readings, prismatic, strict=True):
         value = reading if slides else np.degrees(reading)
         shown.append(float(value) + 0.0)
-    moved = fitted.moved_at(row)
-    return Worst(moved, tuple(shown), prismatic, tuple(beyond.tolist()))
-
-
-# -- sizes
-# --------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Sizes:
-    """The rms [mm] of every effect beyond the base and those that matter (k,), which matter (k,),
-    and the rms of the others together."""
-
-    rms: Array
-    matters: Array
-    small_rms: float
-
-
-def measure_sizes(fitted: Sequence[Fitted], base: Array, threshold: float) -> Sizes:
-    """Measure the effects' sizes at the measured rows; `base` (p, 3, m): the base's displacements.
-
-    Effects are set aside, the smallest first, as long as what one does alone, beyond the base and
-    those that are left, is below the threshold: of two that can stand for each other, one stays."""
-    rows = fitted[0].workspace.measured
-    basis = orthonormal_basis(_flatten(base, rows))
-    columns, owner = [], []
-    for k, one in enumerate(fitted):
-        scaled = _flatten(one.columns, rows) * one.estimate
-        columns.append(project_out(scaled, basis))
-        owner += [k] * len(one.terms)
-    beyond = np.concatenate(columns, axis=1) / np.sqrt(rows)
-    gram = beyond.T @ beyond
-    return _set_aside(gram, np.array(owner), threshold)
-
-
-def _flatten(displacement: Array, rows: int) -> Array:
-    """Return displacements (p, 3, m) of the first rows as columns (3 rows, p)."""
-    measured = displacement[:, :, :rows]
-    columns = measured.reshape(len(measured), 3 * rows)
-    return np.asarray(columns.T)
-
-
-def _set_aside(gram: Array, owner: Array, threshold: float) -> Sizes:
-    """Set effects aside; `gram` (c, c): products of all terms' displacements beyond the base, each
-    times its estimate, so that an effect is the sum of its columns."""
-    count = int(owner.max()) + 1
-    matters = np.ones(count, bool)
-    while matters.any():
-        kept = matters[owner]
-        alone = _measure_each(gram[np.ix_(kept, kept)], owner[kept])
-        smallest = min(alone, key=lambda k: alone[k])
-        if alone[smallest] >= threshold:
-            break
-        matters[smallest] = False
-    kept = matters[owner]
-    rms = np.array([_measure_beyond(gram, owner == k, kept & (owner != k)) for k in range(count)])
-    return Sizes(rms, matters, _measure_beyond(gram, ~kept, kept))
-
-
-def _measure_each(gram: Array, owner: Array) -> dict[int, float]:
-    """Measure the rms of every effect beyond all others, from one inverse (Schur's complement)."""
-    scale, inner = _normalise(gram)
-    inverse = np.linalg.inv(inner)
-    alone = {}
-    for k in np.unique(owner).tolist():
-        own = owner == k
-        square = scale[own] @ np.linalg.solve(inverse[np.ix_(own, own)], scale[own])
-        alone[k] = float(np.sqrt(max(square, 0.0)))
-    return alone
-
-
-def _measure_beyond(gram: Array, own: Array, others: Array) -> float:
-    """Measure the rms of the sum of some columns beyond the span of others."""
-    square = gram[np.ix_(own, own)].sum()
-    if others.any():
-        scale, inner = _normalise(gram[np.ix_(others, others)])
-        shared = gram[np.ix_(others, own)].sum(1) / scale
-        square -= shared @ np.linalg.solve(inner, shared)
-    return float(np.sqrt(max(square, 0.0)))
-
-
-def _normalise(gram: Array) -> tuple[Array, Array]:
-    """Return the lengths of columns, and the products of columns of unit length, made invertible."""
-    scale = np.sqrt(np.maximum(np.diag(gram), TINY))
-    return scale, gram / np.outer(scale, scale) + RIDGE * np.eye(len(gram))
+    return Worst(moved, tuple(shown), prismatic, tuple(beyond.tolist()), unit=unit)
 
 
 # -- from figures to records
@@ -269,38 +272,55 @@ def _normalise(gram: Array) -> tuple[Array, Array]:
 
 
 def describe_figures(figures: Figures) -> Values:
-    """Return what result.json has of one finding's figures."""
-    return {
+    """Return what result.json has of one finding's figures; `turning` where orientations were
+    measured."""
+    values = {
         "matters": figures.matters,
         "rms_mm": figures.rms_mm,
         "worst": figures.worst.describe(),
         "usable": [asdict(one) for one in figures.usable],
     }
+    if figures.turning is not None:
+        values["turning"] = figures.turning.describe()
+    return values
 
 
 def describe_small(named: Sequence[Named], figures: FindingFigures) -> Values | None:
     """Return result.json's `small_findings`; None where every finding matters. `named`: faults of the
     data first, then the findings."""
     effects = named[len(named) - len(figures.each) :]
-    sizes = [
-        (one, of.rms_mm) for one, of in zip(effects, figures.each, strict=True) if not of.matters
-    ]
+    sizes = [(one, of) for one, of in zip(effects, figures.each, strict=True) if not of.matters]
     if not sizes:
         return None
-    sentence = _write_sizes(sizes, figures.small_rms_mm)
-    return {"count": len(sizes), "rms_mm": figures.small_rms_mm, "sentence": sentence}
+    values = {"count": len(sizes), "rms_mm": figures.small_rms_mm}
+    if figures.small_rms_mrad is not None:
+        values["rms_mrad"] = figures.small_rms_mrad
+    return {**values, "sentence": _write_sizes(sizes, figures)}
 
 
-def _write_sizes(sizes: Sequence[tuple[Named, float]], rms_mm: float) -> str:
-    """Write the line of small findings with their rms [mm], and what they are together."""
+def _write_sizes(sizes: Sequence[tuple[Named, Figures]], figures: FindingFigures) -> str:
+    """Write the line of small findings with their rms, and what they are together."""
+    together = figures.told_small_mrad
     parts = []
-    for one, size in sizes:
+    for one, of in sizes:
         doubt = ""
         if one.doubtful:
             doubt = " (doubtful)"
-        parts.append(f"{one.name} {format_length(size)}{doubt}")
+        turned = None if together is None or of.turning is None else of.turning.rms_mrad
+        parts.append(f"{one.name} {_write_size(of.rms_mm, turned)}{doubt}")
     listed = ", ".join(parts)
     if len(sizes) == 1:
         return f"One smaller error: {listed} rms."
     number = write_number(len(sizes))
-    return f"{number} smaller errors, {format_length(rms_mm)} rms together: {listed}."
+    size = _write_size(figures.small_rms_mm, together)
+    if together is not None:
+        size += " of orientation"
+    return f"{number} smaller errors, {size} rms together: {listed}."
+
+
+def _write_size(mm: float, mrad: float | None) -> str:
+    """Write how far the target is moved, and how far its orientation is turned where that is told."""
+    if mrad is None or mrad < MIN_TURN:
+        return format_length(mm)
+    turned = f"{write_rounded(mrad)} mrad"
+    return turned if mm < MIN_DISPLACEMENT else f"{format_length(mm)} and {turned}"

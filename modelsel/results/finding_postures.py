@@ -11,7 +11,8 @@ from .._typing import Array
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Pose, Robot
 from ..robot.rigid import AXES, align_z
-from .finding_figures import bind_findings
+from .finding_figures import bind_findings, find_worst
+from .quantities import MILLI
 from .study_run import StudyRun
 from .workspace import Fitted
 
@@ -29,15 +30,17 @@ def describe_postures(run: StudyRun) -> list[Values | None]:
 def _describe_posture(fitted: Fitted) -> Values:
     """Describe the nominal arm where an effect moves the target most: origins (n+2, 3) [mm] of frame
     0, the joints and the target, the target's displacement (3,) [mm], and the axes (3,) that the
-    effect moves along or about, all in frame 0 turned upright."""
-    row = fitted.find_worst()
+    effect moves along or about, all in frame 0 turned upright. Of an effect that only turns the
+    target, where it turns it most."""
+    only_turns = fitted.workspace.oriented and find_worst(fitted).moved.value == 0
+    row = fitted.find_worst_turn() if only_turns else fitted.find_worst()
     problem = fitted.workspace.problem.take(np.array([row]))
     pose = problem.pose(slice(None))
     rotation = problem.placement[0][problem.data.group[0]]
     upright = stand_upright(problem.robot)
     origins = np.concatenate([np.zeros((1, 3)), pose.origins[:, :, 0]])
     moved = upright @ rotation.T @ fitted.moved()[:, row]
-    return {
+    posture = {
         "origins_mm": (np.round(origins @ upright.T, 1) + 0.0).tolist(),
         "moved_mm": (np.round(moved, 5) + 0.0).tolist(),
         "places": [
@@ -45,6 +48,9 @@ def _describe_posture(fitted: Fitted) -> Values:
             for frame, axis in _list_places(fitted.terms)
         ],
     }
+    if only_turns:
+        posture["turned_mrad"] = MILLI * fitted.turned_at(row).value
+    return posture
 
 
 def _list_places(terms: tuple[Term, ...]) -> list[tuple[int, str]]:

@@ -112,11 +112,25 @@ class WorstRecord(StrictRecord):
     text: Text
 
 
+class TurningRecord(StrictRecord):
+    """How far a finding turns the target, and where in the workspace it does so most."""
+
+    rms_mrad: Number
+    mrad: Number
+    low: Figure
+    high: Figure
+    joints_deg: list[Number]
+    unmeasured_joints: list[Whole]
+    text: Text
+    prevails: bool
+
+
 class SmallFindingsRecord(StrictRecord):
     """The findings that do not matter, together."""
 
     count: Whole
     rms_mm: Number
+    rms_mrad: Figure = None
     sentence: Text
 
 
@@ -173,8 +187,8 @@ class FindingRecord(StrictRecord):
     )
     matters: bool = Field(
         True,
-        description="its mean square is above a tenth of that of what is left, or it is above the noise; the others "
-        "are told in one line",
+        description="its mean square is above a tenth of that of what is left, in position or in orientation, or it is "
+        "above the noise; the others are told in one line",
     )
     rms_mm: Figure = Field(
         None,
@@ -186,6 +200,12 @@ class FindingRecord(StrictRecord):
         description="where it moves the target most, over the measured and 4,000 drawn configurations: `mm`, `low`, "
         "`high` (95 %), `joints_deg` (mm of a slide), `unmeasured_joints` (those beyond their measured range there), `text`; "
         "null for faults of single rows",
+    )
+    turning: TurningRecord | None = Field(
+        None,
+        description="only where orientations were measured: how far it turns the target: `rms_mrad` over the estimation "
+        "rows, beyond the base; `mrad` where it turns it most, with the other keys of `worst`; `prevails`: it changes the "
+        "orientation more than the position, each against what is left of it, so that sentences tell both",
     )
     usable: list[UsableRecord] = Field(
         default_factory=list,
@@ -207,6 +227,19 @@ class FindingRecord(StrictRecord):
     def level_probabilities(self) -> list[float]:
         """The probability (4,) of every level; none where they were not weighed."""
         return [level.probability for level in self.levels]
+
+    @property
+    def told_turning(self) -> TurningRecord | None:
+        """How far it turns the target, where that is told beside how far it moves it."""
+        if self.turning is None or not self.turning.prevails:
+            return None
+        return self.turning
+
+    @property
+    def only_turns(self) -> bool:
+        """Whether it turns the target and does not move it."""
+        is_still = self.worst is not None and self.worst.mm == 0
+        return is_still and self.told_turning is not None
 
     @property
     def of_name(self) -> float:

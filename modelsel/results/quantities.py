@@ -10,6 +10,8 @@ from .workspace import Range
 
 # arc seconds of a radian
 ARC_SECONDS = float(np.degrees(1.0) * 3600)
+# mrad of a radian
+MILLI = 1e3
 SIGNS = {"arcsec": "″", "ppm": " ppm", "ppm/K": " ppm/K", "N m/rad": " N m/rad"}
 # from which a figure is written without decimals, its thousands apart
 LARGE = 1000.0

@@ -40,13 +40,14 @@ def _values(run: StudyRun) -> Values:
     models, diagnosis, data = run.models, run.diagnosis, run.problem.data
     figures = measure_effects(run)
     named = collect_named(run.diagnosis, figures)
+    errors = NamedErrors(named, figures.small_rms_mm, figures.told_small_mrad)
     return {
         "schema": SCHEMA,
         "study": run.study.name,
         "robot": run.robot.name,
         "seed": run.study.seed,
         "provenance": dict(run.provenance),
-        "verdict": list(_verdict(run, NamedErrors(named, figures.small_rms_mm))),
+        "verdict": list(_verdict(run, errors)),
         "configurations": _configurations(run),
         "noise_floor": describe_noise(run.floor, data),
         **_placements(run, data),
@@ -82,7 +83,7 @@ def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
         run.floor,
         named,
         run.study.model.candidates,
-        diagnosis.nothing_else[0],
+        diagnosis.nothing_else.sentence,
     )
     gained, named_sentence, remainder = sentences
     sentences = (gained, named_sentence + explain_unknown_gravity(run.warnings), remainder)
@@ -201,12 +202,14 @@ def _findings(run: StudyRun, figures: FindingFigures) -> list[Values]:
 
 
 def _nothing_else(run: StudyRun) -> Values:
-    sentence, limit = run.diagnosis.nothing_else
+    limit = run.diagnosis.nothing_else
     predictable = run.diagnosis.predictable
     lack = measure_lack_of_fit(run.models.chosen, run.floor, run.split)
+    turning = {} if limit.mrad is None else {"detection_limit_mrad": limit.mrad}
     return {
-        "sentence": sentence,
-        "detection_limit_mm": limit,
+        "sentence": limit.sentence,
+        "detection_limit_mm": limit.mm,
+        **turning,
         "predictable": None if predictable is None else asdict(predictable),
         "lack_of_fit": None if lack is None else asdict(lack),
     }

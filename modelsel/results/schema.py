@@ -149,6 +149,7 @@ class NothingElseRecord(StrictRecord):
 
     sentence: Text
     detection_limit_mm: Figure
+    detection_limit_mrad: Figure = None
     predictable: PredictableRecord | None
     lack_of_fit: LackOfFitRecord | None = None
 
@@ -232,8 +233,8 @@ class StudyRecord(StrictRecord):
     findings: list[FindingRecord] = Field(description="a list, below")
     small_findings: SmallFindingsRecord | None = Field(
         None,
-        description="the findings that do not matter, together: `count`, `rms_mm` (of their sum, beyond the others), "
-        "`sentence`; null where every finding matters",
+        description="the findings that do not matter, together: `count`, `rms_mm` (of their sum, beyond the others), `rms_mrad` "
+        "(of their turning, beyond the base; only where orientations were measured), `sentence`; null where every finding matters",
     )
     repeatability: ErrorParts = Field(
         [],
@@ -242,7 +243,8 @@ class StudyRecord(StrictRecord):
         "of other kinds than points, no candidate to name",
     )
     nothing_else: NothingElseRecord = Field(
-        description="`sentence`, `detection_limit_mm` (rms displacement per row beyond the base), `predictable` "
+        description="`sentence`, `detection_limit_mm` (rms displacement per row beyond the base), `detection_limit_mrad` (of an "
+        "effect that only turns the target; only where orientations were measured), `predictable` "
         "(`share`, `p`: could a smooth function predict the rest); `lack_of_fit` (`f p floor_mm unexplained_mm low_mm "
         "high_mm`: the chosen model against a noise floor that is known without it; null where there is none)"
     )

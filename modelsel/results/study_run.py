@@ -13,7 +13,7 @@ from ..diagnosis.data_faults import Fault
 from ..diagnosis.error_map import ErrorMap
 from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.procedure import Nested
-from ..diagnosis.unexplained import Predictable
+from ..diagnosis.unexplained import DetectionLimit, Predictable
 from ..fitting.noise import Floor
 from ..fitting.problem import Problem
 from ..fitting.undetermined import Unidentifiable
@@ -45,14 +45,13 @@ class ModelSearch:
 @dataclass(frozen=True, eq=False)
 class Explanation:
     """What is wrong with the arm: findings, faults of the data, the stepwise `search` that named them, the map of
-    all cells, and what else could have been found: a sentence, the detection limit [mm], and whether anything
-    smooth predicts what is left."""
+    all cells, what else could have been found, and whether anything smooth predicts what is left."""
 
     findings: tuple[Finding, ...]
     faults: tuple[Fault, ...]
     search: Diagnosis
     error_map: ErrorMap
-    nothing_else: tuple[str, float | None]
+    nothing_else: DetectionLimit
     predictable: Predictable | None
 
 

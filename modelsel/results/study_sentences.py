@@ -244,8 +244,9 @@ def write_finding_line(finding: FindingRecord) -> str:
 
 
 def list_figures(finding: FindingRecord) -> list[str]:
-    """Return what a finding means in usable numbers, and its worst effect; none of a fault of single rows."""
-    worst = finding.worst
+    """Return what a finding means in usable numbers, its worst effect, and the most that it turns the target where
+    that is told; none of a fault of single rows."""
+    worst, turning = finding.worst, finding.told_turning
     # the worst says of its figure where that is, too
     usable = [one for one in finding.usable if worst is None or one.value != worst.mm]
     figures: list[str] = []
@@ -256,6 +257,8 @@ def list_figures(finding: FindingRecord) -> list[str]:
         else:
             figures.append(one.text)
         previous = one.unit
+    if turning is not None:
+        figures.append(turning.text)
     if worst is not None:
         figures.append(worst.text)
     return figures

@@ -84,6 +84,7 @@ def _finding_row(finding: FindingRecord) -> dict[str, Any]:
     """Return a finding in one row."""
     gain = finding.gain
     low, high = gain.interval_mm or (None, None)
+    turning = finding.turning
     return {
         "name": finding.first.name,
         "verdict": finding.verdict,
@@ -98,11 +99,15 @@ def _finding_row(finding: FindingRecord) -> dict[str, Any]:
         "matters": finding.matters,
         "rms_mm": finding.rms_mm,
         "worst_mm": None if finding.worst is None else finding.worst.mm,
+        "rms_mrad": None if turning is None else turning.rms_mrad,
+        "worst_mrad": None if turning is None else turning.mrad,
         "usable": "; ".join(one.text for one in finding.usable),
         "sentence": finding.sentence,
     }
 
 
+# which only studies with measured orientations have
+TURNING_COLUMNS = ("rms_mrad", "worst_mrad")
 FINDING_COLUMNS = (
     "name",
     "verdict",
@@ -117,6 +122,7 @@ FINDING_COLUMNS = (
     "matters",
     "rms_mm",
     "worst_mm",
+    *TURNING_COLUMNS,
     "usable",
     "sentence",
 )
@@ -126,7 +132,10 @@ def _tabulate_findings(record: StudyRecord) -> pd.DataFrame:
     import pandas as pd
 
     rows = [_finding_row(finding) for finding in record.findings]
-    return pd.DataFrame(rows, columns=list(FINDING_COLUMNS))
+    columns = list(FINDING_COLUMNS)
+    if all(finding.turning is None for finding in record.findings):
+        columns = [name for name in columns if name not in TURNING_COLUMNS]
+    return pd.DataFrame(rows, columns=columns)
 
 
 def _tabulate_credible_sets(record: StudyRecord) -> pd.DataFrame:

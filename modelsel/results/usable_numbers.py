@@ -21,6 +21,7 @@ from ..mechanisms.motors import name_drive
 from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
 from .compliance_numbers import measure_base_tilt, measure_wind_up
+from .map_details import MIN_DISPLACEMENT
 from .quantities import ARC_SECONDS, Usable, express
 from .workspace import Fitted, Range
 
@@ -40,13 +41,15 @@ Measure = Callable[[Mechanism, Fitted], Iterator[Usable]]
 
 
 def list_usable(mechanism: Mechanism, fitted: Fitted) -> list[Usable]:
-    """List the usable numbers of an effect; none where the catalogue knows none."""
+    """List the usable numbers of an effect; none where the catalogue knows none. An effect that
+    only turns the target has none in mm there."""
     measure = MEASURES.get(mechanism.stem)
     if measure is None:
         measure = _choose_by_shape(mechanism)
     if measure is None:
         return []
-    return list(measure(mechanism, fitted))
+    numbers = measure(mechanism, fitted)
+    return [one for one in numbers if one.unit != "mm" or abs(one.value) >= MIN_DISPLACEMENT]
 
 
 def _choose_by_shape(mechanism: Mechanism) -> Measure | None:

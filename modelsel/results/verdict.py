@@ -11,6 +11,7 @@ from ..fitting.noise import Floor
 from ..selection.evaluation import Evaluation
 from ..selection.gain import Gain
 from .cautions import explain_restriction
+from .map_details import MIN_DISPLACEMENT
 from .small_findings import MIN_GROUPED, write_number
 
 SHOWN_NAMES = 6  # in a sentence
@@ -36,10 +37,12 @@ class Named(NamedTuple):
 
 
 class NamedErrors(NamedTuple):
-    """Every finding, and the rms [mm] of those that do not matter, together."""
+    """Every finding, and the rms [mm] of those that do not matter, together; `small_rms_mrad`: of
+    their turning, where it is told."""
 
     each: Sequence[Named]
     small_rms_mm: float = 0.0
+    small_rms_mrad: float | None = None
 
 
 def write_verdict(
@@ -147,11 +150,22 @@ def _describe_named(every: NamedErrors, extends: bool) -> str:
     sentences = [*_describe_settled(settled), *_describe_unsettled(unsettled, bool(settled))]
     if is_grouped:
         which = "smaller ones" if told else "small errors beyond the base"
-        size = f"{every.small_rms_mm:.3g} mm rms"
-        sentences.append(f"{write_number(len(small))} {which} move the target by {size} together.")
+        effect = _describe_small_effect(every)
+        sentences.append(f"{write_number(len(small))} {which} {effect} together.")
     if not extends:
         sentences.append("The study adds none of them to the model.")
     return " ".join(sentences)
+
+
+def _describe_small_effect(every: NamedErrors) -> str:
+    """Return how far small findings move the target, and how far they turn it where that is told."""
+    moved = f"{every.small_rms_mm:.3g} mm rms"
+    if every.small_rms_mrad is None:
+        return f"move the target by {moved}"
+    turned = f"{every.small_rms_mrad:.3g} mrad rms"
+    if every.small_rms_mm < MIN_DISPLACEMENT:
+        return f"turn the target by {turned}"
+    return f"move the target by {moved} and turn it by {turned}"
 
 
 def _describe_settled(named: Sequence[Named]) -> list[str]:

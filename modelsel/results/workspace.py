@@ -50,10 +50,11 @@ class Range:
 @dataclass(frozen=True, eq=False)
 class Workspace:
     """Rows where effects are looked at: `problem` has them as points, the first `measured` of them
-    measured, the others drawn."""
+    measured, the others drawn; `oriented`: orientations were measured."""
 
     problem: Problem
     measured: int
+    oriented: bool = False
 
     @property
     def q(self) -> Array:
@@ -71,6 +72,14 @@ class Workspace:
         return field_of(self.problem, self.pose, slice(0, len(self.problem)))
 
     @cached_property
+    def turning(self) -> Array:
+        """The target's turning (n+1, 6, 3, m) per unit screw at all rows, in frame 0 [rad]."""
+        axes = self.pose.axes
+        turned = np.zeros_like(axes)
+        turned[:, 3:] = axes[:, 3:]
+        return turned
+
+    @cached_property
     def seen(self) -> tuple[Array, Array]:
         """The measured range of every joint (n,): lowest and highest reading."""
         readings = self.q[: self.measured]
@@ -79,6 +88,10 @@ class Workspace:
     def displace(self, terms: Sequence[Term]) -> Array:
         """Compute the target's displacement (k, 3, m) per unit of every term [mm]."""
         return compute_columns(self.problem, self.field, terms, slice(0, len(self.problem)))
+
+    def turn_target(self, terms: Sequence[Term]) -> Array:
+        """Compute the target's turning (k, 3, m) per unit of every term, in frame 0 [rad]."""
+        return compute_columns(self.problem, self.turning, terms, slice(0, len(self.problem)))
 
     def twist(self, term: Term, frame: int, axes: slice) -> Array:
         """Compute the twist (axes, m) of a frame per unit of a term [mm, rad]."""
@@ -93,7 +106,7 @@ class Workspace:
         data = self.problem.data
         covariates = {**data.covariates, name: np.full(len(data), value)}
         problem = replace(self.problem, data=replace(data, covariates=covariates))
-        return Workspace(problem, self.measured)
+        return replace(self, problem=problem)
 
 
 def build_workspace(problem: Problem, rng: np.random.Generator) -> Workspace:
@@ -108,7 +121,8 @@ def build_workspace(problem: Problem, rng: np.random.Generator) -> Workspace:
     q = everything.data.q.copy()
     q[len(rows) :] = _draw_readings(problem, q[: len(rows)], rng)
     data = replace(everything.data, q=q)
-    return Workspace(replace(everything, data=data), len(rows))
+    oriented = problem.components > 3
+    return Workspace(replace(everything, data=data), len(rows), oriented)
 
 
 def _draw_readings(problem: Problem, measured: Array, rng: np.random.Generator) -> Array:
@@ -141,6 +155,15 @@ class Fitted:
         """Compute the target's displacement (3, m) [mm]."""
         return np.asarray(np.tensordot(self.estimate, self.columns, 1))
 
+    @cached_property
+    def target_turns(self) -> Array:
+        """The target's turning (k, 3, m) per unit of every term [rad]."""
+        return self.workspace.turn_target(self.terms)
+
+    def turned(self) -> Array:
+        """Compute the target's turning (3, m) [rad]."""
+        return np.asarray(np.tensordot(self.estimate, self.target_turns, 1))
+
     def turn(self, frame: int, axes: slice) -> tuple[Array, Array]:
         """Compute what the effect does at a frame, (axes, m), and (k, axes, m) of every term."""
         each = np.stack([self.workspace.twist(term, frame, axes) for term in self.terms])
@@ -169,4 +192,17 @@ class Fitted:
 
     def find_worst(self) -> int:
         """Find the row at which the target moves most."""
-        return int(np.linalg.norm(self.moved(), axis=0).argmax())
+        return find_longest(self.moved())
+
+    def turned_at(self, row: int) -> Range:
+        """Return how far the target turns at a row [rad]."""
+        return self.length_at(self.turned(), self.target_turns, row)
+
+    def find_worst_turn(self) -> int:
+        """Find the row at which the target turns most."""
+        return find_longest(self.turned())
+
+
+def find_longest(vectors: Array) -> int:
+    """Find the longest of vectors (3, m)."""
+    return int(np.linalg.norm(vectors, axis=0).argmax())

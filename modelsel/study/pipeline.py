@@ -163,14 +163,14 @@ def _analyse_prepared(
     # every warning is collected here, in the order in which it is reported
     warnings = [
         *notes,
-        *collect_diagnosis_notes(study, split, diagnosis, noise_notes, detection_limit[1]),
+        *collect_diagnosis_notes(study, split, diagnosis, noise_notes, detection_limit.mm),
         *collect_comparison_notes(comparison, chosen),
         *harmful_base_notes(study.model.base, nominal_errors.gain_of(step_errors[0])),
         *collect_held_out_notes(split, chosen, findings),
         *collect_fit_notes(split, ladder, floor, floor_doubted=bool(noise_notes)),
     ]
     warnings += check_chosen_model(
-        split, chosen, noise, detection_limit[1], warnings, study.robot.register_, faults
+        split, chosen, noise, detection_limit.mm, warnings, study.robot.register_, faults
     )
     models = ModelSearch(
         ladder=tuple(ladder),

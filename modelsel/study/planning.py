@@ -160,7 +160,7 @@ def choose_configurations(
         probabilities=tuple(probabilities),
         random_probability=random_probability,
         indices={name: (before[name], after[name]) for name in before},
-        learning=_estimate_learning(result.diagnosis.nothing_else[1], known.data.configurations),
+        learning=_estimate_learning(result.diagnosis.nothing_else.mm, known.data.configurations),
         by_gravity=any(follows_gravity(rivals) for rivals in rival_sets),
         count=count,
     )

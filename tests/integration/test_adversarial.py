@@ -147,7 +147,7 @@ def test_an_effect_that_the_geometry_absorbs(rng) -> None:
     play = one("play", "one-sided", acting(3, "rz", lambda s: np.ones(s.m) * 4e-4), 1.0)
     result = study(body, state, [hot, play], role, rng)
     assert not result.diagnosis.findings
-    sentence, limit = result.diagnosis.nothing_else
+    sentence, limit, _ = result.diagnosis.nothing_else
     assert "Nothing was found" in sentence
     assert limit == pytest.approx(NOISE, rel=1.0)
     assert result.models.unidentifiable
@@ -161,7 +161,7 @@ def test_the_limit_is_kept(rng) -> None:
     inside = role == "estimation"
     part = State(body, state.q[inside])
     effect = one("cell", "a wave", acting(3, "tx", lambda s: np.sin(s.q[:, 1] + s.q[:, 2])), 1.0)
-    _, limit = study(body, state, [], role, rng).diagnosis.nothing_else
+    _, limit, _ = study(body, state, [], role, rng).diagnosis.nothing_else
     assert limit is not None
     left = off(geometry(body.screws(part.q)), effect.displacement(part)).reshape(-1, 3)
     planted = effect.scaled(limit / float(np.sqrt(np.square(left).sum(1).mean())))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,13 +11,14 @@ from builders import bind, drawn
 from builders import one as one_screw
 
 from modelsel.measurements.measurements import build_measurements
-from modelsel.mechanisms.causes import Bump, Named, q
+from modelsel.mechanisms.causes import Bump, Named, cos, q, sin
 from modelsel.mechanisms.environment import temperature_rise
 from modelsel.mechanisms.registry import build_mechanisms, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.results.finding_figures import find_worst, measure_sizes
+from modelsel.results.effect_sizes import measure_sizes
+from modelsel.results.finding_figures import find_worst, find_worst_turn
 from modelsel.results.usable_numbers import list_usable
-from modelsel.results.workspace import Fitted, Workspace, build_workspace
+from modelsel.results.workspace import Fitted, Range, Workspace, build_workspace
 from modelsel.robot.files import builtin_names, load_robot
 from modelsel.robot.gravity import compute_joint_torques
 from modelsel.robot.kinematics import Robot, forward, pose
@@ -241,12 +243,43 @@ def test_configurations_are_drawn_within_limits_or_where_the_arm_was_measured() 
     assert "beyond the measured range of joint" in worst.text
 
 
+def test_an_effect_that_only_turns_the_target_has_its_worst_in_mrad() -> None:
+    """About an axis of the target's own frame: the amplitude of the turn, and no displacement."""
+    turn = one_screw(7, "rx", sin(q(3)))
+    effect = fitted(turn, 2e-3)
+    still, turned = find_worst(effect), find_worst_turn(effect)
+    assert still.moved == Range(0.0, 0.0, 0.0)
+    assert still.text == "the target's position does not change"
+    largest = np.abs(np.sin(effect.workspace.q[:, 2])).max()
+    assert turned.moved.value == pytest.approx(2.0 * largest)
+    assert turned.moved.low == pytest.approx(2.0 * largest * (1 - 1.96 * 0.05))
+    assert turned.describe()["mrad"] == turned.moved.value
+    assert turned.text.startswith("at most 2.00 mrad (95 %: 1.80 to 2.20) of the target's orientat")
+
+
+def test_a_joint_turns_the_target_by_its_own_error() -> None:
+    effect = fitted(mechanism("encoder-scale:2", ARM), 1e-4)
+    turned = find_worst_turn(effect)
+    assert turned.moved.value == pytest.approx(0.1 * np.abs(effect.workspace.q[:, 1]).max())
+
+
+def test_a_shift_turns_nothing() -> None:
+    turned = find_worst_turn(fitted(one_screw(4, "tz", q(2)), 1.0))
+    assert turned.text == "the target's orientation does not change"
+
+
+def test_no_usable_number_is_zero_mm_at_the_target() -> None:
+    wave = (Screw(7, "rx", sin(q(3))),), (Screw(7, "rx", cos(q(3))),)
+    only_turns = Mechanism("wave", tuple(Term(f"m{k}", of) for k, of in enumerate(wave)))
+    assert set(numbers(only_turns, fitted(only_turns, 1e-3, 1e-3))) == {"amplitude"}
+
+
 # -- sizes
 # --------------------------------------------------------------------------------------------------
 
 
-def three_effects() -> tuple[list[Fitted], np.ndarray]:
-    """Two that move the target alike, and a small one; the base's displacements."""
+def three_effects() -> tuple[list[Fitted], tuple[Term, ...]]:
+    """Two that move the target alike, and a small one; the base's terms."""
     workspace = workspace_of()
     scale, wave, small = (
         mechanism(name, ARM)
@@ -256,14 +289,16 @@ def three_effects() -> tuple[list[Fitted], np.ndarray]:
     for one, theta in ((scale, [2e-4]), (scale, [3e-4]), (wave, [1e-3, 2e-3]), (small, [-1e-6])):
         estimate = np.array(theta)
         effects.append(Fitted(one.terms, estimate, np.zeros((len(theta),) * 2), workspace))
-    return effects, workspace.displace(mechanism("geometric", ARM).terms)
+    return effects, mechanism("geometric", ARM).terms
 
 
-def beyond(own: list[Fitted], others: list[Fitted], base: np.ndarray) -> float:
+def beyond(own: list[Fitted], others: list[Fitted], base: Sequence[Term]) -> float:
     """By least squares on the measured rows."""
     rows = own[0].workspace.measured
     moved = sum(one.moved()[:, :rows].reshape(-1) for one in own)
-    columns = np.concatenate([base, *(one.columns for one in others)])[:, :, :rows]
+    columns = np.concatenate([own[0].workspace.displace(base), *(one.columns for one in others)])[
+        :, :, :rows
+    ]
     X = columns.reshape(len(columns), -1).T
     X = X / np.linalg.norm(X, axis=0)
     left = moved - X @ np.linalg.lstsq(X, moved, rcond=1e-10)[0]
@@ -289,6 +324,25 @@ def test_what_is_above_the_threshold_matters() -> None:
 
 
 def test_effects_have_their_sizes_without_a_base() -> None:
+    effects, _ = three_effects()
+    assert measure_sizes(effects[1:], (), 1e-9).matters.all()
+
+
+def test_what_only_turns_the_target_matters_by_how_far_it_turns_it() -> None:
+    """Beyond the base in mrad; of no size and no matter where no orientation was measured."""
     effects, base = three_effects()
-    nothing = base[:0]
-    assert measure_sizes(effects[1:], nothing, 1e-9).matters.all()
+    turn = one_screw(7, "rx", sin(q(3)))
+    effects = [*effects[1:], Fitted(turn.terms, np.array([2e-3]), np.eye(1), effects[0].workspace)]
+    assert measure_sizes(effects, base, 0.01).matters.tolist() == [True, True, False, False]
+    sizes = measure_sizes(effects, base, 0.01, mm_per_rad=1000.0)
+    assert sizes.matters.tolist() == [True, True, False, True]
+    assert sizes.rms[-1] == pytest.approx(0.0, abs=1e-9)
+    assert sizes.rms.tolist()[:2] == pytest.approx(measure_sizes(effects, base, 0.01).rms[:2])
+    workspace = effects[0].workspace
+    rows = workspace.measured
+    X = workspace.turn_target(base)[:, :, :rows].reshape(len(base), -1).T
+    turned = effects[-1].turned()[:, :rows].reshape(-1)
+    left = turned - X @ np.linalg.lstsq(X, turned, rcond=1e-10)[0]
+    assert sizes.rms_rad[-1] == pytest.approx(np.sqrt(np.square(left).sum() / rows))
+    assert sizes.rms_rad[-1] > 1e-3
+    assert measure_sizes(effects, base, 0.01, mm_per_rad=1.0).matters.tolist()[-1] is False

@@ -22,9 +22,12 @@ def rung(rms: float | None) -> SimpleNamespace:
 
 
 def said(
-    named: list[tuple], gain: Gain = GAIN, asked: list[str] | str = "all"
+    named: list[tuple],
+    gain: Gain = GAIN,
+    asked: list[str] | str = "all",
+    small: tuple[float, float | None] = (0.0213, None),
 ) -> tuple[str, str, str]:
-    errors = NamedErrors([Named(*one) for one in named], 0.0213)
+    errors = NamedErrors([Named(*one) for one in named], *small)
     return write_verdict(rung(3.0), rung(0.5), gain, FLOOR, errors, asked, LEFT)
 
 
@@ -114,6 +117,18 @@ def test_what_nominal_means_is_said_where_anything_was_registered() -> None:
         f"{three[0]} The nominal robot's error is what is left after its base and the target were registered. "
         "The orientation error falls from 2 mrad to 1 mrad rms."
     )
+
+
+@pytest.mark.parametrize(
+    ("small", "words"),
+    [
+        ((0.02, 0.4), "move the target by 0.02 mm rms and turn it by 0.4 mrad rms together."),
+        ((0.0, 0.4), "turn the target by 0.4 mrad rms together."),
+    ],
+)
+def test_small_findings_that_turn_the_target_say_how_far(small, words) -> None:
+    named = [(name, True, False) for name in "bcd"]
+    assert said(named, small=small)[1] == f"Three small errors beyond the base {words}"
 
 
 def test_small_findings_are_told_by_their_sum() -> None:

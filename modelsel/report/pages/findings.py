@@ -66,18 +66,22 @@ def _write_grouped(source: Source, grouped: Sequence[int]) -> list[Block]:
     record, details = source.record, source.details
     if not grouped or record.small_findings is None:
         return []
-    rows = [[str(k + 1), *_grouped_row(record.findings[k], details.findings[k])] for k in grouped]
-    columns = [
-        ("", "right"),
-        ("finding", "left"),
-        ("what goes wrong", "left"),
-        ("rms, mm", "right"),
-    ]
-    columns += [("at most, mm", "right"), ("probability", "left")]
+    one_turns = any(record.findings[k].told_turning is not None for k in grouped)
+    write = _write_both_sizes if one_turns else _write_sizes
+    rows = []
+    for k in grouped:
+        finding, detail = record.findings[k], details.findings[k]
+        name, probability = name_finding(finding, detail), describe_probability(finding)
+        rows.append([str(k + 1), name, detail.what, *write(finding), probability])
+    heads = ["rms", "at most"] if one_turns else ["rms, mm", "at most, mm"]
+    columns = [("", "right"), ("finding", "left"), ("what goes wrong", "left")]
+    columns += [*((head, "right") for head in heads), ("probability", "left")]
     caption = (
         "rms: at the measured configurations, beyond the other findings that matter; at most: in the workspace. All that "
         "is known of them is in result.json and in report.html."
     )
+    if one_turns:
+        caption += " mrad: how far the target is turned, where that prevails; rms beyond the base."
     table = make_table(columns, rows, caption, [0.0, 0.4, 1.0, 0.0, 0.0, 0.0])
     return [
         make_heading("Smaller findings", 2),
@@ -86,15 +90,22 @@ def _write_grouped(source: Source, grouped: Sequence[int]) -> list[Block]:
     ]
 
 
-def _grouped_row(finding: FindingRecord, detail: FindingDetailsRecord) -> list[str]:
+def _write_sizes(finding: FindingRecord) -> list[str]:
+    """Return the rms and the largest displacement of the target [mm]."""
     worst = None if finding.worst is None else finding.worst.mm
-    return [
-        name_finding(finding, detail),
-        detail.what,
-        format_mm(finding.rms_mm),
-        format_mm(worst),
-        describe_probability(finding),
-    ]
+    return [format_mm(finding.rms_mm), format_mm(worst)]
+
+
+def _write_both_sizes(finding: FindingRecord) -> list[str]:
+    """Return the rms and the largest of what is told of a finding: displacement, turning, or both."""
+    moved = [f"{size} mm" for size in _write_sizes(finding)]
+    turning = finding.told_turning
+    if turning is None:
+        return moved
+    turned = [f"{format_mm(size)} mrad" for size in (turning.rms_mrad, turning.mrad)]
+    if finding.only_turns:
+        return turned
+    return [f"{mm}, {mrad}" for mm, mrad in zip(moved, turned, strict=True)]
 
 
 def name_finding(finding: FindingRecord, detail: FindingDetailsRecord) -> str:

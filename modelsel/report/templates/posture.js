@@ -43,17 +43,23 @@ function posed(finding, posture) {
       nodes.push(mark("circle", { cx: x, cy: y, r: moves ? 6.5 : 4.5, fill: moves ? "var(--ring)" : "var(--paper)", stroke: "var(--ink)", "stroke-width": 1.5 }));
       nodes.push(mark("text", { x: x + 9, y: y - 8 }, joints.join(", ")));
     }
-    nodes.push(line([target, tip], { stroke: "var(--accent)", "stroke-width": 2.5 }));
-    nodes.push(mark("path", { d: head(place(target), place(tip)), fill: "var(--accent)" }));
+    if (size > 0) {
+      nodes.push(line([target, tip], { stroke: "var(--accent)", "stroke-width": 2.5 }));
+      nodes.push(mark("path", { d: head(place(target), place(tip)), fill: "var(--accent)" }));
+    }
     const [x, y] = place(target);
     nodes.push(mark("rect", { x: x - 4, y: y - 4, width: 8, height: 8, fill: acting.has(points.length - 1) ? "var(--ring)" : "var(--paper)", stroke: "var(--ink)", "stroke-width": 1.5 }));
     scene.replaceChildren(...nodes);
   }
 
-  svg.append(mark("title", {}, `The arm where this finding moves the target most, by ${digits(size)} mm.`), scene);
+  // a finding that only turns the target moves it nowhere
+  const turned = posture.turned_mrad ?? null;
+  const title = turned === null ? `The arm where this finding moves the target most, by ${digits(size)} mm.`
+    : `The arm where this finding turns the target most, by ${digits(turned)} mrad; its position does not change.`;
+  const arrow = turned === null ? `The arm where this finding moves the target most: ${digits(size)} mm (blue arrow, ${times.toLocaleString("en")} times as long). ` : `${title} `;
+  svg.append(mark("title", {}, title), scene);
   turnable(svg, view, draw);
   draw();
-  const said = `The arm where this finding moves the target most: ${digits(size)} mm (blue arrow, ${times.toLocaleString("en")} times as long). ` +
-    "Orange: what it moves; dashed lines are axes that it turns about, arrows directions that it shifts along. Drag or arrow keys turn the arm, + and − zoom, 0 resets.";
+  const said = `${arrow}Orange: what it moves; dashed lines are axes that it turns about, arrows directions that it shifts along. Drag or arrow keys turn the arm, + and − zoom, 0 resets.`;
   return [svg, el("p", { class: "quiet", text: said })];
 }
