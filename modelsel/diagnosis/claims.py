@@ -125,7 +125,7 @@ def weigh_alone(search: Search, view: View, g: int) -> tuple[Array, Candidate | 
     rival that is clearly more probable, or the explanation on whose place and drivers most agree."""
     own = search.found[g]
     rivals = list_rivals(search.problem, own)
-    scan, response = view.scan_without(own)
+    scan, response = search.scan_without(g, view)
     listed = compute_factors(scan, response)
     named = search.rename(g, view).named
     log_prior = np.where(np.isfinite(named.log_probability), search.log_prior, -np.inf)

@@ -300,7 +300,7 @@ def _allow_for_search(search: Search, g: int, view: View) -> AfterSelection | No
     """Allow for the search in the size of an effect, given the others; a free function has none."""
     if search.found[g].kind in SHAPELESS:
         return None
-    scan, response = view.scan_without(search.found[g])
+    scan, response = search.scan_without(g, view)
     terms = int(scan.sizes[g])
     square = terms * float(compute_single_f(scan, response)[g])
     if not square:

@@ -5,7 +5,7 @@ Free functions of the joints have thousands of splines, of which a row sees four
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ class LocalCauses:
     rows: Index
     starts: Index
     count: int
+    _known: dict[tuple[int, int, np.dtype[Any]], Any] = field(default_factory=dict, repr=False)
 
     @staticmethod
     def of(problem: Problem, causes: Sequence[Cause]) -> LocalCauses:
@@ -44,12 +45,21 @@ class LocalCauses:
 
     def dot(self, which: Index | slice, vectors: NDArray[Any]) -> NDArray[Any]:
         """Compute the products (k, B) of some causes with vectors (m, B), in their precision."""
-        return np.asarray(self._sparse(vectors.dtype)[which] @ vectors)
+        return np.asarray(self._select(which, vectors.dtype) @ vectors)
 
     def gram(self, which: Index, weight: Array) -> Array:
         """Compute the products (k, k) of some causes with one another, rows weighted (m,)."""
         some = self._sparse(weight.dtype)[which]
         return np.asarray((some.multiply(weight).tocsr() @ some.T).toarray())
+
+    def _select(self, which: Index | slice, dtype: np.dtype[Any]) -> Any:
+        """Select causes as a sparse matrix (k, m); of consecutive ones it is remembered."""
+        if not isinstance(which, slice):
+            return self._sparse(dtype)[which]
+        key = which.start, which.stop, dtype
+        if key not in self._known:
+            self._known[key] = self._sparse(dtype)[which]
+        return self._known[key]
 
     def _sparse(self, dtype: np.dtype[Any]) -> Any:
         """Return the causes as a sparse matrix (l, m)."""

@@ -28,7 +28,7 @@ from .kept_causes import KeptCauses
 from .mechanism_families import Family, find_families
 from .options import DEFAULT_OPTIONS
 from .residual_tests import FLIP_DRAWS, adjust_residual, compute_flip_p, draw_flips, partition_rows
-from .scan import Scan
+from .scan import Response, Scan
 from .screening import build_scan_for
 from .signatures import read_signatures
 from .views import View, Views, build_view
@@ -251,13 +251,18 @@ class Search:
             seen_unit = unit[:rows]
             yield draw_flips(seen, self.log_prior, e, seen_unit, draws, self.rng)
 
+    def scan_without(self, g: int, view: View) -> tuple[Scan, Response]:
+        """Scan from a model without effect g for what explains it: (scan, residual with it put
+        back); what cannot matter beside it has no directions."""
+        released = view.release(self.found[g])
+        return build_scan_for(view.scan, released, view.response, g, self.log_prior)
+
     def rename(self, g: int, view: View) -> Renamed:
         """Name effect g again, given all others; remembered while the view lives."""
         answers = self._renamed.setdefault(view, {})
         if g in answers:
             return answers[g]
-        released = view.release(self.found[g])
-        scan, response = build_scan_for(view.scan, released, view.response, g, self.log_prior)
+        scan, response = self.scan_without(g, view)
         question = ask(scan, self.found, response)
         renamed = rename_effect(question, g, without=self.dead)
         evidence = compute_own_evidence(question, renamed, g)

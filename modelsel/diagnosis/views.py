@@ -22,7 +22,7 @@ from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism, TermKey
 from .candidate_columns import Columns, stack_design
 from .candidates import Candidate
-from .scan import Released, Response, Scan, assemble_scan, build_scan_without, compute_basis
+from .scan import Released, Response, Scan, assemble_scan, compute_basis
 from .screw_columns import split_range
 
 # share of an added column beyond the columns before it from which its products keep their digits
@@ -89,16 +89,6 @@ class View:
         directions = compute_basis(solve_triangular(self.R, E, trans="T", check_finite=False))
         effect = self.A[:, own] @ self.fitted.theta[own]
         return Released(directions, directions.T @ (self.along + self.Q.T @ effect))
-
-    def scan_without(self, candidate: Candidate) -> tuple[Scan, Response]:
-        """Scan from the model without one effect: (scan, residual with that effect put back)."""
-        released = self.release(candidate)
-        directions = released.directions
-        seen = self.scan
-        scan = build_scan_without(seen, directions)
-        back = scan.back
-        response = released.see(self.response, back)
-        return scan, response
 
 
 class _Projection(NamedTuple):

@@ -78,7 +78,7 @@ def describe_setup_mistake(
     if sample is None or compute_left(sample) < least:
         return None
     if not registered:
-        return _describe_stated(sample, links)
+        return _describe_stated(sample, least, links)
     # where orientations were at odds with the positions, the positions alone fit
     sample = try_registration(sample, sure=False) or sample
     before = compute_left(sample)
@@ -88,14 +88,17 @@ def describe_setup_mistake(
     return _describe(before, found) if found else None
 
 
-def _describe_stated(sample: Problem, links: bool) -> str | None:
+def _describe_stated(sample: Problem, least: float, links: bool) -> str | None:
     """Describe the mistake where the study states the tracker's frame and the target: with these as
-    they are, or else with these found."""
+    they are, or else with these found, where that leaves at least `least` [mm] or explains all."""
     before = compute_left(sample)
     found = _explain_stated(sample, before, links)
     if found:
         return _describe(before, found)
     sample = try_registration(sample, sure=False) or sample
+    left = compute_left(sample)
+    if before / MIN_IMPROVEMENT < left < least:
+        return None
     found = _explain_registered(sample, before, links)
     if not found:
         return None
