@@ -162,7 +162,8 @@ def measure_effects(run: StudyRun) -> FindingFigures:
     sizes = measure_sizes(fitted, base, _find_threshold(run), mm_per_rad)
     each = []
     for k, (finding, one) in enumerate(zip(findings, fitted, strict=True)):
-        mechanism = finding.effect.candidate.mechanism
+        effect = finding.effect
+        mechanism = effect.candidate.mechanism
         by_side = mechanism.stem in PLAYS
         worst = replace(find_worst(one), by_side=by_side)
         turning = None
