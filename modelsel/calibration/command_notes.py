@@ -76,11 +76,12 @@ def _describe_beyond_ranges(c: Calibration, data: Measurements) -> list[str]:
 
 def _describe_past_limits(c: Calibration, data: Measurements) -> list[str]:
     past = find_past_limits(c, data.q)
+    rows = len(data)
     sentences = []
     counts = past.sum(0).tolist()
     for j, count in enumerate(counts, 1):
         verb = "lies" if count == 1 else "lie"
-        sentence = f"joint {j}: {count} of {len(data)} rows {verb} beyond its limits."
+        sentence = f"joint {j}: {count} of {rows} rows {verb} beyond its limits."
         if count:
             sentences.append(sentence)
     return sentences

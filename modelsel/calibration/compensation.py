@@ -231,9 +231,10 @@ def _summarise_commands(
         before_rad = np.linalg.norm(before[:, 3:], axis=1) / LEVER_MM
         left_rad = np.linalg.norm(left[:, 3:], axis=1) / LEVER_MM
     commanded = replace(start.data, q=q).readings
+    change = commanded - start.data.readings
     return Commands(
         q=commanded,
-        change=commanded - start.data.readings,
+        change=change,
         wanted=wanted,
         before_mm=before_mm,
         left_mm=left_mm,
@@ -266,7 +267,8 @@ def correct(
     commands = compensate_commands(c, data)
     refuse_large_changes(c, commands, data, bound, file)
     notes = note_commands(c, commands, data)
-    missed = int((~commands.reached).sum())
+    is_missed = ~commands.reached
+    missed = int(is_missed.sum())
     if missed:
         where = commands.where_left
         verb = "is" if missed == 1 else "are"

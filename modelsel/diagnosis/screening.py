@@ -48,11 +48,13 @@ def _find_hopeless(smaller: Smaller, response: Response, g: int, log_prior: Arra
     aside = np.zeros(columns.groups, bool)
     least: Array | None = None
     for block, left in zip(columns.grams, smaller.lefts, strict=True):
-        if block.root is None or block.index.shape[1] < MANY_COLUMNS:
+        width = block.index.shape[1]
+        if block.root is None or width < MANY_COLUMNS:
             continue
         if least is None:
             own = _weigh_one(smaller, response, g)
-            least = own + log_prior[g] - SLACK
+            posterior = own + log_prior[g]
+            least = posterior - SLACK
         most = _bound_factors(block, left, response, smaller.freedom)
         is_less = most < least[:, None]
         aside[block.which] = is_less.all(0)

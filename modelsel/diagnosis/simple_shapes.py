@@ -55,7 +55,8 @@ def _varies(problem: Problem, name: str) -> bool:
 
 def _list_functions(problem: Problem, name: str) -> list[Cause]:
     """List what may be a factor: a driver as it is, and levelling off."""
-    functions = [scale_driver(problem, name)]
+    straight = scale_driver(problem, name)
+    functions = [straight]
     for strength, centre in product(STRENGTHS, CENTRES):
         bent = level_off(problem, name, strength, centre)
         functions.append(bent)

@@ -171,7 +171,8 @@ def find_structure(
         more, there = new
         chosen, at = _prune(more, there)
     if chosen:
-        at = maximise_likelihood(model, _sort(at.parts, offered))
+        ordered = _sort(at.parts, offered)
+        at = maximise_likelihood(model, ordered)
         chosen = _match(offered, at)
     without = _fit_without_doubtful(chosen, at)
     return _describe(problem, at, chosen, candidates, offered, without)

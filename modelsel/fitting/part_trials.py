@@ -120,12 +120,14 @@ class _Score(NamedTuple):
 def _score(at: Likelihood, part: PossiblePart) -> _Score | None:
     """Score a part; None where the likelihood would lose by it."""
     slope, moved = at.slope(part.error)
-    information = at.information(moved).item()
+    matrix = at.information(moved)
+    information = matrix.item()
     if slope <= 0 or information <= 0:
         return None
     variance = slope / information
     most = slope * variance
-    return _Score(part, most, variance, at.log)
+    before = at.log
+    return _Score(part, most, variance, before)
 
 
 def _handicap(part: PossiblePart) -> float:

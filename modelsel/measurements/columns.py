@@ -149,7 +149,8 @@ def describe_cell(table: Table, name: str, row: int) -> str:
     """Say what a cell holds, and where it is: "n/a" in points.csv, line 3."""
     cells = table.columns[name]
     place = table.where.locate(row, name)
-    is_blank = find_blank_cells(cells[[row]])
+    alone = cells[[row]]
+    is_blank = find_blank_cells(alone)
     if is_blank[0]:
         return f"an empty cell in {place}"
     cell = str(cells[row])

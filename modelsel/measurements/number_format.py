@@ -158,4 +158,6 @@ def _stays_near(column: Sequence[Any], mark: str) -> bool:
     room = max(high - low, abs(high) / 2, abs(low) / 2)
     least = low - room
     most = high + room
-    return least <= min(read) and max(read) <= most
+    smallest = min(read)
+    largest = max(read)
+    return least <= smallest and largest <= most

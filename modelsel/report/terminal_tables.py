@@ -58,7 +58,8 @@ SIGNIFICANCE_HEADS = (
 def show_tables(record: StudyRecord, console: Console) -> None:
     """Show all tables of a study, none wider than the console."""
     width = console.width
-    _show_table(console, *_ladder_table(record, width))
+    rungs = _ladder_table(record, width)
+    _show_table(console, *rungs)
     if record.candidates.best:
         _show_table(console, *_subset_table(record, width))
     if record.weighed_models:

@@ -64,7 +64,8 @@ def write_table(
     """
     layout = _choose_layout(first, heads, rows, width)
     lines = _write_head(first, heads, last, layout)
-    lines.append("─" * layout.total)
+    rule = "─" * layout.total
+    lines.append(rule)
     for row in rows:
         lines += _write_row(row, layout, width)
     return lines

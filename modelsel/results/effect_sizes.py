@@ -75,8 +75,10 @@ def _multiply_beyond(fitted: Sequence[Fitted], changes: Sequence[Array], base: A
 def _flatten(displacement: Array, rows: int) -> Array:
     """Return displacements (p, 3, m) of the first rows as columns (3 rows, p)."""
     measured = displacement[:, :, :rows]
-    columns = measured.reshape(len(measured), 3 * rows)
-    return np.asarray(columns.T)
+    count = len(measured)
+    stacked = measured.reshape(count, 3 * rows)
+    columns = stacked.T
+    return np.asarray(columns)
 
 
 def _set_aside(grams: Sequence[Array], owner: Index, threshold: float) -> Mask:

@@ -7,6 +7,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ..diagnosis.signatures import LEVELS
+from ..selection.gain import Change
 from .finding_schema import EntryRecord, FindingRecord
 from .schema import StudyRecord
 from .study_sentences import format_gain
@@ -19,13 +20,12 @@ CONTRARY = "has the other sign"
 
 
 class Advice(NamedTuple):
-    """What to do (one of the four words), how, and the fall of the held-out rms error [mm] with its
-    95 % interval; None where nothing is held out."""
+    """What to do (one of the four words), how, and what it changes of the held-out rms error; None
+    where nothing is held out."""
 
     action: str
     how: str
-    gain_mm: float | None
-    interval_mm: tuple[float, float] | None
+    change: Change | None
 
     @property
     def sentence(self) -> str:
@@ -34,13 +34,16 @@ class Advice(NamedTuple):
 
     @property
     def worth(self) -> str:
-        """The fall of the error in figures; a dash where undefined."""
-        if self.gain_mm is None:
+        """The fall of the error in figures, mm without the unit; a dash where undefined."""
+        change = self.change
+        if change is None:
             return "–"
-        text = format_gain(self.gain_mm)
-        if self.interval_mm is None:
+        text = format_gain(change.fall)
+        if change.unit != "mm":
+            text = f"{text} {change.unit}"
+        if change.interval is None:
             return text
-        low, high = map(format_gain, self.interval_mm)
+        low, high = map(format_gain, change.interval)
         return f"{text} ({low} to {high})"
 
 
@@ -137,12 +140,8 @@ WEARING = (
 def advise(record: StudyRecord, finding: FindingRecord) -> Advice:
     """Advise what to do about a finding, and tell what its model is worth on held-out rows."""
     action, how = _choose(record, finding)
-    gain = finding.gain
-    before, after = gain.held_out_rms_before_mm, gain.held_out_rms_after_mm
-    worth = None if before is None or after is None else before - after
-    interval = None if gain.interval_mm is None else (gain.interval_mm[0], gain.interval_mm[1])
     joint = find_joint(finding)
-    return Advice(action, how.format(joint=joint), worth, interval)
+    return Advice(action, how.format(joint=joint), finding.gain.told)
 
 
 def _choose(record: StudyRecord, finding: FindingRecord) -> tuple[str, str]:

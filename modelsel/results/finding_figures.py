@@ -16,7 +16,8 @@ from ..diagnosis.sentences import format_length
 from ..exceptions import sentence_list, write_rounded
 from ..fitting.least_squares import Fit
 from ..fitting.noise import RAD_PER_MM
-from ..selection.evaluation import measure_orientation
+from ..selection.evaluation import Evaluation, Split, measure_orientation
+from ..selection.gain import Gain
 from .effect_sizes import measure_sizes
 from .map_details import MIN_DISPLACEMENT
 from .quantities import MILLI, Usable, describe_ends, format_figure
@@ -140,7 +141,7 @@ def order_findings(run: StudyRun) -> StudyRun:
     turns it, the largest first: the order in which all outputs tell them."""
     if not run.diagnosis.findings:
         return run
-    mm_per_rad = _find_mm_per_rad(run)
+    mm_per_rad = find_mm_per_rad(run.split, run.models.chosen, _find_last_gain(run))
     sizes = []
     for one in bind_findings(run):
         moved, turned = find_worst(one).moved.value, find_worst_turn(one).moved.value
@@ -158,17 +159,18 @@ def measure_effects(run: StudyRun) -> FindingFigures:
     fitted = bind_findings(run)
     workspace = fitted[0].workspace
     base = [term for term in run.diagnosis.search.base.terms if not term.fixture]
-    mm_per_rad = _find_mm_per_rad(run)
+    mm_per_rad = find_mm_per_rad(run.split, run.models.chosen, _find_last_gain(run))
     sizes = measure_sizes(fitted, base, _find_threshold(run), mm_per_rad)
     each = []
     for k, (finding, one) in enumerate(zip(findings, fitted, strict=True)):
-        mechanism = finding.effect.candidate.mechanism
+        effect = finding.effect
+        mechanism = effect.candidate.mechanism
         by_side = mechanism.stem in PLAYS
         worst = replace(find_worst(one), by_side=by_side)
         turning = None
         if workspace.oriented:
             turned = replace(find_worst_turn(one), by_side=by_side)
-            prevails = turned.moved.value / MILLI * mm_per_rad > worst.moved.value
+            prevails = finding.orientation_gain is not None
             turning = Turning(MILLI * float(sizes.rms_rad[k]), turned, prevails)
         figures = Figures(
             rms_mm=float(sizes.rms[k]),
@@ -184,36 +186,50 @@ def measure_effects(run: StudyRun) -> FindingFigures:
 
 def bind_findings(run: StudyRun) -> list[Fitted]:
     """Bind every finding's effect to one workspace of the run, the same whenever it is asked for."""
-    workspace = build_workspace(
-        run.problem.take(run.split.used), generator(run.study.seed, "workspace")
-    )
+    effects = [finding.effect for finding in run.diagnosis.findings]
     fit = run.diagnosis.search.fit
-    return [bind_effect(finding.effect, fit, workspace) for finding in run.diagnosis.findings]
+    return bind_effects(effects, fit, run.split, run.study.seed)
+
+
+def bind_effects(effects: Sequence[Effect], fit: Fit, split: Split, seed: int) -> list[Fitted]:
+    """Bind effects to the workspace of a split, the same for the same seed."""
+    used = split.problem.take(split.used)
+    rng = generator(seed, "workspace")
+    workspace = build_workspace(used, rng)
+    return [bind_effect(effect, fit, workspace) for effect in effects]
 
 
 def _find_threshold(run: StudyRun) -> float:
     """Find the rms [mm] from which an effect matters: its mean square is above a tenth of that of
     what is left, or it is above the noise."""
     noise = run.floor.coordinate_mm * float(np.sqrt(run.floor.coordinates))
-    return min(_find_left(run) * float(np.sqrt(MIN_SHARE)), noise)
+    left = _find_left(run.models.chosen, _find_last_gain(run))
+    return min(left * float(np.sqrt(MIN_SHARE)), noise)
 
 
-def _find_left(run: StudyRun) -> float:
-    """Find the rms of the position error that is left [mm]."""
+def _find_last_gain(run: StudyRun) -> Gain:
+    """Find the gain of what was named last."""
     named_last = run.diagnosis.search.effects[-1].candidate
     gains = [one.gain for one in run.diagnosis.findings if one.effect.candidate == named_last]
-    last = gains[-1].held_out_rms_after_mm
-    return last if last is not None else run.models.chosen.estimation.rms_mm or 0.0
+    return gains[-1]
 
 
-def _find_mm_per_rad(run: StudyRun) -> float:
+def _find_left(chosen: Evaluation, last: Gain) -> float:
+    """Find the rms of the position error that is left [mm]."""
+    left = last.held_out_rms_after_mm
+    return left if left is not None else chosen.estimation.rms_mm or 0.0
+
+
+def find_mm_per_rad(split: Split, chosen: Evaluation, last: Gain) -> float:
     """Find the mm of position that count as a rad of orientation: what is left of the one against
-    what is left of the other; 0 where no orientation was measured."""
-    chosen = run.models.chosen
-    angles = measure_orientation(run.split, chosen, chosen)
+    what is left of the other; 0 where no orientation was measured.
+
+    `last`: the gain of what was named last."""
+    angles = measure_orientation(split, chosen, chosen)
     if angles is None:
         return 0.0
-    return _find_left(run) / angles[1] if angles[1] > 0 else 1 / RAD_PER_MM
+    _, angle = angles
+    return _find_left(chosen, last) / angle if angle > 0 else 1 / RAD_PER_MM
 
 
 def bind_effect(effect: Effect, fit: Fit, workspace: Workspace) -> Fitted:

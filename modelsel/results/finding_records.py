@@ -19,12 +19,13 @@ from ..diagnosis.claim_sentences import (
 from ..diagnosis.credible_sets import Entry
 from ..diagnosis.data_faults import Fault, find_concerned_rows
 from ..diagnosis.effects import Effect
-from ..diagnosis.sentences import format_length, list_usual_causes
+from ..diagnosis.sentences import list_usual_causes
 from ..diagnosis.signatures import LEVELS
+from ..exceptions import write_rounded
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Cause, find_bump
 from ..mechanisms.terms import Term
-from ..selection.gain import Gain
+from ..selection.gain import Change, Gain, OrientationGain
 
 KNOWN_COVARIATES = ("payload_kg", "temperature_C", "time_s")
 
@@ -34,10 +35,12 @@ Values = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """One decision: an effect, its sentence, what it gains on held-out rows."""
+    """One decision: an effect, its sentence, what it gains on held-out rows; `orientation_gain`: the
+    same of orientation, where it turns the target more than it moves it, each against what is left."""
 
     effect: Effect
     gain: Gain
+    orientation_gain: OrientationGain | None = None
 
     @property
     def sentence(self) -> str:
@@ -53,9 +56,18 @@ class Finding:
 
     @property
     def doubtful(self) -> bool:
-        """Whether the held-out error does not fall when it joins the model."""
-        before, after = self.gain.held_out_rms_before_mm, self.gain.held_out_rms_after_mm
-        return before is not None and after is not None and after >= before
+        """Whether the held-out error does not fall when it joins the model, of position and, where its
+        turning prevails, of orientation."""
+        falls = [change.fall for change in self._known_changes]
+        return bool(falls) and max(falls) <= 0
+
+    @property
+    def _known_changes(self) -> list[Change]:
+        """What it changes of held-out errors, where some are held out: of orientation first."""
+        changes = [self.gain.change]
+        if self.orientation_gain is not None:
+            changes.insert(0, self.orientation_gain.change)
+        return [change for change in changes if change is not None]
 
     @property
     def _doubt(self) -> str:
@@ -64,19 +76,22 @@ class Finding:
             return ""
         if self.against:
             return "doubtful"
-        more = (self.gain.held_out_rms_after_mm or 0.0) - (self.gain.held_out_rms_before_mm or 0.0)
-        return (
-            f"doubtful: the held-out error does not fall with it ({format_length(more)} rms more)"
-        )
+        first = self._known_changes[0]
+        more = f"{write_rounded(-first.fall)} {first.unit}"
+        return f"doubtful: the held-out error does not fall with it ({more} rms more)"
 
     @property
     def against(self) -> str:
-        """What it adds to the held-out error, where the whole interval of its gain is negative; else nothing."""
-        interval = self.gain.interval_mm
-        if interval is None or interval[1] >= 0:
+        """What it adds to the held-out error, where it is doubtful and the whole interval of its gain is negative; else
+        nothing."""
+        if not self.doubtful:
             return ""
-        low, high = format_length(-interval[1]), format_length(-interval[0])
-        return f"their error grows by {low} to {high} rms with it (95 %)"
+        for _, _, interval, unit in self._known_changes:
+            if interval is not None and interval[1] < 0:
+                low, high = (f"{write_rounded(-end)} {unit}" for end in reversed(interval))
+                what = "orientation error" if unit == "mrad" else "error"
+                return f"their {what} grows by {low} to {high} rms with it (95 %)"
+        return ""
 
 
 def uses_derived_names(names: frozenset[str], problem: Problem) -> bool:
@@ -141,10 +156,19 @@ def describe_finding(finding: Finding, problem: Problem) -> Values:
         **_describe_claims(effect),
         "estimate": _estimate(effect),
         "after_selection": effect.after_selection and effect.after_selection._asdict(),
-        "gain": asdict(finding.gain),
+        "gain": _describe_gains(finding),
         "doubtful": finding.doubtful,
         "usual_causes": list(list_usual_causes(effect)),
     }
+
+
+def _describe_gains(finding: Finding) -> Values:
+    """Return what it gains on held-out rows, of orientation where its turning prevails."""
+    gain = asdict(finding.gain)
+    if finding.orientation_gain is None:
+        return gain
+    turning = asdict(finding.orientation_gain)
+    return gain | turning
 
 
 def _describe_claims(effect: Effect) -> Values:

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from .._records import Number, Pair, StrictRecord, Text, Whole
+from ..selection.gain import Change, build_change
 from .record_types import Axis, Figure, Texts
 
 FAULT = "fault:"  # begins the name of a data fault
@@ -83,11 +84,39 @@ class AfterSelectionRecord(StrictRecord):
 
 
 class GainRecord(StrictRecord):
-    """What a finding changes on held-out configurations [mm]; a positive interval is less error."""
+    """What a finding changes on held-out configurations: of position [mm] and, where its turning
+    prevails, of orientation [mrad]; a positive interval is less error."""
 
     held_out_rms_before_mm: Figure
     held_out_rms_after_mm: Figure
     interval_mm: Pair | None
+    held_out_rms_before_mrad: Figure = None
+    held_out_rms_after_mrad: Figure = None
+    interval_mrad: Pair | None = None
+
+    @property
+    def of_position(self) -> Change | None:
+        """What it changes of the position error, where anything is held out."""
+        before = self.held_out_rms_before_mm
+        after = self.held_out_rms_after_mm
+        return build_change(before, after, self.interval_mm, "mm")
+
+    @property
+    def of_orientation(self) -> Change | None:
+        """What it changes of the orientation error, where its turning prevails."""
+        before = self.held_out_rms_before_mrad
+        after = self.held_out_rms_after_mrad
+        return build_change(before, after, self.interval_mrad, "mrad")
+
+    @property
+    def told(self) -> Change | None:
+        """The change to tell where one is told: of orientation, where that falls or nothing does."""
+        moved = self.of_position
+        turned = self.of_orientation
+        if moved is None or turned is None:
+            return turned or moved
+        only_position_falls = moved.fall > 0 >= turned.fall
+        return moved if only_position_falls else turned
 
 
 class UsableRecord(StrictRecord):
@@ -176,10 +205,13 @@ class FindingRecord(StrictRecord):
         "and the 95 % interval `low high`; none of a free function",
     )
     gain: GainRecord = Field(
-        description="`held_out_rms_before_mm held_out_rms_after_mm interval_mm`"
+        description="`held_out_rms_before_mm held_out_rms_after_mm interval_mm`, of position; only where "
+        "`turning.prevails` also `held_out_rms_before_mrad held_out_rms_after_mrad interval_mrad`, of orientation"
     )
     doubtful: bool = Field(
-        False, description="the held-out error does not fall when it joins the model"
+        False,
+        description="the held-out error does not fall when it joins the model: neither that of position nor, where "
+        "`turning.prevails`, that of orientation",
     )
     usual_causes: Texts = Field(
         default_factory=list,

@@ -84,6 +84,7 @@ def _finding_row(finding: FindingRecord) -> dict[str, Any]:
     """Return a finding in one row."""
     gain = finding.gain
     low, high = gain.interval_mm or (None, None)
+    turned_low, turned_high = gain.interval_mrad or (None, None)
     turning = finding.turning
     return {
         "name": finding.first.name,
@@ -95,6 +96,10 @@ def _finding_row(finding: FindingRecord) -> dict[str, Any]:
         "held_out_rms_after_mm": gain.held_out_rms_after_mm,
         "gain_low_mm": low,
         "gain_high_mm": high,
+        "held_out_rms_before_mrad": gain.held_out_rms_before_mrad,
+        "held_out_rms_after_mrad": gain.held_out_rms_after_mrad,
+        "gain_low_mrad": turned_low,
+        "gain_high_mrad": turned_high,
         "doubtful": finding.doubtful,
         "matters": finding.matters,
         "rms_mm": finding.rms_mm,
@@ -107,7 +112,13 @@ def _finding_row(finding: FindingRecord) -> dict[str, Any]:
 
 
 # which only studies with measured orientations have
-TURNING_COLUMNS = ("rms_mrad", "worst_mrad")
+TURNING_GAINS = (
+    "held_out_rms_before_mrad",
+    "held_out_rms_after_mrad",
+    "gain_low_mrad",
+    "gain_high_mrad",
+)
+TURNING_SIZES = ("rms_mrad", "worst_mrad")
 FINDING_COLUMNS = (
     "name",
     "verdict",
@@ -118,11 +129,12 @@ FINDING_COLUMNS = (
     "held_out_rms_after_mm",
     "gain_low_mm",
     "gain_high_mm",
+    *TURNING_GAINS,
     "doubtful",
     "matters",
     "rms_mm",
     "worst_mm",
-    *TURNING_COLUMNS,
+    *TURNING_SIZES,
     "usable",
     "sentence",
 )
@@ -134,7 +146,7 @@ def _tabulate_findings(record: StudyRecord) -> pd.DataFrame:
     rows = [_finding_row(finding) for finding in record.findings]
     columns = list(FINDING_COLUMNS)
     if all(finding.turning is None for finding in record.findings):
-        columns = [name for name in columns if name not in TURNING_COLUMNS]
+        columns = [name for name in columns if name not in (*TURNING_GAINS, *TURNING_SIZES)]
     return pd.DataFrame(rows, columns=columns)
 
 

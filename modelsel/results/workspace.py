@@ -75,8 +75,9 @@ class Workspace:
     def turning(self) -> Array:
         """The target's turning (n+1, 6, 3, m) per unit screw at all rows, in frame 0 [rad]."""
         axes = self.pose.axes
+        rotations = axes[:, 3:]
         turned = np.zeros_like(axes)
-        turned[:, 3:] = axes[:, 3:]
+        turned[:, 3:] = rotations
         return turned
 
     @cached_property
@@ -176,7 +177,8 @@ class Fitted:
         if length == 0:
             return Range(0.0, 0.0, 0.0)
         direction = here / length
-        along = each[:, :, row] @ direction
+        shares = each[:, :, row]
+        along = shares @ direction
         return self.range_of(along)
 
     def range_of(self, gradient: Array) -> Range:

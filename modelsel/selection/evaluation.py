@@ -208,16 +208,22 @@ def measure_orientation(
     rows. None where no orientation was measured."""
     if chosen.residual.shape[1] < 6:
         return None
-    rows = ~split.outlying
-    measured = split.problem.measured
-    if measured is not None:
-        rows &= measured[:, 3]
+    rows = mark_oriented(split)
     held_out = rows & ~split.estimation
     if held_out.any():
         rows = held_out
     before = _rms_angle(nominal.residual[rows])
     after = _rms_angle(chosen.residual[rows])
     return before, after
+
+
+def mark_oriented(split: Split) -> Mask:
+    """Mark the rows (m,) with a measured orientation, outliers left out, where some have one."""
+    rows = ~split.outlying
+    measured = split.problem.measured
+    if measured is not None:
+        rows &= measured[:, 3]
+    return rows
 
 
 def _rms_angle(residual: Array) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +16,30 @@ MIN_CONFIGURATIONS = 3
 MAX_DRAWN = 1_000_000
 
 
+class Change(NamedTuple):
+    """A held-out rms before and after, and the 95 % interval [low, high] of its fall, all in one
+    unit."""
+
+    before: float
+    after: float
+    interval: Sequence[float] | None
+    unit: str
+
+    @property
+    def fall(self) -> float:
+        """By how much the error falls."""
+        return self.before - self.after
+
+
+def build_change(
+    before: float | None, after: float | None, interval: Sequence[float] | None, unit: str
+) -> Change | None:
+    """Build a change; None where nothing is held out."""
+    if before is None or after is None:
+        return None
+    return Change(before, after, interval, unit)
+
+
 @dataclass(frozen=True)
 class Gain:
     """Held-out rms before and after, and the 95 % interval [low, high] of their difference, by
@@ -23,6 +48,29 @@ class Gain:
     held_out_rms_before_mm: float | None
     held_out_rms_after_mm: float | None
     interval_mm: tuple[float, float] | None
+
+    @property
+    def change(self) -> Change | None:
+        """The change, where anything is held out."""
+        before = self.held_out_rms_before_mm
+        after = self.held_out_rms_after_mm
+        return build_change(before, after, self.interval_mm, "mm")
+
+
+@dataclass(frozen=True)
+class OrientationGain:
+    """As `Gain`, of the orientation's error [mrad]."""
+
+    held_out_rms_before_mrad: float | None
+    held_out_rms_after_mrad: float | None
+    interval_mrad: tuple[float, float] | None
+
+    @property
+    def change(self) -> Change | None:
+        """The change, where any orientation is held out."""
+        before = self.held_out_rms_before_mrad
+        after = self.held_out_rms_after_mrad
+        return build_change(before, after, self.interval_mrad, "mrad")
 
 
 @dataclass(frozen=True)
@@ -40,7 +88,7 @@ class ResamplingOptions:
 
 @dataclass(frozen=True, eq=False)
 class ResampledErrors:
-    """The rms [mm] of one model's held-out residuals, and of every bootstrap draw (draws,) of the
+    """The rms of one model's held-out residuals, in their unit, and of every bootstrap draw (draws,) of the
     configurations; None where there are too few."""
 
     rms: float | None
@@ -48,11 +96,21 @@ class ResampledErrors:
 
     def gain_of(self, after: ResampledErrors) -> Gain:
         """Return the gain of another model, of the same draws."""
-        interval = None
-        if self.drawn is not None and after.drawn is not None:
-            low, high = np.percentile(self.drawn - after.drawn, [2.5, 97.5])
-            interval = float(low), float(high)
+        interval = self._compare(after)
         return Gain(self.rms, after.rms, interval)
+
+    def orientation_gain_of(self, after: ResampledErrors) -> OrientationGain:
+        """Return the gain of another model, of the same draws, where the residuals are in mrad."""
+        interval = self._compare(after)
+        return OrientationGain(self.rms, after.rms, interval)
+
+    def _compare(self, after: ResampledErrors) -> tuple[float, float] | None:
+        """Return the interval of the error's fall; None where there are too few configurations."""
+        if self.drawn is None or after.drawn is None:
+            return None
+        falls = self.drawn - after.drawn
+        low, high = np.percentile(falls, [2.5, 97.5])
+        return float(low), float(high)
 
 
 def resample_errors(
@@ -61,7 +119,8 @@ def resample_errors(
     rng: np.random.Generator,
     options: ResamplingOptions = ResamplingOptions(),
 ) -> list[ResampledErrors]:
-    """Draw configurations with replacement, the same for several models' residuals (m, 3) [mm].
+    """Draw configurations with replacement, the same for several models' residuals (m, 3) of position
+    [mm] or of orientation.
 
     `block` (m,) is every row's configuration."""
     blocks, unit = np.unique(block, return_inverse=True)

@@ -53,7 +53,8 @@ def _list_absurd_scales(noise: NoiseTable, robot: Robot) -> list[str]:
     joints = list_joints(noise.fixed)
     problems = []
     for name, scale in noise.fixed.items():
-        unit = robot.unit(joints[name]) if name in joints else "mm"
+        joint = joints.get(name)
+        unit = "mm" if joint is None else robot.unit(joint)
         largest = MAX_SCALE_RAD if unit == "rad" else largest_mm
         if scale > largest:
             problems.append(

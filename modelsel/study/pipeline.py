@@ -41,6 +41,7 @@ from ..notices import Note
 from ..results.cautions import harmful_base_notes
 from ..results.finding_figures import order_findings
 from ..results.finding_records import Finding
+from ..results.orientation_gains import add_orientation_gains
 from ..results.study_run import Explanation, ModelSearch, StudyRun
 from ..robot.kinematics import Robot
 from ..selection.comparison import MAX_CANDIDATES, SubsetComparison, compare_subsets
@@ -156,6 +157,7 @@ def _analyse_prepared(
     resampled = resample_held_out(study, split, [ladder[0], chosen, *steps])
     nominal_errors, chosen_errors, *step_errors = resampled
     findings = measure_findings(diagnosis, step_errors)
+    findings = add_orientation_gains(findings, diagnosis, split, steps, chosen, study.seed)
     within_folds = repeat_in_folds(study, split, base, mechanisms, say)
     noise = choose_noise_floor(split, floor, chosen)
     detection_limit = describe_unexplained(diagnosis, candidates, split, steps[-1])

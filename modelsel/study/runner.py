@@ -98,11 +98,11 @@ def rehearse_study(
     split, floor, notes = prepare(study, robot, measured, labels)
     base = build_model(study, split.problem, registry, study.model.base)
     kept = split.problem.data
-    configurations = {
-        "estimation": kept.take(split.estimation).configurations,
-        "held_out": kept.take(~split.estimation).configurations,
-    }
-    candidates = {candidate.name for candidate in list_candidates(study, robot, registry)}
+    estimating = kept.take(split.estimation)
+    held_out = kept.take(~split.estimation)
+    configurations = {"estimation": estimating.configurations, "held_out": held_out.configurations}
+    listed = list_candidates(study, robot, registry)
+    candidates = {candidate.name for candidate in listed}
     groups = build_own_candidates(study, split.problem)
     own = [m for group in groups for m in group.mechanisms]
     beyond = [m for m in own if m not in base.mechanisms]

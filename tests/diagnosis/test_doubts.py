@@ -28,7 +28,7 @@ from modelsel.results.finding_records import Finding, describe_fault
 from modelsel.results.goodness_of_fit import LackOfFit, lack_of_fit_notes, measure_lack_of_fit
 from modelsel.robot.kinematics import forward
 from modelsel.selection.evaluation import Split, evaluate
-from modelsel.selection.gain import Gain
+from modelsel.selection.gain import Gain, OrientationGain
 from modelsel.uncertainty.parameters import bootstrap_parameters
 from modelsel.uncertainty.significance import assess_significance, compare_nested
 
@@ -187,6 +187,42 @@ def test_a_finding_that_held_out_rows_speak_against(interval, said, monkeypatch)
 )
 def test_a_finding_without_a_gain_is_doubtful(gain, doubtful) -> None:
     assert Finding(SimpleNamespace(), gain).doubtful == doubtful
+
+
+@pytest.mark.parametrize(
+    ("mm", "mrad", "doubtful", "against"),
+    [
+        ((0.1, 0.11, (-0.02, -0.01)), (0.5, 0.3, (0.1, 0.3)), False, ""),
+        ((0.1, 0.09, (-0.01, 0.02)), (0.5, 0.6, (-0.2, -0.1)), False, ""),
+        ((0.1, 0.11, (-0.02, 0.01)), (0.5, 0.6, (-0.2, 0.1)), True, ""),
+        (
+            (0.1, 0.11, (-0.02, -0.01)),
+            (0.5, 0.6, (-0.2, -0.1)),
+            True,
+            "their orientation error grows by 0.1 mrad to 0.2 mrad rms with it (95 %)",
+        ),
+        (
+            (0.1, 0.11, (-0.02, -0.01)),
+            (0.5, 0.6, (-0.2, 0.1)),
+            True,
+            "their error grows by 0.01 mm to 0.02 mm rms with it (95 %)",
+        ),
+        ((0.1, 0.11, (-0.02, 0.01)), (None, None, None), True, ""),
+    ],
+)
+def test_a_finding_that_turns_is_doubtful_where_neither_error_falls(
+    mm, mrad, doubtful, against
+) -> None:
+    finding = Finding(SimpleNamespace(), Gain(*mm), OrientationGain(*mrad))
+    assert finding.doubtful == doubtful
+    assert finding.against == against
+    more = "0.01 mm" if mrad[0] is None else "0.1 mrad"
+    said = {
+        (False, False): "",
+        (True, True): "doubtful",
+        (True, False): f"doubtful: the held-out error does not fall with it ({more} rms more)",
+    }
+    assert finding._doubt == said[doubtful, bool(against)]
 
 
 def test_free_functions_have_no_f(rng) -> None:

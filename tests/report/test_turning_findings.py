@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,12 +11,15 @@ import pandas as pd
 import pytest
 from report_studies import source_of, written
 
-from modelsel import read_study, run_study
+from modelsel import Result, read_study, run_study
+from modelsel.measurements.row_places import Where
 from modelsel.report import drawing
 from modelsel.report.comparison_page import _write_finding
 from modelsel.report.document import Source, collect_blocks
+from modelsel.report.pages.findings import describe_proof
 from modelsel.report.terminal import write_sentences
 from modelsel.report.terminal_summary import summarise_study
+from modelsel.results.finding_advice import advise
 from modelsel.results.finding_figures import Figures, FindingFigures, Turning, describe_small
 from modelsel.results.study_sentences import write_figures
 from modelsel.results.tables import FINDING_COLUMNS, TABLES
@@ -30,6 +34,8 @@ def turning(finding: dict, still: bool) -> None:
     worst = finding["worst"]
     sizes = {"rms_mrad": 0.12, "mrad": 0.31, "low": 0.2, "high": 0.42}
     stand = {key: worst[key] for key in ("joints_deg", "unmeasured_joints")}
+    falls = {"held_out_rms_before_mrad": 0.5, "held_out_rms_after_mrad": 0.3}
+    finding["gain"] |= {**falls, "interval_mrad": [0.1, 0.3]}
     text = f"{TURNED} the joints stand at 0°"
     finding["turning"] = {**sizes, **stand, "text": text, "prevails": True}
     if still:
@@ -84,8 +90,8 @@ def test_the_pdf_lists_it_in_mrad_among_small_ones(drawn) -> None:
         if block["kind"] == "table"
     )
     first, *others = table["rows"]
-    assert first[2:4] == ["0.120 mrad", "0.310 mrad"]
-    assert all(row[3].endswith(" mm") for row in others)
+    assert first[3:5] == ["0.120 mrad", "0.310 mrad"]
+    assert all(row[4].endswith(" mm") for row in others)
     assert "mrad: how far the target is turned" in table["caption"]
 
 
@@ -101,8 +107,29 @@ def test_the_table_of_findings_has_mrad_only_with_orientations(drawn) -> None:
     assert list(table.columns) == list(FINDING_COLUMNS)
     assert table["worst_mrad"][0] == 0.31
     assert table["worst_mrad"][1:].isna().all()
+    assert table["gain_high_mrad"][0] == 0.3
+    assert table["gain_high_mrad"][1:].isna().all()
     plain = TABLES["findings"](source_of(*written(drawn)).record)
     assert not [name for name in plain.columns if "mrad" in name]
+
+
+def test_what_it_gains_of_orientation_is_told_in_mrad(drawn) -> None:
+    source = with_turning(drawn)
+    finding = source.record.findings[0]
+    assert advise(source.record, finding).worth == "0.200 mrad (0.100 to 0.300)"
+    said = describe_proof(finding, Where("m.csv"))
+    assert ", of orientation 0.500 to 0.300 mrad rms (95 %: 0.100 to 0.300 mrad less)." in said
+    assert "Held-out error when it joins the ladder: " in said
+
+
+def test_the_gain_that_falls_is_told(drawn) -> None:
+    source = with_turning(drawn)
+    finding = source.record.findings[0]
+    larger = {"held_out_rms_after_mrad": 0.6, "interval_mrad": [-0.2, 0.1]}
+    gain = finding.gain.model_copy(update=larger)
+    assert gain.told == gain.of_position
+    gain = gain.model_copy(update={"held_out_rms_after_mm": gain.held_out_rms_before_mm})
+    assert gain.told == gain.of_orientation
 
 
 @pytest.mark.parametrize(
@@ -141,19 +168,19 @@ def test_the_line_of_small_ones_has_mrad_where_one_of_them_turns(
     assert told == {"count": 3, "rms_mm": small[0], "rms_mrad": small[1], "sentence": sentence}
 
 
-@pytest.mark.integration
-def test_a_turn_of_the_target_is_told_in_mrad_by_a_study(tmp_path) -> None:
-    """Planted: the target turns about its own x axis by 3 mrad times the sine of joint 2's reading."""
+def study_turned(tmp_path: Path, mrad: float, seed: int) -> Result:
+    """Study an arm whose target turns about its own x axis by some mrad times the sine of joint 2's
+    reading."""
     from scipy.spatial.transform import Rotation
 
     from modelsel.robot.files import load_robot
     from modelsel.robot.kinematics import pose
 
-    rng = np.random.default_rng(3)
+    rng = np.random.default_rng(seed)
     arm, tool = load_robot("puma760"), np.array([0.0, 0.0, 100.0])
     q = arm.draw(rng, 90)
     at = pose(arm, q, tool)
-    turned = Rotation.from_rotvec(np.outer(3e-3 * np.sin(q[:, 1]), [1, 0, 0]))
+    turned = Rotation.from_rotvec(np.outer(1e-3 * mrad * np.sin(q[:, 1]), [1, 0, 0]))
     noise = Rotation.from_rotvec(rng.normal(0, 1e-4, (90, 3)))
     R = (Rotation.from_matrix(at.rotation.transpose(2, 0, 1)) * turned * noise).as_quat()
     data = pd.DataFrame(q, columns=[f"q{j}_rad" for j in range(1, 7)])
@@ -165,7 +192,12 @@ def test_a_turn_of_the_target_is_told_in_mrad_by_a_study(tmp_path) -> None:
         '[measurements]\nfile = "measurements.csv"\n[split]\nestimation = 60\n'
         '[model]\nbase = ["geometric"]\n[comparison]\nfolds = 5\n'
     )
-    result = run_study(read_study(tmp_path / "study.toml"), tmp_path, sampling=False)
+    return run_study(read_study(tmp_path / "study.toml"), tmp_path, sampling=False)
+
+
+@pytest.mark.integration
+def test_a_turn_of_the_target_is_told_in_mrad_by_a_study(tmp_path) -> None:
+    result = study_turned(tmp_path, 3.0, seed=3)
     finding = json.loads(result.to_json())["findings"][0]
     assert finding["matters"]
     assert finding["worst"]["text"] == STILL
@@ -178,3 +210,18 @@ def test_a_turn_of_the_target_is_told_in_mrad_by_a_study(tmp_path) -> None:
     # noise of 0.1 mrad and of 0.02 mm
     ratio = rest.detection_limit_mrad / rest.detection_limit_mm
     assert ratio == pytest.approx(5.0, rel=0.2)
+
+
+@pytest.mark.integration
+def test_a_true_turn_is_not_doubtful_where_the_position_error_does_not_fall(tmp_path) -> None:
+    result = study_turned(tmp_path, 0.4, seed=6)
+    finding = json.loads(result.to_json())["findings"][0]
+    gain = finding["gain"]
+    assert finding["turning"]["prevails"]
+    assert gain["held_out_rms_after_mm"] > gain["held_out_rms_before_mm"]
+    assert gain["held_out_rms_after_mrad"] < 0.7 * gain["held_out_rms_before_mrad"]
+    low, high = gain["interval_mrad"]
+    fall = gain["held_out_rms_before_mrad"] - gain["held_out_rms_after_mrad"]
+    assert 0 < low < fall < high
+    assert not finding["doubtful"]
+    assert not result.calibration.doubtful

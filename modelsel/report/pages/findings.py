@@ -22,6 +22,7 @@ from ...results.study_sentences import (
     write_figures,
     write_levels,
 )
+from ...selection.gain import Change
 from ..document import Block, Source, make_heading, make_table, make_text, put_beside
 from ..figures.finding import draw_panels, name_axis
 
@@ -185,13 +186,10 @@ def _describe_verdict(finding: FindingRecord, where: Where) -> str:
     chance = f"{finding.p_value:.2g} over the whole search"
     parts = [f"Verdict: {finding.verdict}; chance alone would do as well with probability {chance}"]
     gain = finding.gain
-    if gain.held_out_rms_before_mm is not None:
-        before, after = (
-            format_mm(gain.held_out_rms_before_mm),
-            format_mm(gain.held_out_rms_after_mm),
-        )
-        change = _describe_change(gain.interval_mm)
-        parts.append(f"Held-out error when it joins the ladder: {before} to {after} mm rms{change}")
+    changes = [one for one in (gain.of_position, gain.of_orientation) if one is not None]
+    if changes:
+        told = ", of orientation ".join(map(_describe_change, changes))
+        parts.append(f"Held-out error when it joins the ladder: {told}")
     if finding.rows:
         listed = where.listed(finding.rows, MAX_ROWS)
         count = count_rows(finding.rows)
@@ -199,15 +197,20 @@ def _describe_verdict(finding: FindingRecord, where: Where) -> str:
     return ". ".join(parts) + "."
 
 
-def _describe_change(interval: Sequence[float] | None) -> str:
-    """Return the interval of a gain in words: positive is less error."""
-    if interval is None:
-        return ""
-    low, high = interval
+def _describe_change(change: Change) -> str:
+    """Return the held-out error before and after, and the interval of its fall in words."""
+    before = format_mm(change.before)
+    after = format_mm(change.after)
+    unit = change.unit
+    text = f"{before} to {after} {unit} rms"
+    if change.interval is None:
+        return text
+    low, high = change.interval
     if low < 0 < high:
-        return f" (95 %: {format_gain(-low)} mm more to {format_gain(high)} mm less)"
-    near, far = map(format_gain, sorted(map(abs, interval)))
-    return f" (95 %: {near} to {far} mm {'less' if low >= 0 else 'more'})"
+        return f"{text} (95 %: {format_gain(-low)} {unit} more to {format_gain(high)} {unit} less)"
+    near, far = map(format_gain, sorted(map(abs, change.interval)))
+    side = "less" if low >= 0 else "more"
+    return f"{text} (95 %: {near} to {far} {unit} {side})"
 
 
 # -- rivals

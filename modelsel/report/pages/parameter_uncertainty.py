@@ -77,7 +77,8 @@ def _write_distribution(source: Source) -> list[Block]:
         caption += (
             f" {ladder.MAX_CURVES} of the first page's {models} models, by the names used there."
         )
-    words = f"Distribution of {side} errors per model. {_describe_errors(record)}".strip()
+    errors = _describe_errors(record)
+    words = f"Distribution of {side} errors per model. {errors}".strip()
     return [source.add_figure("held-out", draw, caption, words)]
 
 
