@@ -30,6 +30,8 @@ from .whitening import Whitening
 
 # parts beyond the instrument
 MAX_PARTS = 6
+# parts that are added at most, of which some may be dropped again
+MOST_STEPS = 12
 # standard errors of a variance beyond which a part is not tried to be left out
 CERTAIN = 3.5
 # p of a part from which the instrument's interval holds what it would be without it
@@ -164,18 +166,21 @@ def find_structure(
     else:
         chosen = [one for one in offered if one.error.known is not None]
         at = _start_with_known(model, chosen)
-    while len(chosen) < MAX_PARTS:
-        new = find_next(at, offered, chosen)
-        if new is None:
+    others: list[Likelihood] = []
+    for _ in range(MOST_STEPS):
+        if len(chosen) >= MAX_PARTS:
             break
-        more, there = new
-        chosen, at = _prune(more, there)
+        found, unsure = find_next(at, offered, chosen)
+        if found is None:
+            others += [] if unsure is None else [evaluate_likelihood(model, unsure)]
+            break
+        chosen, at = _prune(*found)
     if chosen:
         ordered = _sort(at.parts, offered)
         at = maximise_likelihood(model, ordered)
         chosen = _match(offered, at)
-    without = _fit_without_doubtful(chosen, at)
-    return _describe(problem, at, chosen, candidates, offered, without)
+    others += _fit_without_doubtful(chosen, at)
+    return _describe(problem, at, chosen, candidates, offered, others)
 
 
 def _start_with_known(model: LinearModel, known: Sequence[PossiblePart]) -> Likelihood:
@@ -252,14 +257,14 @@ def _prune(
     return chosen, at
 
 
-def _fit_without_doubtful(chosen: Sequence[PossiblePart], at: Likelihood) -> Likelihood | None:
-    """Fit without the least certain part; None where chance hardly explains any."""
+def _fit_without_doubtful(chosen: Sequence[PossiblePart], at: Likelihood) -> list[Likelihood]:
+    """Fit without the least certain part; nothing where chance hardly explains any."""
     if not chosen:
-        return None
+        return []
     trial = _leave_out_weakest(chosen, at)
     if trial is None or trial.p <= DOUBTFUL:
-        return None
-    return trial.without
+        return []
+    return [trial.without]
 
 
 def _leave_out_weakest(
@@ -314,10 +319,10 @@ def _describe(
     chosen: Sequence[PossiblePart],
     candidates: Sequence[PossiblePart],
     offered: Sequence[PossiblePart],
-    without: Likelihood | None,
+    others: Sequence[Likelihood],
 ) -> ErrorStructure:
-    """Describe the parts: scales, intervals, shares. `without`: the fit without a part that is in
-    doubt, whose errors would be the instrument's."""
+    """Describe the parts: scales, intervals, shares. `others`: fits without a part that is in doubt,
+    or with one that may be there, whose errors would be the instrument's, or would not."""
     variances = np.array([1.0, *(part.variance for part in at.parts)]) * at.phi
     freedom = _count_freedom(at)
     squares = [_square_of_instrument(problem), *(one.square for one in chosen)]
@@ -331,8 +336,9 @@ def _describe(
     ):
         scale = np.sqrt(variance) * (instrument if name == "instrument" else 1.0)
         low, high = compute_interval(float(scale), df)
-        if name == "instrument" and without is not None:
-            high = max(high, _compute_highest(without, instrument))
+        if name == "instrument":
+            ends = [(low, high), *(_bound_instrument(one, instrument) for one in others)]
+            low, high = min(end for end, _ in ends), max(end for _, end in ends)
         share = float(variance * square / total)
         rms = float(np.sqrt(variance * square))
         parts.append(ErrorPart(name, unit, float(scale), low, high, share, rms, told_by, length))
@@ -344,12 +350,11 @@ def _describe(
     return ErrorStructure(tuple(parts), shared)
 
 
-def _compute_highest(at: Likelihood, instrument: float) -> float:
-    """Compute the upper end of the instrument's interval."""
+def _bound_instrument(at: Likelihood, instrument: float) -> tuple[float, float]:
+    """Compute the interval of the instrument's scale."""
     scale = np.sqrt(at.phi) * instrument
     freedom = _count_freedom(at)
-    _, high = compute_interval(float(scale), float(freedom[0]))
-    return high
+    return compute_interval(float(scale), float(freedom[0]))
 
 
 def _round(variance: float) -> float:

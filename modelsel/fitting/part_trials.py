@@ -13,18 +13,26 @@ from .possible_parts import PossiblePart
 from .restricted_likelihood import Likelihood, evaluate_likelihood, maximise_likelihood
 from .shared_errors import SharedError
 
-# probability with which chance gives a part that is none
+# probability with which chance gives a part that is none, and from which one that chance may give
+# is nothing
 LEVEL = 0.01
+UNSURE = 0.2
 # parts that do not last which are tried at every step
 TRIED = 2
 # gain of twice the log likelihood that something lasting needs beyond what does not last
 HANDICAP = 6.0
 
 
-def find_next(
-    at: Likelihood, offered: Sequence[PossiblePart], chosen: list[PossiblePart]
-) -> tuple[list[PossiblePart], Likelihood] | None:
-    """Find the part that the likelihood gains most by; None where chance gives as much."""
+class Step(NamedTuple):
+    """Every part with the one that the likelihood gains most by, fitted; None where chance gives as
+    much. `unsure`: then every part with one that does not last and that chance hardly gives."""
+
+    found: tuple[list[PossiblePart], Likelihood] | None
+    unsure: tuple[SharedError, ...] | None = None
+
+
+def find_next(at: Likelihood, offered: Sequence[PossiblePart], chosen: list[PossiblePart]) -> Step:
+    """Find the part that the likelihood gains most by."""
     scores = _score_parts(at, offered, chosen)
     lasting = [score for score in scores if score.lasts]
     lengths = [score.part for score in lasting]
@@ -32,20 +40,25 @@ def find_next(
     # what lasts first: nothing bounds what it may gain
     tried = lasting[:1] + others[:TRIED]
     best: _Trial | None = None
+    unsure: _Trial | None = None
     for score in tried:
-        if not score.may_exceed(best):
+        may_be_there = score.may_exceed(best, LEVEL)
+        is_first = score in others[:1]
+        if not may_be_there and not (is_first and score.may_exceed(best, UNSURE)):
             continue
         trial = _try(at, score.part, score.variance)
         if score.lasts:
             trial = _climb(at, lengths, trial)
         # what rows of a visit share resembles what lasts for a moment
-        if trial.p <= LEVEL and (best is None or trial.worth > best.worth):
+        if trial.p <= LEVEL and may_be_there and (best is None or trial.worth > best.worth):
             best = trial
+        elif trial.p <= UNSURE and not score.lasts:
+            unsure = trial
     if best is None:
-        return None
+        return Step(None, None if unsure is None else unsure.every)
     start = best.every
     after = maximise_likelihood(at.model, start, exact=False)
-    return [*chosen, best.part], after
+    return Step(([*chosen, best.part], after))
 
 
 def change_length(
@@ -105,12 +118,13 @@ class _Score(NamedTuple):
         """Whether the part lasts in order or time."""
         return self.part.error.time is not None
 
-    def may_exceed(self, best: _Trial | None) -> bool:
-        """Whether it may be more than chance gives, and worth more than the best so far."""
+    def may_exceed(self, best: _Trial | None, level: float) -> bool:
+        """Whether it may be more than chance gives in so many studies, and worth more than the best
+        so far."""
         if self.lasts:
             return True
         p = self.part.tests * compute_p(self.most)
-        if p > LEVEL:
+        if p > level:
             return False
         if best is None:
             return True

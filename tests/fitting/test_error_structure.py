@@ -254,6 +254,25 @@ def test_the_instruments_interval_allows_for_a_part_that_chance_may_have_brought
 
 
 @seeds(1, 2)
+def test_the_instrument_may_be_less_where_a_part_was_nearly_found(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As much less as it would be with that part, and not for one that chance may give."""
+    quiet = campaign(rng, targets=2)
+    at = move_levels(quiet, quiet.data.configuration, 0.7 * SIGMA, rng)
+    found = structure_of(at)
+    assert found.names == ("configuration",)
+    for module in (error_structure, part_trials):
+        monkeypatch.setattr(module, "LEVEL", 1e-12)
+    (nearly,) = structure_of(at).parts
+    assert nearly.low == pytest.approx(found.parts[0].low, rel=0.01)
+    monkeypatch.setattr(part_trials, "UNSURE", 1e-12)
+    (alone,) = structure_of(at).parts
+    assert (alone.scale, alone.high) == (nearly.scale, nearly.high)
+    assert alone.low > found.parts[0].scale
+
+
+@seeds(1, 2)
 def test_the_order_of_rows_does_not_matter_where_nothing_lasts(rng: np.random.Generator) -> None:
     at = move_joint(campaign(rng, targets=2), 2, 5e-4, rng)
     at = move_levels(at, at.data.configuration, SIGMA, rng)
