@@ -56,10 +56,12 @@ class LocalCauses:
         """Select causes as a sparse matrix (k, m); of consecutive ones it is remembered."""
         if not isinstance(which, slice):
             return self._sparse(dtype)[which]
+        known = self._known
         key = which.start, which.stop, dtype
-        if key not in self._known:
-            self._known[key] = self._sparse(dtype)[which]
-        return self._known[key]
+        if key not in known:
+            every = self._sparse(dtype)
+            known[key] = every[which]
+        return known[key]
 
     def _sparse(self, dtype: np.dtype[Any]) -> Any:
         """Return the causes as a sparse matrix (l, m)."""

@@ -172,7 +172,8 @@ def find_structure(
             break
         found, unsure = find_next(at, offered, chosen)
         if found is None:
-            others += [] if unsure is None else [evaluate_likelihood(model, unsure)]
+            if unsure is not None:
+                others.append(evaluate_likelihood(model, unsure))
             break
         chosen, at = _prune(*found)
     if chosen:
