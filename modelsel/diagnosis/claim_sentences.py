@@ -84,12 +84,12 @@ def describe_proven(effect: Effect, doubt: str = "") -> str:
     if claimed is None:
         return describe_effect(effect, doubt)
     probability = claimed.probability
-    of = f"probability {probability:.2f} of the {claimed.level}"
-    standing = [*_list_sizes(effect), of]
+    of = f"probability {probability:.2f} for the {claimed.level}"
+    listed = ", ".join([*_list_sizes(effect), of])
+    what = f"{claimed.text} ({listed})"
     if doubt:
-        standing.append(doubt)
-    listed = ", ".join(standing)
-    parts = [f"{claimed.text} ({listed})"]
+        what += f", {doubt}"
+    parts = [what]
     kind = effect.candidate.kind
     is_listed = probability < PROVEN
     if kind is not CandidateKind.SHAPE and not is_listed:
@@ -164,7 +164,7 @@ def name_places(effect: Effect) -> str:
 def _describe_place(effect: Effect, probability: float) -> str:
     where = name_places(effect)
     if probability >= PROVEN:
-        return f"{where}; on what this depends is not proven"
+        return f"{where}; what this depends on is not proven"
     return f"What moves is not proven: {_list_entries(effect)}"
 
 

@@ -157,7 +157,7 @@ def _describe_free_function(terms: Sequence[Term], estimate: Array) -> str:
     named = []
     for count, amplitude in find_waves(terms, estimate):
         shown = format_quantity(amplitude, None, "rad")
-        named.append(f"{count} waves a turn of {shown}")
+        named.append(f"{shown} in {count} waves a turn")
     if named:
         text += f", mostly {' and '.join(named)}"
     return text

@@ -200,7 +200,7 @@ def note_differences(parameters: Sequence[Parameter]) -> tuple[Note, ...]:
             "errors-differ",
             f"The standard errors of {shown} differ between least squares, configuration bootstrap "
             "and posterior: the noise is not the same everywhere, or a systematic error remains; "
-            "believe the largest.",
+            "rely on the largest.",
         ),
     )
 

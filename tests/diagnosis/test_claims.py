@@ -321,7 +321,9 @@ def test_a_sentence_has_one_probability_of_each_level() -> None:
     partly = replace(partly, named=replace(partly.named, entries=(listed,)))
     assert not is_settled(partly)
     said = describe_proven(partly)
-    assert "probability 0.99 of the drivers); it could be gear-eccentricity:3 (0.89)" in said
+    assert "probability 0.99 for the drivers); it could be gear-eccentricity:3 (0.89)" in said
+    doubted = describe_proven(partly, "doubtful (0.01 mm rms more)")
+    assert "for the drivers), doubtful (0.01 mm rms more); it could be" in doubted
     whole = effect_of(uneven, 1.0, 0.99, 0.98, 0.95)
     assert "(gear-eccentricity:3, probability 0.95)" in describe_proven(whole)
     one_joint = replace(partly, claim=replace(partly.claim, moves_joint=True))
@@ -336,7 +338,7 @@ def test_a_cause_is_not_told_where_not_even_its_place_is_proven() -> None:
     open_effect = effect_of(uneven, 0.88, 0.87, 0.54, 0.54)
     said = describe_proven(open_effect)
     assert said.startswith("What moves is not proven: gear-eccentricity:3 (0.54) (")
-    assert "probability 0.88 of the place" in said
+    assert "probability 0.88 for the place" in said
     assert "it could be" not in said
     assert "unevenly" not in describe_what(open_effect)
     untold = replace(open_effect, named=replace(open_effect.named, verdict="cannot be told apart"))
@@ -393,4 +395,4 @@ def test_only_the_motion_of_a_joint_is_told_as_the_joints(
     claim = build_claim(problem, candidate, np.array([0.99, 0.4, 0.1, 0.1]))
     effect = replace(effect_of(candidate, 0.99, 0.4, 0.1, 0.1), claim=claim)
     assert name_places(effect) == words
-    assert describe_proven(effect).startswith(f"{words}; on what this depends is not proven")
+    assert describe_proven(effect).startswith(f"{words}; what this depends on is not proven")
