@@ -46,7 +46,7 @@ def opposed_finding_notes(findings: Sequence[Finding]) -> tuple[Note, ...]:
     return tuple(
         Note(
             "held-out-against",
-            f"{finding.effect.candidate.label} was named, but held-out configurations speak against it: "
+            f"{finding.effect.label} was named, but held-out configurations speak against it: "
             f"{finding.against}. Do not compensate for it before further measurements confirm it.",
         )
         for finding in findings

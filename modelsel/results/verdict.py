@@ -182,14 +182,17 @@ def _describe_settled(named: Sequence[Named]) -> list[str]:
 def _describe_unsettled(named: Sequence[Named], is_more: bool) -> list[str]:
     if not named:
         return []
-    is_one = len(named) == 1
-    verb, causes = ("was", "its cause is") if is_one else ("were", "their causes are")
-    described = "it is best described by" if is_one else "they are best described by"
-    errors = "error" if is_one else "errors"
-    what = "more" if is_more else f"{errors} beyond the base"
-    number = write_number(len(named))
-    found = f"{number} {what} {verb} found, but {causes} not proven"
-    return [f"{found}: {described} {_list_names(named)}."]
+    count = len(named)
+    number = write_number(count)
+    what = "errors beyond the base"
+    found = "were found, but their causes are not proven: they are"
+    if count == 1:
+        what = "error beyond the base"
+        found = "was found, but its cause is not proven: it is"
+    if is_more:
+        what = "more"
+    listed = _list_names(named)
+    return [f"{number} {what} {found} best described by {listed}."]
 
 
 def _explain_free_function(text: str) -> list[str]:

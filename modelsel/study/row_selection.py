@@ -100,7 +100,8 @@ def center_unknown_times(data: Measurements, estimation: Mask) -> tuple[Measurem
         gauges = replace(gauges, origin=origin)
     unknown_groups = np.unique(data.group[unknown])
     names = ", ".join(data.groups[g] for g in unknown_groups)
-    groups = "group" if len(unknown_groups) == 1 else "groups"
+    count = len(unknown_groups)
+    groups = "group" if count == 1 else "groups"
     note = Note(
         "other-session",
         f"No estimation configuration belongs to the {groups} {names}: the model does not know when "

@@ -32,6 +32,7 @@ from modelsel.diagnosis.effects import Claim, Effect
 from modelsel.diagnosis.mechanism_families import find_families
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose
+from modelsel.diagnosis.sentences import label_effect
 from modelsel.diagnosis.signatures import LEVELS, PROVEN, read_signatures
 from modelsel.diagnosis.unlisted_shapes import ODDS, list_company, list_rivals
 from modelsel.fitting.problem import Problem
@@ -359,6 +360,24 @@ def test_names_that_move_alike_are_together_as_probable_as_the_name_is_told() ->
         "probability 0.92; encoder-scale:3 would move the target in the same way, together 0.96)"
         in said
     )
+
+
+def test_one_of_several_effects_of_a_name_has_its_number() -> None:
+    """As the ladder has it; constants of one name are one rival."""
+    robot = load_robot("puma760")
+    uneven = Candidate(mechanism("gear-eccentricity:3", robot), CandidateKind.MECHANISM, 0.01)
+    other = Candidate(mechanism("encoder-scale:3", robot), CandidateKind.MECHANISM, 0.01)
+    second = replace(effect_of(uneven, 0.99, 0.98, 0.5, 0.5), number=2)
+    first = replace(second.named.entries[0], probability=0.3)
+    rivals = (first, replace(first, candidate=other), replace(first, probability=0.2))
+    second = replace(second, named=replace(second.named, entries=rivals))
+    assert label_effect(second) == "gear-eccentricity:3 (2)"
+    assert "it could be gear-eccentricity:3 (2) (0.50) or encoder-scale:3 (0.30);" in (
+        describe_proven(second)
+    )
+    named = replace(second.named, verdict="cannot be told apart")
+    open_name = replace(second, named=named, claim=None)
+    assert "(gear-eccentricity:3 0.50, encoder-scale:3 0.30)" in describe_proven(open_name)
 
 
 def test_drivers_and_places_in_words() -> None:
