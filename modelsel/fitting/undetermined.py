@@ -98,11 +98,13 @@ def _entangled(
     count = len(group)
     free = count - len(dependent)
     what = f"only {free} combinations of them"
+    divided = "their effect"
     has_one = free == 1
     if has_one:
         what = "only their combined effect"
+        divided = "it"
     fixed = [symbols[j] for j in dependent if j not in kept]
-    remedy = "the fit divides the effect among them by their usual sizes"
+    remedy = f"the fit divides {divided} among them by their usual sizes"
     if fixed:
         remedy = _at_zero(fixed)
     listed = sentence_list(names)

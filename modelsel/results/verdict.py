@@ -175,8 +175,8 @@ def _describe_small_effect(every: NamedErrors) -> str:
 def _describe_settled(named: Sequence[Named]) -> list[str]:
     if not named:
         return []
-    errors = "error was" if len(named) == 1 else "errors were"
-    return [f"{write_number(len(named))} {errors} named beyond the base: {_list_names(named)}."]
+    errors = "error beyond the base was" if len(named) == 1 else "errors beyond the base were"
+    return [f"{write_number(len(named))} {errors} named: {_list_names(named)}."]
 
 
 def _describe_unsettled(named: Sequence[Named], is_more: bool) -> list[str]:

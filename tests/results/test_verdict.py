@@ -37,7 +37,7 @@ def test_three_sentences() -> None:
         "On held-out configurations the position error falls from 2 to 1 mm rms, a gain of 0.9 to 1.1 mm (95 %); "
         "noise of 0.03 mm per coordinate (repeats) would leave 0.052 mm."
     )
-    assert second == "One error was named beyond the base: gravity-twist."
+    assert second == "One error beyond the base was named: gravity-twist."
     assert (
         third
         == "Nothing else was found; an effect above 0.02 mm rms would have been found with 90 %."
@@ -73,18 +73,18 @@ def test_bad_news_is_said(gain, words) -> None:
         (
             [("a", True), ("b", False)],
             [],
-            "One error was named beyond the base: a. One more was found, but its cause is not proven: it is best described by b. "
+            "One error beyond the base was named: a. One more was found, but its cause is not proven: it is best described by b. "
             + NONE,
         ),
         (
             [("a", True), ("b", False, True, True, ("c",)), ("c", False, True, False, ("d",))],
             "all",
-            "One error was named beyond the base: a. Two more were found, but their causes are not proven: they are best described by b or c (doubtful); c or d.",
+            "One error beyond the base was named: a. Two more were found, but their causes are not proven: they are best described by b or c (doubtful); c or d.",
         ),
         (
             [("a", True)],
             ["a", "b"],
-            "One error was named beyond the base: a. Only a and b could be named: no other cause was considered.",
+            "One error beyond the base was named: a. Only a and b could be named: no other cause was considered.",
         ),
         (
             [],
@@ -94,12 +94,12 @@ def test_bad_news_is_said(gain, words) -> None:
         (
             [(name, True) for name in "abcdefgaa"],
             "all",
-            "Nine errors were named beyond the base: a, b, c, d, e, f and g.",
+            "Nine errors beyond the base were named: a, b, c, d, e, f and g.",
         ),
         (
             [(name, True) for name in "abcdefghgh"],
             "all",
-            "Ten errors were named beyond the base: a, b, c, d, e, f and 4 more.",
+            "Ten errors beyond the base were named: a, b, c, d, e, f and 4 more.",
         ),
     ],
 )
@@ -149,11 +149,11 @@ def test_small_findings_are_told_by_their_sum() -> None:
     small = [(name, True, False, name == "d") for name in "bcd"]
     sums = "together move the target by 0.0213 mm rms."
     assert said([big, *small])[1] == (
-        f"One error was named beyond the base: a. Three smaller ones {sums}"
+        f"One error beyond the base was named: a. Three smaller ones {sums}"
     )
     assert said(small)[1] == f"Three small errors beyond the base {sums}"
     assert said([big, *small[1:]])[1] == (
-        "Three errors were named beyond the base: a, c and d (doubtful)."
+        "Three errors beyond the base were named: a, c and d (doubtful)."
     )
 
 
