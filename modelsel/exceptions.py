@@ -98,6 +98,27 @@ def count_words(count: int, word: str) -> str:
     return f"{count:,} {word}{ending}"
 
 
+def number_repeated(names: Sequence[str]) -> list[int | None]:
+    """Number names that stand several times, from 1 in their order; None for one that stands once."""
+    counts = dict.fromkeys(names, 0)
+    numbers: list[int | None] = []
+    for name in names:
+        counts[name] += 1
+        number = counts[name]
+        numbers.append(number)
+    for place, name in enumerate(names):
+        if counts[name] == 1:
+            numbers[place] = None
+    return numbers
+
+
+def write_numbered(name: str, number: int | None) -> str:
+    """play, or play (2) where others have that name, too."""
+    if number is None:
+        return name
+    return f"{name} ({number})"
+
+
 def write_rounded(value: float, digits: int = 3) -> str:
     """0.012, 12.3, 1,230: a number of so many digits, its thousands apart; never 1.23e+03."""
     short = f"{value:.{digits}g}"

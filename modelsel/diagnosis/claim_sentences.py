@@ -84,12 +84,12 @@ def describe_proven(effect: Effect, doubt: str = "") -> str:
     if claimed is None:
         return describe_effect(effect, doubt)
     probability = claimed.probability
-    of = f"probability {probability:.2f} of the {claimed.level}"
-    standing = [*_list_sizes(effect), of]
+    of = f"probability {probability:.2f} for the {claimed.level}"
+    listed = ", ".join([*_list_sizes(effect), of])
+    what = f"{claimed.text} ({listed})"
     if doubt:
-        standing.append(doubt)
-    listed = ", ".join(standing)
-    parts = [f"{claimed.text} ({listed})"]
+        what += f", {doubt}"
+    parts = [what]
     kind = effect.candidate.kind
     is_listed = probability < PROVEN
     if kind is not CandidateKind.SHAPE and not is_listed:
@@ -164,7 +164,7 @@ def name_places(effect: Effect) -> str:
 def _describe_place(effect: Effect, probability: float) -> str:
     where = name_places(effect)
     if probability >= PROVEN:
-        return f"{where}; on what this depends is not proven"
+        return f"{where}; what this depends on is not proven"
     return f"What moves is not proven: {_list_entries(effect)}"
 
 
@@ -175,19 +175,30 @@ def _describe_entries(effect: Effect) -> str:
     labels = dict.fromkeys(entry.candidate.label for entry in named.entries if entry.alike)
     alike = list(labels)[:NAMED_RIVALS]
     if len(alike) > 1:
-        text += f"; {sentence_list(alike)} would move the target in the same way"
+        names = [_name_entry(effect, label) for label in alike]
+        text += f"; {sentence_list(names)} would move the target in the same way"
     return text
 
 
 def _list_entries(effect: Effect) -> str:
     """List names with their probabilities, that of the first as its own level has it."""
     scale = weigh_listed(effect)
-    listed: dict[str, float] = {}
-    for entry in effect.named.entries:
-        weight = scale * entry.probability
-        listed[entry.candidate.label] = listed.get(entry.candidate.label, 0.0) + weight
-    words = [f"{label} ({p:.2f})" for label, p in list(listed.items())[:NAMED_RIVALS]]
+    weights = effect.named.sum_by_label()
+    listed = list(weights.items())
+    words = []
+    for label, weight in listed[:NAMED_RIVALS]:
+        name = _name_entry(effect, label)
+        probability = scale * weight
+        words.append(f"{name} ({probability:.2f})")
     return " or ".join(words)
+
+
+def _name_entry(effect: Effect, label: str) -> str:
+    """Name an explanation as the effect is named where both have one label: with its number."""
+    own = effect.candidate.label
+    if label == own:
+        return effect.label
+    return label
 
 
 def _describe_drivers(effect: Effect) -> str:

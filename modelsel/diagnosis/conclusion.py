@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._typing import Array
+from ..exceptions import number_repeated
 from ..fitting.design import Model
 from ..fitting.least_squares import STEP_MM, Fit
 from ..fitting.shrinkage import fit_shrunk
@@ -119,11 +120,12 @@ def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:
     chosen = concluded.settled.chosen
     effects = concluded.diagnosis.effects
     included = concluded.visited.include(chosen, search.signatures)
+    numbers = number_repeated([effect.candidate.label for effect in effects])
     claimed = []
-    for g, effect in zip(chosen, effects, strict=True):
+    for g, effect, number in zip(chosen, effects, numbers, strict=True):
         levels = np.minimum(weighed.levels[g], included[g])
         claim = build_claim(search.problem, effect.candidate, levels)
-        with_claim = replace(effect, claim=claim)
+        with_claim = replace(effect, claim=claim, number=number)
         claimed.append(with_claim)
     return tuple(claimed)
 

@@ -66,6 +66,15 @@ class CredibleSet:
         """Return whether candidate g is listed."""
         return any(entry.place == g for entry in self.entries)
 
+    def sum_by_label(self) -> dict[str, float]:
+        """Sum the probabilities of what is listed by its label, whatever its constants."""
+        weights: dict[str, float] = {}
+        for entry in self.entries:
+            label = entry.candidate.label
+            before = weights.get(label, 0.0)
+            weights[label] = before + entry.probability
+        return weights
+
 
 @dataclass(frozen=True, eq=False)
 class Question:

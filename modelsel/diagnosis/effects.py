@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from .._typing import Array
+from ..exceptions import write_numbered
 from .after_selection import AfterSelection
 from .candidates import Candidate
 from .credible_sets import CredibleSet
@@ -34,7 +35,7 @@ class Effect:
     `p`: its family-wise p-value; `estimate` and `standard_error` (k,) of its terms in the full
     model; `cancels`: (label of another effect that undoes most of it at the target, the share that
     is left of both); `claim`: how deep it is proven; `after_selection`: what its size is to be
-    multiplied by, allowing for the search."""
+    multiplied by, allowing for the search; `number`: which it is of several effects of one name."""
 
     candidate: Candidate
     named: CredibleSet
@@ -44,3 +45,11 @@ class Effect:
     cancels: tuple[str, float] | None = None
     claim: Claim | None = None
     after_selection: AfterSelection | None = None
+    number: int | None = None
+
+    @property
+    def label(self) -> str:
+        """Its short name, numbered where other effects have the name, too."""
+        name = self.candidate.label
+        number = self.number
+        return write_numbered(name, number)

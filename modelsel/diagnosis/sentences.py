@@ -157,7 +157,7 @@ def _describe_free_function(terms: Sequence[Term], estimate: Array) -> str:
     named = []
     for count, amplitude in find_waves(terms, estimate):
         shown = format_quantity(amplitude, None, "rad")
-        named.append(f"{count} waves a turn of {shown}")
+        named.append(f"{shown} in {count} waves a turn")
     if named:
         text += f", mostly {' and '.join(named)}"
     return text
@@ -235,7 +235,7 @@ def _describe_place(candidate: Candidate) -> str:
 
 def label_effect(effect: Effect) -> str:
     """Return the short name of an effect; that its signs are not the mechanism's is part of it."""
-    label = effect.candidate.label
+    label = effect.label
     if has_contrary_signs(effect.candidate.mechanism, effect.estimate):
         return f"{label} with the opposite sign"
     return label
@@ -377,8 +377,7 @@ def _write_probability(effect: Effect) -> str:
 
 def sum_of_name(effect: Effect) -> float:
     """Sum the probabilities of the listed explanations that have an effect's name."""
-    label = effect.candidate.label
-    return sum(e.probability for e in effect.named.entries if e.candidate.label == label)
+    return effect.named.sum_by_label().get(effect.candidate.label, 0.0)
 
 
 def weigh_listed(effect: Effect) -> float:
@@ -391,9 +390,9 @@ def weigh_listed(effect: Effect) -> float:
 def _describe_rivals(effect: Effect) -> str:
     odds = []
     scale = weigh_listed(effect)
-    for entry in effect.named.entries[: NAMED_RIVALS + 1]:
-        label = entry.candidate.label
-        odds.append(f"{label} {scale * entry.probability:.2f}")
+    weights = effect.named.sum_by_label()
+    for label, weight in list(weights.items())[: NAMED_RIVALS + 1]:
+        odds.append(f"{label} {scale * weight:.2f}")
     listed = ", ".join(odds)
     others = list_rival_labels(effect)[:NAMED_RIVALS]
     rivals = ", ".join(others) or "others"

@@ -33,9 +33,9 @@ def scale_listed(levels: Sequence[float], of_name: float) -> float:
 
 def describe_level_probability(levels: Sequence[float]) -> str:
     """Describe the probability that is told, and of what it is where that is not the name: "0.96",
-    "0.99 of the drivers, 0.89 of the cause"."""
+    "0.99 for the drivers, 0.89 for the cause"."""
     stated, named = find_stated_level(levels), find_named_level(levels)
     if stated == named:
         return f"{levels[named]:.2f}"
-    told = f"{levels[stated]:.2f} of the {LEVELS[stated]}"
-    return f"{told}, {levels[named]:.2f} of the {LEVELS[named]}"
+    told = f"{levels[stated]:.2f} for the {LEVELS[stated]}"
+    return f"{told}, {levels[named]:.2f} for the {LEVELS[named]}"

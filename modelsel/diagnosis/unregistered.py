@@ -349,6 +349,6 @@ def _build_free_function(joint: int, readings: Array, width: float) -> Mechanism
     return Mechanism(
         name,
         terms,
-        f"Joint {joint} turns unevenly, by a shape no list has.",
+        f"Joint {joint} turns unevenly, in a way that no registered mechanism describes.",
         usual_causes=("strain-wave gear", "encoder", "cable or hose that pulls"),
     )

@@ -97,16 +97,18 @@ def _entangled(
     dependent = [j for j in group if j not in exact]
     count = len(group)
     free = count - len(dependent)
-    what = f"only {free} combinations of them are"
-    only_sum = free == 1
-    if only_sum:
-        what = "only their sum effect is"
+    what = f"only {free} combinations of them"
+    divided = "their effect"
+    has_one = free == 1
+    if has_one:
+        what = "only their combined effect"
+        divided = "it"
     fixed = [symbols[j] for j in dependent if j not in kept]
-    remedy = "the fit divides it among them by their usual sizes"
+    remedy = f"the fit divides {divided} among them by their usual sizes"
     if fixed:
         remedy = _at_zero(fixed)
     listed = sentence_list(names)
-    sentence = f"{listed} cannot be told apart: {what} determined; {remedy}."
+    sentence = f"{listed} cannot be told apart: the data determine {what}; {remedy}."
     parameters = tuple(names)
     return Unidentifiable(sentence, parameters)
 

@@ -345,8 +345,8 @@ def _describe_motion(
         notes.append(
             Note(
                 "approach-from-order",
-                "Directions of approach are taken from the order of motion, once, "
-                "on reading: the data have no approach columns.",
+                "The data have no approach columns: directions of approach were taken from the "
+                "order of motion when the file was read.",
             )
         )
     return tuple(notes)

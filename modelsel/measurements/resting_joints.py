@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
+from ..exceptions import sentence_list
 
 FLICKER = (float(np.radians(0.1)), 0.1)  # rad, mm: a joint may rest whose readings stay within it
 APART = 10.0  # by this factor the smallest motion is larger than the largest flicker
@@ -65,6 +66,6 @@ def describe_resting_joints(rest: Array, prismatic: Sequence[bool]) -> str | Non
     if not each:
         return None
     return (
-        f"Between some configurations {', '.join(each)} did not move, only the reading flickered: no direction of approach "
-        "and no size of a move is taken from that."
+        f"Between some configurations {sentence_list(each)} did not move, and the reading only flickered: no "
+        "direction of approach and no size of a move is taken from that."
     )

@@ -177,7 +177,7 @@ def tracker_step(robot: Robot, at: float) -> Mechanism:
     return Mechanism(
         "tracker-step",
         tuple(Term(f"j{a}", (Screw(1, a, cause),), STEP[a[0]]) for a in AXES),
-        f"Instrument and base stand differently to each other after {at:.1%} of the campaign.",
+        f"The instrument and the base stand differently relative to each other after {at:.1%} of the campaign.",
         f"H_1 = j · {cause}",
         "ISO 10360-10, laser trackers: stability",
         usual_causes=(
@@ -194,7 +194,7 @@ def tracker_bumped(robot: Robot, at: float) -> Mechanism:
     return Mechanism(
         "fault:tracker-bumped",
         step.terms,
-        f"A fault of the data: instrument and base stand differently to each other after {at:.1%} of the campaign.",
+        f"A fault of the data: the instrument and the base stand differently relative to each other after {at:.1%} of the campaign.",
         step.equation,
         step.source,
         usual_causes=step.usual_causes,

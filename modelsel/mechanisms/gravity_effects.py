@@ -97,8 +97,8 @@ def backlash(robot: Robot, joint: int) -> Mechanism:
     if pair is not None and joint == pair.fore:
         cause, direction = sign(forearm_lever(pair)), pair.far_sign * pair.parallel
     against = (
-        f"{name_drive(robot, joint).capitalize()} steps against gravity where its torque changes sign: play would yield to it, so that this stands "
-        "for something else, such as a spring that is not linear."
+        f"{name_drive(robot, joint).capitalize()} steps against gravity where its torque changes sign: play would give way to gravity, so "
+        "something else is the cause, such as a nonlinear spring."
     )
     return Mechanism(
         f"backlash:{joint}",

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from ..exceptions import count_words, sentence_list
+from ..exceptions import count_words, number_repeated, sentence_list, write_numbered
 from ..measurements.row_places import where_from_record
 from ..notices import ALARMS
 from ..results.details_schema import DetailsRecord
@@ -151,7 +151,9 @@ def _detail_sentences(record: StudyRecord, details: DetailsRecord) -> list[str]:
 def _describe_models(record: StudyRecord) -> str:
     """Return the errors of the nominal and the chosen model against the noise floor."""
     nominal, chosen = record.ladder[0].estimation, record.ladder[-1]
-    names = sentence_list(chosen.mechanisms) if chosen.mechanisms else "nominal"
+    numbers = number_repeated(chosen.mechanisms)
+    numbered = list(map(write_numbered, chosen.mechanisms, numbers))
+    names = sentence_list(numbered) if numbered else "nominal"
     return (
         f"Nominal model: {format_mm(nominal.mean_mm)} mm mean, {format_mm(nominal.max_mm)} mm worst. "
         f"Chosen model ({names}): {format_mm(chosen.estimation.mean_mm)} mm mean; noise floor "

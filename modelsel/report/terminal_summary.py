@@ -101,8 +101,7 @@ def _describe_standing(finding: FindingRecord, label: str) -> str:
     """Describe how probable a finding is and its name, or its rivals."""
     doubt = ", doubtful: the held-out error does not fall with it" if finding.doubtful else ""
     if not finding.is_found:
-        scale = weigh_listed_record(finding)
-        rivals = [f"{one.name} ({scale * one.probability:.2f})" for one in finding.credible_set]
+        rivals = _weigh_names(finding)
         more = len(rivals) - SHOWN_RIVALS + finding.more_entries
         others = [f"{more} more"] if more > 0 else []
         return f"not told apart: {' or '.join([*rivals[:SHOWN_RIVALS], *others])}{doubt}"
@@ -114,6 +113,21 @@ def _describe_standing(finding: FindingRecord, label: str) -> str:
         return f"best described by {label}{doubt}"
     named = f"{label} ({describe_name_probability(finding)})"
     return f"probability {claim.probability:.2f}{doubt}; best described by {named}"
+
+
+def _weigh_names(finding: FindingRecord) -> list[str]:
+    """Name what a finding could be, each name once, with the probability of all its constants."""
+    scale = weigh_listed_record(finding)
+    weights: dict[str, float] = {}
+    for one in finding.credible_set:
+        before = weights.get(one.name, 0.0)
+        weight = scale * one.probability
+        weights[one.name] = before + weight
+    names = []
+    for name, weight in weights.items():
+        named = f"{name} ({weight:.2f})"
+        names.append(named)
+    return names
 
 
 def _list_remarks(record: StudyRecord, details: DetailsRecord) -> list[str]:

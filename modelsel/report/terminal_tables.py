@@ -201,7 +201,7 @@ def _significance_table(
             format_mm(one.held_out_rms_without_mm),
             format_share(one.stability),
         )
-        rows.append(Row(one.mechanism, figures, remark=_remark(one)))
+        rows.append(Row(one.label, figures, remark=_remark(one)))
     title = (
         "How much each mechanism matters: displacement that it causes, F, nominal p, evidence (log10), errors "
         "without it, in mm; in halves: share of the halves of the data in which it stays; below a mechanism: signs and sizes that the catalogue "

@@ -33,8 +33,8 @@ def uneven_noise_notes(diagnosis: Diagnosis) -> tuple[Note, ...]:
     first = diagnosis.left.entries[0].candidate.label
     sentence = (
         f"{first} is not named: if the noise were normal, independent and alike everywhere, chance would explain it "
-        f"with probability {diagnosis.held_back:.2g}, but the residuals as they are, with the signs of whole postures "
-        f"(or groups) changed, do as well with probability {diagnosis.left_p:.2g}. Rows of one posture may share an "
+        f"with probability {diagnosis.held_back:.2g}, but the actual residuals, with the signs of whole postures (or "
+        f"groups) changed at random, do as well with probability {diagnosis.left_p:.2g}. Rows of one posture may share an "
         "error, a few rows may be loud, the noise may be larger in one direction, or errors may last from one "
         "configuration to the next."
     )
@@ -46,7 +46,7 @@ def opposed_finding_notes(findings: Sequence[Finding]) -> tuple[Note, ...]:
     return tuple(
         Note(
             "held-out-against",
-            f"{finding.effect.candidate.label} was named, but held-out configurations speak against it: "
+            f"{finding.effect.label} was named, but held-out configurations speak against it: "
             f"{finding.against}. Do not compensate for it before further measurements confirm it.",
         )
         for finding in findings

@@ -4,6 +4,7 @@ parameters are."""
 from __future__ import annotations
 
 from .._records import Number, StrictRecord, Text, Whole
+from ..exceptions import write_numbered
 from .record_types import Figure, Texts
 
 
@@ -188,3 +189,11 @@ class SignificanceRecord(StrictRecord):
     held_out_rms_without_mm: Figure
     catalogue: Text
     stability: Figure
+    number: Whole | None = None
+
+    @property
+    def label(self) -> str:
+        """The mechanism's name, numbered where others of the model have it, too."""
+        name = self.mechanism
+        number = self.number
+        return write_numbered(name, number)

@@ -70,8 +70,8 @@ def _describe_part(part: ErrorPart, is_alone: bool) -> str:
         return _describe_shared(part, size, effect)
     if part.name == "group":
         return (
-            f"The measurements of one group share an error of {size}: {effect}. It is "
-            "new in every group, as where the instrument was set up anew."
+            f"The measurements of one group share an error of {size}: {effect}. It "
+            "differs from group to group, as when the instrument is set up again."
         )
     if part.name == "lasting":
         return _describe_lasting(part, size, effect)
@@ -80,14 +80,14 @@ def _describe_part(part: ErrorPart, is_alone: bool) -> str:
 
 def _describe_alone(size: str, moved: str) -> str:
     return (
-        f"What is left is new in every row, as an instrument's errors are: {size}, "
-        f"{moved} at the target. No joint that does not repeat, and nothing that rows share, was told "
-        "from it."
+        f"What is left is independent from row to row, as an instrument's errors are: {size}, "
+        f"{moved} at the target. No joint was found that fails to repeat, and no error that rows "
+        "share."
     )
 
 
 def _describe_instrument(size: str, effect: str) -> str:
-    return f"The instrument, and whatever else is new in every row, leaves {size}: {effect}."
+    return f"The instrument, and whatever else is independent from row to row, leaves {size}: {effect}."
 
 
 def _describe_shared(part: ErrorPart, size: str, effect: str) -> str:

@@ -275,8 +275,9 @@ class StudyRecord(StrictRecord):
     )
     significance: list[SignificanceRecord] = Field(
         description="of each mechanism: `mechanism parameters mean_mm max_mm f p log10_evidence cv_rms_mm "
-        "cv_rms_without_mm held_out_rms_mm held_out_rms_without_mm catalogue stability`; `p` is nominal and "
-        "`stability` takes the names as given; null for free functions, which are shrunk"
+        "cv_rms_without_mm held_out_rms_mm held_out_rms_without_mm catalogue stability number`; `p` is nominal and "
+        "`stability` takes the names as given; null for free functions, which are shrunk; `number` tells mechanisms "
+        "of one name apart, as the ladder does, else null"
     )
 
     @property

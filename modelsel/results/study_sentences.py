@@ -105,7 +105,7 @@ def describe_sets(models: Sequence[WeighedModelRecord]) -> list[str]:
         elif more and fewer:
             sentence = f"{more} in place of {fewer}"
         elif more:
-            sentence = f"{more} beside the findings"
+            sentence = f"the findings + {more}"
         elif fewer:
             sentence = f"the findings without {fewer}"
         sentences.append(sentence)
@@ -227,9 +227,9 @@ def write_levels(finding: FindingRecord) -> str:
         return ""
     told = finding.levels[: find_named_level(finding.level_probabilities) + 1]
     levels = ", ".join(f"{one.level} {one.probability:.2f}" for one in told)
-    rest = (
-        "" if len(told) == len(finding.levels) else f"; of no registered {finding.levels[-1].level}"
-    )
+    rest = ""
+    if len(told) < len(finding.levels):
+        rest = "; no registered mechanism describes it"
     return f"Probability, level by level: {levels}{rest}."
 
 
@@ -239,7 +239,7 @@ def write_finding_line(finding: FindingRecord) -> str:
         return finding.sentence
     verdict = "Found" if finding.is_found else "Not told apart"
     if finding.doubtful:
-        verdict += ", but doubtful"
+        verdict += ", but doubtful" if finding.is_found else ", and doubtful"
     return f"{verdict}: {finding.sentence} {write_levels(finding)}".rstrip()
 
 

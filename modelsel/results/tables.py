@@ -7,6 +7,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from .._records import StrictRecord
+from ..exceptions import write_numbered
 from .finding_schema import FindingRecord
 from .model_schema import RungRecord
 from .schema import ErrorPartRecord, StudyRecord
@@ -42,8 +43,8 @@ def _number_repeated(names: Sequence[str], repeated: Collection[str]) -> list[st
     """Return the names of a model, with their number where they are repeated ones."""
     numbered = []
     for place, name in enumerate(names):
-        number = names[: place + 1].count(name)
-        numbered.append(f"{name} ({number})" if name in repeated else name)
+        number = names[: place + 1].count(name) if name in repeated else None
+        numbered.append(write_numbered(name, number))
     return numbered
 
 

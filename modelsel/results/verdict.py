@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from math import degrees
 from typing import NamedTuple
@@ -16,6 +17,7 @@ from .small_findings import MIN_GROUPED, write_number
 
 SHOWN_NAMES = 6  # in a sentence
 LARGEST_MRAD = 0.1  # rad from which an angle is written in degrees
+FREE_FUNCTION = re.compile(r"free\(([^()]+)\)")  # in a name
 
 
 class Named(NamedTuple):
@@ -139,7 +141,8 @@ def _rms_length(floor: Floor) -> float:
 
 
 def _describe_named(every: NamedErrors, extends: bool) -> str:
-    """Return what was named, what is there whose cause is not proven, and of small findings their sum."""
+    """Return what was named, what was found without a proven cause, what a free function is where one is
+    among them, and of small findings their sum."""
     if not every.each:
         return "No error beyond the base model was named."
     small = [one for one in every.each if not one.matters]
@@ -148,10 +151,11 @@ def _describe_named(every: NamedErrors, extends: bool) -> str:
     settled = [one for one in told if one.is_settled]
     unsettled = [one for one in told if not one.is_settled]
     sentences = [*_describe_settled(settled), *_describe_unsettled(unsettled, bool(settled))]
+    sentences += _explain_free_function(" ".join(sentences))
     if is_grouped:
-        which = "smaller ones" if told else "small errors beyond the base"
+        which = "smaller ones together" if told else "small errors beyond the base together"
         effect = _describe_small_effect(every)
-        sentences.append(f"{write_number(len(small))} {which} {effect} together.")
+        sentences.append(f"{write_number(len(small))} {which} {effect}.")
     if not extends:
         sentences.append("The study adds none of them to the model.")
     return " ".join(sentences)
@@ -171,21 +175,33 @@ def _describe_small_effect(every: NamedErrors) -> str:
 def _describe_settled(named: Sequence[Named]) -> list[str]:
     if not named:
         return []
-    errors = "error was" if len(named) == 1 else "errors were"
-    return [f"{write_number(len(named))} {errors} named beyond the base: {_list_names(named)}."]
+    errors = "error beyond the base was" if len(named) == 1 else "errors beyond the base were"
+    return [f"{write_number(len(named))} {errors} named: {_list_names(named)}."]
 
 
 def _describe_unsettled(named: Sequence[Named], is_more: bool) -> list[str]:
     if not named:
         return []
-    verb = "is" if len(named) == 1 else "are"
+    count = len(named)
+    number = write_number(count)
+    what = "errors beyond the base"
+    found = "were found, but their causes are not proven: they are"
+    if count == 1:
+        what = "error beyond the base"
+        found = "was found, but its cause is not proven: it is"
     if is_more:
-        what = f"more {verb} there"
-    else:
-        errors = "error" if len(named) == 1 else "errors"
-        what = f"{errors} beyond the base {verb} there"
-    number = write_number(len(named))
-    return [f"{number} {what} whose cause is not proven, best described by {_list_names(named)}."]
+        what = "more"
+    listed = _list_names(named)
+    return [f"{number} {what} {found} best described by {listed}."]
+
+
+def _explain_free_function(text: str) -> list[str]:
+    """Return what the first free function that a text names is; nothing where it names none."""
+    first = FREE_FUNCTION.search(text)
+    if first is None:
+        return []
+    drivers = sentence_list(first[1].split(", "))
+    return [f"Here {first[0]} is a free function of {drivers}: its shape is fitted to the data."]
 
 
 def _list_names(named: Sequence[Named]) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -200,9 +202,7 @@ def read_inputs(
     labels (m,) are None where no column says which rows estimate. Raises StudyError or DataError.
     """
     robot = read_nominal_robot(study, folder)
-    registry = _use_gear_ratios(study, robot, registry)
-    check_mechanism_names(study, robot, registry)
-    check_parts(study, robot)
+    registry = _check_against_robot(study, robot, registry)
     measured = _read_file(study, folder, robot)
     check_own_causes(study, robot, measured)
     registry = set_reference(registry, measured.reference_celsius)
@@ -212,6 +212,30 @@ def read_inputs(
         file_labels = read_labels(find_source(study, folder), split_column)
         labels = file_labels[measured.row]
     return robot, registry, measured, labels
+
+
+def _check_against_robot(study: Study, robot: Robot, registry: Registry) -> Registry:
+    """Check what a study says that depends on its robot; return the registry with the gear ratios.
+    Raises StudyError with all problems at once."""
+    problems: list[str] = []
+    with _collect_problems(problems):
+        registry = _use_gear_ratios(study, robot, registry)
+    with _collect_problems(problems):
+        check_mechanism_names(study, robot, registry)
+    with _collect_problems(problems):
+        check_parts(study, robot)
+    if problems:
+        raise StudyError(*problems)
+    return registry
+
+
+@contextmanager
+def _collect_problems(problems: list[str]) -> Iterator[None]:
+    """Append the problems of a StudyError that is raised inside."""
+    try:
+        yield
+    except StudyError as error:
+        problems += error.problems
 
 
 def _use_gear_ratios(study: Study, robot: Robot, registry: Registry) -> Registry:

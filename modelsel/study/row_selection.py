@@ -100,10 +100,12 @@ def center_unknown_times(data: Measurements, estimation: Mask) -> tuple[Measurem
         gauges = replace(gauges, origin=origin)
     unknown_groups = np.unique(data.group[unknown])
     names = ", ".join(data.groups[g] for g in unknown_groups)
+    count = len(unknown_groups)
+    groups = "group" if count == 1 else "groups"
     note = Note(
         "other-session",
-        f"No estimation configuration belongs to {names}: the model does not know when in the "
-        "campaign that was measured, and assumes the drift of the campaign's middle there.",
+        f"No estimation configuration belongs to the {groups} {names}: the model does not know when "
+        "in the campaign that was measured, and assumes the drift of the campaign's middle there.",
     )
     rescaled = _rescale(data, estimated, unknown)
     centered = replace(rescaled, gauges=gauges)

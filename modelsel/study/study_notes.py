@@ -123,9 +123,9 @@ def collect_fit_notes(
         notes.append(
             Note(
                 "cv-not-estimable",
-                f"No cross-validation of {', '.join(unvalidated)}: without one of the folds the "
-                "data do not determine it, and its cv_rms_mm is null. More folds or configurations "
-                "are needed.",
+                f"No cross-validation of {', '.join(unvalidated)}: with one of the folds left out, "
+                "the data no longer determine it, and its cv_rms_mm is null. More folds or "
+                "configurations are needed.",
             )
         )
     unsettled = [" + ".join(model.names) for model in ladder if not model.fit.settled]

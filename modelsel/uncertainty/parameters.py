@@ -11,6 +11,7 @@ import numpy as np
 from .._linalg import connected_components
 from .._typing import Array, Mask
 from ..diagnosis.residual_tests import GROUP_LEVEL, compute_group_p
+from ..exceptions import number_repeated, write_numbered
 from ..fitting.design import Model, blocks
 from ..fitting.least_squares import Fit
 from ..mechanisms.causes import Bump
@@ -200,7 +201,7 @@ def note_differences(parameters: Sequence[Parameter]) -> tuple[Note, ...]:
             "errors-differ",
             f"The standard errors of {shown} differ between least squares, configuration bootstrap "
             "and posterior: the noise is not the same everywhere, or a systematic error remains; "
-            "believe the largest.",
+            "rely on the largest.",
         ),
     )
 
@@ -242,14 +243,8 @@ def label_terms(model: Model) -> tuple[str, ...]:
         if symbols.count(symbol) > 1:
             label = f"{symbol} of {owner}"
         labels.append(label)
-    numbered = []
-    for k, label in enumerate(labels):
-        name = label
-        if labels.count(label) > 1:
-            before = labels[:k]
-            number = before.count(label) + 1
-            name = f"{label} ({number})"
-        numbered.append(name)
+    numbers = number_repeated(labels)
+    numbered = map(write_numbered, labels, numbers)
     return tuple(numbered)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._typing import Array, Index
-from ..exceptions import NotEstimable
+from ..exceptions import NotEstimable, number_repeated
 from ..fitting.batch import Ensemble
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit
@@ -43,6 +43,7 @@ class Significance:
     functions, which are shrunk.
 
     mechanism, parameters: its name and the symbols of its estimable terms.
+    number: which it is of several mechanisms of one name, as the ladder and the symbols have it.
     mean_mm, max_mm: displacement it causes over the measured configurations.
     f, p: nested F of the model against the model without it, and its p, no smaller than the posture
         bootstrap's.
@@ -68,6 +69,7 @@ class Significance:
     held_out_rms_without_mm: float | None
     catalogue: str
     stability: float | None
+    number: int | None = None
 
 
 def assess_significance(
@@ -86,6 +88,7 @@ def assess_significance(
     model, kept = fitted.model, set(fitted.found.kept)
     last = model.mechanisms[-len(names) :] if names else ()
     reported = dict(zip(last, names, strict=True))
+    numbers = dict(zip(last, number_repeated(names), strict=True))
     judged = [
         m for m in model.mechanisms if m.name != SETUP and not kept.isdisjoint(_terms(model, m))
     ]
@@ -120,6 +123,7 @@ def assess_significance(
                 held_out_rms_without_mm=without[1],
                 catalogue=check_catalogue(fitted, terms[k]),
                 stability=stability[k],
+                number=numbers.get(mechanism),
             )
         )
     return tuple(sorted(assessed, key=lambda s: -s.mean_mm))

@@ -32,6 +32,7 @@ from modelsel.diagnosis.effects import Claim, Effect
 from modelsel.diagnosis.mechanism_families import find_families
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose
+from modelsel.diagnosis.sentences import label_effect
 from modelsel.diagnosis.signatures import LEVELS, PROVEN, read_signatures
 from modelsel.diagnosis.unlisted_shapes import ODDS, list_company, list_rivals
 from modelsel.fitting.problem import Problem
@@ -321,7 +322,9 @@ def test_a_sentence_has_one_probability_of_each_level() -> None:
     partly = replace(partly, named=replace(partly.named, entries=(listed,)))
     assert not is_settled(partly)
     said = describe_proven(partly)
-    assert "probability 0.99 of the drivers); it could be gear-eccentricity:3 (0.89)" in said
+    assert "probability 0.99 for the drivers); it could be gear-eccentricity:3 (0.89)" in said
+    doubted = describe_proven(partly, "doubtful (0.01 mm rms more)")
+    assert "for the drivers), doubtful (0.01 mm rms more); it could be" in doubted
     whole = effect_of(uneven, 1.0, 0.99, 0.98, 0.95)
     assert "(gear-eccentricity:3, probability 0.95)" in describe_proven(whole)
     one_joint = replace(partly, claim=replace(partly.claim, moves_joint=True))
@@ -336,7 +339,7 @@ def test_a_cause_is_not_told_where_not_even_its_place_is_proven() -> None:
     open_effect = effect_of(uneven, 0.88, 0.87, 0.54, 0.54)
     said = describe_proven(open_effect)
     assert said.startswith("What moves is not proven: gear-eccentricity:3 (0.54) (")
-    assert "probability 0.88 of the place" in said
+    assert "probability 0.88 for the place" in said
     assert "it could be" not in said
     assert "unevenly" not in describe_what(open_effect)
     untold = replace(open_effect, named=replace(open_effect.named, verdict="cannot be told apart"))
@@ -357,6 +360,24 @@ def test_names_that_move_alike_are_together_as_probable_as_the_name_is_told() ->
         "probability 0.92; encoder-scale:3 would move the target in the same way, together 0.96)"
         in said
     )
+
+
+def test_one_of_several_effects_of_a_name_has_its_number() -> None:
+    """As the ladder has it; constants of one name are one rival."""
+    robot = load_robot("puma760")
+    uneven = Candidate(mechanism("gear-eccentricity:3", robot), CandidateKind.MECHANISM, 0.01)
+    other = Candidate(mechanism("encoder-scale:3", robot), CandidateKind.MECHANISM, 0.01)
+    second = replace(effect_of(uneven, 0.99, 0.98, 0.5, 0.5), number=2)
+    first = replace(second.named.entries[0], probability=0.3)
+    rivals = (first, replace(first, candidate=other), replace(first, probability=0.2))
+    second = replace(second, named=replace(second.named, entries=rivals))
+    assert label_effect(second) == "gear-eccentricity:3 (2)"
+    assert "it could be gear-eccentricity:3 (2) (0.50) or encoder-scale:3 (0.30);" in (
+        describe_proven(second)
+    )
+    named = replace(second.named, verdict="cannot be told apart")
+    open_name = replace(second, named=named, claim=None)
+    assert "(gear-eccentricity:3 0.50, encoder-scale:3 0.30)" in describe_proven(open_name)
 
 
 def test_drivers_and_places_in_words() -> None:
@@ -393,4 +414,4 @@ def test_only_the_motion_of_a_joint_is_told_as_the_joints(
     claim = build_claim(problem, candidate, np.array([0.99, 0.4, 0.1, 0.1]))
     effect = replace(effect_of(candidate, 0.99, 0.4, 0.1, 0.1), claim=claim)
     assert name_places(effect) == words
-    assert describe_proven(effect).startswith(f"{words}; on what this depends is not proven")
+    assert describe_proven(effect).startswith(f"{words}; what this depends on is not proven")

@@ -153,7 +153,7 @@ def test_no_test_against_what_is_estimated(rng) -> None:
     [((-0.03, -0.01), True), ((-0.03, 0.01), False), ((0.01, 0.02), False), (None, False)],
 )
 def test_a_finding_that_held_out_rows_speak_against(interval, said, monkeypatch) -> None:
-    effect = SimpleNamespace(candidate=SimpleNamespace(label="play"))
+    effect = SimpleNamespace(label="play")
     monkeypatch.setattr(
         "modelsel.results.finding_records.describe_proven",
         lambda _, doubt: f"Joint 2 has play, {doubt}.",

@@ -7,7 +7,6 @@ evidence from integrals."""
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from scipy.integrate import quad
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.credible_sets import CredibleSet
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.evidence import compute_log_bayes_factors, normalise_strength
 from modelsel.diagnosis.procedure import diagnose_split
@@ -227,8 +227,8 @@ def test_a_sign_that_physics_forbids_is_not_told_as_the_mechanism(name, sign, la
     """Whatever fitted it so: neither its sentence, nor its bare name, nor the parts that cause it."""
     one = build_mechanisms(name, ARM)[0]
     candidate = Candidate(one, CandidateKind.MECHANISM, 1.0)
-    named_alone = SimpleNamespace(entries=(), verdict="found")
-    effect = Effect(candidate, named_alone, 0.01, np.array([sign * 1e-5]), np.array([1e-7]))  # type: ignore[arg-type]
+    named_alone = CredibleSet(1.0, (), 0, "found", np.zeros(1))
+    effect = Effect(candidate, named_alone, 0.01, np.array([sign * 1e-5]), np.array([1e-7]))
     assert label_effect(effect) == label
     said = describe_effect(effect)
     assert said.startswith(words)

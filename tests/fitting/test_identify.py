@@ -77,7 +77,7 @@ def determined(sentence: str) -> int:
     if "no measured coordinate" in sentence:
         return 0
     many = re.search(r"only (\d+) combinations", sentence)
-    return int(many[1]) if many else 1 if "only their sum effect" in sentence else -1
+    return int(many[1]) if many else 1 if "only their combined effect" in sentence else -1
 
 
 @pytest.mark.parametrize("names", [GEOMETRIC, H1234], ids=["geometric", "h1..h4"])

@@ -12,7 +12,7 @@ from dataclasses import replace
 import pytest
 
 from modelsel._hashing import HASH_ATTRIBUTE
-from modelsel.exceptions import count_words, write_rounded
+from modelsel.exceptions import count_words, number_repeated, write_numbered, write_rounded
 from modelsel.mechanisms.causes import Bump, Cause, Named, cos, q, sin
 from modelsel.mechanisms.terms import Screw
 
@@ -66,3 +66,10 @@ def test_one_is_no_plural() -> None:
         "2 rows",
         "1,200 rows",
     ]
+
+
+def test_names_that_stand_several_times_are_numbered() -> None:
+    names = ["play", "wave", "play"]
+    numbers = number_repeated(names)
+    assert numbers == [1, None, 2]
+    assert list(map(write_numbered, names, numbers)) == ["play (1)", "wave", "play (2)"]

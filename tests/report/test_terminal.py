@@ -71,6 +71,16 @@ def test_unproven_finding_has_the_probability_of_its_name(drawn) -> None:
     assert _describe_standing(partly, "a") == f"probability 0.97; best described by a ({named})"
 
 
+def test_rivals_of_one_name_are_told_together(drawn) -> None:
+    finding = read_source(drawn).record.findings[0]
+    first = finding.credible_set[0].model_copy(update={"probability": 0.2})
+    update = {"verdict": "cannot be told apart", "credible_set": [first] * 3, "levels": []}
+    several = finding.model_copy(update=update)
+    told = _describe_standing(several, first.name)
+    assert told.startswith(f"not told apart: {first.name} (0.60)")
+    assert told.count(first.name) == 1
+
+
 def test_more_findings_than_a_screen_holds_are_counted(drawn) -> None:
     source = crowded(drawn)
     lines = shown(source, Amount.SUMMARY)

@@ -53,7 +53,7 @@ SAID = {
         "Joint 3 does not repeat better than 12 µm (95 %: 9 to 18 µm): 0.012 mm at the target, less than 1% of what is left."
     ): part("joint 3", 0.012, 0.009, 0.018, unit="mm", share=0.001, at_target=0.012),
     (
-        "The instrument, and whatever else is new in every row, leaves 8.1 µm per coordinate (95 %: 7.6 to 8.7 µm): "
+        "The instrument, and whatever else is independent from row to row, leaves 8.1 µm per coordinate (95 %: 7.6 to 8.7 µm): "
         "0.011 mm at the target, 60% of what is left."
     ): INSTRUMENT,
     (
@@ -68,7 +68,7 @@ SAID = {
     ): part("configuration", 0.011, 0.009, 0.013, at_target=0.0191),
     (
         "The measurements of one group share an error of 30 µm per coordinate (95 %: 20 to 60 µm): 0.052 mm at the target, "
-        "40% of what is left. It is new in every group, as where the instrument was set up anew."
+        "40% of what is left. It differs from group to group, as when the instrument is set up again."
     ): part("group", 0.03, 0.02, 0.06, at_target=0.052),
     (
         "Errors last from one configuration to the next, 30 µm per coordinate (95 %: 22 to 44 µm), and fade over about 6 "
@@ -106,8 +106,8 @@ def test_only_repeats_prove_that_a_joint_does_not_repeat() -> None:
 def test_the_instrument_alone_says_that_nothing_else_was_told() -> None:
     (alone,) = records(part("instrument", 0.058, 0.0575, 0.0586, share=1.0, at_target=0.1004))
     assert alone.sentence == (
-        "What is left is new in every row, as an instrument's errors are: 58 µm per coordinate (95 %: 57.5 to 58.6 µm), "
-        "0.1 mm at the target. No joint that does not repeat, and nothing that rows share, was told from it."
+        "What is left is independent from row to row, as an instrument's errors are: 58 µm per coordinate (95 %: 57.5 to 58.6 µm), "
+        "0.1 mm at the target. No joint was found that fails to repeat, and no error that rows share."
     )
     assert write_repeatability_lines([alone]) == [f"Repeatability: {alone.sentence}"]
     assert summarise_repeatability([alone]) == [f"Repeatability: {alone.sentence}"]

@@ -22,7 +22,7 @@ def test_sets_are_told_by_what_they_change_in_the_findings() -> None:
     assert told == [
         "c in place of b",
         "the findings",
-        "d beside the findings",
+        "the findings + d",
         "the findings without a",
         "c + d in place of a + b",
     ]

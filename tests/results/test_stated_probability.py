@@ -20,8 +20,8 @@ from modelsel.results.study_sentences import describe_probability, write_levels
     ("levels", "stated", "named", "words"),
     [
         ((1.0, 1.0, 0.96, 0.96), 3, 3, "0.96"),
-        ((0.99, 0.989, 0.891, 0.888), 1, 3, "0.99 of the drivers, 0.89 of the cause"),
-        ((1.0, 0.71, 0.34, 0.34), 0, 3, "1.00 of the place, 0.34 of the cause"),
+        ((0.99, 0.989, 0.891, 0.888), 1, 3, "0.99 for the drivers, 0.89 for the cause"),
+        ((1.0, 0.71, 0.34, 0.34), 0, 3, "1.00 for the place, 0.34 for the cause"),
         ((0.54, 0.53, 0.53, 0.53), 3, 3, "0.53"),
         ((1.0, 1.0, 0.97, 0.0), 2, 2, "0.97"),
         ((1.0, 0.95, 0.0, 0.0), 1, 1, "0.95"),
@@ -58,7 +58,7 @@ def test_all_outputs_tell_the_same_probabilities(drawn) -> None:
     whole = source.record.findings[1]
     assert describe_probability(whole) == f"{whole.levels[3].probability:.2f}"
     finding = partly(whole)
-    assert describe_probability(finding) == "0.99 of the drivers, 0.88 of the cause"
+    assert describe_probability(finding) == "0.99 for the drivers, 0.88 for the cause"
     assert _describe_standing(finding, "a") == "probability 0.99; best described by a (0.88)"
     ladder = "Probability, level by level: place 0.99, drivers 0.99, shape 0.88, cause 0.88."
     assert write_levels(finding) == ladder
@@ -67,7 +67,7 @@ def test_all_outputs_tell_the_same_probabilities(drawn) -> None:
     object.__setattr__(source, "record", source.record.model_copy(update={"findings": findings}))
     blocks = collect_blocks(source, PAGES, ("first", "findings"))
     text = str(blocks)
-    assert "0.99 of the drivers, 0.88 of the cause" in text
+    assert "0.99 for the drivers, 0.88 for the cause" in text
     assert ladder in text
     name = finding.first.name
     assert f"with its probability: {name} 0.88" in text or len(finding.credible_set) == 1

@@ -37,7 +37,7 @@ def test_three_sentences() -> None:
         "On held-out configurations the position error falls from 2 to 1 mm rms, a gain of 0.9 to 1.1 mm (95 %); "
         "noise of 0.03 mm per coordinate (repeats) would leave 0.052 mm."
     )
-    assert second == "One error was named beyond the base: gravity-twist."
+    assert second == "One error beyond the base was named: gravity-twist."
     assert (
         third
         == "Nothing else was found; an effect above 0.02 mm rms would have been found with 90 %."
@@ -68,23 +68,23 @@ def test_bad_news_is_said(gain, words) -> None:
         (
             [("a", False, True, False, ("b", "c"))],
             "all",
-            "One error beyond the base is there whose cause is not proven, best described by a or b or c.",
+            "One error beyond the base was found, but its cause is not proven: it is best described by a or b or c.",
         ),
         (
             [("a", True), ("b", False)],
             [],
-            "One error was named beyond the base: a. One more is there whose cause is not proven, best described by b. "
+            "One error beyond the base was named: a. One more was found, but its cause is not proven: it is best described by b. "
             + NONE,
         ),
         (
             [("a", True), ("b", False, True, True, ("c",)), ("c", False, True, False, ("d",))],
             "all",
-            "One error was named beyond the base: a. Two more are there whose cause is not proven, best described by b or c (doubtful); c or d.",
+            "One error beyond the base was named: a. Two more were found, but their causes are not proven: they are best described by b or c (doubtful); c or d.",
         ),
         (
             [("a", True)],
             ["a", "b"],
-            "One error was named beyond the base: a. Only a and b could be named: no other cause was considered.",
+            "One error beyond the base was named: a. Only a and b could be named: no other cause was considered.",
         ),
         (
             [],
@@ -94,12 +94,12 @@ def test_bad_news_is_said(gain, words) -> None:
         (
             [(name, True) for name in "abcdefgaa"],
             "all",
-            "Nine errors were named beyond the base: a, b, c, d, e, f and g.",
+            "Nine errors beyond the base were named: a, b, c, d, e, f and g.",
         ),
         (
             [(name, True) for name in "abcdefghgh"],
             "all",
-            "Ten errors were named beyond the base: a, b, c, d, e, f and 4 more.",
+            "Ten errors beyond the base were named: a, b, c, d, e, f and 4 more.",
         ),
     ],
 )
@@ -122,26 +122,38 @@ def test_what_nominal_means_is_said_where_anything_was_registered() -> None:
 @pytest.mark.parametrize(
     ("small", "words"),
     [
-        ((0.02, 0.4), "move the target by 0.02 mm rms and turn it by 0.4 mrad rms together."),
-        ((0.0, 0.4), "turn the target by 0.4 mrad rms together."),
+        ((0.02, 0.4), "move the target by 0.02 mm rms and turn it by 0.4 mrad rms."),
+        ((0.0, 0.4), "turn the target by 0.4 mrad rms."),
     ],
 )
 def test_small_findings_that_turn_the_target_say_how_far(small, words) -> None:
     named = [(name, True, False) for name in "bcd"]
-    assert said(named, small=small)[1] == f"Three small errors beyond the base {words}"
+    assert said(named, small=small)[1] == f"Three small errors beyond the base together {words}"
+
+
+@pytest.mark.parametrize(
+    ("named", "words"),
+    [
+        (["free(q1)", "free(q2)"], "Here free(q1) is a free function of q1"),
+        (["a", "frame 3 rz · free(q2, q3)"], "Here free(q2, q3) is a free function of q2 and q3"),
+    ],
+)
+def test_the_first_free_function_is_explained(named: list[str], words: str) -> None:
+    second = said([(name, True) for name in named])[1]
+    assert second.endswith(f"{named[-1]}. {words}: its shape is fitted to the data.")
 
 
 def test_small_findings_are_told_by_their_sum() -> None:
     """Three or more; fewer are named."""
     big = ("a", True, True, False)
     small = [(name, True, False, name == "d") for name in "bcd"]
-    sums = "move the target by 0.0213 mm rms together."
+    sums = "together move the target by 0.0213 mm rms."
     assert said([big, *small])[1] == (
-        f"One error was named beyond the base: a. Three smaller ones {sums}"
+        f"One error beyond the base was named: a. Three smaller ones {sums}"
     )
     assert said(small)[1] == f"Three small errors beyond the base {sums}"
     assert said([big, *small[1:]])[1] == (
-        "Three errors were named beyond the base: a, c and d (doubtful)."
+        "Three errors beyond the base were named: a, c and d (doubtful)."
     )
 
 

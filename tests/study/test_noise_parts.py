@@ -15,7 +15,9 @@ from modelsel._typing import Array
 from modelsel.exceptions import StudyError
 from modelsel.fitting.shared_errors import MAX_BLOCK
 from modelsel.measurements.reader import read_measurements
+from modelsel.mechanisms.registry import BUILTIN
 from modelsel.robot.kinematics import forward
+from modelsel.study.inputs import read_inputs
 from modelsel.study.inspection import format_inspection, inspect_measurements
 from modelsel.study.noise_parts import check_parts
 
@@ -41,6 +43,16 @@ def shifts(frame: pd.DataFrame) -> Array:
     """How far (m, 3) the targets are from where the nominal arm has them [mm]."""
     tool = np.array([TOOLS[name] for name in frame["target"]])
     return frame[PLACE].to_numpy() - forward(ROBOT, frame[JOINTS].to_numpy(), tool)
+
+
+def test_all_that_does_not_suit_the_robot_is_said_at_once(tmp_path: Path) -> None:
+    robot = {**BASE["robot"], "gear_ratios": [100.0]}
+    model, noise = {"base": ["geometrc"]}, {"parts": ["joint 9"]}
+    study = Study(**BASE | {"robot": robot, "model": model, "noise": noise})
+    with pytest.raises(StudyError) as refused:
+        read_inputs(study, tmp_path, BUILTIN)
+    places = [problem.partition(":")[0] for problem in refused.value.problems]
+    assert places == ["robot.gear_ratios", "model.base", "noise.parts"]
 
 
 @pytest.mark.parametrize(

@@ -182,6 +182,18 @@ def test_catalogue_says_sign_and_size(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.integration
+def test_mechanisms_of_one_name_are_numbered(split: Split, rng: np.random.Generator) -> None:
+    """In the order of the model, whatever the order of the table."""
+    fitted = fit(split.training(), MODEL)
+    names = ("geometric", "wave", "wave")
+    told = judged(split, fitted, names, rng)
+    numbers = {one.parameters: one.number for one in told}
+    *_, compliance, eccentricity = MODEL.mechanisms
+    assert numbers[tuple(term.symbol for term in compliance.terms)] == 1
+    assert numbers[tuple(term.symbol for term in eccentricity.terms)] == 2
+    assert [one.number for one in told if one.mechanism == "geometric"] == [None]
+
+
 def test_no_held_out_and_no_freedom(rng: np.random.Generator) -> None:
     data = study_of(planted(drawn(ARM, rng, 12), BASE.terms, np.zeros(len(BASE.terms)), rng, 0.1))
     (only,) = judged(data, fit(data.training(), BASE), ("geometric",), rng)

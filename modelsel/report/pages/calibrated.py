@@ -110,7 +110,7 @@ def _write_mechanisms(mechanisms: Sequence[SignificanceRecord]) -> list[Block]:
     """Write the table by mechanism, without columns that a long run leaves empty, and what the catalogue finds
     odd."""
     figures = _significance_columns(mechanisms)
-    names = [one.mechanism for one in mechanisms]
+    names = [one.label for one in mechanisms]
     columns = [("mechanism", "left"), *((name, "right") for name in figures)]
     rows = list(zip(names, *figures.values(), strict=True))
     caption = (
@@ -125,7 +125,7 @@ def _write_mechanisms(mechanisms: Sequence[SignificanceRecord]) -> list[Block]:
         make_heading("Significance by mechanism"),
         make_table(columns, rows, caption, [1.0, *[0.0] * len(figures)]),
     ]
-    odd = [f"{one.mechanism}: {one.catalogue}" for one in mechanisms if one.catalogue != EXPECTED]
+    odd = [f"{one.label}: {one.catalogue}" for one in mechanisms if one.catalogue != EXPECTED]
     return [*blocks, make_list(odd)] if odd else blocks
 
 
