@@ -161,11 +161,11 @@ def find_structure(
     model = _build_model(used, fitted)
     if model.freedom < MIN_LEVELS:
         return ErrorStructure()
-    if before is not None and before.shared:
-        chosen, at = _go_on(model, offered, before)
+    known = [one for one in offered if one.error.known is not None]
+    if before is None or not before.shared or known:
+        chosen, at = known, _start_with_known(model, known)
     else:
-        chosen = [one for one in offered if one.error.known is not None]
-        at = _start_with_known(model, chosen)
+        chosen, at = _go_on(model, offered, before)
     others: list[Likelihood] = []
     for _ in range(MOST_STEPS):
         if len(chosen) >= MAX_PARTS:
