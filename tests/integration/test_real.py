@@ -38,11 +38,12 @@ def ran(name: str, monkeypatch: pytest.MonkeyPatch) -> Result:
 
 
 def shown(name: str) -> dict[str, list[float]]:
-    """Rows of the README's table of results: the first word -> its numbers."""
+    """Rows of the README's table of results: the first word -> its numbers, NaN for a dash."""
     page = (STUDIES / name / "README.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| (nominal|geometric|chosen)[^|]*\|(.+)\|$", page, re.MULTILINE)
     return {
-        word: [float(cell) for cell in cells.split("|") if cell.strip()] for word, cells in rows
+        word: [float(cell.replace("–", "nan")) for cell in cells.split("|") if cell.strip()]
+        for word, cells in rows
     }
 
 
