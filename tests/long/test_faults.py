@@ -170,8 +170,8 @@ def test_the_file_does_not_stay(what, study, tmp_path, monkeypatch) -> None:
 
     read = module.read_measurements
 
-    def meddled(path: Path, *rest: object) -> object:
-        found = read(path, *rest)  # type: ignore[arg-type]
+    def meddled(path: Path, *rest: object, **named: object) -> object:
+        found = read(path, *rest, **named)  # type: ignore[arg-type]
         path.unlink() if what == "gone" else path.write_text(path.read_text() + "\n")
         return found
 
