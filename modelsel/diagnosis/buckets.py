@@ -96,7 +96,7 @@ def _whiten(block: Block, left: Array) -> tuple[Array, Array]:
     unit = block.unit
     scaled = left * unit[:, :, None] * unit[:, None, :]
     n, k = unit.shape
-    least = ABSORBED if k <= FEW_COLUMNS else 10 * ABSORBED
+    least = find_least_share(k)
     W, size = np.empty_like(scaled), np.full(n, k)
     is_open = np.ones(n, bool)
     if k <= MAX_UNROLLED:
@@ -111,6 +111,13 @@ def _whiten(block: Block, left: Array) -> tuple[Array, Array]:
         size[is_open] = is_left.sum(1)
     W *= unit[:, None, :]
     return W, size
+
+
+def find_least_share(columns: int) -> float:
+    """Find the share of a direction that must be left, of a candidate of so many columns."""
+    if columns <= FEW_COLUMNS:
+        return ABSORBED
+    return 10 * ABSORBED
 
 
 def _separate_by_prior(W: Array, left: Array, root: Array) -> tuple[Array, Array]:

@@ -252,7 +252,7 @@ def build_scan_without(seen: Scan, directions: Array) -> Scan:
     return smaller.complete(buckets, sizes)
 
 
-class Smaller(NamedTuple):
+class SmallerModel(NamedTuple):
     """A smaller model than that of a scan: the products (C, d) with the directions that it gives
     back, and the Gram matrices (n, k, k) of every block beyond it."""
 
@@ -273,14 +273,14 @@ class Smaller(NamedTuple):
         )
 
 
-def give_back(seen: Scan, directions: Array) -> Smaller:
+def give_back(seen: Scan, directions: Array) -> SmallerModel:
     """Give directions (r, d) of a model back to the candidates."""
     back = seen.inside @ directions
     lefts = []
     for bucket in seen.buckets:
         own = back[bucket.block.index]
         lefts.append(bucket.left + np.matmul(own, own.swapaxes(1, 2)))
-    return Smaller(seen, back, lefts)
+    return SmallerModel(seen, back, lefts)
 
 
 def compute_basis(matrix: Array) -> Array:

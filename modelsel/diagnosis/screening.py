@@ -14,10 +14,10 @@ from dataclasses import replace
 import numpy as np
 
 from .._typing import Array, Mask
-from .buckets import ABSORBED, build_bucket, build_buckets
+from .buckets import build_bucket, build_buckets, find_least_share
 from .candidate_columns import Block, find_signed
 from .evidence import RATIOS, compute_factors
-from .scan import Beyond, Released, Response, Scan, Smaller, give_back
+from .scan import Beyond, Released, Response, Scan, SmallerModel, give_back
 
 # log odds against an effect beyond which an explanation does not matter
 SLACK = 30.0
@@ -42,7 +42,7 @@ def build_scan_for(
     return smaller.complete(buckets, sizes), put_back
 
 
-def _find_hopeless(smaller: Smaller, response: Response, g: int, log_prior: Array) -> Mask:
+def _find_hopeless(smaller: SmallerModel, response: Response, g: int, log_prior: Array) -> Mask:
     """Find the candidates (G,) that cannot matter beside g."""
     columns = smaller.seen.columns
     aside = np.zeros(columns.groups, bool)
@@ -62,7 +62,7 @@ def _find_hopeless(smaller: Smaller, response: Response, g: int, log_prior: Arra
     return aside
 
 
-def _weigh_one(smaller: Smaller, response: Response, g: int) -> Array:
+def _weigh_one(smaller: SmallerModel, response: Response, g: int) -> Array:
     """Compute (ratios,) log Bayes factors of candidate g."""
     columns = smaller.seen.columns
     number, row = columns.home[g]
@@ -81,7 +81,7 @@ def _weigh_one(smaller: Smaller, response: Response, g: int) -> Array:
 def _bound_factors(block: Block, left: Array, response: Response, freedom: int) -> Array:
     """Bound the log Bayes factors (ratios, n) of free functions."""
     unit = block.unit
-    least = 10 * ABSORBED
+    least = find_least_share(unit.shape[1])
     scaled = left * unit[:, :, None] * unit[:, None, :]
     np.einsum("nkk->nk", scaled)[...] += RIDGE * least
     products = response.products[block.index] * unit

@@ -13,8 +13,8 @@ from .possible_parts import PossiblePart
 from .restricted_likelihood import Likelihood, evaluate_likelihood, maximise_likelihood
 from .shared_errors import SharedError
 
-# probability with which chance gives a part that is none, and from which one that chance may give
-# is nothing
+# probability with which chance gives a part that is none, and up to which a part that is not taken
+# for one may be there all the same
 LEVEL = 0.01
 UNSURE = 0.2
 # parts that do not last which are tried at every step
@@ -25,7 +25,7 @@ HANDICAP = 6.0
 
 class Step(NamedTuple):
     """Every part with the one that the likelihood gains most by, fitted; None where chance gives as
-    much. `unsure`: then every part with one that does not last and that chance hardly gives."""
+    much. `unsure`: then every part with one that does not last and may be there all the same."""
 
     found: tuple[list[PossiblePart], Likelihood] | None
     unsure: tuple[SharedError, ...] | None = None
@@ -43,7 +43,7 @@ def find_next(at: Likelihood, offered: Sequence[PossiblePart], chosen: list[Poss
     unsure: _Trial | None = None
     for score in tried:
         may_be_there = score.may_exceed(best, LEVEL)
-        is_first = score in others[:1]
+        is_first = bool(others) and score is others[0]
         if not may_be_there and not (is_first and score.may_exceed(best, UNSURE)):
             continue
         trial = _try(at, score.part, score.variance)
