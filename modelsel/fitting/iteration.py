@@ -43,7 +43,7 @@ class State:
     Of the last step: its size, its share of the one before, its damping, and whether the expansion
     was about the point where it began, or one as good; `growth`: what the damping grows by where
     the next one overshoots; `before`: where it began, and where it went without acceleration;
-    `far`: see there."""
+    `far`: see there; `firm`: whether what others represent is left at zero."""
 
     theta: Array
     slope: Slope
@@ -62,6 +62,7 @@ class State:
     growth: float = 2.0
     before: Before | None = None
     far: Far | None = None
+    firm: bool = False
 
     @property
     def cost(self) -> float:

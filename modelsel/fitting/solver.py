@@ -29,6 +29,7 @@ from .iteration import (
     relax_damping,
 )
 from .linearisation import Linearisation
+from .nominal_arm import NominalArm
 from .prior import Shrinkage, Usual, WeakPrior, faint, fitted_terms, usual_sizes, weigh_usual
 from .problem import Problem
 from .reduction import PROBE, Reduction, Source, multiply_problem, reduce_problem
@@ -37,7 +38,6 @@ Held = Literal["nothing", "geometry", "all"]
 ITERATIONS = 60
 STUCK = 1e8  # damping at which no step lowers the cost: the minimum, to rounding
 ROUNDS = 30  # of judging again what is fitted, where the fit has gone
-FAR = 10.0  # usual sizes from the nominal arm, within which the nominal chain's dependences hold
 QUIET_MM = 1e-6  # no measurement is better
 # rms: combinations that move the target less at their usual sizes wait until the others have
 # converged
@@ -74,6 +74,11 @@ class Solver:
     def sizes(self) -> Array:
         """Usual sizes (p,) of the constant parameters alone."""
         return usual_sizes(self.model)
+
+    @cached_property
+    def arm(self) -> NominalArm:
+        """The nominal arm, and how far from it parameters are."""
+        return NominalArm(self.sizes, lambda: self.exact.triangle)
 
     @cached_property
     def nominal(self) -> Reduction:
@@ -138,7 +143,7 @@ class Solver:
         if isinstance(self.problem, Source) or is_nominal:
             return Expansion.of_reduction(theta, self.reduce(theta))
         terms = self.model.terms
-        only = self.free if self.is_far(theta) else ()
+        only = self.free if self.arm.is_far(theta) else ()
         products, free = multiply_problem(self.problem, terms, Linearisation(terms, theta), only)
         return Expansion.of_products(theta, products, free=free if only else None)
 
@@ -290,28 +295,37 @@ class Solver:
         """Judge what is fitted and what the prior holds, at the solution and by the noise it leaves.
         Every constant parameter that moves a measured coordinate is fitted; of the other terms,
         those that no earlier one represents."""
+        was_held = state.weak.rows is not None and not state.firm
+        if was_held and self.arm.is_loose(state.theta):
+            state = self.hold(state)
         theta, expansion, triangle = state.theta, state.expansion, state.triangle
         found, far = self.fitted(state)
         if found.kept != state.found.kept:
             expansion, triangle = self.factorise(expansion, found, state.shrinkage)
         sigma = self.sigma(state)
-        weak = weigh_usual(triangle.seen, self.usual, theta, sigma)
+        least = theta if self.arm.is_far(theta) else self.arm.least(theta)
+        weak = weigh_usual(triangle.seen, self.usual, least, sigma)
         if triangle.blurs(weak, sigma):
             expansion, triangle = self.factorise(expansion, found, state.shrinkage, exactly=True)
-            weak = weigh_usual(triangle.seen, self.usual, theta, sigma)
+            weak = weigh_usual(triangle.seen, self.usual, least, sigma)
         root = state.shrinkage.root(weak)
         state = replace(state, found=found, weak=weak, root=root, far=far)
         factor = triangle.held(weak.rows)
         return replace(state, expansion=expansion, triangle=triangle, factor=factor)
 
-    def is_far(self, theta: Array) -> bool:
-        """Return whether some parameter is far from the nominal arm at theta (p,)."""
-        return bool((np.abs(theta) > FAR * self.sizes).any())
+    def hold(self, state: State) -> State:
+        """Begin again with the parameters that others represent left at zero."""
+        represented = np.zeros(len(state.theta))
+        represented[list(self.exact.exact)] = self.exact.relation.T @ state.theta
+        firm = self.begin(represented, state.shrinkage.precision, self.exact)
+        return replace(firm, firm=True, iterations=state.iterations)
 
     def fitted(self, state: State) -> tuple[Identified, Far | None]:
         """Judge what is fitted: by the dependences at the nominal chain, or, far from it, by those
         where the expansion is, which are returned, too."""
-        if not self.is_far(state.theta):
+        if state.firm:
+            return self.exact, None
+        if not self.arm.is_far(state.theta):
             nominal = fitted_terms(self.exact, self.model)
             return nominal, None
         expansion = state.expansion
