@@ -235,7 +235,7 @@ def snookers(rng: np.random.Generator, d: int = 11) -> list[str]:
 
 
 def speed(result: Result, again: Result) -> list[str]:
-    fitted, training = result.models.chosen.fit, result.split.training()
+    fitted, training = result.models.chosen.fit, result.split.training
     rng = np.random.default_rng(1)
     known = linear_posterior(fitted)
     start = time.process_time()

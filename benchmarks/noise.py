@@ -283,7 +283,7 @@ def run_one(job: tuple[str, int, int]) -> Study:
     base = Model((mechanism("geometric", robot),))
     at, truth, scales = build_campaign(line, robot, base, rng)
     split, diagnosis = diagnose_campaign(at, base, number)
-    fitted = fit(split.training(), base)
+    fitted = fit(split.training, base)
     bootstrap = bootstrap_parameters(split, fitted, generator(number, "bootstrap"))
     table = describe_parameters(split, fitted, bootstrap)
     size = dict(zip([t.symbol for t in fitted.terms], truth, strict=True))

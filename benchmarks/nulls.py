@@ -158,8 +158,8 @@ def study(condition: str, seed: Sequence[int]) -> Study:
     rng = np.random.default_rng(seed)
     at, truth = campaign(condition, rng)
     data, extension = diagnose_campaign(at, BASE, seed[-1])
-    base_fit = fit(data.training(), BASE)
-    both = fit(data.training(), Model((*BASE.mechanisms, TESTED)))
+    base_fit = fit(data.training, BASE)
+    both = fit(data.training, Model((*BASE.mechanisms, TESTED)))
     own = [
         k for k, t in enumerate(both.terms) if t.key == TESTED.terms[0].key and k in both.found.kept
     ]

@@ -312,7 +312,7 @@ def calibrate(
         kept=kept,
         floor=floor,
         held_out_rms_mm=held_out_rms_mm,
-        ranges=_find_ranges(split.training(), fitted.model),
+        ranges=_find_ranges(split.training, fitted.model),
         provenance=dict(provenance),
     )
 

@@ -189,7 +189,8 @@ def _list_entries(effect: Effect) -> str:
     for label, weight in listed[:NAMED_RIVALS]:
         name = _name_entry(effect, label)
         probability = scale * weight
-        words.append(f"{name} ({probability:.2f})")
+        word = f"{name} ({probability:.2f})"
+        words.append(word)
     return " or ".join(words)
 
 

@@ -58,10 +58,12 @@ class LocalCauses:
             return self._sparse(dtype)[which]
         known = self._known
         key = which.start, which.stop, dtype
-        if key not in known:
-            every = self._sparse(dtype)
-            known[key] = every[which]
-        return known[key]
+        if key in known:
+            return known[key]
+        every = self._sparse(dtype)
+        selected = every[which]
+        known[key] = selected
+        return selected
 
     def _sparse(self, dtype: np.dtype[Any]) -> Any:
         """Return the causes as a sparse matrix (l, m)."""

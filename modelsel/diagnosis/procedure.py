@@ -149,7 +149,7 @@ def _alternate(split: Split, inquiry: Inquiry) -> tuple[Split, Diagnosis, tuple[
     for _ in range(MAX_ROUNDS):
         split = replace(split, outlying=_expand_mask(split.estimation, outlying))
         found = build_candidates(
-            split.training(), inquiry.base, inquiry.everything, inquiry.cells, inquiry.options
+            split.training, inquiry.base, inquiry.everything, inquiry.cells, inquiry.options
         )
         inquiry.say(f"naming: {len(found)} candidates")
         weighed, diagnosis = separate(split, inquiry, found, parts)
@@ -261,7 +261,7 @@ def _run_fold(k: int, split: Split, inquiry: Inquiry, fold: Index) -> _Fold:
     base = inquiry.base
     inside, diagnosis, _ = diagnose_split(rest, *inquiry)
     problem = split.problem.take(outside)
-    base_fit = fit(inside.training(), base)
+    base_fit = fit(inside.training, base)
     names = [effect.candidate.label for effect in diagnosis.effects]
     return _Fold(
         rows=outside,

@@ -116,7 +116,7 @@ class _Separation:
     def search(self, given: ErrorStructure, known: tuple[Candidate, ...] = ()) -> _Explanation:
         """Search for effects given parts of the errors, beside those that are known."""
         weighed = replace(self.split, problem=given.whiten(self.split.problem))
-        prepared = self.inquiry.search(weighed.training(), self.found, known, self.causes)
+        prepared = self.inquiry.search(weighed.training, self.found, known, self.causes)
         explored = explore(prepared, known, self.inquiry.say)
         left = self.find_parts(explored.fitted, before=given)
         return _Explanation(explored, given, left, self._judge(explored, left))
@@ -185,7 +185,7 @@ def separate(
     """Separate what repeats from what does not, and weigh what is proven of the effects.
 
     Returns the split, its rows weighed so that they are independent."""
-    base_fit = fit(split.training(), inquiry.base)
+    base_fit = fit(split.training, inquiry.base)
     if not found:
         return split, build_empty(inquiry.base, base_fit)
     separation = _Separation(split, inquiry, found, parts)

@@ -173,12 +173,12 @@ def compute_detection_limit(
 
 def is_subsampled(diagnosis: Diagnosis, split: Split) -> bool:
     """Return whether naming used only a part of the estimation rows."""
-    return diagnosis.fit.rows < split.training().coordinates
+    return diagnosis.fit.rows < split.training.coordinates
 
 
 def count_rows_seen(diagnosis: Diagnosis, split: Split) -> int:
     """Count the rows that naming used."""
-    training = split.training()
+    training = split.training
     rows = len(training)
     coordinates = diagnosis.fit.rows
     return coordinates * rows // training.coordinates

@@ -31,9 +31,20 @@ class Slope(NamedTuple):
     squares: float
     products: Array
 
+    @staticmethod
+    def zero(p: int) -> Slope:
+        """Return the slope of no rows."""
+        return Slope(0.0, np.zeros(p))
+
+    def plus(self, other: Slope) -> Slope:
+        """Return the slope of both sets of rows."""
+        squares = self.squares + other.squares
+        products = self.products + other.products
+        return Slope(squares, products)
+
 
 @dataclass(frozen=True, eq=False)
-class _Screws:
+class Screws:
     """The screws of some terms by their place in the screw field: (number of the term, place,
     value) of constant ones, and of each place the terms (k,) whose cause varies."""
 
@@ -113,23 +124,23 @@ class Rows:
     space: Workspace = field(default_factory=Workspace, repr=False)
 
     @cached_property
-    def screws(self) -> _Screws:
+    def screws(self) -> Screws:
         """The model's screws."""
-        return _Screws(self.terms)
+        return Screws(self.terms)
 
-    def parts(self) -> Iterator[tuple[slice, _Part]]:
+    def parts(self) -> Iterator[tuple[slice, Part]]:
         """Yield the blocks of the rows; their causes are kept where they are not too many."""
         varying = sum(map(len, self.screws.varying.values()))
         is_kept = varying * len(self.problem) <= MAX_KEPT
         yield from self._kept if is_kept else self._make()
 
     @cached_property
-    def _kept(self) -> list[tuple[slice, _Part]]:
+    def _kept(self) -> list[tuple[slice, Part]]:
         return list(self._make())
 
-    def _make(self) -> Iterator[tuple[slice, _Part]]:
+    def _make(self) -> Iterator[tuple[slice, Part]]:
         for rows, part in self.problem.parts(ROWS):
-            yield rows, _Part(part, self.screws)
+            yield rows, Part(part, self.screws)
 
     def along(self, theta: Array, change: Array) -> Iterator[tuple[slice, Array, Array]]:
         """Yield, of every block of rows that are points, (rows, residual (c, rows), the columns at
@@ -139,21 +150,19 @@ class Rows:
 
     def at(self, theta: Array) -> Slope:
         """Evaluate at parameters theta (p,)."""
-        squares = 0.0
-        products = np.zeros(len(theta))
+        total = Slope.zero(len(theta))
         for _, part in self.parts():
             slope = part.at(theta, self.space)
-            squares += slope.squares
-            products += slope.products
-        return Slope(squares, products)
+            total = total.plus(slope)
+        return total
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class Part:
     """A block of rows."""
 
     problem: Problem
-    screws: _Screws
+    screws: Screws
 
     @cached_property
     def arm(self) -> _Arm:
@@ -225,7 +234,7 @@ class _Arm:
     """The chain of rows that are points, and the causes of a model's terms there."""
 
     problem: Problem
-    screws: _Screws
+    screws: Screws
 
     @cached_property
     def causes(self) -> list[Array]:

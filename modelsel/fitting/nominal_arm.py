@@ -37,25 +37,34 @@ class NominalArm:
     def shown(self) -> Array:
         """Projection (k, k) of the constant parameters, in usual sizes, onto what moves the nominal
         arm."""
-        columns = self.triangle()[:, self.sized] * self.sizes[self.sized]
-        _, singular, Vt = np.linalg.svd(columns, full_matrices=False)
-        moving = Vt[singular > OPEN * singular.max(initial=0.0)]
+        sized = self.sized
+        columns = self.triangle()[:, sized]
+        effects = columns * self.sizes[sized]
+        _, singular, Vt = np.linalg.svd(effects, full_matrices=False)
+        largest = singular.max(initial=0.0)
+        moving = Vt[singular > OPEN * largest]
         return np.asarray(moving.T @ moving)
 
     def least(self, theta: Array) -> Array:
         """Return the least parameters, by their usual sizes, that move the nominal arm as theta (p,)
         does; theta itself where it is nowhere surprising."""
-        sizes = self.sizes[self.sized]
-        units = theta[self.sized] / sizes
-        if not (np.abs(units) > SURPRISING).any():
+        sized = self.sized
+        sizes = self.sizes[sized]
+        units = theta[sized] / sizes
+        surprises = np.abs(units) > SURPRISING
+        if not surprises.any():
             return theta
+        least = self.shown @ units
         out = theta.copy()
-        out[self.sized] = sizes * (self.shown @ units)
+        out[sized] = sizes * least
         return out
 
     def is_far(self, theta: Array) -> bool:
         """Return whether theta (p,) moves the arm as only parameters far from the nominal ones do."""
-        return self._exceed(theta) and self._exceed(self.least(theta))
+        if not self._exceed(theta):
+            return False
+        least = self.least(theta)
+        return self._exceed(least)
 
     def is_loose(self, theta: Array) -> bool:
         """Return whether a combination that does not move the nominal arm has gone far, and nothing
@@ -63,7 +72,11 @@ class NominalArm:
         if not self._exceed(theta):
             return False
         least = self.least(theta)
-        return self._exceed(theta - least) and not self._exceed(least)
+        is_far = self._exceed(least)
+        open_part = theta - least
+        return not is_far and self._exceed(open_part)
 
     def _exceed(self, theta: Array) -> bool:
-        return bool((np.abs(theta) > FAR * self.sizes).any())
+        limit = FAR * self.sizes
+        exceeds = np.abs(theta) > limit
+        return bool(exceeds.any())

@@ -86,7 +86,8 @@ class Reduction:
         count = len(columns)
         nothing = Reduction.empty(count)
         out = nothing.add(picked)
-        return Reduction(out.R, self.rows)
+        parts = tuple(part.select(columns) for part in self.parts)
+        return Reduction(out.R, self.rows, parts)
 
     def shift(self, change: Array) -> Reduction:
         """Return the reduction with the parameters changed by (p,), linear: the response is less by

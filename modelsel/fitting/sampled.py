@@ -20,7 +20,7 @@ from .iteration import Before, State, compute_direction, extrapolate
 from .linearisation import Linearisation
 from .prior import WeakPrior
 from .problem import Problem
-from .reduction import Reduction, merged, mix_dependent, reduce_folds
+from .reduction import TOLERANCE, Reduction, merged, mix_dependent, reduce_folds
 from .solver import ROUNDS, STUCK, Held, Solver
 
 # rows, of which a sample is fitted first
@@ -60,6 +60,17 @@ def draw_sample(problem: Problem) -> Problem:
     place = number + np.mod(number * GOLDEN, 1.0)
     rows = (place * len(problem) / count).astype(np.intp)
     return problem.take(rows)
+
+
+def respond(reduction: Reduction, slope: Slope) -> Reduction:
+    """Return a reduction's columns with another response: the one of an exact slope."""
+    columns = reduction.R[:, :-1]
+    norm = np.linalg.norm(columns, axis=0)
+    norm = np.where(norm > 0, norm, 1.0)
+    response, *_ = np.linalg.lstsq((columns / norm).T, slope.products / norm, rcond=TOLERANCE)
+    left = slope.squares - float(response @ response)
+    response[-1] = np.sqrt(max(left, 0.0))
+    return Reduction(np.column_stack([columns, response]), reduction.rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,12 +164,8 @@ class SampledSolver(Solver):
     def expand_sample(self, theta: Array, slope: Slope) -> Expansion:
         """Return the expansion about theta (p,) of the exact slope there and the products of the
         sample's columns, which are much like those of all rows."""
-        R = self.growth * self.reduction.R
-        response, *_ = np.linalg.lstsq(R[:, :-1].T, slope.products, rcond=None)
-        left = slope.squares - float(response @ response)
-        response[-1] = np.sqrt(max(left, 0.0))
-        grown = Reduction(np.column_stack([R[:, :-1], response]), self.count)
-        return Expansion.of_reduction(theta, grown)
+        grown = Reduction(self.growth * self.reduction.R, self.count)
+        return Expansion.of_reduction(theta, respond(grown, slope))
 
     def reduce(self, theta: Array, only: object = None) -> Reduction:
         """Reduce the rows at theta (p,), fold by fold."""

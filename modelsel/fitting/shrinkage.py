@@ -248,12 +248,20 @@ def fit_shrunk(
     state = begin(
         solver, np.zeros(len(precision)) if theta is None else theta, precision, ITERATIONS, step_mm
     )
+    state = weigh_groups(solver, state, groups, precision, step_mm)
+    return finish(solver, solver.confirm(state, step_mm))
+
+
+def weigh_groups(
+    solver: Solver, state: State, groups: Sequence[Index], precision: Array, step_mm: float
+) -> State:
+    """Go on from a fit at some precisions (p,) to those that the data ask for."""
     for _ in range(2):
         previous, precision = precision, variances(solver, state, groups)
         state = go_on(solver, solver.weighed(state, precision), ITERATIONS, step_mm)
         if np.allclose(precision, previous, rtol=REFIT_TOLERANCE):
             break
-    return finish(solver, solver.confirm(state, step_mm))
+    return state
 
 
 def _first_precision(

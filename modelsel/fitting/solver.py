@@ -315,10 +315,16 @@ class Solver:
 
     def hold(self, state: State) -> State:
         """Begin again with the parameters that others represent left at zero."""
-        represented = np.zeros(len(state.theta))
-        represented[list(self.exact.exact)] = self.exact.relation.T @ state.theta
+        represented = self.represent(state.theta)
         firm = self.begin(represented, state.shrinkage.precision, self.exact)
         return replace(firm, firm=True, iterations=state.iterations)
+
+    def represent(self, theta: Array) -> Array:
+        """Return the parameters that move the nominal arm as theta (p,) does, with what others
+        represent at zero."""
+        out = np.zeros(len(theta))
+        out[list(self.exact.exact)] = self.exact.relation.T @ theta
+        return out
 
     def fitted(self, state: State) -> tuple[Identified, Far | None]:
         """Judge what is fitted: by the dependences at the nominal chain, or, far from it, by those

@@ -121,7 +121,8 @@ def find_reflectors(joined: Table, readings: Index) -> str | None:
 
 
 def _read_coordinate(joined: Table, axis: str) -> Array:
-    parsed = map(parse_column_name, joined.columns)
+    columns = joined.columns
+    parsed = map(parse_column_name, columns)
     named = [name for name in parsed if name.quantity == axis]
     measured = [name for name in named if name.is_measured]
     chosen = measured or named
@@ -129,7 +130,7 @@ def _read_coordinate(joined: Table, axis: str) -> Array:
         count = len(joined)
         return np.zeros(count)
     first = chosen[0]
-    column = joined.columns[first.given]
+    column = columns[first.given]
     return convert_to_numbers(column)
 
 

@@ -90,8 +90,8 @@ def compute_joint_torques(robot: Robot, at: Pose, q: Array) -> Array:
     """Compute the gravity torque about each joint's axis, (n, m) [N m] (force [N] along the axis of
     a prismatic joint)."""
     moments = compute_joint_moments(robot, at, q)
-    torques = moments[:, 2]
-    return np.asarray(torques)
+    torques: Array = moments[:, 2]
+    return torques
 
 
 def compute_unit_moments(robot: Robot, at: Pose) -> dict[tuple[int, int], Array]:

@@ -149,8 +149,8 @@ def _prepare(split: Split, base_fit: Fit, candidates: Sequence[Mechanism]) -> _S
     kept = list(base_fit.found.kept)
     new = range(first, len(terms))
     used = sorted({*kept, *new})
-    training = split.training()
-    folds_of = split.training_folds()
+    training = split.training
+    folds_of = split.training_folds
     folded = fold(training, terms, folds_of, base_fit.at(), used)
     steps = prepare_steps(split, everything, base_fit, folded)
     step = steps.to(everything) or steps.to(base)
@@ -316,9 +316,10 @@ def _refit(
         mechanisms = space.select(members)
         added = [m.name for m in mechanisms]
         step = space.steps.to(space.base + mechanisms)
-        names.append((*base_names, *added))
+        own = (*base_names, *added)
+        names.append(own)
         steps.append(step)
-    evaluations = evaluate_steps(space.split, names, steps)
+    evaluations = evaluate_steps(space.split, space.steps, names, steps)
     refitted = []
     for s, one in zip(rows, evaluations, strict=True):
         if one is not None:

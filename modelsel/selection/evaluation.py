@@ -15,13 +15,14 @@ import numpy as np
 from .._typing import Array, Index, Mask
 from ..exceptions import NotEstimable
 from ..fitting.design import Model
+from ..fitting.folded_rows import FoldedProblem, Point, walk_along
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
 from ..fitting.state_variables import MAX_ROWS_KEPT
 from .criteria import aic, aicc, bic, gcv
 from .cross_validation import CrossValidation, cross_validate_fit
-from .moments import LinearRows, hold_out_rows
+from .moments import LinearRows
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,19 +49,24 @@ class Split:
         good = ~self.outlying
         return inside & good
 
-    def training(self) -> Problem:
-        """Return the problem of the rows that models are fitted to.
-
-        Where these are few enough to keep causes of, it is the same one each time."""
-        few = self.used.sum() <= MAX_ROWS_KEPT
-        return self._training if few else self.problem.take(self.used)
-
     @cached_property
-    def _training(self) -> Problem:
+    def training(self) -> Problem:
+        """The problem of the rows that models are fitted to."""
         return self.problem.take(self.used)
 
+    @cached_property
+    def others(self) -> Problem:
+        """The problem of all other rows."""
+        return self.problem.take(~self.used)
+
+    @cached_property
+    def folded(self) -> FoldedProblem:
+        """The training rows, fold after fold."""
+        return FoldedProblem.of(self.training, self.training_folds)
+
+    @cached_property
     def training_folds(self) -> Index:
-        """Return the folds of the training rows, numbered without gaps."""
+        """The folds of the training rows, numbered without gaps."""
         _, number = np.unique(self.folds[self.used], return_inverse=True)
         return np.asarray(number.reshape(-1), dtype=np.intp)
 
@@ -114,14 +120,20 @@ def evaluate(
     """Fit a model to the training rows and evaluate it on all rows.
 
     `fitted`: a fit to evaluate instead; `start`: the fit of a similar model to start from."""
-    if len(split.problem) > MAX_ROWS_KEPT:
+    training = split.training
+    if len(training) > MAX_ROWS_KEPT:
         screws = (screw for term in model.terms for screw in term.screws)
-        split.problem.keep_values(screw.cause for screw in screws)
-    training = split.training()
-    folds = split.training_folds()
+        training.keep_values(screw.cause for screw in screws)
+    folds = split.training_folds
     if fitted is None:
         fitted = fit_shrunk(training, model, start, held="all", fold_of=folds)
-    residual = fitted.residuals(split.problem)
+    rows = LinearRows(training, fitted.terms, fitted.at())
+    validation = None
+    if fitted.theta.size:
+        with suppress(NotEstimable):
+            validation = cross_validate_fit(rows, fitted, folds)
+    residual, left = _measure(split, rows, fitted, folds, validation)
+    length = np.linalg.norm(left[:, :3], axis=1)
     inside = split.estimation
     outside = ~inside
     outlying = split.outlying
@@ -129,25 +141,37 @@ def evaluate(
         summarise_errors(residual[inside], outlying[inside]),
         summarise_errors(residual[outside], outlying[outside]),
     )
-    validation = None
-    used = residual[split.used]
-    length = np.linalg.norm(used[:, :3], axis=1)
-    if fitted.theta.size:
-        with suppress(NotEstimable):
-            validation, length = _cross_validate(training, fitted, folds)
     return build_evaluation(split, tuple(names), fitted, errors, validation, length, residual)
 
 
-def _cross_validate(
-    training: Problem, fitted: Fit, folds_of: Index
-) -> tuple[CrossValidation, Array]:
-    """Cross-validate a fit; the lengths [mm] (k,) are those under the fits without each row's
-    fold. Raises NotEstimable."""
-    rows = LinearRows(training, fitted.terms, fitted.at())
-    validation = cross_validate_fit(rows, fitted, folds_of)
-    residual = hold_out_rows(rows, fitted, folds_of, validation.without)
-    length = np.linalg.norm(residual, axis=1)
-    return validation, length
+def _measure(
+    split: Split, rows: LinearRows, fitted: Fit, folds_of: Index, validation: CrossValidation | None
+) -> tuple[Array, Array]:
+    """Compute the residuals (m, c) of all rows, and those (k, c) of the training `rows`: under the
+    fits without each row's fold, where the fit was cross-validated."""
+    if validation is not None and fitted.reduction.parts:
+        return _measure_by_fold(split, fitted, validation.without)
+    residual = fitted.residuals(split.problem)
+    if validation is None:
+        return residual, residual[split.used]
+    return residual, rows.held_out(folds_of, validation.without)
+
+
+def _measure_by_fold(split: Split, fitted: Fit, without: Array) -> tuple[Array, Array]:
+    """Compute the residuals (m, c) of all rows, and those (k, 3) of the training rows under the fit
+    without their fold, linear about it [mm, rad]; no column is made.
+
+    `without` (K, p): the change of the coefficients without each fold."""
+    inside, outside = np.flatnonzero(split.used), np.flatnonzero(~split.used)
+    residual = np.empty((len(split.problem), split.problem.components))
+    held_out = np.empty((len(inside), 3))
+    point = Point(fitted.terms, fitted.theta)
+    for _, rows, left, moved in walk_along(split.folded, [point], [without]):
+        residual[inside[rows]] = left.T
+        held_out[rows] = (left - moved)[:3].T
+    if len(outside):
+        residual[outside] = fitted.residuals(split.others)
+    return residual, held_out
 
 
 def build_evaluation(

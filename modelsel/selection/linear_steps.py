@@ -13,11 +13,13 @@ import numpy as np
 from .._typing import Array, Index
 from ..exceptions import NotEstimable
 from ..fitting.design import Model, assemble
+from ..fitting.folded_rows import FoldedProblem, Point, measure_slopes, walk_along
 from ..fitting.least_squares import Fit
 from ..fitting.linear_step import Step, one_step
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
 from ..fitting.reduction import Reduction, scatter_columns, sort_by_fold
+from ..fitting.sampled import respond, takes_sample
 from ..robot._kernels import Workspace
 from .cross_validation import CrossValidation, FoldedData, validate_moments
 from .evaluation import Evaluation, Split, build_evaluation, summarise_lengths
@@ -28,18 +30,18 @@ from .moments import Coordinates, Moments, add_products, hold_out, transform
 class Steps:
     """Linear steps from a base's fit to any model whose terms are among those of a larger one.
 
-    `reduction` is the triangle of the terms of the `whole` model at the base's fit, `weight`
-    [1/mm] that of one coordinate."""
+    `folded` holds the terms of the `whole` model at the base's fit, `weight` [1/mm] is that of one
+    coordinate."""
 
     whole: Model
     base_fit: Fit
-    reduction: Reduction
+    folded: FoldedData
     weight: float
 
     def to(self, model: Model) -> Step | None:
         """Compute the step to a model; None where the data do not determine it."""
         columns = locate_terms(self.whole, model)
-        reduction = self.reduction.select(columns)
+        reduction = self.folded.total.select(columns)
         try:
             return one_step(model, self.base_fit, reduction, self.weight)
         except NotEstimable:
@@ -48,11 +50,10 @@ class Steps:
 
 def prepare_steps(split: Split, whole: Model, base_fit: Fit, folded: FoldedData) -> Steps:
     """Prepare steps from a base's fit; `folded` holds the terms of the whole model there."""
-    training = split.training()
+    training = split.training
     whitening = training.whitening
     weight = whitening.typical_weight()
-    total = folded.total
-    return Steps(whole, base_fit, total, weight)
+    return Steps(whole, base_fit, folded, weight)
 
 
 def locate_terms(whole: Model, model: Model) -> list[int]:
@@ -68,19 +69,26 @@ def locate_terms(whole: Model, model: Model) -> list[int]:
 
 
 def evaluate_steps(
-    split: Split, models: Sequence[tuple[str, ...]], steps: Sequence[Step | None]
+    split: Split, start: Steps, models: Sequence[tuple[str, ...]], steps: Sequence[Step | None]
 ) -> list[Evaluation | None]:
     """Evaluate the model at the end of every step, under the given names, without its residuals.
 
     The entry of a step that cannot be made (None) is None."""
-    folds_of = split.training_folds()
-    training = split.training()
+    folds_of = split.training_folds
+    training = split.training
+    by_slopes = takes_sample(training, start.whole, "all")
     ends = [_End.of(step) for step in steps if step is not None]
-    counts = training.counted(folds_of, int(folds_of.max()) + 1)
-    _measure_ends(training, ends, folds_of)
+    if by_slopes:
+        _measure_slopes(split.folded, start, ends)
+    else:
+        _measure_ends(training, ends, folds_of)
     fits = [end.fit(training.coordinates) for end in ends]
+    counts = training.counted(folds_of, int(folds_of.max()) + 1)
     validations = [end.validate(fitted, counts) for end, fitted in zip(ends, fits, strict=True)]
-    sizes, held_out = _lengths(split, fits, validations, folds_of)
+    if by_slopes:
+        sizes, held_out = _lengths_by_fold(split, fits, validations)
+    else:
+        sizes, held_out = _lengths(split, fits, validations, folds_of)
     figures = zip(fits, validations, sizes, held_out, strict=True)
     evaluations: list[Evaluation | None] = []
     for names, one in zip(models, steps, strict=True):
@@ -152,6 +160,22 @@ class _End:
             return None
 
 
+def _measure_slopes(folded: FoldedProblem, start: Steps, ends: Sequence[_End]) -> None:
+    """Measure the products of every end on very many rows: the columns' are those where the steps
+    start, the residual's exact."""
+    points = [Point(end.step.model.terms, end.step.theta) for end in ends]
+    for end, slopes in zip(ends, measure_slopes(folded, points), strict=True):
+        model = end.step.model
+        columns = [*locate_terms(start.whole, model), -1]
+        nothing = Reduction.empty(len(model.terms))
+        turned = []
+        for block, slope in zip(start.folded.blocks, slopes, strict=True):
+            here = respond(nothing.add(block[:, columns]), slope)
+            turned.append(here.R @ end.columns)
+        rows = np.stack(turned)
+        end.products = rows.transpose(0, 2, 1) @ rows
+
+
 def _measure_ends(training: Problem, ends: Sequence[_End], folds_of: Index) -> None:
     """Measure the products of every end, in one pass over the rows."""
     folds = int(folds_of.max()) + 1
@@ -184,13 +208,36 @@ def _lengths(
             residual = fitted.residuals(part)
             sizes[k, rows] = np.linalg.norm(residual[:, :3], axis=1)
     spaces = [Workspace() for _ in fits]
-    for rows, part in split.training().parts():
+    for rows, part in split.training.parts():
         for k, (fitted, validation) in enumerate(zip(fits, validations, strict=True)):
             if validation is None:
                 continue
             block = assemble(part, fitted.terms, fitted.at(), space=spaces[k])
             residual = hold_out(block, folds_of[rows], validation.without)
             held_out[k, rows] = np.linalg.norm(residual, axis=1)
+    return sizes, held_out
+
+
+def _lengths_by_fold(
+    split: Split, fits: Sequence[Fit], validations: Sequence[CrossValidation | None]
+) -> tuple[Array, Array]:
+    """`_lengths` of very many rows: no column is made."""
+    inside, outside = np.flatnonzero(split.used), np.flatnonzero(~split.used)
+    sizes = np.empty((len(fits), len(split.problem)))
+    held_out = np.empty((len(fits), len(inside)))
+    points = [Point(fitted.terms, fitted.theta) for fitted in fits]
+    unknown = np.full((split.folded.count, 1), np.nan)
+    without = [
+        unknown * fitted.theta if validation is None else validation.without
+        for fitted, validation in zip(fits, validations, strict=True)
+    ]
+    for k, rows, residual, moved in walk_along(split.folded, points, without):
+        sizes[k, inside[rows]] = np.linalg.norm(residual[:3], axis=0)
+        held_out[k, rows] = np.linalg.norm((residual - moved)[:3], axis=0)
+    for part, problem in split.others.parts() if len(outside) else ():
+        for k, fitted in enumerate(fits):
+            residual = fitted.residuals(problem)
+            sizes[k, outside[part]] = np.linalg.norm(residual[:, :3], axis=1)
     return sizes, held_out
 
 

@@ -16,7 +16,6 @@ import numpy as np
 from .._typing import Array, Index
 from ..exceptions import NotEstimable
 from ..fitting.design import assemble
-from ..fitting.gradient import Rows
 from ..fitting.least_squares import Fit
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import BLOCK, Problem
@@ -235,23 +234,6 @@ def measure_fit(rows: LinearRows, fitted: Fit, coordinates: Coordinates, fold_of
         return measure_moments(rows, coordinates, fold_of)
     turned = np.stack([part.R @ coordinates.map for part in parts])
     return Moments.of(turned.transpose(0, 2, 1) @ turned)
-
-
-def hold_out_rows(rows: LinearRows, fitted: Fit, fold_of: Index, without: Array) -> Array:
-    """Compute every row's residual (m, 3) [mm] under the fit without its fold, linear about the fit.
-
-    `without` (K, p): the change of the coefficients without each fold. Of very many rows no column
-    is made."""
-    if not fitted.reduction.parts:
-        return rows.held_out(fold_of, without)
-    problem = rows.problem
-    residual = np.empty((len(problem), 3))
-    for k, change in enumerate(without):
-        inside = np.flatnonzero(fold_of == k)
-        own = Rows(problem.take(inside), fitted.terms)
-        for part, left, moved in own.along(fitted.theta, change):
-            residual[inside[part]] = (left - moved)[:3].T
-    return residual
 
 
 def transform(block: Array, columns: Array) -> Array:

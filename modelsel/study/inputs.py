@@ -209,7 +209,8 @@ def read_inputs(
     labels = None
     split_column = study.split.column
     if split_column is not None:
-        file_labels = read_labels(find_source(study, folder), split_column)
+        source = find_source(study, folder)
+        file_labels = read_labels(source, split_column)
         labels = file_labels[measured.row]
     return robot, registry, measured, labels
 

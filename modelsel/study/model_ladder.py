@@ -15,6 +15,7 @@ from ..diagnosis.outliers import GROSS_THRESHOLD, find_far_rows
 from ..diagnosis.state import extend_model
 from ..diagnosis.unexplained import is_subsampled
 from ..fitting.design import Model, whitened
+from ..fitting.nested import Reduced, fit_within
 from ..fitting.problem import Problem
 from ..mechanisms.geometry import build_setup
 from ..mechanisms.registry import Registry, mechanism
@@ -90,23 +91,31 @@ def choose_constants(candidates: Sequence[Candidate], single_f: Array) -> dict[s
 
 
 def evaluate_steps(split: Split, base: Evaluation, diagnosis: Diagnosis) -> list[Evaluation]:
-    """Evaluate the base and one further model for each effect, in the order they were named."""
-    steps = [base]
+    """Evaluate the base and one further model for each effect, in the order they were named.
+
+    The last comes first: where very many rows were reduced for it, the others are fitted by that."""
     effects = [effect.candidate for effect in diagnosis.effects]
+    if not effects:
+        return [base]
+    labels = [effect.label for effect in diagnosis.effects]
+    whole = extend_model(diagnosis.base, effects)
     is_whole = not is_subsampled(diagnosis, split)
-    names = base.names
-    for count, effect in enumerate(effects, 1):
-        names = (*names, effect.label)
-        added = effects[:count]
-        model = extend_model(diagnosis.base, added)
-        is_last = count == len(effects)
+    fitted = diagnosis.fit if is_whole else None
+    last = evaluate(split, whole, (*base.names, *labels), fitted, start=diagnosis.fit)
+    reduced = None
+    if last.fit.reduction.parts:
+        reduced = Reduced.by(last.fit, split.folded)
+    steps = [base]
+    for count in range(1, len(effects)):
+        model = extend_model(diagnosis.base, effects[:count])
+        names = (*base.names, *labels[:count])
         fitted = None
-        if is_last and is_whole:
-            fitted = diagnosis.fit
+        if reduced is not None:
+            fitted = fit_within(split.training, model, reduced, "all")
         start = steps[-1].fit
         step = evaluate(split, model, names, fitted, start=start)
         steps.append(step)
-    return steps
+    return [*steps, last]
 
 
 def evaluate_ladder(

@@ -195,14 +195,15 @@ def _generate_mechanisms(
 ) -> Iterator[Mechanism]:
     causes = _parse_causes(place, table, problem)
     columns = problem.data.covariates.keys()
-    combined_causes = list(_combine(table, causes, columns))
+    combined = _combine(table, causes, columns)
+    combined_causes = list(combined)
     places = list_places(problem)
     if table.frame is not None and table.axis is not None:
         only = (table.frame, str(table.axis))
         places = (only,)
     for where in places:
-        for combined in combined_causes:
-            cell = build_cell(where, combined)
+        for each in combined_causes:
+            cell = build_cell(where, each)
             if table.name is not None:
                 cell = _give_name(table.name, cell)
             yield cell

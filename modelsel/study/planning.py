@@ -114,7 +114,7 @@ def choose_configurations(
     DataError or StudyError.
     """
     fitted = result.models.chosen.fit
-    known = result.split.training()
+    known = result.split.training
     rival_sets = find_rivals(result)
     rival_terms: list[Term] = []
     for rivals in rival_sets:
@@ -247,7 +247,7 @@ def _plan_repeats(
     result: Result, calibration: Calibration, chosen: Measurements, times: int | None
 ) -> RepeatPlan | None:
     """Plan which of the chosen configurations to measure again; None where no point is measured."""
-    known = result.split.training()
+    known = result.split.training
     if not known.only_points:
         return None
     problem = calibration.problem(chosen)

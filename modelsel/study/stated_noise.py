@@ -31,7 +31,7 @@ def check_stated_noise(
     A floor that cannot be true is dropped (None), to be estimated from the residuals instead. The
     notes hold what is far off; what is a little off is left to the chosen model's lack-of-fit test.
     """
-    training = split.training()
+    training = split.training
     comparison = _compare_with_floor(training, fitted, floor, POSITION)
     if floor is None or comparison is None:
         return split, floor, ()
@@ -55,7 +55,7 @@ def check_stated_noise(
 
 def check_stated_orientation_noise(split: Split, fitted: Fit) -> tuple[Note, ...]:
     """Check stated uncertainties of orientations against the residuals of a fitted model."""
-    training = split.training()
+    training = split.training
     sigma = training.data.sigma_rotation
     if sigma is None:
         return ()

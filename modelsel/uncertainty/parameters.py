@@ -106,7 +106,7 @@ def describe_parameters(split: Split, fitted: Fit, boot: Bootstrap) -> tuple[Par
 def bootstrap_parameters(split: Split, fitted: Fit, rng: np.random.Generator) -> Bootstrap:
     """Bootstrap the training rows; the units are whole groups where the residuals of a group are
     correlated."""
-    training = split.training()
+    training = split.training
     data = training.data
     residual = fitted.residuals(training)
     positions = residual[:, :3]

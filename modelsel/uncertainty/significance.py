@@ -97,7 +97,7 @@ def assess_significance(
     coordinates = Coordinates.of(fitted)
     reduced = _ReducedModels(split, fitted, coordinates)
     displaced = _displace(split, fitted, terms)
-    training = split.training()
+    training = split.training
     bundle = _bundle(training, max_bundles)
     stability = measure_stability(training, bundle, fitted, unshared, rng)
     cv, held_out = reduced.rms([])
@@ -240,8 +240,8 @@ class _ReducedModels:
     def __init__(self, split: Split, fitted: Fit, coordinates: Coordinates):
         self.fitted = fitted
         self.coordinates = coordinates
-        training = split.training()
-        folds = split.training_folds()
+        training = split.training
+        folds = split.training_folds
         at = fitted.at()
         rows = LinearRows(training, fitted.terms, at)
         self.rows = len(training)

@@ -133,7 +133,7 @@ def sample_confidence(
     if log_posterior is None:
         return confidence
     fitted = log_posterior.fitted
-    training = split.training()
+    training = split.training
     rng = generator(seed, "sampling")
     draws = linear_posterior(fitted).draw(rng, choose_draw_count(training))
     draws = weight_draws(training, fitted, draws)
@@ -175,7 +175,7 @@ def build_log_posterior(
     step, its QR-reduced linear form is sampled, with normal noise of one scale."""
     if not fitted.rank or fitted.freedom < 1:
         return None
-    training = split.training()
+    training = split.training
     sampled, named = _choose_coefficients(split, fitted, base, over)
     count = len(sampled)
     cost = _walk_cost(training, count, options)

@@ -120,7 +120,7 @@ def test_lack_of_fit_against_repeats_is_the_textbooks(rng) -> None:
     at = campaign(rng, 25, times=3, shared=0.08)
     data = weighed(at)
     found = measure_lack_of_fit(evaluate(data, BASE, ("geometric",)), from_repeats(at.data), data)
-    fitted = fit(data.training(), BASE)
+    fitted = fit(data.training, BASE)
     X, r = compute_design(data.problem.unweighted(), BASE.terms, fitted.at())
     X = X[:, :, list(fitted.found.kept)].reshape(r.size, -1)
     e = r.ravel() - X @ np.linalg.lstsq(X, r.ravel(), rcond=None)[0]
@@ -230,7 +230,7 @@ def test_free_functions_have_no_f(rng) -> None:
     terms = tuple(Term(f"f{k}", (Screw(3, "rz", Bump("q3", 0.8 * k, 0.8)),)) for k in range(-3, 4))
     model = Model((*MORE.mechanisms, Mechanism("free(q3)", terms, "", "", "")))
     data = study_of(planted(campaign(rng, 60), BASE.terms, np.zeros(len(BASE.terms)), rng, SIGMA))
-    fitted = fit_shrunk(data.training(), model)
+    fitted = fit_shrunk(data.training, model)
     boot = bootstrap_parameters(data, fitted, rng)
     own = [k for k, t in enumerate(fitted.terms) if t in terms and k in fitted.found.kept]
     assert own

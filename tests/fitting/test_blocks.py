@@ -89,7 +89,7 @@ def near(one, other) -> None:
 
 
 def test_folds_of_any_size(split: Split, blocks) -> None:
-    at, terms, point = split.problem, BASE.terms, fit(split.training(), BASE).at()
+    at, terms, point = split.problem, BASE.terms, fit(split.training, BASE).at()
     ways = [np.arange(M) % 3, np.arange(M) % 150, np.random.default_rng(0).permutation(M)]
     before = [fold(at, terms, own, point) for own in ways]
     (whole,) = fold_by_unit(at, terms, at.data.block, point)
@@ -113,7 +113,7 @@ def test_folds_of_any_size(split: Split, blocks) -> None:
 
 
 def test_table_of_subsets_in_blocks(split: Split, blocks) -> None:
-    fitted = fit(split.training(), BASE)
+    fitted = fit(split.training, BASE)
     before = compare_subsets(split, fitted, OFFERED, ("geometric",))
     blocks()
     after = compare_subsets(split, fitted, OFFERED, ("geometric",))
@@ -138,7 +138,7 @@ def test_table_of_subsets_in_blocks(split: Split, blocks) -> None:
 def test_rows_of_the_table_are_one_linear_step(split: Split) -> None:
     """Against the linear step from the base's fit, worked out from the rows with the base's prior
     below them."""
-    training = split.training()
+    training = split.training
     base = fit(training, BASE)
     for row in compare_subsets(split, base, OFFERED, ("geometric",)).best[:6]:
         model, root = BASE + tuple(m for m in OFFERED if m.name in row.names), row.fit.root
@@ -161,7 +161,7 @@ def test_rows_of_the_table_are_one_linear_step(split: Split) -> None:
 
 def test_confidence_in_blocks(split: Split, blocks) -> None:
     model = BASE + OFFERED[:3]
-    fitted = fit(split.training(), model)
+    fitted = fit(split.training, model)
     before = assess_confidence(split, fitted, model.names, 3).to_dict()
     blocks()
     near(assess_confidence(split, fitted, model.names, 3).to_dict(), before)
@@ -179,14 +179,14 @@ def test_confidence_in_blocks(split: Split, blocks) -> None:
 
 
 def test_thinned_weights_are_the_weights(split: Split, rng: np.random.Generator) -> None:
-    fitted = fit(split.training(), BASE, held="nothing")
+    fitted = fit(split.training, BASE, held="nothing")
     draws = linear_posterior(fitted).draw(rng, 200)
     draws = replace(
         draws, theta=fitted.theta + 6 * (draws.theta - fitted.theta)
     )  # so that the chain's curvature is felt
-    want = weight_draws(split.training(), fitted, draws)
+    want = weight_draws(split.training, fitted, draws)
     assert want.effective < 150
-    found = weight_draws(split.training(), fitted, draws, max_rows=66)
+    found = weight_draws(split.training, fitted, draws, max_rows=66)
     away = [np.log(w.weight) - np.log(w.weight).mean() for w in (found, want)]
     assert np.corrcoef(*away)[0, 1] > 0.8
     assert np.std(away[0]) == pytest.approx(np.std(away[1]), rel=0.4)
@@ -196,7 +196,7 @@ def test_causes_are_evaluated_once_a_block(split: Split, blocks, monkeypatch) ->
     """The table's passes cost the same evaluations of the chain's moments whether it lists few
     models or many; residuals of a whole problem evaluate each block's, not all rows' for every
     block."""
-    fitted = fit(split.training(), BASE)
+    fitted = fit(split.training, BASE)
     blocks()
     evaluated: list[int] = []
     pose = StateVariables.pose

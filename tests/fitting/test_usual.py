@@ -83,7 +83,7 @@ def test_no_length_goes_far_for_an_effect_that_the_model_lacks(arm, rng) -> None
     model = Model((geometric(robot), *known, Mechanism("bent", tuple(bent))))
     causes = [(2, torque(2), 4e-6), (3, torque(3), 4e-6), (4, cos(2.0 * q(4)), 4e-4)]
     lacking = [Term(f"l{k}", (Screw(k, "rz", cause),)) for k, cause, _ in causes]
-    whole = (*model, Mechanism("lacking", tuple(lacking)))
+    whole = Model((*model.mechanisms, Mechanism("lacking", tuple(lacking))))
     sizes = [0.3 if term.unit == "mm" else 1e-3 for term in model.terms]
     theta = rng.normal(size=len(sizes)) * sizes
     theta = np.append(theta, [size for _, _, size in causes])

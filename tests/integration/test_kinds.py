@@ -133,7 +133,7 @@ def test_an_effect_is_found_and_held_out_errors_are_noise(what, tmp_path) -> Non
     data = prepared(measured, round(0.7 * measured.configurations))
     assert data.problem.data.gauges is not None
     base = fit(
-        data.training(), model(measured)
+        data.training, model(measured)
     )  # points tell 27 numbers of this arm; six are where the base stands
     assert sum(not base.terms[k].fixture for k in base.representatives) == TELL.get(what, 21)
     assert all(k in base.found.kept for k, t in enumerate(base.terms) if t.fixture)
@@ -268,7 +268,7 @@ def test_without_a_length_one_stays_as_drawn_and_that_is_said(tmp_path) -> None:
     c.touches(90, 9)
     measured = made(c, tmp_path)
     data = prepared(measured, 90)
-    fitted = fit(data.training(), model(measured, "wrist-coupling:5"))
+    fitted = fit(data.training, model(measured, "wrist-coupling:5"))
     held = fitted.terms[fitted.found.held]
     assert (held.symbol, fitted.theta[fitted.found.held]) == (
         "a3",
@@ -282,7 +282,7 @@ def test_without_a_length_one_stays_as_drawn_and_that_is_said(tmp_path) -> None:
     assert "a1" in said
     c.distances(6)
     more = made(c, tmp_path)
-    assert fit(prepared(more, 96).training(), model(more, "wrist-coupling:5")).found.held is None
+    assert fit(prepared(more, 96).training, model(more, "wrist-coupling:5")).found.held is None
 
 
 def test_a_feature_that_no_estimation_row_measures_is_left_out(tmp_path) -> None:
@@ -316,8 +316,8 @@ def test_folds_count_what_was_measured(tmp_path) -> None:
     c.wires(60)
     measured = made(c, tmp_path)
     data = prepared(measured, 90)
-    folded = fold_scene(data.training(), model(measured).terms, data.training_folds())
-    each = [f.rows for f in fold_by_unit(data.training(), model(measured).terms, np.arange(90))]
+    folded = fold_scene(data.training, model(measured).terms, data.training_folds)
+    each = [f.rows for f in fold_by_unit(data.training, model(measured).terms, np.arange(90))]
     assert np.concatenate(each).tolist() == [3] * 30 + [1] * 60
     assert folded.rows.tolist() == [
         int(3 * (data.folds[:30] == k).sum() + (data.folds[30:] == k).sum()) for k in range(10)
@@ -395,7 +395,7 @@ def test_anchors_stand_where_they_stood_in_a_registered_frame(tmp_path) -> None:
         )
     measured = made(c, tmp_path)
     data = prepared(measured, 80, register=True)
-    fitted = fit(data.training(), model(measured, "wrist-coupling:5", register=True))
+    fitted = fit(data.training, model(measured, "wrist-coupling:5", register=True))
     value = dict(zip((t.symbol for t in fitted.terms), fitted.theta, strict=True))
     for k, (name, anchor) in enumerate(ANCHORS.items()):
         place = data.problem.fixtures.centre[k] + [value[f"{axis} of {name}"] for axis in "xyz"]
@@ -478,10 +478,10 @@ def test_the_sampled_density_is_the_closed_form_where_the_chain_is_linear(tmp_pa
     c.points(10)
     measured = made(c, tmp_path)
     data = prepared(measured, 100)
-    fitted = fit(data.training(), model(measured, "wrist-coupling:5"))
+    fitted = fit(data.training, model(measured, "wrist-coupling:5"))
     psi = (len(fitted.terms) - 1,)
     target = LogPosterior(
-        fitted, assign_components(data.training()), psi, ("w54", "noise scale"), ("rad", "1")
+        fitted, assign_components(data.training), psi, ("w54", "noise scale"), ("rad", "1")
     )
     walkers = np.random.default_rng(1).normal(0, 1, (12, 2))
     exact, linear = target.log_density(walkers), replace(target, exact=False).log_density(walkers)
@@ -789,7 +789,7 @@ def test_a_plan_reckons_with_what_wires_leave_open(tmp_path) -> None:
     c.wires(90)
     c.points(10)
     measured = made(c, tmp_path)
-    known = prepared(measured, 100).training()
+    known = prepared(measured, 100).training
     fitted = fit(known, model(measured))
     some = [fitted.terms[k] for k in fitted.representatives]
     at, pool_scene = (

@@ -64,7 +64,7 @@ def test_rungs_are_the_minimum_of_all_rows(rng, tmp_path, monkeypatch) -> None:
         result = run_study(study, tmp_path, sampling=False)
     rungs = result.models.ladder[1:]
     assert len(rungs) > 1
-    training = result.split.training()
+    training = result.split.training
     for rung in rungs:
         assert rung.fit.reduction.parts, "the rows were not fitted from a sample"
         whole = fit_shrunk(training, rung.fit.model, held="all")

@@ -154,7 +154,7 @@ def test_nothing_is_found_in_noise(noise, rng) -> None:
             [[e.candidate.mechanism.name for e in extension.effects]] if extension.effects else []
         )
         told = estimate_predictability(
-            data.training().data, extension.fit.residuals(data.training())[:, :3], (False,) * 3, rng
+            data.training.data, extension.fit.residuals(data.training)[:, :3], (False,) * 3, rng
         )
         predicted += told is not None and told.p <= LEVEL
     assert not too_many(len(found), STUDIES), (

@@ -128,7 +128,7 @@ def test_slopes_of_the_map_are_those_of_a_fit(drawn) -> None:
     base = build_model(study, result.split.problem, BUILTIN, ("geometric",))
     fitted = next(r for r in result.models.ladder if r.names == ("geometric",)).fit
     cell = Mechanism("cell", (Term("m", (Screw(5, "rz", q(4)),)),))
-    problem = result.split.training()
+    problem = result.split.training
     A, r = compute_design(problem, (*base.terms, *cell.terms), fitted.at())
     keep = [*fitted.found.kept, len(base.terms)]
     theta = np.linalg.lstsq(A.reshape(-1, A.shape[2])[:, keep], r.ravel(), rcond=None)[0]

@@ -135,7 +135,7 @@ def test_table_of_more_mechanisms_than_can_be_walked(rng) -> None:
         0.05,
     )
     data = study_of(at, held_out=40)
-    found = compare_subsets(data, fit(data.training(), base), offered, ("base",))
+    found = compare_subsets(data, fit(data.training, base), offered, ("base",))
     said = describe_candidates(found)
     assert said["search"] == said["search"] | {
         "mechanisms": 18,
@@ -147,7 +147,7 @@ def test_table_of_more_mechanisms_than_can_be_walked(rng) -> None:
     assert set(best.names[1:]) == {m.name for m in real}
     assert best.weight is None
     brief = SearchOptions(max_nodes=1, tangents=1)
-    short = compare_subsets(data, fit(data.training(), base), offered, ("base",), options=brief)
+    short = compare_subsets(data, fit(data.training, base), offered, ("base",), options=brief)
     assert short.certified is not None
     assert short.certified.proven or any("another may have up to" in r.note for r in short.best)
 

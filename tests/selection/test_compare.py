@@ -63,7 +63,7 @@ def study(rng: np.random.Generator, size: float, estimation: int = ESTIMATION) -
 
 
 def compared(split: Split, offered: tuple[Mechanism, ...]) -> SubsetComparison:
-    return compare_subsets(split, fit(split.training(), BASE), offered, ("geometric",))
+    return compare_subsets(split, fit(split.training, BASE), offered, ("geometric",))
 
 
 class Table:
@@ -71,7 +71,7 @@ class Table:
     held-out rms."""
 
     def __init__(self, split: Split, offered: tuple[Mechanism, ...]):
-        base = fit(split.training(), BASE, held="nothing")
+        base = fit(split.training, BASE, held="nothing")
         terms = (BASE + offered).terms
         X, r = compute_design(split.problem, terms, base.at())
         inside = split.estimation
@@ -82,7 +82,7 @@ class Table:
         )
         groups = [list(range(a, b)) for a, b in itertools.pairwise(ends)]
         found = sweep_subsets(
-            fold(split.training(), terms, split.training_folds(), base.at()), kept, groups
+            fold(split.training, terms, split.training_folds, base.at()), kept, groups
         )
         self.names = [tuple(offered[g].name for g in np.flatnonzero(m)) for m in found.members]
         self.rss, self.rank, self.n = np.maximum(found.rss, 1e-20), found.rank, inside.sum() * 3
@@ -158,7 +158,7 @@ def test_one_definition_of_every_criterion(known, rng) -> None:
     data = replace(study(rng, 0.3, estimation=60), known_sigma=known)
     data = replace(data, problem=replace(data.problem, whitening=Whitening(1 / SIGMA)))
     table = compare_subsets(
-        data, fit(data.training(), BASE, held="nothing"), offered, ("geometric",), (), 4860
+        data, fit(data.training, BASE, held="nothing"), offered, ("geometric",), (), 4860
     )
     rows = {row.names[1:]: row for row in table.best}
     for names, row in rows.items():
@@ -186,7 +186,7 @@ def test_rung_cross_validates_like_refits(rng) -> None:
     """cv_rms_mm: every fold's rows under the linear fit of the others, about the whole fit."""
     data = study(rng, 1.0)
     whole = evaluate(data, BASE, ("geometric",))
-    at, folds = data.training(), data.training_folds()
+    at, folds = data.training, data.training_folds
     X, r = compute_design(at, BASE.terms, whole.fit.at())
     kept, left, prior = list(whole.fit.found.kept), np.empty((ESTIMATION, 3)), whole.fit.prior
     for k in np.unique(folds):

@@ -251,7 +251,7 @@ def test_the_moment_of_a_step_is_sampled(rng: np.random.Generator) -> None:
     theta = np.zeros(len(model.terms))
     theta[len(BASE.terms) : len(BASE.terms) + 3] = 2.0
     data = study_of(planted(at, truth.terms, theta, rng, 0.05))
-    fitted = fit(data.training(), model)
+    fitted = fit(data.training, model)
     chosen = build_log_posterior(data, fitted, BASE, BUILTIN)
     assert chosen.names[-1] == "constant of tracker-step"
     assert "constant of tracker-step" in describe_sampling(chosen)
@@ -612,7 +612,7 @@ def test_chain_as_frame_and_arviz(
 def test_many_rows_are_sampled_reduced_and_said(rng: np.random.Generator) -> None:
     at = planted(drawn(ARM, rng, 600), MODEL.terms, np.zeros(len(MODEL.terms)), rng, 0.1)
     data = study_of(at)
-    fitted = fit(data.training(), MODEL)
+    fitted = fit(data.training, MODEL)
     aim = build_log_posterior(data, fitted, BASE, BUILTIN)
     assert not aim.exact
     assert aim.names == (*(label_terms(MODEL)[k] for k in named(fitted)), "noise scale")
@@ -658,7 +658,7 @@ def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
     data = study_of(at)
     data.outlying[3] = True
     data.problem.data.position[3] += 50.0
-    fitted = fit(data.training(), base)
+    fitted = fit(data.training, base)
     found = sample_confidence(
         certainty(data, fitted, ("geometric",), 1),
         data,

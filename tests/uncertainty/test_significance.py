@@ -54,7 +54,7 @@ def split(rng: np.random.Generator) -> Split:
 
 def linear(split: Split, fitted: Fit) -> tuple[np.ndarray, np.ndarray, list[int]]:
     """(X (m, 3, p), response (m, 3) as if fitted from nought, kept) of the training rows."""
-    X, r = compute_design(split.training(), fitted.terms, fitted.at())
+    X, r = compute_design(split.training, fitted.terms, fitted.at())
     return X, r + X @ fitted.theta, list(fitted.found.kept)
 
 
@@ -68,7 +68,7 @@ def judged(
 def test_nested_f_is_that_of_statsmodels(split: Split, rng: np.random.Generator) -> None:
     import statsmodels.api as sm
 
-    fitted = fit(split.training(), MODEL, held="nothing")
+    fitted = fit(split.training, MODEL, held="nothing")
     X, y, kept = linear(split, fitted)
     whole = sm.OLS(y.ravel(), X.reshape(-1, len(TRUTH))[:, kept]).fit()
     boot, ruled = bootstrap_parameters(split, fitted, rng), set()
@@ -99,7 +99,7 @@ def test_what_is_lost_without_a_mechanism(split: Split, rng: np.random.Generator
     X, y, kept = linear(split, whole.fit)
     left = [k for k in kept if k < len(TRUTH) - 2]
     prior = whole.fit.root[:, left]
-    folds, cv = split.training_folds(), np.zeros(len(X))
+    folds, cv = split.training_folds, np.zeros(len(X))
     for k in range(5):
         inside = folds != k
         A = np.vstack([X[inside][:, :, left].reshape(-1, len(left)), prior])
@@ -150,7 +150,7 @@ def test_stability_tells_effects_from_none(rng: np.random.Generator) -> None:
 
 @pytest.mark.integration
 def test_stability_of_the_study_itself(split: Split, rng: np.random.Generator) -> None:
-    fitted = fit(split.training(), MODEL)
+    fitted = fit(split.training, MODEL)
     shares = {s.mechanism: s.stability for s in judged(split, fitted, NAMES, rng)}
     assert shares["gear-eccentricity:2"] == 1.0
     few = (
@@ -163,8 +163,8 @@ def test_stability_of_the_study_itself(split: Split, rng: np.random.Generator) -
         split.folds[few],
         False,
     )
-    tiny = fit(small.training(), Model((one(1, "tx"), one(1, "rz"))))
-    assert measure_stability(small.training(), np.arange(6), tiny, [[0]], rng) != [None]
+    tiny = fit(small.training, Model((one(1, "tx"), one(1, "rz"))))
+    assert measure_stability(small.training, np.arange(6), tiny, [[0]], rng) != [None]
     pairs = draw_half_samples(rng, 10, 7)
     assert pairs.shape == (10, 3)
     assert all(len(set(a) | set(b)) == 6 for a, b in zip(pairs[::2], pairs[1::2], strict=True))
@@ -175,7 +175,7 @@ def test_catalogue_says_sign_and_size(rng: np.random.Generator) -> None:
     wrong = TRUTH.copy()
     wrong[-3:] = -2e-4, 0.5, 0.0
     data = study_of(planted(drawn(ARM, rng, 40), MODEL.terms, wrong, rng, 0.1))
-    rows = {s.mechanism: s.catalogue for s in judged(data, fit(data.training(), MODEL), NAMES, rng)}
+    rows = {s.mechanism: s.catalogue for s in judged(data, fit(data.training, MODEL), NAMES, rng)}
     assert rows["joint-compliance:2"] == "c2 has the other sign"
     assert rows["gear-eccentricity:2"] == "e2s is larger than usual"
     assert rows["geometric"] == "as expected"
@@ -184,7 +184,7 @@ def test_catalogue_says_sign_and_size(rng: np.random.Generator) -> None:
 @pytest.mark.integration
 def test_mechanisms_of_one_name_are_numbered(split: Split, rng: np.random.Generator) -> None:
     """In the order of the model, whatever the order of the table."""
-    fitted = fit(split.training(), MODEL)
+    fitted = fit(split.training, MODEL)
     names = ("geometric", "wave", "wave")
     told = judged(split, fitted, names, rng)
     numbers = {one.parameters: one.number for one in told}
@@ -196,7 +196,7 @@ def test_mechanisms_of_one_name_are_numbered(split: Split, rng: np.random.Genera
 
 def test_no_held_out_and_no_freedom(rng: np.random.Generator) -> None:
     data = study_of(planted(drawn(ARM, rng, 12), BASE.terms, np.zeros(len(BASE.terms)), rng, 0.1))
-    (only,) = judged(data, fit(data.training(), BASE), ("geometric",), rng)
+    (only,) = judged(data, fit(data.training, BASE), ("geometric",), rng)
     assert only.held_out_rms_mm is None
     assert only.held_out_rms_without_mm is None
     assert only.cv_rms_without_mm is not None
@@ -256,7 +256,7 @@ def test_three_answers_agree_or_are_flagged(rng: np.random.Generator) -> None:
     model = Model((one(1, "tx"), one(1, "rz"), one(2, "rz", Named("current_A", "A"))))
     at = drawn(ARM, rng, 120)
     even = study_of(planted(at, model.terms, np.zeros(3), rng, 0.1))
-    fitted = fit(even.training(), model)
+    fitted = fit(even.training, model)
     found = describe_parameters(even, fitted, bootstrap_parameters(even, fitted, rng))
     assert not any(p.differ for p in found)
     assert note_differences(found) == ()
@@ -266,7 +266,7 @@ def test_three_answers_agree_or_are_flagged(rng: np.random.Generator) -> None:
         + rng.normal(0, 0.5, (120, 3)) * np.square(at.data.covariates["current_A"])[:, None]
     )
     uneven = study_of(replace(at, data=replace(at.data, position=position)))
-    again = fit(uneven.training(), model)
+    again = fit(uneven.training, model)
     flagged = describe_parameters(uneven, again, bootstrap_parameters(uneven, again, rng))
     assert [p.symbol for p in flagged if p.differ] == [flagged[-1].symbol]
     assert flagged[-1].symbol in note_differences(flagged)[0].sentence
@@ -293,7 +293,7 @@ def test_intervals_where_the_noise_grows(rng: np.random.Generator) -> None:
                 ),
             )
         )
-        fitted = fit(data.training(), model)
+        fitted = fit(data.training, model)
         boot = bootstrap_parameters(data, fitted, rng)
         last = describe_parameters(data, fitted, boot)[-1]
         plain += abs(last.estimate) < 1.96 * last.standard_error
@@ -349,7 +349,7 @@ def test_draws_do_not_hang_on_the_factorisation(
 
 @pytest.mark.integration
 def test_correlation_is_that_of_draws(split: Split, rng: np.random.Generator) -> None:
-    fitted = fit(split.training(), MODEL)
+    fitted = fit(split.training, MODEL)
     found = correlate_parameters(fitted)
     kept = list(fitted.found.kept)
     draws = linear_posterior(fitted).draw(rng, 20_000).theta[:, kept]
@@ -393,7 +393,7 @@ def test_pairs_are_said_in_words(rng: np.random.Generator) -> None:
 def test_nothing_fitted_has_no_tables(rng: np.random.Generator) -> None:
     data = study_of(drawn(ARM, rng, 12))
     bare = Model(())
-    fitted = fit(data.training(), bare)
+    fitted = fit(data.training, bare)
     found = assess_confidence(data, fitted, (), 3)
     assert (found.parameters, found.significance, found.correlation.symbols) == ((), (), ())
     nothing = build_log_posterior(data, fitted, bare, BUILTIN)
@@ -403,7 +403,7 @@ def test_nothing_fitted_has_no_tables(rng: np.random.Generator) -> None:
 
 @pytest.mark.integration
 def test_tables_are_the_same_again(split: Split) -> None:
-    fitted = fit(split.training(), MODEL)
+    fitted = fit(split.training, MODEL)
     found, again = (assess_confidence(split, fitted, NAMES, 3).to_dict() for _ in range(2))
     assert found["sampling"] is None
     assert to_json(found) == to_json(again)

@@ -231,5 +231,5 @@ def to_dh(c: Calibration, form: DhForm, notes: Sequence[str]) -> Exported:
 
 def _target_offset(made: ConstantChain, target: str) -> Array:
     place = made.targets[target]
-    offset = place[:3, 3]
-    return np.asarray(offset)
+    offset: Array = place[:3, 3]
+    return offset
