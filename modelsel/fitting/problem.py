@@ -6,7 +6,7 @@ Frozen; `take` selects rows, `dataclasses.replace` changes parts of it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -232,12 +232,17 @@ class Problem:
     def value(self, name: str) -> Array:
         """Return the values (m,) of a state variable; raises KeyError for one these data do not
         have."""
+        if len(self) > BLOCK:
+            self._keep([name])
         return self.state.value(name)
 
     def keep_values(self, causes: Iterable[Cause]) -> None:
         """Evaluate what some causes need of the chain, once for all rows, block by block: parts of
         the rows have it then."""
-        names = sorted({name for cause in causes for name in cause.names()})
+        names = {name for cause in causes for name in cause.names()}
+        self._keep(sorted(names))
+
+    def _keep(self, names: Sequence[str]) -> None:
         wanted = self.state.missing(names)
         values = {name: np.empty(len(self)) for name in wanted}
         for rows, part in self.parts() if wanted else ():
