@@ -115,10 +115,10 @@ class NestedSolver(SampledSolver):
             expansion = state.expansion
             moved = expansion.distance(state.theta)
             step = moved / self.weight
-            share = step / size
-            if 0 < share * step < step_mm:
+            leaves_less = step < step_mm or step * step < step_mm * size
+            if leaves_less and np.isfinite(size):
                 return replace(state, step_mm=step)
-            if share > QUICK:
+            if step > QUICK * size:
                 break
             size = step
             there = self.expanded(state)

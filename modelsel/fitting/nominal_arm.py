@@ -7,7 +7,6 @@ effect they may ask for metres."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,11 +21,11 @@ OPEN = 1e-9  # of the largest: a combination that moves the nominal arm less is 
 
 @dataclass(frozen=True, eq=False)
 class NominalArm:
-    """`sizes` (p,): usual sizes of the constant parameters, infinite of other terms; `triangle` gives
-    the columns (p, p) at the nominal arm, once they are needed."""
+    """`sizes` (p,): usual sizes of the constant parameters, infinite of other terms; `triangle` (p, p):
+    of the columns at the nominal arm."""
 
     sizes: Array
-    triangle: Callable[[], Array]
+    triangle: Array
 
     @cached_property
     def sized(self) -> Index:
@@ -38,7 +37,7 @@ class NominalArm:
         """Projection (k, k) of the constant parameters, in usual sizes, onto what moves the nominal
         arm."""
         sized = self.sized
-        columns = self.triangle()[:, sized]
+        columns = self.triangle[:, sized]
         effects = columns * self.sizes[sized]
         _, singular, Vt = np.linalg.svd(effects, full_matrices=False)
         largest = singular.max(initial=0.0)

@@ -78,7 +78,7 @@ class Solver:
     @cached_property
     def arm(self) -> NominalArm:
         """The nominal arm, and how far from it parameters are."""
-        return NominalArm(self.sizes, lambda: self.exact.triangle)
+        return NominalArm(self.sizes, self.exact.triangle)
 
     @cached_property
     def nominal(self) -> Reduction:

@@ -20,7 +20,6 @@ from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
 from ..fitting.reduction import Reduction, scatter_columns, sort_by_fold
 from ..fitting.sampled import respond, takes_sample
-from ..robot._kernels import Workspace
 from .cross_validation import CrossValidation, FoldedData, validate_moments
 from .evaluation import Evaluation, Split, build_evaluation, summarise_lengths
 from .moments import Coordinates, Moments, add_products, hold_out, transform
@@ -181,11 +180,10 @@ def _measure_ends(training: Problem, ends: Sequence[_End], folds_of: Index) -> N
     folds = int(folds_of.max()) + 1
     for end in ends:
         end.products = np.zeros((folds, *end.products.shape[1:]))
-    spaces = [Workspace() for _ in ends]
     training, folds_of = sort_by_fold(training, folds_of)
     for rows, part in training.parts():
-        for end, space in zip(ends, spaces, strict=True):
-            block = assemble(part, end.step.model.terms, end.at(), space=space)
+        for end in ends:
+            block = assemble(part, end.step.model.terms, end.at())
             values = part.whitening.apply(transform(block, end.columns))
             add_products(end.products, values, folds_of[rows])
 
@@ -207,12 +205,11 @@ def _lengths(
         for k, fitted in enumerate(fits):
             residual = fitted.residuals(part)
             sizes[k, rows] = np.linalg.norm(residual[:, :3], axis=1)
-    spaces = [Workspace() for _ in fits]
     for rows, part in split.training.parts():
         for k, (fitted, validation) in enumerate(zip(fits, validations, strict=True)):
             if validation is None:
                 continue
-            block = assemble(part, fitted.terms, fitted.at(), space=spaces[k])
+            block = assemble(part, fitted.terms, fitted.at())
             residual = hold_out(block, folds_of[rows], validation.without)
             held_out[k, rows] = np.linalg.norm(residual, axis=1)
     return sizes, held_out
