@@ -303,11 +303,10 @@ class Solver:
         if found.kept != state.found.kept:
             expansion, triangle = self.factorise(expansion, found, state.shrinkage)
         sigma = self.sigma(state)
-        least = theta if self.arm.is_far(theta) else self.arm.least(theta)
-        weak = weigh_usual(triangle.seen, self.usual, least, sigma)
+        weak = weigh_usual(triangle.seen, self.usual, theta, sigma)
         if triangle.blurs(weak, sigma):
             expansion, triangle = self.factorise(expansion, found, state.shrinkage, exactly=True)
-            weak = weigh_usual(triangle.seen, self.usual, least, sigma)
+            weak = weigh_usual(triangle.seen, self.usual, theta, sigma)
         root = state.shrinkage.root(weak)
         state = replace(state, found=found, weak=weak, root=root, far=far)
         factor = triangle.held(weak.rows)
