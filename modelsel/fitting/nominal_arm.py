@@ -16,16 +16,17 @@ from .._typing import Array, Index
 from .prior import SURPRISING
 
 FAR = 10.0  # usual sizes from the nominal arm, within which the nominal chain's dependences hold
+PLENTY = 10  # measured numbers for each term, of which fewer see no product of errors
 OPEN = 1e-9  # of the largest: a combination that moves the nominal arm less is open
 
 
 @dataclass(frozen=True, eq=False)
 class NominalArm:
     """`sizes` (p,): usual sizes of the constant parameters, infinite of other terms; `triangle` (p, p):
-    of the columns at the nominal arm."""
+    of the columns at the nominal arm, None where too few numbers were measured to see more."""
 
     sizes: Array
-    triangle: Array
+    triangle: Array | None
 
     @cached_property
     def sized(self) -> Index:
@@ -37,6 +38,7 @@ class NominalArm:
         """Projection (k, k) of the constant parameters, in usual sizes, onto what moves the nominal
         arm."""
         sized = self.sized
+        assert self.triangle is not None
         columns = self.triangle[:, sized]
         effects = columns * self.sizes[sized]
         _, singular, Vt = np.linalg.svd(effects, full_matrices=False)
@@ -51,7 +53,7 @@ class NominalArm:
         sizes = self.sizes[sized]
         units = theta[sized] / sizes
         surprises = np.abs(units) > SURPRISING
-        if not surprises.any():
+        if self.triangle is None or not surprises.any():
             return theta
         least = self.shown @ units
         out = theta.copy()

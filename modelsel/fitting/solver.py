@@ -29,7 +29,7 @@ from .iteration import (
     relax_damping,
 )
 from .linearisation import Linearisation
-from .nominal_arm import NominalArm
+from .nominal_arm import PLENTY, NominalArm
 from .prior import Shrinkage, Usual, WeakPrior, faint, fitted_terms, usual_sizes, weigh_usual
 from .problem import Problem
 from .reduction import PROBE, Reduction, Source, multiply_problem, reduce_problem
@@ -78,7 +78,9 @@ class Solver:
     @cached_property
     def arm(self) -> NominalArm:
         """The nominal arm, and how far from it parameters are."""
-        return NominalArm(self.sizes, self.exact.triangle)
+        sees_more = self.count > PLENTY * len(self.sizes)
+        triangle = self.exact.triangle if sees_more else None
+        return NominalArm(self.sizes, triangle)
 
     @cached_property
     def nominal(self) -> Reduction:
