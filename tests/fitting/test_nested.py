@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from builders import drawn, planted, seeds
+from builders import drawn, planted, seeds, split_of
 
 from modelsel._typing import Array, Index
 from modelsel.fitting import nested, sampled
@@ -118,14 +118,6 @@ def test_what_was_not_reduced_is_not_fitted(rng, many, monkeypatch) -> None:
     assert fit_within(at, part, reduced, "all") is not None
     monkeypatch.setattr(nested, "STEPS", 1)  # a step, and no word of what it left
     assert fit_within(at, part, reduced, "all") is None
-
-
-def split_of(at: Problem, rng: np.random.Generator) -> Split:
-    estimation = np.arange(ROWS) % 5 > 0
-    folds = np.where(estimation, rng.integers(0, 4, ROWS), -1)
-    outlying = np.zeros(ROWS, bool)
-    outlying[7] = True
-    return Split(at, estimation, outlying, folds, known_sigma=False)
 
 
 def figures(split: Split) -> Array:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from builders import drawn, planted
+from builders import drawn, planted, split_of
 
 from modelsel._typing import Array
 from modelsel.fitting import sampled
@@ -142,14 +142,6 @@ def test_a_fit_ends_where_its_cost_gets_no_lower(rng) -> None:
     fitted = finish(solver, solver.confirm(ended, STEP_MM))
     assert np.array_equal(fitted.theta, state.expansion.theta)
     assert not replace(fitted, step_mm=1.0).settled
-
-
-def split_of(at: Problem, rng: np.random.Generator) -> Split:
-    estimation = np.arange(ROWS) % 5 > 0
-    folds = np.where(estimation, rng.integers(0, 4, ROWS), -1)
-    outlying = np.zeros(ROWS, bool)
-    outlying[7] = True
-    return Split(at, estimation, outlying, folds, known_sigma=False)
 
 
 def figures(split: Split) -> tuple[list[float], Array]:

@@ -132,3 +132,13 @@ def study_with(
     return Study(
         name="test", seed=seed, robot=robot, measurements="none.csv", split=split, noise=noise or {}
     )
+
+
+def split_of(at: Problem, rng: np.random.Generator) -> Split:
+    """Return a split of four folds: one row in five is held out, and one row is outlying."""
+    rows = len(at)
+    estimation = np.arange(rows) % 5 > 0
+    folds = np.where(estimation, rng.integers(0, 4, rows), -1)
+    outlying = np.zeros(rows, bool)
+    outlying[7] = True
+    return Split(at, estimation, outlying, folds, known_sigma=False)
