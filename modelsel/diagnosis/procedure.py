@@ -131,6 +131,7 @@ def diagnose_split(
     drawn = _draw_configurations(split, seed, options.max_rows)
     sample = replace(split, estimation=drawn)
     sample, diagnosis, found = _alternate(sample, inquiry)
+    split.problem.keep_values(diagnosis.model.terms)
     outlying = _find_outliers_everywhere(split, sample, diagnosis)
     whole = replace(split.problem, whitening=sample.problem.whitening)
     marked = replace(split, problem=whole, outlying=outlying)

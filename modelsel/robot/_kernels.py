@@ -77,25 +77,30 @@ class Workspace:
         return buffer
 
 
+def compute_sine_and_cosine(angle: Array, sine: Array, cosine: Array) -> None:
+    """Write the sine and the cosine of an angle [rad] into arrays of its shape.
+
+    From t = tan(angle/2): cos = 2/(1 + t²) − 1 and sin = 2t/(1 + t²); numpy's tan is the fast one."""
+    np.multiply(angle, 0.5, out=sine)
+    np.tan(sine, out=sine)
+    np.multiply(sine, sine, out=cosine)
+    cosine += 1.0
+    np.divide(sine, cosine, out=sine)
+    np.divide(2.0, cosine, out=cosine)
+    sine += sine
+    cosine -= 1.0
+
+
 def compute_joint_turns(q: Array, space: Workspace) -> Array:
     """Compute (n, 3, 3, m): cos, sin and −sin of the readings q (m, n), each three times for the
-    three components.
-
-    From t = tan(q/2): cos = 2/(1 + t²) − 1 and sin = 2t/(1 + t²); numpy's tan is the fast one."""
+    three components."""
     m, n = q.shape
-    t = space.array("tan", n, m)  # becomes sin q
-    u = space.array("square", n, m)  # 1 + t², becomes cos q
-    np.multiply(q.T, 0.5, out=t)
-    np.tan(t, out=t)
-    np.multiply(t, t, out=u)
-    u += 1.0
-    np.divide(t, u, out=t)
-    np.divide(2.0, u, out=u)
-    t += t
-    u -= 1.0
+    sine = space.array("sine", n, m)
+    cosine = space.array("cosine", n, m)
+    compute_sine_and_cosine(q.T, sine, cosine)
     turns = space.array("turns", n, 3, 3, m)
-    turns[:, 0] = u[:, None]
-    turns[:, 1] = t[:, None]
+    turns[:, 0] = cosine[:, None]
+    turns[:, 1] = sine[:, None]
     np.negative(turns[:, 1], out=turns[:, 2])
     return turns
 
@@ -157,7 +162,7 @@ def apply_error_transform(axes: Array, origin: Array, entries: Array, space: Wor
     for a in range(3):
         axes[3 + a] = R[a]
         angle = entries[3 + a]
-        constant = bool((angle == angle[:1]).all())
+        constant = angle[0] == angle[-1] and bool((angle == angle[0]).all())
         if constant and not angle[:1].any():
             continue
         _fill_turn(turn, angle[:1] if constant else angle)  # one cosine does for all rows
@@ -169,8 +174,11 @@ def apply_error_transform(axes: Array, origin: Array, entries: Array, space: Wor
 
 def _fill_turn(turn: Array, angle: Array) -> None:
     """Write cos, sin and −sin of an angle, (m,) or (1,), into turn (3, 3, m)."""
-    turn[0] = np.cos(angle)
-    turn[1] = np.sin(angle)
+    sine = np.empty_like(angle)
+    cosine = np.empty_like(angle)
+    compute_sine_and_cosine(angle, sine, cosine)
+    turn[0] = cosine
+    turn[1] = sine
     np.negative(turn[1], out=turn[2])
 
 

@@ -26,6 +26,7 @@ from ._kernels import (
     add_weighted,
     apply_error_transform,
     compute_joint_turns,
+    compute_sine_and_cosine,
     fill_screw_field,
     nonzero_entries,
     rotate_about_axis,
@@ -179,8 +180,9 @@ def rotate_frame(R: Array, axis: int, angle: Array) -> Array:
     """Multiply R (3, 3, m) by the rotation about its own axis 0, 1 or 2 by angle (m,): two columns
     mix, one stays."""
     i, j = MIXED_AXES[axis]
-    cosine = np.cos(angle)
-    sine = np.sin(angle)
+    cosine = np.empty_like(angle)
+    sine = np.empty_like(angle)
+    compute_sine_and_cosine(angle, sine, cosine)
     first = R[:, i]
     second = R[:, j]
     out = R.copy()

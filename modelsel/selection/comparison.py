@@ -33,6 +33,8 @@ MAX_LISTED = 12
 MAX_EXHAUSTIVE = 16
 # digits of a sum of squares in which subsets must differ to be told apart
 DIGITS = 10
+# by how much equal models may differ in a criterion
+SAME_CRITERION = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,8 +338,8 @@ def _annotate(
     certified: Certified | None,
 ) -> list[Evaluation]:
     """Add EBIC, posterior weight (where all subsets were walked) and notes to every evaluation."""
-    lowest_bic = _find_lowest([(one.bic, s) for s, one in evaluations])
-    lowest_aicc = _find_lowest([(one.aicc, s) for s, one in evaluations])
+    lowest_bic = _find_lowest([(one.bic, s) for s, one in evaluations], scores.best)
+    lowest_aicc = _find_lowest([(one.aicc, s) for s, one in evaluations], scores.best)
     annotated = []
     for s, one in evaluations:
         best = s == scores.best
@@ -369,11 +371,13 @@ def _annotate(
     return annotated
 
 
-def _find_lowest(values: Sequence[tuple[float | None, int]]) -> int:
-    """Find the subset of the lowest value, None counted as infinite; −1 where there is no
-    subset."""
-    finite = ((np.inf if value is None else value, s) for value, s in values)
-    return min(finite, default=(np.inf, -1))[1]
+def _find_lowest(values: Sequence[tuple[float | None, int]], preferred: int) -> int:
+    """Find the subset of the lowest value, of equal ones the preferred, None counted as infinite; −1
+    where there is no subset."""
+    finite = {s: np.inf if value is None else value for value, s in values}
+    lowest = min(finite, key=finite.__getitem__, default=-1)
+    is_equal = preferred in finite and finite[preferred] <= finite[lowest] + SAME_CRITERION
+    return preferred if is_equal else lowest
 
 
 def _describe_proof(certified: Certified | None) -> str:

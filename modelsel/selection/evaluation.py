@@ -122,8 +122,7 @@ def evaluate(
     `fitted`: a fit to evaluate instead; `start`: the fit of a similar model to start from."""
     training = split.training
     if len(training) > MAX_ROWS_KEPT:
-        screws = (screw for term in model.terms for screw in term.screws)
-        training.keep_values(screw.cause for screw in screws)
+        training.keep_values(model.terms)
     folds = split.training_folds
     if fitted is None:
         fitted = fit_shrunk(training, model, start, held="all", fold_of=folds)

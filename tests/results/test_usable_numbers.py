@@ -18,7 +18,7 @@ from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.results.effect_sizes import measure_sizes
 from modelsel.results.finding_figures import find_worst, find_worst_turn
 from modelsel.results.usable_numbers import list_usable
-from modelsel.results.workspace import Fitted, Range, Workspace, build_workspace
+from modelsel.results.workspace import Fitted, Range, Workspace, build_workspace, find_longest
 from modelsel.robot.files import builtin_names, load_robot
 from modelsel.robot.gravity import compute_joint_torques
 from modelsel.robot.kinematics import Robot, forward, pose
@@ -27,6 +27,12 @@ ARM = load_robot("ur10")
 TOOL = np.array([60.0, -40.0, 120.0])
 UNITS = {"arcsec", "mrad", "mm", "ppm", "ppm/K", "N m/rad"}
 PARTS = ("gear", "encoder", "bearing", "drive", "spring", "belt", "tracker", "backlash", "friction")
+
+
+def test_of_equal_places_the_first_is_the_worst() -> None:
+    """Where an effect moves the target alike, rounding does not choose the place."""
+    length = np.array([0.5, 1.0, 1.0 + 1e-15, 1.0 - 1e-15])
+    assert find_longest(np.outer([0.6, 0.0, 0.8], length)) == 1
 
 
 def workspace_of(arm: Robot = ARM, rows: int = 60) -> Workspace:

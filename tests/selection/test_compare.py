@@ -221,6 +221,23 @@ def test_a_candidate_that_the_base_spans_in_part(rng) -> None:
     assert "partly" in compared(data, (partly, mechanism("joint3-twist", ARM))).choice
 
 
+@seeds(1, 2, 3)
+def test_of_equal_models_none_has_the_lowest_criterion_alone(rng) -> None:
+    """A mechanism beside itself in other units: rounding alone says which of both is lower, and no
+    note says so."""
+    joint2, joint3 = (mechanism(name, ARM) for name in TRUE)
+    factor = float(rng.uniform(2, 9))
+    terms = tuple(
+        Term(t.symbol, tuple(Screw(s.frame, s.axis, factor * s.cause) for s in t.screws))
+        for t in joint3.terms
+    )
+    table = compared(study(rng, 1.0, estimation=80), (joint2, joint3, Mechanism("again", terms)))
+    lowest = min(one.bic for one in table.best)
+    equal = [one for one in table.best if one.bic < lowest + 1e-6]
+    assert len(equal) == 2
+    assert not any("disagree" in one.note for one in equal)
+
+
 def test_the_twelve_of_largest_f(rng) -> None:
     """Of more than the table holds, the strong ones; of a scanned mechanism its best constant
     alone; the others named."""
