@@ -23,17 +23,19 @@ def rise_and_fall_back(angle: Array) -> Array:
 
 def take_sine(angle: Array) -> Array:
     """Take the sine of an angle [rad]: 2t/(1 + t²) with t = tan(angle/2), numpy's faster one."""
-    tangent = np.tan(0.5 * angle)
-    square = tangent * tangent
-    sine: Array = 2.0 * tangent / (1.0 + square)
+    half = 0.5 * angle
+    tangent = np.tan(half)
+    divisor = 1.0 + tangent * tangent
+    sine: Array = 2.0 * tangent / divisor
     return sine
 
 
 def take_cosine(angle: Array) -> Array:
     """Take the cosine of an angle [rad]: 2/(1 + t²) - 1 with t = tan(angle/2), as `take_sine`."""
-    tangent = np.tan(0.5 * angle)
-    square = tangent * tangent
-    cosine: Array = 2.0 / (1.0 + square) - 1.0
+    half = 0.5 * angle
+    tangent = np.tan(half)
+    divisor = 1.0 + tangent * tangent
+    cosine: Array = 2.0 / divisor - 1.0
     return cosine
 
 
