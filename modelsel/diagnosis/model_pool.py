@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._linalg import TINY
+from .._linalg import TINY, invert_triangle
 from .._typing import Array, Index
 from .buckets import Bucket, build_buckets
 from .evidence import RATIOS, compute_factors, sum_evidence
@@ -144,7 +144,7 @@ class Pool:
             return 0.0
         from scipy.special import log_ndtr
 
-        inverse = np.linalg.inv(L)
+        inverse = invert_triangle(L)
         mean = root * (inverse.T @ response)
         spread = root[:, None] * inverse.T
         sigma = np.sqrt(left / self.freedom)
