@@ -357,14 +357,14 @@ class Bump(Cause):
 
     def shape(self, values: Array) -> Array:
         """Evaluate the spline at values of its variable."""
-        distance = np.abs(values - self.centre)
+        distance = np.abs(values - self.centre) / self.width
         # of a turn's many splines, four are not zero at a value
-        near = distance < 2 * self.width
-        u = distance[near] / self.width
-        inner = (4 - 6 * u**2 + 3 * u**3) / 6
-        outer = (2 - u) ** 3 / 6
+        near = np.flatnonzero(distance < 2)
+        outer = 2 - distance[near]
+        inner = np.maximum(outer - 1, 0)
+        cubes = outer * outer * outer - 4 * inner * inner * inner
         out = np.zeros(distance.shape)
-        out[near] = np.where(u < 1, inner, outer)
+        out[near] = cubes / 6
         return out
 
     @property
