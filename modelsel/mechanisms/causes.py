@@ -359,7 +359,7 @@ class Bump(Cause):
         """Evaluate the spline at values of its variable."""
         distance = np.abs(values - self.centre) / self.width
         # of a turn's many splines, four are not zero at a value
-        near = np.flatnonzero(distance < 2)
+        near = np.nonzero(distance < 2)
         outer = 2 - distance[near]
         inner = np.maximum(outer - 1, 0)
         cubes = outer * outer * outer - 4 * inner * inner * inner
