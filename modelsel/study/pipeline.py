@@ -27,7 +27,7 @@ from ..diagnosis.error_map import build_error_map
 from ..diagnosis.options import DiagnosisOptions
 from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.prior_weights import weigh_outcomes
-from ..diagnosis.procedure import Nested, diagnose_split, run_nested_folds
+from ..diagnosis.procedure import Nested, run_nested_folds
 from ..diagnosis.unexplained import describe_unexplained, estimate_floor, predict_remainder
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit
@@ -67,8 +67,9 @@ from .model_ladder import (
     searches_cells,
 )
 from .noise_parts import note_untold_parts
+from .orientation_weights import diagnose_weighed
 from .own_causes import build_own_candidates
-from .preparation import prepare, read_instrument, weigh_by_residuals
+from .preparation import prepare, read_instrument
 from .result import Result
 from .stated_noise import check_stated_noise
 from .steps import (
@@ -130,12 +131,11 @@ def _analyse_prepared(
     """
     base = build_model(study, split.problem, registry, study.model.base)
     mechanisms = list_candidates(study, split.problem.robot, registry)
-    split = weigh_orientations(study, registry, split, base)
 
     say(OUTLIERS)
     options = choose_options(study, split.problem)
-    split, diagnosis, candidates = diagnose_split(
-        split, base, mechanisms, study.seed, searches_cells(study), say, options
+    split, diagnosis, candidates = diagnose_weighed(
+        study, registry, split, base, mechanisms, options, say
     )
     split, floor, noise_notes = check_stated_noise(split, floor, diagnosis.fit)
     notes = (*notes, *note_untold_parts(study.noise, split))
@@ -203,20 +203,6 @@ def _analyse_prepared(
         provenance=record_provenance(study, data_sha256),
     )
     return Result(order_findings(run))
-
-
-def weigh_orientations(study: Study, registry: Registry, split: Split, base: Model) -> Split:
-    """Weight measured orientations by what the nominal arm leaves, then by what the base leaves.
-
-    Unchanged where none are measured, or where their uncertainty is stated.
-    """
-    if split.problem.data.rotation is None:
-        return split
-    nominal = build_model(study, split.problem, registry, ())
-    for model in (nominal, base):
-        evaluation = evaluate(split, model, ())
-        split = weigh_by_residuals(study, split, evaluation.residual)
-    return split
 
 
 def choose_options(study: Study, problem: Problem) -> DiagnosisOptions:

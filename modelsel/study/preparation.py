@@ -17,6 +17,7 @@ from .._typing import Array, Index
 from ..config.study_file import Study
 from ..config.study_tables import NoiseTable, RobotTable
 from ..exceptions import DataError, NotEstimable, StudyError, suggest
+from ..fitting.component_noise import POSITION
 from ..fitting.design import residuals
 from ..fitting.noise import Floor, Instrument, weigh
 from ..fitting.problem import Problem
@@ -42,7 +43,6 @@ from .row_selection import (
 )
 
 Mask = NDArray[np.bool_]
-POSITION, ROTATION = slice(0, 3), slice(3, 6)  # coordinates of a residual [mm], [rad]
 
 METRES = 0.01  # of the arm's reach: coordinates so small (median length) look like metres
 
@@ -229,44 +229,3 @@ def _warn_of_nothing_held_out(estimation: Mask) -> list[Note]:
             "All configurations fit the models: nothing is held out, and no gain can be measured.",
         )
     ]
-
-
-def weigh_by_residuals(study: Study, split: Split, residual: Array) -> Split:
-    """Weight position against orientation by the residuals (m, 6) [mm, rad] of a model.
-
-    Whichever of the two has no stated uncertainty takes the spread of its own residuals. Unchanged
-    without measured orientations, and where both are stated.
-    """
-    measured = split.problem.data
-    instrument = read_instrument(study.noise)
-    stated_mm = study.noise.floor_mm
-    has_floor = stated_mm is not None or instrument is not None
-    position_known = has_floor or measured.sigma is not None
-    if measured.rotation is None:
-        return split
-    if position_known and measured.sigma_rotation is not None:
-        return split
-    position_mm = stated_mm
-    if not position_known:
-        position_mm = _measure_spread(split, residual, POSITION)
-    rotation_rad = _measure_spread(split, residual, ROTATION)
-    problem, _ = weigh(split.problem, instrument, position_mm, rotation_rad)
-    return replace(split, problem=problem)
-
-
-def _measure_spread(split: Split, residual: Array, part: slice) -> float:
-    """Return the root mean square of the coordinates `part` over the rows that fit."""
-    used = split.used
-    measured = split.problem.measured
-    used_residual = residual[used]
-    coordinates = used_residual[:, part]
-    squares = np.square(coordinates)
-    if measured is None:
-        mean = squares.mean()
-        return float(np.sqrt(mean))
-    used_measured = measured[used]
-    count = used_measured[:, part].sum()
-    total = squares.sum()
-    mean = total / max(count, 1)
-    spread = np.sqrt(mean)
-    return float(spread)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
+from ..fitting.component_noise import POSITION, ROTATION
 from ..fitting.design import whitened
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
@@ -16,7 +17,6 @@ from ..fitting.problem import Problem
 from ..measurements.columns import MIN_UNCERTAINTY
 from ..notices import Note
 from ..selection.evaluation import Split
-from .preparation import POSITION, ROTATION
 
 LEFT = "the model leaves"
 # where parts of the errors were found, which a stated uncertainty need not hold
