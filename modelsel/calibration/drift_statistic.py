@@ -14,10 +14,12 @@ from .._typing import Array
 
 @dataclass(frozen=True)
 class ResidualTest:
-    """The statistic T = rᵀ V⁻¹ r of whitened residuals and its degrees of freedom."""
+    """The statistic T = rᵀ V⁻¹ r of whitened residuals, its degrees of freedom, and the sum of squares
+    of the residuals that V makes expected."""
 
     T: float
     count: int
+    expected: float
 
     @property
     def factor(self) -> float:
@@ -59,18 +61,8 @@ def compute_statistic(residual: Array, spread: Array, free: Array) -> ResidualTe
     explained = projection @ solution
     statistic = float(r @ r - explained)
     count = len(r) - basis.shape[1]
-    return ResidualTest(statistic, count)
-
-
-def compute_expected_rms(spread: Array, sigma: float) -> float:
-    """Return the rms length [mm] that noise and the parameters' uncertainty leave."""
-    squares = np.square(spread)
-    parameters = squares.sum((1, 2))
-    noise = 3 * sigma**2
-    expected = noise + parameters
-    mean = expected.mean()
-    rms = np.sqrt(mean)
-    return float(rms)
+    by_parameters = float(np.square(W).sum())
+    return ResidualTest(statistic, count, count + by_parameters)
 
 
 def standardise_residual(residual: Array, spread: Array, sigma: float) -> Array:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._typing import Array
-from ..fitting.design import compute_columns, field_of, twist_of
+from ..fitting.design import compute_columns, field_of, residuals, twist_of
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Pose
@@ -41,6 +41,17 @@ def predict(calibration: Calibration, problem: Problem) -> Array:
     pose = compute_pose(problem, terms, theta)
     points = pose.target.T
     return to_tracker_frame(problem, points)
+
+
+def measure_turn(calibration: Calibration, problem: Problem) -> float | None:
+    """Measure the rms angle [rad] between measured orientations and those of the calibrated robot; None
+    where none are measured."""
+    if problem.data.rotation is None:
+        return None
+    left = residuals(problem, calibration.terms, calibration.theta)
+    squares = np.square(left[:, 3:])
+    mean_square = squares.sum(1).mean()
+    return float(np.sqrt(mean_square))
 
 
 def propagate_uncertainty(calibration: Calibration, problem: Problem) -> Array:

@@ -22,14 +22,15 @@ from ..fitting.noise_check import (
     name_likeliest_mistake,
 )
 from ..fitting.problem import Problem
-from ..measurements.columns import MIN_UNCERTAINTY
 from ..measurements.measurements import Measurements
 from .calibration import Calibration
-from .drift_statistic import (
-    compute_chi2_p,
-    compute_expected_rms,
-    compute_statistic,
-    standardise_residual,
+from .drift_statistic import compute_chi2_p, compute_statistic, standardise_residual
+from .expected_noise import (
+    MIN_FACTOR,
+    STATED_KEYS,
+    describe_overstatement,
+    expect_noise,
+    is_overstated,
 )
 from .mistaken_data import (
     REGISTER_AGAIN,
@@ -38,11 +39,10 @@ from .mistaken_data import (
     describe_wrong_rows,
     describe_wrong_setup,
 )
-from .prediction import predict, propagate_uncertainty
+from .prediction import measure_turn, predict, propagate_uncertainty
 from .reregistration import register_again
 
 MAX_P = 0.01  # below it a calibration is called drifted
-MIN_FACTOR = 1.1  # of the errors to those expected, for a calibration called drifted
 MAX_ROW_P = 0.05  # corrected for the number of rows: below it a row is beyond noise
 MAX_EXACT_FACTOR = 100.0  # a factor below is told to hundredths
 MIN_EXACT_P = 1e-12  # a p below is told to be below
@@ -53,10 +53,6 @@ MAX_FAR_SHARE = 0.05
 MAX_LISTED = 10
 MIN_HALF_RATIO = 1.5  # of mean squared errors in two halves of a joint's range, to be named
 MIN_HALF_ROWS = 5
-STATED_KEYS = "floor_mm or sx_mm, sy_mm, sz_mm of its study"
-# a stated uncertainty is not believed above so many times what the study's own held-out
-# configurations showed
-MAX_OVERSTATEMENT = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +75,7 @@ class Verdict:
     new_targets: tuple[str, ...] = ()  # not calibrated, found from the new data
     mistaken: bool = False  # a mistake in the data's rows explains them
     left_out: tuple[int, ...] = ()  # a few rows far off, without which the data are judged
+    turned_rad: float | None = None  # rms of measured orientations from the calibrated ones
 
     @property
     def drifted(self) -> bool:
@@ -88,68 +85,23 @@ class Verdict:
         return improbable and large
 
 
-def expected_noise(c: Calibration) -> tuple[float, float]:
-    """Return the standard deviation [mm] of one coordinate that new data should show, and its
-    degrees of freedom.
-
-    The noise floor, or what the study's own held-out configurations showed where that is more, or
-    where it contradicts a stated floor.
-    """
-    floor = c.floor.coordinate_mm
-    held_out = _held_out_noise(c)
-    if _is_overstated(c):
-        floor = held_out
-    sigma = max(floor, held_out, MIN_UNCERTAINTY)
-    return sigma, c.floor.freedom
-
-
-def _held_out_noise(c: Calibration) -> float:
-    """Return the standard deviation [mm] of one held-out coordinate; zero where none is known."""
-    rms = c.held_out_rms_mm
-    if rms is None:
-        return 0.0
-    noise = rms / np.sqrt(3)
-    return float(noise)
-
-
-def _is_overstated(c: Calibration) -> bool:
-    """Whether the study's own held-out configurations contradict its stated noise."""
-    if not np.isinf(c.floor.freedom):
-        return False
-    held_out = _held_out_noise(c)
-    believed = MAX_OVERSTATEMENT * held_out
-    stated = c.floor.coordinate_mm
-    return held_out > 0 and stated > believed
-
-
-def _list_doubts(c: Calibration, data: Measurements, residual: Array, found: Lack) -> list[str]:
+def _list_doubts(
+    c: Calibration, data: Measurements, residual: Array, found: Lack, sigma: float
+) -> list[str]:
     """List what seems mistaken in the uncertainties that the calibration or the data state;
-    `found`: errors over those expected."""
+    `found`: errors over those expected, with noise of `sigma` [mm]."""
     squares = np.square(residual)
     left = float(np.sqrt(squares.mean()))
     doubts = []
-    if _is_overstated(c):
-        doubts.append(_describe_overstatement(c))
+    if is_overstated(c):
+        doubts.append(describe_overstatement(c))
     elif found.far and found.factor < 1:
-        sigma, _ = expected_noise(c)
         stated = describe_lack("The calibration", sigma, left, found, model="new data leave")
         mistake = name_likeliest_mistake(1 / found.factor, STATED_KEYS)
         doubts.append(f"{stated} {mistake}")
     if data.sigma is not None:
         doubts += _doubt_row_uncertainties(data.sigma, residual, found)
     return doubts
-
-
-def _describe_overstatement(c: Calibration) -> str:
-    stated = c.floor.coordinate_mm
-    held_out = _held_out_noise(c)
-    ratio = stated / held_out
-    mistake = name_likeliest_mistake(ratio, STATED_KEYS)
-    return (
-        f"The calibration's stated uncertainty of one coordinate ({stated:.3g} mm) is {ratio:.3g} times"
-        f" what its own held-out configurations showed ({held_out:.3g} mm), which is expected here instead. "
-        f"{mistake}"
-    )
 
 
 def _doubt_row_uncertainties(sigma: Array, residual: Array, found: Lack) -> list[str]:
@@ -247,19 +199,17 @@ def _judge_rows(c: Calibration, data: Measurements, free_setup: bool) -> Verdict
         problem = bound
     residual = problem.data.position - predict(c, problem)
     check_near_arm(c, bound, residual, free_setup)
-    sigma, freedom = expected_noise(c)
     spread = propagate_uncertainty(c, problem)
+    sigma, freedom = expect_noise(c, spread)
     test = compute_statistic(residual / sigma, spread / sigma, free)
     size = standardise_residual(residual, spread, sigma)
     row_p = compute_chi2_p(3, size**2)
     beyond = np.flatnonzero(row_p < MAX_ROW_P / len(size))
-    counted = test.count / residual.size
-    share = np.sqrt(counted)
-    expected = float(compute_expected_rms(spread, sigma) * share)
+    expected = sigma * float(np.sqrt(test.expected / len(data)))
     floor = replace(c.floor, freedom=freedom)
     found = lack(floor, test.factor, test.count)
     p = test.p(freedom)
-    doubts = _list_doubts(c, data, residual, found)
+    doubts = _list_doubts(c, data, residual, found, sigma)
     slips: tuple[str, ...] = ()
     if p <= MAX_P and free_setup:
         slips = describe_wrong_registered_rows(bound)
@@ -285,6 +235,7 @@ def _judge_rows(c: Calibration, data: Measurements, free_setup: bool) -> Verdict
         small=found.outside and found.factor < 1 / CLEARLY_TOO_LARGE,
         new_targets=new_targets,
         mistaken=bool(slips),
+        turned_rad=measure_turn(c, problem),
     )
 
 
@@ -316,6 +267,11 @@ def describe_verdict(data: Measurements, verdict: Verdict) -> list[str]:
         names = sentence_list([f'"{name}"' for name in verdict.new_targets])
         sentences.append(
             f"Target {names} was not calibrated: its place was found from the new data and cannot be judged."
+        )
+    if verdict.turned_rad is not None:
+        sentences.append(
+            f"The measured orientations are {write_rounded(verdict.turned_rad * 1e3)} mrad rms from the calibrated "
+            "ones. They are not judged: a calibration does not say how well orientations are measured."
         )
     if verdict.moved is not None:
         shift, turn, offset = verdict.moved

@@ -59,6 +59,7 @@ def validate_command(
                 "p_value": found.p,
                 "rms_mm": found.rms_mm,
                 "expected_rms_mm": found.expected_rms_mm,
+                "orientation_rms_rad": found.turned_rad,
                 "rows": len(measured),
                 "beyond_noise": [
                     {"row": int(measured.row[k]), "standardised": found.size[k]}

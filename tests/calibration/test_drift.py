@@ -16,6 +16,7 @@ from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.campaigns import compare_campaigns, correct_holm, describe_comparison
 from modelsel.calibration.fewest_terms import select_fewest_terms
 from modelsel.calibration.mechanism_changes import write_p
+from modelsel.calibration.prediction import compute_pose
 from modelsel.calibration.validation import describe_verdict as told
 from modelsel.calibration.validation import judge
 from modelsel.cli.main import run_command_line
@@ -112,6 +113,51 @@ def test_false_alarms_are_as_rare_as_promised(rng) -> None:
         judge(calibrated(rng, model, theta), campaign(rng, 40, model, theta), False).drifted
         for _ in range(5)
     )
+
+
+@pytest.mark.parametrize("rng", [1, 2], indirect=True)
+def test_what_was_held_out_holds_the_parameters_uncertainty_already(rng) -> None:
+    """Twenty-five configurations fitted, the rms of 400 held out known: what these show beyond noise is
+    the parameters' uncertainty, which is not expected twice."""
+    model, theta = truth()
+    p, factors = [], []
+    for _ in range(12):
+        c = calibrated(rng, model, theta, 25)
+        errors = campaign(rng, 400, model, theta)
+        known = judge(c, errors, False).rms_mm
+        found = judge(replace(c, held_out_rms_mm=known), campaign(rng, 60, model, theta), False)
+        p.append(found.p)
+        factors.append(found.factor)
+    assert 0.3 < np.mean(p) < 0.7
+    assert np.mean(factors) == pytest.approx(1, abs=0.04)
+
+
+def test_the_place_of_a_new_target_is_not_expected_as_an_error(rng) -> None:
+    """Two targets were calibrated, a third is found from the new data: what is expected is what is
+    left once it is found."""
+    model, theta = truth()
+    one = calibrated(rng, model, theta)
+    tools = np.concatenate([one.tools, one.tools + np.array([0.0, 80.0, -30.0])])
+    c = replace(one, targets=("a", "b"), tools=tools)
+    data = campaign(rng, 40, model, theta)
+    found = judge(c, replace(data, targets=("c",)), True)
+    assert found.new_targets == ("c",)
+    assert not found.drifted
+    assert found.rms_mm / found.expected_rms_mm == pytest.approx(found.factor, rel=0.1)
+
+
+def test_measured_orientations_are_told(rng) -> None:
+    """They are not judged, and the verdict says by how much they differ."""
+    model, theta = truth()
+    c = calibrated(rng, model, theta)
+    data = campaign(rng, 40, model, theta)
+    assert not any("orientation" in sentence for sentence in told(data, judge(c, data, False)))
+    nominal = c.problem(replace(data, rotation=np.tile(np.eye(3), (40, 1, 1))))
+    rotation = compute_pose(nominal, c.terms, c.theta).rotation.transpose(2, 0, 1)
+    turned = replace(data, rotation=rotation @ from_rpy(0.0, 0.1, 0.0))
+    found = judge(c, turned, False)
+    assert found.turned_rad == pytest.approx(0.1, rel=1e-6)
+    assert any("are 100 mrad rms from the calibrated" in line for line in told(data, found))
 
 
 @pytest.mark.parametrize(("symbol", "by"), [("γ3", 4e-4), ("a4", 0.4), ("c2", 8e-6), ("k1", 3e-4)])

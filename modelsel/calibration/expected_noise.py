@@ -1,0 +1,71 @@
+"""The noise that new data of a calibrated arm should show."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .._typing import Array
+from ..fitting.noise_check import name_likeliest_mistake
+from ..measurements.columns import MIN_UNCERTAINTY
+from .calibration import Calibration
+
+# of the errors to those expected, from which more than noise is seen
+MIN_FACTOR = 1.1
+STATED_KEYS = "floor_mm or sx_mm, sy_mm, sz_mm of its study"
+# a stated uncertainty is not believed above so many times what the study's own held-out
+# configurations showed
+MAX_OVERSTATEMENT = 3.0
+
+
+def expect_noise(c: Calibration, spread: Array) -> tuple[float, float]:
+    """Return the standard deviation [mm] of one coordinate that new data should show beside the
+    parameters' uncertainty, and its degrees of freedom.
+
+    The noise floor, or what the study's own held-out configurations showed where that is clearly more,
+    or where it contradicts a stated floor. Their errors have the parameters' uncertainty in them, which
+    is taken out: `spread` (m, 3, r) [mm] are its factors at the new rows.
+    """
+    freedom = c.floor.freedom
+    sigma = c.floor.coordinate_mm
+    shown = _measure_held_out(c)
+    if is_overstated(c):
+        return max(shown, MIN_UNCERTAINTY), freedom
+    squares = np.square(spread)
+    parameters = squares.sum() / (3 * len(spread))
+    noise = max(shown**2 - parameters, 0.0)
+    held_out = float(np.sqrt(noise))
+    if held_out > MIN_FACTOR * sigma:
+        sigma = held_out
+    return max(sigma, MIN_UNCERTAINTY), freedom
+
+
+def _measure_held_out(c: Calibration) -> float:
+    """Return the standard deviation [mm] of one held-out coordinate; zero where none is known."""
+    rms = c.held_out_rms_mm
+    if rms is None:
+        return 0.0
+    noise = rms / np.sqrt(3)
+    return float(noise)
+
+
+def is_overstated(c: Calibration) -> bool:
+    """Whether the study's own held-out configurations contradict its stated noise."""
+    if not np.isinf(c.floor.freedom):
+        return False
+    held_out = _measure_held_out(c)
+    believed = MAX_OVERSTATEMENT * held_out
+    stated = c.floor.coordinate_mm
+    return held_out > 0 and stated > believed
+
+
+def describe_overstatement(c: Calibration) -> str:
+    """Say that the study's own held-out configurations contradict its stated noise."""
+    stated = c.floor.coordinate_mm
+    held_out = _measure_held_out(c)
+    ratio = stated / held_out
+    mistake = name_likeliest_mistake(ratio, STATED_KEYS)
+    return (
+        f"The calibration's stated uncertainty of one coordinate ({stated:.3g} mm) is {ratio:.3g} times"
+        f" what its own held-out configurations showed ({held_out:.3g} mm), which is expected here instead. "
+        f"{mistake}"
+    )
