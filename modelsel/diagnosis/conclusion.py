@@ -16,6 +16,7 @@ from .._typing import Array
 from ..exceptions import number_repeated
 from ..fitting.design import Model
 from ..fitting.least_squares import STEP_MM, Fit
+from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
 from .after_selection import AfterSelection, allow_for_search, find_limit
 from .claims import Weighed, build_claim, weigh_claims
@@ -111,6 +112,23 @@ def prove(concluded: Conclusion) -> Diagnosis:
         map_p=concluded.explored.search.compute_map_p(concluded.settled.view),
         models=concluded.visited.tell(found, chosen),
     )
+
+
+def fit_again(diagnosis: Diagnosis, problem: Problem) -> Diagnosis:
+    """Fit the model that was found to the same rows with other weights: those of the errors that it
+    leaves, not of those in which it was sought."""
+    if not diagnosis.effects:
+        return diagnosis
+    fitted = fit_shrunk(problem, diagnosis.model, diagnosis.fit, held="all")
+    place = {term.key: k for k, term in enumerate(fitted.terms)}
+    effects = []
+    for effect in diagnosis.effects:
+        terms = effect.candidate.mechanism.terms
+        own = [place[term.key] for term in terms]
+        estimate = fitted.theta[own]
+        errors = fitted.standard_errors[own]
+        effects.append(replace(effect, estimate=estimate, standard_error=errors))
+    return replace(diagnosis, fit=fitted, effects=tuple(effects))
 
 
 def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:

@@ -29,7 +29,7 @@ from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Split
 from ..selection.structure_criterion import compute_criterion
 from .candidates import Candidate
-from .conclusion import build_empty, conclude, prove
+from .conclusion import build_empty, conclude, fit_again, prove
 from .kept_causes import KeptCauses
 from .options import DiagnosisOptions
 from .outcome import Diagnosis
@@ -196,6 +196,8 @@ def separate(
     if best.instead:
         errors = _name_instead(errors, best.instead)
     weighed = replace(split, problem=errors.whiten(split.problem))
+    if errors.shared or best.given.shared:
+        diagnosis = fit_again(diagnosis, weighed.training)
     return weighed, replace(diagnosis, errors=errors)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from builders import drawn, planted, seeds
+from builders import OFF_AXIS, drawn, planted, seeds, study_of
 from hidden_arm import Effect as Planted
 from hidden_arm import State, arm, measured
 from hidden_effects import at, together
@@ -16,16 +16,17 @@ from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.kept_causes import KeptCauses
 from modelsel.diagnosis.options import DEFAULT_OPTIONS
 from modelsel.diagnosis.outcome import Diagnosis
-from modelsel.diagnosis.procedure import diagnose
+from modelsel.diagnosis.procedure import diagnose, diagnose_split
 from modelsel.diagnosis.separation import Inquiry
 from modelsel.diagnosis.stepwise import explore
-from modelsel.fitting.design import Model
+from modelsel.fitting.design import Model, assemble, whiten
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q
-from modelsel.mechanisms.registry import mechanism
+from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load_robot
+from modelsel.robot.kinematics import forward
 
 SIGMA = 0.05
 ROBOTS = ("puma760", "ur10e", "irb120")
@@ -88,3 +89,37 @@ def test_a_search_goes_on_with_a_shape_that_is_not_listed(rng: np.random.Generat
     inquiry = Inquiry(base, (), 1, True, ignore, DEFAULT_OPTIONS)
     chosen = explore(inquiry.search(problem, listed, known, KeptCauses()), known, ignore).chosen
     assert chosen[: len(known)] == known
+
+
+@seeds(1, 2)
+def test_what_was_found_is_fitted_with_the_weights_of_the_errors_it_leaves(
+    rng: np.random.Generator,
+) -> None:
+    """At the base a joint that turns unevenly looks like one that does not repeat, and is sought with
+    these weights; another does not repeat in fact. The fit is that of the rows as they are weighed in
+    the end, and so are the sizes of the effects."""
+    robot = load_robot("irb120")
+    q = np.repeat(robot.draw(rng, 70), 2, axis=0)
+    moved = q.copy()
+    moved[:, 1] += 3e-4 * np.sin(q[:, 1])
+    moved[:, 3] += np.repeat(rng.normal(0, 2e-4, 70), 2)
+    tools = np.array([OFF_AXIS, (-60.0, 30.0, 140.0)])
+    position = np.empty((140, 3))
+    for target, tool in enumerate(tools):
+        position[target::2] = forward(robot, moved[target::2], tool)
+    position += rng.normal(0, 0.02, position.shape)
+    data = build_measurements(q, position, target=["a", "b"] * 70)
+    split = study_of(Problem(robot, data, tools))
+    base = Model((mechanism("geometric", robot),))
+    weighed, told, _ = diagnose_split(split, base, every(robot), 1, cells=False)
+    assert told.effects
+    assert told.errors.shared
+    there = weighed.training
+    design = whiten(there, assemble(there, told.fit.terms, told.fit.at()))
+    R = told.fit.reduction.R
+    squares = np.square(R).sum(0)
+    np.testing.assert_allclose(np.square(design).sum((1, 2)), squares, rtol=1e-3, atol=1e-3)
+    place = {term.key: k for k, term in enumerate(told.fit.terms)}
+    for effect in told.effects:
+        own = [place[term.key] for term in effect.candidate.mechanism.terms]
+        np.testing.assert_array_equal(effect.estimate, told.fit.theta[own])
