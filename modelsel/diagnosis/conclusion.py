@@ -120,14 +120,17 @@ def fit_again(diagnosis: Diagnosis, problem: Problem) -> Diagnosis:
     if not diagnosis.effects:
         return diagnosis
     fitted = fit_shrunk(problem, diagnosis.model, diagnosis.fit, held="all")
-    place = {term.key: k for k, term in enumerate(fitted.terms)}
+    place = {}
+    for k, term in enumerate(fitted.terms):
+        place[term.key] = k
     effects = []
     for effect in diagnosis.effects:
-        terms = effect.candidate.mechanism.terms
-        own = [place[term.key] for term in terms]
-        estimate = fitted.theta[own]
-        errors = fitted.standard_errors[own]
-        effects.append(replace(effect, estimate=estimate, standard_error=errors))
+        mechanism = effect.candidate.mechanism
+        own = [place[term.key] for term in mechanism.terms]
+        refitted = replace(
+            effect, estimate=fitted.theta[own], standard_error=fitted.standard_errors[own]
+        )
+        effects.append(refitted)
     return replace(diagnosis, fit=fitted, effects=tuple(effects))
 
 

@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from .._typing import Array
 from ..config.study_file import Study
 from ..diagnosis.candidates import Candidate
 from ..diagnosis.outcome import Diagnosis
-from ..diagnosis.outliers import GROSS_THRESHOLD, find_far_rows
 from ..diagnosis.state import extend_model
 from ..diagnosis.unexplained import is_subsampled
-from ..fitting.design import Model, whitened
+from ..fitting.design import Model
 from ..fitting.nested import Reduced, fit_within
 from ..fitting.problem import Problem
 from ..mechanisms.geometry import build_setup
@@ -164,27 +161,6 @@ def _identify(evaluation: Evaluation) -> tuple[tuple[str, ...], frozenset[tuple[
     screws = frozenset(term.screws for term in terms)
     names = evaluation.names
     return names, screws
-
-
-def exclude_held_out_outliers(split: Split, ladder: Sequence[Evaluation]) -> Split:
-    """Mark the held-out rows that are outliers in every model of a ladder but the nominal one.
-
-    The rule is fixed on the estimation rows: beyond GROSS robust standard deviations of their
-    residuals.
-    """
-    problem = split.problem
-    used = split.used
-    measured = problem.measured
-    if measured is not None:
-        measured = measured[used]
-    far = ~split.estimation
-    for evaluation in ladder[1:]:
-        residual = whitened(problem, evaluation.residual)
-        reference = residual[used]
-        is_far = find_far_rows(residual, reference, GROSS_THRESHOLD, measured)
-        far = far & is_far
-    outlying = np.asarray(split.outlying | far)
-    return replace(split, outlying=outlying)
 
 
 def remeasure(evaluation: Evaluation, split: Split) -> Evaluation:

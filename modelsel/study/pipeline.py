@@ -56,13 +56,13 @@ from ..uncertainty.summary import (
     sample_confidence,
 )
 from .checks import add_alarms_to_errors, check_chosen_model, drop_known_faults
+from .held_out_outliers import exclude_held_out_outliers
 from .inputs import list_candidates
 from .model_ladder import (
     build_model,
     choose_constants,
     evaluate_ladder,
     evaluate_steps,
-    exclude_held_out_outliers,
     remeasure,
     searches_cells,
 )

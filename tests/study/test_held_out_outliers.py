@@ -1,0 +1,74 @@
+"""Held-out rows are left out where they are bad shots, not where the model is bad."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from builders import OFF_AXIS, bind, measured, planted, seeds, study_of
+
+from modelsel.fitting.design import Model
+from modelsel.fitting.problem import Problem
+from modelsel.measurements.measurements import build_measurements
+from modelsel.mechanisms.registry import mechanism
+from modelsel.robot.files import load_robot
+from modelsel.robot.kinematics import forward
+from modelsel.selection.evaluation import Split, evaluate
+from modelsel.study.held_out_outliers import exclude_held_out_outliers
+
+ARM = load_robot("irb120")
+BASE = Model((mechanism("geometric", ARM),))
+NOISE, HELD_OUT = 0.05, 25
+
+
+def campaign(rng: np.random.Generator, postures: int, times: int) -> Problem:
+    """Postures that estimate, each measured so many times, then others that are held out."""
+    q = np.concatenate([ARM.draw(rng, postures).repeat(times, axis=0), ARM.draw(rng, HELD_OUT)])
+    at = bind(ARM, build_measurements(q, forward(ARM, q, np.array(OFF_AXIS))))
+    theta = rng.normal(size=len(BASE.terms)) * [
+        0.5 if term.unit == "mm" else 1e-3 for term in BASE.terms
+    ]
+    return planted(at, BASE.terms, theta, rng, NOISE)
+
+
+def left_out(at: Problem) -> tuple[Split, list[int]]:
+    split = study_of(at, HELD_OUT)
+    nominal = evaluate(split, Model(()), ("nominal",))
+    base = evaluate(split, BASE, ("geometric",))
+    split = exclude_held_out_outliers(split, [nominal, base])
+    return split, np.flatnonzero(split.outlying).tolist()
+
+
+@seeds(1, 2, 3)
+def test_postures_that_a_model_does_not_predict_stay(rng: np.random.Generator) -> None:
+    """Five postures determine half of the geometry: the others are off by many times the noise,
+    and that is the result."""
+    at = campaign(rng, 5, 15)
+    split = study_of(at, HELD_OUT)
+    left = evaluate(split, BASE, ("geometric",)).residual[-HELD_OUT:]
+    assert (np.linalg.norm(left, axis=1) > 8 * NOISE).any()
+    assert left_out(at)[1] == []
+
+
+@seeds(1, 2, 3)
+def test_a_bad_shot_is_left_out(rng: np.random.Generator) -> None:
+    at = campaign(rng, 60, 1)
+    row = 60 + int(rng.integers(HELD_OUT))
+    position = at.data.position.copy()
+    position[row] += rng.choice([-1, 1], 3) * 20 * NOISE
+    assert left_out(measured(at, position))[1] == [row]
+    assert left_out(at)[1] == []
+
+
+@seeds(1)
+@pytest.mark.parametrize("shots", [3, 8])
+def test_many_bad_shots_are_what_the_model_does_not_know(
+    rng: np.random.Generator, shots: int
+) -> None:
+    at = campaign(rng, 60, 1)
+    rows = 60 + rng.choice(HELD_OUT, shots, replace=False)
+    position = at.data.position.copy()
+    position[rows] += 30 * NOISE
+    moved = replace(at, data=replace(at.data, position=position))
+    assert left_out(moved)[1] == (sorted(rows.tolist()) if shots == 3 else [])
