@@ -22,10 +22,10 @@ from .finding_records import describe_fault, describe_finding, list_screws
 from .goodness_of_fit import describe_noise, locate_features, measure_lack_of_fit
 from .placements import locate_placements
 from .reading import SCHEMA
-from .repeatability import describe_errors
+from .repeatability import describe_errors, measure_unrepeated
 from .schema import StudyRecord
 from .study_run import Explanation, ModelSearch, StudyRun
-from .verdict import Named, NamedErrors, complete_verdict, write_verdict
+from .verdict import Named, NamedErrors, Noise, complete_verdict, write_verdict
 
 Values = dict[str, Any]
 
@@ -80,7 +80,7 @@ def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
         nominal,
         models.chosen,
         models.gain,
-        run.floor,
+        Noise(run.floor, measure_unrepeated(diagnosis.search.errors, run.floor)),
         named,
         run.study.model.candidates,
         diagnosis.nothing_else.sentence,

@@ -12,6 +12,7 @@ from .._typing import Array
 from ..diagnosis.sentences import choose_prefix
 from ..exceptions import sentence_list
 from ..fitting.error_structure import ErrorPart, ErrorStructure
+from ..fitting.noise import Floor
 from ..fitting.possible_parts import GIVEN
 from .schema import INSTRUMENT, ErrorPartRecord
 from .study_sentences import format_share
@@ -25,6 +26,10 @@ CLOSE_ENDS = 1.1
 MIN_SHARE = 0.005
 # lines of a terminal
 MAX_LINES = 6
+# sources of a noise floor
+ESTIMATED, REPEATS = "estimated", "repeats"
+# parts, by what tells them, that repeats of one posture share
+SHARED_BY_REPEATS = {("configuration", "repeats"), ("group", "groups")}
 # what is shown of parts whose names say too little, by what tells them
 LABELS = {
     ("configuration", "targets"): "targets of one configuration",
@@ -34,6 +39,20 @@ LABELS = {
 }
 
 Values = dict[str, Any]
+
+
+def measure_unrepeated(errors: ErrorStructure, floor: Floor) -> float:
+    """Measure the rms at the target [mm] of the parts that a noise floor does not hold.
+
+    One that was estimated from what is left holds all of them; repeats hold what differs between visits of
+    one posture; a stated one, and pairs of targets, the instrument alone."""
+    if floor.source == ESTIMATED:
+        return 0.0
+    parts = errors.parts[1:]
+    if floor.source == REPEATS:
+        parts = tuple(part for part in parts if (part.name, part.told_by) in SHARED_BY_REPEATS)
+    squares = [part.at_target**2 for part in parts]
+    return float(np.sqrt(sum(squares)))
 
 
 def describe_errors(errors: ErrorStructure) -> list[Values]:

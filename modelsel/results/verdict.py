@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from math import degrees
+from math import degrees, hypot
 from typing import NamedTuple
 
 from ..exceptions import sentence_list, write_rounded
@@ -16,6 +16,7 @@ from .map_details import MIN_DISPLACEMENT
 from .small_findings import MIN_GROUPED, write_number
 
 SHOWN_NAMES = 6  # in a sentence
+CLEARLY_MORE = 1.1  # factor by which what noise leaves is more with what else does not repeat
 LARGEST_MRAD = 0.1  # rad from which an angle is written in degrees
 FREE_FUNCTION = re.compile(r"free\(([^()]+)\)")  # in a name
 
@@ -47,11 +48,18 @@ class NamedErrors(NamedTuple):
     small_rms_mrad: float | None = None
 
 
+class Noise(NamedTuple):
+    """The noise floor, and the rms [mm] at the target of what does not repeat and is not in it."""
+
+    floor: Floor
+    unrepeated_mm: float = 0.0
+
+
 def write_verdict(
     nominal: Evaluation,
     chosen: Evaluation,
     gain: Gain,
-    floor: Floor,
+    noise: Noise,
     named: NamedErrors,
     candidates: Sequence[str] | str,
     nothing_else: str,
@@ -63,7 +71,8 @@ def write_verdict(
     extends = candidates != []
     findings = _describe_named(named, extends) + explain_restriction(candidates)
     remainder = nothing_else.partition(". ")[0].rstrip(".") + "."
-    return _describe_gain(nominal, chosen, gain, floor), findings, remainder
+    gained = _describe_gain(nominal, chosen, gain, _describe_noise(noise))
+    return gained, findings, remainder
 
 
 def complete_verdict(
@@ -105,12 +114,19 @@ def _angle(value: float) -> str:
     return f"{degrees(value):.3g}°"
 
 
-def _describe_gain(nominal: Evaluation, chosen: Evaluation, gain: Gain, floor: Floor) -> str:
+def _describe_noise(noise: Noise) -> str:
+    """Return what noise alone would leave, and, where that is clearly more, with what else does not repeat."""
+    floor = noise.floor
+    alone = _rms_length(floor)
+    words = f"noise of {floor.coordinate_mm:.3g} mm per coordinate ({floor.source}) would leave {alone:.3g} mm"
+    both = hypot(alone, noise.unrepeated_mm)
+    if both < CLEARLY_MORE * alone:
+        return words
+    return f"{words}, and with what else does not repeat {both:.3g} mm"
+
+
+def _describe_gain(nominal: Evaluation, chosen: Evaluation, gain: Gain, noise: str) -> str:
     """Return the position error before and after, against what noise alone would leave."""
-    noise = (
-        f"noise of {floor.coordinate_mm:.3g} mm per coordinate ({floor.source}) would leave "
-        f"{_rms_length(floor):.3g} mm"
-    )
     before, after = gain.held_out_rms_before_mm, gain.held_out_rms_after_mm
     if before is None or after is None:
         before = nominal.estimation.rms_mm or 0.0

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
+from error_parts import part
 
 from modelsel.diagnosis import claim_sentences
+from modelsel.fitting.error_structure import ErrorStructure
 from modelsel.fitting.noise import Floor
-from modelsel.results.verdict import Named, NamedErrors, complete_verdict, write_verdict
+from modelsel.results.repeatability import measure_unrepeated
+from modelsel.results.verdict import Named, NamedErrors, Noise, complete_verdict, write_verdict
 from modelsel.selection.gain import Gain
 
 FLOOR = Floor(0.03, "repeats", 100)
@@ -28,7 +32,7 @@ def said(
     small: tuple[float, float | None] = (0.0213, None),
 ) -> tuple[str, str, str]:
     errors = NamedErrors([Named(*one) for one in named], *small)
-    return write_verdict(rung(3.0), rung(0.5), gain, FLOOR, errors, asked, LEFT)
+    return write_verdict(rung(3.0), rung(0.5), gain, Noise(FLOOR), errors, asked, LEFT)
 
 
 def test_three_sentences() -> None:
@@ -42,6 +46,24 @@ def test_three_sentences() -> None:
         third
         == "Nothing else was found; an effect above 0.02 mm rms would have been found with 90 %."
     )
+
+
+def test_what_else_does_not_repeat_is_left_too() -> None:
+    """Rows of one posture share an error that its repeats do not show; a joint's part they do."""
+    shared = part("configuration", 0.04, 0.03, 0.05, told_by="repeats", at_target=0.06)
+    loose = part("joint 2", 2e-4, 1e-4, 3e-4, told_by="repeats", at_target=0.09)
+    errors = ErrorStructure((part("instrument", 0.03, 0.02, 0.04), shared, loose))
+    assert measure_unrepeated(errors, FLOOR) == pytest.approx(0.06)
+    assert measure_unrepeated(errors, Floor(0.03, "stated")) == pytest.approx(np.hypot(0.06, 0.09))
+    assert measure_unrepeated(errors, Floor(0.03, "estimated", 100)) == 0
+    for more, words in (
+        (0.06, "would leave 0.052 mm, and with what else does not repeat 0.0794 mm."),
+        (0.01, "would leave 0.052 mm."),
+    ):
+        noise = Noise(FLOOR, more)
+        none = NamedErrors([])
+        first = write_verdict(rung(3.0), rung(0.5), GAIN, noise, none, "all", LEFT)[0]
+        assert first.endswith(words)
 
 
 @pytest.mark.parametrize(
