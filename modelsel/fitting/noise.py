@@ -18,8 +18,8 @@ from .whitening import Whitening
 # standard deviation over median absolute deviation: a swapped reflector must not set the floor
 NORMAL = 1.4826
 LACKING = "lack-of-fit"  # code of the warning that a model leaves another noise than is known
-# degrees of freedom of a standard deviation by the median, against one by the mean square
-MEDIAN = 0.37
+# robust standard deviations beyond which a deviation is no noise
+FAR = 5.0
 # of a standard deviation's interval
 COVERAGE = 0.95
 # degrees of freedom from which repeats or pairs of targets are believed
@@ -113,10 +113,19 @@ def from_repeats(data: Measurements) -> Floor | None:
     expected = mean[member]
     from_mean = position - expected
     deviation = from_mean[is_repeated] * row_factor
+    scatter = _pool_deviations(deviation)
+    return Floor(scatter, "repeats", freedom)
+
+
+def _pool_deviations(deviation: Array) -> float:
+    """Pool deviations to a standard deviation: the root mean square of those within FAR robust ones,
+    of which a swapped reflector is none."""
     size = np.abs(deviation)
     median = float(np.median(size))
-    scatter = NORMAL * median
-    return Floor(scatter, "repeats", freedom)
+    robust = NORMAL * median
+    within = size[size <= FAR * robust]
+    squares = np.square(within)
+    return float(np.sqrt(squares.mean()))
 
 
 def _reading_spread(q: Array, member: Index, count: int) -> Array:
@@ -157,7 +166,7 @@ def from_target_pairs(data: Measurements) -> Floor | None:
     if freedom < MIN_FREEDOM:
         return None
     pooled = np.concatenate(deviations)
-    scatter = NORMAL * float(np.median(pooled))
+    scatter = _pool_deviations(pooled)
     if scatter <= MIN_RELATIVE_SCATTER * largest:
         return None
     return Floor(scatter, "target pairs", freedom)

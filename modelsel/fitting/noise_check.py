@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..exceptions import write_rounded
-from .noise import MEDIAN, Floor
+from .noise import Floor
 
 LEVEL = 1e-3  # share of studies whose chi-square lies outside its range by chance
 # stated so many times too large: said before everything else
@@ -65,8 +65,7 @@ def lack(floor: Floor, factor: float, freedom: float) -> Lack:
     tail = LEVEL / 2
     tails = [tail, 1 - tail]
     if np.isfinite(floor.freedom):
-        counted = MEDIAN * floor.freedom
-        floor_freedom = max(counted, 1.0)
+        floor_freedom = max(floor.freedom, 1.0)
         low, high = fdtri(freedom, floor_freedom, tails)
     else:
         low, high = chdtri(freedom, tails[::-1]) / freedom

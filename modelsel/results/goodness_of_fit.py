@@ -13,7 +13,7 @@ from ..diagnosis.sentences import format_length
 from ..diagnosis.unexplained import MIN_FLOOR_FREEDOM, STATED_FLOOR_FREEDOM
 from ..fitting.design import whitened
 from ..fitting.least_squares import Fit
-from ..fitting.noise import LACKING, MEDIAN, Floor
+from ..fitting.noise import LACKING, Floor
 from ..fitting.observation import LENGTH
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
@@ -56,9 +56,8 @@ class _Variances:
 def measure_lack_of_fit(chosen: Evaluation, floor: Floor | None, split: Split) -> LackOfFit | None:
     """Test whether a model leaves more on the rows that fit than a floor that is known without it.
 
-    Of repeats: the classical test of lack of fit against the pure error of these rows; of target pairs, whose floor
-    rests on a median, on MEDIAN of their degrees of freedom. None where the floor is estimated from the residuals,
-    or rests on too little."""
+    Of repeats: the classical test of lack of fit against the pure error of these rows. None where the floor is
+    estimated from the residuals, or rests on too little."""
     from scipy.special import fdtrc, fdtri
 
     if floor is None or floor.source == "estimated":
@@ -82,7 +81,7 @@ def _variances(chosen: Evaluation, floor: Floor, training: Problem) -> _Variance
     total = float(np.square(np.where(counted, white, 0.0)).sum())
     freedom = chosen.fit.freedom * int(counted.sum()) / training.coordinates
     if floor.source != "repeats":
-        known = MEDIAN * floor.freedom if np.isfinite(floor.freedom) else STATED_FLOOR_FREEDOM
+        known = floor.freedom if np.isfinite(floor.freedom) else STATED_FLOOR_FREEDOM
         return _Variances(total, freedom, 1.0, float(known))
     within, known = sum_pure_error(training)
     coordinates = 3 * len(training)

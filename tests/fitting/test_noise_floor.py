@@ -1,0 +1,49 @@
+"""The noise floor from repeats and from pairs of targets: as sure as its degrees of freedom say, and
+a bad shot does not set it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from builders import OFF_AXIS, seeds, small_arm
+
+from modelsel._typing import Array
+from modelsel.fitting.noise import Floor, from_repeats, from_target_pairs
+from modelsel.measurements.measurements import build_measurements
+from modelsel.robot.kinematics import forward
+
+ARM = small_arm()
+SIGMA = 0.05
+STUDIES = 200
+
+
+def repeated(rng: np.random.Generator, error: Array) -> Floor | None:
+    """Ten postures, each measured three times."""
+    q = ARM.draw(rng, 10).repeat(3, axis=0)
+    return from_repeats(build_measurements(q, forward(ARM, q, np.array(OFF_AXIS)) + error))
+
+
+def paired(rng: np.random.Generator, error: Array) -> Floor | None:
+    """Thirty configurations of two targets."""
+    q = ARM.draw(rng, 30)
+    places = [forward(ARM, q, np.array(tool)) for tool in (OFF_AXIS, (-60.0, 30.0, 140.0))]
+    position = np.stack(places, axis=1).reshape(60, 3)
+    return from_target_pairs(
+        build_measurements(q.repeat(2, axis=0), position + error, target=["a", "b"] * 30)
+    )
+
+
+@seeds(1, 2)
+@pytest.mark.parametrize(("measure", "rows"), [(repeated, 30), (paired, 60)])
+@pytest.mark.parametrize("bad", [0, 1])
+def test_a_floor_is_as_sure_as_its_freedom(rng: np.random.Generator, measure, rows, bad) -> None:
+    scales = []
+    for _ in range(STUDIES):
+        error = rng.normal(0, SIGMA, (rows, 3))
+        error[:bad] += 100 * SIGMA
+        floor = measure(rng, error)
+        scales.append(floor.coordinate_mm / SIGMA)
+    expected = 1 / np.sqrt(2 * floor.freedom)
+    # a posture with a bad shot has its other rows off, too
+    assert np.mean(scales) == pytest.approx(1, abs=0.05)
+    assert np.std(scales) < 1.25 * expected
