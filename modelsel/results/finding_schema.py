@@ -205,13 +205,13 @@ class FindingRecord(StrictRecord):
         "and the 95 % interval `low high`; none of a free function",
     )
     gain: GainRecord = Field(
-        description="`held_out_rms_before_mm held_out_rms_after_mm interval_mm`, of position; only where "
-        "`turning.prevails` also `held_out_rms_before_mrad held_out_rms_after_mrad interval_mrad`, of orientation"
+        description="`held_out_rms_before_mm held_out_rms_after_mm interval_mm`, of position, where it joins the "
+        "ladder (beside all other findings, where it gains by that alone); only where `turning.prevails` also `held_out_rms_before_mrad held_out_rms_after_mrad interval_mrad`, of orientation"
     )
     doubtful: bool = Field(
         False,
-        description="the held-out error does not fall when it joins the model: neither that of position nor, where "
-        "`turning.prevails`, that of orientation",
+        description="the held-out error does not fall when it joins the model, neither on the ladder nor beside all "
+        "other findings: neither that of position nor, where `turning.prevails`, that of orientation",
     )
     usual_causes: Texts = Field(
         default_factory=list,

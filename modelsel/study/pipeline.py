@@ -12,7 +12,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +45,6 @@ from ..results.study_run import Explanation, ModelSearch, StudyRun
 from ..robot.kinematics import Robot
 from ..selection.comparison import MAX_CANDIDATES, SubsetComparison, compare_subsets
 from ..selection.evaluation import Evaluation, Split, evaluate
-from ..selection.gain import ResampledErrors, resample_errors
 from ..uncertainty.parameters import Parameter, label_terms
 from ..uncertainty.sampler import Keeper
 from ..uncertainty.summary import (
@@ -56,6 +54,7 @@ from ..uncertainty.summary import (
     sample_confidence,
 )
 from .checks import add_alarms_to_errors, check_chosen_model, drop_known_faults
+from .held_out_gains import judge_beside_others, measure_findings, resample_held_out
 from .held_out_outliers import exclude_held_out_outliers
 from .inputs import list_candidates
 from .model_ladder import (
@@ -157,6 +156,7 @@ def _analyse_prepared(
     resampled = resample_held_out(study, split, [ladder[0], chosen, *steps])
     nominal_errors, chosen_errors, *step_errors = resampled
     findings = measure_findings(diagnosis, step_errors)
+    findings = judge_beside_others(findings, study, split, steps[-1], diagnosis)
     findings = add_orientation_gains(findings, diagnosis, split, steps, chosen, study.seed)
     within_folds = repeat_in_folds(study, split, base, mechanisms, say)
     noise = choose_noise_floor(split, floor, chosen)
@@ -249,29 +249,6 @@ def find_data_faults(
     rng = generator(study.seed, "null")
     faults = find_misplaced_rows(split.problem, split.outlying, chosen.fit, rng)
     return drop_known_faults(faults, notes)
-
-
-def resample_held_out(
-    study: Study, split: Split, models: Sequence[Evaluation]
-) -> list[ResampledErrors]:
-    """Draw the held-out configurations anew, the same for all models, outliers left out."""
-    held_out = ~split.estimation & ~split.outlying
-    residuals = [model.residual[held_out] for model in models]
-    configurations = split.problem.data.block[held_out]
-    rng = generator(study.seed, "gain")
-    return resample_errors(residuals, configurations, rng)
-
-
-def measure_findings(diagnosis: Diagnosis, steps: Sequence[ResampledErrors]) -> tuple[Finding, ...]:
-    """Return a finding for each named effect, with the gain of the step that adds it."""
-    findings = []
-    steps_by_pairs = pairwise(steps)
-    for effect, pair in zip(diagnosis.effects, steps_by_pairs, strict=True):
-        before, after = pair
-        gain = before.gain_of(after)
-        finding = Finding(effect, gain)
-        findings.append(finding)
-    return tuple(findings)
 
 
 def widen_errors(
