@@ -92,8 +92,8 @@ def opened(page: Any, file: Path) -> Any:
 
 
 def requests(page: Any) -> list[str]:
-    """Addresses asked for since the last call."""
+    """Addresses asked for since the last call; those within the browser itself are of its own window."""
     events = [json.loads(entry["message"])["message"] for entry in page.get_log("performance")]
-    return [
-        e["params"]["request"]["url"] for e in events if e["method"] == "Network.requestWillBeSent"
-    ]
+    sent = [e["params"] for e in events if e["method"] == "Network.requestWillBeSent"]
+    urls = [params["request"]["url"] for params in sent]
+    return [url for url in urls if not url.startswith("chrome://")]
