@@ -67,7 +67,8 @@ def build_bucket(block: Block, left: Array) -> tuple[Bucket, Array]:
     root = block.root
     if root is not None:
         W, weights = _separate_by_prior(W, left, root)
-    return Bucket(block, left, W, weights), size
+    bucket = Bucket(block, left, W, weights)
+    return bucket, size
 
 
 def _spread(

@@ -206,7 +206,8 @@ class _Marginal:
         descent = step @ self.left
         curved = step @ self.gram @ step
         squares = state.slope.squares
-        rss = squares - 2 * float(descent) + float(curved)
+        change = curved - 2 * descent
+        rss = squares + float(change)
         counts = map(len, self.inside)
         shrunk = sum(counts)
         count = len(self.kept)

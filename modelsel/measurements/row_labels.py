@@ -34,7 +34,8 @@ def label_rows(columns: Iterable[Any], rows: Index) -> str:
 def _label_row(telling: Sequence[Sequence[str]], row: int) -> str:
     """Label a row by columns of names, the one with most different names first: P007 (robot)."""
     ordered = sorted(telling, key=_count_different, reverse=True)
-    first, *others = [texts[row] for texts in ordered]
+    own = [texts[row] for texts in ordered]
+    first, *others = own
     if not others:
         return first
     listed = ", ".join(others)

@@ -179,7 +179,8 @@ def _fill_turn(turn: Array, angle: Array) -> None:
     compute_sine_and_cosine(angle, sine, cosine)
     turn[0] = cosine
     turn[1] = sine
-    np.negative(turn[1], out=turn[2])
+    minus = turn[2]
+    np.negative(turn[1], out=minus)
 
 
 def fill_screw_field(

@@ -56,7 +56,8 @@ def _centre_of_mass(robot: Robot, at: Pose, q: Array, k: int) -> Array:
         R = rotate_frame(R, 2, readings)
     com = np.array(joint.com)
     offset = np.einsum("ijm,j->im", R, com)
-    return np.asarray(origin + offset)
+    centre = origin + offset
+    return np.asarray(centre)
 
 
 def compute_joint_moments(robot: Robot, at: Pose, q: Array) -> Array:

@@ -126,7 +126,8 @@ def evaluate(
     folds = split.training_folds
     if fitted is None:
         fitted = fit_shrunk(training, model, start, held="all", fold_of=folds)
-    rows = LinearRows(training, fitted.terms, fitted.at())
+    point = fitted.at()
+    rows = LinearRows(training, fitted.terms, point)
     validation = None
     if fitted.theta.size:
         with suppress(NotEstimable):

@@ -93,8 +93,8 @@ def _find_place(feature: Feature, x: Array, length: Array) -> _Place:
         normal = directions[-1]
     else:
         normal = np.array(feature.normal)
-    axes = align_z(normal).T
-    return _Place(centre, axes, 0.0)
+    aligned = align_z(normal)
+    return _Place(centre, axes=aligned.T, length=0.0)
 
 
 def _require_rows(feature: Feature, count: int) -> None:

@@ -116,7 +116,8 @@ class _HalfSolution:
         scaled = np.linalg.solve(covariance, beta)
         increase = beta @ scaled
         mean = increase / size
-        f = mean / self.variance
+        variance = self.variance
+        f = mean / variance
         return float(f)
 
 
