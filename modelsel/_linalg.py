@@ -54,6 +54,23 @@ def orthonormalise(matrix: Array, triangle: Array) -> tuple[Array, Array]:
     return np.ascontiguousarray(Q), lower.T @ triangle
 
 
+def orthonormalise_in_place(matrix: Array) -> Array:
+    """Put Q (m, k), m >= k, in the place of a matrix = Q R; returns the upper triangle R (k, k).
+
+    The matrix is contiguous by columns ("F"): LAPACK works in it, and nothing is copied."""
+    from scipy.linalg.lapack import dgeqrf, dgeqrf_lwork, dorgqr
+
+    count = matrix.shape[1]
+    if not count:
+        return np.zeros((0, 0))
+    size, _ = dgeqrf_lwork(*matrix.shape)
+    room = int(size)
+    _, scales, _, _ = dgeqrf(matrix, lwork=room, overwrite_a=1)
+    triangle = np.triu(matrix[:count])
+    dorgqr(matrix, scales, lwork=room, overwrite_a=1)
+    return triangle
+
+
 def invert_factors(matrices: Array) -> Array:
     """Invert the lower Cholesky factors of many small matrices (n, k, k), number by number.
 

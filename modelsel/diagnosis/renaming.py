@@ -87,11 +87,11 @@ def _has_moved(before: View, after: View, candidate: Candidate) -> bool:
     terms_before = (term.key for term in before.model.terms)
     theta_before = dict(zip(terms_before, before.fitted.theta, strict=True))
     own = np.flatnonzero(after.mask_terms(candidate))
-    rows = after.scan.columns.rows
-    columns, theta = after.A[:rows, own], after.fitted.theta[own]
+    theta = after.fitted.theta[own]
     previous = [theta_before.get(after.model.terms[k].key, 0.0) for k in own]
-    change = float(np.linalg.norm(columns @ (theta - previous)))
-    return change > MIN_CHANGE * float(np.linalg.norm(columns @ theta))
+    change = float(np.linalg.norm(after.A.move(own, theta - previous)))
+    size = float(np.linalg.norm(after.A.move(own, theta)))
+    return change > MIN_CHANGE * size
 
 
 def _assess(search: Search, g: int, view: View) -> _Standing:

@@ -19,10 +19,13 @@ from .._typing import Array, Index
 from ..measurements.measurements import Measurements
 from .evidence import Chance
 from .scan import Scan
+from .screw_columns import split_range
 
 # sign draws of small and of large studies, and draws after which a clear answer may stop
 FLIP_DRAWS = (999, 185)
 CHUNK = 37
+# rows whose units are given back what the fit took at a time
+PIECE = 4096
 # log evidence beyond every draw so far from which the answer is clear
 CLEAR_MARGIN = 10.0
 # groups from which signs of whole groups can be drawn
@@ -90,18 +93,27 @@ def adjust_residual(Q: Array, residual: Array, unit: Index) -> Array:
     for size in np.unique(count[numbers >= 0]):
         of_size = (count == size) & (numbers >= 0)
         rows = order[start[of_size][:, None] + np.arange(size)]  # (units, size)
-        own = Q[rows]
-        if size < Q.shape[1]:
-            leverage, U = np.linalg.eigh(np.matmul(own, own.swapaxes(1, 2)))
-        else:
-            U, s, _ = np.linalg.svd(own, full_matrices=False)
-            leverage = np.square(s)
-        share = 1 - leverage
-        gain = 1 / np.sqrt(np.maximum(share, MIN_RESIDUAL_SHARE)) - 1
-        gain[share < MIN_RESIDUAL_SHARE] = 0.0
-        part = np.einsum("unr,un->ur", U, residual[rows])
-        adjusted[rows] += np.einsum("unr,ur->un", U, gain * part)
+        for piece in split_range(len(rows), max(PIECE // int(size), 1)):
+            some = rows[piece]
+            adjusted[some] += _give_back(Q[some], residual[some])
     return adjusted
+
+
+def _give_back(own: Array, residual: Array) -> Array:
+    """Compute (u, n) what the fit took from the residual of units of one size; `own` (u, n, r): the
+    rows of Q."""
+    _, size, rank = own.shape
+    if size < rank:
+        leverage, U = np.linalg.eigh(np.matmul(own, own.swapaxes(1, 2)))
+    else:
+        U, s, _ = np.linalg.svd(own, full_matrices=False)
+        leverage = np.square(s)
+    share = 1 - leverage
+    gain = 1 / np.sqrt(np.maximum(share, MIN_RESIDUAL_SHARE)) - 1
+    gain[share < MIN_RESIDUAL_SHARE] = 0.0
+    part = np.einsum("unr,un->ur", U, residual)
+    given = np.einsum("unr,ur->un", U, gain * part)
+    return np.asarray(given)
 
 
 def draw_flips(
@@ -123,9 +135,10 @@ def draw_flips(
         drawn_shape = count, CHUNK
         heads = rng.integers(0, 2, drawn_shape)
         sign[:count] = 2.0 * heads - 1.0
-        flipped = sign[row_unit] * e[:, None]
-        explained = seen.Q @ (seen.Q.T @ flipped)
-        left = (flipped - explained).astype(np.float32)
+        flipped = sign[row_unit]
+        flipped *= e[:, None]
+        flipped -= seen.Q @ (seen.Q.T @ flipped)
+        left = flipped.astype(np.float32)
         yield Chance(seen, log_prior, seen.columns.dot(left), np.square(left).sum(0))
 
 

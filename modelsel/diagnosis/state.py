@@ -155,8 +155,7 @@ class Search:
     def compute_displacement(self, g: int, view: View) -> Array:
         """Compute (N,) what an effect, as fitted, does to the target beyond the base; whitened."""
         Q, own = self.first.Q, view.mask_terms(self.found[g])
-        columns = view.A[: len(Q), own]
-        moved = columns @ view.fitted.theta[own]
+        moved = view.A.move(np.flatnonzero(own), view.fitted.theta[own])
         return np.asarray(moved - Q @ (Q.T @ moved))
 
     def name_strongest(self, view: View, known: Sequence[int]) -> CredibleSet:

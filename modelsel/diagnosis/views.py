@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._linalg import orthonormalise
-from .._typing import Array, Mask
+from .._linalg import orthonormalise, orthonormalise_in_place
+from .._typing import Array, Index, Mask
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit
 from ..fitting.prior import prior_root
@@ -34,6 +34,41 @@ PIECE = 4096
 
 
 @dataclass(frozen=True, eq=False)
+class ModelColumns:
+    """The columns A (N + s, p) of a model's terms, with s rows of a prior below those of the data.
+
+    `base` (N, p₀): of the first terms; `added`: of every other one (N,), which the models that have
+    it share; `root` (s, p): the prior's rows."""
+
+    base: Array
+    added: tuple[Array, ...]
+    root: Array
+
+    @property
+    def rows(self) -> int:
+        """The number of rows of the data."""
+        return len(self.base)
+
+    def fill(self, terms: Sequence[int], out: Array) -> None:
+        """Fill in (N + s, k) the columns of some terms, with the rows of the prior."""
+        for place, term in enumerate(terms):
+            out[: self.rows, place] = self._take(term)
+        out[self.rows :] = self.root[:, list(terms)]
+
+    def move(self, terms: Sequence[int] | Index, theta: Array) -> Array:
+        """Compute (N,) what some terms of these sizes (k,) do at the rows of the data."""
+        moved = np.zeros(self.rows)
+        for term, size in zip(terms, theta, strict=True):
+            moved += size * self._take(term)
+        return moved
+
+    def _take(self, term: int) -> Array:
+        first = self.base.shape[1]
+        column = self.base[:, term] if term < first else self.added[term - first]
+        return np.asarray(column)
+
+
+@dataclass(frozen=True, eq=False)
 class View:
     """A fitted model as projections, with every candidate beyond it.
 
@@ -46,7 +81,7 @@ class View:
     model: Model
     fitted: Fit
     kept: tuple[int, ...]
-    A: Array
+    A: ModelColumns
     Q: Array
     R: Array
     raw: Array
@@ -87,7 +122,11 @@ class View:
         own = self.mask_terms(*effects)
         E = np.eye(len(self.kept))[:, own[list(self.kept)]]
         directions = compute_basis(solve_triangular(self.R, E, trans="T", check_finite=False))
-        effect = self.A[:, own] @ self.fitted.theta[own]
+        A = self.A
+        theta = self.fitted.theta[own]
+        of_data = A.move(np.flatnonzero(own), theta)
+        of_prior = A.root[:, own] @ theta
+        effect = np.concatenate([of_data, of_prior])
         return Released(directions, directions.T @ (self.along + self.Q.T @ effect))
 
 
@@ -96,7 +135,7 @@ class _Projection(NamedTuple):
     Q (N + s, r), the triangle R (r, r), and the products (C, r) of all candidates with Q."""
 
     kept: tuple[int, ...]
-    A: Array
+    A: ModelColumns
     Q: Array
     R: Array
     inside: Array
@@ -106,12 +145,13 @@ def build_view(problem: Problem, columns: Columns, fitted: Fit) -> View:
     """Build the view of a fitted model by itself, linearised where it is."""
     root = prior_root(fitted.terms, fitted.precision)
     of_data, _ = stack_design(problem, fitted.terms, fitted.at())
-    A = np.vstack([of_data, root])
+    A = ModelColumns(of_data, (), root)
     kept = fitted.representatives
     own = list(kept)
     reduced = np.vstack([fitted.reduction.R[:-1, :-1], root])
     triangle = np.asarray(np.linalg.qr(reduced[:, own], mode="r"))
-    Q, R = orthonormalise(A[:, own], triangle)
+    stacked = np.vstack([of_data, root])
+    Q, R = orthonormalise(stacked[:, own], triangle)
     inside = columns.dot(Q)
     projected = _Projection(kept, A, Q, R, inside)
     return _see(problem, columns, fitted, projected)
@@ -169,26 +209,26 @@ class Views:
     def _extend(self, fitted: Fit) -> _Projection | None:
         """Extend the base's projection; None where nothing is added, or depends on what is there."""
         first = self.first
-        before = first.A.shape[1]
+        base = first.A.base
+        before = base.shape[1]
         keys = [term.key for term in fitted.terms]
         more = keys[before:]
         if not more:
             return None
         root = prior_root(fitted.terms, fitted.precision)
-        rows = len(first.A)
-        A = np.empty((rows + len(root), len(keys)))
-        A[:rows, :before] = first.A
-        A[:rows, before:] = self._expand(more)
-        A[rows:] = root
+        A = ModelColumns(base, self._expand(more), root)
         own = [k for k in fitted.representatives if k >= before]
-        rest = A[:, own]
-        size = np.linalg.norm(rest, axis=0)
         rank = first.Q.shape[1]
-        Q = np.zeros((len(A), rank + len(own)))
+        # by columns: the new ones are made orthonormal where they stand
+        shape = A.rows + len(root), rank + len(own)
+        Q = np.zeros(shape, order="F")
         basis = Q[:, :rank]
-        basis[:rows] = first.Q
+        basis[: A.rows] = first.Q
+        rest = Q[:, rank:]
+        A.fill(own, rest)
+        size = np.linalg.norm(rest, axis=0)
         along = _take_out(rest, basis)
-        Q[:, rank:], R = np.linalg.qr(rest)
+        R = orthonormalise_in_place(rest)
         is_own = np.abs(np.diagonal(R)) > OWN_SHARE * size
         if not is_own.all():
             return None
@@ -198,15 +238,13 @@ class Views:
             kept=(*first.kept, *own), A=A, Q=Q, R=_stack_triangles(first.R, along, R), inside=inside
         )
 
-    def _expand(self, keys: Sequence[TermKey]) -> Array:
-        """Compute the columns (N, k) of some terms; those of the last models are known."""
+    def _expand(self, keys: Sequence[TermKey]) -> tuple[Array, ...]:
+        """Compute the columns (N,) of some terms; those of the last models are known."""
         new = [key for key in keys if key not in self._known]
         if new:
             self._learn(new)
         self._forget(keys)
-        known = [self._known[key] for key in keys]
-        columns = np.array([column for column, _ in known])
-        return columns.T
+        return tuple(self._known[key][0] for key in keys)
 
     def _multiply(self, keys: Sequence[TermKey], along: Array, R: Array) -> Array:
         """Multiply all candidates by the base's basis and by what some terms add, which are
@@ -243,18 +281,18 @@ class Views:
 
 
 def _take_out(vectors: Array, basis: Array) -> Array:
-    """Take a basis (N, r) out of vectors (N, k), in place; returns the coordinates (r, k).
+    """Take a basis (N, r) out of vectors (N, k), both contiguous by columns, in place; returns the
+    coordinates (r, k).
 
     Twice is enough (Kahan, Parlett)."""
+    from scipy.linalg.blas import dgemm
+
     across = basis.T
-    count = len(vectors)
     shape = len(across), vectors.shape[1]
     coordinates = np.zeros(shape)
     for _ in range(2):
         along = across @ vectors
-        for rows in split_range(count, PIECE):
-            taken = basis[rows] @ along
-            vectors[rows] -= taken
+        dgemm(-1.0, basis, along, 1.0, vectors, overwrite_c=1)
         coordinates += along
     return coordinates
 

@@ -8,7 +8,13 @@ from builders import seeds
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components as by_scipy
 
-from modelsel._linalg import connected_components, invert_factors, invert_root, orthonormalise
+from modelsel._linalg import (
+    connected_components,
+    invert_factors,
+    invert_root,
+    orthonormalise,
+    orthonormalise_in_place,
+)
 
 
 @seeds(1, 2)
@@ -30,6 +36,16 @@ def test_nothing_to_orthonormalise() -> None:
     Q, R = orthonormalise(np.zeros((5, 0)), np.zeros((0, 0)))
     assert Q.shape == (5, 0)
     assert R.shape == (0, 0)
+
+
+@pytest.mark.parametrize("count", [0, 1, 12])
+def test_columns_are_made_orthonormal_where_they_stand(rng, count) -> None:
+    A = rng.normal(size=(300, count)) * 10.0 ** rng.uniform(-3, 3, count)
+    Q = np.array(A, order="F")
+    R = orthonormalise_in_place(Q)
+    assert (np.tril(R, -1) == 0).all()
+    np.testing.assert_allclose(Q.T @ Q, np.eye(count), atol=1e-13)
+    np.testing.assert_allclose(Q @ R, A, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("edges", [0, 5, 60, 400])
