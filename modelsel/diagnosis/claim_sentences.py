@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from ..exceptions import sentence_list
@@ -150,8 +150,8 @@ def _name_driver(name: str) -> str:
 def name_places(effect: Effect) -> str:
     """Name what moves, in words: "Joint 3 is off its reading", "Frame 5 shifts along its y axis"."""
     places = list(effect.candidate.mechanism.names_by_place())
-    if effect.claim is not None and effect.claim.moves_joint:
-        return f"Joint {places[0][0]} is off its reading"
+    if effect.claim is not None and effect.claim.moves_joints:
+        return _name_joints(sorted(frame for frame, _ in places))
     if len(places) == 1:
         ((frame, axis),) = places
         return f"Frame {frame} {MOTIONS[axis[0]]} its {axis[1]} axis"
@@ -159,6 +159,14 @@ def name_places(effect: Effect) -> str:
     if len(frames) == 1:
         return f"Frame {frames[0]} moves"
     return f"Frames {sentence_list(frames)} move"
+
+
+def _name_joints(joints: Sequence[int]) -> str:
+    """Name the joints that are not where they are read to be."""
+    if len(joints) == 1:
+        return f"Joint {joints[0]} is off its reading"
+    listed = sentence_list([str(joint) for joint in joints])
+    return f"Joints {listed} are off their readings"
 
 
 def _describe_place(effect: Effect, probability: float) -> str:
@@ -217,9 +225,10 @@ def _describe_drivers(effect: Effect) -> str:
 
 def _is_own_reading(effect: Effect, names: Iterable[str]) -> bool:
     """Whether an effect turns or shifts one joint and depends on nothing but that joint's reading."""
-    if effect.claim is None or not effect.claim.moves_joint:
+    places = list(effect.candidate.mechanism.names_by_place())
+    if effect.claim is None or not effect.claim.moves_joints or len(places) != 1:
         return False
-    ((joint, _),) = effect.candidate.mechanism.names_by_place()
+    ((joint, _),) = places
     return set(names) == {f"q{joint}"}
 
 

@@ -186,9 +186,9 @@ def build_claim(problem: Problem, candidate: Candidate, levels: Array) -> Claim:
     """Claim the deepest level that holds; the place where none does."""
     bounded = tuple(min(float(p), 1.0) for p in levels)
     held = [level for level, p in zip(LEVELS, bounded, strict=True) if p >= PROVEN]
-    return Claim(
-        held[-1] if held else LEVELS[0], bounded, find_moved_joint(problem, candidate) is not None
-    )
+    places = candidate.mechanism.names_by_place()
+    moves_joints = all(_is_joint_axis(problem, place) for place in places)
+    return Claim(held[-1] if held else LEVELS[0], bounded, moves_joints)
 
 
 def find_moved_joint(problem: Problem, candidate: Candidate) -> int | None:
@@ -196,7 +196,12 @@ def find_moved_joint(problem: Problem, candidate: Candidate) -> int | None:
     places = list(candidate.mechanism.names_by_place())
     if len(places) != 1:
         return None
+    ((frame, _),) = places
+    return frame if _is_joint_axis(problem, places[0]) else None
+
+
+def _is_joint_axis(problem: Problem, place: tuple[int, str]) -> bool:
+    """Whether a place (frame, axis) is where a joint moves."""
+    frame, axis = place
     robot = problem.robot
-    ((frame, axis),) = places
-    moves = frame <= robot.n and axis == joint_axis(robot, frame)
-    return frame if moves else None
+    return frame <= robot.n and axis == joint_axis(robot, frame)

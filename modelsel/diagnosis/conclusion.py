@@ -25,7 +25,7 @@ from .evidence import MIN_LOG_ODDS, compute_p_value, compute_single_f
 from .model_search import VisitedModels, visit_models
 from .outcome import Diagnosis
 from .reshaping import take_shapes
-from .signatures import SHAPELESS
+from .signatures import SHAPELESS, read_parts
 from .state import LEVEL, Search
 from .stepwise import Exploration, Remainder, explore_further
 from .views import View
@@ -140,7 +140,10 @@ def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:
     search = concluded.explored.search
     chosen = concluded.settled.chosen
     effects = concluded.diagnosis.effects
-    included = concluded.visited.include(chosen, search.signatures)
+    visited = concluded.visited
+    members = visited.members.union(chosen)
+    parts = {g: read_parts(search.found[g]) for g in members}
+    included = visited.include(chosen, search.signatures, parts)
     numbers = number_repeated([effect.candidate.label for effect in effects])
     claimed = []
     for g, effect, number in zip(chosen, effects, numbers, strict=True):

@@ -16,11 +16,11 @@ from .signatures import LEVELS
 class Claim:
     """How deep a finding is proven: the deepest level that holds, the probability (4,) of each.
 
-    `moves_joint`: it acts along the motion of one joint alone."""
+    `moves_joints`: it acts along the motion of joints alone."""
 
     level: str
     levels: tuple[float, ...]
-    moves_joint: bool = False
+    moves_joints: bool = False
 
     @property
     def probability(self) -> float:

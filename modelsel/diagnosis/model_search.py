@@ -8,7 +8,7 @@ probability for each level of its claim."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -18,6 +18,7 @@ from .._typing import Array, Index
 from .candidates import Candidate
 from .mechanism_families import Family
 from .model_pool import Gains, Pool, gather_pool, list_related
+from .signatures import Parts
 from .state import Search
 from .views import View
 
@@ -75,9 +76,16 @@ class VisitedModels(NamedTuple):
                 return one
         return None
 
-    def include(self, chosen: Sequence[int], signatures: Sequence[Index]) -> dict[int, Array]:
+    @property
+    def members(self) -> frozenset[int]:
+        """The candidates that are in one of the sets."""
+        return frozenset[int]().union(*self.sets)
+
+    def include(
+        self, chosen: Sequence[int], signatures: Sequence[Index], parts: Mapping[int, Parts]
+    ) -> dict[int, Array]:
         """Compute for each chosen effect the probability of every level of what it says: the share
-        of the sets that say it, too.
+        of the sets that say it, too; `parts`: what each member of a set says, part by part.
 
         Whether there is an effect at all is what its p-value tells: sets that only lack some of the
         chosen effects do not count."""
@@ -89,7 +97,11 @@ class VisitedModels(NamedTuple):
         for g in chosen:
             levels = np.zeros(len(signatures))
             for level, known in enumerate(signatures):
-                told = [_says_as_much(known, g, self.sets[k], chosen) for k in counted]
+                told = []
+                for k in counted:
+                    one = self.sets[k]
+                    said = _says_as_much(known, g, one, chosen)
+                    told.append(said or _say_together(parts, level, g, one, chosen))
                 levels[level] = weight[told].sum()
             included[g] = levels
         return included
@@ -122,6 +134,20 @@ def _says_as_much(known: Index, g: int, members: Sequence[int], chosen: Sequence
     said = known[list(members)] == known[g]
     needed = known[list(chosen)] == known[g]
     return bool(said.sum() >= needed.sum())
+
+
+def _say_together(
+    parts: Mapping[int, Parts], level: int, g: int, members: Sequence[int], chosen: Sequence[int]
+) -> bool:
+    """Whether what a set has in the place of chosen effects says together what candidate g says: the
+    twists of joints 2 and 3, each by itself, turn the same joints as the twist of both."""
+    own = parts[g][level]
+    together: set[Hashable] = set()
+    for member in members:
+        said = parts[member][level]
+        if member not in chosen and said <= own:
+            together |= said
+    return together == own
 
 
 def _join_labels(found: Sequence[Candidate], members: Sequence[int]) -> tuple[str, ...]:

@@ -12,6 +12,9 @@ from .._typing import Index
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 
+# what a candidate says at each level, part by part
+Parts = tuple[frozenset[Hashable], ...]
+
 LEVELS = ("place", "drivers", "shape", "cause")
 # probability from which a level holds
 PROVEN = 0.9
@@ -38,6 +41,19 @@ def read_signatures(found: Sequence[Candidate]) -> tuple[Index, ...]:
             np.array([-1 if key is None else known.setdefault(key, len(known)) for key in said])
         )
     return tuple(signatures)
+
+
+def read_parts(candidate: Candidate) -> Parts:
+    """Read off what a candidate says at each level part by part: its places, these with each name
+    that they depend on, and its terms.
+
+    Several candidates that have its parts between them, and no others, say together what it says."""
+    mechanism = candidate.mechanism
+    names = mechanism.names_by_place()
+    places = frozenset(names)
+    drivers = frozenset((place, name) for place in names for name in names[place])
+    terms = frozenset(term.key for term in mechanism.terms)
+    return places, drivers, terms, terms
 
 
 def _read_place(candidate: Candidate) -> Hashable:

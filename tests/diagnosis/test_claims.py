@@ -327,7 +327,7 @@ def test_a_sentence_has_one_probability_of_each_level() -> None:
     assert "for the drivers), doubtful (0.01 mm rms more); it could be" in doubted
     whole = effect_of(uneven, 1.0, 0.99, 0.98, 0.95)
     assert "(gear-eccentricity:3, probability 0.95)" in describe_proven(whole)
-    one_joint = replace(partly, claim=replace(partly.claim, moves_joint=True))
+    one_joint = replace(partly, claim=replace(partly.claim, moves_joints=True))
     assert describe_proven(one_joint).startswith(
         "Joint 3 is off its reading, depending on its own reading; how is not proven"
     )

@@ -15,12 +15,14 @@ from searches import ignore
 
 from modelsel import Model, mechanism
 from modelsel._typing import Array
-from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.candidate_kinds import CandidateKind
+from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.conclusion import conclude, prove
 from modelsel.diagnosis.evidence import MIN_LOG_ODDS
 from modelsel.diagnosis.mechanism_families import count_kin
 from modelsel.diagnosis.model_pool import Pool, _Group
 from modelsel.diagnosis.model_search import VisitedModels, visit_models
+from modelsel.diagnosis.signatures import Parts, read_parts, read_signatures
 from modelsel.diagnosis.state import Search
 from modelsel.diagnosis.stepwise import explore, explore_further
 from modelsel.fitting.least_squares import fit
@@ -31,6 +33,8 @@ from modelsel.robot.files import load_robot
 
 SIGMA = 0.05
 COORDINATES = 60
+# candidates that have no part in common
+APART: dict[int, Parts] = {g: (frozenset([g]), frozenset([g])) for g in range(3)}
 
 
 # -- exact evidence
@@ -187,7 +191,7 @@ def test_a_level_holds_as_often_as_the_sets_say_it() -> None:
     place, cause = np.array([7, 7, 8]), np.array([0, 1, 2])
     odds = np.array([0.5, 0.3, 0.15, 0.05])
     visited = VisitedModels(((0,), (1,), (2,), ()), np.log(odds))
-    included = visited.include([0], [place, cause])
+    included = visited.include([0], [place, cause], APART)
     # the empty set says that there is no effect, which is asked elsewhere
     assert included[0] == pytest.approx([0.8 / 0.95, 0.5 / 0.95])
     assert visited.find_better([1], 0.4) == (0,)
@@ -206,10 +210,25 @@ def test_effects_are_not_added_alone_by_taking_back() -> None:
 def test_two_effects_of_a_place_are_not_held_by_one() -> None:
     place = np.array([7, 7, 8])
     visited = VisitedModels(((0, 1), (0, 2)), np.log([0.6, 0.4]))
-    included = visited.include([0, 1], [place])
+    included = visited.include([0, 1], [place], APART)
     assert included[1] == pytest.approx([0.6])
     # what both sets have is as sure as ever
     assert included[0] == pytest.approx([1.0])
+
+
+def test_what_several_effects_say_together_counts() -> None:
+    """The twists of joints 2 and 3, each by itself, say what the twist of both says."""
+    robot = load_robot("puma760")
+    names = ("gravity-twist", "joint2-twist", "joint3-twist", "encoder-scale:2", "settle:4")
+    found = [Candidate(mechanism(name, robot), CandidateKind.MECHANISM, 0.01) for name in names]
+    parts = {g: read_parts(one) for g, one in enumerate(found)}
+    signatures = read_signatures(found)
+    sets = ((0, 4), (1, 2, 4), (2, 3, 4), (2, 4))
+    visited = VisitedModels(sets, np.log([0.4, 0.3, 0.2, 0.1]))
+    included = visited.include([0, 4], signatures, parts)
+    # the third turns the same joints by another driver, the last one of them only
+    assert included[0] == pytest.approx([0.9, 0.7, 0.7, 0.7])
+    assert included[4] == pytest.approx([1.0] * 4)
 
 
 def test_only_the_same_mechanism_in_another_joint_is_kin() -> None:
