@@ -6,9 +6,9 @@ j by C[j, k] (`robot.coupling`). Bearings, links and couplings err with the join
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
-from ..robot.gravity import find_gravity_joints
+from ..robot.gravity import find_gravity_joints, find_payload_joints
 from ..robot.kinematics import Robot
 from .causes import Cause, Named, q
 from .terms import Screw
@@ -82,7 +82,17 @@ def drive_screws(robot: Robot, motor: int, cause: Cause) -> tuple[Screw, ...]:
 
 def find_gravity_motors(robot: Robot) -> tuple[int, ...]:
     """Find the drives (from 1) of which gravity loads a joint."""
-    loaded = set(find_gravity_joints(robot))
+    return _find_motors(robot, find_gravity_joints(robot))
+
+
+def find_payload_motors(robot: Robot) -> tuple[int, ...]:
+    """Find the drives (from 1) of which a weight at the target may load a joint."""
+    return _find_motors(robot, find_payload_joints(robot))
+
+
+def _find_motors(robot: Robot, joints: Sequence[int]) -> tuple[int, ...]:
+    """Find the drives (from 1) that move one of some joints."""
+    loaded = set(joints)
     motors = range(1, robot.n + 1)
     return tuple(motor for motor in motors if loaded & moved_joints(robot, motor).keys())
 

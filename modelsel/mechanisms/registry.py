@@ -76,7 +76,7 @@ BUILTIN: Registry = {
     "link-bending": Scanned(
         compliance.link_bending, compliance.mass_choices_beyond, compliance.find_bending_links
     ),
-    "payload-deflection": PerJoint(compliance.payload_deflection, motors.find_gravity_motors),
+    "payload-deflection": PerJoint(compliance.payload_deflection, motors.find_payload_motors),
     "payload-tilt": gravity_effects.payload_tilt,
     "counterbalance": compliance.counterbalance,
     "tool-droop": compliance.tool_droop,

@@ -22,6 +22,8 @@ MIN_LEVER = 50.0
 STILL = 1e-6
 # mm in the flange frame: a target to look at gravity with
 PROBE_TOOL = np.array([0.0, 0.0, 100.0])
+# and one beside the last joint's axis, as a payload may hang
+PROBE_PAYLOAD = np.array([70.0, 50.0, 100.0])
 
 
 def place_masses(robot: Robot, at: Pose, q: Array) -> tuple[Array, Array]:
@@ -128,11 +130,11 @@ def compute_base_moment(robot: Robot, at: Pose, q: Array) -> Array:
     return _sum_of_moments(levers, weights)
 
 
-def _draw_sample(robot: Robot) -> tuple[Array, Pose]:
+def _draw_sample(robot: Robot, target: Array = PROBE_TOOL) -> tuple[Array, Pose]:
     """Draw joint readings (64, n) within the limits, the same every time, and their pose."""
     rng = np.random.default_rng(0)
     q = robot.draw(rng, 64)
-    at = pose(robot, q, PROBE_TOOL)
+    at = pose(robot, q, target)
     return q, at
 
 
@@ -142,7 +144,24 @@ def find_gravity_joints(robot: Robot) -> tuple[int, ...]:
     if robot.gravity is None:
         return ()
     q, at = _draw_sample(robot)
-    torques = compute_joint_torques(robot, at, q)
+    return _list_loaded(robot, compute_joint_torques(robot, at, q))
+
+
+def find_payload_joints(robot: Robot) -> tuple[int, ...]:
+    """Find the revolute joints (1-based) that a weight at the target may load, the target being
+    anywhere on the flange; none where gravity is not known."""
+    if robot.gravity is None:
+        return ()
+    _, at = _draw_sample(robot, PROBE_PAYLOAD)
+    moments = compute_unit_moments(robot, at)
+    last = robot.n + 1
+    joints = range(1, last)
+    torques = np.array([moments[joint, last][2] for joint in joints])
+    return _list_loaded(robot, torques)
+
+
+def _list_loaded(robot: Robot, torques: Array) -> tuple[int, ...]:
+    """List the revolute joints (1-based) whose torques (n, m) change."""
     spread = np.ptp(torques, axis=1)
     changing = spread > NEGLIGIBLE_LEVER * G
     found = []

@@ -19,6 +19,7 @@ from modelsel.robot.gravity import (
     compute_joint_torques,
     find_arm_pair,
     find_gravity_joints,
+    find_payload_joints,
 )
 from modelsel.robot.kinematics import Robot, forward, pose
 from modelsel.robot.rigid import rotation_matrix, transform
@@ -79,6 +80,16 @@ def test_which_joints_lie_under_gravity() -> None:
         5,
     )  # joint 1 is vertical, joint 6 has the target on its axis
     assert find_arm_pair(load_robot("iiwa14")) is None  # no two successive joints stay parallel
+
+
+def test_a_payload_beside_the_last_axis_loads_the_last_joint() -> None:
+    """The masses of the arm's own joint 6 lie on its axis, those on its flange may not."""
+    robot = load_robot("irb1600")
+    assert find_gravity_joints(robot) == (2, 3, 4, 5)
+    assert find_payload_joints(robot) == (2, 3, 4, 5, 6)
+    mechanism("payload-deflection:6", robot)
+    turned = replace(robot, gravity=None)
+    assert find_payload_joints(turned) == ()
 
 
 def test_arm_pair_of_the_paper() -> None:
