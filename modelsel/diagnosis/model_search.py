@@ -144,8 +144,10 @@ def _say_together(
     own = parts[g][level]
     together: set[Hashable] = set()
     for member in members:
+        if member in chosen:
+            continue
         said = parts[member][level]
-        if member not in chosen and said <= own:
+        if said <= own:
             together |= said
     return together == own
 

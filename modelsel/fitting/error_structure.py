@@ -173,7 +173,8 @@ def find_structure(
         found, unsure = find_next(at, offered, chosen)
         if found is None:
             if unsure is not None:
-                others.append(evaluate_likelihood(model, unsure))
+                nearly = evaluate_likelihood(model, unsure)
+                others.append(nearly)
             break
         chosen, at = _prune(*found)
     if chosen:

@@ -204,7 +204,8 @@ class _Marginal:
         before = state.theta[self.kept]
         step = beta - before
         descent = step @ self.left
-        curved = step @ self.gram @ step
+        moved = self.gram @ step
+        curved = step @ moved
         squares = state.slope.squares
         change = curved - 2 * descent
         rss = squares + float(change)

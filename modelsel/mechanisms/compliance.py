@@ -68,9 +68,10 @@ def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
 
 
 def mass_choices(robot: Robot, joint: int) -> tuple[int, ...]:
-    """List the choices of masses: known ones, then (where several bodies hang on the joint) unknown
-    ones."""
-    if joint < robot.n:
+    """List the choices of masses: known ones, then unknown ones, where several bodies hang on the
+    joint or the file's masses leave out what the flange holds."""
+    is_declared = any(one.mass for one in robot.joints)
+    if joint < robot.n or is_declared:
         return (0, 1)
     return (0,)
 

@@ -70,7 +70,7 @@ BUILTIN: Registry = {
     "gear-ripple": Scanned(drives.gear_ripple, drives.list_waves, drives.revolute_joints),
     "axis-wobble": Scanned(drives.axis_wobble, lambda robot, joint: (1, 2), drives.revolute_joints),
     "joint-compliance": Scanned(
-        compliance.joint_compliance, compliance.mass_choices, motors.find_gravity_motors
+        compliance.joint_compliance, compliance.mass_choices, motors.find_payload_motors
     ),
     "lateral-compliance": PerJoint(compliance.lateral_compliance, find_gravity_joints),
     "link-bending": Scanned(

@@ -67,7 +67,8 @@ def compile_pdf(
         chosen = _run_compiler(folder)
         if chosen.pages > 1 and chosen.last < MIN_LAST:
             for room in ROOMS:
-                tight = _run_compiler(folder, {"room": room})
+                options = {"room": room}
+                tight = _run_compiler(folder, options)
                 if tight.pages < chosen.pages:
                     return tight.pdf, tight.warnings
         return chosen.pdf, chosen.warnings

@@ -115,7 +115,8 @@ def _measure_sides(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
 
 def _express_motion(words: str, motion: Range, axis: str, where: str = "") -> Usable:
     """Express a shift in mm, a turn in arc seconds."""
-    if axis[0] == "t":
+    kind = axis[0]
+    if kind == "t":
         return express(words, motion, "mm", where)
     turn = motion.scale(ARC_SECONDS)
     return express(words, turn, "arcsec", where)

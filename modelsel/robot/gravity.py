@@ -48,11 +48,12 @@ def _centre_of_mass(robot: Robot, at: Pose, q: Array, k: int) -> Array:
     """Locate the centre of mass (3, m) [mm, frame 0] of the link that joint k (0-based) moves."""
     joint = robot.joints[k]
     readings = q[:, k]
+    origin = at.origins[k]
     axes = at.axes[k, :3]
     R = axes.transpose(1, 0, 2)
-    origin = at.origins[k]
     if joint.prismatic:
-        travel = R[:, 2] * readings
+        direction = R[:, 2]
+        travel = direction * readings
         origin = origin + travel
     else:
         R = rotate_frame(R, 2, readings)
@@ -132,7 +133,8 @@ def compute_base_moment(robot: Robot, at: Pose, q: Array) -> Array:
 
 def _draw_sample(robot: Robot, target: Array = PROBE_TOOL) -> tuple[Array, Pose]:
     """Draw joint readings (64, n) within the limits, the same every time, and their pose."""
-    rng = np.random.default_rng(0)
+    seed = 0
+    rng = np.random.default_rng(seed)
     q = robot.draw(rng, 64)
     at = pose(robot, q, target)
     return q, at
@@ -168,7 +170,8 @@ def _list_loaded(robot: Robot, torques: Array) -> tuple[int, ...]:
     for j, joint in enumerate(robot.joints):
         turns = not joint.prismatic
         if turns and changing[j]:
-            found.append(j + 1)
+            number = j + 1
+            found.append(number)
     return tuple(found)
 
 

@@ -141,7 +141,8 @@ def evaluate(
         summarise_errors(residual[inside], outlying[inside]),
         summarise_errors(residual[outside], outlying[outside]),
     )
-    return build_evaluation(split, tuple(names), fitted, errors, validation, length, residual)
+    labels = tuple(names)
+    return build_evaluation(split, labels, fitted, errors, validation, length, residual)
 
 
 def _measure(

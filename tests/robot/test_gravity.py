@@ -11,7 +11,7 @@ from builders import bind, drawn
 
 from modelsel.fitting.design import compute_design
 from modelsel.measurements.measurements import build_measurements
-from modelsel.mechanisms.registry import mechanism
+from modelsel.mechanisms.registry import build_mechanisms, mechanism
 from modelsel.robot.files import builtin_names, load_robot, robot_from_table
 from modelsel.robot.gravity import (
     G,
@@ -88,6 +88,10 @@ def test_a_payload_beside_the_last_axis_loads_the_last_joint() -> None:
     assert find_gravity_joints(robot) == (2, 3, 4, 5)
     assert find_payload_joints(robot) == (2, 3, 4, 5, 6)
     mechanism("payload-deflection:6", robot)
+    # a tool may hang there that the file's masses leave out
+    built = build_mechanisms("joint-compliance:6", load_robot("ur5e"))
+    symbols = [[term.symbol for term in one.terms] for one in built]
+    assert symbols == [["c6"], ["c6m7"]]
     turned = replace(robot, gravity=None)
     assert find_payload_joints(turned) == ()
 
