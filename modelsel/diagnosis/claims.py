@@ -158,7 +158,13 @@ def weigh_alone(search: Search, view: View, g: int) -> tuple[Array, Candidate | 
 
 def _agree(search: Search, g: int) -> list[Array]:
     """Mask (4, G) the candidates that agree with candidate g up to each level."""
-    return [(known == known[g]) & (known[g] >= 0) for known in search.signatures]
+    masks: list[Array] = []
+    agree = np.ones(len(search.found), bool)
+    for known in search.signatures:
+        own = known[g]
+        agree = agree & (known == own) & (own >= 0)
+        masks.append(agree)
+    return masks
 
 
 def _sum_agreeing(rivals: Sequence[Rival], probability: Array, level: str) -> float:
@@ -184,7 +190,9 @@ def _weigh_together(search: Search, view: View, group: Company) -> tuple[float, 
 
 def build_claim(problem: Problem, candidate: Candidate, levels: Array) -> Claim:
     """Claim the deepest level that holds; the place where none does."""
-    bounded = tuple(min(float(p), 1.0) for p in levels)
+    # what a level says holds no more than what it builds on
+    nested = np.minimum.accumulate(np.minimum(levels, 1.0))
+    bounded = tuple(float(p) for p in nested)
     held = [level for level, p in zip(LEVELS, bounded, strict=True) if p >= PROVEN]
     places = candidate.mechanism.names_by_place()
     moves_joints = all(_is_joint_axis(problem, place) for place in places)

@@ -5,10 +5,13 @@ Where something moves (place), on what that depends (drivers), how (shape), and 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
 from .._typing import Index
+from ..measurements.state_names import StateKind, parse_state_name
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 
@@ -26,6 +29,11 @@ SHAPELESS = (
     CandidateKind.SHAPE,
 )
 
+# a torque of 1 kg at a frame is the torque of masses that are not known
+WITHOUT_MASSES = {
+    StateKind.UNIT_TORQUE: StateKind.TORQUE,
+    StateKind.UNIT_BENDING: StateKind.BENDING,
+}
 # kinds of one shape, whatever the reading at which it sets in
 WITH_PLACE = (CandidateKind.JUMP, CandidateKind.RAMP, CandidateKind.SAW, CandidateKind.PULL)
 
@@ -49,7 +57,7 @@ def read_parts(candidate: Candidate) -> Parts:
 
     Several candidates that have its parts between them, and no others, say together what it says."""
     mechanism = candidate.mechanism
-    names = mechanism.names_by_place()
+    names = _list_drivers(candidate)
     places = frozenset(names)
     drivers = frozenset((place, name) for place in names for name in names[place])
     terms = frozenset(term.key for term in mechanism.terms)
@@ -62,7 +70,26 @@ def _read_place(candidate: Candidate) -> Hashable:
 
 def read_drivers(candidate: Candidate) -> Hashable:
     """Read where a candidate moves the arm, and on what that depends; None for nothing."""
-    return frozenset(candidate.mechanism.names_by_place().items()) or None
+    return frozenset(_list_drivers(candidate).items()) or None
+
+
+def _list_drivers(candidate: Candidate) -> dict[tuple[int, str], frozenset[str]]:
+    """List the places where a candidate acts, each with what it depends on there."""
+    names_by_place = candidate.mechanism.names_by_place()
+    drivers = {}
+    for place, names in names_by_place.items():
+        drivers[place] = frozenset(map(_name_driver, names))
+    return drivers
+
+
+@cache
+def _name_driver(name: str) -> str:
+    """Name what a state variable stands for: a torque, whatever masses make it."""
+    variable = parse_state_name(name)
+    if variable is None or variable.kind not in WITHOUT_MASSES:
+        return name
+    loaded = replace(variable, kind=WITHOUT_MASSES[variable.kind], frame=None)
+    return loaded.name
 
 
 def _read_shape(candidate: Candidate) -> Hashable:

@@ -415,3 +415,23 @@ def test_only_the_motion_of_a_joint_is_told_as_the_joints(
     effect = replace(effect_of(candidate, 0.99, 0.4, 0.1, 0.1), claim=claim)
     assert name_places(effect) == words
     assert describe_proven(effect).startswith(f"{words}; what this depends on is not proven")
+
+
+def test_a_torque_is_one_driver_whatever_masses_make_it() -> None:
+    """Declared masses and unknown ones are one mechanism, and so are their place and drivers."""
+    robot = load_robot("puma760")
+    built = [one for one in every(robot) if one.name == "joint-compliance:4"]
+    found = [Candidate(one, CandidateKind.MECHANISM, 0.1) for one in built]
+    assert len(found) == 2
+    for known in read_signatures(found):
+        assert known[0] == known[1] >= 0
+
+
+def test_a_level_holds_no_more_than_what_it_builds_on(rng: np.random.Generator) -> None:
+    robot = load_robot("puma760")
+    data = build_measurements(robot.draw(rng, 10), np.zeros((10, 3)))
+    problem = Problem(robot, data, np.zeros((1, 3)))
+    candidate = single((2, "rz"), sin(q(2)), cos(q(3)))
+    claim = build_claim(problem, candidate, np.array([0.95, 0.8, 0.99, 0.97]))
+    assert claim.levels == (0.95, 0.8, 0.8, 0.8)
+    assert claim.level == "place"
