@@ -19,12 +19,12 @@ from ..fitting.problem import Problem
 from ..mechanisms.motors import joint_axis
 from .candidate_columns import build_columns
 from .candidates import Candidate
-from .effects import Claim
+from .effects import Claim, find_level
 from .evidence import MIN_LOG_ODDS, compute_factors, sum_evidence
 from .mechanism_families import weigh_families
 from .scan import build_scan, build_scan_without
 from .sentences import has_contrary_signs
-from .signatures import LEVELS, PROVEN
+from .signatures import LEVELS
 from .state import Search
 from .told_first import find_agreed, find_constant
 from .unlisted_shapes import Company, Rival, list_company, list_rivals
@@ -193,10 +193,9 @@ def build_claim(problem: Problem, candidate: Candidate, levels: Array) -> Claim:
     # what a level says holds no more than what it builds on
     nested = np.minimum.accumulate(np.minimum(levels, 1.0))
     bounded = tuple(float(p) for p in nested)
-    held = [level for level, p in zip(LEVELS, bounded, strict=True) if p >= PROVEN]
     places = candidate.mechanism.names_by_place()
     moves_joints = all(_is_joint_axis(problem, place) for place in places)
-    return Claim(held[-1] if held else LEVELS[0], bounded, moves_joints)
+    return Claim(find_level(bounded), bounded, moves_joints)
 
 
 def find_moved_joint(problem: Problem, candidate: Candidate) -> int | None:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 from .._typing import Array
 from ..exceptions import write_numbered
 from .after_selection import AfterSelection
 from .candidates import Candidate
 from .credible_sets import CredibleSet
-from .signatures import LEVELS
+from .signatures import LEVELS, PROVEN
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,17 @@ class Claim:
         """The probability of the level that is claimed."""
         return self.levels[LEVELS.index(self.level)]
 
+    def share(self, share: float) -> Claim:
+        """Return the claim that holds only a share of the probability."""
+        levels = tuple(share * p for p in self.levels)
+        return replace(self, level=find_level(levels), levels=levels)
+
+
+def find_level(levels: Sequence[float]) -> str:
+    """Find the deepest level that holds; the place where none does."""
+    held = [level for level, p in zip(LEVELS, levels, strict=True) if p >= PROVEN]
+    return held[-1] if held else LEVELS[0]
+
 
 @dataclass(frozen=True, eq=False)
 class Effect:
@@ -35,7 +47,8 @@ class Effect:
     `p`: its family-wise p-value; `estimate` and `standard_error` (k,) of its terms in the full
     model; `cancels`: (label of another effect that undoes most of it at the target, the share that
     is left of both); `claim`: how deep it is proven; `after_selection`: what its size is to be
-    multiplied by, allowing for the search; `number`: which it is of several effects of one name."""
+    multiplied by, allowing for the search; `number`: which it is of several effects of one name;
+    `lasting`: how probable errors that last are in its place, where that is worth telling."""
 
     candidate: Candidate
     named: CredibleSet
@@ -46,6 +59,7 @@ class Effect:
     claim: Claim | None = None
     after_selection: AfterSelection | None = None
     number: int | None = None
+    lasting: float = 0.0
 
     @property
     def label(self) -> str:

@@ -251,9 +251,7 @@ def list_usual_causes(effect: Effect) -> tuple[str, ...]:
 
 
 def list_cautions(effect: Effect) -> list[str]:
-    """List what the catalogue does not expect of an effect.
-
-    Such are signs, sizes, and another effect that cancels it."""
+    """List what the catalogue does not expect of an effect: signs, sizes, what cancels it."""
     cautions = list(_generate_sign_cautions(effect))
     mechanism = effect.candidate.mechanism
     # which the sentence says
@@ -273,6 +271,8 @@ def list_cautions(effect: Effect) -> list[str]:
         cautions.append(
             f"allowing for the search, its size is {after.low:.0%} to {after.high:.0%} of this (95 %)"
         )
+    if effect.lasting:
+        cautions.append(f"errors that last may do the same (probability {effect.lasting:.2f})")
     if effect.cancels is not None:
         other, share = effect.cancels
         cautions.append(

@@ -24,17 +24,19 @@ from ..fitting.error_structure import ErrorStructure, find_structure
 from ..fitting.least_squares import Fit, fit
 from ..fitting.possible_parts import DIRECTIONS, ORDER, PossiblePart
 from ..fitting.problem import Problem
+from ..fitting.shrinkage import fit_shrunk
 from ..fitting.splines import spline
 from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Split
 from ..selection.structure_criterion import compute_criterion
 from .candidates import Candidate
 from .conclusion import build_empty, conclude, fit_again, prove
+from .effects import Effect
 from .kept_causes import KeptCauses
 from .options import DiagnosisOptions
 from .outcome import Diagnosis
 from .reshaping import improve_shapes
-from .state import Search
+from .state import Search, extend_model
 from .stepwise import Exploration, explore
 
 # searches at most that go on with the parts which the one before has left: where some stay, and
@@ -46,6 +48,8 @@ VERY_STRONG = 10.0
 # by how much where an effect takes any shape in time, as errors that last do: of 400 campaigns whose
 # errors had a correlation of 0.9, thirty gained more than 10 by such an effect, three more than 25
 OF_ANY_SHAPE = 25.0
+# probability of errors that last in an effect's place from which they are told with it
+WORTH_TELLING = 0.01
 # what an effect depends on that errors which last resemble
 IN_TIME = {"progress", "time_s"}
 
@@ -119,12 +123,13 @@ class _Separation:
         prepared = self.inquiry.search(weighed.training, self.found, known, self.causes)
         explored = explore(prepared, known, self.inquiry.say)
         left = self.find_parts(explored.fitted, before=given)
-        return _Explanation(explored, given, left, self._judge(explored, left))
+        criterion = self._judge(explored.chosen, explored.fitted, left)
+        return _Explanation(explored, given, left, criterion)
 
-    def _judge(self, explored: Exploration, left: ErrorStructure) -> float:
-        log_prior = sum(float(np.log(candidate.prior)) for candidate in explored.chosen)
+    def _judge(self, chosen: Sequence[Candidate], fitted: Fit, left: ErrorStructure) -> float:
+        log_prior = sum(float(np.log(candidate.prior)) for candidate in chosen)
         split = self.split
-        return compute_criterion(split.problem, split.used, explored.fitted, left, log_prior)
+        return compute_criterion(split.problem, split.used, fitted, left, log_prior)
 
     def explain(self, base_fit: Fit) -> _Explanation:
         """Explain the data by effects and by errors: of what may be either, as is more probable."""
@@ -136,7 +141,27 @@ class _Separation:
                 best = self._improve(best)
                 best = min(best, self.search(every), key=lambda one: one.criterion)
         best = self._go_on(best)
+        if not best.left.tells(ORDER):
+            best = self._try_lasting(best)
         return self._hold_against_effects(best) if best.left.tells(ORDER) else best
+
+    def _try_lasting(self, best: _Explanation) -> _Explanation:
+        """Try errors that last in the place of effects in time, which may have explained them away
+        before they were looked for."""
+        others = tuple(one for one in best.explored.chosen if not _is_in_time(one))
+        if len(others) == len(best.explored.chosen):
+            return best
+        left = self._find_without(best.explored.fitted, others)[1]
+        if not left.tells(ORDER):
+            return best
+        return min(best, self.search(left, others), key=lambda one: one.criterion)
+
+    def _find_without(self, fitted: Fit, others: Sequence[Candidate]) -> tuple[Fit, ErrorStructure]:
+        """Fit the base with some of the effects of a fitted model, and find the parts that these
+        leave."""
+        smaller = extend_model(self.inquiry.base, others)
+        without = fit_shrunk(self.split.training, smaller, fitted)
+        return without, self.find_parts(without)
 
     def _hold_against_effects(self, best: _Explanation) -> _Explanation:
         """Hold what lasts against effects that explain it: they take its place where that is clear;
@@ -146,7 +171,7 @@ class _Separation:
         repeating = self.search(others, known)
         gain = best.criterion - repeating.criterion
         more = [one for one in repeating.explored.chosen if one not in known]
-        in_time = tuple(one for one in more if one.mechanism.names() & IN_TIME)
+        in_time = tuple(one for one in more if _is_in_time(one))
         is_free = any(spline(one.mechanism.terms[0]) for one in in_time)
         needed = OF_ANY_SHAPE if is_free else VERY_STRONG
         if gain > needed:
@@ -154,6 +179,22 @@ class _Separation:
         if gain < -VERY_STRONG:
             return best
         return best._replace(instead=in_time)
+
+    def weigh_lasting(self, diagnosis: Diagnosis, errors: ErrorStructure) -> Diagnosis:
+        """Weigh effects that depend on time against errors that last in their place, where the
+        errors that are left have no such part."""
+        effects = diagnosis.effects
+        others = tuple(one for one in effects if not _is_in_time(one.candidate))
+        if errors.tells(ORDER) or len(others) == len(effects):
+            return diagnosis
+        rest = [one.candidate for one in others]
+        without, left = self._find_without(diagnosis.fit, rest)
+        if not left.tells(ORDER):
+            return diagnosis
+        own = self._judge([one.candidate for one in effects], diagnosis.fit, errors)
+        gain = self._judge(rest, without, left) - own
+        share = 1 / (1 + np.exp(-gain / 2))
+        return replace(diagnosis, effects=tuple(_share_with_lasting(one, share) for one in effects))
 
     def _improve(self, one: _Explanation) -> _Explanation:
         """Give the effects of joints that seem not to repeat the shapes that tell them best."""
@@ -163,7 +204,8 @@ class _Separation:
         if explored is one.explored:
             return one
         left = self.find_parts(explored.fitted, before=one.left)
-        return _Explanation(explored, one.given, left, self._judge(explored, left))
+        criterion = self._judge(explored.chosen, explored.fitted, left)
+        return _Explanation(explored, one.given, left, criterion)
 
     def _go_on(self, best: _Explanation) -> _Explanation:
         """Search with what an explanation leaves of the parts, in turn, until that stays.
@@ -195,10 +237,26 @@ def separate(
         errors = separation.find_parts(diagnosis.fit, before=errors)
     if best.instead:
         errors = _name_instead(errors, best.instead)
+    diagnosis = separation.weigh_lasting(diagnosis, errors)
     weighed = replace(split, problem=errors.whiten(split.problem))
     if errors.shared or best.given.shared:
         diagnosis = fit_again(diagnosis, weighed.training)
     return weighed, replace(diagnosis, errors=errors)
+
+
+def _is_in_time(candidate: Candidate) -> bool:
+    """Whether an effect depends on the course of the campaign, as errors that last seem to."""
+    return bool(candidate.mechanism.names() & IN_TIME)
+
+
+def _share_with_lasting(effect: Effect, share: float) -> Effect:
+    """Share what an effect in time claims with errors that last."""
+    claim = effect.claim
+    if claim is None or not _is_in_time(effect.candidate):
+        return effect
+    lasting = 1 - share
+    told = lasting if lasting >= WORTH_TELLING else 0.0
+    return replace(effect, claim=claim.share(share), lasting=told)
 
 
 def _name_instead(errors: ErrorStructure, effects: tuple[Candidate, ...]) -> ErrorStructure:

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from .possible_parts import PossiblePart
+from .error_directions import compute_alignment_p
+from .possible_parts import DIRECTIONS, PossiblePart
 from .restricted_likelihood import Likelihood, evaluate_likelihood, maximise_likelihood
 from .shared_errors import SharedError
 
@@ -172,6 +173,10 @@ def _try(at: Likelihood, part: PossiblePart, variance: float) -> _Trial:
     is_there = any(part.error.is_like(own) for own in trial.parts)
     if not is_there:
         p = 1.0
+    elif part.told_by == DIRECTIONS:
+        # a few loud rows gain as much as a joint that does not repeat
+        by_chance = part.tests * compute_alignment_p(at, part.error)
+        p = max(p, by_chance)
     return _Trial(part, trial.parts, trial.log, p)
 
 

@@ -13,17 +13,22 @@ from searches import ignore
 
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.credible_sets import CredibleSet, Entry
+from modelsel.diagnosis.effects import Claim, Effect
 from modelsel.diagnosis.kept_causes import KeptCauses
 from modelsel.diagnosis.options import DEFAULT_OPTIONS
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose, diagnose_split
-from modelsel.diagnosis.separation import Inquiry
+from modelsel.diagnosis.sentences import list_cautions
+from modelsel.diagnosis.separation import Inquiry, _is_in_time, _Separation, _share_with_lasting
 from modelsel.diagnosis.stepwise import explore
 from modelsel.fitting.design import Model, assemble, whiten
+from modelsel.fitting.error_structure import ErrorStructure
+from modelsel.fitting.possible_parts import ORDER, list_parts
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q
-from modelsel.mechanisms.registry import every, mechanism
+from modelsel.mechanisms.registry import build_faults, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
@@ -123,3 +128,41 @@ def test_what_was_found_is_fitted_with_the_weights_of_the_errors_it_leaves(
     for effect in told.effects:
         own = [place[term.key] for term in effect.candidate.mechanism.terms]
         np.testing.assert_array_equal(effect.estimate, told.fit.theta[own])
+
+
+@pytest.mark.integration
+@seeds(1, 2)
+def test_errors_that_last_are_tried_where_a_drift_has_explained_them_away(
+    rng: np.random.Generator,
+) -> None:
+    """A search that knows of no part names a drift, which leaves nothing that lasts."""
+    problem = observe(rng, settles=0.0, fading=2 * SIGMA)
+    robot = problem.robot
+    base = Model((mechanism("geometric", robot),))
+    everything = (*build_faults(robot), *every(robot))
+    inquiry = Inquiry(base, everything, 1, True, ignore, DEFAULT_OPTIONS)
+    split = study_of(problem, held_out=0)
+    found = build_candidates(split.training, base, everything)
+    separation = _Separation(split, inquiry, found, list_parts(problem, split.used))
+    drifting = separation.search(ErrorStructure())
+    assert any(_is_in_time(one) for one in drifting.explored.chosen)
+    hidden = drifting._replace(left=drifting.left.without(ORDER))
+    tried = separation._try_lasting(hidden)
+    assert tried.left.tells(ORDER)
+    assert not any(_is_in_time(one) for one in tried.explored.chosen)
+    assert tried.criterion < hidden.criterion
+
+
+def test_what_an_effect_in_time_claims_is_shared_with_errors_that_last() -> None:
+    robot = load_robot("puma760")
+    drift = Candidate(mechanism("tracker-drift", robot), CandidateKind.MECHANISM, 0.1)
+    claim = Claim("cause", (0.99, 0.99, 0.98, 0.97))
+    named = CredibleSet(1.0, (Entry(drift, 0.99, True, np.ones(1), 0),), 0, "found", np.zeros(1), 0)
+    terms = len(drift.mechanism.terms)
+    effect = Effect(drift, named, 0.001, np.ones(terms), np.full(terms, 0.1), claim=claim)
+    shared = _share_with_lasting(effect, 0.9)
+    assert shared.claim is not None
+    assert shared.claim.level == "place"
+    assert shared.claim.levels == pytest.approx([0.891, 0.891, 0.882, 0.873])
+    assert "errors that last" in "; ".join(list_cautions(shared))
+    assert "errors that last" not in "; ".join(list_cautions(effect))

@@ -1,0 +1,84 @@
+"""Alignment: whether the errors of single rows lie along what a joint would move, whatever their
+lengths.
+
+Where nothing was measured again and there is one target, a joint that does not repeat is told by the
+directions of the errors alone. Its likelihood also gains by a few loud rows that happen to lie where
+the joint moves the target far: heavy tails resemble it. Errors u_i of c numbers that are alike in all
+directions, each of its own length, lie along k_i by chance: cos² of the angle between them has a beta
+distribution of (1/2, (c - 1)/2). The sum of |u_i|² |k_i|² cos² has its first three moments by that,
+and the tail of the gamma distribution that has them, too."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .._typing import Array
+from .restricted_likelihood import Likelihood
+from .shared_errors import SharedError
+
+# share of a row's variance that the fit leaves, below which its error in a direction says nothing
+LEAST_LEFT = 1e-3
+
+
+def compute_alignment_p(at: Likelihood, part: SharedError) -> float:
+    """Compute how often errors of these lengths, in random directions, lie along a part of one
+    number as much as those of a likelihood without it do."""
+    u, k = _standardise(at, part)
+    along = np.square(np.einsum("mc,mc->m", u, k))
+    most = np.square(u).sum(1) * np.square(k).sum(1)
+    return compute_chance(along, most, u.shape[1])
+
+
+def compute_chance(along: Array, most: Array, count: int) -> float:
+    """Compute how often Σ most · cos² is as large as Σ along, the angles being those of random
+    directions in `count` dimensions."""
+    from scipy.special import gammaincc
+
+    mean, variance, third = _find_moments(count)
+    spread = np.sqrt(variance * np.square(most).sum())
+    if spread == 0:
+        return 1.0
+    z = (along.sum() - mean * most.sum()) / spread
+    skewness = third * (most**3).sum() / spread**3
+    shape = 4 / skewness**2
+    beyond = shape + 2 * z / skewness
+    return float(gammaincc(shape, max(beyond, 0.0)))
+
+
+def _find_moments(count: int) -> tuple[float, float, float]:
+    """Find the mean and the second and third central moments of cos² in so many dimensions."""
+    mean = 1 / count
+    second = mean * 3 / (count + 2)
+    third = second * 5 / (count + 4)
+    variance = second - mean**2
+    central = third - 3 * mean * second + 2 * mean**3
+    return mean, variance, central
+
+
+def _standardise(at: Likelihood, part: SharedError) -> tuple[Array, Array]:
+    """Return every row's error u (m, c), of equal variance in all directions where there is no such
+    part, and what the part does to it, k (m, c)."""
+    value, vector = np.linalg.eigh(_list_variances(at))
+    is_left = value > LEAST_LEFT
+    root = np.sqrt(np.where(is_left, value, 0.0))
+    inverse = np.zeros_like(root)
+    np.divide(1.0, root, out=inverse, where=is_left)
+    errors = at.innovations[:, :, 0]
+    loading = part.loading[:, :, 0]
+    turned = np.einsum("mcd,mc->md", vector, errors)
+    seen = np.einsum("mcd,mc->md", vector, loading)
+    return turned * inverse, seen * root
+
+
+def _list_variances(at: Likelihood) -> Array:
+    """List the variances (m, c, c) of the rows' innovations P y: the blocks of P on its diagonal."""
+    m, c, _ = at.innovations.shape
+    variances = np.tile(np.eye(c), (m, 1, 1))
+    if at.mixing is not None:
+        for rows, precision in zip(at.mixing.rows, at.mixing.precisions, strict=True):
+            blocks, k = rows.shape
+            shape = blocks, k, c, k, c
+            by_row = precision.reshape(shape)
+            variances[rows] = np.einsum("bicid->bicd", by_row)
+    taken = np.matmul(at.directions, at.directions.swapaxes(1, 2))
+    return np.asarray(variances - taken)
