@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from builders import OFF_AXIS, bind, seeds, small_arm
 
-from modelsel.fitting.error_directions import compute_alignment_p, compute_chance
 from modelsel.fitting.design import Model
+from modelsel.fitting.error_directions import compute_alignment_p, compute_chance
 from modelsel.fitting.error_structure import _build_model, find_structure
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.possible_parts import DIRECTIONS, list_parts
