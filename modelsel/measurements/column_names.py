@@ -40,6 +40,7 @@ LENGTHS = {
     "m": 1e3,
     "km": 1e6,
 }  # mm
+AXES = ("x", "y", "z")
 BRACKETS = re.compile(r"[\[({<]\s*([^\])}>]*?)\s*[\])}>]")
 WORD_BREAK = re.compile(r"[\s_.,:;|/\\#-]+")
 CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
@@ -64,6 +65,8 @@ OTHER_QUANTITIES = frozenset[str]().union(
         "rms",
         "unc",
         "uncertainty",
+        "u95",
+        "stdev",
         "tol",
         "min",
         "max",

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ..config.covariate_table import list_words
 from ..config.study_file import Study, find_data, find_source, read_study
 from ..exceptions import StudyError, count_words
 from ..measurements.measurements import Measurements
@@ -269,6 +270,8 @@ def _read_file(study: Study, folder: Path, robot: Robot) -> Measurements:
     """Read a study's measurements, with what it states of their features."""
     source = find_source(study, folder)
     columns = study.measurements.columns
-    used = () if study.split.column is None else (study.split.column,)
+    used = {word for table in study.covariate for word in list_words(table)}
+    if study.split.column is not None:
+        used.add(study.split.column)
     measured = read_measurements(source, robot, columns, used=used)
     return apply_known_features(measured, read_known_features(study))

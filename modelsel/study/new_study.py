@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 
 from ..exceptions import DataError, ModelselError, NotEstimable, count_words
 from ..fitting.problem import Problem
 from ..measurements.column_guesses import Choice, Reading, guess_columns, merge_columns
+from ..measurements.contract_columns import list_contract_names
 from ..measurements.gear_ratios import GearRatios, find_gear_ratios
 from ..measurements.grad_columns import JOINTS, Meaning, keep_meaning, name_meanings, offer_meanings
 from ..measurements.headerless_columns import is_headerless, list_orders
@@ -22,6 +23,8 @@ from ..measurements.orientation_guesses import guess_orientation
 from ..measurements.other_units import convert_mapped, convert_units
 from ..measurements.reader import read_measurements
 from ..measurements.table import DataFile, Table, load_table, rename_columns
+from ..measurements.uncausal_columns import SENTENCES as UNCAUSAL
+from ..measurements.uncausal_columns import find_uncausal_columns
 from ..robot.kinematics import Robot
 from ..robot.urdf import read_joint_names
 from ..setup.other_robots import compute_registered_misfit, sample_positions
@@ -44,8 +47,8 @@ MIN_MISFIT_MM = 0.003
 MIN_SPLIT = 30
 HELD_OUT_SHARE = 0.4
 MAX_HELD_OUT = 40
-# what reading does to rows and units
-TOLD_NOTES = ("missed-rows", "units-converted")
+# what reading does to rows, units and columns; commanded ones are listed here
+TOLD_NOTES = {"missed-rows", "units-converted", *UNCAUSAL} - {"commanded-ignored"}
 
 
 @dataclass(frozen=True)
@@ -117,6 +120,15 @@ class StudyDraft:
         before = self.remarks
         remarks = (*before, sentence)
         return replace(self, remarks=remarks)
+
+    def list_uncausal(self) -> list[str]:
+        """List the columns that reading says to be no causes."""
+        table = self.contract_table()
+        robot = self.robot
+        known = list_contract_names(robot.prismatic)
+        found = find_uncausal_columns(table, known)
+        told = [names for code, names in found.items() if code in TOLD_NOTES]
+        return list(chain.from_iterable(told))
 
     def contract_table(self) -> Table:
         """Return all rows under the contract's names and in its units."""
@@ -325,7 +337,7 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     lines.append(_describe_split(data))
     lines += [note.sentence for note in data.notes if note.code in TOLD_NOTES]
     taken = {*draft.columns.values(), *draft.originals}
-    lines += describe_other_columns(draft.measured, taken, data)
+    lines += describe_other_columns(draft.measured, taken, data, draft.list_uncausal())
     return [*lines, *draft.remarks]
 
 

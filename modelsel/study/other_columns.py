@@ -40,10 +40,12 @@ def describe_optional(optional: Sequence[Reading], data: Measurements) -> list[s
     return lines
 
 
-def describe_other_columns(table: Table, taken: Collection[str], data: Measurements) -> list[str]:
+def describe_other_columns(
+    table: Table, taken: Collection[str], data: Measurements, uncausal: Collection[str] = ()
+) -> list[str]:
     """Say which of the other columns of a file are looked at as causes, and which are not used;
-    `taken`: the columns that are mapped. Names of points, a different one in every row, need no
-    word."""
+    `taken`: the columns that are mapped; `uncausal`: those that reading has said to be no causes.
+    Names of points, a different one in every row, need no word."""
     varying = list[str]()
     constant = list[str]()
     for name, values in data.covariates.items():
@@ -53,7 +55,7 @@ def describe_other_columns(table: Table, taken: Collection[str], data: Measureme
         elif name not in KNOWN_COVARIATES:
             varying.append(name)
     contract = list_contract_names(data.prismatic)
-    known = {*taken, *contract, *data.covariates}
+    known = {*taken, *contract, *data.covariates, *uncausal}
     others = [name for name in table.columns if name not in known]
     commanded = [name for name in others if parse_column_name(name).is_commanded]
     rest = [name for name in others if name not in commanded]
@@ -68,11 +70,16 @@ def describe_other_columns(table: Table, taken: Collection[str], data: Measureme
 
 
 def _holds_point_names(cells: NDArray[Any]) -> bool:
-    """Whether cells are text that differs in every row, or nearly so, and no times."""
+    """Whether cells are text that differs in every row, or nearly so, and neither numbers nor
+    times."""
+    if cells.dtype.kind != "O" or are_clock_times(cells):
+        return False
     texts = {str(cell) for cell in cells}
     is_distinct = len(texts) >= MIN_DISTINCT * len(cells)
-    is_text = cells.dtype.kind == "O" and not are_clock_times(cells)
-    return is_text and is_distinct
+    values = convert_to_numbers(cells)
+    is_number = np.isfinite(values)
+    share = is_number.mean()
+    return bool(is_distinct and share < MIN_NUMBERS)
 
 
 def _list_names(words: str, names: Sequence[str], table: Table | None = None) -> list[str]:

@@ -90,7 +90,7 @@ def measured(robot: Robot, rows: int, **others: object) -> pd.DataFrame:
 
 def test_columns_that_are_no_causes_are_ignored_with_the_reason() -> None:
     robot = load_robot("ur10")
-    rows = np.arange(12.0)
+    rows = np.arange(12.0) ** 2
     frame = measured(robot, 12, q2=rows, torque2=rows, **{"a b": rows, "": rows, "gap": rows})
     frame.loc[3, "gap"] = np.nan
     data = read_measurements(frame, robot)
