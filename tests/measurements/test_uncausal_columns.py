@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+
 from modelsel.measurements.reader import read_measurements
 
 pytestmark = pytest.mark.unit
@@ -88,7 +89,10 @@ def test_orientations_and_uncertainties_are_no_causes() -> None:
     causes, said = read(
         **dict(zip("ABC", angles, strict=True)),
         **dict(zip(("sX", "sY", "sZ"), sizes, strict=True)),
-        **{"q1": q1, "q2": q2, "q3": q3, "q4": q4},
+        q1=q1,
+        q2=q2,
+        q3=q3,
+        q4=q4,
     )
     assert not causes
     assert said["orientations-ignored"].endswith(": A, B, C.")
