@@ -13,7 +13,7 @@ from ..notices import Note
 from .columns import convert_to_numbers, describe_cell, read_numbers
 from .contract_columns import JOINT_COLUMN, KNOWN_COVARIATES, list_contract_names
 from .observation_columns import KIND_COLUMNS
-from .point_times import parse_clock
+from .point_times import find_date_column, read_clock
 from .state_names import is_state_name
 from .table import Table
 from .uncausal_columns import describe_uncausal, find_uncausal_columns
@@ -42,7 +42,7 @@ def read_covariates(
     for name in table.columns:
         if name in apart:
             continue
-        clock = parse_clock(table.columns[name]) if name == "time_s" else None
+        clock = read_clock(table, name) if name == "time_s" else None
         if clock is not None:
             values = clock
         elif name in KNOWN_COVARIATES:
@@ -57,7 +57,9 @@ def read_covariates(
             covariates[name] = values
         else:
             unusable.append(name)
-    ignored = [[name for name in names if name not in used] for names in (textual, unusable)]
+    date = find_date_column(table, "time_s") if "time_s" in table else None
+    silent = {*used, date}
+    ignored = [[name for name in names if name not in silent] for names in (textual, unusable)]
     return covariates, [*describe_uncausal(uncausal), *_describe_ignored(table, *ignored)]
 
 

@@ -10,8 +10,8 @@ import numpy as np
 from .column_guesses import Reading
 from .column_names import ColumnName, parse_column_name
 from .columns import convert_to_numbers, find_blank_cells
+from .point_times import DATE_WORDS, find_date_column, read_clock
 from .point_times import TIME_WORDS as CLOCK_WORDS
-from .point_times import parse_clock
 from .table import Table
 
 TARGET_WORDS = frozenset(("target", "reflector", "smr", "prism", "reflektor", "kugel", "sphere"))
@@ -45,7 +45,9 @@ def guess_optional_columns(table: Table, taken: Collection[str]) -> list[Reading
     for wanted, found in guesses.items():
         if wanted not in table and len(found) == 1:
             given = found[0].given
-            said = f'"{given}" as {words.get(wanted, wanted)}'
+            date = find_date_column(table, given) if wanted == "time_s" else None
+            dated = "" if date is None else f' with "{date}"'
+            said = f'"{given}"{dated} as {words.get(wanted, wanted)}'
             readings.append(Reading({wanted: given}, said, _describe(table, given)))
     return readings
 
@@ -103,8 +105,8 @@ def _find_clock(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:
     """Find columns of times of the clock that never go back."""
     found = []
     for name in names:
-        is_called = name.words & CLOCK_WORDS
-        seconds = parse_clock(table.columns[name.given]) if is_called else None
+        is_called = name.words & (CLOCK_WORDS | DATE_WORDS)
+        seconds = read_clock(table, name.given) if is_called else None
         if seconds is None:
             continue
         steps = np.diff(seconds)
@@ -125,7 +127,7 @@ def _describe(table: Table, name: str) -> str:
     """Describe a column's values: how far they go, or how many there are."""
     column = table.columns[name]
     values = convert_to_numbers(column)
-    seconds = parse_clock(column)
+    seconds = read_clock(table, name)
     if seconds is not None:
         return f"0 to {seconds.max() - seconds.min():.0f} s from the first row on"
     if np.isfinite(values).all():

@@ -14,7 +14,7 @@ from ..measurements.column_names import parse_column_name
 from ..measurements.columns import convert_to_numbers, describe_cell
 from ..measurements.contract_columns import KNOWN_COVARIATES, list_contract_names
 from ..measurements.measurements import Measurements
-from ..measurements.point_times import are_clock_times
+from ..measurements.point_times import are_clock_times, find_date_column
 from ..measurements.table import Table
 
 # where the mechanisms of a payload have its mass
@@ -58,7 +58,8 @@ def describe_other_columns(
     known = {*taken, *contract, *data.covariates, *uncausal}
     others = [name for name in table.columns if name not in known]
     commanded = [name for name in others if parse_column_name(name).is_commanded]
-    rest = [name for name in others if name not in commanded]
+    dates = {find_date_column(table, name) for name in taken if name in table}
+    rest = [name for name in others if name not in {*commanded, *dates}]
     unused = [name for name in rest if not _holds_point_names(table.columns[name])]
     lines = []
     if "payload_kg" in data.covariates:

@@ -335,6 +335,22 @@ def test_a_clock_is_the_time_and_commanded_positions_are_named() -> None:
     assert data.covariates["time_s"][[0, 1, 30]].tolist() == [0.0, 120.0, 3600.0]
 
 
+@pytest.mark.parametrize("days", ["04/0{}/2025", "0{}.04.2025", "2025-04-0{}"])
+def test_a_date_of_its_own_goes_before_the_time(days) -> None:
+    """US, German and ISO dates; two shots a day."""
+    frame = campaign()
+    frame["Date"] = [days.format(1 + k // 10) for k in range(len(frame))]
+    frame["Time"] = [f"{8 + k % 10:02d}:00:00" for k in range(len(frame))]
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert f'"Time" with "Date" as time_s (0 to {3 * 86400 + 9 * 3600} s' in ran.stdout
+    assert "Not used" not in ran.stdout
+    study = tomllib.loads(Path("m/study.toml").read_text(encoding="utf-8"))
+    data = read_measurements("m.csv", load_robot("ur10"), study["measurements"]["columns"])
+    assert data.covariates["time_s"][[0, 1, 10]].tolist() == [0.0, 3600.0, 86400.0]
+    assert "columns-ignored" not in {note.code for note in data.notes}
+
+
 def test_a_clock_that_goes_back_is_no_time() -> None:
     frame = campaign()
     frame["Uhrzeit"] = [f"{(23 + k // 30) % 24:02d}:{k % 30 * 2:02d}" for k in range(len(frame))]
