@@ -618,3 +618,53 @@ def test_a_file_of_the_form_of_the_study_goes_into_check_and_validate() -> None:
     other = invoked("compare", "elsewhere", "reports/cell")
     assert other.exit_code == 2
     assert "its report's folder was expected" in other.stderr
+
+
+UNITS = [
+    ("Temp (F)", "temperature_C", "68 to 77 °F", np.linspace(68, 77, 40), (20.0, 25.0)),
+    ("T [K]", "temperature_C", "293.1 to 298.1 K", np.linspace(293.15, 298.15, 40), (20.0, 25.0)),
+    ("Time [min]", "time_s", "0 to 78 min", np.arange(40) * 2.0, (0.0, 4680.0)),
+    ("time_ms", "time_s", "0 to 3.9e+04 ms", np.arange(40) * 1000, (0.0, 39.0)),
+    ("t [h]", "time_s", "0 to 3.9 h", np.arange(40) / 10, (0.0, 14040.0)),
+]
+
+
+@pytest.mark.parametrize(("name", "wanted", "said", "values", "ends"), UNITS)
+def test_temperatures_and_times_in_other_units_are_converted(
+    name, wanted, said, values, ends
+) -> None:
+    frame = campaign()
+    frame[name] = values
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    assert f'Also: "{name}" as {wanted} ({said}).' in ran.stdout
+    assert f'Converted: "{name}" from ' in ran.stdout
+    assert "Not used" not in ran.stdout
+    data = read_measurements("m.csv", load_robot("ur10"), _columns())
+    np.testing.assert_allclose(data.covariates[wanted][[0, -1]], ends, atol=1e-9)
+
+
+def _columns() -> dict[str, str]:
+    text = Path("m/study.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)["measurements"]["columns"]
+
+
+@pytest.mark.parametrize("unit", ["µm", "mm", "", "U95"])
+def test_uncertainties_are_mapped_where_their_unit_is_said(unit) -> None:
+    frame = campaign()
+    size = 30.0 if unit == "µm" else 0.03
+    names = [f"U95 {axis} [mm]" if unit == "U95" else f"s{axis} [{unit}]" for axis in "XYZ"]
+    if not unit:
+        names = ["sX", "sY", "sZ"]
+    frame[names] = size * np.random.default_rng(4).uniform(1, 1.1, (40, 3))
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert "possible causes" not in ran.stdout
+    data = read_measurements("m.csv", load_robot("ur10"), _columns())
+    if unit in ("µm", "mm"):
+        assert f'Also: "{" ".join(names)}" as sx_mm sy_mm sz_mm.' in ran.stdout
+        np.testing.assert_allclose(data.sigma, 0.0315, rtol=0.1)
+        return
+    assert data.sigma is None
+    assert f"are ignored: {', '.join(names)}. Map one standard deviation in mm" in ran.stdout
