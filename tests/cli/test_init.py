@@ -446,6 +446,18 @@ def test_the_angle_c_with_degrees_below_it_is_no_temperature(names, tmp_path) ->
     assert invoked("check", "m.csv", "--robot", "ur10", *mapped).exit_code == 0
 
 
+def test_inverted_orientations_are_said() -> None:
+    from scipy.spatial.transform import Rotation
+
+    frame = poses("ZYX")
+    turned = Rotation.from_euler("ZYX", frame[["1", "2", "3"]].to_numpy(), degrees=True)
+    frame[["Yaw", "Pitch", "Roll"]] = turned.inv().as_euler("ZYX", degrees=True)
+    frame.drop(columns=["1", "2", "3"]).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert "they are the nominal arm's inverted" in ran.stdout
+    assert "possible causes" not in ran.stdout
+
+
 def test_a_controllers_own_orientation_is_left_out_and_said() -> None:
     """In the robot's base frame beside a tracker's positions: it follows by no convention."""
     named = dict(zip("123", "ABC", strict=True))
