@@ -31,7 +31,7 @@ from ..setup.other_robots import compute_registered_misfit, sample_positions
 from ..setup.registration import register
 from .checks import check_setup
 from .orientation_reading import settle_orientation
-from .other_columns import describe_optional, describe_other_columns
+from .other_columns import describe_optional, describe_other_columns, describe_quaternions
 
 # columns that a message names
 MAX_SHOWN = 20
@@ -327,6 +327,7 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
         first, *_ = choice.readings
         what = choice.what.capitalize()
         lines.append(f"{what}: {first.sentence}.")
+    lines += describe_quaternions(draft.contract_table(), data)
     lines += describe_optional(draft.optional, data)
     counts = [count_words(len(data), "row"), count_words(data.configurations, "configuration")]
     targets = len(data.targets)

@@ -14,7 +14,8 @@ from ..measurements.column_names import parse_column_name
 from ..measurements.columns import convert_to_numbers, describe_cell
 from ..measurements.contract_columns import KNOWN_COVARIATES, list_contract_names
 from ..measurements.measurements import Measurements
-from ..measurements.point_times import are_clock_times, find_date_column
+from ..measurements.orientation_columns import QUATERNION_COLUMNS
+from ..measurements.point_times import DATE_WORDS, TIME_WORDS, are_clock_times, find_date_column
 from ..measurements.table import Table
 
 # where the mechanisms of a payload have its mass
@@ -40,6 +41,15 @@ def describe_optional(optional: Sequence[Reading], data: Measurements) -> list[s
     return lines
 
 
+def describe_quaternions(table: Table, data: Measurements) -> list[str]:
+    """Say that orientations are read where a file has them under the contract's names."""
+    has_quaternions = all(name in table for name in QUATERNION_COLUMNS)
+    if data.rotation is None or not has_quaternions:
+        return []
+    listed = " ".join(QUATERNION_COLUMNS)
+    return [f"The orientation: {listed}, unit quaternions of the target in the tracker's frame."]
+
+
 def describe_other_columns(
     table: Table, taken: Collection[str], data: Measurements, uncausal: Collection[str] = ()
 ) -> list[str]:
@@ -59,7 +69,9 @@ def describe_other_columns(
     others = [name for name in table.columns if name not in known]
     commanded = [name for name in others if parse_column_name(name).is_commanded]
     dates = {find_date_column(table, name) for name in taken if name in table}
-    rest = [name for name in others if name not in {*commanded, *dates}]
+    times = _list_times(others) if "time_s" in table else []
+    used = {*commanded, *dates, *times}
+    rest = [name for name in others if name not in used]
     unused = [name for name in rest if not _holds_point_names(table.columns[name])]
     lines = []
     if "payload_kg" in data.covariates:
@@ -68,6 +80,16 @@ def describe_other_columns(
     lines += _list_names("The same in all rows, so that nothing can depend on it", constant)
     lines += _list_names("Commanded, not measured, and not used", commanded)
     return lines + _list_names("Not used", unused, table)
+
+
+def _list_times(names: Sequence[str]) -> list[str]:
+    """List the columns that are called times or dates: `time_s` is made of them."""
+    times = []
+    for name in names:
+        words = parse_column_name(name).words
+        if words & (TIME_WORDS | DATE_WORDS):
+            times.append(name)
+    return times
 
 
 def _holds_point_names(cells: NDArray[Any]) -> bool:

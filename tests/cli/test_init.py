@@ -680,3 +680,14 @@ def test_uncertainties_are_mapped_where_their_unit_is_said(unit) -> None:
         return
     assert data.sigma is None
     assert f"are ignored: {', '.join(names)}. Map one standard deviation in mm" in ran.stdout
+
+
+def test_quaternions_that_are_used_are_said() -> None:
+    from scipy.spatial.transform import Rotation
+
+    frame = poses("ZYX")
+    turned = Rotation.from_euler("ZYX", frame[["1", "2", "3"]].to_numpy(), degrees=True)
+    frame[["qx", "qy", "qz", "qw"]] = turned.as_quat()
+    frame.drop(columns=["1", "2", "3"]).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert "The orientation: qw qx qy qz, unit quaternions" in ran.stdout

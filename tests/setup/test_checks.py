@@ -283,8 +283,7 @@ def test_other_units_are_no_covariates(name, right, remedy, rng, tmp_path) -> No
 
 
 @pytest.mark.parametrize(
-    ("wanted", "given"),
-    [("q1_rad", "J1_deg"), ("q1_rad", "A1 [deg]"), ("x_mm", "X [inch]")],
+    ("wanted", "given"), [("q1_rad", "J1_deg"), ("q1_rad", "A1 [deg]"), ("x_mm", "X [inch]")]
 )
 def test_a_mapping_to_another_unit_is_refused(wanted, given, rng) -> None:
     data = frame(rng, 5).assign(sx_mm=0.1, sy_mm=0.1, sz_mm=0.1).rename(columns={wanted: given})
