@@ -24,10 +24,12 @@ def split_full_names(table: Table) -> Table:
         if names is None:
             continue
         *before, _ = zip(*names, strict=True)
-        called = PARTS[-len(before) :]
+        count = len(before)
+        called = PARTS[-count:]
         for name, parts in zip(called, before, strict=True):
+            different = set(parts)
             is_new = name not in columns
-            if is_new and len(set(parts)) > 1:
+            if is_new and len(different) > 1:
                 columns[name] = np.array(parts, dtype=object)
     return replace(table, columns=columns)
 
@@ -36,7 +38,8 @@ def _split_cells(cells: NDArray[Any]) -> list[list[str]] | None:
     """Split full names of two or three parts, as many in every row; None where they are none."""
     if cells.dtype.kind != "O" or not len(cells):
         return None
-    names = [str(cell).strip().split(SEPARATOR) for cell in cells]
+    texts = [str(cell).strip() for cell in cells]
+    names = [text.split(SEPARATOR) for text in texts]
     counts = {len(parts) for parts in names}
     count = max(counts)
     is_full = 1 < count <= len(PARTS) + 1

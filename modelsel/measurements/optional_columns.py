@@ -138,7 +138,13 @@ def _find_temperature(table: Table, names: Sequence[ColumnName]) -> list[ColumnN
             values = convert_to_numbers(table.columns[name.given])
             low, high = ROOM_CELSIUS
             found += [name] if ((values > low) & (values < high)).all() else []
-    return found
+    return found or _find_celsius(table, names)
+
+
+def _find_celsius(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:
+    """Find columns of any name that are in °C."""
+    in_celsius = [name for name in names if name.unit == "C"]
+    return [name for name in in_celsius if _is_complete(table, name.given)]
 
 
 def _find_time(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:

@@ -96,7 +96,8 @@ def _find_way(
     if wanted in COVARIATE_UNITS:
         sizes, unit = COVARIATE_UNITS[wanted]
         said = find_said_unit(given, row_of_units, sizes)
-        factor, shift = sizes.get(said, (1.0, 0.0))
+        known = sizes.get(said, (1.0, 0.0))
+        factor, shift = known
         way = f"from {write_unit(said)} to {write_unit(unit)}"
         return factor, shift, way if said else ""
     match = QUANTITY.fullmatch(wanted)

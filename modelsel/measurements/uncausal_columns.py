@@ -57,7 +57,8 @@ SENTENCES = {
 def find_uncausal_columns(table: Table, taken: Collection[str]) -> dict[str, list[str]]:
     """Find the columns that can be no causes, those that are `taken` otherwise apart, by the code
     of what is said of them. The table has the contract's names."""
-    free = [name for name in table.columns if name not in taken]
+    columns = table.columns
+    free = [name for name in columns if name not in taken]
     names = [parse_column_name(name, table.units.get(name)) for name in free]
     orientations = find_orientation_columns(table, names)
     quaternion = find_unnamed_quaternion(table, free)
@@ -205,7 +206,8 @@ def _find_moves(table: Table) -> NDArray[np.bool_]:
             continue
         after = cells[1:]
         before = cells[:-1]
-        moved |= np.asarray(after != before, bool)
+        changed = after != before
+        moved |= np.asarray(changed, bool)
     return moved
 
 
@@ -216,7 +218,8 @@ def _counts_rows(values: Array, moved: NDArray[np.bool_]) -> bool:
         return False
     steps = np.diff(values)
     is_back = steps < 0
-    is_part = steps % 1 > 0
+    parts = steps % 1
+    is_part = parts > 0
     if is_back.any() or is_part.any():
         return False
     counted = steps[moved] if moved.any() else steps

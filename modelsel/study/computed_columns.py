@@ -35,11 +35,13 @@ def drop_computed_columns(
     data = problem.data
     kept = {*KNOWN_COVARIATES, *named}
     open_names = [name for name in data.covariates if name not in kept]
-    rows = np.flatnonzero(estimation & data.points)
+    is_seen = estimation & data.points
+    rows = np.flatnonzero(is_seen)
     if not open_names or not len(rows):
         return problem, []
     step = -(-len(rows) // MAX_ROWS)
-    sample = problem.take(rows[::step])
+    seen = rows[::step]
+    sample = problem.take(seen)
     told = _list_regressors(sample)
     computed = dict[str, str]()
     for name in open_names:
@@ -79,7 +81,8 @@ def _find_agreement(values: Array, measured: Array, placed: Array, deviations: A
     fitted = placed.shape[1] + deviations.shape[1]
     if not spread or len(values) < MIN_ROWS_PER_NUMBER * fitted:
         return ""
-    centred = values - values.mean()
+    mean = values.mean()
+    centred = values - mean
     total = float(centred @ centred)
     left = _project_out(measured, centred)
     if float(left @ left) <= MAX_POSITION_SHARE * total:
@@ -97,9 +100,11 @@ def _find_agreement(values: Array, measured: Array, placed: Array, deviations: A
 def _project_out(columns: Array, values: Array) -> Array:
     """Return what columns (m, k) leave of values (m,)."""
     scale = np.linalg.norm(columns, axis=0)
-    scaled = columns / np.where(scale > 0, scale, 1.0)
+    divisor = np.where(scale > 0, scale, 1.0)
+    scaled = columns / divisor
     coefficients, *_ = np.linalg.lstsq(scaled, values, rcond=None)
-    return np.asarray(values - scaled @ coefficients)
+    explained = scaled @ coefficients
+    return np.asarray(values - explained)
 
 
 def _describe(name: str, why: str) -> Note:

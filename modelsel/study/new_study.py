@@ -30,11 +30,10 @@ from ..robot.urdf import read_joint_names
 from ..setup.other_robots import compute_registered_misfit, sample_positions
 from ..setup.registration import register
 from .checks import check_setup
+from .missing_columns import refuse_missing
 from .orientation_reading import settle_orientation
 from .other_columns import describe_optional, describe_other_columns, describe_quaternions
 
-# columns that a message names
-MAX_SHOWN = 20
 # readings of the columns that are tried on the arm
 MAX_TRIED = 16
 # a reading is the right one where the nominal arm fits to this share of its reach and so much
@@ -123,7 +122,8 @@ class StudyDraft:
 
     def list_uncausal(self) -> list[str]:
         """List the columns that reading says to be no causes."""
-        table = self.contract_table()
+        split = split_missed(self.contract_table())
+        table = split.kept
         robot = self.robot
         known = list_contract_names(robot.prismatic)
         found = find_uncausal_columns(table, known)
@@ -164,7 +164,7 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
     choices = guess_columns(renamed, robot.prismatic, read_joint_names(robot))
     for choice in choices:
         if not choice.readings:
-            raise _refuse_missing(as_given, choice, robot)
+            raise refuse_missing(as_given, choice, robot)
     named = name_meanings(choices, meanings)
     draft = StudyDraft(
         robot, source, table, given, named, originals=converted.originals, meanings=meanings
@@ -228,22 +228,6 @@ def add_orientation(draft: StudyDraft) -> StudyDraft:
     before = draft.choices
     choices = (*before, choice)
     return replace(draft, choices=choices)
-
-
-def _refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
-    is_joints = "joint" in choice.what
-    where = table.where
-    first, wanted = "x_mm", "x_mm, y_mm and z_mm"
-    if is_joints:
-        first, wanted = "q1_deg", f"q1_deg to q{robot.n}_deg"
-    names = list(table.columns)
-    shown = names[:MAX_SHOWN]
-    listed = ", ".join(f'"{name}"' for name in shown)
-    joints = f"{robot.name} has {count_words(robot.n, 'joint')}"
-    return where.refuse(
-        f"nothing looks like {choice.what}: {joints}, and the columns are {listed}.",
-        remedy=f"Say which they are: --column {first}=NAME, and so on ({wanted}).",
-    )
 
 
 # -- which reading the arm fits

@@ -37,7 +37,8 @@ def run(*words: str | Path) -> Result:
         ("tool_mm = [1, nan, 2]", "m.csv", "", "tool_mm.2: expected a finite number, found 'nan'"),
         ("tool_mm = [1, 1e300, 2]", "m.csv", "", "tool_mm.2: expected less than or equal to 1000"),
         (f"tool_mm = [1, {10**305}, 2]", "m.csv", "", " digits'"),
-        ("tool_mm = [1, 2]", "m.csv", "", "tool_mm: expected 3 values or more, found"),
+        ("tool_mm = [1, 2]", "m.csv", "", "tool_mm: expected exactly 3 values, found"),
+        ("tool_mm = true", "m.csv", "", "tool_mm: expected a list, found true"),
         ("register = true", "a\\u0000b", "", "file: expected text without line breaks"),
         ("register = true", "a" * 5000, "", "file: expected at most 4000 characters"),
         (

@@ -691,3 +691,70 @@ def test_quaternions_that_are_used_are_said() -> None:
     frame.drop(columns=["1", "2", "3"]).to_csv("m.csv", index=False)
     ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
     assert "The orientation: qw qx qy qz, unit quaternions" in ran.stdout
+
+
+OTHER_COLUMNS = {
+    "X1 Y1 Z1 X2 Y2 Z2": "every row has 2 positions (X1 Y1 Z1, X2 Y2 Z2). Write a row for each",
+    "Range Az El": '"Range", "Az", "El" look like an instrument\'s distance and angles',
+    "X_mm Y_cm Z_m": 'the columns of the position have several units: "X_mm", "Y_cm", "Z_m".',
+}
+
+
+@pytest.mark.parametrize("names", OTHER_COLUMNS)
+def test_what_stands_in_place_of_a_position_is_said(names) -> None:
+    frame = campaign().drop(columns=["X", "Y", "Z"])
+    for k, name in enumerate(names.split()):
+        frame[name] = np.random.default_rng(k).uniform(0, 900, len(frame))
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 3
+    assert OTHER_COLUMNS[names] in ran.stderr
+
+
+PROGRAMS = {
+    "p.mod": (
+        "MODULE Poses\n  CONST jointtarget p1:=[[1,2,3,4,5,6]];\nENDMODULE\n",
+        "a RAPID program",
+    ),
+    "p.dat": ("&ACCESS RVP\nDEFDAT POSES\nDECL E6AXIS XP1={A1 1,A2 2}\n", "a KRL program"),
+    "p.ls": ("/PROG  PICK\n/ATTR\n", "a TP program of Fanuc"),
+    "p.script": ("def pick():\n  movej([0,0,0,0,0,0])\nend\n", "a program of Universal Robots"),
+}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_robots_program_is_named(name) -> None:
+    text, what = PROGRAMS[name]
+    campaign().to_csv("m.csv", index=False)
+    Path(name).write_text(text)
+    ran = invoked("init", "m.csv", "--joints", name, "--robot", "ur10", "--yes")
+    assert ran.exit_code == 3
+    assert f"{name}: this is {what}; programs are not read. Give a table" in ran.stderr
+
+
+@pytest.mark.parametrize("line", [2, 20])
+def test_an_open_quotation_mark_is_told(line) -> None:
+    """Else every row after it is one cell, and lost."""
+    lines = campaign().assign(day="day 1").to_csv(index=False).splitlines()
+    lines[line - 1] = f'"{lines[line - 1]}'
+    Path("m.csv").write_text("\n".join(lines))
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 3
+    assert f"m.csv, line {line}: an open quotation mark" in ran.stderr
+
+
+def test_a_link_to_nowhere_is_told() -> None:
+    campaign().to_csv("m.csv", index=False)
+    Path("link").symlink_to("nowhere")
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", "--out", "link")
+    assert ran.exit_code == 2
+    assert "link: a link to a folder that is not there." in ran.stderr
+
+
+def test_a_single_column_in_celsius_is_the_temperature() -> None:
+    frame = campaign()
+    frame["Luft"] = np.linspace(20, 24, len(frame)).round(1)
+    units = pd.DataFrame([["°"] * 6 + ["mm"] * 3 + ["°C"]], columns=frame.columns)
+    pd.concat([units, frame]).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert '"Luft" as temperature_C (20 to 24)' in ran.stdout
