@@ -118,6 +118,12 @@ def write_frame(frame: pd.DataFrame, path: Path, digits: str) -> None:
 def check_writable(folder: Path) -> None:
     """Refuse a folder that cannot be written before the work is done. Raises StudyError; leaves
     nothing behind."""
+    is_link = folder.is_symlink()
+    if is_link and not folder.exists():
+        raise StudyError(
+            f"{folder}: a link to a folder that is not there. Make that folder, or give another with "
+            "--out."
+        )
     for nearest in (folder, *folder.parents):
         if nearest.exists():
             break

@@ -3,6 +3,7 @@ instead."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 # what a file is, by its suffix
@@ -22,11 +23,42 @@ ROWS = {
     ".xit64": "Export its points as text (File, Export), and give that",
     ".mat": "Write the table with writetable(T, 'measurements.csv'), and give that",
 }
+# how robots' programs begin, and what they are
+PROGRAMS = {
+    re.compile(
+        r"\s*(%%%.*?%%%\s*)?MODULE[ \t]+\w+[ \t]*(\([^)\n]*\))?[ \t]*\n", re.DOTALL
+    ): "a RAPID program",
+    re.compile(r"\s*(&\w+[^\n]*\s+)*DEF(DAT)?\s+\w+"): "a KRL program",
+    re.compile(r"\s*/PROG\s"): "a TP program of Fanuc",
+    re.compile(r"\s*def\s+\w+\(\)\s*:"): "a program of Universal Robots",
+}
+PROGRAM_REMEDY = (
+    "Give a table instead, a row for each point with its name and the joint readings (CSV or a "
+    "spreadsheet)."
+)
+# characters of a file's beginning that are looked at
+BEGINNING = 2000
+
+
+def _find_program(path: Path) -> str | None:
+    """Return which robot's program a file is by its beginning; None for none."""
+    try:
+        with path.open(encoding="latin-1") as file:
+            beginning = file.read(BEGINNING)
+    except OSError:
+        return None
+    for pattern, what in PROGRAMS.items():
+        if pattern.match(beginning):
+            return what
+    return None
 
 
 def describe_foreign(path: Path) -> tuple[str, str] | None:
     """Return (what a file of rows is, what to do) where it has a format that is not read, else None."""
     suffix = path.suffix.lower()
+    program = _find_program(path)
+    if program is not None:
+        return f"this is {program}; programs are not read.", PROGRAM_REMEDY
     if suffix not in FOREIGN:
         return None
     what = f"this is {FOREIGN[suffix]}, in a format of its own, which is not read."

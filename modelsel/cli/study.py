@@ -64,7 +64,7 @@ def study_command(
     from .._files import check_writable, claim_folder
     from ..config.study_file import read_study
     from ..mechanisms.registry import with_plugins
-    from ..results.storage import WRITES, find_reports
+    from ..results.storage import REPORTS, WRITES, find_reports
     from ..study.checkpoint import Checkpoint
     from ..study.inputs import read_nominal_robot
     from ..study.runner import rehearse_study
@@ -79,10 +79,11 @@ def study_command(
     check_writable(folder)
     if dry_run:
         found = rehearse_study(read, path.parent, registry=registry)
+        files = WRITES if no_report else (*WRITES, *REPORTS)
         if as_json:
-            print_json(found | {"writes": list(WRITES)})
+            print_json(found | {"writes": list(files)})
         else:
-            click.echo(_would(found, folder, WRITES))
+            click.echo(_would(found, folder, files))
         return
     steps = list_steps(read, not no_sampling)
     if not no_report:
@@ -223,7 +224,7 @@ def _would(found: dict[str, Any], folder: Path, writes: tuple[str, ...]) -> str:
         cells += f", and {found['own_explanations']} explanations of the study's own"
     files = ", ".join(writes)
     said = (
-        f"{found['study']}: {found['robot']}, {count_words(found['rows'], 'row')}; {count_words(counts['estimation'], 'configuration')} would estimate, "
+        f"{found['study']}: {found['robot']}, {count_words(found['rows'], 'row')}; {count_words(counts['estimation'], 'configuration')} would fit the models, "
         f"{counts['held_out']} would be held out{registered}. Base: {base}, {count_words(found['base_parameters'], 'parameter')}; "
         f"{found['mechanisms']} mechanisms may extend it{cells}. Would write {files} into {folder}."
     )

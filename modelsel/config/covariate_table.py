@@ -13,6 +13,7 @@ from .study_tables import _Table
 
 # the word that a name in model.base is, so that no registered name's joint or constant is in it
 WORD = re.compile(r"[A-Za-z][A-Za-z0-9-]*")
+CAUSE_WORD = re.compile(r"[^\W\d]\w*")
 # causes that one table may combine: of twenty, products are 190 columns of the error map
 MAX_CAUSES = 20
 
@@ -85,6 +86,11 @@ class CovariateTable(_Table):
         """How many effects the table stands for at one place."""
         given = len(self.causes)
         return given if self.as_ == "alone" else given * (given - 1) // 2
+
+
+def list_words(table: CovariateTable) -> list[str]:
+    """List the words of a table's causes, columns of the file among them."""
+    return [word for cause in table.causes for word in CAUSE_WORD.findall(cause)]
 
 
 def _find_repeated(causes: Sequence[str]) -> str | None:

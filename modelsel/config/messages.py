@@ -30,6 +30,8 @@ LENGTH_MESSAGES = {
     "string_too_long": "expected at most {max_length} characters",
     "string_pattern_mismatch": "expected text without line breaks and control characters",
 }
+# of lists with three at least, or at most, each is a vector of exactly three
+VECTOR_KINDS = {"too_short": ("min_length", 3), "too_long": ("max_length", 3)}
 # a value of another type than expected: place, what was expected, what was found
 ALTERNATIVE = re.compile(r"(.+?): expected (.+), found (.+)", re.DOTALL)
 # ends of the keys whose values are lengths, angles or sizes
@@ -57,12 +59,16 @@ def describe_error(error: Any) -> str:
         message = "expected a table"
     if kind in LENGTH_MESSAGES:
         message = LENGTH_MESSAGES[kind].format(**error["ctx"])
+    if kind in VECTOR_KINDS and VECTOR_KINDS[kind] in error["ctx"].items():
+        message = "expected exactly 3 values"
     message = re.sub(r"^Input should be (a valid |)", "expected ", message)
     for theirs, ours in EXPECTED:
         message = message.replace(f"expected {theirs}", f"expected {ours}")
     message = message.replace(" after validation", "")
-    found = _show(error["input"])
-    return f"{message}, found {found!r}"
+    value = error["input"]
+    if isinstance(value, bool):
+        return f"{message}, found {str(value).lower()}"
+    return f"{message}, found {_show(value)!r}"
 
 
 def describe_value_problem(error: Any, place: str) -> str | None:

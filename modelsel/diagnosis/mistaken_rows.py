@@ -205,9 +205,18 @@ def describe_slip_before_fit(
     largest_left = mean_before / MIN_IMPROVEMENT
     if not 0 < marked.mean() < MAX_SLIPPED_SHARE:
         return None
-    if mean_after > largest_left:
+    if mean_after > largest_left or not _comes_near(after, marked, problem.reach_mm):
         return None
     return _describe(slip, selected, marked, before, after)
+
+
+def _comes_near(length: Array, marked: Mask, reach_mm: float) -> bool:
+    """Whether corrected rows, by the lengths (m,) [mm] that all leave, come as near as the others,
+    or to a small share of the reach."""
+    others = float(np.median(length[~marked]))
+    near = max(MATCH_THRESHOLD * others, BAD_SHARE * reach_mm)
+    corrected = float(np.median(length[marked]))
+    return corrected <= near
 
 
 def _find_slipped_rows(

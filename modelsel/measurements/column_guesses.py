@@ -15,7 +15,7 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import DataError, one_line, sentence_list
-from .column_names import OTHER_QUANTITIES, WEAK_JOINT_WORDS, ColumnName, parse_column_name
+from .column_names import AXES, OTHER_QUANTITIES, WEAK_JOINT_WORDS, ColumnName, parse_column_name
 from .columns import POSITION_UNITS, READING_UNITS, convert_to_numbers
 from .joint_names import find_named_joints
 from .table import Table
@@ -29,7 +29,6 @@ MIN_EXTENT_MM = 20.0
 MAX_EXTENT_M = 10.0
 # share of cells that are numbers in a column of numbers
 MIN_NUMBERS = 0.8
-AXES = ("x", "y", "z")
 # the word that says the quantity, and the others in a name
 Family: TypeAlias = tuple[str, frozenset[str]]
 UNIT_NAMES = {"deg": "degrees", "rad": "radians", "mm": "mm", "m": "m", "in": "inches"}

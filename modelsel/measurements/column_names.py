@@ -21,6 +21,7 @@ UNIT_WORDS = {
 # units that are known but not read
 OTHER_UNITS = frozenset[str]().union(
     ("ft", "cm", "dm", "um", "µm", "μm", "mil", "mrad", "gon", "gradian", "ms", "min"),
+    ("us", "ns", "h", "hours", "minutes", "msec", "degf"),
     ("k", "f", "°f", "lb", "lbs", "g", "rev", "turns", "arcsec", "arcmin", "gradians", "gons"),
 )
 # lengths, in mm
@@ -40,6 +41,7 @@ LENGTHS = {
     "m": 1e3,
     "km": 1e6,
 }  # mm
+AXES = ("x", "y", "z")
 BRACKETS = re.compile(r"[\[({<]\s*([^\])}>]*?)\s*[\])}>]")
 WORD_BREAK = re.compile(r"[\s_.,:;|/\\#-]+")
 CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
@@ -64,12 +66,18 @@ OTHER_QUANTITIES = frozenset[str]().union(
         "rms",
         "unc",
         "uncertainty",
+        "u95",
+        "u",
+        "s",
+        "sd",
+        "stdev",
         "tol",
         "min",
         "max",
     ),
 )
-CELSIUS_WORDS = frozenset(("temp", "temperature", "temperatur", "t"))
+TEMPERATURE_WORDS = frozenset(("temp", "temperature", "temperatur"))
+CELSIUS_WORDS = TEMPERATURE_WORDS | {"t"}
 JOINT_WORDS = frozenset[str]().union(
     ("q", "j", "a", "t", "th", "theta", "θ", "joint", "joints", "axis", "ax", "achse", "axe"),
     ("axes", "gelenk", "jt", "rax", "jnt", "eje", "asse", "angle", "winkel", "enc", "motor"),

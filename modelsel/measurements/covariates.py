@@ -13,9 +13,10 @@ from ..notices import Note
 from .columns import convert_to_numbers, describe_cell, read_numbers
 from .contract_columns import JOINT_COLUMN, KNOWN_COVARIATES, list_contract_names
 from .observation_columns import KIND_COLUMNS
-from .point_times import parse_clock
+from .point_times import find_date_column, read_clock
 from .state_names import is_state_name
 from .table import Table
+from .uncausal_columns import describe_uncausal, find_uncausal_columns
 
 # numbers of a covariate that the contract names, and of any other
 MAX_KNOWN_COVARIATE = 1e12
@@ -25,23 +26,23 @@ COVARIATE_LIMITS = {"temperature_C": (-273.15, 200.0), "payload_kg": (0.0, 1e5)}
 FUNCTIONS = {"sin", "cos", "sign", "abs", "exp", "tanh", "root", "saw", "free"}
 
 
-# names of columns that only count the rows where they do
-COUNTER_NAMES = frozenset(("no", "nr", "nummer", "lfd. nr", "lfdnr"))
-
-
 def read_covariates(
     table: Table, prismatic: Sequence[bool], has_kinds: bool, used: Collection[str] = ()
 ) -> tuple[dict[str, Array], list[Note]]:
-    """Read every other numeric column, and say which columns are ignored, without those `used`."""
+    """Read every other numeric column, and say which columns are ignored, without those `used`,
+    which may be causes whatever they look like."""
     taken = list_contract_names(prismatic) - {*KNOWN_COVARIATES}
     if not has_kinds:
         taken -= set(KIND_COLUMNS)
     covariates, textual, unusable = dict[str, Array](), list[str](), list[str]()
-    counters = list[str]()
+    joints = {name for name in table.columns if JOINT_COLUMN.fullmatch(name)}
+    apart = taken | joints
+    uncausal = find_uncausal_columns(table, {*apart, *KNOWN_COVARIATES, *used})
+    apart = apart.union(*uncausal.values())
     for name in table.columns:
-        if name in taken or JOINT_COLUMN.fullmatch(name):
+        if name in apart:
             continue
-        clock = parse_clock(table.columns[name]) if name == "time_s" else None
+        clock = read_clock(table, name) if name == "time_s" else None
         if clock is not None:
             values = clock
         elif name in KNOWN_COVARIATES:
@@ -52,25 +53,14 @@ def read_covariates(
             values = convert_to_numbers(table.columns[name])
         if not np.isfinite(values).any():
             textual.append(name)
-        elif _counts_rows(name, values):
-            counters.append(name)
         elif (np.abs(values) <= MAX_COVARIATE).all() and _can_be_cause(name):
             covariates[name] = values
         else:
             unusable.append(name)
-    ignored = [
-        [name for name in names if name not in used] for names in (textual, unusable, counters)
-    ]
-    return covariates, _describe_ignored(table, *ignored)
-
-
-def _counts_rows(name: str, values: Array) -> bool:
-    """Whether a column is called a number of rows, and counts them, a few left out or none."""
-    is_called = name.lower().strip(" .:#") in COUNTER_NAMES
-    if not is_called or len(values) < 2:
-        return False
-    steps = np.diff(values)
-    return bool((steps > 0).all() and (steps % 1 == 0).all() and np.median(steps) == 1)
+    date = find_date_column(table, "time_s") if "time_s" in table else None
+    silent = {*used, date}
+    ignored = [[name for name in names if name not in silent] for names in (textual, unusable)]
+    return covariates, [*describe_uncausal(uncausal), *_describe_ignored(table, *ignored)]
 
 
 def _can_be_cause(name: str) -> bool:
@@ -79,16 +69,9 @@ def _can_be_cause(name: str) -> bool:
     return is_plain_word(name) and not taken
 
 
-def _describe_ignored(
-    table: Table, textual: Sequence[str], unusable: Sequence[str], counters: Sequence[str]
-) -> list[Note]:
+def _describe_ignored(table: Table, textual: Sequence[str], unusable: Sequence[str]) -> list[Note]:
     """Say which columns are ignored; characters of their names that cannot be seen are escaped."""
     notes = []
-    if counters:
-        names = ", ".join(map(one_line, counters))
-        notes.append(
-            Note("counters-ignored", f"Columns that only count the rows are ignored: {names}.")
-        )
     if textual:
         names = ", ".join(map(one_line, textual))
         notes.append(Note("columns-ignored", f"Columns that hold no numbers are ignored: {names}."))

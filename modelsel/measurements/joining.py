@@ -220,6 +220,22 @@ def _describe_names(points: Table, log: Table) -> str:
     return said
 
 
+def find_repeated_reading(points: Table, log: Table) -> str | None:
+    """Say which name the log has twice where most points have one of its names, and most of them
+    once; None where names do not join for another reason."""
+    for cells in list_name_columns(points).values():
+        keys = {_squeeze_name(cell) for cell in cells}
+        for other, readings in list_name_columns(log).items():
+            times = Counter(map(_squeeze_name, readings))
+            common = keys & set(times)
+            again = [key for key in times if times[key] > 1]
+            is_known = len(common) >= max(MIN_SHARE * len(keys), MIN_NAMES)
+            if is_known and 0 < len(again) < MIN_SHARE * len(times):
+                first = again[0]
+                return f'"{first}" stands {times[first]} times in its column "{other}"'
+    return None
+
+
 def list_name_columns(table: Table) -> dict[str, Any]:
     """List the columns that may be names of points."""
     found = {}

@@ -8,17 +8,32 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from .column_guesses import Reading
-from .column_names import ColumnName, parse_column_name
+from .column_names import (
+    CELSIUS_WORDS,
+    LENGTHS,
+    TEMPERATURE_WORDS,
+    ColumnName,
+    list_units,
+    parse_column_name,
+)
 from .columns import convert_to_numbers, find_blank_cells
+from .contract_columns import UNCERTAINTY_COLUMNS
+from .other_units import CELSIUS, SECONDS, find_said_unit, write_unit
+from .point_times import DATE_WORDS, find_date_column, read_clock
 from .point_times import TIME_WORDS as CLOCK_WORDS
-from .point_times import parse_clock
 from .table import Table
+from .uncausal_columns import UNCERTAINTY_WORDS, find_uncertainties
 
 TARGET_WORDS = frozenset(("target", "reflector", "smr", "prism", "reflektor", "kugel", "sphere"))
 GROUP_WORDS = frozenset(("group", "session", "day", "trajectory", "series", "gruppe", "serie"))
-TEMPERATURE_WORDS = frozenset(("temp", "temperature", "temperatur"))
 PAYLOAD_WORDS = frozenset(("payload", "load", "nutzlast", "last", "traglast"))
 TIME_WORDS = frozenset(("time", "timestamp", "zeit", "t"))
+# words of standard uncertainties; the others may be expanded ones
+STANDARD_WORDS = UNCERTAINTY_WORDS - {"u", "u95", "unc", "uncertainty", "unsicherheit"} | {
+    "sx",
+    "sy",
+    "sz",
+}
 MAX_TARGETS = 12
 # rows per group, at least
 MIN_GROUP_ROWS = 4
@@ -45,9 +60,31 @@ def guess_optional_columns(table: Table, taken: Collection[str]) -> list[Reading
     for wanted, found in guesses.items():
         if wanted not in table and len(found) == 1:
             given = found[0].given
-            said = f'"{given}" as {words.get(wanted, wanted)}'
-            readings.append(Reading({wanted: given}, said, _describe(table, given)))
-    return readings
+            date = find_date_column(table, given) if wanted == "time_s" else None
+            dated = "" if date is None else f' with "{date}"'
+            said = f'"{given}"{dated} as {words.get(wanted, wanted)}'
+            readings.append(Reading({wanted: given}, said, _describe(table, found[0])))
+    return [*readings, *_read_uncertainties(table, names)]
+
+
+def _read_uncertainties(table: Table, names: Sequence[ColumnName]) -> list[Reading]:
+    """Read three standard uncertainties of the coordinates, above zero, where all say one unit of
+    length; expanded ones (U95) are none."""
+    standard = [name for name in names if name.words <= STANDARD_WORDS]
+    given = find_uncertainties(standard)
+    is_there = any(name in table for name in UNCERTAINTY_COLUMNS)
+    if is_there or len(given) != len(UNCERTAINTY_COLUMNS):
+        return []
+    values = [convert_to_numbers(table.columns[name]) for name in given]
+    is_positive = np.stack(values) > 0
+    units = {find_said_unit(name, table.units.get(name), LENGTHS) for name in given}
+    unit = units.pop()
+    if units or not unit or not is_positive.all():
+        return []
+    columns = dict(zip(UNCERTAINTY_COLUMNS, given, strict=True))
+    listed = " ".join(given)
+    reading = Reading(columns, f'"{listed}" as {" ".join(UNCERTAINTY_COLUMNS)}')
+    return [reading]
 
 
 def _find_labels(
@@ -78,20 +115,42 @@ def _find_number(
     ]
 
 
+def _find_converted(
+    table: Table, names: Sequence[ColumnName], words: frozenset[str], sizes: Collection[str]
+) -> list[ColumnName]:
+    """Find columns of numbers whose name says the quantity, and a unit that is converted."""
+    found = []
+    for name in _find_number(table, names, words, ""):
+        row_of_units = table.units.get(name.given)
+        said = find_said_unit(name.given, row_of_units, sizes)
+        if said:
+            found.append(name)
+    return found
+
+
 def _find_temperature(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:
-    """Find columns of temperatures in °C, by the unit or by values that rooms have."""
-    found = _find_number(table, names, TEMPERATURE_WORDS, "C")
+    """Find columns of temperatures in °C, °F or kelvin, by the unit, or by values that rooms
+    have."""
+    found = _find_number(table, names, CELSIUS_WORDS, "C")
+    found += _find_converted(table, names, CELSIUS_WORDS, CELSIUS)
     for name in names:
         if name.words & TEMPERATURE_WORDS and name.unit is None and _is_complete(table, name.given):
             values = convert_to_numbers(table.columns[name.given])
             low, high = ROOM_CELSIUS
             found += [name] if ((values > low) & (values < high)).all() else []
-    return found
+    return found or _find_celsius(table, names)
+
+
+def _find_celsius(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:
+    """Find columns of any name that are in °C."""
+    in_celsius = [name for name in names if name.unit == "C"]
+    return [name for name in in_celsius if _is_complete(table, name.given)]
 
 
 def _find_time(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:
-    """Find columns of seconds that never go back."""
+    """Find columns of seconds, or another unit of time, that never go back."""
     found = _find_number(table, names, TIME_WORDS, "s")
+    found += _find_converted(table, names, TIME_WORDS, SECONDS)
     return [
         name
         for name in found
@@ -103,8 +162,8 @@ def _find_clock(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:
     """Find columns of times of the clock that never go back."""
     found = []
     for name in names:
-        is_called = name.words & CLOCK_WORDS
-        seconds = parse_clock(table.columns[name.given]) if is_called else None
+        is_called = name.words & (CLOCK_WORDS | DATE_WORDS)
+        seconds = read_clock(table, name.given) if is_called else None
         if seconds is None:
             continue
         steps = np.diff(seconds)
@@ -121,13 +180,21 @@ def _is_complete(table: Table, name: str) -> bool:
     return bool(is_finite.all())
 
 
-def _describe(table: Table, name: str) -> str:
-    """Describe a column's values: how far they go, or how many there are."""
+def _describe(table: Table, parsed: ColumnName) -> str:
+    """Describe a column's values: how far they go, in the unit that it says where another is read,
+    or how many there are."""
+    name = parsed.given
     column = table.columns[name]
     values = convert_to_numbers(column)
-    seconds = parse_clock(column)
+    seconds = read_clock(table, name)
     if seconds is not None:
-        return f"0 to {seconds.max() - seconds.min():.0f} s from the first row on"
-    if np.isfinite(values).all():
-        return f"{values.min():.4g} to {values.max():.4g}"
-    return f"{len({str(cell) for cell in column})} different"
+        last = seconds.max() - seconds.min()
+        return f"0 to {last:.0f} s from the first row on"
+    if not np.isfinite(values).all():
+        different = {str(cell) for cell in column}
+        return f"{len(different)} different"
+    said = list_units(name, table.units.get(name)) if parsed.unit == "" else []
+    unit = "".join(f" {write_unit(word)}" for word in said[:1])
+    low = values.min()
+    high = values.max()
+    return f"{low:.4g} to {high:.4g}{unit}"

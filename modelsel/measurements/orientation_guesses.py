@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from .column_guesses import Choice, Reading
-from .column_names import ColumnName, parse_column_name
+from .column_names import COMMANDED, MEASURED, ColumnName, parse_column_name
 from .columns import convert_to_numbers
 from .orientation_columns import CONVENTIONS, MAX_ANGLE_RAD, QUATERNION_COLUMNS, Convention
 from .table import Table
@@ -22,8 +22,17 @@ LETTERS: dict[tuple[str, str, str], tuple[str, ...]] = {
     ("roll", "pitch", "yaw"): ("rpy",),
     ("ex", "ey", "ez"): ("rpy",),
 }
+LETTER_WORDS = frozenset[str]().union(*LETTERS)
 BY_NAME = {convention.name: convention for convention in CONVENTIONS}
 WHAT = "the orientation"
+# words beside the letters that leave columns an orientation
+ORIENTATION_WORDS = frozenset[str]().union(
+    ("euler", "rot", "rotation", "ori", "orient", "orientation", "angle", "winkel", "tcp", "pose"),
+    ("flange", "tool", *MEASURED, *COMMANDED),
+)
+# a quaternion without the contract's names, as ABB calls it, and by how much its length is not one
+UNNAMED_QUATERNION = ("q1", "q2", "q3", "q4")
+MAX_LENGTH_ERROR = 1e-3
 
 
 def guess_orientation(table: Table, taken: Collection[str], robot: str) -> Choice | None:
@@ -44,6 +53,40 @@ def guess_orientation(table: Table, taken: Collection[str], robot: str) -> Choic
             for name in likely:
                 readings += _list_readings(table, columns, BY_NAME[name])
     return Choice(WHAT, tuple(readings)) if readings else None
+
+
+def find_orientation_columns(table: Table, names: Sequence[ColumnName]) -> list[str]:
+    """Find the columns that look like an orientation, whether the arm follows it or not."""
+    plain = []
+    for name in names:
+        others = name.words - LETTER_WORDS
+        if others <= ORIENTATION_WORDS:
+            plain.append(name)
+    listed = dict[str, None]()
+    for letters, conventions in LETTERS.items():
+        columns = _find_columns(table, plain, letters)
+        if columns is None:
+            continue
+        first = BY_NAME[conventions[0]]
+        readings = _list_readings(table, columns, first)
+        if readings:
+            given = [name.given for name in columns]
+            listed |= dict.fromkeys(given)
+    return list(listed)
+
+
+def find_unnamed_quaternion(table: Table, names: Collection[str]) -> list[str]:
+    """Find four columns q1 to q4 that are numbers of length one in every row."""
+    called = {name.lower(): name for name in names}
+    wanted = set(UNNAMED_QUATERNION)
+    if not len(table) or not wanted <= set(called):
+        return []
+    given = [called[name] for name in UNNAMED_QUATERNION]
+    columns = [convert_to_numbers(table.columns[name]) for name in given]
+    length = np.linalg.norm(columns, axis=0)
+    error = np.abs(length - 1)
+    is_unit = error <= MAX_LENGTH_ERROR
+    return given if is_unit.all() else []
 
 
 def _find_columns(

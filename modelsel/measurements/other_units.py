@@ -1,5 +1,5 @@
-"""Columns in units that a measurements file does not have (cm, mrad, gon), converted where a file
-says them: by the names of columns, or a row of units below these."""
+"""Columns in units that a measurements file does not have (cm, mrad, gon, °F, min), converted where
+a file says them: by the names of columns, or a row of units below these."""
 
 from __future__ import annotations
 
@@ -15,12 +15,19 @@ from ..notices import Note
 from .column_names import LENGTHS, OTHER_QUANTITIES, ColumnName, list_units, parse_column_name
 from .columns import UNITS, convert_to_numbers
 from .table import Table
-from .unit_names import ANGLES, DEGREE, DEGREES
+from .unit_names import ANGLES, DEGREE, DEGREES, TIMES
 
 COORDINATES = ("x", "y", "z")
 # one of each unit of an angle, in rad
 RADIANS = {**{unit: size * DEGREE for unit, size in DEGREES.items()}, **ANGLES}
-QUANTITY = re.compile(r"(x|y|z|q(\d{1,9}))_(\w+)")
+# one of each unit of a time that is not read, in s
+SECONDS = {unit: (size, 0.0) for unit, size in TIMES.items() if unit != "s"}
+QUANTITY = re.compile(r"(s?[xyz]|q(\d{1,9}))_(\w+)")
+# °C of one degree, and of zero, by other scales
+KELVIN, FAHRENHEIT = (1.0, -273.15), (5 / 9, -160 / 9)
+CELSIUS = {"k": KELVIN, "f": FAHRENHEIT, "°f": FAHRENHEIT, "degf": FAHRENHEIT}
+DEGREES_SHOWN = {"k": "K", "f": "°F", "degf": "°F", "C": "°C"}
+COVARIATE_UNITS = {"temperature_C": (CELSIUS, "C"), "time_s": (SECONDS, "s")}
 
 
 @dataclass(frozen=True)
@@ -63,35 +70,70 @@ def convert_mapped(
     units = dict(table.units)
     converted: dict[str, list[str]] = {}
     for wanted, given in mapping.items():
-        match = QUANTITY.fullmatch(wanted)
-        if match is None or given not in columns or match[3] not in UNITS:
+        if given not in columns:
             continue
-        is_length = match[2] is None or _slides(int(match[2]), prismatic)
-        quantity = None if match[2] is None else "joint"
-        parsed = replace(parse_column_name(given, units.get(given)), quantity=quantity)
-        factor, _, said = _find_factor(parsed, table, is_length)
-        if said:
-            columns[given] = _scale(columns[given], factor / UNITS[match[3]])
-            units.pop(given, None)
-            converted.setdefault(f"from {said} to {match[3]}", []).append(f'"{given}"')
+        factor, shift, way = _find_way(wanted, given, table, prismatic)
+        if not way:
+            continue
+        columns[given] = _scale(columns[given], factor, shift)
+        units.pop(given, None)
+        names = converted.setdefault(way, [])
+        names.append(f'"{given}"')
     if not converted:
         return table, frozenset()
     listed = "; ".join(f"{', '.join(names)} {way}" for way, names in converted.items())
     notes = (*table.notes, Note("units-converted", f"Converted: {listed}."))
-    names = frozenset(name[1:-1] for each in converted.values() for name in each)
-    return replace(table, columns=columns, units=units, notes=notes), names
+    done = frozenset(name[1:-1] for each in converted.values() for name in each)
+    return replace(table, columns=columns, units=units, notes=notes), done
 
 
-def _scale(cells: NDArray[Any], factor: float) -> NDArray[np.generic]:
-    """Multiply the numbers among cells; a cell that is none stays as it is, to be refused later."""
+def _find_way(
+    wanted: str, given: str, table: Table, prismatic: Sequence[bool]
+) -> tuple[float, float, str]:
+    """Find (factor, what is added then, the way in words) from the unit that a column says to that
+    of the contract's name; no words where nothing is to be converted."""
+    row_of_units = table.units.get(given)
+    if wanted in COVARIATE_UNITS:
+        sizes, unit = COVARIATE_UNITS[wanted]
+        said = find_said_unit(given, row_of_units, sizes)
+        known = sizes.get(said, (1.0, 0.0))
+        factor, shift = known
+        way = f"from {write_unit(said)} to {write_unit(unit)}"
+        return factor, shift, way if said else ""
+    match = QUANTITY.fullmatch(wanted)
+    if match is None or match[3] not in UNITS:
+        return 1.0, 0.0, ""
+    is_length = match[2] is None or _slides(int(match[2]), prismatic)
+    quantity = None if match[2] is None else "joint"
+    parsed = parse_column_name(given, row_of_units)
+    factor, _, said = _find_factor(replace(parsed, quantity=quantity), table, is_length)
+    size = UNITS[match[3]]
+    return factor / size, 0.0, f"from {said} to {match[3]}" if said else ""
+
+
+def write_unit(unit: str) -> str:
+    """Write a unit as people do."""
+    return DEGREES_SHOWN.get(unit, unit)
+
+
+def find_said_unit(given: str, row_of_units: str | None, sizes: Collection[str]) -> str:
+    """Find the unit, one of `sizes`, that a column's name or the row of units says; empty for
+    none."""
+    said = list_units(given, row_of_units)
+    return next((unit for unit in said if unit in sizes), "")
+
+
+def _scale(cells: NDArray[Any], factor: float, shift: float = 0.0) -> NDArray[np.generic]:
+    """Multiply the numbers among cells, and add to them; a cell that is none stays as it is, to be
+    refused later."""
     values = convert_to_numbers(cells)
     is_number = np.isfinite(values)
     if is_number.all():
-        return np.asarray(values * factor)
+        return np.asarray(values * factor + shift)
     objects = np.asarray(cells, dtype=object)
     scaled = objects.copy()
     numbers = values[is_number]
-    scaled[is_number] = numbers * factor
+    scaled[is_number] = numbers * factor + shift
     return scaled
 
 

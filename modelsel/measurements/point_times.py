@@ -15,7 +15,10 @@ from .column_names import parse_column_name
 from .columns import convert_to_numbers, find_blank_cells
 from .table import Table
 
-TIME_WORDS = frozenset(("time", "timestamp", "zeit", "stamp", "t", "datetime", "uhrzeit", "clock"))
+TIME_WORDS = frozenset[str]().union(
+    ("time", "timestamp", "zeit", "stamp", "t", "datetime", "uhrzeit", "clock"),
+    ("zeitpunkt", "zeitstempel"),
+)
 DATE_WORDS = frozenset(("date", "datum", "day"))
 # seconds since 1970 from which a number is a time of the calendar
 MIN_EPOCH = 1e8
@@ -54,7 +57,7 @@ def find_times(table: Table) -> Times | None:
         texts = _join_texts(table, dates[:1], name)
         seconds = _parse_texts(texts)
         if seconds is not None:
-            is_dated = all(DATE.search(str(text)) for text in texts)
+            is_dated = _are_dated(texts)
             return Times(seconds, name, True, is_dated)
     return None
 
@@ -75,6 +78,39 @@ def find_common_seconds(points: Table, log: Table) -> Array | None:
 def are_clock_times(cells: Iterable[Any]) -> bool:
     """Whether all cells hold a time of the clock, with a date or without."""
     return all(CLOCK.search(str(cell)) for cell in cells)
+
+
+def read_clock(table: Table, name: str) -> Array | None:
+    """Read a column of times of the clock, with the date of another column where it has none, as
+    seconds (m,) from the first one on; None where a cell is no time."""
+    date = find_date_column(table, name)
+    if date is None:
+        return parse_clock(table.columns[name])
+    dated = _join_texts(table, [date], name)
+    return parse_clock(dated)
+
+
+def find_date_column(table: Table, name: str) -> str | None:
+    """Find the column with the dates of a column of times that has none; None where it has them,
+    or nothing is a date."""
+    cells = table.columns[name]
+    if parse_clock(cells) is None or _are_dated(cells):
+        return None
+    for other in table.columns:
+        words = parse_column_name(other).words
+        is_date = words & DATE_WORDS
+        is_time = words & TIME_WORDS
+        if is_time or not is_date:
+            continue
+        dated = _join_texts(table, [other], name)
+        if _are_dated(dated) and parse_clock(dated) is not None:
+            return other
+    return None
+
+
+def _are_dated(cells: Iterable[Any]) -> bool:
+    """Whether all cells hold a date."""
+    return all(DATE.search(str(cell)) for cell in cells)
 
 
 def parse_clock(cells: NDArray[Any]) -> Array | None:

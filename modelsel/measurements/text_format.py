@@ -202,6 +202,22 @@ def mask_comments(
         yield line
 
 
+def refuse_open_quote(path: Path, form: TextFormat) -> None:
+    """Refuse a file without rows because a quotation mark is not closed. Raises DataError."""
+    opened = 0
+    with path.open(encoding=form.encoding, errors="replace") as file:
+        for number, line in enumerate(file, 1):
+            if line.count('"') % 2:
+                opened = 0 if opened else number
+    if opened:
+        raise DataError(
+            "an open quotation mark: everything after it is one cell.",
+            file=path.name,
+            line=opened,
+            remedy="Close it, or remove it.",
+        )
+
+
 def _is_excel_hint(line: str) -> bool:
     """Whether a line is Excel's own, that names the separator."""
     hint = line.rstrip().lower()

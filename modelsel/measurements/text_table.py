@@ -32,6 +32,7 @@ from .text_format import (
     SEPARATOR_NAMES,
     TextFormat,
     mask_comments,
+    refuse_open_quote,
     sample_rows,
     sniff_text,
     split_rows,
@@ -99,6 +100,8 @@ def load_text_table(path: Path, decimal: str | None = None, headerless: bool = F
             f"the file cannot be read: {reason}.", file=path.name, remedy="Save it as CSV in UTF-8."
         ) from None
     count = sum(len(lines) for lines in starts)
+    if not count or any(map(LINE_BREAK.search, reading.remarks.values())):
+        refuse_open_quote(path, reading.form)
     at = np.concatenate(starts) if starts else np.zeros(0, np.intp)
     is_plain = reading.first == 2 and np.array_equal(at, np.arange(2, 2 + count))
     header = reading.layout.header
@@ -138,7 +141,7 @@ def check_file(path: Path) -> None:
     why = find_read_problem(path)
     if why is None:
         return
-    remedy = "Put it beside the study file, or set MODELSEL_DATA to the folder that holds it."
+    remedy = "Check its name and folder; a study looks beside its own file, then in MODELSEL_DATA."
     if path.exists():
         remedy = "Give the file that holds the measurements."
     raise DataError(f"{why}.", file=path.name, remedy=remedy)

@@ -36,6 +36,9 @@ TIMES = {
     "s": 1.0,
     "min": 60.0,
     "h": 3600.0,
+    "hours": 3600.0,
+    "minutes": 60.0,
+    "msec": 1e-3,
 }  # s
 JOINT = re.compile(r"q[0-9]{1,9}")
 DEGREE = 0.017453292519943295  # rad

@@ -29,7 +29,7 @@ from ..results.reading import read_records
 from ..robot.files import load_robot
 from ..robot.kinematics import Robot
 from .noise_parts import check_parts
-from .own_causes import check_own_causes, find_own_name_problems, list_own_names
+from .own_causes import check_own_causes, find_own_name_problems, list_own_names, list_own_words
 from .robot_tables import read_any_robot
 from .stated_setup import point_gravity
 
@@ -269,6 +269,8 @@ def _read_file(study: Study, folder: Path, robot: Robot) -> Measurements:
     """Read a study's measurements, with what it states of their features."""
     source = find_source(study, folder)
     columns = study.measurements.columns
-    used = () if study.split.column is None else (study.split.column,)
+    used = list_own_words(study)
+    if study.split.column is not None:
+        used.add(study.split.column)
     measured = read_measurements(source, robot, columns, used=used)
     return apply_known_features(measured, read_known_features(study))

@@ -9,6 +9,7 @@ import numpy as np
 
 from ..exceptions import DataError
 from ..measurements.file_form import FileForm
+from ..measurements.full_names import split_full_names
 from ..measurements.headerless_columns import name_columns
 from ..measurements.join_sentences import describe_join
 from ..measurements.joined_waypoints import add_waypoints
@@ -17,10 +18,12 @@ from ..measurements.joining import (
     Join,
     find_joins,
     find_reflectors,
+    find_repeated_reading,
     join_tables,
     refuse_join,
     refuse_swapped,
 )
+from ..measurements.point_times import find_common_seconds, find_times
 from ..measurements.table import DataFile, Table, load_table
 from ..robot.kinematics import Robot
 from .new_study import MAX_REACH_SHARE, MIN_IMPROVEMENT, StudyDraft, draft_study, measure_misfit
@@ -51,6 +54,8 @@ def draft_joined_study(
         if way not in joins:
             raise refuse_join(measured, readings, reasons, (way,))
         joins = {way: joins[way]}
+    elif set(joins) == {"order"}:
+        _refuse_repeated_names(measured, readings)
     if not joins:
         raise refuse_join(measured, readings, reasons, WAYS)
     drafts = {}
@@ -60,7 +65,25 @@ def draft_joined_study(
     draft = drafts[chosen]
     for sentence in describe_join(measured, readings, joins[chosen], max_gap):
         draft = draft.remark(sentence)
+    times = find_times(measured)
+    is_timed = find_common_seconds(measured, readings) is not None
+    if times is not None and is_timed and "time_s" not in measured:
+        draft = draft.remark(f'"{times.column}" of the points is time_s, from the first point on.')
     return draft.remark(reason) if reason else draft
+
+
+def _refuse_repeated_names(points: Table, log: Table) -> None:
+    """Refuse to join row by row where names would join, did some not stand twice. Raises
+    DataError."""
+    repeated = find_repeated_reading(points, log)
+    if repeated is None:
+        return
+    raise DataError(
+        f"the points have the names of {log.where.file}, but cannot be joined by them: {repeated}.",
+        file=points.where.file,
+        remedy="Give every row of readings a name of its own; or say --join order, if the rows are in "
+        "the same order.",
+    )
 
 
 def map_later_columns(
@@ -87,7 +110,8 @@ def _load_named(file: DataFile, robot: Robot) -> Table:
     table = load_table(source)
     if not len(table):
         raise table.where.refuse("a header, but no rows.")
-    return name_columns(table, robot.n)
+    named = name_columns(table, robot.n)
+    return split_full_names(named)
 
 
 def _draft_join(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
+from itertools import chain, product
 
 import numpy as np
 
 from ..exceptions import DataError, ModelselError, NotEstimable, count_words
 from ..fitting.problem import Problem
 from ..measurements.column_guesses import Choice, Reading, guess_columns, merge_columns
+from ..measurements.contract_columns import list_contract_names
 from ..measurements.gear_ratios import GearRatios, find_gear_ratios
 from ..measurements.grad_columns import JOINTS, Meaning, keep_meaning, name_meanings, offer_meanings
 from ..measurements.headerless_columns import is_headerless, list_orders
@@ -22,16 +23,17 @@ from ..measurements.orientation_guesses import guess_orientation
 from ..measurements.other_units import convert_mapped, convert_units
 from ..measurements.reader import read_measurements
 from ..measurements.table import DataFile, Table, load_table, rename_columns
+from ..measurements.uncausal_columns import SENTENCES as UNCAUSAL
+from ..measurements.uncausal_columns import find_uncausal_columns
 from ..robot.kinematics import Robot
 from ..robot.urdf import read_joint_names
 from ..setup.other_robots import compute_registered_misfit, sample_positions
 from ..setup.registration import register
 from .checks import check_setup
+from .missing_columns import refuse_missing
 from .orientation_reading import settle_orientation
-from .other_columns import describe_optional, describe_other_columns
+from .other_columns import describe_optional, describe_other_columns, describe_quaternions
 
-# columns that a message names
-MAX_SHOWN = 20
 # readings of the columns that are tried on the arm
 MAX_TRIED = 16
 # a reading is the right one where the nominal arm fits to this share of its reach and so much
@@ -44,8 +46,8 @@ MIN_MISFIT_MM = 0.003
 MIN_SPLIT = 30
 HELD_OUT_SHARE = 0.4
 MAX_HELD_OUT = 40
-# what reading does to rows and units
-TOLD_NOTES = ("missed-rows", "units-converted")
+# what reading does to rows, units and columns; commanded ones are listed here
+TOLD_NOTES = {"missed-rows", "units-converted", *UNCAUSAL} - {"commanded-ignored"}
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,16 @@ class StudyDraft:
         remarks = (*before, sentence)
         return replace(self, remarks=remarks)
 
+    def list_uncausal(self) -> list[str]:
+        """List the columns that reading says to be no causes."""
+        split = split_missed(self.contract_table())
+        table = split.kept
+        robot = self.robot
+        known = list_contract_names(robot.prismatic)
+        found = find_uncausal_columns(table, known)
+        told = [names for code, names in found.items() if code in TOLD_NOTES]
+        return list(chain.from_iterable(told))
+
     def contract_table(self) -> Table:
         """Return all rows under the contract's names and in its units."""
         table = load_table(self.source)
@@ -152,7 +164,7 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
     choices = guess_columns(renamed, robot.prismatic, read_joint_names(robot))
     for choice in choices:
         if not choice.readings:
-            raise _refuse_missing(as_given, choice, robot)
+            raise refuse_missing(as_given, choice, robot)
     named = name_meanings(choices, meanings)
     draft = StudyDraft(
         robot, source, table, given, named, originals=converted.originals, meanings=meanings
@@ -216,22 +228,6 @@ def add_orientation(draft: StudyDraft) -> StudyDraft:
     before = draft.choices
     choices = (*before, choice)
     return replace(draft, choices=choices)
-
-
-def _refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
-    is_joints = "joint" in choice.what
-    where = table.where
-    first, wanted = "x_mm", "x_mm, y_mm and z_mm"
-    if is_joints:
-        first, wanted = "q1_deg", f"q1_deg to q{robot.n}_deg"
-    names = list(table.columns)
-    shown = names[:MAX_SHOWN]
-    listed = ", ".join(f'"{name}"' for name in shown)
-    joints = f"{robot.name} has {count_words(robot.n, 'joint')}"
-    return where.refuse(
-        f"nothing looks like {choice.what}: {joints}, and the columns are {listed}.",
-        remedy=f"Say which they are: --column {first}=NAME, and so on ({wanted}).",
-    )
 
 
 # -- which reading the arm fits
@@ -315,6 +311,7 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
         first, *_ = choice.readings
         what = choice.what.capitalize()
         lines.append(f"{what}: {first.sentence}.")
+    lines += describe_quaternions(draft.contract_table(), data)
     lines += describe_optional(draft.optional, data)
     counts = [count_words(len(data), "row"), count_words(data.configurations, "configuration")]
     targets = len(data.targets)
@@ -325,7 +322,7 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     lines.append(_describe_split(data))
     lines += [note.sentence for note in data.notes if note.code in TOLD_NOTES]
     taken = {*draft.columns.values(), *draft.originals}
-    lines += describe_other_columns(draft.measured, taken, data)
+    lines += describe_other_columns(draft.measured, taken, data, draft.list_uncausal())
     return [*lines, *draft.remarks]
 
 

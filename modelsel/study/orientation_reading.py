@@ -34,6 +34,9 @@ def settle_orientation(
     order = np.argsort(angles)
     best = angles[order[0]]
     if not best <= GOOD_ANGLE:
+        inverted = _describe_inverted(source, robot, columns, choice)
+        if inverted:
+            return replace(choice, readings=()), inverted
         shown = choice.readings[int(order[0])].words
         turn = f"by {np.degrees(best):.3g}° (median)" if np.isfinite(best) else "altogether"
         return replace(choice, readings=()), (
@@ -45,15 +48,39 @@ def settle_orientation(
     return replace(choice, readings=tuple(kept)), ""
 
 
+def _describe_inverted(
+    source: Source, robot: Robot, columns: Mapping[str, str], choice: Choice
+) -> str:
+    """Say that orientations follow the nominal arm the other way round; empty where they do not."""
+    angles = []
+    for reading in choice.readings:
+        mapped = {**columns, **reading.columns}
+        angle = _try_reading(source, robot, mapped, inverted=True)
+        angles.append(angle)
+    best = int(np.argmin(angles))
+    if not angles[best] <= GOOD_ANGLE:
+        return ""
+    shown = choice.readings[best].words
+    degrees = np.degrees(angles[best])
+    return (
+        f"Orientations are left out: read as {shown}, they are the nominal arm's inverted (to "
+        f"{degrees:.2g}°, median), the tracker's as the target sees it. Export the target's in the "
+        "tracker's frame."
+    )
+
+
 def _explain(reading: Reading, angle: float) -> Reading:
     degrees = np.degrees(angle)
     reason = f"{degrees:.2g}° from the nominal arm's, in the median"
     return replace(reading, reason=reason)
 
 
-def _try_reading(source: Source, robot: Robot, columns: Mapping[str, str]) -> float:
-    """Compute the median angle [rad] of measured orientations from the nominal arm's, the target's
-    own turn on the flange free; infinite where the file cannot be read so."""
+def _try_reading(
+    source: Source, robot: Robot, columns: Mapping[str, str], *, inverted: bool = False
+) -> float:
+    """Compute the median angle [rad] of measured orientations, or of their inverses, from the
+    nominal arm's, the target's own turn on the flange free; infinite where the file cannot be read
+    so."""
     try:
         data = read_measurements(source, robot, columns)
         problem = Problem(robot, data, np.zeros((len(data.targets), 3)))
@@ -65,7 +92,10 @@ def _try_reading(source: Source, robot: Robot, columns: Mapping[str, str]) -> fl
     R, _ = placed.placement
     flange = placed.pose(slice(None)).axes[-1, :3].transpose(2, 1, 0)
     carried = R[sample.data.group] @ flange
-    on_flange = np.einsum("mji,mjk->mik", carried, np.asarray(sample.data.rotation))
+    rotation = np.asarray(sample.data.rotation)
+    if inverted:
+        rotation = rotation.transpose(0, 2, 1)
+    on_flange = np.einsum("mji,mjk->mik", carried, rotation)
     return _measure_scatter(on_flange)
 
 

@@ -14,7 +14,8 @@ from ..measurements.column_names import parse_column_name
 from ..measurements.columns import convert_to_numbers, describe_cell
 from ..measurements.contract_columns import KNOWN_COVARIATES, list_contract_names
 from ..measurements.measurements import Measurements
-from ..measurements.point_times import are_clock_times
+from ..measurements.orientation_columns import QUATERNION_COLUMNS
+from ..measurements.point_times import DATE_WORDS, TIME_WORDS, are_clock_times, find_date_column
 from ..measurements.table import Table
 
 # where the mechanisms of a payload have its mass
@@ -40,10 +41,21 @@ def describe_optional(optional: Sequence[Reading], data: Measurements) -> list[s
     return lines
 
 
-def describe_other_columns(table: Table, taken: Collection[str], data: Measurements) -> list[str]:
+def describe_quaternions(table: Table, data: Measurements) -> list[str]:
+    """Say that orientations are read where a file has them under the contract's names."""
+    has_quaternions = all(name in table for name in QUATERNION_COLUMNS)
+    if data.rotation is None or not has_quaternions:
+        return []
+    listed = " ".join(QUATERNION_COLUMNS)
+    return [f"The orientation: {listed}, unit quaternions of the target in the tracker's frame."]
+
+
+def describe_other_columns(
+    table: Table, taken: Collection[str], data: Measurements, uncausal: Collection[str] = ()
+) -> list[str]:
     """Say which of the other columns of a file are looked at as causes, and which are not used;
-    `taken`: the columns that are mapped. Names of points, a different one in every row, need no
-    word."""
+    `taken`: the columns that are mapped; `uncausal`: those that reading has said to be no causes.
+    Names of points, a different one in every row, need no word."""
     varying = list[str]()
     constant = list[str]()
     for name, values in data.covariates.items():
@@ -53,10 +65,13 @@ def describe_other_columns(table: Table, taken: Collection[str], data: Measureme
         elif name not in KNOWN_COVARIATES:
             varying.append(name)
     contract = list_contract_names(data.prismatic)
-    known = {*taken, *contract, *data.covariates}
+    known = {*taken, *contract, *data.covariates, *uncausal}
     others = [name for name in table.columns if name not in known]
     commanded = [name for name in others if parse_column_name(name).is_commanded]
-    rest = [name for name in others if name not in commanded]
+    dates = {find_date_column(table, name) for name in taken if name in table}
+    times = _list_times(others) if "time_s" in table else []
+    used = {*commanded, *dates, *times}
+    rest = [name for name in others if name not in used]
     unused = [name for name in rest if not _holds_point_names(table.columns[name])]
     lines = []
     if "payload_kg" in data.covariates:
@@ -67,12 +82,27 @@ def describe_other_columns(table: Table, taken: Collection[str], data: Measureme
     return lines + _list_names("Not used", unused, table)
 
 
+def _list_times(names: Sequence[str]) -> list[str]:
+    """List the columns that are called times or dates: `time_s` is made of them."""
+    times = []
+    for name in names:
+        words = parse_column_name(name).words
+        if words & (TIME_WORDS | DATE_WORDS):
+            times.append(name)
+    return times
+
+
 def _holds_point_names(cells: NDArray[Any]) -> bool:
-    """Whether cells are text that differs in every row, or nearly so, and no times."""
+    """Whether cells are text that differs in every row, or nearly so, and neither numbers nor
+    times."""
+    if cells.dtype.kind != "O" or are_clock_times(cells):
+        return False
     texts = {str(cell) for cell in cells}
     is_distinct = len(texts) >= MIN_DISTINCT * len(cells)
-    is_text = cells.dtype.kind == "O" and not are_clock_times(cells)
-    return is_text and is_distinct
+    values = convert_to_numbers(cells)
+    is_number = np.isfinite(values)
+    share = is_number.mean()
+    return bool(is_distinct and share < MIN_NUMBERS)
 
 
 def _list_names(words: str, names: Sequence[str], table: Table | None = None) -> list[str]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 
 from .._typing import Array
-from ..config.covariate_table import CovariateTable
+from ..config.covariate_table import CovariateTable, list_words
 from ..config.study_file import Study
 from ..diagnosis.own_candidates import OwnCandidates
 from ..diagnosis.sentences import MOTIONS
@@ -31,6 +31,13 @@ EQUAL = 1 - 1e-12
 def list_own_names(study: Study) -> list[str]:
     """List the names that a study gives to causes of its own."""
     return [table.name for table in study.covariate if table.name is not None]
+
+
+def list_own_words(study: Study) -> set[str]:
+    """List the words of a study's own causes, columns of its file among them."""
+    tables = study.covariate
+    words = [list_words(table) for table in tables]
+    return set(chain.from_iterable(words))
 
 
 def find_own_name_problems(study: Study, registry: Registry) -> list[str]:

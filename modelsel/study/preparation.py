@@ -31,8 +31,9 @@ from ..setup.feature_positions import place_features
 from ..setup.plausibility import describe_implausible_distance
 from ..setup.registration import note_undetermined, register
 from .checks import check_setup
+from .computed_columns import drop_computed_columns
 from .gravity_direction import note_gravity
-from .own_causes import note_constant_causes
+from .own_causes import list_own_words, note_constant_causes
 from .row_selection import (
     center_unknown_times,
     check_features_in_one_group,
@@ -66,6 +67,8 @@ def prepare(
     problem = _set_up(study, robot, data)
     problem, registration_notes = _register(study, problem, estimation)
     notes += registration_notes
+    problem, computed_notes = drop_computed_columns(problem, estimation, list_own_words(study))
+    notes += computed_notes
     per_group = study.robot.per_group
     setup_notes = check_setup(problem, estimation, bool(study.robot.register_), per_group)
     problem = place_features(problem, estimation)

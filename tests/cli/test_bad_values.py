@@ -37,7 +37,8 @@ def run(*words: str | Path) -> Result:
         ("tool_mm = [1, nan, 2]", "m.csv", "", "tool_mm.2: expected a finite number, found 'nan'"),
         ("tool_mm = [1, 1e300, 2]", "m.csv", "", "tool_mm.2: expected less than or equal to 1000"),
         (f"tool_mm = [1, {10**305}, 2]", "m.csv", "", " digits'"),
-        ("tool_mm = [1, 2]", "m.csv", "", "tool_mm: expected 3 values or more, found"),
+        ("tool_mm = [1, 2]", "m.csv", "", "tool_mm: expected exactly 3 values, found"),
+        ("tool_mm = true", "m.csv", "", "tool_mm: expected a list, found true"),
         ("register = true", "a\\u0000b", "", "file: expected text without line breaks"),
         ("register = true", "a" * 5000, "", "file: expected at most 4000 characters"),
         (
@@ -90,7 +91,7 @@ def measured(robot: Robot, rows: int, **others: object) -> pd.DataFrame:
 
 def test_columns_that_are_no_causes_are_ignored_with_the_reason() -> None:
     robot = load_robot("ur10")
-    rows = np.arange(12.0)
+    rows = np.arange(12.0) ** 2
     frame = measured(robot, 12, q2=rows, torque2=rows, **{"a b": rows, "": rows, "gap": rows})
     frame.loc[3, "gap"] = np.nan
     data = read_measurements(frame, robot)

@@ -81,8 +81,10 @@ def test_an_output_without_greek_letters_loses_no_more_than_them(tmp_path) -> No
 def test_dry_run_computes_and_writes_nothing(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("modelsel.study.runner.analyse", lambda *a, **k: pytest.fail("it computed"))
     said = invoked("study", PUMA, "--dry-run", "--out", tmp_path / "out")
-    assert "80 configurations would estimate, 120 would be held out" in said
+    assert "80 configurations would fit the models, 120 would be held out" in said
+    assert "result.json, report.pdf, report.html into" in " ".join(said.split())
     assert not (tmp_path / "out").exists()
+    assert "report.pdf" not in invoked("study", PUMA, "--dry-run", "--no-report")
     words = ["study", str(PUMA), "--dry-run", "--json", "--out", str(tmp_path / "out")]
     found = json.loads(CliRunner().invoke(run_command_line, words).stdout)
     assert found["configurations"] == {"estimation": 80, "held_out": 120}

@@ -335,6 +335,22 @@ def test_a_clock_is_the_time_and_commanded_positions_are_named() -> None:
     assert data.covariates["time_s"][[0, 1, 30]].tolist() == [0.0, 120.0, 3600.0]
 
 
+@pytest.mark.parametrize("days", ["04/0{}/2025", "0{}.04.2025", "2025-04-0{}"])
+def test_a_date_of_its_own_goes_before_the_time(days) -> None:
+    """US, German and ISO dates; two shots a day."""
+    frame = campaign()
+    frame["Date"] = [days.format(1 + k // 10) for k in range(len(frame))]
+    frame["Time"] = [f"{8 + k % 10:02d}:00:00" for k in range(len(frame))]
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert f'"Time" with "Date" as time_s (0 to {3 * 86400 + 9 * 3600} s' in ran.stdout
+    assert "Not used" not in ran.stdout
+    study = tomllib.loads(Path("m/study.toml").read_text(encoding="utf-8"))
+    data = read_measurements("m.csv", load_robot("ur10"), study["measurements"]["columns"])
+    assert data.covariates["time_s"][[0, 1, 10]].tolist() == [0.0, 3600.0, 86400.0]
+    assert "columns-ignored" not in {note.code for note in data.notes}
+
+
 def test_a_clock_that_goes_back_is_no_time() -> None:
     frame = campaign()
     frame["Uhrzeit"] = [f"{(23 + k // 30) % 24:02d}:{k % 30 * 2:02d}" for k in range(len(frame))]
@@ -428,6 +444,18 @@ def test_the_angle_c_with_degrees_below_it_is_no_temperature(names, tmp_path) ->
     assert invoked("study", "m", "--dry-run").exit_code == 0
     mapped = [f"--column={name}={given}" for name, given in columns.items()]
     assert invoked("check", "m.csv", "--robot", "ur10", *mapped).exit_code == 0
+
+
+def test_inverted_orientations_are_said() -> None:
+    from scipy.spatial.transform import Rotation
+
+    frame = poses("ZYX")
+    turned = Rotation.from_euler("ZYX", frame[["1", "2", "3"]].to_numpy(), degrees=True)
+    frame[["Yaw", "Pitch", "Roll"]] = turned.inv().as_euler("ZYX", degrees=True)
+    frame.drop(columns=["1", "2", "3"]).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert "they are the nominal arm's inverted" in ran.stdout
+    assert "possible causes" not in ran.stdout
 
 
 def test_a_controllers_own_orientation_is_left_out_and_said() -> None:
@@ -602,3 +630,131 @@ def test_a_file_of_the_form_of_the_study_goes_into_check_and_validate() -> None:
     other = invoked("compare", "elsewhere", "reports/cell")
     assert other.exit_code == 2
     assert "its report's folder was expected" in other.stderr
+
+
+UNITS = [
+    ("Temp (F)", "temperature_C", "68 to 77 °F", np.linspace(68, 77, 40), (20.0, 25.0)),
+    ("T [K]", "temperature_C", "293.1 to 298.1 K", np.linspace(293.15, 298.15, 40), (20.0, 25.0)),
+    ("Time [min]", "time_s", "0 to 78 min", np.arange(40) * 2.0, (0.0, 4680.0)),
+    ("time_ms", "time_s", "0 to 3.9e+04 ms", np.arange(40) * 1000, (0.0, 39.0)),
+    ("t [h]", "time_s", "0 to 3.9 h", np.arange(40) / 10, (0.0, 14040.0)),
+]
+
+
+@pytest.mark.parametrize(("name", "wanted", "said", "values", "ends"), UNITS)
+def test_temperatures_and_times_in_other_units_are_converted(
+    name, wanted, said, values, ends
+) -> None:
+    frame = campaign()
+    frame[name] = values
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 0, ran.output
+    assert f'Also: "{name}" as {wanted} ({said}).' in ran.stdout
+    assert f'Converted: "{name}" from ' in ran.stdout
+    assert "Not used" not in ran.stdout
+    data = read_measurements("m.csv", load_robot("ur10"), _columns())
+    np.testing.assert_allclose(data.covariates[wanted][[0, -1]], ends, atol=1e-9)
+
+
+def _columns() -> dict[str, str]:
+    text = Path("m/study.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)["measurements"]["columns"]
+
+
+@pytest.mark.parametrize("unit", ["µm", "mm", "", "U95"])
+def test_uncertainties_are_mapped_where_their_unit_is_said(unit) -> None:
+    frame = campaign()
+    size = 30.0 if unit == "µm" else 0.03
+    names = [f"U95 {axis} [mm]" if unit == "U95" else f"s{axis} [{unit}]" for axis in "XYZ"]
+    if not unit:
+        names = ["sX", "sY", "sZ"]
+    frame[names] = size * np.random.default_rng(4).uniform(1, 1.1, (40, 3))
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert "possible causes" not in ran.stdout
+    data = read_measurements("m.csv", load_robot("ur10"), _columns())
+    if unit in ("µm", "mm"):
+        assert f'Also: "{" ".join(names)}" as sx_mm sy_mm sz_mm.' in ran.stdout
+        np.testing.assert_allclose(data.sigma, 0.0315, rtol=0.1)
+        return
+    assert data.sigma is None
+    assert f"are ignored: {', '.join(names)}. Map one standard deviation in mm" in ran.stdout
+
+
+def test_quaternions_that_are_used_are_said() -> None:
+    from scipy.spatial.transform import Rotation
+
+    frame = poses("ZYX")
+    turned = Rotation.from_euler("ZYX", frame[["1", "2", "3"]].to_numpy(), degrees=True)
+    frame[["qx", "qy", "qz", "qw"]] = turned.as_quat()
+    frame.drop(columns=["1", "2", "3"]).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert "The orientation: qw qx qy qz, unit quaternions" in ran.stdout
+
+
+OTHER_COLUMNS = {
+    "X1 Y1 Z1 X2 Y2 Z2": "every row has 2 positions (X1 Y1 Z1, X2 Y2 Z2). Write a row for each",
+    "Range Az El": '"Range", "Az", "El" look like an instrument\'s distance and angles',
+    "X_mm Y_cm Z_m": 'the columns of the position have several units: "X_mm", "Y_cm", "Z_m".',
+}
+
+
+@pytest.mark.parametrize("names", OTHER_COLUMNS)
+def test_what_stands_in_place_of_a_position_is_said(names) -> None:
+    frame = campaign().drop(columns=["X", "Y", "Z"])
+    for k, name in enumerate(names.split()):
+        frame[name] = np.random.default_rng(k).uniform(0, 900, len(frame))
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 3
+    assert OTHER_COLUMNS[names] in ran.stderr
+
+
+PROGRAMS = {
+    "p.mod": (
+        "MODULE Poses\n  CONST jointtarget p1:=[[1,2,3,4,5,6]];\nENDMODULE\n",
+        "a RAPID program",
+    ),
+    "p.dat": ("&ACCESS RVP\nDEFDAT POSES\nDECL E6AXIS XP1={A1 1,A2 2}\n", "a KRL program"),
+    "p.ls": ("/PROG  PICK\n/ATTR\n", "a TP program of Fanuc"),
+    "p.script": ("def pick():\n  movej([0,0,0,0,0,0])\nend\n", "a program of Universal Robots"),
+}
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_robots_program_is_named(name) -> None:
+    text, what = PROGRAMS[name]
+    campaign().to_csv("m.csv", index=False)
+    Path(name).write_text(text)
+    ran = invoked("init", "m.csv", "--joints", name, "--robot", "ur10", "--yes")
+    assert ran.exit_code == 3
+    assert f"{name}: this is {what}; programs are not read. Give a table" in ran.stderr
+
+
+@pytest.mark.parametrize("line", [2, 20])
+def test_an_open_quotation_mark_is_told(line) -> None:
+    """Else every row after it is one cell, and lost."""
+    lines = campaign().assign(day="day 1").to_csv(index=False).splitlines()
+    lines[line - 1] = f'"{lines[line - 1]}'
+    Path("m.csv").write_text("\n".join(lines))
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 3
+    assert f"m.csv, line {line}: an open quotation mark" in ran.stderr
+
+
+def test_a_link_to_nowhere_is_told() -> None:
+    campaign().to_csv("m.csv", index=False)
+    Path("link").symlink_to("nowhere")
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", "--out", "link")
+    assert ran.exit_code == 2
+    assert "link: a link to a folder that is not there." in ran.stderr
+
+
+def test_a_single_column_in_celsius_is_the_temperature() -> None:
+    frame = campaign()
+    frame["Luft"] = np.linspace(20, 24, len(frame)).round(1)
+    units = pd.DataFrame([["°"] * 6 + ["mm"] * 3 + ["°C"]], columns=frame.columns)
+    pd.concat([units, frame]).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert '"Luft" as temperature_C (20 to 24)' in ran.stdout

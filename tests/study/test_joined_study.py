@@ -489,3 +489,37 @@ def test_what_was_compared_by_name_is_told(tmp_path) -> None:
         DataError, match=r'"Point" and "\w+" have 20 of 42 .* stands 2 times in log'
     ):
         draft_joined_study(points, DataFile(tmp_path / "log.csv"), load_robot("ur10"), {}, "name")
+
+
+def test_full_names_tell_the_reflectors(tmp_path) -> None:
+    """Collection, group and point in one word, and nothing else but X Y Z."""
+    lines = [
+        f"Job1::SMR{tool + 1}::{name} {numbers(row, ' ')}"
+        for tool in range(2)
+        for name, row in zip(NAMES, campaign(tool)[1], strict=True)
+    ]
+    written(tmp_path, "\n".join(lines), log(NAMES))
+    ran = invoked()
+    assert ran.exit_code == 0, ran.output
+    assert '"Group" tells the reflectors of one configuration apart.' in ran.stdout
+    data = read_measurements(tmp_path / "s" / "measurements.csv", load_robot("ur10"))
+    assert data.targets == ("SMR1", "SMR2")
+    assert (len(data), data.configurations) == (2 * ROWS, ROWS)
+
+
+def test_a_name_that_stands_twice_is_no_reason_to_join_row_by_row(tmp_path) -> None:
+    twice = [*NAMES[:10], NAMES[3], *NAMES[11:]]
+    written(tmp_path, spatial_analyzer(NAMES), log(twice))
+    ran = invoked()
+    assert ran.exit_code == 3
+    assert '"p004" stands 2 times in its column "Punkt"' in ran.stderr
+    assert "or say --join order" in ran.stderr
+    assert invoked("--join", "order").exit_code == 0
+
+
+def test_times_that_are_used_are_not_said_to_be_unused(tmp_path) -> None:
+    written(tmp_path, leica(), dense_log())
+    ran = invoked()
+    assert '"time" of the points is time_s, from the first point on.' in ran.stdout
+    unused = [line for line in ran.stdout.splitlines() if line.startswith("Not used")]
+    assert not any('"Time"' in line or '"time"' in line for line in unused)

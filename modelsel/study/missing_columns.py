@@ -1,0 +1,104 @@
+"""What a file has in place of columns that it needs, and what to do."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Sequence
+
+from ..exceptions import DataError, count_words, one_line
+from ..measurements.column_guesses import Choice
+from ..measurements.column_names import AXES, ColumnName, parse_column_name
+from ..measurements.table import Table
+from ..robot.kinematics import Robot
+
+# columns that a message names
+MAX_SHOWN = 20
+NUMBERED_AXIS = re.compile(r"([xyz])[ _]?(\d{1,2})(?![\w.])", re.IGNORECASE)
+# distance, bearing and elevation, as instruments call them
+SPHERICAL = (
+    frozenset(("range", "distance", "dist", "r", "d")),
+    frozenset(("az", "azimuth", "hz", "horizontal", "theta")),
+    frozenset(("el", "elevation", "v", "vertical", "zenith", "phi")),
+)
+
+
+def refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
+    """Return the error of a file in which nothing looks like joint readings, or like a position."""
+    known = _explain_columns(table, choice.what)
+    if known is not None:
+        what, remedy = known
+        return table.where.refuse(what, remedy=remedy)
+    is_joints = "joint" in choice.what
+    where = table.where
+    first, wanted = "x_mm", "x_mm, y_mm and z_mm"
+    if is_joints:
+        first, wanted = "q1_deg", f"q1_deg to q{robot.n}_deg"
+    names = list(table.columns)
+    shown = names[:MAX_SHOWN]
+    listed = ", ".join(f'"{name}"' for name in shown)
+    joints = f"{robot.name} has {count_words(robot.n, 'joint')}"
+    return where.refuse(
+        f"nothing looks like {choice.what}: {joints}, and the columns are {listed}.",
+        remedy=f"Say which they are: --column {first}=NAME, and so on ({wanted}).",
+    )
+
+
+def _explain_columns(table: Table, what: str) -> tuple[str, str] | None:
+    """Say what a file has instead of columns (what is wrong, the remedy); None for nothing that is
+    known."""
+    names = [parse_column_name(name, table.units.get(name)) for name in table.columns]
+    is_joints = "joint" in what
+    wanted = ("joint",) if is_joints else AXES
+    mixed = _explain_mixed_units(names, wanted, what)
+    if mixed is not None or is_joints:
+        return mixed
+    return _explain_pairs(list(table.columns)) or _explain_spherical(names)
+
+
+def _explain_mixed_units(
+    names: Sequence[ColumnName], wanted: Sequence[str], what: str
+) -> tuple[str, str] | None:
+    """Say that columns of one kind have several units."""
+    called = [name for name in names if name.quantity in wanted]
+    found = [name for name in called if name.unit is not None]
+    units = {name.unit for name in found}
+    if len(units) < 2:
+        return None
+    listed = ", ".join(f'"{one_line(name.given)}"' for name in found)
+    remedy = "Write all of them in one unit, or map each by --column NAME=COLUMN."
+    return f"the columns of {what} have several units: {listed}.", remedy
+
+
+def _explain_pairs(names: Sequence[str]) -> tuple[str, str] | None:
+    """Say that rows have several positions: X1 Y1 Z1 X2 Y2 Z2."""
+    positions: dict[str, dict[str, str]] = defaultdict(dict)
+    for name in names:
+        match = NUMBERED_AXIS.match(name)
+        if match is not None:
+            axes = positions[match[2]]
+            axes[match[1].lower()] = name
+    whole = [axes for axes in positions.values() if len(axes) == len(AXES)]
+    count = len(whole)
+    if count < 2:
+        return None
+    listed = ", ".join(" ".join(axes[axis] for axis in AXES) for axes in whole)
+    return (
+        f"every row has {count} positions ({listed}).",
+        "Write a row for each reflector, with the same readings and its name in a column target.",
+    )
+
+
+def _explain_spherical(names: Sequence[ColumnName]) -> tuple[str, str] | None:
+    """Say that positions are a distance and two angles."""
+    found = []
+    for words in SPHERICAL:
+        called = [name.given for name in names if name.words & words]
+        found += called[:1]
+    if len(found) < len(SPHERICAL):
+        return None
+    listed = ", ".join(f'"{name}"' for name in found)
+    return (
+        f"{listed} look like an instrument's distance and angles, which are not read.",
+        "Export Cartesian coordinates X, Y, Z from its program.",
+    )

@@ -1,0 +1,106 @@
+"""Columns of numbers that are no causes, whatever a search would make of them."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from modelsel.measurements.reader import read_measurements
+
+pytestmark = pytest.mark.unit
+ROWS = 12
+
+
+def frame(**others) -> pd.DataFrame:
+    """Measurements of an arm of one joint, and other columns."""
+    rng = np.random.default_rng(5)
+    columns = {"q1_rad": rng.uniform(-1, 1, ROWS)}
+    columns |= {f"{axis}_mm": rng.uniform(-500, 500, ROWS) for axis in "xyz"}
+    return pd.DataFrame({**columns, **others})
+
+
+def noise(seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).normal(0, 0.1, ROWS)
+
+
+def read(**others) -> tuple[set[str], dict[str, str]]:
+    """(the causes, what is said by its code)."""
+    data = read_measurements(frame(**others), [False])
+    return set(data.covariates), {note.code: note.sentence for note in data.notes}
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("dX", "dY", "dZ", "Mag"),
+        ("dx", "dy", "dz", "d"),
+        ("X_dev", "Y_dev", "Z_dev", "Total"),
+        ("Error",),
+        ("Deviation 3D",),
+        ("residual_mm",),
+        ("delta_x_mm", "delta_y_mm", "delta_z_mm"),
+    ],
+)
+def test_deviations_of_the_position_are_no_causes(names) -> None:
+    causes, said = read(**{name: noise(k) for k, name in enumerate(names)})
+    assert not causes
+    assert said["computed-ignored"].endswith(f": {', '.join(names)}.")
+
+
+def test_other_columns_stay_causes() -> None:
+    """Accelerations, a following error, a rise of temperature, an error's number."""
+    names = ("acc_x", "acc_y", "acc_z", "error_code", "delta_T", "dT", "Mag", "RMS", "dX_speed")
+    causes, said = read(**{name: noise(k) for k, name in enumerate(names)})
+    assert causes == set(names)
+    assert not [code for code in said if code.endswith("-ignored")]
+
+
+@pytest.mark.parametrize("name", ["ID", "Pose", "Punkt", "n"])
+def test_a_counter_of_any_name_is_no_cause(name) -> None:
+    numbers = np.delete(np.arange(100, 101 + ROWS), 4)
+    causes, said = read(**{name: numbers})
+    assert not causes
+    assert name in said["counters-ignored"]
+
+
+def test_a_counter_of_configurations_is_no_cause() -> None:
+    rows = frame(Pose=np.repeat(np.arange(ROWS // 2), 2), load=np.repeat([0, 1, 2], 4))
+    rows["q1_rad"] = np.repeat(np.linspace(-1, 1, ROWS // 2), 2)
+    data = read_measurements(rows, [False])
+    assert set(data.covariates) == {"load"}
+
+
+def test_whole_degrees_that_rise_count_no_rows() -> None:
+    warm = np.array([20, 20, 20, 21, 21, 22, 22, 23, 23, 24, 25, 25])
+    causes, _ = read(housing=warm, time_s=np.arange(ROWS))
+    assert causes == {"housing", "time_s"}
+
+
+def test_a_column_that_the_study_names_stays_a_cause() -> None:
+    data = read_measurements(frame(dX=noise(1)), [False], used=("dX",))
+    assert set(data.covariates) == {"dX"}
+
+
+def test_orientations_and_uncertainties_are_no_causes() -> None:
+    rng = np.random.default_rng(6)
+    turns = rng.normal(size=(4, ROWS))
+    q1, q2, q3, q4 = turns / np.linalg.norm(turns, axis=0)
+    angles = rng.uniform(-180, 180, (3, ROWS))
+    sizes = rng.uniform(0.03, 0.04, (3, ROWS))
+    causes, said = read(
+        **dict(zip("ABC", angles, strict=True)),
+        **dict(zip(("sX", "sY", "sZ"), sizes, strict=True)),
+        q1=q1,
+        q2=q2,
+        q3=q3,
+        q4=q4,
+    )
+    assert not causes
+    assert said["orientations-ignored"].endswith(": A, B, C.")
+    assert "sX, sY, sZ. Map" in said["uncertainties-ignored"]
+    assert "q1, q2, q3, q4. Map them to qw qx qy qz" in said["quaternion-ignored"]
+
+
+def test_moments_are_no_orientation() -> None:
+    names = ("Rx_Nm", "Ry_Nm", "Rz_Nm", "sX", "A", "B")
+    causes, _ = read(**{name: noise(k) for k, name in enumerate(names)})
+    assert causes == set(names)
