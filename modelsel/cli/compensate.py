@@ -141,21 +141,31 @@ def _correct(
     c: Calibration, data: Measurements, bound: tuple[float, float], file: str
 ) -> tuple[Commands, Measurements, list[str], list[str]]:
     """Correct planned commands within a bound (mrad, mm): they, the rows that they are of, the notes
-    on them, and sentences on the rows that cannot be corrected. Raises DataError where these are
+    on them, and sentences on the rows that cannot be corrected. Without these the others are
+    corrected again, as the arm then comes to them from elsewhere. Raises DataError where they are
     most."""
     from ..calibration.compensation import compensate_commands, note_commands
-    from ..calibration.large_changes import describe_skipped, find_skipped, keep_commands
+    from ..calibration.large_changes import (
+        describe_new_order,
+        describe_skipped,
+        find_skipped,
+        leave_out_rows,
+    )
 
     bound_mrad, bound_mm = bound
     bounds = (bound_mrad / 1e3, bound_mm)
-    commands = compensate_commands(c, data)
-    beyond = find_skipped(c, commands, data, bounds, file)
-    skipped = describe_skipped(c, commands, data, bounds, beyond)
-    kept = keep_commands(commands, ~beyond)
-    rows = np.flatnonzero(~beyond)
-    some = data.take(rows)
-    notes = note_commands(c, kept, some)
-    return kept, some, notes, skipped
+    skipped = []
+    while True:  # every round leaves out a row at least
+        commands = compensate_commands(c, data)
+        beyond = find_skipped(c, commands, data, bounds, file)
+        if not beyond.any():
+            break
+        skipped += describe_skipped(c, commands, data, bounds, beyond)
+        data = leave_out_rows(data, beyond)
+    notes = note_commands(c, commands, data)
+    if skipped:
+        notes += describe_new_order(c, data)
+    return commands, data, notes, skipped
 
 
 def _write_program(

@@ -28,7 +28,7 @@ from modelsel.calibration.large_changes import (
     describe_skipped,
     find_skipped,
     find_weakest,
-    keep_commands,
+    leave_out_rows,
     refuse_large_changes,
 )
 from modelsel.calibration.prediction import predict
@@ -149,12 +149,47 @@ def test_one_row_beyond_the_bound_is_left_out_with_its_own_message(made) -> None
     (said,) = describe_skipped(c, commands, data, MAX_CORRECTION, skipped)
     assert said.startswith("row 4 is left out: ")
     assert "Check that the wanted position belongs to the command, or raise --bound." in said
-    kept = keep_commands(commands, ~skipped)
-    np.testing.assert_array_equal(kept.q, np.delete(commands.q, 4, axis=0))
-    assert kept.left_rad is None
     data.position[:] += 30.0
     with pytest.raises(DataError, match=r"such rows\)"):
         find_skipped(c, compensate_commands(c, data), data, MAX_CORRECTION, "t.csv")
+
+
+def test_rows_left_out_change_the_motion_of_those_after_them(made, tmp_path) -> None:
+    """The commands are those of a plan that never had the row."""
+    c, at = made
+    (tmp_path / "calibration.json").write_text(calibration_text(c))
+    columns = {f"q{j + 1}_rad": at.data.q[1:30, j] for j in range(6)}
+    columns |= dict(zip(("x_mm", "y_mm", "z_mm"), predict_nominal(at)[1:30].T, strict=True))
+    columns |= {"target": np.array(at.data.targets)[at.data.target[1:30]]}
+    columns |= {"group": np.array(at.data.groups)[at.data.group[1:30]]}
+    columns |= {"temperature_C": at.data.covariates["temperature_C"][1:30]}
+    table = pd.DataFrame(columns)
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(table["q3_rad"]))))
+    spoilt = int(turns[3]) + 1  # where joint 3 turns back: the next row comes from the other side
+    table.loc[spoilt, "x_mm"] += 40.0
+
+    def corrected(plan: pd.DataFrame, status: int) -> tuple[pd.DataFrame, str]:
+        plan.to_csv(tmp_path / "plan.csv", index=False)
+        command = ["compensate", str(tmp_path), str(tmp_path / "plan.csv")]
+        ran = CliRunner().invoke(run_command_line, [*command, "--out", str(tmp_path / "out.csv")])
+        assert ran.exit_code == status, ran.output
+        return pd.read_csv(tmp_path / "out.csv"), ran.output
+
+    found, said = corrected(table, 5)
+    wanted, _ = corrected(table.drop(index=spoilt), 0)
+    pd.testing.assert_frame_equal(found, wanted)
+    assert "The order of the targets is that without the rows that are left out." in said
+
+
+def test_directions_that_were_given_outlast_rows_left_out(made) -> None:
+    _, at = made
+    left_out = np.arange(8) == 3
+    data = plan(at, slice(1, 9))
+    some = leave_out_rows(data, left_out)
+    np.testing.assert_array_equal(some.approach, data.approach[~left_out])
+    steps = np.abs(np.diff(some.q[:, 2]))
+    within = np.diff(some.group) == 0
+    np.testing.assert_allclose(some.move[1:, 2][within], steps[within])
 
 
 def test_a_change_that_the_posture_makes_large_names_the_singularity(made) -> None:

@@ -144,15 +144,19 @@ def _refine_grid(
             break
         count = 2 * count - 1
     varied = [k for k, points in enumerate(grid) if len(points) > 1]
-    kept_names = tuple(names[k] for k in varied)
-    kept_grid = tuple(grid[k] for k in varied)
-    return Table(frame, axis, kept_names, kept_grid, values.squeeze())
+    kept_names = [names[k] for k in varied]
+    kept_grid = [grid[k] for k in varied]
+    kept_values = values.squeeze()
+    return Table(frame, axis, tuple(kept_names), tuple(kept_grid), kept_values)
 
 
 def _space_points(low: float, high: float, count: int) -> Array:
     """Space points evenly, as the file has them: those that its digits make equal are one."""
     spaced = np.linspace(low, high, count)
-    written = [float(format(point, GRID_FORMAT)) for point in spaced.tolist()]
+    written = []
+    for point in spaced.tolist():
+        digits = format(point, GRID_FORMAT)
+        written.append(float(digits))
     return np.unique(written)
 
 
