@@ -59,7 +59,7 @@ def _span_changes(c: Calibration, at: Problem, free: Array) -> Array:
     changes = _list_changes(c.robot)
     anywhere = compute_sensitivities(c, at, changes)
     calibrated = compute_sensitivities(c, at, c.terms)
-    columns = np.concatenate([free, anywhere, calibrated], 2)
+    columns = np.concatenate([free, anywhere[:, :3], calibrated[:, :3]], 2)
     _, _, width = columns.shape
     matrix = columns.reshape(-1, width)
     return orthonormal_basis(matrix)

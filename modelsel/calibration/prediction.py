@@ -62,27 +62,28 @@ def propagate_uncertainty(calibration: Calibration, problem: Problem) -> Array:
     """
     terms = calibration.terms
     factor = calibration.factor
-    return compute_sensitivities(calibration, problem, terms, factor)
+    moved = compute_sensitivities(calibration, problem, terms, factor)
+    return moved[:, :3]
 
 
 def compute_sensitivities(
     calibration: Calibration, problem: Problem, terms: Sequence[Term], factor: Array | None = None
 ) -> Array:
-    """Compute how far the calibrated robot's positions move by one of each term (m, 3, p) [mm]; with
-    a `factor` (p, r), by one of each of its columns (m, 3, r)."""
+    """Compute how far the calibrated robot's target moves by one of each term (m, c, p) [mm], and
+    where rows have orientations turns [rad]; with a `factor` (p, r), by one of each of its columns
+    (m, c, r)."""
     if factor is None:
         count = len(terms)
         factor = np.eye(count)
     own = calibration.terms
     theta = calibration.theta
     width = factor.shape[1]
-    shape = (len(problem), 3, width)
+    shape = (len(problem), problem.components, width)
     moved = np.empty(shape)
     for rows in problem.blocks(BLOCK_ROWS):
         twist = twist_of(problem, own, theta, rows)
         pose = problem.pose(rows, twist)
         field = field_of(problem, pose, rows)
         columns = compute_columns(problem, field, terms, rows)
-        positions = columns[:, :3]
-        moved[rows] = np.einsum("pcm,pr->mcr", positions, factor)
+        moved[rows] = np.einsum("pcm,pr->mcr", columns, factor)
     return moved

@@ -249,6 +249,8 @@ def _figures(commands: Commands) -> dict[str, Any]:
     if commands.before_rad is not None and commands.left_rad is not None:
         lengths["orientation_before_mrad"] = 1e3 * commands.before_rad
         lengths["orientation_left_mrad"] = 1e3 * commands.left_rad
+    if commands.model_rad is not None:
+        lengths["orientation_uncertainty_mrad"] = 1e3 * commands.model_rad
     return {
         **{name: {"mean": rows.mean(), "max": rows.max()} for name, rows in lengths.items()},
         "largest_change": np.abs(commands.change).max(0),
@@ -296,7 +298,11 @@ def _describe_orientations(commands: Commands) -> str:
         return ""
     before = 1e3 * commands.before_rad
     left = 1e3 * commands.left_rad
+    known = "; how well the model knows them cannot be told, since its study measured none"
+    if commands.model_rad is not None:
+        uncertainty = 1e3 * commands.model_rad
+        known = f", to which the model's own uncertainty adds {uncertainty.mean():.3g} mrad"
     return (
         f" Orientations are off by {before.mean():.3g} mrad on average without it; with it, {left.mean():.3g} mrad on "
-        f"average and {left.max():.3g} mrad at most are left."
+        f"average and {left.max():.3g} mrad at most are left{known}."
     )

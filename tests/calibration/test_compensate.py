@@ -31,7 +31,7 @@ from modelsel.calibration.large_changes import (
     leave_out_rows,
     refuse_large_changes,
 )
-from modelsel.calibration.prediction import predict
+from modelsel.calibration.prediction import compute_pose, predict
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import DataError
@@ -43,7 +43,7 @@ from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
-from modelsel.robot.rigid import from_quaternion
+from modelsel.robot.rigid import from_quaternion, rotation_vector
 from modelsel.study.runner import run_study
 
 NOISE = 0.06
@@ -119,8 +119,6 @@ def test_orientation_is_kept_where_wanted(made, rng) -> None:
     assert kept.reached.mean() > 0.9
 
     def turned(found) -> np.ndarray:
-        from modelsel.calibration.prediction import compute_pose
-
         R = compute_pose(
             replace_readings(c.problem(data), found.q), c.terms, c.theta
         ).rotation.transpose(2, 0, 1)
@@ -507,7 +505,6 @@ def test_orientation_errors_are_said(made, tmp_path) -> None:
         compensate_commands(c, replace(data, rotation=wanted)),
         compensate_commands(c, data),
     )
-    from modelsel.calibration.prediction import compute_pose
 
     def off(q: np.ndarray) -> np.ndarray:
         R = compute_pose(
@@ -545,6 +542,28 @@ def test_orientation_errors_are_said(made, tmp_path) -> None:
         1e3 * found.before_rad,
         rtol=1e-5,
     )
+
+
+def test_the_model_tells_how_well_it_knows_orientations(made) -> None:
+    """By the exact chain at parameters that are off by each column of their covariance's factor."""
+    c, at = made
+    rotation = np.tile(np.eye(3), (8, 1, 1))
+    data = replace(plan(at, slice(1, 9)), rotation=rotation)
+    assert compensate_commands(c, data).model_rad is None
+    known = replace(c, tool_rotations=np.tile(np.eye(3), (2, 1, 1)))
+    found = compensate_commands(known, data)
+    there = replace_readings(known.problem(data), found.q)
+    turned = []
+    for column in 0.1 * c.factor.T:
+        ends = [
+            compute_pose(there, c.terms, c.theta + sign * column).rotation.transpose(2, 0, 1)
+            for sign in (-1, 1)
+        ]
+        turned.append(rotation_vector(ends[1] @ ends[0].transpose(0, 2, 1)) / 0.2)
+    expected = np.sqrt(np.square(turned).sum((0, 2)))
+    np.testing.assert_allclose(found.model_rad, expected, rtol=1e-4)
+    figures = found.figures()
+    np.testing.assert_allclose(figures["orientation_uncertainty_mrad"], 1e3 * expected, rtol=1e-4)
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
