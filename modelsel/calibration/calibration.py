@@ -68,6 +68,7 @@ class Calibration:
         held_out_rms_mm: rms length of the held-out residuals, None without.
         ranges: least and largest value in estimation of every joint reading, covariate and value
             that the model's causes use.
+        held_out_ranges: the same of all rows, where a held-out row lies beyond.
         provenance: versions and digests of what it was made from.
         form: how the study reads its measurements file.
         doubtful: names of the mechanisms with which the held-out error does not fall.
@@ -93,6 +94,7 @@ class Calibration:
     refits: Refits | None = None
     form: FileForm = field(default_factory=FileForm)
     doubtful: tuple[str, ...] = ()
+    held_out_ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -292,6 +294,8 @@ def calibrate(
     set-up are no part of it."""
     problem = split.problem
     of_arm = [k for k, term in enumerate(fitted.terms) if not term.fixture]
+    ranges = _find_ranges(split.training, fitted.model)
+    all_ranges = _find_ranges(problem, fitted.model)
     kept = tuple(place for place, k in enumerate(of_arm) if k in fitted.found.kept)
     factor = _round_factor(fitted)
     if len(of_arm) < len(fitted.terms):
@@ -312,23 +316,24 @@ def calibrate(
         kept=kept,
         floor=floor,
         held_out_rms_mm=held_out_rms_mm,
-        ranges=_find_ranges(split.training, fitted.model),
+        ranges=ranges,
         provenance=dict(provenance),
+        held_out_ranges={k: both for k, both in all_ranges.items() if both != ranges[k]},
     )
 
 
-def _find_ranges(training: Problem, model: Model) -> dict[str, tuple[float, float]]:
+def _find_ranges(at: Problem, model: Model) -> dict[str, tuple[float, float]]:
     """Return the least and largest value of every joint reading, covariate and name in a cause."""
     names = set[str]()
     for mechanism in model.mechanisms:
         names |= mechanism.names()
     names -= PLACED_NAMES
-    names.update(training.data.covariates)
-    for joint in range(1, training.robot.n + 1):
+    names.update(at.data.covariates)
+    for joint in range(1, at.robot.n + 1):
         names.add(f"q{joint}")
     ranges = {}
     for name in sorted(names):
-        values = training.value(name)
+        values = at.value(name)
         least = float(values.min())
         largest = float(values.max())
         ranges[name] = (least, largest)

@@ -92,6 +92,9 @@ def calibration_record(c: Calibration) -> dict[str, Any]:
         record["refits"] = refits_record(c.refits, symbols)
     if c.doubtful:
         record["doubtful"] = list(c.doubtful)
+    if c.held_out_ranges:
+        beyond = {name: list(pair) for name, pair in c.held_out_ranges.items()}
+        record["held_out_ranges"] = beyond
     form = c.form
     if not form.is_plain:
         columns = dict(form.columns)

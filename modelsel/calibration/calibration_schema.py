@@ -154,6 +154,7 @@ class CalibrationRecord(StrictRecord):
     urdf: UrdfRecord | None = None
     file_form: FileFormRecord | None = None
     doubtful: list[Text] = Field(default_factory=list)
+    held_out_ranges: dict[Text, Pair] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _check_names(self) -> CalibrationRecord:
@@ -169,7 +170,8 @@ class CalibrationRecord(StrictRecord):
 
     @model_validator(mode="after")
     def _check_ranges(self) -> CalibrationRecord:
-        for name, (low, high) in self.ranges.items():
+        pairs = [*self.ranges.items(), *self.held_out_ranges.items()]
+        for name, (low, high) in pairs:
             if low > high:
                 raise ValueError(f"ranges.{name}: expected the lower bound first")
         joints = set()

@@ -100,10 +100,15 @@ def _describe_unknown_approach(c: Calibration, data: Measurements) -> list[str]:
 
 def needs_approach(c: Calibration, data: Measurements) -> bool:
     """Whether directions of approach were given with the commands, or the model looks at one."""
-    codes = [note.code for note in data.notes]
-    is_given = "approach-from-order" not in codes
+    is_given = not takes_approach_from_order(data)
     joints = _joints_of(c, "approach")
     return is_given or bool(joints)
+
+
+def takes_approach_from_order(data: Measurements) -> bool:
+    """Whether directions of approach follow from the order of the rows: none were given."""
+    codes = [note.code for note in data.notes]
+    return "approach-from-order" in codes
 
 
 def _joints_of(c: Calibration, stem: str) -> list[int]:
@@ -118,8 +123,7 @@ def _joints_of(c: Calibration, stem: str) -> list[int]:
 
 def describe_order_dependence(c: Calibration, data: Measurements) -> list[str]:
     """Describe which motions that the model uses follow from the order of the targets alone."""
-    from_order = any(note.code == "approach-from-order" for note in data.notes)
-    approach = _joints_of(c, "approach") if from_order else []
+    approach = _joints_of(c, "approach") if takes_approach_from_order(data) else []
     sentences = []
     for joints, what, remedy in (
         (approach, "directions of approach", " or give approach columns"),

@@ -31,7 +31,7 @@ from .command_notes import (
     needs_approach,
 )
 from .large_changes import find_weakest, refuse_large_changes
-from .prediction import compute_pose, propagate_uncertainty, to_tracker_frame
+from .prediction import compute_pose, compute_sensitivities, to_tracker_frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,7 +55,8 @@ class Commands:
     `before_mm` the error of the nominal command, `left_mm` what the corrected one leaves on the
     calibrated model, `model_mm` the standard uncertainty of that model there (length),
     `expected_mm` the root of the sum of squares of the two and of the measuring noise; `before_rad`
-    and `left_rad` the same of wanted orientations, None without; `beyond` (m, n) commands beyond a
+    and `left_rad` the same of wanted orientations, None without, and `model_rad`, None also where the
+    study measured no orientations and cannot know it; `beyond` (m, n) commands beyond a
     joint's limits; `weakest` (m,) [rad/mm]: of `find_weakest`."""
 
     q: Array
@@ -67,6 +68,7 @@ class Commands:
     expected_mm: Array
     before_rad: Array | None = None
     left_rad: Array | None = None
+    model_rad: Array | None = None
     beyond: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
     weakest: Array = field(default_factory=lambda: np.zeros(0))
 
@@ -100,6 +102,8 @@ class Commands:
                 "orientation_before_mrad": self.before_rad * 1e3,
                 "orientation_left_mrad": self.left_rad * 1e3,
             }
+        if self.model_rad is not None:
+            out["orientation_uncertainty_mrad"] = self.model_rad * 1e3
         return out
 
 
@@ -219,17 +223,20 @@ def _summarise_commands(
 ) -> Commands:
     q = inversion.q
     left = inversion.error
-    factors = propagate_uncertainty(c, replace_readings(start, q))
-    model_variance = np.square(factors).sum((1, 2))
-    model_mm = np.sqrt(model_variance)
+    there = replace_readings(start, q)
+    factors = compute_sensitivities(c, there, c.terms, c.factor)
+    model_variance = np.square(factors).sum(2)
+    model_mm = np.sqrt(model_variance[:, :3].sum(1))
     before_mm = np.linalg.norm(before[:, :3], axis=1)
     left_mm = np.linalg.norm(left[:, :3], axis=1)
     noise = 3 * c.floor.coordinate_mm**2
     expected_mm = np.sqrt(left_mm**2 + model_mm**2 + noise)
-    before_rad = left_rad = None
+    before_rad = left_rad = model_rad = None
     if start.data.rotation is not None:
         before_rad = np.linalg.norm(before[:, 3:], axis=1) / LEVER_MM
         left_rad = np.linalg.norm(left[:, 3:], axis=1) / LEVER_MM
+        if c.tool_rotations is not None:
+            model_rad = np.sqrt(model_variance[:, 3:].sum(1))
     commanded = replace(start.data, q=q).readings
     change = commanded - start.data.readings
     return Commands(
@@ -242,6 +249,7 @@ def _summarise_commands(
         expected_mm=expected_mm,
         before_rad=before_rad,
         left_rad=left_rad,
+        model_rad=model_rad,
         beyond=find_past_limits(c, q),
     )
 

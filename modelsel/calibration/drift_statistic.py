@@ -31,11 +31,12 @@ class ResidualTest:
     def p(self, freedom: float) -> float:
         """Return the probability of a larger T under no change: χ², or F where the noise has a
         finite `freedom`."""
-        from scipy.special import fdtrc
-
+        count = self.count
         if not np.isfinite(freedom):
-            return float(compute_chi2_p(self.count, self.T))
-        return float(fdtrc(self.count, freedom, self.T / self.count))
+            p = compute_chi2_p(count, self.T)
+            return float(p)
+        ratio = self.T / count
+        return compute_ratio_p(count, freedom, ratio)
 
 
 def compute_chi2_p(count: int, value: Any) -> Any:
@@ -43,6 +44,13 @@ def compute_chi2_p(count: int, value: Any) -> Any:
     from scipy.special import chdtrc
 
     return chdtrc(count, value)
+
+
+def compute_ratio_p(count: int, freedom: float, ratio: float) -> float:
+    """Compute the probability that the F of `count` and `freedom` degrees goes beyond a ratio."""
+    from scipy.special import fdtrc
+
+    return float(fdtrc(count, freedom, ratio))
 
 
 def compute_statistic(residual: Array, spread: Array, free: Array) -> ResidualTest:

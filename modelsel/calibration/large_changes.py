@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from .._typing import Array
 from ..exceptions import write_rounded
 from ..measurements.measurements import Measurements
+from ..measurements.visits import derive_motion
+from .command_notes import describe_order_dependence, takes_approach_from_order
 
 if TYPE_CHECKING:
     from .calibration import Calibration
@@ -110,11 +112,25 @@ def describe_skipped(
     return sentences
 
 
-def keep_commands(commands: Commands, rows: NDArray[np.bool_]) -> Commands:
-    """Return the commands of some rows."""
-    values = {field.name: getattr(commands, field.name) for field in fields(commands)}
-    kept = {name: value[rows] for name, value in values.items() if value is not None}
-    return replace(commands, **kept)
+def leave_out_rows(data: Measurements, left_out: NDArray[np.bool_]) -> Measurements:
+    """Return planned rows without some, and the motion through what remains: the row after one that
+    is left out has another size of the move, and another direction where none were given."""
+    rows = np.flatnonzero(~left_out)
+    some = data.take(rows)
+    approach, move, _ = derive_motion(
+        some.readings, some.configuration, some.group, some.order, some.prismatic
+    )
+    if takes_approach_from_order(data):
+        some = replace(some, approach=approach)
+    return replace(some, move=move)
+
+
+def describe_new_order(c: Calibration, data: Measurements) -> list[str]:
+    """Say of the rows that remain that their motion is the one without those that are left out,
+    where the model looks at it."""
+    if not describe_order_dependence(c, data):
+        return []
+    return ["The order of the targets is that without the rows that are left out."]
 
 
 def _describe_bound(bound: Bound) -> str:

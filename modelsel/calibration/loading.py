@@ -139,6 +139,7 @@ def _restore(record: CalibrationRecord) -> Calibration:
         refits=_restore_refits(record, model),
         form=_restore_form(record),
         doubtful=tuple(record.doubtful),
+        held_out_ranges={name: (low, high) for name, (low, high) in record.held_out_ranges.items()},
     )
     _check_standard_errors(record, calibration.standard_errors)
     _check_screws(record, model)

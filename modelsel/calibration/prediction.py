@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -60,15 +61,29 @@ def propagate_uncertainty(calibration: Calibration, problem: Problem) -> Array:
     Returns factors (m, 3, r) [mm]: a row's covariance is factor factorᵀ, measuring noise left out.
     """
     terms = calibration.terms
-    theta = calibration.theta
     factor = calibration.factor
+    moved = compute_sensitivities(calibration, problem, terms, factor)
+    return moved[:, :3]
+
+
+def compute_sensitivities(
+    calibration: Calibration, problem: Problem, terms: Sequence[Term], factor: Array | None = None
+) -> Array:
+    """Compute how far the calibrated robot's target moves by one of each term (m, c, p) [mm], and
+    where rows have orientations turns [rad]; with a `factor` (p, r), by one of each of its columns
+    (m, c, r)."""
+    if factor is None:
+        count = len(terms)
+        factor = np.eye(count)
+    own = calibration.terms
+    theta = calibration.theta
     width = factor.shape[1]
-    factors = np.empty((len(problem), 3, width))
+    shape = (len(problem), problem.components, width)
+    moved = np.empty(shape)
     for rows in problem.blocks(BLOCK_ROWS):
-        twist = twist_of(problem, terms, theta, rows)
+        twist = twist_of(problem, own, theta, rows)
         pose = problem.pose(rows, twist)
         field = field_of(problem, pose, rows)
         columns = compute_columns(problem, field, terms, rows)
-        positions = columns[:, :3]
-        factors[rows] = np.einsum("pcm,pr->mcr", positions, factor)
-    return factors
+        moved[rows] = np.einsum("pcm,pr->mcr", columns, factor)
+    return moved

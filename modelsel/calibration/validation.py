@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .._typing import Array
+from .._typing import Array, Index
 from ..exceptions import sentence_list, write_rounded
 from ..fitting.noise import Floor
 from ..fitting.noise_check import (
@@ -32,6 +32,7 @@ from .expected_noise import (
     expect_noise,
     is_overstated,
 )
+from .louder_noise import is_louder_noise
 from .mistaken_data import (
     REGISTER_AGAIN,
     check_near_arm,
@@ -51,17 +52,21 @@ MIN_EXACT_P = 1e-12  # a p below is told to be below
 MAX_ROW_SD = 8.0
 MAX_FAR_SHARE = 0.05
 MAX_LISTED = 10
+LOUDER = (
+    "look at the instrument, at what holds the target and at how well the arm repeats, or for an effect "
+    "that is new, with a study of these data."
+)
 MIN_HALF_RATIO = 1.5  # of mean squared errors in two halves of a joint's range, to be named
 MIN_HALF_ROWS = 5
 
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """New data against a calibration: `factor` of the errors to those expected, the test's p,
-    `worst` rows (their index in the data) beyond what noise explains, the residual (m, 3) and its
-    standardised length (m,)."""
+    """New data against a calibration: the test's p and its `whitened_factor`, of the errors to those
+    expected, each in units of its own uncertainty, `worst` rows (their index in the data) beyond what noise
+    explains, the residual (m, 3) and its standardised length (m,)."""
 
-    factor: float
+    whitened_factor: float
     p: float
     rms_mm: float
     expected_rms_mm: float
@@ -76,12 +81,19 @@ class Verdict:
     mistaken: bool = False  # a mistake in the data's rows explains them
     left_out: tuple[int, ...] = ()  # a few rows far off, without which the data are judged
     turned_rad: float | None = None  # rms of measured orientations from the calibrated ones
+    patternless: bool = False  # beyond what is expected, as louder noise is
+
+    @property
+    def factor(self) -> float:
+        """The errors over those expected."""
+        expected = self.expected_rms_mm
+        return self.rms_mm / expected
 
     @property
     def drifted(self) -> bool:
         """Whether the data contradict the calibration."""
         improbable = self.p <= MAX_P
-        large = self.factor >= MIN_FACTOR
+        large = self.whitened_factor >= MIN_FACTOR
         return improbable and large
 
 
@@ -211,19 +223,21 @@ def _judge_rows(c: Calibration, data: Measurements, free_setup: bool) -> Verdict
     p = test.p(freedom)
     doubts = _list_doubts(c, data, residual, found, sigma)
     slips: tuple[str, ...] = ()
-    if p <= MAX_P and free_setup:
-        slips = describe_wrong_registered_rows(bound)
-    elif p <= MAX_P:
-        rows = np.isin(np.arange(len(size)), beyond)
-        slips = describe_wrong_rows(c, bound, residual, rows, expected)
+    if p <= MAX_P:
+        suspects = None if free_setup else beyond
+        slips = _find_slips(c, bound, residual, suspects, expected)
     if p <= MAX_P and not slips:
         doubts += describe_wrong_setup(bound, residual)
+    patternless = False
+    if p <= MAX_P and test.factor >= MIN_FACTOR and not doubts and not slips:
+        noise = replace(floor, coordinate_mm=sigma)
+        patternless = is_louder_noise(c, problem, residual, spread, noise, free)
     squares = np.square(residual)
     mean_square = squares.sum(1).mean()
     order = np.argsort(-size[beyond], kind="stable")
     worst = beyond[order].tolist()
     return Verdict(
-        factor=test.factor,
+        whitened_factor=test.factor,
         p=p,
         rms_mm=float(np.sqrt(mean_square)),
         expected_rms_mm=expected,
@@ -236,7 +250,20 @@ def _judge_rows(c: Calibration, data: Measurements, free_setup: bool) -> Verdict
         new_targets=new_targets,
         mistaken=bool(slips),
         turned_rad=measure_turn(c, problem),
+        patternless=patternless,
     )
+
+
+def _find_slips(
+    c: Calibration, bound: Problem, residual: Array, beyond: Index | None, expected: float
+) -> tuple[str, ...]:
+    """Describe the slips in rows `beyond` noise; in any where the set-up was found from them
+    (None)."""
+    if beyond is None:
+        return describe_wrong_registered_rows(bound)
+    numbers = np.arange(len(residual))
+    rows = np.isin(numbers, beyond)
+    return describe_wrong_rows(c, bound, residual, rows, expected)
 
 
 def _bind_as_one_group(c: Calibration, data: Measurements) -> Problem:
@@ -292,6 +319,11 @@ def _summarise_verdict(data: Measurements, verdict: Verdict) -> str:
         return (
             "Whether the calibration still holds cannot be said before the data are corrected: as "
             f"they are, {expected}."
+        )
+    if verdict.drifted and verdict.patternless:
+        return (
+            f"The new data are noisier than the calibration expects: {figures}. No change of the set-up, of the "
+            f"geometry, of a joint's zero or its play, or of a calibrated effect explains it: {LOUDER}"
         )
     if verdict.drifted:
         count = len(verdict.worst)

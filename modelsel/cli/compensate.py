@@ -141,21 +141,31 @@ def _correct(
     c: Calibration, data: Measurements, bound: tuple[float, float], file: str
 ) -> tuple[Commands, Measurements, list[str], list[str]]:
     """Correct planned commands within a bound (mrad, mm): they, the rows that they are of, the notes
-    on them, and sentences on the rows that cannot be corrected. Raises DataError where these are
+    on them, and sentences on the rows that cannot be corrected. Without these the others are
+    corrected again, as the arm then comes to them from elsewhere. Raises DataError where they are
     most."""
     from ..calibration.compensation import compensate_commands, note_commands
-    from ..calibration.large_changes import describe_skipped, find_skipped, keep_commands
+    from ..calibration.large_changes import (
+        describe_new_order,
+        describe_skipped,
+        find_skipped,
+        leave_out_rows,
+    )
 
     bound_mrad, bound_mm = bound
     bounds = (bound_mrad / 1e3, bound_mm)
-    commands = compensate_commands(c, data)
-    beyond = find_skipped(c, commands, data, bounds, file)
-    skipped = describe_skipped(c, commands, data, bounds, beyond)
-    kept = keep_commands(commands, ~beyond)
-    rows = np.flatnonzero(~beyond)
-    some = data.take(rows)
-    notes = note_commands(c, kept, some)
-    return kept, some, notes, skipped
+    skipped = []
+    while True:  # every round leaves out a row at least
+        commands = compensate_commands(c, data)
+        beyond = find_skipped(c, commands, data, bounds, file)
+        if not beyond.any():
+            break
+        skipped += describe_skipped(c, commands, data, bounds, beyond)
+        data = leave_out_rows(data, beyond)
+    notes = note_commands(c, commands, data)
+    if skipped:
+        notes += describe_new_order(c, data)
+    return commands, data, notes, skipped
 
 
 def _write_program(
@@ -239,6 +249,8 @@ def _figures(commands: Commands) -> dict[str, Any]:
     if commands.before_rad is not None and commands.left_rad is not None:
         lengths["orientation_before_mrad"] = 1e3 * commands.before_rad
         lengths["orientation_left_mrad"] = 1e3 * commands.left_rad
+    if commands.model_rad is not None:
+        lengths["orientation_uncertainty_mrad"] = 1e3 * commands.model_rad
     return {
         **{name: {"mean": rows.mean(), "max": rows.max()} for name, rows in lengths.items()},
         "largest_change": np.abs(commands.change).max(0),
@@ -286,7 +298,11 @@ def _describe_orientations(commands: Commands) -> str:
         return ""
     before = 1e3 * commands.before_rad
     left = 1e3 * commands.left_rad
+    known = "; how well the model knows them cannot be told, since its study measured none"
+    if commands.model_rad is not None:
+        uncertainty = 1e3 * commands.model_rad
+        known = f", to which the model's own uncertainty adds {uncertainty.mean():.3g} mrad"
     return (
         f" Orientations are off by {before.mean():.3g} mrad on average without it; with it, {left.mean():.3g} mrad on "
-        f"average and {left.max():.3g} mrad at most are left."
+        f"average and {left.max():.3g} mrad at most are left{known}."
     )

@@ -56,11 +56,13 @@ def validate_command(
                 "sentence": said[0],
                 "drifted": found.drifted,
                 "factor": found.factor,
+                "whitened_factor": found.whitened_factor,
                 "p_value": found.p,
                 "rms_mm": found.rms_mm,
                 "expected_rms_mm": found.expected_rms_mm,
                 "orientation_rms_rad": found.turned_rad,
                 "rows": len(measured),
+                "without_pattern": found.patternless,
                 "beyond_noise": [
                     {"row": int(measured.row[k]), "standardised": found.size[k]}
                     for k in found.worst

@@ -28,10 +28,10 @@ from modelsel.calibration.large_changes import (
     describe_skipped,
     find_skipped,
     find_weakest,
-    keep_commands,
+    leave_out_rows,
     refuse_large_changes,
 )
-from modelsel.calibration.prediction import predict
+from modelsel.calibration.prediction import compute_pose, predict
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import DataError
@@ -43,7 +43,7 @@ from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
-from modelsel.robot.rigid import from_quaternion
+from modelsel.robot.rigid import from_quaternion, rotation_vector
 from modelsel.study.runner import run_study
 
 NOISE = 0.06
@@ -119,8 +119,6 @@ def test_orientation_is_kept_where_wanted(made, rng) -> None:
     assert kept.reached.mean() > 0.9
 
     def turned(found) -> np.ndarray:
-        from modelsel.calibration.prediction import compute_pose
-
         R = compute_pose(
             replace_readings(c.problem(data), found.q), c.terms, c.theta
         ).rotation.transpose(2, 0, 1)
@@ -149,12 +147,47 @@ def test_one_row_beyond_the_bound_is_left_out_with_its_own_message(made) -> None
     (said,) = describe_skipped(c, commands, data, MAX_CORRECTION, skipped)
     assert said.startswith("row 4 is left out: ")
     assert "Check that the wanted position belongs to the command, or raise --bound." in said
-    kept = keep_commands(commands, ~skipped)
-    np.testing.assert_array_equal(kept.q, np.delete(commands.q, 4, axis=0))
-    assert kept.left_rad is None
     data.position[:] += 30.0
     with pytest.raises(DataError, match=r"such rows\)"):
         find_skipped(c, compensate_commands(c, data), data, MAX_CORRECTION, "t.csv")
+
+
+def test_rows_left_out_change_the_motion_of_those_after_them(made, tmp_path) -> None:
+    """The commands are those of a plan that never had the row."""
+    c, at = made
+    (tmp_path / "calibration.json").write_text(calibration_text(c))
+    columns = {f"q{j + 1}_rad": at.data.q[1:30, j] for j in range(6)}
+    columns |= dict(zip(("x_mm", "y_mm", "z_mm"), predict_nominal(at)[1:30].T, strict=True))
+    columns |= {"target": np.array(at.data.targets)[at.data.target[1:30]]}
+    columns |= {"group": np.array(at.data.groups)[at.data.group[1:30]]}
+    columns |= {"temperature_C": at.data.covariates["temperature_C"][1:30]}
+    table = pd.DataFrame(columns)
+    turns = np.flatnonzero(np.diff(np.sign(np.diff(table["q3_rad"]))))
+    spoilt = int(turns[3]) + 1  # where joint 3 turns back: the next row comes from the other side
+    table.loc[spoilt, "x_mm"] += 40.0
+
+    def corrected(plan: pd.DataFrame, status: int) -> tuple[pd.DataFrame, str]:
+        plan.to_csv(tmp_path / "plan.csv", index=False)
+        command = ["compensate", str(tmp_path), str(tmp_path / "plan.csv")]
+        ran = CliRunner().invoke(run_command_line, [*command, "--out", str(tmp_path / "out.csv")])
+        assert ran.exit_code == status, ran.output
+        return pd.read_csv(tmp_path / "out.csv"), ran.output
+
+    found, said = corrected(table, 5)
+    wanted, _ = corrected(table.drop(index=spoilt), 0)
+    pd.testing.assert_frame_equal(found, wanted)
+    assert "The order of the targets is that without the rows that are left out." in said
+
+
+def test_directions_that_were_given_outlast_rows_left_out(made) -> None:
+    _, at = made
+    left_out = np.arange(8) == 3
+    data = plan(at, slice(1, 9))
+    some = leave_out_rows(data, left_out)
+    np.testing.assert_array_equal(some.approach, data.approach[~left_out])
+    steps = np.abs(np.diff(some.q[:, 2]))
+    within = np.diff(some.group) == 0
+    np.testing.assert_allclose(some.move[1:, 2][within], steps[within])
 
 
 def test_a_change_that_the_posture_makes_large_names_the_singularity(made) -> None:
@@ -472,7 +505,6 @@ def test_orientation_errors_are_said(made, tmp_path) -> None:
         compensate_commands(c, replace(data, rotation=wanted)),
         compensate_commands(c, data),
     )
-    from modelsel.calibration.prediction import compute_pose
 
     def off(q: np.ndarray) -> np.ndarray:
         R = compute_pose(
@@ -510,6 +542,28 @@ def test_orientation_errors_are_said(made, tmp_path) -> None:
         1e3 * found.before_rad,
         rtol=1e-5,
     )
+
+
+def test_the_model_tells_how_well_it_knows_orientations(made) -> None:
+    """By the exact chain at parameters that are off by each column of their covariance's factor."""
+    c, at = made
+    rotation = np.tile(np.eye(3), (8, 1, 1))
+    data = replace(plan(at, slice(1, 9)), rotation=rotation)
+    assert compensate_commands(c, data).model_rad is None
+    known = replace(c, tool_rotations=np.tile(np.eye(3), (2, 1, 1)))
+    found = compensate_commands(known, data)
+    there = replace_readings(known.problem(data), found.q)
+    turned = []
+    for column in 0.1 * c.factor.T:
+        ends = [
+            compute_pose(there, c.terms, c.theta + sign * column).rotation.transpose(2, 0, 1)
+            for sign in (-1, 1)
+        ]
+        turned.append(rotation_vector(ends[1] @ ends[0].transpose(0, 2, 1)) / 0.2)
+    expected = np.sqrt(np.square(turned).sum((0, 2)))
+    np.testing.assert_allclose(found.model_rad, expected, rtol=1e-4)
+    figures = found.figures()
+    np.testing.assert_allclose(figures["orientation_uncertainty_mrad"], 1e3 * expected, rtol=1e-4)
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")

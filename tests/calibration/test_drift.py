@@ -127,7 +127,7 @@ def test_what_was_held_out_holds_the_parameters_uncertainty_already(rng) -> None
         known = judge(c, errors, False).rms_mm
         found = judge(replace(c, held_out_rms_mm=known), campaign(rng, 60, model, theta), False)
         p.append(found.p)
-        factors.append(found.factor)
+        factors.append(found.whitened_factor)
     assert 0.3 < np.mean(p) < 0.7
     assert np.mean(factors) == pytest.approx(1, abs=0.04)
 
@@ -143,7 +143,7 @@ def test_the_place_of_a_new_target_is_not_expected_as_an_error(rng) -> None:
     found = judge(c, replace(data, targets=("c",)), True)
     assert found.new_targets == ("c",)
     assert not found.drifted
-    assert found.rms_mm / found.expected_rms_mm == pytest.approx(found.factor, rel=0.1)
+    assert found.factor == pytest.approx(found.whitened_factor, rel=0.1)
 
 
 def test_measured_orientations_are_told(rng) -> None:
@@ -169,6 +169,45 @@ def test_a_change_is_seen(symbol, by, rng) -> None:
     found = judge(c, campaign(rng, 40, model, changed), False)
     assert found.drifted
     assert 1.2 < found.factor < 8
+
+
+def test_the_factor_is_that_of_the_figures_beside_it(rng) -> None:
+    """Where the parameters are poorly known, the test weighs by them, and the quotient is another."""
+    model, theta = truth()
+    c = calibrated(rng, model, theta, 25)
+    changed = theta.copy()
+    changed[place(model, "a4")] += 1.0
+    data = campaign(rng, 40, model, changed)
+    found = judge(c, data, False)
+    assert found.factor == found.rms_mm / found.expected_rms_mm
+    assert abs(found.whitened_factor / found.factor - 1) > 0.02
+    said = told(data, found)[0]
+    assert f"a factor of {found.factor:.2f} (p" in said
+
+
+def test_louder_noise_is_no_change(rng) -> None:
+    """Three times the noise has no pattern; a change has, beside it or alone."""
+    model, theta = truth()
+    c = calibrated(rng, model, theta)
+    changed = theta.copy()
+    changed[place(model, "γ3")] += 2e-3
+    alike = 0
+    for _ in range(20):
+        quiet = campaign(rng, 40, model, changed)
+        assert judge(c, quiet, False).drifted
+        assert not judge(c, quiet, False).patternless
+        for theta_now in (theta, changed):
+            at = planted(drawn(ROBOT, rng, 40), model.terms, theta_now, rng, 3 * NOISE)
+            found = judge(c, at.data, False)
+            assert found.drifted
+            if theta_now is changed:
+                assert not found.patternless
+            else:
+                alike += found.patternless
+                said = told(at.data, found)[0]
+                assert ("noisier" in said) == found.patternless
+                assert ("--register" in said) != found.patternless
+    assert alike >= 16
 
 
 def test_registering_anew_is_no_drift(rng) -> None:

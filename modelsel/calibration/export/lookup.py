@@ -22,12 +22,13 @@ if TYPE_CHECKING:
 
 MAX_INTERPOLATION_MM = 5e-4  # a grid is halved until what lies between its points is this near
 MAX_POINTS = (8193, 129)  # points along each value, for tables of one and of two
+GRID_FORMAT = ".10g"  # of a point in the file
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Correction of one axis of a frame, mm or rad, over a grid of `names`; values has an axis a
-    name."""
+    """Correction of one axis of a frame, mm or rad, over a grid of `names`, of two points or more
+    each; values has an axis a name. A name whose range has no width is left out."""
 
     frame: int
     axis: str
@@ -52,10 +53,10 @@ def build_tables(
     """Build a table for every axis and set of at most two names; return the parts that hang on
     more.
 
-    Each covers what was seen of a name, and what the configurations `at` make of it: torques grow
-    beyond what was seen where joints combine anew."""
+    Each covers what was seen of a name, held-out rows with it, and what the configurations `at` make
+    of it: torques grow beyond what was seen where joints combine anew."""
     ranges = {}
-    for name, (low, high) in c.ranges.items():
+    for name, (low, high) in (dict(c.ranges) | dict(c.held_out_ranges)).items():
         value = at.value(name)
         least = float(value.min())
         largest = float(value.max())
@@ -124,13 +125,15 @@ def _refine_grid(
         for name in names:
             points = np.array([-1.0, 0.0, 1.0])
             if not name.startswith("approach"):
-                points = np.linspace(*ranges[name], count)
+                points = _space_points(*ranges[name], count)
             grid.append(points)
         values = at(*grid)
-        middle = [(points[1:] + points[:-1]) / 2 for points in grid]
+        middle = [(points[1:] + points[:-1]) / 2 if len(points) > 1 else points for points in grid]
         guess = values
         for k in range(len(names)):
             length = guess.shape[k]
+            if length == 1:
+                continue
             upper = np.take(guess, range(1, length), k)
             lower = np.take(guess, range(length - 1), k)
             guess = (upper + lower) / 2
@@ -140,7 +143,21 @@ def _refine_grid(
         if error.max() < fine:
             break
         count = 2 * count - 1
-    return Table(frame, axis, names, tuple(grid), values)
+    varied = [k for k, points in enumerate(grid) if len(points) > 1]
+    kept_names = [names[k] for k in varied]
+    kept_grid = [grid[k] for k in varied]
+    kept_values = values.squeeze()
+    return Table(frame, axis, tuple(kept_names), tuple(kept_grid), kept_values)
+
+
+def _space_points(low: float, high: float, count: int) -> Array:
+    """Space points evenly, as the file has them: those that its digits make equal are one."""
+    spaced = np.linspace(low, high, count)
+    written = []
+    for point in spaced.tolist():
+        digits = format(point, GRID_FORMAT)
+        written.append(float(digits))
+    return np.unique(written)
 
 
 def write_tables(made: Sequence[Table]) -> str:
@@ -154,7 +171,7 @@ def write_tables(made: Sequence[Table]) -> str:
         for index, values in points:
             state = []
             for name, value in zip(table.names, values, strict=True):
-                state += [name, f"{value:.10g}"]
+                state += [name, format(value, GRID_FORMAT)]
             empty = [""] * (4 - len(state))
             correction = f"{table.values[index]:.8g}"
             row = [k, table.frame, table.axis, *state, *empty, correction]
