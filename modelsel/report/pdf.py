@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Mapping, Sequence
+from functools import partial
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,6 +15,7 @@ from typing import Any, NamedTuple
 from ..exceptions import ModelselError
 from ..results.schema import StudyRecord
 from .document import Block, Source
+from .section_order import Section, arrange, split_sections
 from .style import shorten
 
 SUSPECTS = b"/Suspects false"
@@ -29,12 +31,14 @@ class ReportError(ModelselError):
 
 
 class _Typeset(NamedTuple):
-    """A PDF, the compiler's warnings, how many pages there are, and the filled share of the last."""
+    """A PDF, the compiler's warnings, how many pages there are, the filled share of the last, and the white
+    before each large picture, as a share of its page."""
 
     pdf: bytes
     warnings: list[str]
     pages: int
     last: float
+    white: list[float]
 
 
 def fill_template(source: Source, blocks: Sequence[Block]) -> dict[str, Any]:
@@ -63,26 +67,34 @@ def compile_pdf(
     that spares a last page that is nearly empty. Raises ReportError with the compiler's own words."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        _write_inputs(folder, content, pictures)
-        chosen = _run_compiler(folder)
+        _write_inputs(folder, pictures)
+        order, chosen = arrange(split_sections(content["blocks"]), partial(_set, folder, content))
         if chosen.pages > 1 and chosen.last < MIN_LAST:
             for room in ROOMS:
-                tight = _run_compiler(folder, {"room": room})
+                _, tight = arrange(order, partial(_set, folder, content, room=room))
                 if tight.pages < chosen.pages:
                     return tight.pdf, tight.warnings
         return chosen.pdf, chosen.warnings
 
 
-def _write_inputs(folder: Path, content: Mapping[str, Any], pictures: Mapping[str, bytes]) -> None:
-    data = json.dumps(content, ensure_ascii=False)
+def _set(
+    folder: Path, content: Mapping[str, Any], sections: Sequence[Section], room: str = "1"
+) -> _Typeset:
+    """Set the sections in this order, with this share of the usual room between them."""
+    blocks = [block for section in sections for block in section]
+    data = json.dumps({**content, "blocks": blocks}, ensure_ascii=False)
     (folder / "report.json").write_text(data, encoding="utf-8")
+    return _run_compiler(folder, {"room": room})
+
+
+def _write_inputs(folder: Path, pictures: Mapping[str, bytes]) -> None:
     template = files(__package__) / "templates" / "report.typ"
     (folder / "template.typ").write_bytes(template.read_bytes())
     for file, picture in pictures.items():
         (folder / file).write_bytes(picture)
 
 
-def _run_compiler(folder: Path, inputs: Mapping[str, str] | None = None) -> _Typeset:
+def _run_compiler(folder: Path, inputs: Mapping[str, str]) -> _Typeset:
     import typst
 
     fonts = typst.Fonts(
@@ -93,13 +105,14 @@ def _run_compiler(folder: Path, inputs: Mapping[str, str] | None = None) -> _Typ
         root=folder,
         ignore_system_fonts=True,
         font_paths=fonts,
-        sys_inputs=dict(inputs or {}),
+        sys_inputs=dict(inputs),
     )
     try:
         pdf, warnings = compiler.compile_with_warnings(
             format="pdf", pdf_standards="ua-1", timestamp=0
         )
         end = json.loads(compiler.query("<end>", field="value", one=True))
+        white = json.loads(compiler.query("<white>", field="value"))
     except typst.TypstError as error:
         words = f"{error.message} {' '.join(error.hints)}".strip()
         raise ReportError(f"report.pdf could not be made: {words}") from None
@@ -107,7 +120,7 @@ def _run_compiler(folder: Path, inputs: Mapping[str, str] | None = None) -> _Typ
     # false is what a reader takes where the key is missing; poppler calls it an error where it is written
     pdf = pdf.replace(SUSPECTS, b" " * len(SUSPECTS))
     said = [warning.message for warning in warnings]
-    return _Typeset(pdf, said, end["pages"], end["share"])
+    return _Typeset(pdf, said, end["pages"], end["share"], white)
 
 
 def font_folder() -> Path:

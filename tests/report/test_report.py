@@ -4,6 +4,7 @@ there is little to draw."""
 from __future__ import annotations
 
 import io
+import itertools
 import json
 import re
 import shutil
@@ -23,7 +24,7 @@ from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
 from modelsel.report import drawing
 from modelsel.report.document import collect_blocks, walk_blocks
-from modelsel.report.pdf import ReportError, compile_pdf, fill_template
+from modelsel.report.pdf import ReportError, _set, _write_inputs, compile_pdf, fill_template
 from modelsel.report.terminal_summary import summarise_study
 from modelsel.results.quantities import format_figure
 from modelsel.results.storage import WRITES
@@ -34,6 +35,11 @@ ROOT = Path(__file__).parents[2]
 PUMA = ROOT / "studies" / "puma760"
 A4 = (595, 842)
 FOOT = 54  # points: below it stands the foot of a page
+LARGE_PICTURES = {  # heading, first words of the caption
+    "Residuals against what may drive them": "Residuals of the chosen model along x",
+    "Error map": "Where (rows) and why (columns) the base model errs",
+    "Data and split": "Joint coverage. A stroke is one reading",
+}
 
 
 @cache
@@ -202,6 +208,38 @@ def test_no_page_is_half_empty_whatever_was_found(drawn, count) -> None:
     *left, last = measure_rests(io.BytesIO(pdf))
     assert max(left) < 0.3
     assert last < 0.65
+
+
+def test_a_large_picture_stands_on_the_page_of_its_heading(drawn) -> None:
+    """With its caption; what follows it begins with a heading of its own."""
+    text = [plain(page) for page in pages(drawn)]
+    for heading, caption in LARGE_PICTURES.items():
+        (page,) = [k for k, one in enumerate(text) if plain(caption) in one]
+        (place,) = [k for k, one in enumerate(text) if plain(heading) in one]
+        assert page == place
+        assert text[page].index(plain(heading)) < text[page].index(plain(caption))
+
+
+@pytest.mark.parametrize("room", ["1", "0.5"])
+def test_lines_do_not_touch_with_less_room(drawn, tmp_path, room) -> None:
+    """The title and the line below it are apart, and paragraphs more than the lines of one."""
+    from pdfminer.high_level import extract_pages
+    from pdfminer.layout import LTTextLine
+
+    source = drawing.read_source(drawn)
+    blocks = collect_blocks(source, drawing.PAGES, ["first"])
+    content = fill_template(source, blocks)
+    _write_inputs(tmp_path, source.pictures)
+    pdf = _set(tmp_path, content, [blocks], room).pdf
+    (page,) = extract_pages(io.BytesIO(pdf))
+    lines = [line for box in page for line in (box if hasattr(box, "__iter__") else [])]
+    rows = {line.get_text().strip(): line for line in lines if isinstance(line, LTTextLine)}
+    title = rows[source.record.study]
+    robot = next(line for text, line in rows.items() if text.startswith("Robot "))
+    assert title.y0 > robot.y1 - 1
+    lead = [line for line in rows.values() if abs(line.height - 9.6) < 0.7]
+    steps = sorted({round(one.y1 - other.y1, 1) for one, other in itertools.pairwise(lead)})
+    assert steps[-1] > 1.2 * steps[0]
 
 
 def test_words_are_found_as_they_are_written(drawn) -> None:
