@@ -16,7 +16,7 @@ from ..notices import HOPELESS_FIT, Note
 from ..selection.branch_and_bound import Certified
 from ..selection.comparison import SubsetComparison
 from ..selection.evaluation import Evaluation, measure_orientation
-from .cautions import explain_unknown_gravity
+from .cautions import advise_nominal, explain_unknown_gravity
 from .finding_figures import FindingFigures, describe_figures, describe_small, measure_effects
 from .finding_records import describe_fault, describe_finding, list_screws
 from .goodness_of_fit import describe_noise, locate_features, measure_lack_of_fit
@@ -90,7 +90,11 @@ def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
     hopeless = [note.sentence for note in run.warnings if note.code == HOPELESS_FIT]
     orientation = measure_orientation(run.split, nominal, models.chosen)
     registered = "its base and the target" if run.study.robot.register_ else None
-    return complete_verdict(sentences, orientation, hopeless[0] if hopeless else None, registered)
+    told = complete_verdict(sentences, orientation, hopeless[0] if hopeless else None, registered)
+    if hopeless:
+        return told
+    gained, *others = told
+    return gained + advise_nominal(models.gain, orientation), *others
 
 
 def collect_named(diagnosis: Explanation, figures: FindingFigures) -> list[Named]:
