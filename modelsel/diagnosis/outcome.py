@@ -15,6 +15,7 @@ from .credible_sets import CredibleSet
 from .effects import Effect
 from .model_search import WeighedModel
 from .sentences import describe_effect
+from .stated_probability import format_chance
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -53,7 +54,7 @@ class Diagnosis:
         for effect in self.effects:
             sentence = describe_effect(effect)
             stem = sentence.rstrip(".")
-            findings.append(f"{stem}; p = {effect.p:.2g}.")
+            findings.append(f"{stem}; p = {format_chance(effect.p)}.")
         return tuple(findings)
 
     def __repr__(self) -> str:
@@ -70,5 +71,5 @@ class Diagnosis:
             numbered = f"  {k}. {sentence}"
             lines.append(numbered)
         if self.left is not None:
-            lines.append(f"  The strongest of what is left has p = {self.left_p:.2g}.")
+            lines.append(f"  The strongest of what is left has p = {format_chance(self.left_p)}.")
         return "\n".join(lines)

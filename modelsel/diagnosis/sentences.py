@@ -14,7 +14,7 @@ from ..mechanisms.terms import LETTERS, Mechanism, Term
 from .candidates import Candidate
 from .credible_sets import FOUND, Entry
 from .effects import Effect
-from .stated_probability import describe_level_probability, scale_listed
+from .stated_probability import describe_level_probability, format_probability, scale_listed
 
 PREFIXES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"))
 # waves per turn that are looked for in a free function, how many are named, and the least share of
@@ -363,7 +363,8 @@ def _describe_probability(effect: Effect) -> str:
         listed = twins[:NAMED_RIVALS]
         named = ", ".join(listed)
         same_move = f"{named} would move the target in the same way"
-        text += f"; {same_move}, together {together:.2f}"
+        written = format_probability(together)
+        text += f"; {same_move}, together {written}"
     return text + ")"
 
 
@@ -371,7 +372,8 @@ def _write_probability(effect: Effect) -> str:
     """Write how probable the level is that an effect is told at, or the listed name where no level
     was weighed."""
     if effect.claim is None:
-        return f"{sum_of_name(effect):.2f}"
+        probability = sum_of_name(effect)
+        return format_probability(probability)
     return describe_level_probability(effect.claim.levels)
 
 
@@ -392,7 +394,8 @@ def _describe_rivals(effect: Effect) -> str:
     scale = weigh_listed(effect)
     weights = effect.named.sum_by_label()
     for label, weight in list(weights.items())[: NAMED_RIVALS + 1]:
-        odds.append(f"{label} {scale * weight:.2f}")
+        written = format_probability(scale * weight)
+        odds.append(f"{label} {written}")
     listed = ", ".join(odds)
     others = list_rival_labels(effect)[:NAMED_RIVALS]
     rivals = ", ".join(others) or "others"

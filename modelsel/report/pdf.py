@@ -65,13 +65,16 @@ def compile_pdf(
 ) -> tuple[bytes, list[str]]:
     """Return (the PDF, the compiler's warnings) of the template with its data: with less room between the blocks where
     that spares a last page that is nearly empty. Raises ReportError with the compiler's own words."""
+    sections = split_sections(content["blocks"])
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _write_inputs(folder, pictures)
-        order, chosen = arrange(split_sections(content["blocks"]), partial(_set, folder, content))
+        typeset = partial(_set, folder, content)
+        order, chosen = arrange(sections, typeset)
         if chosen.pages > 1 and chosen.last < MIN_LAST:
             for room in ROOMS:
-                _, tight = arrange(order, partial(_set, folder, content, room=room))
+                typeset = partial(_set, folder, content, room=room)
+                _, tight = arrange(order, typeset)
                 if tight.pages < chosen.pages:
                     return tight.pdf, tight.warnings
         return chosen.pdf, chosen.warnings
@@ -81,10 +84,15 @@ def _set(
     folder: Path, content: Mapping[str, Any], sections: Sequence[Section], room: str = "1"
 ) -> _Typeset:
     """Set the sections in this order, with this share of the usual room between them."""
-    blocks = [block for section in sections for block in section]
-    data = json.dumps({**content, "blocks": blocks}, ensure_ascii=False)
-    (folder / "report.json").write_text(data, encoding="utf-8")
-    return _run_compiler(folder, {"room": room})
+    blocks: list[Block] = []
+    for section in sections:
+        blocks += section
+    ordered = {**content, "blocks": blocks}
+    data = json.dumps(ordered, ensure_ascii=False)
+    file = folder / "report.json"
+    file.write_text(data, encoding="utf-8")
+    inputs = {"room": room}
+    return _run_compiler(folder, inputs)
 
 
 def _write_inputs(folder: Path, pictures: Mapping[str, bytes]) -> None:

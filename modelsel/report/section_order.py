@@ -47,47 +47,85 @@ def arrange(
     order = list(sections)
     chosen = typeset(order)
     for _ in range(MAX_MOVED):
-        if max(chosen.white, default=0.0) <= MAX_WHITE:
+        if _find_white(chosen) <= MAX_WHITE:
             break
-        best = order, chosen
-        for other in _list_moves(order, chosen.white)[:MAX_TRIED]:
-            tried = typeset(other)
-            if _count_waste(tried) < _count_waste(best[1]):
-                best = other, tried
-            if max(tried.white) <= MAX_WHITE and tried.pages <= chosen.pages:
-                break
+        best = _move_one(order, chosen, typeset)
         if best[1] is chosen:
             break
         order, chosen = best
     return order, chosen
 
 
+def _move_one(
+    order: list[Section], chosen: Set, typeset: Callable[[Sequence[Section]], Set]
+) -> tuple[list[Section], Set]:
+    """Return the best order with one section in another place, or the order as it is."""
+    best = order, chosen
+    moves = _list_moves(order, chosen.white)
+    for other in moves[:MAX_TRIED]:
+        tried = typeset(other)
+        waste = _count_waste(tried)
+        least = _count_waste(best[1])
+        if waste < least:
+            best = other, tried
+        is_filled = _find_white(tried) <= MAX_WHITE
+        if is_filled and tried.pages <= chosen.pages:
+            break
+    return best
+
+
 def _opens_section(block: Block) -> bool:
     """Return whether a block is, or begins with, a heading of the first level."""
-    first = block["blocks"][0] if block["kind"] == "together" else block
-    return bool(first["kind"] == "heading" and first["level"] == 1)
+    first = block
+    if block["kind"] == "together":
+        first, *_ = block["blocks"]
+    is_heading = first["kind"] == "heading"
+    if not is_heading:
+        return False
+    level = first["level"]
+    return bool(level == 1)
 
 
 def _list_moves(order: list[Section], white: Sequence[float]) -> list[list[Section]]:
     """Return the orders with one section with a large picture in another place: first the one behind the most
     white, then those next to it."""
-    large = [k for k, section in enumerate(order) if _is_large(section)]
-    worst = large[max(range(len(white)), key=lambda k: white[k])]
+    large = []
+    for place, section in enumerate(order):
+        if _is_large(section):
+            large.append(place)
+    most = max(white)
+    number = list(white).index(most)
+    worst = large[number]
+    last = len(order) - 1
+    places = sorted(large, key=lambda place: abs(place - worst))
     moves = []
-    for place in sorted(large, key=lambda k: abs(k - worst)):
-        section, rest = order[place], order[:place] + order[place + 1 :]
-        for new in (place + move for move in MOVES):
-            moved = [*rest[:new], section, *rest[new:]]
-            if large[0] <= new < len(order) - 1 and moved not in moves:
+    for place in places:
+        for move in MOVES:
+            new = place + move
+            if large[0] <= new < last:
+                moved = list(order)
+                section = moved.pop(place)
+                moved.insert(new, section)
                 moves.append(moved)
     return moves
 
 
 def _is_large(section: Section) -> bool:
     """Return whether a section has a large picture."""
-    return any(block["kind"] == "together" for block in section)
+    kinds = []
+    for block in section:
+        kind = block["kind"]
+        kinds.append(kind)
+    return "together" in kinds
+
+
+def _find_white(report: Typeset) -> float:
+    """Return the most white before a large picture."""
+    white = report.white
+    return max(white, default=0.0)
 
 
 def _count_waste(report: Typeset) -> float:
-    """Return the pages, and the largest white within them."""
-    return report.pages + max(report.white, default=0.0)
+    """Return the pages, and the most white within them."""
+    white = _find_white(report)
+    return report.pages + white

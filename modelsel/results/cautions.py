@@ -62,10 +62,15 @@ def advise_nominal(gain: Gain, orientation: tuple[float, float] | None) -> str:
     before, after = gain.held_out_rms_before_mm, gain.held_out_rms_after_mm
     if before is None or after is None or after < before:
         return ""
-    if orientation is not None and orientation[1] < orientation[0]:
-        return ""
-    is_worse = gain.interval_mm is not None and gain.interval_mm[1] < 0
-    outcome = "worse" if is_worse else "no better"
+    if orientation is not None:
+        first, last = orientation
+        if last < first:
+            return ""
+    outcome = "no better"
+    if gain.interval_mm is not None:
+        _, high = gain.interval_mm
+        if high < 0:
+            outcome = "worse"
     return f" Keep the nominal parameters: on configurations that they were not fitted to, the fitted ones are {outcome}."
 
 

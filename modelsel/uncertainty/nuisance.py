@@ -92,7 +92,8 @@ def assign_components(problem: Problem, instrument: Instrument | None = None) ->
         for k, own, unit in ((0, POSITIONS, "mm"), (count, ORIENTATIONS, "rad")):
             sigma = _common_sigma(problem, own)
             if sigma is not None:
-                units[k], factor[k] = unit, sigma
+                units[k] = unit
+                factor[k] = sigma
     return Components(
         problem, np.array(component, dtype=np.intp), tuple(names), tuple(units), factor
     )
@@ -101,15 +102,21 @@ def assign_components(problem: Problem, instrument: Instrument | None = None) ->
 def _common_sigma(problem: Problem, own: slice) -> float | None:
     """Return the noise [mm or rad] by which positions or orientations are weighed, where it is one for all
     rows and none is stated row by row; else None."""
-    data, matrices = problem.data, problem.whitening.matrices
-    stated = data.sigma if own == POSITIONS else data.sigma_rotation
+    data = problem.data
+    matrices = problem.whitening.matrices
+    stated = data.sigma
+    if own == ORIENTATIONS:
+        stated = data.sigma_rotation
     if stated is not None or matrices is None:
         return None
     blocks = matrices[:, own, own]
     weight = blocks[0, 0, 0]
-    if not np.allclose(blocks, weight * np.eye(3)):
+    identity = np.eye(3)
+    common = weight * identity
+    if not np.allclose(blocks, common):
         return None
-    return float(1 / weight)
+    sigma = 1 / weight
+    return float(sigma)
 
 
 def align_with_beam(problem: Problem, instrument: Instrument) -> Problem:

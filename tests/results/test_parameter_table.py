@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -30,7 +31,7 @@ def test_a_row_for_every_number_and_nominal_plus_estimate_is_calibrated(drawn) -
     assert set(rows) == {one.symbol for one in source.record.parameters} == set(meanings)
     for one in source.record.parameters:
         row = rows[one.symbol]
-        factor = {"mm": 1.0, "rad": 1e3}.get(one.unit)
+        factor = {"mm": 1.0, "rad": 1.0, "mrad": 1e3, "µrad": 1e6}.get(row.unit)
         if factor is None:
             continue
         u = max(one.standard_error, one.bootstrap_error)
@@ -38,10 +39,26 @@ def test_a_row_for_every_number_and_nominal_plus_estimate_is_calibrated(drawn) -
         assert expanded == pytest.approx(2 * u * factor, rel=0.06)
         calibrated = float(row.calibrated.replace("−", "-"))
         nominal = meanings[one.symbol].nominal
-        assert calibrated == pytest.approx(nominal + one.estimate * factor, abs=expanded / 10)
+        assert calibrated == pytest.approx(
+            nominal * factor + one.estimate * factor, abs=expanded / 10
+        )
     assert rows["a3"].nominal == "650.000"
     assert rows["a3"].meaning == "joint 3, its axis along x"
     assert rows["w54"].meaning == "joint 5, its turn × q4"
+
+
+def test_an_angle_has_one_unit_in_the_table_and_in_sentences(drawn) -> None:
+    """That which its size asks for."""
+    source = read_source(drawn)
+    rows = {row.symbol: row for row in tabulate_calibrated(source.record, source.details)}
+    told = 0
+    for finding in source.record.findings:
+        pattern = r"(\S+) = \S+ ± \S+ (\S*rad[^\s,;]*)"
+        for symbol, unit in re.findall(pattern, finding.sentence):
+            if symbol in rows:
+                assert rows[symbol].unit == unit
+                told += 1
+    assert told > 3
 
 
 def test_p_is_below_a_twentieth_where_the_interval_leaves_out_zero(drawn) -> None:
