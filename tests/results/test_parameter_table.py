@@ -9,9 +9,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from modelsel.mechanisms.causes import ONE
 from modelsel.mechanisms.geometry import geometric
+from modelsel.mechanisms.terms import Screw
 from modelsel.report.drawing import read_source
-from modelsel.results.arm_details import describe_arm, describe_place, find_nominal
+from modelsel.results.arm_details import (
+    describe_arm,
+    describe_meaning,
+    describe_place,
+    find_nominal,
+)
 from modelsel.results.parameter_table import (
     compute_parameter_p,
     find_standard_uncertainty,
@@ -100,6 +107,20 @@ def test_nominal_shifts_are_those_of_the_chain(name) -> None:
         if screw.frame > robot.n:
             expected = TOOL[axis]
         assert find_nominal(problem, screw) == pytest.approx(expected, abs=1e-5)
+
+
+def test_what_several_targets_share_has_no_nominal() -> None:
+    """A correction of all of them: the drawing's value would be that of one."""
+    robot = load_robot("ur5")
+    *_, term = geometric(robot).terms
+    screw = Screw(robot.n + 1, "tx", ONE)
+    term = replace(term, screws=(screw,))
+    both = SimpleNamespace(robot=robot, tools=np.array([TOOL, TOOL + 50]))
+    assert find_nominal(both, screw) is None
+    assert describe_meaning(both, term, "set-up") == "all targets along the flange's x"
+    one = SimpleNamespace(robot=robot, tools=TOOL[None])
+    assert find_nominal(one, screw) == TOOL[0]
+    assert describe_meaning(one, term, "set-up") == "target along the flange's x"
 
 
 def test_the_drawing_stands_upright() -> None:
