@@ -363,8 +363,7 @@ def _describe_probability(effect: Effect) -> str:
         listed = twins[:NAMED_RIVALS]
         named = ", ".join(listed)
         same_move = f"{named} would move the target in the same way"
-        written = format_probability(together)
-        text += f"; {same_move}, together {written}"
+        text += f"; {same_move}, together {format_probability(together)}"
     return text + ")"
 
 
@@ -372,8 +371,7 @@ def _write_probability(effect: Effect) -> str:
     """Write how probable the level is that an effect is told at, or the listed name where no level
     was weighed."""
     if effect.claim is None:
-        probability = sum_of_name(effect)
-        return format_probability(probability)
+        return format_probability(sum_of_name(effect))
     return describe_level_probability(effect.claim.levels)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -12,6 +13,7 @@ from ..diagnosis.candidates import Candidate
 from ..diagnosis.claim_sentences import is_settled
 from ..diagnosis.sentences import NAMED_RIVALS, label_effect, list_rival_labels
 from ..measurements.measurements import Measurements
+from ..mechanisms.terms import Mechanism
 from ..notices import HOPELESS_FIT, Note
 from ..selection.branch_and_bound import Certified
 from ..selection.comparison import SubsetComparison
@@ -110,14 +112,29 @@ def collect_named(diagnosis: Explanation, figures: FindingFigures) -> list[Named
 
 def _weighed_models(run: StudyRun) -> list[Values]:
     """Return the most probable sets of effects."""
+    models = run.diagnosis.search.models
+    names = _name_apart([one for model in models for one in model.effects])
     return [
         {
-            "effects": [one.label for one in model.effects],
+            "effects": [names[one.mechanism] for one in model.effects],
             "probability": model.probability,
             "chosen": model.chosen,
         }
-        for model in run.diagnosis.search.models
+        for model in models
     ]
+
+
+def _name_apart(candidates: Sequence[Candidate]) -> dict[Mechanism, str]:
+    """Return the label of every candidate; where several have one, as waves of other numbers, with its cause."""
+    labels = {one.mechanism: one.label for one in candidates}
+    shared = Counter(labels.values())
+    names = {}
+    for one in candidates:
+        label = one.label
+        names[one.mechanism] = label
+        if shared[label] > 1 and one.screws:
+            names[one.mechanism] = f"{label}, {one.mechanism.terms[0].screws[0].cause}"
+    return names
 
 
 def _configurations(run: StudyRun) -> Values:

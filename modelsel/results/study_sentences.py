@@ -4,6 +4,7 @@ figures in them."""
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from math import ceil, log10
 
@@ -28,7 +29,7 @@ TABLE_PURPOSE = (
     "would do as well, over all that was scanned. Only naming makes findings, and the two may differ."
 )
 # the sets of effects that the search has weighed, and what their table is for
-SETS_TITLE = "Sets of effects that would do"
+SETS_TITLE = "Sets of effects that explain the data about as well"
 SETS_PURPOSE = (
     "Probability among all sets that the search weighed around the findings: one effect more or less, one for another, "
     "two for one, one for two. What a finding claims holds in nine tenths of them."
@@ -94,12 +95,14 @@ def format_weight(weight: float | None) -> str:
 
 def describe_sets(models: Sequence[WeighedModelRecord]) -> list[str]:
     """Return what each set of effects has beside that of the findings, or lacks."""
-    found = {effect for model in models if model.chosen for effect in model.effects}
+    found = Counter(effect for model in models if model.chosen for effect in model.effects)
     sentences = []
     for model in models:
-        own = set(model.effects)
-        more = " + ".join(effect for effect in model.effects if effect not in found)
-        fewer = " + ".join(sorted(found - own))
+        own = Counter(model.effects)
+        added = (own - found).elements()
+        missing = (found - own).elements()
+        more = " + ".join(map(round_numbers, added))
+        fewer = " + ".join(map(round_numbers, sorted(missing)))
         sentence = "the findings" if found else "none"
         if more and not found:
             sentence = more
