@@ -289,6 +289,21 @@ def test_nothing_runs_off_the_page(drawn) -> None:
     within_margins(drawn / "report.pdf")
 
 
+def test_names_without_blanks_do_not_run_off_the_page(drawn) -> None:
+    """The study's, the operator's, and those of targets in the table of parameters."""
+    result, details = written(drawn)
+    name = "W" * 200
+    result["study"] = name
+    details["campaign"] = {"operator": name}
+    details["parameters"][0]["meaning"] = f"target along the flange's x, target {name}"
+    source = source_of(result, details)
+    blocks = collect_blocks(source, drawing.PAGES, ("first", "parameters", "provenance"))
+    pdf, _ = compile_pdf(fill_template(source, blocks), source.pictures)
+    within_margins(io.BytesIO(pdf))
+    text = "".join(texts(pdf)).replace("\n", "")
+    assert text.count(name) >= 4
+
+
 def test_same_bytes_anywhere(drawn, tmp_path) -> None:
     for name in ("result.json", "details.json"):
         shutil.copy(drawn / name, tmp_path)
