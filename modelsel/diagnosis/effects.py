@@ -11,6 +11,9 @@ from .candidates import Candidate
 from .credible_sets import CredibleSet
 from .signatures import LEVELS
 
+# what a step of a search that drops an effect begins with
+DROPPED = "- "
+
 
 @dataclass(frozen=True)
 class Claim:

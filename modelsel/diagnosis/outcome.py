@@ -12,7 +12,7 @@ from ..fitting.error_structure import ErrorStructure
 from ..fitting.least_squares import Fit
 from .candidates import Candidate
 from .credible_sets import CredibleSet
-from .effects import Effect
+from .effects import DROPPED, Effect
 from .model_search import WeighedModel
 from .sentences import describe_effect
 from .stated_probability import format_chance
@@ -56,6 +56,17 @@ class Diagnosis:
             stem = sentence.rstrip(".")
             findings.append(f"{stem}; p = {format_chance(effect.p)}.")
         return tuple(findings)
+
+    @property
+    def dropped(self) -> tuple[str, ...]:
+        """The labels of effects that were added and did not stay, each once."""
+        kept = [effect.candidate.label for effect in self.effects]
+        dropped = []
+        for step in self.path:
+            label = step.removeprefix(DROPPED)
+            if label != step and label not in kept:
+                dropped.append(label)
+        return tuple(dict.fromkeys(dropped))
 
     def __repr__(self) -> str:
         names = [mechanism.name for mechanism in self.base.mechanisms]
