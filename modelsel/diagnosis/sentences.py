@@ -16,7 +16,8 @@ from .credible_sets import FOUND, Entry
 from .effects import Effect
 from .stated_probability import describe_level_probability, format_probability, scale_listed
 
-PREFIXES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"))
+# sizes [rad] below which an angle has the next smaller unit
+PREFIXES = ((1e-6, 1e-9, "n"), (1e-4, 1e-6, "µ"), (0.5, 1e-3, "m"))
 # waves per turn that are looked for in a free function, how many are named, and the least share of
 # the curve's sum of squares that one must explain
 MAX_WAVES = 90
@@ -54,8 +55,8 @@ def choose_prefix(size: float, unit: str) -> tuple[float, str]:
 def _choose_angle_prefix(size: float) -> tuple[float, str]:
     if size == 0:
         return 1e-3, "m"
-    for factor, prefix in PREFIXES:
-        if size < 1000 * factor and size < 0.5:
+    for limit, factor, prefix in PREFIXES:
+        if size < limit:
             return factor, prefix
     return 1.0, ""
 

@@ -88,8 +88,8 @@ def test_a_joint_of_the_wrist_has_its_play_at_the_target() -> None:
 @pytest.mark.parametrize(
     ("size", "unit", "words"),
     [
-        (46.0, "arcsec", "amplitude 223 µrad (95 %: 213 to 233)"),
-        (0.411, "mrad", "amplitude 411 µrad (95 %: 393 to 429)"),
+        (46.0, "arcsec", "amplitude 0.223 mrad (95 %: 0.213 to 0.233)"),
+        (0.041, "mrad", "amplitude 41.0 µrad (95 %: 39.2 to 42.8)"),
         (2.06, "mrad", "amplitude 2.06 mrad (95 %: 1.97 to 2.15)"),
         (0.411, "mm", "amplitude 0.411 mm (95 %: 0.393 to 0.429)"),
     ],
