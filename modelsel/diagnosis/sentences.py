@@ -136,8 +136,7 @@ def _describe_free_function(terms: Sequence[Term], estimate: Array) -> str:
     for term, value in zip(terms, estimate, strict=True):
         of_unit = values.setdefault(term.unit, [])
         of_unit.append(float(value))
-    ranges = {}
-    moved = {}
+    ranges, moved = {}, {}
     for unit, coefficients in values.items():
         size = float(np.ptp(coefficients))
         ranges[unit] = size
