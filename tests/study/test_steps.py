@@ -48,13 +48,13 @@ def test_what_was_added_and_did_not_stay_is_told(study) -> None:
     """Every line on an effect is true of the findings in the end."""
     said: list[str] = []
     result = run_study(study, say=said.append, sampling=False)
-    kept = {effect.candidate.label for effect in result.diagnosis.effects}
+    kept = {effect.candidate.label for effect in result.diagnosis.search.effects}
     path = ("+ a", "+ b", "- b", "- a", "a -> b")
-    left = replace(result.diagnosis, path=path)
+    left = replace(result.diagnosis.search, path=path)
     assert left.dropped == ("b", "a")
-    assert set(result.diagnosis.dropped).isdisjoint(kept)
+    assert set(result.diagnosis.search.dropped).isdisjoint(kept)
     dropped = [line for line in said if line.startswith("dropped ")]
-    assert bool(dropped) == bool(result.diagnosis.dropped)
+    assert bool(dropped) == bool(result.diagnosis.search.dropped)
 
 
 @pytest.mark.integration
