@@ -239,10 +239,11 @@ def _describe_stop(diagnosis: Diagnosis) -> str:
     assert diagnosis.left is not None
     first = diagnosis.left.entries[0]
     count = len(diagnosis.effects)
-    effects = count_words(count, "effect")
+    stopped = "No effect was named"
+    if count:
+        stopped = f"The search stopped after {count_words(count, 'effect')}"
     return (
-        f"The search stopped after {effects}, but something systematic is "
-        f"left: chance alone would explain it with probability {format_chance(diagnosis.left_p)}. It looks "
+        f"{stopped}, but something systematic is left: chance alone would explain it with probability {format_chance(diagnosis.left_p)}. It looks "
         f"most like {first.candidate.label} (probability {format_probability(first.probability)})."
     )
 

@@ -11,6 +11,7 @@ from .._json import to_plain
 from .._records import parse_record
 from ..diagnosis.candidates import Candidate
 from ..diagnosis.claim_sentences import is_settled
+from ..diagnosis.effects import Effect
 from ..diagnosis.sentences import NAMED_RIVALS, label_effect, list_rival_labels
 from ..measurements.measurements import Measurements
 from ..mechanisms.terms import Mechanism
@@ -104,10 +105,21 @@ def collect_named(diagnosis: Explanation, figures: FindingFigures) -> list[Named
     named = [Named(fault.kind.label, True) for fault in diagnosis.faults]
     for finding, of in zip(diagnosis.findings, figures.each, strict=True):
         effect = finding.effect
-        rivals = tuple(list_rival_labels(effect)[:NAMED_RIVALS])
+        rivals = _list_rivals(effect)
         settled = is_settled(effect)
         named.append(Named(label_effect(effect), settled, of.matters, finding.doubtful, rivals))
     return named
+
+
+def _list_rivals(effect: Effect) -> tuple[str, ...]:
+    """List what else a finding could be, but not other places of one motion: a shift along one axis of a frame
+    and along another frame's may be the same."""
+    labels = list_rival_labels(effect)
+    if not effect.candidate.registered:
+        alike = [entry.candidate for entry in effect.named.entries if entry.alike]
+        same = [one.label for one in alike if not one.registered]
+        labels = [label for label in labels if label not in same]
+    return tuple(labels[:NAMED_RIVALS])
 
 
 def _weighed_models(run: StudyRun) -> list[Values]:
