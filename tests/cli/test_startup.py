@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+
+import pytest
 
 SAMPLER = """
 import sys
@@ -35,3 +38,39 @@ def test_the_sampler_comes_without_scipy_stats() -> None:
 
 def test_a_study_loads_nothing_that_it_may_not_need() -> None:
     assert printed(STUDY) == "[]\n"
+
+
+INTERRUPTED = """
+import runpy, sys
+class Interrupted:
+    def find_spec(self, name, path=None, target=None):
+        if name == "click":
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupted())
+sys.argv = ["modelsel", "robots"]
+runpy.run_module("modelsel", run_name="__main__")
+"""
+FINISHED = """
+import os, runpy, signal, sys
+sys.argv = ["modelsel", "robots"]
+try:
+    runpy.run_module("modelsel", run_name="__main__")
+finally:
+    os.kill(os.getpid(), signal.SIGINT)
+"""
+
+
+def test_an_interrupt_while_modules_are_imported_is_a_line() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED], check=False, capture_output=True, text=True
+    )
+    assert done.returncode == 130
+    assert done.stderr == "modelsel: interrupted.\n"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_an_interrupt_after_everything_is_written_changes_nothing() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", FINISHED], check=False, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
