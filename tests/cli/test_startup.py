@@ -8,6 +8,8 @@ import sys
 
 import pytest
 
+from modelsel.cli._options import print_prose
+
 SAMPLER = """
 import sys
 from modelsel.cli.study import _import_sampler
@@ -74,3 +76,19 @@ def test_an_interrupt_after_everything_is_written_changes_nothing() -> None:
         [sys.executable, "-c", FINISHED], check=False, capture_output=True, text=True
     )
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_sentences_keep_within_a_terminal_and_are_whole_in_a_pipe(monkeypatch, capsys) -> None:
+    """By the terminal's width; what is indented stays so, and no word is broken."""
+    words = "A sentence of many words that does not fit. " * 3 + "/a/long/path/of/one/word"
+    text = f"{words}\n\n  {words}"
+    print_prose(text)
+    assert capsys.readouterr().out == f"{text}\n"
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    monkeypatch.setenv("COLUMNS", "40")
+    print_prose(text)
+    said = capsys.readouterr().out.splitlines()
+    first, second = said[: said.index("")], said[said.index("") + 1 :]
+    assert max(map(len, said)) <= 40
+    assert " ".join(first) == words
+    assert all(line.startswith("  ") for line in second)
