@@ -20,6 +20,8 @@ from .style import shorten
 
 SUSPECTS = b"/Suspects false"
 LONGEST_HEADER = 70  # letters
+LAST_ASCII = 127
+BOXES = "LastResort"  # the font that has a box for every letter
 # share of the last page that is filled, below which less room between the blocks is tried
 MIN_LAST = 0.4
 # shares of the usual room that are tried, the last with smaller pictures
@@ -129,6 +131,25 @@ def _run_compiler(folder: Path, inputs: Mapping[str, str]) -> _Typeset:
     pdf = pdf.replace(SUSPECTS, b" " * len(SUSPECTS))
     said = [warning.message for warning in warnings]
     return _Typeset(pdf, said, end["pages"], end["share"], white)
+
+
+def find_missing_letters(content: Mapping[str, Any]) -> str:
+    """Return the letters of a content that no font of the PDF has, each once, in their order; they become
+    boxes."""
+    from matplotlib.ft2font import FT2Font
+
+    text = json.dumps(content, ensure_ascii=False)
+    missing = [letter for letter in dict.fromkeys(text) if ord(letter) > LAST_ASCII]
+    folder = font_folder()
+    for file in sorted(folder.glob("*.ttf")):
+        if not missing:
+            break
+        if file.name.startswith(BOXES):
+            continue
+        font = FT2Font(file)
+        known = font.get_charmap()
+        missing = [letter for letter in missing if ord(letter) not in known]
+    return "".join(missing)
 
 
 def font_folder() -> Path:

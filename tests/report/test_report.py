@@ -24,7 +24,14 @@ from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
 from modelsel.report import drawing
 from modelsel.report.document import collect_blocks, walk_blocks
-from modelsel.report.pdf import ReportError, _set, _write_inputs, compile_pdf, fill_template
+from modelsel.report.pdf import (
+    ReportError,
+    _set,
+    _write_inputs,
+    compile_pdf,
+    fill_template,
+    find_missing_letters,
+)
 from modelsel.report.terminal_summary import summarise_study
 from modelsel.results.quantities import format_figure
 from modelsel.results.storage import WRITES
@@ -302,6 +309,18 @@ def test_names_without_blanks_do_not_run_off_the_page(drawn) -> None:
     within_margins(io.BytesIO(pdf))
     text = "".join(texts(pdf)).replace("\n", "")
     assert text.count(name) >= 4
+
+
+def test_letters_that_no_font_has_are_told(drawn, tmp_path) -> None:
+    """As the report is drawn; of what there are letters for, nothing is said."""
+    result, details = written(drawn)
+    assert find_missing_letters(fill_template(source_of(result, details), [])) == ""
+    result["study"] = "Prüfstand ЖΩ 机器人 机"
+    source = source_of(result, details)
+    said: list[str] = []
+    drawing.draw_records(source.record, source.details, tmp_path, ["first"], said.append)
+    (note,) = [line for line in said if "no letters" in line]
+    assert note.startswith("report.pdf has no letters for 机器人 and")
 
 
 def test_same_bytes_anywhere(drawn, tmp_path) -> None:
