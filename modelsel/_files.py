@@ -146,7 +146,7 @@ def claim_folder(folder: Path) -> Iterator[None]:
             handle = _locked(hidden / LOCK)
         except BlockingIOError:
             raise StudyError(
-                f"{folder}: another run of modelsel works in this folder. Wait for it, or give another folder with "
+                f"{folder}: another run of modelsel is already working in this folder. Wait for it, or give another folder with "
                 "--out."
             ) from None
         except OSError as error:

@@ -130,7 +130,9 @@ def merge_indistinct(p: Pool, rivals: Rivals) -> tuple[Rivals | None, tuple[str,
             chi2 = pair.left(slice(None))
             if chi2 < MIN_POOL_CHI2:
                 weight[i] += weight[j]
-                twins.append(f"{name} and {names[i]}")
+                # another constant of the same name is no news
+                if name != names[i]:
+                    twins.append(f"{name} and {names[i]}")
                 break
         else:
             kept.append(j)

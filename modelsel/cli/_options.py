@@ -192,6 +192,21 @@ def make_console(most: int = LOG_WIDTH) -> Any:
     return Console(width=min(terminal, most), markup=False, emoji=False)
 
 
+def print_prose(text: str, err: bool = False) -> None:
+    """Print sentences: on a terminal within its width, no word broken; a pipe gets them as they are."""
+    from ..report.text_tables import fold_text
+
+    stream = sys.stderr if err else sys.stdout
+    width = shutil.get_terminal_size().columns if stream.isatty() else 0
+    for line in text.splitlines() or [""]:
+        parts = [line]
+        if 0 < width < len(line):
+            indent = line[: len(line) - len(line.lstrip())]
+            parts = fold_text(line.lstrip(), width, indent)
+        for part in parts:
+            click.echo(part, err=err)
+
+
 def print_written(folder: Path, files: Sequence[Path]) -> None:
     """Print which files were written into a folder, and the folder in one piece."""
     from ..report.text_tables import fold_text

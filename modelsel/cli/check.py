@@ -11,6 +11,7 @@ from ._options import (
     column_option,
     dh_option,
     print_json,
+    print_prose,
     read_robot_option,
     table_option,
     xacro_option,
@@ -67,7 +68,7 @@ def check_command(
         print_json(found)
     else:
         for line in [*said, *format_inspection(found)]:
-            click.echo(line)
+            print_prose(line)
 
 
 def _read_study_data(path: Path) -> tuple[Robot, Measurements]:

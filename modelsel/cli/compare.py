@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ._options import print_json
+from ._options import print_json, print_prose
 from ._output_path import OutputPath, check_output
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def compare_command(before: Path, after: Path, page: Path | None, as_json: bool)
         print_json({"sentences": describe_comparison(found), **asdict(found)})
     else:
         for line in describe_comparison(found):
-            click.echo(line)
+            print_prose(line)
         if page is not None:
             click.echo(f"Written: {page}")
 

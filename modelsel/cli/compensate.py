@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .._choices import TARGET_FORMS
 from ..exceptions import CHECK_FAILED, count_words, write_rounded
 from ._join_options import JointLog, join_option
-from ._options import column_option, print_json, table_option
+from ._options import column_option, print_json, print_prose, table_option
 from ._output_path import OutputPath, check_output, check_table_path
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def compensate_command(
         slides = np.array(c.robot.prismatic)
         gain = "" if commands is None else _sentence(commands, slides)
         written = f"Written: {out}, {count_words(len(data), 'row')}.{gain}"
-        click.echo("\n".join([*later.said, written, *(f"Note: {note}" for note in notes)]))
+        print_prose("\n".join([*later.said, written, *(f"Note: {note}" for note in notes)]))
     if commands is not None:
         _check_commands(commands, data, skipped)
 
@@ -210,11 +210,11 @@ def _check_commands(
     say which; and whether there is a file."""
     missed, stuck = ~commands.reached, commands.beyond.any(1)
     for sentence in skipped:
-        click.echo(f"modelsel: {sentence}", err=True)
+        print_prose(f"modelsel: {sentence}", err=True)
     if missed.any():
         rows = count_words(int(missed.sum()), "row")
         verb = "is" if missed.sum() == 1 else "are"
-        click.echo(
+        print_prose(
             f"modelsel: {rows} {verb} not reached, next to a jump of the model or at the edge of the "
             f"workspace ({data.where.listed(data.row[missed])}); {_where_left(commands, written)}.",
             err=True,
@@ -222,14 +222,14 @@ def _check_commands(
     if stuck.any():
         commands_beyond = count_words(int(stuck.sum()), "corrected command")
         verb = "lies" if stuck.sum() == 1 else "lie"
-        click.echo(
+        print_prose(
             f"modelsel: {commands_beyond} {verb} beyond a joint's limits "
             f"({data.where.listed(data.row[stuck])}): the arm cannot take them. Choose other postures.",
             err=True,
         )
     if missed.any() or stuck.any() or skipped:
         if not written:
-            click.echo("modelsel: no program was written.", err=True)
+            print_prose("modelsel: no program was written.", err=True)
         raise SystemExit(CHECK_FAILED)
 
 

@@ -10,7 +10,7 @@ import click
 
 from .._choices import EXPORT_FORMS
 from ..exceptions import CHECK_FAILED
-from ._options import print_json, xacro_option
+from ._options import print_json, print_prose, xacro_option
 from ._output_path import OutputPath, check_output
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def export_command(
         text = None
         if is_xacro(urdf):
             text = expand_xacro(urdf, arguments)
-            click.echo(describe_expansion(urdf, arguments), err=as_json)
+            print_prose(describe_expansion(urdf, arguments), err=as_json)
         calibration = attach_urdf(calibration, urdf, base, tip, text)
     if form == "grid":
         made = export_grid(calibration, _read_grid_options(calibration, joints, at, within))
@@ -105,7 +105,7 @@ def export_command(
     else:
         _print_export(made, out)
     if form not in ("table", "grid") and made.error_mm > EXACT_MM:
-        click.echo("modelsel: the file does not carry the geometry to 1 µm.", err=True)
+        print_prose("modelsel: the file does not carry the geometry to 1 µm.", err=True)
         raise SystemExit(CHECK_FAILED)
 
 
@@ -150,20 +150,20 @@ def _to_dict(made: Exported) -> dict[str, Any]:
 
 def _print_export(made: Exported, out: Path) -> None:
     if made.worse is not None:
-        click.echo(f"Warning: {made.worse}.")
+        print_prose(f"Warning: {made.worse}.")
     exact = made.error_mm < ROUNDING_MM
     size = "less than 0.001 µm" if exact else f"at most {made.error_mm * 1e3:.2g} µm"
-    click.echo(
+    print_prose(
         f"Written: {out}. Read back, it differs from the calibrated model by {size} in what it can carry, over "
         f"{made.configurations} configurations."
     )
     if made.left_out:
         rms, largest = made.left_out_mm
-        click.echo(
+        print_prose(
             f"It cannot carry {'; '.join(made.left_out)}: the whole model differs from it by {rms:.3g} mm rms, "
             f"{largest:.3g} mm at most. `--format python` writes a function that carries all of it."
         )
     for line in made.table:
-        click.echo(line)
+        print_prose(line)
     for note in made.notes:
-        click.echo(f"Note: {note}.")
+        print_prose(f"Note: {note}.")

@@ -14,6 +14,7 @@ from ._options import (
     column_option,
     dh_option,
     print_json,
+    print_prose,
     read_robot_option,
     table_option,
     xacro_option,
@@ -106,7 +107,7 @@ def init_command(
     data = draft.read()
     lines = [*named.said, *describe_draft(draft, data), *setup.describe(arm, data)]
     if not as_json:
-        click.echo("\n".join(lines))
+        print_prose("\n".join(lines))
     if not yes:
         _ask_whether(f"Write a study to {folder}?")
     written = write_study_folder(
@@ -144,9 +145,9 @@ def _settle(draft: StudyDraft, yes: bool) -> StudyDraft:
 
 
 def _ask_which(choice: Choice) -> Reading:
-    click.echo(f"Several readings of {choice.what} fit:", err=True)
+    print_prose(f"Several readings of {choice.what} fit:", err=True)
     for number, reading in enumerate(choice.readings, 1):
-        click.echo(f"  {number}: {reading.sentence}", err=True)
+        print_prose(f"  {number}: {reading.sentence}", err=True)
     numbers = click.IntRange(1, len(choice.readings))
     try:
         number = click.prompt("Which is right?", type=numbers, default=1, err=True)

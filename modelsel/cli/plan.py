@@ -10,7 +10,7 @@ import click
 from .._choices import PLAN_PURPOSES
 from .._progress import show_progress
 from ..exceptions import count_words
-from ._options import print_json, table_option
+from ._options import print_json, print_prose, table_option
 from ._output_path import OutputPath, check_output, check_table_path
 
 # sizes of effects [mm] that are asked for
@@ -142,9 +142,9 @@ def plan_command(
     text = table.to_string(index=False, float_format=lambda v: f"{v:.4f}")
     click.echo(text if out is None else f"Written: {out}")
     for line in format_plan(planned):
-        click.echo(line)
+        print_prose(line)
     if size is not None and more is not None:
-        click.echo(_describe_size(size, more))
+        print_prose(_describe_size(size, more))
 
 
 def _describe_size(size: float, more: int) -> str:

@@ -8,7 +8,7 @@ import click
 
 from ..exceptions import CHECK_FAILED
 from ._join_options import JointLog, join_option
-from ._options import column_option, print_json, table_option
+from ._options import column_option, print_json, print_prose, table_option
 
 
 @click.command("validate")
@@ -79,12 +79,12 @@ def validate_command(
         )
     else:
         for line in [*later.said, *(n.sentence for n in measured.notes if n.code in TOLD_NOTES)]:
-            click.echo(line)
+            print_prose(line)
         for line in found.doubts:
-            click.echo(f"Check the data: {line}")
+            print_prose(f"Check the data: {line}")
         for line in said:
-            click.echo(line)
+            print_prose(line)
         for line in beyond:
-            click.echo(f"Note: {line}")
+            print_prose(f"Note: {line}")
     if found.drifted:
         raise SystemExit(CHECK_FAILED)

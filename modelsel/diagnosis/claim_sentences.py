@@ -21,6 +21,7 @@ from .sentences import (
     weigh_listed,
 )
 from .signatures import LEVELS, PROVEN
+from .stated_probability import format_probability
 
 # columns of the data that have words of their own
 COLUMNS = {
@@ -84,7 +85,8 @@ def describe_proven(effect: Effect, doubt: str = "") -> str:
     if claimed is None:
         return describe_effect(effect, doubt)
     probability = claimed.probability
-    of = f"probability {probability:.2f} for the {claimed.level}"
+    written = format_probability(probability)
+    of = f"probability {written} for the {claimed.level}"
     listed = ", ".join([*_list_sizes(effect), of])
     what = f"{claimed.text} ({listed})"
     if doubt:
@@ -197,7 +199,8 @@ def _list_entries(effect: Effect) -> str:
     for label, weight in listed[:NAMED_RIVALS]:
         name = _name_entry(effect, label)
         probability = scale * weight
-        word = f"{name} ({probability:.2f})"
+        written = format_probability(probability)
+        word = f"{name} ({written})"
         words.append(word)
     return " or ".join(words)
 

@@ -20,7 +20,7 @@ from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
 from .after_selection import AfterSelection, allow_for_search, find_limit
 from .claims import Weighed, build_claim, weigh_claims
-from .effects import Effect
+from .effects import DROPPED, Effect
 from .evidence import MIN_LOG_ODDS, compute_p_value, compute_single_f
 from .model_search import VisitedModels, visit_models
 from .outcome import Diagnosis
@@ -235,7 +235,7 @@ def prune_effects(
         after = search.try_fit(rest, view.fitted)
         if after is None:
             break
-        path.append(f"- {search.found[g].label}")
+        path.append(f"{DROPPED}{search.found[g].label}")
         chosen = rest
         view = after
     return chosen, view
@@ -279,7 +279,7 @@ def _confirm_effects(
         if after is None:
             return p, view
         label = search.found[weakest].label
-        path.append(f"- {label}")
+        path.append(f"{DROPPED}{label}")
         chosen = rest
         view = after
 

@@ -12,6 +12,9 @@ from .candidates import Candidate
 from .credible_sets import CredibleSet
 from .signatures import LEVELS, PROVEN
 
+# what a step of a search that drops an effect begins with
+DROPPED = "- "
+
 
 @dataclass(frozen=True)
 class Claim:

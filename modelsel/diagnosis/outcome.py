@@ -12,9 +12,10 @@ from ..fitting.error_structure import ErrorStructure
 from ..fitting.least_squares import Fit
 from .candidates import Candidate
 from .credible_sets import CredibleSet
-from .effects import Effect
+from .effects import DROPPED, Effect
 from .model_search import WeighedModel
 from .sentences import describe_effect
+from .stated_probability import format_chance
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -53,8 +54,19 @@ class Diagnosis:
         for effect in self.effects:
             sentence = describe_effect(effect)
             stem = sentence.rstrip(".")
-            findings.append(f"{stem}; p = {effect.p:.2g}.")
+            findings.append(f"{stem}; p = {format_chance(effect.p)}.")
         return tuple(findings)
+
+    @property
+    def dropped(self) -> tuple[str, ...]:
+        """The labels of effects that were added and did not stay, each once."""
+        kept = [effect.candidate.label for effect in self.effects]
+        dropped = []
+        for step in self.path:
+            label = step.removeprefix(DROPPED)
+            if label != step and label not in kept:
+                dropped.append(label)
+        return tuple(dict.fromkeys(dropped))
 
     def __repr__(self) -> str:
         names = [mechanism.name for mechanism in self.base.mechanisms]
@@ -70,5 +82,5 @@ class Diagnosis:
             numbered = f"  {k}. {sentence}"
             lines.append(numbered)
         if self.left is not None:
-            lines.append(f"  The strongest of what is left has p = {self.left_p:.2g}.")
+            lines.append(f"  The strongest of what is left has p = {format_chance(self.left_p)}.")
         return "\n".join(lines)

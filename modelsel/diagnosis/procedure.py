@@ -163,6 +163,9 @@ def _alternate(split: Split, inquiry: Inquiry) -> tuple[Split, Diagnosis, tuple[
         if is_settled or again.mean() > MAX_OUTLIER_SHARE:
             break
         outlying = again
+    if diagnosis.dropped:
+        labels = ", ".join(diagnosis.dropped)
+        inquiry.say(News(f"dropped {labels}", kept=True))
     return weighed, diagnosis, diagnosis.offered or found
 
 

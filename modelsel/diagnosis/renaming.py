@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .candidates import Candidate
+from .effects import DROPPED
 from .evidence import MIN_LOG_ODDS, compute_p_value
 from .mechanism_families import generate_better_families
 from .state import LEVEL, Search
@@ -150,5 +151,5 @@ def _describe_change(
 ) -> str:
     label = search.found[old].label
     if new is None or len(trial) < len(chosen):
-        return f"- {label}"
+        return f"{DROPPED}{label}"
     return f"{label} -> {search.found[new].label}"

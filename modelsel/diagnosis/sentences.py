@@ -14,9 +14,10 @@ from ..mechanisms.terms import LETTERS, Mechanism, Term
 from .candidates import Candidate
 from .credible_sets import FOUND, Entry
 from .effects import Effect
-from .stated_probability import describe_level_probability, scale_listed
+from .stated_probability import describe_level_probability, format_probability, scale_listed
 
-PREFIXES = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"))
+# sizes [rad] below which an angle has the next smaller unit
+PREFIXES = ((1e-6, 1e-9, "n"), (1e-4, 1e-6, "µ"), (0.5, 1e-3, "m"))
 # waves per turn that are looked for in a free function, how many are named, and the least share of
 # the curve's sum of squares that one must explain
 MAX_WAVES = 90
@@ -54,8 +55,8 @@ def choose_prefix(size: float, unit: str) -> tuple[float, str]:
 def _choose_angle_prefix(size: float) -> tuple[float, str]:
     if size == 0:
         return 1e-3, "m"
-    for factor, prefix in PREFIXES:
-        if size < 1000 * factor and size < 0.5:
+    for limit, factor, prefix in PREFIXES:
+        if size < limit:
             return factor, prefix
     return 1.0, ""
 
@@ -135,8 +136,7 @@ def _describe_free_function(terms: Sequence[Term], estimate: Array) -> str:
     for term, value in zip(terms, estimate, strict=True):
         of_unit = values.setdefault(term.unit, [])
         of_unit.append(float(value))
-    ranges = {}
-    moved = {}
+    ranges, moved = {}, {}
     for unit, coefficients in values.items():
         size = float(np.ptp(coefficients))
         ranges[unit] = size
@@ -363,7 +363,7 @@ def _describe_probability(effect: Effect) -> str:
         listed = twins[:NAMED_RIVALS]
         named = ", ".join(listed)
         same_move = f"{named} would move the target in the same way"
-        text += f"; {same_move}, together {together:.2f}"
+        text += f"; {same_move}, together {format_probability(together)}"
     return text + ")"
 
 
@@ -371,7 +371,7 @@ def _write_probability(effect: Effect) -> str:
     """Write how probable the level is that an effect is told at, or the listed name where no level
     was weighed."""
     if effect.claim is None:
-        return f"{sum_of_name(effect):.2f}"
+        return format_probability(sum_of_name(effect))
     return describe_level_probability(effect.claim.levels)
 
 
@@ -392,7 +392,8 @@ def _describe_rivals(effect: Effect) -> str:
     scale = weigh_listed(effect)
     weights = effect.named.sum_by_label()
     for label, weight in list(weights.items())[: NAMED_RIVALS + 1]:
-        odds.append(f"{label} {scale * weight:.2f}")
+        written = format_probability(scale * weight)
+        odds.append(f"{label} {written}")
     listed = ", ".join(odds)
     others = list_rival_labels(effect)[:NAMED_RIVALS]
     rivals = ", ".join(others) or "others"

@@ -4,8 +4,33 @@ where none is, of the deepest that any explanation agrees with."""
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import floor
 
 from .signatures import LEVELS, PROVEN
+
+# places of a probability that two would round up to PROVEN
+FINE = 1000
+# p above which nothing is found
+MAX_CHANCE = 0.05
+
+
+def format_probability(probability: float) -> str:
+    """Return a probability with two decimals, with three where it is below PROVEN and two would say
+    that it is not."""
+    written = f"{probability:.2f}"
+    if probability < PROVEN <= float(written):
+        fine = floor(FINE * probability)
+        written = f"{fine / FINE:.3f}"
+    return written
+
+
+def format_chance(p: float) -> str:
+    """Return a p-value with two digits, with three where it is above MAX_CHANCE and two would say
+    that it is not."""
+    written = f"{p:.2g}"
+    if p > MAX_CHANCE >= float(written):
+        written = f"{p:.3g}"
+    return written
 
 
 def find_stated_level(levels: Sequence[float]) -> int:
@@ -36,6 +61,7 @@ def describe_level_probability(levels: Sequence[float]) -> str:
     "0.99 for the drivers, 0.89 for the cause"."""
     stated, named = find_stated_level(levels), find_named_level(levels)
     if stated == named:
-        return f"{levels[named]:.2f}"
-    told = f"{levels[stated]:.2f} for the {LEVELS[stated]}"
-    return f"{told}, {levels[named]:.2f} for the {LEVELS[named]}"
+        return format_probability(levels[named])
+    proven = format_probability(levels[stated])
+    other = format_probability(levels[named])
+    return f"{proven} for the {LEVELS[stated]}, {other} for the {LEVELS[named]}"

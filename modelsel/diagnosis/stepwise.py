@@ -165,12 +165,13 @@ def _add_effect(search: Search, progress: Progress, new: int, say: Say) -> None:
 
     What the fit cannot determine is not added."""
     label = search.found[new].label
-    say(News(f"found {label}", kept=True))
     trial = search.add(progress.chosen, new)
     view = search.try_fit(trial, progress.view.fitted)
     if view is None or not _is_determined(search, new, view):
         progress.tried.add(frozenset(trial))
+        say(News(f"tried {label}", kept=True))
         return
+    say(News(f"added {label}", kept=True))
     steps: list[str] = []
     settled, settled_view = settle_names(search, trial, view, progress.view, steps)
     goes_in_circle = frozenset(settled) in progress.tried

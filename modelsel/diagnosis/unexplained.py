@@ -23,6 +23,7 @@ from .outcome import Diagnosis
 from .residual_tests import GROUP_LEVEL, compute_group_p
 from .sentences import format_length
 from .state import LEVEL
+from .stated_probability import format_chance, format_probability
 
 # length scales of the kernel, in units of the sines and cosines of all joints' angles together
 LENGTHS = (0.3, 0.6, 1.2, 2.4)
@@ -214,7 +215,7 @@ def describe_unexplained(
         )
     left = (
         " The strongest remaining candidate would occur by chance with probability "
-        f"{diagnosis.left_p:.2g}."
+        f"{format_chance(diagnosis.left_p)}."
     )
     return DetectionLimit(found_nothing + reach + left, limit, limit_mrad)
 
@@ -238,11 +239,12 @@ def _describe_stop(diagnosis: Diagnosis) -> str:
     assert diagnosis.left is not None
     first = diagnosis.left.entries[0]
     count = len(diagnosis.effects)
-    effects = count_words(count, "effect")
+    stopped = "No effect was named"
+    if count:
+        stopped = f"The search stopped after {count_words(count, 'effect')}"
     return (
-        f"The search stopped after {effects}, but something systematic is "
-        f"left: chance alone would explain it with probability {diagnosis.left_p:.2g}. It looks "
-        f"most like {first.candidate.label} (probability {first.probability:.2f})."
+        f"{stopped}, but something systematic is left: chance alone would explain it with probability {format_chance(diagnosis.left_p)}. It looks "
+        f"most like {first.candidate.label} (probability {format_probability(first.probability)})."
     )
 
 

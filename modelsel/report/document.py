@@ -40,10 +40,10 @@ class Source:
         return {"kind": "figure", "file": file, "caption": caption, "alt": alt}
 
 
-def let_float(block: Block) -> Block:
-    """Return a large block that goes to the head of the next page where this one has no room, while
-    what follows it fills this page. A text comes before it."""
-    return block | {"floats": True}
+def keep_together(blocks: Sequence[Block]) -> Block:
+    """Return blocks that stand on one page, a large picture with its heading and its words. Where a page has
+    no room for them, the picture is made a little smaller, or another section comes first."""
+    return {"kind": "together", "blocks": list(blocks)}
 
 
 def make_heading(text: str, level: int = 1, opens: bool = False) -> Block:
@@ -84,6 +84,8 @@ def walk_blocks(blocks: Sequence[Block]) -> Iterator[Block]:
         yield block
         if block["kind"] == "beside":
             yield from walk_blocks([*block["left"], *block["right"]])
+        if block["kind"] == "together":
+            yield from walk_blocks(block["blocks"])
 
 
 def make_list(items: Sequence[str]) -> Block:

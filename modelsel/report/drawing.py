@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from .._files import write_all
+from .._progress import News
 from .._second_process import Collect, SecondProcess
 from .._typing import Say
 from ..results.details_schema import DetailsRecord
@@ -31,7 +32,8 @@ from .pages.parameter_uncertainty import (
     write_residuals_page,
     write_unidentifiable_page,
 )
-from .pdf import compile_pdf, fill_template
+from .pdf import compile_pdf, fill_template, find_missing_letters
+from .style import shorten
 
 PAGES: dict[str, Page] = {
     "first": write_first_page,
@@ -55,6 +57,8 @@ SAMPLED_PAGES = ("posterior",)
 UNSAMPLED_PAGES = tuple(name for name in PAGES if name not in SAMPLED_PAGES)
 # about half of the work of drawing
 HALF = ("data", "findings")
+# letters that the PDF lacks and a note lists
+MAX_MISSING = 20
 DRAWING, SETTING = STEPS = ("drawing the pictures", "setting the report")
 
 
@@ -120,9 +124,9 @@ def draw_records(
     chosen = collect_blocks(source, PAGES, pages, say)
     say(SETTING)
     if pages is not None:
-        write_all(folder, {SOME_PAGES: _set_pages(source, chosen)})
+        write_all(folder, {SOME_PAGES: _set_pages(source, chosen, say)})
         return [folder / SOME_PAGES]
-    contents = (_set_pages(source, chosen), write_page(source))
+    contents = (_set_pages(source, chosen, say), write_page(source))
     write_all(folder, dict(zip(REPORTS, contents, strict=True)))
     return [folder / name for name in REPORTS]
 
@@ -135,10 +139,16 @@ def draw_summary(
     say(DRAWING)
     blocks = collect_blocks(source, SUMMARY, say=say)
     say(SETTING)
-    write_all(folder, {SUMMARY_FILE: _set_pages(source, blocks)})
+    write_all(folder, {SUMMARY_FILE: _set_pages(source, blocks, say)})
     return [folder / SUMMARY_FILE]
 
 
-def _set_pages(source: Source, blocks: Sequence[Block]) -> bytes:
-    pdf, _ = compile_pdf(fill_template(source, blocks), source.pictures)
+def _set_pages(source: Source, blocks: Sequence[Block], say: Say) -> bytes:
+    content = fill_template(source, blocks)
+    missing = find_missing_letters(content)
+    if missing:
+        shown = shorten(missing, MAX_MISSING)
+        words = f"report.pdf has no letters for {shown} and shows boxes; report.html has them"
+        say(News(words, kept=True))
+    pdf, _ = compile_pdf(content, source.pictures)
     return pdf

@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Mapping, Sequence
+from functools import partial
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,10 +15,13 @@ from typing import Any, NamedTuple
 from ..exceptions import ModelselError
 from ..results.schema import StudyRecord
 from .document import Block, Source
+from .section_order import Section, arrange, split_sections
 from .style import shorten
 
 SUSPECTS = b"/Suspects false"
 LONGEST_HEADER = 70  # letters
+LAST_ASCII = 127
+BOXES = "LastResort"  # the font that has a box for every letter
 # share of the last page that is filled, below which less room between the blocks is tried
 MIN_LAST = 0.4
 # shares of the usual room that are tried, the last with smaller pictures
@@ -29,12 +33,14 @@ class ReportError(ModelselError):
 
 
 class _Typeset(NamedTuple):
-    """A PDF, the compiler's warnings, how many pages there are, and the filled share of the last."""
+    """A PDF, the compiler's warnings, how many pages there are, the filled share of the last, and the white
+    before each large picture, as a share of its page."""
 
     pdf: bytes
     warnings: list[str]
     pages: int
     last: float
+    white: list[float]
 
 
 def fill_template(source: Source, blocks: Sequence[Block]) -> dict[str, Any]:
@@ -61,29 +67,44 @@ def compile_pdf(
 ) -> tuple[bytes, list[str]]:
     """Return (the PDF, the compiler's warnings) of the template with its data: with less room between the blocks where
     that spares a last page that is nearly empty. Raises ReportError with the compiler's own words."""
+    sections = split_sections(content["blocks"])
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        _write_inputs(folder, content, pictures)
-        chosen = _run_compiler(folder)
+        _write_inputs(folder, pictures)
+        typeset = partial(_set, folder, content)
+        order, chosen = arrange(sections, typeset)
         if chosen.pages > 1 and chosen.last < MIN_LAST:
             for room in ROOMS:
-                options = {"room": room}
-                tight = _run_compiler(folder, options)
+                typeset = partial(_set, folder, content, room=room)
+                _, tight = arrange(order, typeset)
                 if tight.pages < chosen.pages:
                     return tight.pdf, tight.warnings
         return chosen.pdf, chosen.warnings
 
 
-def _write_inputs(folder: Path, content: Mapping[str, Any], pictures: Mapping[str, bytes]) -> None:
-    data = json.dumps(content, ensure_ascii=False)
-    (folder / "report.json").write_text(data, encoding="utf-8")
+def _set(
+    folder: Path, content: Mapping[str, Any], sections: Sequence[Section], room: str = "1"
+) -> _Typeset:
+    """Set the sections in this order, with this share of the usual room between them."""
+    blocks: list[Block] = []
+    for section in sections:
+        blocks += section
+    ordered = {**content, "blocks": blocks}
+    data = json.dumps(ordered, ensure_ascii=False)
+    file = folder / "report.json"
+    file.write_text(data, encoding="utf-8")
+    inputs = {"room": room}
+    return _run_compiler(folder, inputs)
+
+
+def _write_inputs(folder: Path, pictures: Mapping[str, bytes]) -> None:
     template = files(__package__) / "templates" / "report.typ"
     (folder / "template.typ").write_bytes(template.read_bytes())
     for file, picture in pictures.items():
         (folder / file).write_bytes(picture)
 
 
-def _run_compiler(folder: Path, inputs: Mapping[str, str] | None = None) -> _Typeset:
+def _run_compiler(folder: Path, inputs: Mapping[str, str]) -> _Typeset:
     import typst
 
     fonts = typst.Fonts(
@@ -94,13 +115,14 @@ def _run_compiler(folder: Path, inputs: Mapping[str, str] | None = None) -> _Typ
         root=folder,
         ignore_system_fonts=True,
         font_paths=fonts,
-        sys_inputs=dict(inputs or {}),
+        sys_inputs=dict(inputs),
     )
     try:
         pdf, warnings = compiler.compile_with_warnings(
             format="pdf", pdf_standards="ua-1", timestamp=0
         )
         end = json.loads(compiler.query("<end>", field="value", one=True))
+        white = json.loads(compiler.query("<white>", field="value"))
     except typst.TypstError as error:
         words = f"{error.message} {' '.join(error.hints)}".strip()
         raise ReportError(f"report.pdf could not be made: {words}") from None
@@ -108,7 +130,26 @@ def _run_compiler(folder: Path, inputs: Mapping[str, str] | None = None) -> _Typ
     # false is what a reader takes where the key is missing; poppler calls it an error where it is written
     pdf = pdf.replace(SUSPECTS, b" " * len(SUSPECTS))
     said = [warning.message for warning in warnings]
-    return _Typeset(pdf, said, end["pages"], end["share"])
+    return _Typeset(pdf, said, end["pages"], end["share"], white)
+
+
+def find_missing_letters(content: Mapping[str, Any]) -> str:
+    """Return the letters of a content that no font of the PDF has, each once, in their order; they become
+    boxes."""
+    from matplotlib.ft2font import FT2Font
+
+    text = json.dumps(content, ensure_ascii=False)
+    missing = [letter for letter in dict.fromkeys(text) if ord(letter) > LAST_ASCII]
+    folder = font_folder()
+    for file in sorted(folder.glob("*.ttf")):
+        if not missing:
+            break
+        if file.name.startswith(BOXES):
+            continue
+        font = FT2Font(file)
+        known = font.get_charmap()
+        missing = [letter for letter in missing if ord(letter) not in known]
+    return "".join(missing)
 
 
 def font_folder() -> Path:

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from ..diagnosis.sentences import choose_prefix
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -109,11 +111,10 @@ def svg(figure: Figure, title: str) -> bytes:
 
 
 def choose_unit(unit: str, largest: float) -> tuple[float, str]:
-    """Return (factor, shown unit) so that the largest value reads well: rad -> mrad or µrad, mm -> mm or µm."""
+    """Return (factor, shown unit) so that the largest value reads well: rad as in sentences, mm -> mm or µm."""
     if unit == "rad":
-        if largest < 1.5e-3:
-            return 1e6, "µrad"
-        return (1e3, "mrad") if largest < 1.5 else (1.0, "rad")
+        divisor, shown = choose_prefix(largest, unit)
+        return 1 / divisor, shown
     if unit == "mm" and largest < 0.5:
         return 1e3, "µm"
     return 1.0, unit

@@ -4,6 +4,7 @@ models' errors, and where the rest is told."""
 from __future__ import annotations
 
 from ..diagnosis.signatures import PROVEN
+from ..diagnosis.stated_probability import format_probability
 from ..exceptions import sentence_list
 from ..measurements.row_places import where_from_record
 from ..notices import ALARMS
@@ -112,7 +113,7 @@ def _describe_standing(finding: FindingRecord, label: str) -> str:
     if claim.probability < PROVEN:
         return f"best described by {label}{doubt}"
     named = f"{label} ({describe_name_probability(finding)})"
-    return f"probability {claim.probability:.2f}{doubt}; best described by {named}"
+    return f"probability {format_probability(claim.probability)}{doubt}; best described by {named}"
 
 
 def _weigh_names(finding: FindingRecord) -> list[str]:
@@ -125,7 +126,7 @@ def _weigh_names(finding: FindingRecord) -> list[str]:
         weights[one.name] = before + weight
     names = []
     for name, weight in weights.items():
-        named = f"{name} ({weight:.2f})"
+        named = f"{name} ({format_probability(weight)})"
         names.append(named)
     return names
 

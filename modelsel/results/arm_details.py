@@ -86,6 +86,8 @@ def describe_meaning(problem: Problem, term: Term, owner: str) -> str:
     cause = screw.cause
     place = describe_place(problem.robot, screw.frame, screw.axis, cause == ONE)
     if cause == ONE:
+        if _moves_all_targets(problem, screw):
+            return f"all {place.replace('target', 'targets', 1)}"
         return place
     if isinstance(cause, Member):
         return f"{place}, {_describe_member(problem, cause)}"
@@ -98,6 +100,13 @@ def _describe_member(problem: Problem, cause: Member) -> str:
     data = problem.data
     names = data.targets if cause.kind == "target" else data.groups
     return f"{cause.kind} {names[cause.index]}"
+
+
+def _moves_all_targets(problem: Problem, screw: Screw) -> bool:
+    """Return whether a constant screw moves several targets alike."""
+    beyond = screw.frame > problem.robot.n
+    several = len(problem.tools) > 1
+    return beyond and several and screw.cause == ONE
 
 
 def describe_place(robot: Robot, frame: int, axis: str, constant: bool = True) -> str:
@@ -118,8 +127,9 @@ def describe_place(robot: Robot, frame: int, axis: str, constant: bool = True) -
 
 def find_nominal(problem: Problem, screw: Screw | None) -> float | None:
     """Find the drawing's value [mm or rad] of what a constant screw corrects: of a shift, where the
-    frame stands beyond the one before, along its own axis; of all else zero, being a correction."""
-    if screw is None:
+    frame stands beyond the one before, along its own axis; of all else zero, being a correction.
+    What several targets share has none."""
+    if screw is None or _moves_all_targets(problem, screw):
         return None
     if screw.axis[0] == "r":
         return 0.0

@@ -49,9 +49,29 @@ def harmful_base_notes(base: Sequence[str], gain: Gain) -> tuple[Note, ...]:
     sentence = (
         f"On the held-out configurations the fitted base model ({sentence_list(base)}) errs by {after:.3g} mm rms "
         f"where the nominal arm errs by {before:.3g}{_harm(gain.interval_mm)}: the estimation configurations do not "
-        "determine it well enough. Let more of them estimate; do not use the fitted parameters there."
+        "determine it well enough. Let more of them estimate, and keep the nominal parameters until then."
     )
     return (Note("base-worse-than-nominal", sentence),)
+
+
+def advise_nominal(gain: Gain, orientation: tuple[float, float] | None) -> str:
+    """Return what a verdict adds where the chosen model does no better on held-out rows than the nominal arm;
+    else nothing.
+
+    `orientation`: rms of the orientation error before and after, where it was measured."""
+    before, after = gain.held_out_rms_before_mm, gain.held_out_rms_after_mm
+    if before is None or after is None or after < before:
+        return ""
+    if orientation is not None:
+        first, last = orientation
+        if last < first:
+            return ""
+    outcome = "no better"
+    if gain.interval_mm is not None:
+        _, high = gain.interval_mm
+        if high < 0:
+            outcome = "worse"
+    return f" Keep the nominal parameters: on configurations that they were not fitted to, the fitted ones are {outcome}."
 
 
 def _harm(interval: tuple[float, float] | None) -> str:

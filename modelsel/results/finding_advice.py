@@ -7,6 +7,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ..diagnosis.signatures import LEVELS
+from ..exceptions import sentence_list
 from ..selection.gain import Change
 from .finding_schema import EntryRecord, FindingRecord
 from .schema import StudyRecord
@@ -47,10 +48,7 @@ class Advice(NamedTuple):
         return f"{text} ({low} to {high})"
 
 
-_ANGLE = (
-    MODEL,
-    "correct it over the angle of joint {joint}; that holds until the joint is taken apart",
-)
+_ANGLE = (MODEL, "correct it over the angle of {joint}; that holds until the joint is taken apart")
 _LOAD = (
     MODEL,
     "the pose tells it, under the load that was measured; with another load measure payload_kg along, or calibrate again",
@@ -62,11 +60,11 @@ _INSTRUMENT = (
 )
 _PLAY = (
     ADJUST,
-    "take up the play of joint {joint} if it can be, or approach every pose from one side; a model needs that side",
+    "take up the play of {joint} if it can be, or approach every pose from one side; a model needs that side",
 )
 _STILL = (
     MEASURE,
-    "again with a longer rest before each reading; adjust the servo of joint {joint} if it stays",
+    "again with a longer rest before each reading; adjust the servo of {joint} if it stays",
 )
 BY_STEM = {
     "gear-eccentricity": _ANGLE,
@@ -75,11 +73,11 @@ BY_STEM = {
     "axis-wobble": _ANGLE,
     "encoder-scale": (
         ADJUST,
-        "the scale of joint {joint} in the controller where it can be set, else model it",
+        "the scale of {joint} in the controller where it can be set, else model it",
     ),
     "wrist-coupling": (
         ADJUST,
-        "the coupling of joint {joint} in the controller where it can be set, else model it",
+        "the coupling of {joint} in the controller where it can be set, else model it",
     ),
     "joint2-twist": _LOAD,
     "joint3-twist": _LOAD,
@@ -94,7 +92,7 @@ BY_STEM = {
     "base-tilt": (ADJUST, "make what the base stands on firmer where it can be, else model it"),
     "backlash": (
         ADJUST,
-        "take up the play of joint {joint} if it can be; until then the model follows it by the pose",
+        "take up the play of {joint} if it can be; until then the model follows it by the pose",
     ),
     "approach-backlash": _PLAY,
     "overshoot": _STILL,
@@ -115,16 +113,16 @@ _DOUBTFUL = (
 )
 _RIVALS = (
     MEASURE,
-    "what tells its rivals apart before joint {joint} is touched; the model corrects it meanwhile",
+    "what tells its rivals apart before {joints} touched; the model corrects it meanwhile",
 )
 _UNNAMED = (MODEL, "it has no name; the model corrects it, what moves has to be looked at")
 _CONTRARY = (
     MODEL,
-    "the pose says it, so the model corrects it; no play or spring of joint {joint} explains it",
+    "the pose says it, so the model corrects it; no play or spring of {joint} explains it",
 )
 _INSPECT = (
     REPLACE,
-    "what inspection finds worn or loose at joint {joint}, being larger than usual; until then model it",
+    "what inspection finds worn or loose at {joint}, being larger than usual; until then model it",
 )
 # whose size tells of wear where it is larger than usual
 WEARING = (
@@ -141,7 +139,9 @@ def advise(record: StudyRecord, finding: FindingRecord) -> Advice:
     """Advise what to do about a finding, and tell what its model is worth on held-out rows."""
     action, how = _choose(record, finding)
     joint = find_joint(finding)
-    return Advice(action, how.format(joint=joint), finding.gain.told)
+    verb = "are" if joint.startswith("joints") else "is"
+    sentence = how.format(joint=joint, joints=f"{joint} {verb}")
+    return Advice(action, sentence, finding.gain.told)
 
 
 def _choose(record: StudyRecord, finding: FindingRecord) -> tuple[str, str]:
@@ -173,9 +173,13 @@ def _choose_by_name(record: StudyRecord, first: EntryRecord, stem: str) -> tuple
 
 
 def find_joint(finding: FindingRecord) -> str:
-    """Return the numbers of the joints that a finding moves, in words; of the target, that."""
+    """Return the joints that a finding moves, in words: joint 3, joints 2 and 3."""
     frames = list_frames(finding)
-    return " and ".join(map(str, frames)) if frames else "concerned"
+    if not frames:
+        return "the joint concerned"
+    numbers = [str(frame) for frame in frames]
+    word = "joint" if len(numbers) == 1 else "joints"
+    return f"{word} {sentence_list(numbers)}"
 
 
 def list_frames(finding: FindingRecord) -> list[int]:

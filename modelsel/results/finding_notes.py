@@ -10,6 +10,7 @@ from .._typing import Array
 from ..diagnosis.candidates import exceeds_cell_limit
 from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.sentences import format_length
+from ..diagnosis.stated_probability import format_chance
 from ..exceptions import sentence_list
 from ..fitting.problem import Problem
 from ..notices import Note
@@ -34,7 +35,7 @@ def uneven_noise_notes(diagnosis: Diagnosis) -> tuple[Note, ...]:
     sentence = (
         f"{first} is not named: if the noise were normal, independent and alike everywhere, chance would explain it "
         f"with probability {diagnosis.held_back:.2g}, but the actual residuals, with the signs of whole postures (or "
-        f"groups) changed at random, do as well with probability {diagnosis.left_p:.2g}. Rows of one posture may share an "
+        f"groups) changed at random, do as well with probability {format_chance(diagnosis.left_p)}. Rows of one posture may share an "
         "error, a few rows may be loud, the noise may be larger in one direction, or errors may last from one "
         "configuration to the next."
     )

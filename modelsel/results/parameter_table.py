@@ -158,11 +158,9 @@ def _write_row(
 
 
 def _choose_unit(parameter: ParameterRecord, nominal: float, u: float | None) -> tuple[float, str]:
-    """Return (factor, shown unit): mm and mrad where they fit, so that rows compare."""
+    """Return (factor, shown unit): mm so that rows compare, else what the findings' sentences choose."""
     if parameter.unit == "mm":
         return 1.0, "mm"
-    if parameter.unit == "rad":
-        return 1e-3, "mrad"
     largest = max(abs(nominal), abs(parameter.estimate), u or 0.0)
     return choose_prefix(largest, parameter.unit)
 

@@ -6,13 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..diagnosis.sentences import choose_prefix
 from .workspace import Range
 
 # arc seconds of a radian
 ARC_SECONDS = float(np.degrees(1.0) * 3600)
 # mrad of a radian
 MILLI = 1e3
-SIGNS = {"arcsec": "″", "ppm": " ppm", "ppm/K": " ppm/K", "N m/rad": " N m/rad"}
+# units of angles, and how many of them a radian is
+ANGLES = {"arcsec": ARC_SECONDS, "mrad": MILLI}
 # from which a figure is written without decimals, its thousands apart
 LARGE = 1000.0
 
@@ -31,11 +33,28 @@ class Usable:
 
 
 def express(quantity: str, value: Range, unit: str, where: str = "") -> Usable:
-    """Express a range as a usable number; with `where` its words are the figure and that."""
-    sign = SIGNS.get(unit, f" {unit}")
-    figure = f"{format_figure(value.value)}{sign}{describe_ends(value)}"
+    """Express a range as a usable number; with `where` its words are the figure and that. Words tell an
+    angle in the unit that its size asks for, as everywhere."""
+    shown = value
+    sign = f" {unit}"
+    if unit in ANGLES:
+        units = ANGLES[unit]
+        shown, sign = _prefix_angle(value, units)
+    size = format_figure(shown.value)
+    ends = describe_ends(shown)
+    figure = f"{size}{sign}{ends}"
     text = f"{figure} {where}" if where else f"{quantity} {figure}"
     return Usable(quantity, value.value, value.low, value.high, unit, text)
+
+
+def _prefix_angle(value: Range, units: float) -> tuple[Range, str]:
+    """Return an angle, of so many units of a radian, in the unit that reads well, and that unit."""
+    turn = value.scale(1 / units)
+    size = abs(turn.value)
+    factor, unit = choose_prefix(size, "rad")
+    multiple = 1 / factor
+    shown = turn.scale(multiple)
+    return shown, f" {unit}"
 
 
 def describe_ends(value: Range) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -10,13 +11,15 @@ from .._json import to_plain
 from .._records import parse_record
 from ..diagnosis.candidates import Candidate
 from ..diagnosis.claim_sentences import is_settled
+from ..diagnosis.effects import Effect
 from ..diagnosis.sentences import NAMED_RIVALS, label_effect, list_rival_labels
 from ..measurements.measurements import Measurements
+from ..mechanisms.terms import Mechanism
 from ..notices import HOPELESS_FIT, Note
 from ..selection.branch_and_bound import Certified
 from ..selection.comparison import SubsetComparison
 from ..selection.evaluation import Evaluation, measure_orientation
-from .cautions import explain_unknown_gravity
+from .cautions import advise_nominal, explain_unknown_gravity
 from .finding_figures import FindingFigures, describe_figures, describe_small, measure_effects
 from .finding_records import describe_fault, describe_finding, list_screws
 from .goodness_of_fit import describe_noise, locate_features, measure_lack_of_fit
@@ -90,7 +93,11 @@ def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
     hopeless = [note.sentence for note in run.warnings if note.code == HOPELESS_FIT]
     orientation = measure_orientation(run.split, nominal, models.chosen)
     registered = "its base and the target" if run.study.robot.register_ else None
-    return complete_verdict(sentences, orientation, hopeless[0] if hopeless else None, registered)
+    told = complete_verdict(sentences, orientation, hopeless[0] if hopeless else None, registered)
+    if hopeless:
+        return told
+    gained, *others = told
+    return gained + advise_nominal(models.gain, orientation), *others
 
 
 def collect_named(diagnosis: Explanation, figures: FindingFigures) -> list[Named]:
@@ -98,22 +105,48 @@ def collect_named(diagnosis: Explanation, figures: FindingFigures) -> list[Named
     named = [Named(fault.kind.label, True) for fault in diagnosis.faults]
     for finding, of in zip(diagnosis.findings, figures.each, strict=True):
         effect = finding.effect
-        rivals = tuple(list_rival_labels(effect)[:NAMED_RIVALS])
+        rivals = _list_rivals(effect)
         settled = is_settled(effect)
         named.append(Named(label_effect(effect), settled, of.matters, finding.doubtful, rivals))
     return named
 
 
+def _list_rivals(effect: Effect) -> tuple[str, ...]:
+    """List what else a finding could be, but not other places of one motion: a shift along one axis of a frame
+    and along another frame's may be the same."""
+    labels = list_rival_labels(effect)
+    if not effect.candidate.registered:
+        alike = [entry.candidate for entry in effect.named.entries if entry.alike]
+        same = [one.label for one in alike if not one.registered]
+        labels = [label for label in labels if label not in same]
+    return tuple(labels[:NAMED_RIVALS])
+
+
 def _weighed_models(run: StudyRun) -> list[Values]:
     """Return the most probable sets of effects."""
+    models = run.diagnosis.search.models
+    names = _name_apart([one for model in models for one in model.effects])
     return [
         {
-            "effects": [one.label for one in model.effects],
+            "effects": [names[one.mechanism] for one in model.effects],
             "probability": model.probability,
             "chosen": model.chosen,
         }
-        for model in run.diagnosis.search.models
+        for model in models
     ]
+
+
+def _name_apart(candidates: Sequence[Candidate]) -> dict[Mechanism, str]:
+    """Return the label of every candidate; where several have one, as waves of other numbers, with its cause."""
+    labels = {one.mechanism: one.label for one in candidates}
+    shared = Counter(labels.values())
+    names = {}
+    for one in candidates:
+        label = one.label
+        names[one.mechanism] = label
+        if shared[label] > 1 and one.screws:
+            names[one.mechanism] = f"{label}, {one.mechanism.terms[0].screws[0].cause}"
+    return names
 
 
 def _configurations(run: StudyRun) -> Values:

@@ -228,7 +228,7 @@ class StudyRecord(StrictRecord):
     weighed_models: list[WeighedModelRecord] = Field(
         [],
         description="the most probable sets of effects of all that the search has weighed, the most probable first: "
-        "`effects` (names of mechanisms, or place and cause), `probability` among them, `chosen`: whether the findings are this set",
+        "`effects` (names of mechanisms, or place and cause; with the cause where several have one name), `probability` among them, `chosen`: whether the findings are this set",
     )
     findings: list[FindingRecord] = Field(description="a list, below")
     small_findings: SmallFindingsRecord | None = Field(

@@ -4,18 +4,22 @@ figures in them."""
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from math import ceil, log10
 
 from ..diagnosis.stated_probability import (
     describe_level_probability,
     find_named_level,
+    format_chance,
+    format_probability,
     scale_listed,
 )
 from ..measurements.row_places import Where
 from ..notices import HOPELESS_FIT, Note, list_alarms
 from .finding_schema import EntryRecord, FindingRecord
 from .model_schema import RungRecord, WeighedModelRecord
+from .quantities import ANGLES
 from .schema import FeatureRecord, StudyRecord
 from .small_findings import split_findings
 
@@ -25,7 +29,7 @@ TABLE_PURPOSE = (
     "would do as well, over all that was scanned. Only naming makes findings, and the two may differ."
 )
 # the sets of effects that the search has weighed, and what their table is for
-SETS_TITLE = "Sets of effects that would do"
+SETS_TITLE = "Sets of effects that explain the data about as well"
 SETS_PURPOSE = (
     "Probability among all sets that the search weighed around the findings: one effect more or less, one for another, "
     "two for one, one for two. What a finding claims holds in nine tenths of them."
@@ -38,8 +42,6 @@ MIN_PREDICTABLE_SHARE = 0.01
 # the smallest p that drawn signs can tell: below it, p is a bound
 SMALLEST_P = 0.001
 LONG_NUMBER = re.compile(r"\d+\.\d{4,}")
-# units of angles, whose millimetres are told with them
-ANGLES = ("arcsec", "mrad")
 # mm from which three decimals are more than anyone reads
 LARGEST_FINE_MM = 9.9995
 FEATURE_POSITIONS = {
@@ -93,12 +95,14 @@ def format_weight(weight: float | None) -> str:
 
 def describe_sets(models: Sequence[WeighedModelRecord]) -> list[str]:
     """Return what each set of effects has beside that of the findings, or lacks."""
-    found = {effect for model in models if model.chosen for effect in model.effects}
+    found = Counter(effect for model in models if model.chosen for effect in model.effects)
     sentences = []
     for model in models:
-        own = set(model.effects)
-        more = " + ".join(effect for effect in model.effects if effect not in found)
-        fewer = " + ".join(sorted(found - own))
+        own = Counter(model.effects)
+        added = (own - found).elements()
+        missing = (found - own).elements()
+        more = " + ".join(map(round_numbers, added))
+        fewer = " + ".join(map(round_numbers, sorted(missing)))
         sentence = "the findings" if found else "none"
         if more and not found:
             sentence = more
@@ -205,13 +209,14 @@ def label_entries(entries: Sequence[EntryRecord]) -> list[str]:
 def describe_probability(finding: FindingRecord) -> str:
     """Return how probable the cause of a finding is; where that is not proven, what is and how probable."""
     levels = finding.level_probabilities
-    return describe_level_probability(levels) if levels else f"{finding.of_name:.2f}"
+    return describe_level_probability(levels) if levels else format_probability(finding.of_name)
 
 
 def describe_name_probability(finding: FindingRecord) -> str:
     """Return how probable the name of a finding is."""
     levels = finding.level_probabilities
-    return f"{levels[find_named_level(levels)] if levels else finding.of_name:.2f}"
+    probability = levels[find_named_level(levels)] if levels else finding.of_name
+    return format_probability(probability)
 
 
 def weigh_listed_record(finding: FindingRecord) -> float:
@@ -226,7 +231,7 @@ def write_levels(finding: FindingRecord) -> str:
     if finding.first.is_fault or finding.claim is None:
         return ""
     told = finding.levels[: find_named_level(finding.level_probabilities) + 1]
-    levels = ", ".join(f"{one.level} {one.probability:.2f}" for one in told)
+    levels = ", ".join(f"{one.level} {format_probability(one.probability)}" for one in told)
     rest = ""
     if len(told) < len(finding.levels):
         rest = "; no registered mechanism describes it"
@@ -291,7 +296,7 @@ def describe_predictable(record: StudyRecord) -> str:
     predictable = record.nothing_else.predictable
     if predictable is None:
         return ""
-    chance = f"(p = {predictable.p:.2g})"
+    chance = f"(p = {format_chance(predictable.p)})"
     if has_predictable_rest(record):
         return (
             f"Some smooth function of the configuration would still predict {predictable.share:.0%} of what is left "

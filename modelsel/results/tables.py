@@ -7,6 +7,7 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from .._records import StrictRecord
+from ..diagnosis.stated_probability import format_probability
 from ..exceptions import write_numbered
 from .finding_schema import FindingRecord
 from .model_schema import RungRecord
@@ -272,7 +273,7 @@ def _notebook_findings(record: StudyRecord) -> str:
             [
                 escape(finding.first.name),
                 escape(f"{finding.verdict}{doubt}"),
-                f"{finding.alike:.2f}",
+                format_probability(finding.alike),
                 escape(finding.sentence),
             ]
         )

@@ -352,8 +352,9 @@ def _annotate(
             "not distinguishable from the lowest CV": (
                 not best and excess < 2 * scores.deviation[s]
             ),
-            "lowest BIC: criteria disagree": s == lowest_bic and not best,
-            "lowest AICc: criteria disagree": s == lowest_aicc and not best,
+            "lowest BIC and AICc: criteria disagree": s == lowest_bic == lowest_aicc and not best,
+            "lowest BIC: criteria disagree": s == lowest_bic != lowest_aicc and not best,
+            "lowest AICc: criteria disagree": s == lowest_aicc != lowest_bic and not best,
             "saturated: AICc undefined": undefined,
             _describe_proof(certified): proof,
         }

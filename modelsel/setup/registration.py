@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from .._typing import Array, Index, Mask
-from ..exceptions import DataError, NotEstimable, sentence_list
+from ..exceptions import DataError, NotEstimable, sentence_list, write_rounded
 from ..fitting.problem import Problem
 from ..notices import Note
 from .adjustment import GROSS, refine_robustly, refine_without_gross_rows
@@ -258,10 +258,10 @@ def _describe_shape(sight: Sight, at: Placed, g: int) -> str:
     misfits = compute_misfits(sight, at)
     left = float(np.median(misfits[in_group]))
     if across < THIN * longest:
-        shape = f"the points lie along a line, {across:.2g} mm off it"
+        shape = f"the points lie along a line, {write_rounded(across, 2)} mm off it"
     else:
-        shape = f"the points lie within {longest:.2g} mm of their middle"
-    return f"{shape}, where {left:.2g} mm remain unexplained (rms, median)"
+        shape = f"the points lie within {write_rounded(longest, 2)} mm of their middle"
+    return f"{shape}, where {write_rounded(left, 2)} mm remain unexplained (rms, median)"
 
 
 def _note_weak_turn(sight: Sight, at: Placed, g: int, turn: float, name: str) -> Note:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..diagnosis.data_faults import Fault
 from ..diagnosis.mistaken_rows import describe_slip_before_fit, describe_slips
-from ..exceptions import NotEstimable, sentence_list
+from ..exceptions import NotEstimable, sentence_list, write_rounded
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
 from ..fitting.problem import Problem
@@ -242,7 +242,7 @@ def _check_detection_limit(chosen: Evaluation, floor: Floor, limit_mm: float | N
         Note(
             "limit-below-left",
             f"The detection limit of {limit_mm:.2g} mm rms is that of one single cause: "
-            f"{left_mm:.2g} mm rms are left where noise would leave {noise_mm:.2g} mm, so larger "
+            f"{write_rounded(left_mm, 2)} mm rms are left where noise would leave {noise_mm:.2g} mm, so larger "
             "errors of another form are in the data.",
         )
     ]
@@ -269,7 +269,7 @@ def _describe_hopeless_fit(
         return None
     if far:
         what = (
-            f"{left_mm:.3g} mm rms are left, {left_mm / reach:.2%} of the arm's reach, where a "
+            f"{write_rounded(left_mm)} mm rms are left, {left_mm / reach:.2%} of the arm's reach, where a "
             f"calibrated arm leaves less than a thousandth ({calibrated:.2g} mm)"
         )
         if noise_known:

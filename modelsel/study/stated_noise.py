@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
+from ..exceptions import write_rounded
 from ..fitting.component_noise import POSITION, ROTATION
 from ..fitting.design import whitened
 from ..fitting.least_squares import Fit
@@ -160,7 +161,7 @@ def _describe_unlike_floor(floor: Floor, mismatch: Lack, left_mm: float) -> Note
     return Note(
         "floor-unlike",
         f"The {floor.source} show a noise of {floor.coordinate_mm:.2g} mm per coordinate, and the "
-        f"model leaves {left_mm:.3g} mm, {mismatch.factor:.3g} times as much: they cannot be the "
+        f"model leaves {left_mm:.3g} mm, {write_rounded(mismatch.factor)} times as much: they cannot be the "
         "noise of the measurement, and the noise floor is estimated from what the model leaves. "
         f"{remedy}",
     )

@@ -25,6 +25,8 @@ POSITION, ORIENTATION = "noise of position", "noise of orientation"
 # units of a scale that multiplies stated uncertainties, or estimated ones
 STATED = "of the stated"
 ESTIMATED = "of the estimated"
+# components of a row: mm, and rad
+POSITIONS, ORIENTATIONS = slice(0, 3), slice(3, 6)
 # values at which a cause is worked out; between them it is interpolated
 GRID = 401
 
@@ -60,7 +62,7 @@ def assign_components(problem: Problem, instrument: Instrument | None = None) ->
     Per-coordinate uncertainties in the data: a scale per axis of the tracker's frame. An instrument
     (None where a floor is stated): one along the beam, one across. Orientations: one of their own.
     Rows of several kinds, errors whose parts were estimated, and all else: one scale for everything
-    that is in mm."""
+    that is in mm. A scale is in mm or rad where nothing is stated row by row, else a multiple."""
     six = problem.components == 6
     mixed = problem.data.gauges is not None
     whitening = problem.whitening
@@ -87,9 +89,34 @@ def assign_components(problem: Problem, instrument: Instrument | None = None) ->
         names.append(ORIENTATION)
         units.append(relative)
         factor = np.append(factor, 1.0)
+        for k, own, unit in ((0, POSITIONS, "mm"), (count, ORIENTATIONS, "rad")):
+            sigma = _common_sigma(problem, own)
+            if sigma is not None:
+                units[k] = unit
+                factor[k] = sigma
     return Components(
         problem, np.array(component, dtype=np.intp), tuple(names), tuple(units), factor
     )
+
+
+def _common_sigma(problem: Problem, own: slice) -> float | None:
+    """Return the noise [mm or rad] by which positions or orientations are weighed, where it is one for all
+    rows and none is stated row by row; else None."""
+    data = problem.data
+    matrices = problem.whitening.matrices
+    stated = data.sigma
+    if own == ORIENTATIONS:
+        stated = data.sigma_rotation
+    if stated is not None or matrices is None:
+        return None
+    blocks = matrices[:, own, own]
+    weight = blocks[0, 0, 0]
+    identity = np.eye(3)
+    common = weight * identity
+    if not np.allclose(blocks, common):
+        return None
+    sigma = 1 / weight
+    return float(sigma)
 
 
 def align_with_beam(problem: Problem, instrument: Instrument) -> Problem:

@@ -188,6 +188,8 @@ def test_what_no_choice_tells_is_one(rng) -> None:
         ),
     )
     assert only is None
+    _, twins = merge_indistinct(p, replace(twice, names=("a", "b", "a")))
+    assert twins == ()
 
 
 def kept(p: Pool) -> list[Term]:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
+
+import pytest
+
+from modelsel.cli._options import print_prose
 
 SAMPLER = """
 import sys
@@ -35,3 +40,55 @@ def test_the_sampler_comes_without_scipy_stats() -> None:
 
 def test_a_study_loads_nothing_that_it_may_not_need() -> None:
     assert printed(STUDY) == "[]\n"
+
+
+INTERRUPTED = """
+import runpy, sys
+class Interrupted:
+    def find_spec(self, name, path=None, target=None):
+        if name == "click":
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupted())
+sys.argv = ["modelsel", "robots"]
+runpy.run_module("modelsel", run_name="__main__")
+"""
+FINISHED = """
+import os, runpy, signal, sys
+sys.argv = ["modelsel", "robots"]
+try:
+    runpy.run_module("modelsel", run_name="__main__")
+finally:
+    os.kill(os.getpid(), signal.SIGINT)
+"""
+
+
+def test_an_interrupt_while_modules_are_imported_is_a_line() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED], check=False, capture_output=True, text=True
+    )
+    assert done.returncode == 130
+    assert done.stderr == "modelsel: interrupted.\n"
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_an_interrupt_after_everything_is_written_changes_nothing() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", FINISHED], check=False, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_sentences_keep_within_a_terminal_and_are_whole_in_a_pipe(monkeypatch, capsys) -> None:
+    """By the terminal's width; what is indented stays so, and no word is broken."""
+    words = "A sentence of many words that does not fit. " * 3 + "/a/long/path/of/one/word"
+    text = f"{words}\n\n  {words}"
+    print_prose(text)
+    assert capsys.readouterr().out == f"{text}\n"
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    monkeypatch.setenv("COLUMNS", "40")
+    print_prose(text)
+    said = capsys.readouterr().out.splitlines()
+    first, second = said[: said.index("")], said[said.index("") + 1 :]
+    assert max(map(len, said)) <= 40
+    assert " ".join(first) == words
+    assert all(line.startswith("  ") for line in second)

@@ -22,7 +22,7 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Applied, Named, q, sin
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.results.cautions import harmful_base_notes, restriction_notes
+from modelsel.results.cautions import advise_nominal, harmful_base_notes, restriction_notes
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.selection.gain import Gain
@@ -205,6 +205,25 @@ def test_geometry_that_is_not_worse_is_not(gain: Gain) -> None:
     assert harmful_base_notes(("geometric",), gain) == ()
 
 
+@pytest.mark.parametrize(
+    ("gain", "orientation", "words"),
+    [
+        (Gain(0.198, 0.31, (-0.2, -0.05)), None, "the fitted ones are worse."),
+        (Gain(0.198, 0.21, (-0.02, 0.01)), None, "the fitted ones are no better."),
+        (Gain(0.198, 0.21, None), (1e-3, 2e-3), "the fitted ones are no better."),
+        (Gain(0.198, 0.21, None), (2e-3, 1e-3), ""),
+        (Gain(0.3, 0.2, (0.05, 0.15)), None, ""),
+        (Gain(None, None, None), None, ""),
+    ],
+)
+def test_the_verdict_says_where_the_nominal_parameters_are_to_be_kept(
+    gain: Gain, orientation: tuple[float, float] | None, words: str
+) -> None:
+    advice = advise_nominal(gain, orientation)
+    assert advice.endswith(words)
+    assert bool(advice) == bool(words)
+
+
 def test_a_study_whose_geometry_is_worse_says_so(tmp_path: Path, rng: np.random.Generator) -> None:
     """A perfect arm, fitted in one corner of its room and held out in another: the fit carries
     noise there."""
@@ -220,8 +239,7 @@ def test_a_study_whose_geometry_is_worse_says_so(tmp_path: Path, rng: np.random.
     (tmp_path / "study.toml").write_text(
         f'{study}[split]\ncolumn = "role"\n[model]\nbase = ["geometric"]\ncandidates = []\n'
     )
-    warnings = {
-        w["code"]: w["sentence"]
-        for w in run_study(tmp_path / "study.toml", sampling=False).record.to_dict()["warnings"]
-    }
+    record = run_study(tmp_path / "study.toml", sampling=False).record.to_dict()
+    assert "Keep the nominal parameters" in record["verdict"][0]
+    warnings = {w["code"]: w["sentence"] for w in record["warnings"]}
     assert "the fitted base model (geometric) errs by " in warnings["base-worse-than-nominal"]

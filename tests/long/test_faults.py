@@ -222,7 +222,7 @@ def test_two_at_once(study, tmp_path) -> None:
     with claim_folder(out):
         status, said = invoked(*words(study, out))
         assert status == 2
-        assert "another run of modelsel works in this folder" in said
+        assert "another run of modelsel is already working in this folder" in said
         assert everything(out) == {".modelsel", ".modelsel/lock"}
     assert not out.exists()
     assert invoked(*words(study, out))[0] == 0

@@ -345,6 +345,22 @@ def test_narrow_screens_need_no_sideways_scroll(page) -> None:
     assert page.execute_script("return document.documentElement.scrollWidth") <= 380
 
 
+@pytest.mark.parametrize("width", [1280, 400])
+def test_names_without_blanks_need_no_sideways_scroll(browser, drawn, tmp_path, width) -> None:
+    """The study's, the operator's, and those of targets in the table of parameters."""
+    result, details = written(drawn)
+    name = "W" * 200
+    result["study"] = name
+    details["campaign"] = {"operator": name}
+    details["parameters"][0]["meaning"] = f"target along the flange's x, target {name}"
+    (tmp_path / "report.html").write_bytes(html(source_of(result, details)))
+    opened(browser, tmp_path / "report.html")
+    resize(browser, width, 900)
+    for one in css(browser, "details"):
+        browser.execute_script("arguments[0].open = true", one)
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= width
+
+
 def test_words_of_the_data_stay_words(browser, drawn, tmp_path) -> None:
     result, details = written(drawn)
     evil = '</script><script>document.title = "owned"</script><img src=x onerror="document.title=\'owned\'">'

@@ -111,7 +111,7 @@ def test_zone_of_noise_has_room_for_its_words(drawn) -> None:
 
 def test_residuals_have_a_heading_of_their_own(drawn) -> None:
     blocks = write_residuals_page(read_source(drawn))
-    *_, heading, words, panels = blocks
+    heading, words, panels = blocks[-1]["blocks"]
     assert heading["kind"] == "heading"
     assert heading["text"] == "Residuals against what may drive them"
     assert words["kind"] == "text"

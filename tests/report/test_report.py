@@ -4,6 +4,7 @@ there is little to draw."""
 from __future__ import annotations
 
 import io
+import itertools
 import json
 import re
 import shutil
@@ -23,7 +24,14 @@ from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
 from modelsel.report import drawing
 from modelsel.report.document import collect_blocks, walk_blocks
-from modelsel.report.pdf import ReportError, compile_pdf, fill_template
+from modelsel.report.pdf import (
+    ReportError,
+    _set,
+    _write_inputs,
+    compile_pdf,
+    fill_template,
+    find_missing_letters,
+)
 from modelsel.report.terminal_summary import summarise_study
 from modelsel.results.quantities import format_figure
 from modelsel.results.storage import WRITES
@@ -34,6 +42,11 @@ ROOT = Path(__file__).parents[2]
 PUMA = ROOT / "studies" / "puma760"
 A4 = (595, 842)
 FOOT = 54  # points: below it stands the foot of a page
+LARGE_PICTURES = {  # heading, first words of the caption
+    "Residuals against what may drive them": "Residuals of the chosen model along x",
+    "Error map": "Where (rows) and why (columns) the base model errs",
+    "Data and split": "Joint coverage. A stroke is one reading",
+}
 
 
 @cache
@@ -204,6 +217,38 @@ def test_no_page_is_half_empty_whatever_was_found(drawn, count) -> None:
     assert last < 0.65
 
 
+def test_a_large_picture_stands_on_the_page_of_its_heading(drawn) -> None:
+    """With its caption; what follows it begins with a heading of its own."""
+    text = [plain(page) for page in pages(drawn)]
+    for heading, caption in LARGE_PICTURES.items():
+        (page,) = [k for k, one in enumerate(text) if plain(caption) in one]
+        (place,) = [k for k, one in enumerate(text) if plain(heading) in one]
+        assert page == place
+        assert text[page].index(plain(heading)) < text[page].index(plain(caption))
+
+
+@pytest.mark.parametrize("room", ["1", "0.5"])
+def test_lines_do_not_touch_with_less_room(drawn, tmp_path, room) -> None:
+    """The title and the line below it are apart, and paragraphs more than the lines of one."""
+    from pdfminer.high_level import extract_pages
+    from pdfminer.layout import LTTextLine
+
+    source = drawing.read_source(drawn)
+    blocks = collect_blocks(source, drawing.PAGES, ["first"])
+    content = fill_template(source, blocks)
+    _write_inputs(tmp_path, source.pictures)
+    pdf = _set(tmp_path, content, [blocks], room).pdf
+    (page,) = extract_pages(io.BytesIO(pdf))
+    lines = [line for box in page for line in (box if hasattr(box, "__iter__") else [])]
+    rows = {line.get_text().strip(): line for line in lines if isinstance(line, LTTextLine)}
+    title = rows[source.record.study]
+    robot = next(line for text, line in rows.items() if text.startswith("Robot "))
+    assert title.y0 > robot.y1 - 1
+    lead = [line for line in rows.values() if abs(line.height - 9.6) < 0.7]
+    steps = sorted({round(one.y1 - other.y1, 1) for one, other in itertools.pairwise(lead)})
+    assert steps[-1] > 1.2 * steps[0]
+
+
 def test_words_are_found_as_they_are_written(drawn) -> None:
     """No character that nobody sees stands in the text, and names of mechanisms are whole."""
     text = "".join(pages(drawn))
@@ -249,6 +294,33 @@ def within_margins(file: Path | io.BytesIO) -> None:
 
 def test_nothing_runs_off_the_page(drawn) -> None:
     within_margins(drawn / "report.pdf")
+
+
+def test_names_without_blanks_do_not_run_off_the_page(drawn) -> None:
+    """The study's, the operator's, and those of targets in the table of parameters."""
+    result, details = written(drawn)
+    name = "W" * 200
+    result["study"] = name
+    details["campaign"] = {"operator": name}
+    details["parameters"][0]["meaning"] = f"target along the flange's x, target {name}"
+    source = source_of(result, details)
+    blocks = collect_blocks(source, drawing.PAGES, ("first", "parameters", "provenance"))
+    pdf, _ = compile_pdf(fill_template(source, blocks), source.pictures)
+    within_margins(io.BytesIO(pdf))
+    text = "".join(texts(pdf)).replace("\n", "")
+    assert text.count(name) >= 4
+
+
+def test_letters_that_no_font_has_are_told(drawn, tmp_path) -> None:
+    """As the report is drawn; of what there are letters for, nothing is said."""
+    result, details = written(drawn)
+    assert find_missing_letters(fill_template(source_of(result, details), [])) == ""
+    result["study"] = "Prüfstand ЖΩ 机器人 机"
+    source = source_of(result, details)
+    said: list[str] = []
+    drawing.draw_records(source.record, source.details, tmp_path, ["first"], said.append)
+    (note,) = [line for line in said if "no letters" in line]
+    assert note.startswith("report.pdf has no letters for 机器人 and")
 
 
 def test_same_bytes_anywhere(drawn, tmp_path) -> None:

@@ -119,3 +119,20 @@ def test_nothing_held_out_is_worth_a_dash_and_places_are_frames(drawn) -> None:
     for name in ("tracker-drift", "fault:tracker-bumped"):
         drift = first.first.model_copy(update={"mechanism": name, "screws": base})
         assert list_frames(first.model_copy(update={"credible_set": [drift]})) == [0]
+
+
+@pytest.mark.parametrize(
+    ("frames", "words"),
+    [((3,), "before joint 3 is touched"), ((3, 2), "before joints 2 and 3 are touched")],
+)
+def test_one_joint_is_and_several_are(drawn, frames, words) -> None:
+    record = read_source(drawn).record
+    finding = record.findings[0]
+    entry = finding.first
+    screws = [entry.screws[0].model_copy(update={"frame": frame}) for frame in frames]
+    first = entry.model_copy(update={"screws": screws})
+    listed = [first, *finding.credible_set[1:]]
+    unsure = finding.model_copy(
+        update={"credible_set": listed, "verdict": "cannot be told apart", "doubtful": False}
+    )
+    assert words in advise(record, unsure).sentence

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from modelsel.mechanisms.causes import ONE
 from modelsel.mechanisms.geometry import geometric
+from modelsel.mechanisms.terms import Screw
 from modelsel.report.drawing import read_source
-from modelsel.results.arm_details import describe_arm, describe_place, find_nominal
+from modelsel.results.arm_details import (
+    describe_arm,
+    describe_meaning,
+    describe_place,
+    find_nominal,
+)
 from modelsel.results.parameter_table import (
     compute_parameter_p,
     find_standard_uncertainty,
@@ -30,7 +38,7 @@ def test_a_row_for_every_number_and_nominal_plus_estimate_is_calibrated(drawn) -
     assert set(rows) == {one.symbol for one in source.record.parameters} == set(meanings)
     for one in source.record.parameters:
         row = rows[one.symbol]
-        factor = {"mm": 1.0, "rad": 1e3}.get(one.unit)
+        factor = {"mm": 1.0, "rad": 1.0, "mrad": 1e3, "µrad": 1e6}.get(row.unit)
         if factor is None:
             continue
         u = max(one.standard_error, one.bootstrap_error)
@@ -38,10 +46,26 @@ def test_a_row_for_every_number_and_nominal_plus_estimate_is_calibrated(drawn) -
         assert expanded == pytest.approx(2 * u * factor, rel=0.06)
         calibrated = float(row.calibrated.replace("−", "-"))
         nominal = meanings[one.symbol].nominal
-        assert calibrated == pytest.approx(nominal + one.estimate * factor, abs=expanded / 10)
+        assert calibrated == pytest.approx(
+            nominal * factor + one.estimate * factor, abs=expanded / 10
+        )
     assert rows["a3"].nominal == "650.000"
     assert rows["a3"].meaning == "joint 3, its axis along x"
     assert rows["w54"].meaning == "joint 5, its turn × q4"
+
+
+def test_an_angle_has_one_unit_in_the_table_and_in_sentences(drawn) -> None:
+    """That which its size asks for."""
+    source = read_source(drawn)
+    rows = {row.symbol: row for row in tabulate_calibrated(source.record, source.details)}
+    told = 0
+    for finding in source.record.findings:
+        pattern = r"(\S+) = \S+ ± \S+ (\S*rad[^\s,;]*)"
+        for symbol, unit in re.findall(pattern, finding.sentence):
+            if symbol in rows:
+                assert rows[symbol].unit == unit
+                told += 1
+    assert told > 3
 
 
 def test_p_is_below_a_twentieth_where_the_interval_leaves_out_zero(drawn) -> None:
@@ -83,6 +107,20 @@ def test_nominal_shifts_are_those_of_the_chain(name) -> None:
         if screw.frame > robot.n:
             expected = TOOL[axis]
         assert find_nominal(problem, screw) == pytest.approx(expected, abs=1e-5)
+
+
+def test_what_several_targets_share_has_no_nominal() -> None:
+    """A correction of all of them: the drawing's value would be that of one."""
+    robot = load_robot("ur5")
+    *_, term = geometric(robot).terms
+    screw = Screw(robot.n + 1, "tx", ONE)
+    term = replace(term, screws=(screw,))
+    both = SimpleNamespace(robot=robot, tools=np.array([TOOL, TOOL + 50]))
+    assert find_nominal(both, screw) is None
+    assert describe_meaning(both, term, "set-up") == "all targets along the flange's x"
+    one = SimpleNamespace(robot=robot, tools=TOOL[None])
+    assert find_nominal(one, screw) == TOOL[0]
+    assert describe_meaning(one, term, "set-up") == "target along the flange's x"
 
 
 def test_the_drawing_stands_upright() -> None:

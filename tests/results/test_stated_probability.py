@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import pytest
 
+from modelsel.diagnosis.signatures import PROVEN
 from modelsel.diagnosis.stated_probability import (
     describe_level_probability,
     find_named_level,
     find_stated_level,
+    format_chance,
+    format_probability,
     scale_listed,
 )
 from modelsel.report.document import collect_blocks
@@ -32,6 +35,22 @@ def test_deepest_level_that_is_proven(levels, stated, named, words) -> None:
     assert find_stated_level(levels) == stated
     assert find_named_level(levels) == named
     assert describe_level_probability(levels) == words
+
+
+@pytest.mark.parametrize(
+    ("probability", "words"),
+    [(0.8995, "0.899"), (0.89996, "0.899"), (0.9, "0.90"), (0.894, "0.89"), (0.996, "1.00")],
+)
+def test_a_probability_below_the_threshold_reads_as_below_it(probability, words) -> None:
+    assert format_probability(probability) == words
+    assert (float(words) >= PROVEN) == (probability >= PROVEN)
+
+
+@pytest.mark.parametrize(
+    ("p", "words"), [(0.0504, "0.0504"), (0.05, "0.05"), (0.0496, "0.05"), (0.12, "0.12")]
+)
+def test_a_chance_above_the_threshold_reads_as_above_it(p, words) -> None:
+    assert format_chance(p) == words
 
 
 def test_listed_explanations_are_weighed_as_the_name_is() -> None:

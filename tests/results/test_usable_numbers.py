@@ -17,6 +17,7 @@ from modelsel.mechanisms.registry import build_mechanisms, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.results.effect_sizes import measure_sizes
 from modelsel.results.finding_figures import find_worst, find_worst_turn
+from modelsel.results.quantities import express
 from modelsel.results.usable_numbers import list_usable
 from modelsel.results.workspace import Fitted, Range, Workspace, build_workspace, find_longest
 from modelsel.robot.files import builtin_names, load_robot
@@ -82,6 +83,22 @@ def test_a_joint_of_the_wrist_has_its_play_at_the_target() -> None:
     assert numbers(one, effect)["play at the target"][0] == pytest.approx(
         moved_by(effect, 6, 2e-4).max(), rel=1e-4
     )
+
+
+@pytest.mark.parametrize(
+    ("size", "unit", "words"),
+    [
+        (46.0, "arcsec", "amplitude 0.223 mrad (95 %: 0.213 to 0.233)"),
+        (0.041, "mrad", "amplitude 41.0 µrad (95 %: 39.2 to 42.8)"),
+        (2.06, "mrad", "amplitude 2.06 mrad (95 %: 1.97 to 2.15)"),
+        (0.411, "mm", "amplitude 0.411 mm (95 %: 0.393 to 0.429)"),
+    ],
+)
+def test_words_tell_an_angle_as_the_sentence_of_the_finding_does(size, unit, words) -> None:
+    """In the unit that its size asks for; the number keeps its own."""
+    usable = express("amplitude", Range(size, 0.956 * size, 1.044 * size), unit)
+    assert usable.text == words
+    assert (usable.value, usable.unit) == (size, unit)
 
 
 def test_ripple_has_its_amplitude_and_its_worst_at_the_target() -> None:

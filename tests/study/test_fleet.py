@@ -253,7 +253,7 @@ def test_a_study_alone_in_a_fleets_folder(folder) -> None:
     with claim_folder(out):
         row = fleets.run_task(task, str(out), QUICK)
         assert (row["state"], row["exit"]) == ("failed", 2)
-        assert "another run of modelsel works in this folder" in row["why"]
+        assert "another run of modelsel is already working in this folder" in row["why"]
         assert not (out / "result.json").exists()
     assert fleets.run_task(task, str(out), QUICK)["state"] == "done"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -39,8 +40,21 @@ def test_every_step_is_told_in_order(study) -> None:
     folds = [line.done for line in said if isinstance(line, News) and "folds" in line]
     assert folds == [0, 0.5, 1]
     assert any(
-        line == "found gravity-twist" and line.kept for line in said if isinstance(line, News)
+        line == "added gravity-twist" and line.kept for line in said if isinstance(line, News)
     )
+
+
+def test_what_was_added_and_did_not_stay_is_told(study) -> None:
+    """Every line on an effect is true of the findings in the end."""
+    said: list[str] = []
+    result = run_study(study, say=said.append, sampling=False)
+    kept = {effect.candidate.label for effect in result.diagnosis.search.effects}
+    path = ("+ a", "+ b", "- b", "- a", "a -> b")
+    left = replace(result.diagnosis.search, path=path)
+    assert left.dropped == ("b", "a")
+    assert set(result.diagnosis.search.dropped).isdisjoint(kept)
+    dropped = [line for line in said if line.startswith("dropped ")]
+    assert bool(dropped) == bool(result.diagnosis.search.dropped)
 
 
 @pytest.mark.integration
@@ -48,4 +62,4 @@ def test_progress_is_shown_when_asked(study, capsys) -> None:
     run_study(study, sampling=False)
     assert capsys.readouterr().err == ""
     run_study(study, sampling=False, progress=True)
-    assert "found gravity-twist" in capsys.readouterr().err
+    assert "added gravity-twist" in capsys.readouterr().err

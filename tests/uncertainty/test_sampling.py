@@ -42,7 +42,7 @@ from modelsel.uncertainty.mcmc import (
     propose_snooker,
     r_hat,
 )
-from modelsel.uncertainty.nuisance import assign_components, list_constants
+from modelsel.uncertainty.nuisance import assign_components, list_constants, merge_components
 from modelsel.uncertainty.parameters import label_terms
 from modelsel.uncertainty.posterior import Importance
 from modelsel.uncertainty.sampler import Sampling, sample_posterior
@@ -736,3 +736,20 @@ def test_a_scale_of_noise_has_the_unit_of_what_it_multiplies(problem: Problem) -
     assert by_row.units == ("of the stated",)
     told = Whitening(1.0, matrices, SharedErrors(()), stated)
     assert assign_components(replace(problem, whitening=told)).units == ("of the estimated",)
+
+
+def test_scales_beside_orientations_are_in_mm_and_rad(problem: Problem) -> None:
+    """Where nothing is stated, weights are those of what the base leaves: no multiple of them says anything."""
+    rows = len(problem)
+    turned = np.tile(np.eye(3), (rows, 1, 1))
+    weights = np.diag([4.0] * 3 + [500.0] * 3)
+    whitening = Whitening(matrices=np.tile(weights, (rows, 1, 1)))
+    data = replace(problem.data, rotation=turned)
+    posed = replace(problem, data=data, whitening=whitening)
+    noise = assign_components(posed)
+    assert noise.units == ("mm", "rad")
+    np.testing.assert_allclose(noise.factor, [0.25, 0.002])
+    merged = merge_components(noise)
+    assert (merged.units, merged.factor.tolist()) == (("mm",), [0.25])
+    stated = replace(posed, data=replace(data, sigma_rotation=np.full((rows, 3), 0.002)))
+    assert assign_components(stated).units == ("mm", "of the stated")

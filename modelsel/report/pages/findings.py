@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
+from ...diagnosis.stated_probability import format_chance, format_probability
 from ...measurements.row_places import Where
 from ...results.details_schema import FindingDetailsRecord
 from ...results.finding_advice import advise
@@ -147,7 +148,7 @@ def _describe_credible_set(finding: FindingRecord) -> str:
     different: list[str] = []
     for name, entry in zip(label_entries(entries), entries, strict=True):
         side = alike if entry.alike else different
-        side.append(f"{name} {scale * entry.probability:.2f}")
+        side.append(f"{name} {format_probability(scale * entry.probability)}")
     shown = [*alike, *different][:MAX_NAMES]
     text = f"What it could be, with its probability: {'; '.join(shown[: len(alike)])}"
     if len(shown) > len(alike):
@@ -183,7 +184,7 @@ def describe_proof(finding: FindingRecord, where: Where) -> str:
 
 def _describe_verdict(finding: FindingRecord, where: Where) -> str:
     """Return p-value, gain and rows in one line."""
-    chance = f"{finding.p_value:.2g} over the whole search"
+    chance = f"{format_chance(finding.p_value)} over the whole search"
     parts = [f"Verdict: {finding.verdict}; chance alone would do as well with probability {chance}"]
     gain = finding.gain
     changes = [one for one in (gain.of_position, gain.of_orientation) if one is not None]

@@ -20,7 +20,7 @@ from ...results.study_sentences import (
 from ..document import (
     Block,
     Source,
-    let_float,
+    keep_together,
     make_heading,
     make_list,
     make_table,
@@ -192,12 +192,10 @@ def write_data_page(source: Source) -> list[Block]:
         "Three-dimensional scatter of the measured targets, estimation and held-out; they span "
         f"{_span(details)}.",
     )
-    return [
-        make_heading("Data and split"),
-        make_text(explanation),
-        let_float(put_beside([coverage], [workspace])),
-        *_write_placements(record),
-    ]
+    heading = make_heading("Data and split")
+    pictures = put_beside([coverage], [workspace])
+    whole = keep_together([heading, make_text(explanation), pictures])
+    return [whole, *_write_placements(record)]
 
 
 def _write_placements(record: StudyRecord) -> list[Block]:
@@ -262,12 +260,9 @@ def write_error_map_page(source: Source) -> list[Block]:
         "tx ty tz shift along, rx ry rz turn about the axes of a frame; rz of frames 1 to n is the joint's own rotation. "
         "a & b: two numbers fitted together, as a sine and a cosine of unknown phase."
     )
-    return [
-        make_heading("Error map"),
-        make_text(explanation),
-        make_text(legend, "quiet"),
-        let_float(source.add_figure("error-map", draw, caption, _map_words(whole, columns))),
-    ]
+    figure = source.add_figure("error-map", draw, caption, _map_words(whole, columns))
+    told = [make_text(explanation), make_text(legend, "quiet")]
+    return [keep_together([make_heading("Error map"), *told, figure])]
 
 
 def _map_words(whole: ErrorMapRecord, columns: list[int]) -> str:

@@ -12,7 +12,7 @@ from ...results.study_sentences import describe_predictable, format_mm, write_sa
 from ..document import (
     Block,
     Source,
-    let_float,
+    keep_together,
     make_heading,
     make_list,
     make_table,
@@ -93,8 +93,8 @@ def _write_panels(source: Source) -> list[Block]:
     draw = partial(draw_residuals, details, drivers)
     words = f"Residuals of the chosen model with their means in small panels, against {names}."
     figure = source.add_figure("residuals", draw, caption, words)
-    heading = make_heading("Residuals against what may drive them", 2)
-    return [heading, make_text(DRIVERS), let_float(figure)]
+    heading = make_heading("Residuals against what may drive them")
+    return [keep_together([heading, make_text(DRIVERS), figure])]
 
 
 # -- what the data determine
@@ -143,14 +143,14 @@ def write_posterior_page(source: Source) -> list[Block]:
     correlation = _write_correlation(source)
     draws = _write_draws(source, sampling) if sampling is not None and sampling.converged else []
     table = [] if sampling is None else _write_quantiles(sampling.quantiles)
-    pictures = [*correlation, *draws]
+    heading = make_heading("How well the parameters are known")
     if correlation and draws:
-        pictures = [let_float(put_beside(correlation, draws))]
-    if correlation and not draws:
-        pictures = [put_beside(words, correlation)]
-        words = []
-    blocks = [*words, *pictures, *table]
-    return [make_heading("How well the parameters are known"), *blocks] if blocks else []
+        whole = keep_together([heading, *words, put_beside(correlation, draws)])
+        return [whole, *table]
+    if correlation:
+        return [heading, put_beside(words, correlation), *table]
+    blocks = [*words, *draws, *table]
+    return [heading, *blocks] if blocks else []
 
 
 def _write_draws(source: Source, sampling: SamplingRecord) -> list[Block]:

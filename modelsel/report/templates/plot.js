@@ -132,12 +132,18 @@ function roundBelow(value) {
   return [5, 2, 1].find((m) => m * power <= value * (1 + 1e-9)) * power;
 }
 
+// One below 0.9, from which a finding is proven, reads as below it.
+function sayProbability(p) {
+  if (p < 0.005) return "<0.01";
+  return p < 0.9 && p >= 0.895 ? (Math.floor(p * 1000) / 1000).toFixed(3) : p.toFixed(2);
+}
+
 function probabilities(entries) {
   const set = el("div", { class: "set" });
   for (const [name, p, alike] of entries) {
     const bar = el("div", { class: alike ? "bar" : "bar other" });
     bar.style.width = `${Math.max(1, 100 * p)}%`;
-    set.append(el("span", { text: name }), bar, el("span", { text: p < 0.005 ? "<0.01" : p.toFixed(2) }));
+    set.append(el("span", { text: name }), bar, el("span", { text: sayProbability(p) }));
   }
   return set;
 }

@@ -1,0 +1,66 @@
+"""Sections with a large picture change places where a page would stay half empty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil
+
+from modelsel.report.document import keep_together, make_heading, make_text
+from modelsel.report.section_order import MAX_WHITE, arrange, split_sections
+
+HEIGHTS = {"first": 0.5, "map": 0.7, "list": 0.4, "data": 0.3, "last": 0.2}  # pages
+LARGE = ("map", "data")
+
+
+@dataclass(frozen=True)
+class Set:
+    pages: int
+    white: tuple[float, ...]
+
+
+def make_sections():
+    blocks = []
+    for name in HEIGHTS:
+        heading, words = make_heading(name), make_text("words")
+        blocks += [keep_together([heading, words])] if name in LARGE else [heading, words]
+    return split_sections(blocks)
+
+
+def name_section(section):
+    first = section[0]
+    return (first["blocks"][0] if first["kind"] == "together" else first)["text"]
+
+
+def typeset(sections):
+    """Fill pages as a typesetter does: what is large stands on one page."""
+    filled, white = 0.0, []
+    for name in map(name_section, sections):
+        rest = ceil(filled + 1e-9) - filled
+        moves = name in LARGE and HEIGHTS[name] > rest
+        white += [rest if moves else 0.0] if name in LARGE else []
+        filled += HEIGHTS[name] + (rest if moves else 0.0)
+    return Set(ceil(filled), tuple(white))
+
+
+def test_sections_begin_with_their_headings() -> None:
+    assert [name_section(section) for section in make_sections()] == list(HEIGHTS)
+
+
+def test_another_section_fills_the_page_before_a_large_picture() -> None:
+    sections = make_sections()
+    before = typeset(sections)
+    assert max(before.white) > MAX_WHITE
+    order, after = arrange(sections, typeset)
+    names = [name_section(section) for section in order]
+    assert max(after.white) <= MAX_WHITE
+    assert after.pages <= before.pages
+    assert (names[0], names[-1]) == ("first", "last")
+    assert sorted(names) == sorted(HEIGHTS)
+
+
+def test_nothing_moves_where_no_page_is_half_empty() -> None:
+    first, *_, last = make_sections()
+    tried = []
+    order, _ = arrange([first, last], lambda one: tried.append(one) or typeset(one))
+    assert order == [first, last]
+    assert len(tried) == 1
