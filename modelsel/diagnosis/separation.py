@@ -148,7 +148,7 @@ class _Separation:
     def _try_lasting(self, best: _Explanation) -> _Explanation:
         """Try errors that last in the place of effects in time, which may have explained them away
         before they were looked for."""
-        others = tuple(one for one in best.explored.chosen if not _is_in_time(one))
+        others = tuple(one for one in best.explored.chosen if not _drifts(one))
         if len(others) == len(best.explored.chosen):
             return best
         left = self._find_without(best.explored.fitted, others)[1]
@@ -184,7 +184,7 @@ class _Separation:
         """Weigh effects that depend on time against errors that last in their place, where the
         errors that are left have no such part."""
         effects = diagnosis.effects
-        others = tuple(one for one in effects if not _is_in_time(one.candidate))
+        others = tuple(one for one in effects if not _drifts(one.candidate))
         if errors.tells(ORDER) or len(others) == len(effects):
             return diagnosis
         rest = [one.candidate for one in others]
@@ -249,10 +249,15 @@ def _is_in_time(candidate: Candidate) -> bool:
     return bool(candidate.mechanism.names() & IN_TIME)
 
 
+def _drifts(candidate: Candidate) -> bool:
+    """Whether an effect in time goes on, as errors that last do; a step or a bump is over at once."""
+    return _is_in_time(candidate) and candidate.fault is None
+
+
 def _share_with_lasting(effect: Effect, share: float) -> Effect:
     """Share what an effect in time claims with errors that last."""
     claim = effect.claim
-    if claim is None or not _is_in_time(effect.candidate):
+    if claim is None or not _drifts(effect.candidate):
         return effect
     lasting = 1 - share
     told = lasting if lasting >= WORTH_TELLING else 0.0
