@@ -54,16 +54,20 @@ def find_agreed(
 
 def find_constant(found: Sequence[Candidate], g: int, evidence: Array) -> Candidate | None:
     """Find the shape of candidate g with the likeliest constant by its log evidence (G,), whatever
-    the priors; it takes over the prior. None where candidate g has it, or has no constant."""
+    the priors; it takes over the prior. None where candidate g has it, or has no constant. The masses
+    that make a mechanism's torque, declared or unknown, are such a constant."""
     own = found[g]
-    if own.kind not in WITH_CONSTANT:
-        return None
-    drivers = read_drivers(own)
-    alike = []
-    for k, other in enumerate(found):
-        if other.kind is own.kind and read_drivers(other) == drivers:
-            alike.append(k)
-    best = max(alike, key=lambda k: evidence[k])
+    alike = [k for k, other in enumerate(found) if _differs_in_constant(own, other)]
+    best = max(alike, key=lambda k: evidence[k], default=g)
     if evidence[best] <= evidence[g] + SAME:
         return None
     return replace(found[best], prior=own.prior)
+
+
+def _differs_in_constant(own: Candidate, other: Candidate) -> bool:
+    """Return whether a candidate is one of the same shape, or mechanism, with another constant."""
+    if own.kind in WITH_CONSTANT:
+        return other.kind is own.kind and read_drivers(other) == read_drivers(own)
+    if own.registered_name is None or other.registered_name != own.registered_name:
+        return False
+    return other.mechanism.names() != own.mechanism.names()

@@ -14,7 +14,8 @@ from modelsel.diagnosis.told_first import find_agreed, find_constant
 from modelsel.diagnosis.torque_powers import build_powers, generate_powers
 from modelsel.diagnosis.unregistered import build_cell
 from modelsel.mechanisms.causes import q, shifted, sign, torque
-from modelsel.mechanisms.registry import mechanism
+from modelsel.mechanisms.registry import build_mechanisms, mechanism
+from modelsel.robot.files import load_robot
 
 PLACES = np.array([0, 1, 1, 1, -1])
 DRIVERS = np.array([0, 1, 2, 2, -1])
@@ -65,6 +66,20 @@ def test_the_likeliest_constant_of_a_shape_is_told() -> None:
     assert find_constant(found, 1, evidence) is None
     assert find_constant(found, 3, evidence) is None
     assert find_constant(found, 0, np.array([5.0, 5.05, 9.0, 9.0])) is None
+
+
+def test_the_likelier_masses_of_a_compliance_are_told() -> None:
+    """Of declared and unknown masses, not of another joint's or another mechanism's."""
+    arm = load_robot("puma760")
+    names = ("joint-compliance:5", "joint-compliance:4", "encoder-scale:5")
+    built = [one for name in names for one in build_mechanisms(name, arm)]
+    found = [Candidate(one, CandidateKind.MECHANISM, 1e-3) for one in built]
+    declared, unknown = found[:2]
+    evidence = np.array([6.0, 5.0, 9.0, 9.0, 9.0])
+    assert find_constant(found, 1, evidence) == declared
+    assert find_constant(found, 0, evidence) is None
+    assert unknown.registered_name == declared.registered_name
+    assert find_constant(found, 4, evidence) is None
 
 
 @pytest.mark.parametrize("robot", ["puma760", "irb120"])
