@@ -185,7 +185,13 @@ def campaign() -> pd.DataFrame:
     columns |= dict(zip(("x_mm", "y_mm", "z_mm"), at.data.position.T, strict=True))
     columns |= {f"approach{j + 1}": at.data.approach[:, j] for j in range(3)}
     return pd.DataFrame(
-        {**columns, "order": np.arange(ROWS), **covariates, "role": role, "id": np.arange(ROWS)}
+        {
+            **columns,
+            "order": np.arange(ROWS),
+            **covariates,
+            "role": role,
+            "id": 31 * np.arange(ROWS) % ROWS,
+        }
     )
 
 
