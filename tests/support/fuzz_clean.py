@@ -145,11 +145,23 @@ def _columns(content: bytes) -> dict[str, list[Any]]:
     return {name: [cell(row[k]) for row in rows] for k, name in enumerate(header)}
 
 
+def _in_radians(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:
+    """Columns of degrees as columns of radians: a table of commands has the units of its targets."""
+    return {
+        name.replace("_deg", "_rad"): [
+            math.radians(v) if isinstance(v, float) else v for v in values
+        ]
+        if name.endswith("_deg")
+        else values
+        for name, values in columns.items()
+    }
+
+
 def told_alike(ran: Outcome, good: Outcome) -> bool:
     if ran.status != good.status or not alike(json.loads(ran.stdout), json.loads(good.stdout)):
         return False
     return all(
-        alike(_columns(ran.left[name]), _columns(good.left[name]))
+        alike(_in_radians(_columns(ran.left[name])), _in_radians(_columns(good.left[name])))
         if name.endswith(".csv")
         else ran.left[name] == good.left[name]
         for name in good.left
