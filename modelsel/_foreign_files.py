@@ -41,7 +41,10 @@ BEGINNING = 2000
 
 
 def _find_program(path: Path) -> str | None:
-    """Return which robot's program a file is by its beginning; None for none."""
+    """Return which robot's program a file is by its beginning; None for none. A pipe is not opened,
+    which would wait for somebody to write to it."""
+    if not path.is_file():
+        return None
     try:
         with path.open(encoding="latin-1") as file:
             beginning = file.read(BEGINNING)
