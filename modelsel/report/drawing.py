@@ -87,11 +87,6 @@ def draw_pictures(
     return source.pictures
 
 
-def read_source(folder: Path) -> Source:
-    """Read what a report is made of from a study's folder. Raises StudyError."""
-    return Source(*read_records(folder))
-
-
 def draw(folder: Path, pages: Sequence[str] | None = None, say: Say = lambda _: None) -> list[Path]:
     """Draw the report of a folder again, or a file of some of its pages. Files written. Raises StudyError or
     ReportError."""

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from report_studies import read_source
 
 from modelsel.mechanisms.geometry import geometric
-from modelsel.report.drawing import read_source
 from modelsel.results.arm_details import describe_arm, describe_place, find_nominal
 from modelsel.results.parameter_table import (
     compute_parameter_p,
