@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .._progress import keep_silent
 from .._random import generator
 from .._typing import Say
 from .._version import VERSION
@@ -90,10 +91,6 @@ from .study_notes import (
 )
 
 
-def _be_silent(_: str) -> None:
-    """Ignore a progress line."""
-
-
 def analyse(
     study: Study,
     robot: Robot,
@@ -101,7 +98,7 @@ def analyse(
     *,
     registry: Registry = BUILTIN,
     labels: NDArray[np.object_] | None = None,
-    say: Say = _be_silent,
+    say: Say = keep_silent,
     data_sha256: str = "",
 ) -> Result:
     """Run the steps of a study on measurements that are read already.
@@ -315,7 +312,7 @@ def assess_uncertainty(study: Study, split: Split, chosen: Evaluation, say: Say)
 
 
 def sample_posterior(
-    result: Result, registry: Registry, say: Say = _be_silent, keeper: Keeper | None = None
+    result: Result, registry: Registry, say: Say = keep_silent, keeper: Keeper | None = None
 ) -> Result:
     """Return a result with its chosen model's posterior sampled.
 
