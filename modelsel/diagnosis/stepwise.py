@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._progress import News
+from .._progress import News, keep_silent
 from .._typing import Say
 from ..fitting.least_squares import Fit
 from .candidates import Candidate
@@ -90,12 +90,9 @@ def explore_further(
     progress = _start(search, chosen, start, path)
     if progress is None:
         return None
-    remainder = _add_effects(search, progress, _keep_silent)
+    # what is only put in other words is not news
+    remainder = _add_effects(search, progress, keep_silent)
     return Exploration(search, progress, remainder)
-
-
-def _keep_silent(_: str) -> None:
-    """Say nothing of what is only put in other words."""
 
 
 def _start(

@@ -136,11 +136,6 @@ class Stream:
         merged_folds = tuple(folds)
         return replace(self, folds=merged_folds)
 
-    @property
-    def total(self) -> Reduction:
-        """All folds as one."""
-        return merged(self.folds)
-
     def folded(self) -> FoldedData:
         """Return the folds for cross-validation and the search over subsets, without empty ones."""
         parts = []
