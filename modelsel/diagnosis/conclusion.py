@@ -1,7 +1,7 @@
 """The conclusion of a search: what the full model needs, how much of it is proven, and what is left.
 
-Effects that chance explains given the others are dropped; shapes that no list has may take the place
-of some; the rest is fitted exactly and told with its claims."""
+Effects that chance explains given the others are dropped; shapes outside the registry and the error
+map may replace some; the rest is fitted exactly, and each effect gets the claim that is proven."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ MAX_CANCELLED = 0.5
 
 
 class _Settled(NamedTuple):
-    """What stays of a search: its effects with their p-values, and the view."""
+    """The effects that a search keeps, with their p-values, and the view of their model."""
 
     p: dict[int, float]
     view: View
@@ -69,7 +69,7 @@ def build_empty(base: Model, base_fit: Fit) -> Diagnosis:
 
 @dataclass(frozen=True, eq=False)
 class Conclusion:
-    """A search with what stays of it, and its diagnosis before anything is claimed."""
+    """A search, the effects that it keeps, and its diagnosis before claims are weighed."""
 
     explored: Exploration
     settled: _Settled
@@ -114,8 +114,9 @@ def prove(concluded: Conclusion) -> Diagnosis:
 
 
 def fit_again(diagnosis: Diagnosis, problem: Problem) -> Diagnosis:
-    """Fit the model that was found to the same rows with other weights: those of the errors that it
-    leaves, not of those in which it was sought."""
+    """Refit the model that was found, its rows weighted by the errors that it leaves.
+
+    The search weighted them by the errors that it assumed."""
     if not diagnosis.effects:
         return diagnosis
     fitted = fit_shrunk(problem, diagnosis.model, diagnosis.fit, held="all")
@@ -134,8 +135,8 @@ def fit_again(diagnosis: Diagnosis, problem: Problem) -> Diagnosis:
 
 
 def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:
-    """Claim of every effect what holds both beside its rivals, given the others, and in the sets of
-    effects that were weighed."""
+    """Claim of every effect the levels that hold both against its rivals, given the other effects,
+    and over the sets of effects that were weighed."""
     search = concluded.explored.search
     chosen = concluded.settled.chosen
     effects = concluded.diagnosis.effects
@@ -224,7 +225,7 @@ def prune_effects(
 ) -> tuple[list[int], View]:
     """Drop the effects that the others make dispensable, the weakest first.
 
-    Such are those whose size the others leave open, and those that chance alone would explain."""
+    That are effects whose size the others leave open, and effects that chance alone would explain."""
     while chosen:
         g = _find_dispensable(search, chosen, view)
         if g is None:
@@ -254,12 +255,11 @@ def _find_dispensable(search: Search, chosen: Sequence[int], view: View) -> int 
 def _confirm_effects(
     search: Search, chosen: list[int], view: View, path: list[str]
 ) -> tuple[dict[int, float], View]:
-    """Confirm every effect given the others, under every null.
+    """Confirm every effect given the others, under every null distribution.
 
-    Returns p of every effect that stays, and the model's view.
-
-    An effect that passed when it came may fail once the others stand, and is dropped, the weakest
-    first; one that stands alone was tested when it came."""
+    An effect that was significant when it was added may not be beside the others; such effects are
+    dropped, the weakest first. A single effect was tested when it was added. Returns the p-value of
+    every effect that stays, and the model's view."""
     while True:
         if chosen:
             refitted = search.try_fit(chosen, view.fitted, STEP_MM)
