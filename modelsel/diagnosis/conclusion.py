@@ -104,12 +104,12 @@ def prove(concluded: Conclusion) -> Diagnosis:
         concluded = conclude(explored)
     else:
         weighed = _weigh(concluded)
-    found, chosen = concluded.explored.search.found, concluded.settled.chosen
+    search, chosen = concluded.explored.search, concluded.settled.chosen
     return replace(
         concluded.diagnosis,
         effects=_claim(concluded, weighed),
-        map_p=concluded.explored.search.compute_map_p(concluded.settled.view),
-        models=concluded.visited.tell(found, chosen),
+        map_p=search.compute_map_p(concluded.settled.view),
+        models=concluded.visited.tell(search.candidates, chosen),
     )
 
 
@@ -142,7 +142,7 @@ def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:
     effects = concluded.diagnosis.effects
     visited = concluded.visited
     members = visited.members.union(chosen)
-    parts = {g: read_parts(search.found[g]) for g in members}
+    parts = {g: read_parts(search.candidates[g]) for g in members}
     included = visited.include(chosen, search.signatures, parts)
     numbers = number_repeated([effect.candidate.label for effect in effects])
     claimed = []
@@ -177,7 +177,7 @@ def _take_back(concluded: Conclusion) -> Conclusion:
 
 def _join_others(search: Search, members: Sequence[int], others: Sequence[int]) -> str:
     """Join the labels of the members that are not among the others."""
-    own = [search.found[g].label for g in members if g not in others]
+    own = [search.candidates[g].label for g in members if g not in others]
     return " & ".join(own) or "nothing"
 
 
@@ -213,7 +213,7 @@ def _build_diagnosis(explored: Exploration, settled: _Settled) -> Diagnosis:
         held_back=remainder.held_back,
         bound=search.bound,
         single_f=compute_single_f(search.first.scan, search.first.response),
-        offered=search.found,
+        offered=search.candidates,
     )
 
 
@@ -234,7 +234,7 @@ def prune_effects(
         after = search.try_fit(rest, view.fitted)
         if after is None:
             break
-        path.append(f"- {search.found[g].label}")
+        path.append(f"- {search.candidates[g].label}")
         chosen = rest
         view = after
     return chosen, view
@@ -276,7 +276,7 @@ def _confirm_effects(
         after = search.try_fit(rest, view.fitted)
         if after is None:
             return p, view
-        label = search.found[weakest].label
+        label = search.candidates[weakest].label
         path.append(f"- {label}")
         chosen = rest
         view = after
@@ -308,7 +308,7 @@ def _build_effects(
     for g, p_value in p.items():
         terms = search.locate_terms(g, view)
         effect = Effect(
-            candidate=search.found[g],
+            candidate=search.candidates[g],
             named=search.rename(g, view).named,
             p=p_value,
             estimate=fitted.theta[terms],
@@ -322,7 +322,7 @@ def _build_effects(
 
 def _allow_for_search(search: Search, g: int, view: View) -> AfterSelection | None:
     """Allow for the search in the size of an effect, given the others; a free function has none."""
-    if search.found[g].kind in SHAPELESS:
+    if search.candidates[g].kind in SHAPELESS:
         return None
     scan, response = search.scan_without(g, view)
     terms = int(scan.sizes[g])
@@ -360,6 +360,6 @@ def _find_cancelling(
             shares.append((share, h))
         share, other = min(shares, default=(np.inf, -1))
         if share < MAX_CANCELLED:
-            label = search.found[other].label
+            label = search.candidates[other].label
             cancelled[g] = (label, share)
     return cancelled
