@@ -63,7 +63,7 @@ class Exploration:
     @property
     def chosen(self) -> tuple[Candidate, ...]:
         """The candidates that were added."""
-        return tuple(self.search.found[g] for g in self.progress.chosen)
+        return tuple(self.search.candidates[g] for g in self.progress.chosen)
 
     @property
     def fitted(self) -> Fit:
@@ -73,7 +73,7 @@ class Exploration:
 
 def explore(search: Search, known: Sequence[Candidate], say: Say) -> Exploration:
     """Add effects to the base, or to candidates that an earlier search has chosen."""
-    place = {one.mechanism.name: g for g, one in enumerate(search.found)}
+    place = {one.mechanism.name: g for g, one in enumerate(search.candidates)}
     chosen = [place[one.mechanism.name] for one in known]
     path = [f"+ {one.label}" for one in known]
     progress = _start(search, chosen, None, path) if chosen else None
@@ -161,7 +161,7 @@ def _add_effect(search: Search, progress: Progress, new: int, say: Say) -> None:
     """Add a candidate, refit, and identify again the effects that it moved.
 
     What the fit cannot determine is not added."""
-    label = search.found[new].label
+    label = search.candidates[new].label
     trial = search.add(progress.chosen, new)
     view = search.try_fit(trial, progress.view.fitted)
     if view is None or not _is_determined(search, new, view):
@@ -186,7 +186,7 @@ def _is_determined(search: Search, g: int, view: View) -> bool:
     """Return whether a fit determines an effect.
 
     Then its size is bounded, and one of its terms is not covered by others."""
-    candidate = search.found[g]
+    candidate = search.candidates[g]
     is_own = view.mask_terms(candidate)
     own = np.flatnonzero(is_own)
     kept = view.fitted.found.kept
