@@ -24,7 +24,7 @@ TRIED = 2
 HANDICAP = 6.0
 
 
-class Step(NamedTuple):
+class NextPart(NamedTuple):
     """The outcome of a trial.
 
     `found`: the parts with the one that raises the likelihood most, and their fit; None where that may
@@ -34,7 +34,9 @@ class Step(NamedTuple):
     unsure: tuple[SharedError, ...] | None = None
 
 
-def find_next(at: Likelihood, offered: Sequence[PossiblePart], chosen: list[PossiblePart]) -> Step:
+def find_next(
+    at: Likelihood, offered: Sequence[PossiblePart], chosen: list[PossiblePart]
+) -> NextPart:
     """Find the part that raises the likelihood most."""
     scores = _score_parts(at, offered, chosen)
     lasting = [score for score in scores if score.lasts]
@@ -58,10 +60,10 @@ def find_next(at: Likelihood, offered: Sequence[PossiblePart], chosen: list[Poss
         elif trial.p <= UNSURE and not score.lasts:
             unsure = trial
     if best is None:
-        return Step(None, None if unsure is None else unsure.every)
+        return NextPart(None, None if unsure is None else unsure.every)
     start = best.every
     after = maximise_likelihood(at.model, start, exact=False)
-    return Step(([*chosen, best.part], after))
+    return NextPart(([*chosen, best.part], after))
 
 
 def change_length(

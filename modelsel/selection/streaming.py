@@ -182,7 +182,6 @@ class Parts(Source):
     robot, tool: the arm and its target in the flange frame [mm].
     parts: where the rows are.
     map: applies a function to every part, on this machine or on many.
-    whiten: weight [1/mm] of a coordinate.
 
     Models that depend on earlier parts are refused (`fit_parts`)."""
 

@@ -61,8 +61,8 @@ from .inputs import list_candidates
 from .model_ladder import (
     build_model,
     choose_constants,
+    evaluate_effects,
     evaluate_ladder,
-    evaluate_steps,
     remeasure,
     searches_cells,
 )
@@ -137,7 +137,7 @@ def _analyse_prepared(
     notes = (*notes, *note_untold_parts(study.noise, split))
 
     say(LADDER)
-    steps = evaluate_steps(split, evaluate(split, base, study.model.base), diagnosis)
+    steps = evaluate_effects(split, evaluate(split, base, study.model.base), diagnosis)
     ladder = evaluate_ladder(
         study, split, registry, steps, choose_constants(candidates, diagnosis.single_f)
     )
