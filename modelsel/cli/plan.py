@@ -101,10 +101,10 @@ def plan_command(
     """Choose what to measure next: to tell a study's rival explanations apart, or to determine its
     parameters."""
     from .._files import write_frame
-    from ..config.study_file import read_study
     from ..measurements.table import DataFile
     from ..mechanisms.registry import with_plugins
     from ..study.inputs import find_study_file, list_input_files, read_nominal_robot
+    from ..study.named_things import read_whole_study
     from ..study.planning import format_plan, plan_next
     from ..study.runner import run_study
     from ..study.steps import list_steps
@@ -118,7 +118,7 @@ def plan_command(
         raise click.UsageError("--sheet and --decimal say how the file of --pool is read.")
     pool = None if pool_file is None else DataFile(pool_file, sheet, decimal)
     path = find_study_file(study)
-    read = read_study(path)
+    read = read_whole_study(path)
     if out is not None:
         pools = [] if pool_file is None else [pool_file]
         check_table_path(out)

@@ -27,12 +27,12 @@ SIMULATED = re.compile(r"-?\d+\.\d{9}")
 def simulate_command(study: Path, out: Path, as_json: bool) -> None:
     """Make data with planted effects: [simulate] and [[simulate.effect]] of a study file."""
     from .._files import write_frame
-    from ..config.study_file import read_study
     from ..study.inputs import list_input_files
+    from ..study.named_things import read_whole_study
     from ..study.simulation import simulate_study
 
     path = study / "study.toml" if study.is_dir() else study
-    read = read_study(path)
+    read = read_whole_study(path)
     check_table_path(out)
     if not _is_simulated(out):
         check_output(out, list_input_files(read, path))

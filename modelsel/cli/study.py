@@ -61,16 +61,16 @@ def study_command(
     """Run a study: what is wrong, the ladder of models, the gain on held-out configurations."""
     gc.set_threshold(COLLECT)
     from .._files import check_writable, claim_folder
-    from ..config.study_file import read_study
     from ..mechanisms.registry import with_plugins
     from ..results.storage import REPORTS, WRITES, find_reports
     from ..study.checkpoint import Checkpoint
     from ..study.inputs import read_nominal_robot
+    from ..study.named_things import read_whole_study
     from ..study.runner import rehearse_study
     from ..study.steps import list_steps
 
     path = study / "study.toml" if study.is_dir() else study
-    read = read_study(path)
+    read = read_whole_study(path)
     registry, broken = with_plugins(robot=read_nominal_robot(read, path.parent))
     for name, why in broken.items():
         click.echo(f"modelsel: plug-in {name} is left out: {why}", err=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,26 @@ VECTOR_KINDS = {"too_short": ("min_length", 3), "too_long": ("max_length", 3)}
 ALTERNATIVE = re.compile(r"(.+?): expected (.+), found (.+)", re.DOTALL)
 # ends of the keys whose values are lengths, angles or sizes
 NUMBER_KEYS = ("_mm", "_ppm", "_urad", "size")
+
+
+class SeveralProblems(ValueError):
+    """Everything that is wrong with one table, each problem without a full stop."""
+
+    def __init__(self, problems: Sequence[str]):
+        self.problems = tuple(problems)
+        super().__init__("; ".join(problems))
+
+
+def list_single_problems(errors: Iterable[Any]) -> list[Any]:
+    """List pydantic's errors, those of a table with several problems once for each."""
+    single = []
+    for error in errors:
+        raised = error.get("ctx", {}).get("error")
+        if not isinstance(raised, SeveralProblems):
+            single.append(error)
+            continue
+        single += [{**error, "msg": problem} for problem in raised.problems]
+    return single
 
 
 def _show(value: Any) -> str:
@@ -77,7 +97,9 @@ def describe_value_problem(error: Any, place: str) -> str | None:
         return f"{place} is missing."
     if error["type"] == "extra_forbidden":
         return None
-    return f"{place}: {describe_error(error)}."
+    description = describe_error(error)
+    stop = "" if description.endswith(("?", ".")) else "."
+    return f"{place}: {description}{stop}"
 
 
 def format_place(location: Sequence[Any]) -> str:

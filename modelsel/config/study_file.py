@@ -23,7 +23,13 @@ from ..exceptions import StudyError, suggest
 from ..measurements.table import DataFile, Source
 from .campaign_table import CampaignTable
 from .covariate_table import CovariateTable, check_covariates, expect_tables
-from .messages import describe_value_problem, format_place, join_alternatives, to_toml_values
+from .messages import (
+    describe_value_problem,
+    format_place,
+    join_alternatives,
+    list_single_problems,
+    to_toml_values,
+)
 from .study_tables import (
     ComparisonTable,
     EffectTable,
@@ -74,7 +80,8 @@ class Study(_Table):
         try:
             super().__init__(**to_toml_values(tables))
         except ValidationError as error:
-            sentences = [_describe_problem(problem) for problem in error.errors()]
+            problems = list_single_problems(error.errors())
+            sentences = [_describe_problem(problem) for problem in problems]
             raise StudyError(*join_alternatives(sentences)) from None
 
     @model_serializer(mode="wrap")

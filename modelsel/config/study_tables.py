@@ -16,8 +16,10 @@ from ..measurements.table import hash_source
 from ..robot.kinematics import Robot
 from ..robot.plain_values import check_robot_name, robot_record
 from ..robot.rigid import Axis
+from .builtin_robots import check_builtin_name
 from .directions import check_direction
 from .later_keys import PLAIN_FORM, drop_defaults
+from .messages import SeveralProblems
 
 Finite = Annotated[float, Field(ge=-LARGEST, le=LARGEST, allow_inf_nan=False)]
 Vector = Annotated[list[Finite], Field(min_length=3, max_length=3)]
@@ -42,7 +44,9 @@ class RobotTable(_Table):
     nominal: Robot | None = Field(
         default=None, description="The nominal robot itself; from Python only."
     )
-    name: str | None = Field(default=None, description="Name of a built-in robot.")
+    name: Annotated[str, AfterValidator(check_builtin_name)] | None = Field(
+        default=None, description="Name of a built-in robot."
+    )
     file: FileName | None = Field(
         default=None, description="Robot file: TOML or URDF, beside the study."
     )
@@ -85,18 +89,19 @@ class RobotTable(_Table):
     def _one_source(self) -> RobotTable:
         if self.nominal is not None:
             check_robot_name(self.nominal)
+        problems = []
         if [self.nominal, self.name, self.file].count(None) != 2:
-            raise ValueError('give either name = "…" (built in) or file = "robot.toml"')
+            problems.append('give either name = "…" (built in) or file = "robot.toml"')
         if self.file is None and (self.base or self.tip):
-            raise ValueError(
-                'base and tip name links of a URDF: file = "robot.urdf" goes with them'
-            )
+            problems.append('base and tip name links of a URDF: file = "robot.urdf" goes with them')
         if self.tool_mm is not None and self.tools_mm is not None:
-            raise ValueError("give tool_mm, or [robot.tools_mm] with a line per target, not both")
+            problems.append("give tool_mm, or [robot.tools_mm] with a line per target, not both")
         if not self.register_ and self.tool_mm is None and self.tools_mm is None:
-            raise ValueError(
+            problems.append(
                 "tool_mm is missing: the nominal target in the flange frame (or register = true to find it)"
             )
+        if problems:
+            raise SeveralProblems(problems)
         return self
 
     @property
@@ -216,10 +221,13 @@ class SplitTable(_Table):
 
     @model_validator(mode="after")
     def _one_way(self) -> SplitTable:
+        problems = []
         if self.estimation is not None and self.column is not None:
-            raise ValueError('give estimation = N or column = "…", not both')
+            problems.append('give estimation = N or column = "…", not both')
         if self.nested_folds == 1:
-            raise ValueError("nested_folds = 1 is no fold; 0 (none) or 2 and more")
+            problems.append("nested_folds = 1 is no fold; 0 (none) or 2 and more")
+        if problems:
+            raise SeveralProblems(problems)
         return self
 
 

@@ -157,7 +157,7 @@ def find_structure(
     if not candidates:
         return ErrorStructure()
     rows = _choose_rows(problem, training)
-    offered = [replace(one, error=one.error.take(rows)) for one in candidates]
+    offered = [one.take(rows) for one in candidates]
     used = problem.take(rows)
     model = _build_model(used, fitted)
     if model.freedom < MIN_LEVELS:

@@ -46,12 +46,14 @@ def find_next(
     tried = lasting[:1] + others[:TRIED]
     best: _Trial | None = None
     unsure: _Trial | None = None
+    gain_of_even = _measure_even(at, tried)
     for score in tried:
         may_be_there = score.may_exceed(best, LEVEL)
         is_first = bool(others) and score is others[0]
         if not may_be_there and not (is_first and score.may_exceed(best, UNSURE)):
             continue
-        trial = _try(at, score.part, score.variance)
+        even = gain_of_even if score.part.even is not None else 0.0
+        trial = _try(at, score.part, score.variance, even)
         if score.lasts:
             trial = _climb(at, lengths, trial)
         # what rows of a visit share resembles what lasts for a moment
@@ -156,23 +158,36 @@ def _handicap(part: PossiblePart) -> float:
 
 class _Trial(NamedTuple):
     """One more part, the others unchanged: `every` part with its variance, twice the log likelihood,
-    and the p-value of its gain. The likelihood object is large, and not kept."""
+    the p-value of its gain, and the gain of noise that is `even`. The likelihood object is large,
+    and not kept."""
 
     part: PossiblePart
     every: tuple[SharedError, ...]
     log: float
     p: float
+    even: float = 0.0
 
     @property
     def worth(self) -> float:
         """Twice the log likelihood, less what the part must gain beyond others."""
-        return self.log - _handicap(self.part)
+        return self.log - self.even - _handicap(self.part)
 
 
-def _try(at: Likelihood, part: PossiblePart, variance: float) -> _Trial:
+def _measure_even(at: Likelihood, tried: Sequence[_Score]) -> float:
+    """Measure what twice the log likelihood gains by noise that is alike in all rows, where a part
+    that is tried must gain more than that."""
+    all_even = (score.part.even for score in tried if score.part.even is not None)
+    even = next(all_even, None)
+    if even is None:
+        return 0.0
+    trial = maximise_likelihood(at.model, [even], at.parts, exact=False)
+    return max(trial.log - at.log, 0.0)
+
+
+def _try(at: Likelihood, part: PossiblePart, variance: float, even: float) -> _Trial:
     start = replace(part.error, variance=variance)
     trial = maximise_likelihood(at.model, [start], at.parts, exact=False)
-    gain = trial.log - at.log
+    gain = trial.log - at.log - even
     p = part.tests * compute_p(gain)
     is_there = any(part.error.is_like(own) for own in trial.parts)
     if not is_there:
@@ -181,7 +196,7 @@ def _try(at: Likelihood, part: PossiblePart, variance: float) -> _Trial:
         # a few loud rows gain as much as a joint that does not repeat
         by_chance = part.tests * compute_alignment_p(at, part.error)
         p = max(p, by_chance)
-    return _Trial(part, trial.parts, trial.log, p)
+    return _Trial(part, trial.parts, trial.log, p, even)
 
 
 def _climb(at: Likelihood, lasting: Sequence[PossiblePart], best: _Trial) -> _Trial:
@@ -193,7 +208,7 @@ def _climb(at: Likelihood, lasting: Sequence[PossiblePart], best: _Trial) -> _Tr
         while 0 <= k < len(lengths):
             last = best.every[-1:]
             variance = last[0].variance if last else 1.0
-            trial = _try(at, lengths[k], variance)
+            trial = _try(at, lengths[k], variance, best.even)
             if trial.log <= best.log:
                 break
             best = trial

@@ -46,7 +46,8 @@ class PossiblePart:
 
     name: "joint 2", "configuration", "group" or "lasting"; unit: that of its scale; square: mean square
     [mm²] over the rows of the target's displacement by one unit; told_by: what distinguishes it from
-    others; tests: how many tests it counts for."""
+    others; tests: how many tests it counts for; even: noise alike in all rows, none of which share
+    it, that must not tell the data as well."""
 
     name: str
     unit: str
@@ -54,6 +55,12 @@ class PossiblePart:
     square: float
     told_by: str
     tests: int = 1
+    even: SharedError | None = None
+
+    def take(self, rows: Index) -> PossiblePart:
+        """Return the part of some rows."""
+        even = None if self.even is None else self.even.take(rows)
+        return replace(self, error=self.error.take(rows), even=even)
 
 
 def list_parts(problem: Problem, training: Mask) -> tuple[PossiblePart, ...]:
@@ -66,11 +73,33 @@ def list_parts(problem: Problem, training: Mask) -> tuple[PossiblePart, ...]:
     data = problem.data.take(training)
     if data.configurations < MIN_LEVELS:
         return ()
-    return (
+    listed = (
         *_list_joints(problem, data),
         *_list_shared(problem, data),
         *_list_lasting(problem, data, training),
     )
+    return _set_against_even_noise(problem, listed)
+
+
+def _set_against_even_noise(
+    problem: Problem, listed: Sequence[PossiblePart]
+) -> tuple[PossiblePart, ...]:
+    """Set parts against noise that is alike in all rows, where stated uncertainties are not: where
+    these are not quite right, such noise gains much, and any part that resembles it.
+
+    The joints that repeats or targets tell move every row otherwise, and stay as they are."""
+    if problem.whitening.uniform:
+        return tuple(listed)
+    loading = _load_positions(problem)
+    typical = float(np.square(loading).sum(axis=1).mean())
+    own_level = np.arange(len(loading))
+    even = SharedError(loading, own_level, variance=1 / max(typical, TINY))
+    against = []
+    for one in listed:
+        is_alike = one.unit == "mm" and one.error.loading.shape[2] == 3
+        rival = even if is_alike or one.told_by == DIRECTIONS else None
+        against.append(replace(one, even=rival))
+    return tuple(against)
 
 
 def choose_parts(

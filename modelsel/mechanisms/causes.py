@@ -331,7 +331,7 @@ class _Formula:
     def _named(self, name: str) -> Named:
         if name in self.units:
             return Named(name, self.units[name])
-        hint = suggest(name, self.units)
+        hint = suggest(name, self.units) or "A reading, such as q1, or a column is expected."
         raise StudyError(f'{self.where}: unknown name "{name}" in "{self.text}". {hint}')
 
 

@@ -348,9 +348,16 @@ def load_robot(source: str | Path) -> Robot:
     suggestions, and for a file that cannot be read, with the place."""
     if isinstance(source, Path) or is_robot_file(source):
         return read_robot(Path(source))
-    name = find_robot_name(source, builtin_names()) or find_full_name(source, list_full_names())
-    if name is None:
-        raise StudyError(f'unknown robot "{source}". {suggest_robots(source, builtin_names())}')
+    name = find_builtin(source)
     file = f"{name}.toml"
     text = files("modelsel").joinpath("robot", "catalogue", file).read_text(encoding="utf-8")
     return robot_from_table(parse_toml(text, file), file)
+
+
+def find_builtin(given: str) -> str:
+    """Find the built-in robot that a name means, however it is spelled. Raises StudyError, with
+    suggestions."""
+    name = find_robot_name(given, builtin_names()) or find_full_name(given, list_full_names())
+    if name is None:
+        raise StudyError(f'unknown robot "{given}". {suggest_robots(given, builtin_names())}')
+    return name

@@ -28,8 +28,10 @@ from ..mechanisms.terms import Mechanism, unstorable
 from ..results.reading import read_records
 from ..robot.files import load_robot
 from ..robot.kinematics import Robot
+from .named_things import read_whole_study
 from .noise_parts import check_parts
 from .own_causes import check_own_causes, find_own_name_problems, list_own_names, list_own_words
+from .planted_effects import list_formula_problems, list_frame_problems
 from .robot_tables import read_any_robot
 from .stated_setup import point_gravity
 
@@ -53,7 +55,7 @@ def open_study(study: Study | Path | str, folder: Path | str | None) -> tuple[St
         raise StudyError(
             f"expected a Study, or the path of a study file or of its folder, found {kind}."
         ) from None
-    read = read_study(path)
+    read = read_whole_study(path)
     if folder is not None:
         return read, Path(folder)
     if path.is_dir():
@@ -225,6 +227,8 @@ def _check_against_robot(study: Study, robot: Robot, registry: Registry) -> Regi
         check_mechanism_names(study, robot, registry)
     with _collect_problems(problems):
         check_parts(study, robot)
+    problems += list_frame_problems(study, robot)
+    problems += list_formula_problems(study)
     if problems:
         raise StudyError(*problems)
     return registry

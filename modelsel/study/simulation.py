@@ -30,6 +30,7 @@ from ..robot.kinematics import Robot
 from ..setup.feature_positions import place_features
 from .inputs import open_study, read_known_features, read_nominal_robot
 from .noise_parts import check_parts
+from .planted_effects import list_frame_problems, name_effect
 from .preparation import arrange_tools
 from .unrepeated import NOTHING, Unrepeated, draw_unrepeated
 
@@ -128,22 +129,22 @@ def _take_one_row_each(data: Measurements) -> Measurements:
 
 
 def _parse_effects(study: Study, robot: Robot, data: Measurements) -> Effects:
-    """Return the study's planted effects. Raises StudyError."""
+    """Return the study's planted effects. Raises StudyError with all problems at once."""
     tool = np.zeros((1, 3))
     problem = Problem(robot, data, tool)
     units = problem.names()
-    last_frame = robot.n + 1
+    problems = list_frame_problems(study, robot)
     effects = []
     for number, effect in enumerate(study.simulate.effect, 1):
-        place = f"simulate.effect {number}"
-        frame = effect.frame
-        if frame > last_frame:
-            raise StudyError(
-                f"{place}: frame {frame}, but {robot.name} has frames 1 to {last_frame}"
-            )
-        cause = parse(effect.cause, units, place)
-        screw = Screw(frame, effect.axis, cause)
+        try:
+            cause = parse(effect.cause, units, name_effect(number))
+        except StudyError as error:
+            problems += error.problems
+            continue
+        screw = Screw(effect.frame, effect.axis, cause)
         effects.append((screw, effect.size))
+    if problems:
+        raise StudyError(*problems)
     return effects
 
 

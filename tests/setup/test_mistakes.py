@@ -155,6 +155,19 @@ def test_no_false_alarm(robot, registered, rng) -> None:
     )
 
 
+def test_registration_is_no_merit_of_a_mistake() -> None:
+    """Zeros off by half a degree, which frame and target take up for the most part; with the target
+    on the last axis joint 5 may as well be half a turn off."""
+    rng = np.random.default_rng(10)
+    at = drawn_arm("puma760", rng, 60, (0, 0, 100))
+    terms = geometric(at.robot).terms
+    zeros = {f"γ{j}" for j in range(1, 7)}
+    of_angles = [8e-3 if t.symbol in zeros else 1e-3 for t in terms]
+    size = np.where([t.unit == "rad" for t in terms], of_angles, 0.5)
+    rough = planted(at, terms, rng.normal(0, size), rng, 0.05)
+    assert said(rough, lambda q, x: (q, x), False) is None
+
+
 def test_gross_points_do_not_hide_a_mistake(rng) -> None:
     at = arm(rng, "ur5")
     gross = np.where(rng.random((80, 1)) < 0.1, 800.0, 0.0) * rng.normal(size=(80, 3))

@@ -1,0 +1,45 @@
+"""The effects that a study plants in simulated data, `[[simulate.effect]]`, as far as its robot and
+their formulas tell what is wrong with them."""
+
+from __future__ import annotations
+
+from ..config.study_file import Study
+from ..exceptions import StudyError
+from ..mechanisms.causes import parse
+from ..robot.kinematics import Robot
+
+
+class _AnyName(dict[str, str]):
+    """Units of names of which none is unknown: columns of data that were not read may be any."""
+
+    def __contains__(self, name: object) -> bool:
+        return True
+
+    def __missing__(self, name: str) -> str:
+        return "1"
+
+
+def name_effect(number: int) -> str:
+    """Name the place of an effect in the study file, counted from 1."""
+    return f"simulate.effect {number}"
+
+
+def list_frame_problems(study: Study, robot: Robot) -> list[str]:
+    """List the effects whose frame the robot does not have."""
+    last_frame = robot.n + 1
+    return [
+        f"{name_effect(number)}: frame {effect.frame}, but {robot.name} has frames 1 to {last_frame}."
+        for number, effect in enumerate(study.simulate.effect, 1)
+        if effect.frame > last_frame
+    ]
+
+
+def list_formula_problems(study: Study) -> list[str]:
+    """List the effects whose cause is no formula; whether its names are known, data tell."""
+    problems: list[str] = []
+    for number, effect in enumerate(study.simulate.effect, 1):
+        try:
+            parse(effect.cause, _AnyName(), name_effect(number))
+        except StudyError as error:
+            problems += error.problems
+    return problems
