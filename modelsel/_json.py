@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ from ._text import find_read_problem
 from ._typing import Array
 
 LONG_LIST = 1000
+# a text in place of a long list, with the list's number
+MARK = re.compile(r'"\\u0000(\d+)"')
 
 
 def parse_json(text: str) -> Any:
@@ -81,12 +84,20 @@ def to_plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(k): to_plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_round(v) if type(v) is float else to_plain(v) for v in value]
+        return _convert_members(value)
     is_plain = isinstance(value, (bool, str)) or value is None
     if is_plain:
         return value
     is_whole = isinstance(value, (int, np.integer))
     return int(value) if is_whole else to_plain(float(value))
+
+
+def _convert_members(values: Sequence[Any]) -> list[Any]:
+    """Convert each of some values; whole numbers, of which there may be millions, stay."""
+    kinds = set(map(type, values))
+    if kinds == {int}:
+        return list(values)
+    return [_round(v) if type(v) is float else to_plain(v) for v in values]
 
 
 def _round_floats(values: Array) -> list[float]:
@@ -105,23 +116,24 @@ def plain_text(values: Any) -> str:
 
     Long lists of numbers are written at once: with an indent, json writes each by a call."""
     long: dict[str, str] = {}
-    text = json.dumps(_set_aside(values, 0, long), ensure_ascii=False, indent=1, allow_nan=False)
-    for mark, numbers in long.items():
-        text = text.replace(json.dumps(mark), numbers)
-    return text + "\n"
+    short = _set_aside(values, 0, long)
+    text = json.dumps(short, ensure_ascii=False, indent=1, allow_nan=False)
+    whole = MARK.sub(lambda found: long[found[1]], text)
+    return whole + "\n"
 
 
 def _set_aside(value: Any, depth: int, long: dict[str, str]) -> Any:
-    """Return a plain value with marks in place of its long lists of floats, whose texts are
+    """Return a plain value with marks in place of its long lists of numbers, whose texts are
     added."""
     if isinstance(value, dict):
         return {key: _set_aside(each, depth + 1, long) for key, each in value.items()}
     if not isinstance(value, list):
         return value
-    if len(value) < LONG_LIST or not all(type(each) is float for each in value):
+    kinds = set(map(type, value))
+    if len(value) < LONG_LIST or not kinds <= {int, float}:
         return [_set_aside(each, depth + 1, long) for each in value]
     line = "\n" + " " * (depth + 1)
     numbers = f",{line}".join(map(repr, value))
-    mark = f"\0{len(long)}"  # no text has a zero byte
-    long[mark] = f"[{line}{numbers}{line[:-1]}]"
-    return mark
+    number = str(len(long))
+    long[number] = f"[{line}{numbers}{line[:-1]}]"
+    return f"\0{number}"  # no text has a zero byte

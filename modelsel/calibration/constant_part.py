@@ -91,18 +91,18 @@ def _select_terms(c: Calibration, places: Sequence[int], theta: Array) -> Calibr
     return replace(c, model=model, theta=theta, factor=c.factor[rows], kept=kept)
 
 
-def fix_members(cause: Cause, target: int, group: int) -> Cause:
-    """Return the cause for one target and group: a Number where nothing else is in it."""
+def fix_members(cause: Cause, target: int) -> Cause:
+    """Return the cause for one target and the first group: a Number where nothing else is in it."""
     if isinstance(cause, Member):
-        chosen = group
+        chosen = 0
         if cause.kind == "target":
             chosen = target
         is_chosen = cause.index == chosen
         return Number(float(is_chosen))
     if not isinstance(cause, Combined):
         return cause
-    left = fix_members(cause.left, target, group)
-    right = fix_members(cause.right, target, group)
+    left = fix_members(cause.left, target)
+    right = fix_members(cause.right, target)
     if isinstance(left, Number) and isinstance(right, Number):
         operate = OPERATORS[cause.operator]
         number = operate(left.number, right.number)
@@ -110,9 +110,9 @@ def fix_members(cause: Cause, target: int, group: int) -> Cause:
     return Combined(cause.operator, left, right)
 
 
-def split_parts(c: Calibration, target: int = 0, group: int = 0) -> tuple[list[Part], list[Part]]:
+def split_parts(c: Calibration, target: int = 0) -> tuple[list[Part], list[Part]]:
     """Split every term that is not zero into its constant screws and those that vary with the
-    state, for one target and group."""
+    state, for one target and the first group."""
     constant = list[Part]()
     varying = list[Part]()
     owner = {}
@@ -127,7 +127,7 @@ def split_parts(c: Calibration, target: int = 0, group: int = 0) -> tuple[list[P
         fixed = list[Screw]()
         moving = list[Screw]()
         for screw in term.screws:
-            cause = fix_members(screw.cause, target, group)
+            cause = fix_members(screw.cause, target)
             bound = Screw(screw.frame, screw.axis, cause)
             if isinstance(cause, Number):
                 fixed.append(bound)
@@ -141,11 +141,11 @@ def split_parts(c: Calibration, target: int = 0, group: int = 0) -> tuple[list[P
     return constant, varying
 
 
-def constant_entries(c: Calibration, target: int = 0, group: int = 0) -> Array:
-    """Sum the constant entries (n+1, 6) of every H for one target and group."""
+def constant_entries(c: Calibration, target: int = 0) -> Array:
+    """Sum the constant entries (n+1, 6) [mm, rad] of every H for one target and the first group."""
     frames = c.robot.n + 1
     entries = np.zeros((frames, 6))
-    constant, _ = split_parts(c, target, group)
+    constant, _ = split_parts(c, target)
     for part in constant:
         value = part.value
         for screw in part.term.screws:
@@ -168,9 +168,9 @@ def frame_transform(entries: Array) -> Array:
     return transform(rotation, entries[:3])
 
 
-def build_constant_chain(c: Calibration, group: int = 0) -> ConstantChain:
+def build_constant_chain(c: Calibration) -> ConstantChain:
     """Build the chain with its constant errors in it."""
-    entries = constant_entries(c, 0, group)
+    entries = constant_entries(c)
     joints = []
     for k, joint in enumerate(c.robot.joints):
         correction = frame_transform(entries[k])
@@ -178,7 +178,7 @@ def build_constant_chain(c: Calibration, group: int = 0) -> ConstantChain:
         joints.append(replace(joint, before=before))
     targets = {}
     for k, name in enumerate(c.targets):
-        target_entries = constant_entries(c, k, group)
+        target_entries = constant_entries(c, k)
         offset = frame_transform(target_entries[-1])
         nominal = transform(None, c.tools[k])
         targets[name] = nominal @ offset
@@ -194,9 +194,7 @@ def build_constant_chain(c: Calibration, group: int = 0) -> ConstantChain:
     return ConstantChain(robot, targets)
 
 
-def sample_workspace(
-    c: Calibration, target: int = 0, group: int = 0, m: int = SAMPLED_CONFIGURATIONS
-) -> Problem:
+def sample_workspace(c: Calibration, target: int = 0, m: int = SAMPLED_CONFIGURATIONS) -> Problem:
     """Sample configurations evenly from all that the calibration has seen, with every covariate and
     direction of approach."""
     rng = np.random.default_rng(0)
@@ -217,7 +215,7 @@ def sample_workspace(
         move = values.get(f"move{joint}", still)
         moves.append(move)
     moved = np.stack(moves, 1)
-    return bind_configurations(c, q, covariates, approach, moved, target, group)
+    return bind_configurations(c, q, covariates, approach, moved, target)
 
 
 def bind_configurations(
@@ -227,7 +225,6 @@ def bind_configurations(
     approach: Array,
     move: Array,
     target: int = 0,
-    group: int = 0,
 ) -> Problem:
     """Bind configurations to the calibrated set-up: q, approach and move (m, n), covariates
     (m,)."""
@@ -236,7 +233,7 @@ def bind_configurations(
         q,
         np.zeros((m, 3)),
         target=[c.targets[target]] * m,
-        group=[c.groups[group]] * m,
+        group=[c.groups[0]] * m,
         approach=approach,
         covariates=covariates,
         coupling=c.robot.coupling,

@@ -322,8 +322,8 @@ def _summarise_verdict(data: Measurements, verdict: Verdict) -> str:
         )
     if verdict.drifted and verdict.patternless:
         return (
-            f"The new data are noisier than the calibration expects: {figures}. No change of the set-up, of the "
-            f"geometry, of a joint's zero or its play, or of a calibrated effect explains it: {LOUDER}"
+            f"The errors of the new data are larger than the calibration expects: {figures}. No change of the set-up, of the "
+            f"geometry, of a joint's zero or its play, or of a calibrated effect explains them: {LOUDER}"
         )
     if verdict.drifted:
         count = len(verdict.worst)

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
     from ..study.checkpoint import Checkpoint
     from ..study.result import Result
 
-COLLECT = 50_000  # new values between two looks of Python's garbage collector
+# new objects between two runs of the garbage collector: a study makes many small objects and drops
+# few, and looking for lost ones at the usual rate costs a twentieth of its time
+COLLECT = 50_000
 
 
 @click.command("study")
@@ -57,10 +59,7 @@ def study_command(
     resume: bool,
 ) -> None:
     """Run a study: what is wrong, the ladder of models, the gain on held-out configurations."""
-    gc.set_threshold(
-        COLLECT
-        # a study makes many small values and drops few: looking for lost ones costs a twentieth of it
-    )
+    gc.set_threshold(COLLECT)
     from .._files import check_writable, claim_folder
     from ..mechanisms.registry import with_plugins
     from ..results.storage import REPORTS, WRITES, find_reports
@@ -83,7 +82,7 @@ def study_command(
         if as_json:
             print_json(found | {"writes": list(files)})
         else:
-            click.echo(_would(found, folder, files))
+            click.echo(_describe_dry_run(found, folder, files))
         return
     steps = list_steps(read, not no_sampling)
     if not no_report:
@@ -104,7 +103,7 @@ def study_command(
 
 
 class _Run(NamedTuple):
-    """How one study is run."""
+    """How the command runs one study, and what it shows meanwhile."""
 
     folder: Path
     registry: Registry
@@ -114,7 +113,9 @@ class _Run(NamedTuple):
     report: bool
 
     def complete(self, study: Study, folder: Path, keeper: Checkpoint) -> tuple[Result, list[Path]]:
-        """Analyse, tell, sample and draw at once, write. Result and files written."""
+        """Analyse and show the findings; sample while the report is drawn; write.
+
+        Returns the result and the files written."""
         from .._second_process import second_process
         from ..report.imports_ahead import load_drawing
         from ..study.runner import run_study
@@ -147,7 +148,7 @@ class _Run(NamedTuple):
     def _sample_and_draw(
         self, result: Result, keeper: Checkpoint, second: SecondProcess
     ) -> tuple[Result, list[Path]]:
-        """Sample while a second process draws what sampling does not change."""
+        """Sample while a second process draws the pages that sampling does not change."""
         from ..report.drawing import HALF, UNSAMPLED_PAGES, DrawnAhead, draw_records
 
         pages = UNSAMPLED_PAGES if self.sampling else HALF
@@ -159,7 +160,7 @@ class _Run(NamedTuple):
         return result, written
 
     def _save(self, result: Result, keeper: Checkpoint) -> list[Path]:
-        """Write the result's files; what was computed is told in any case."""
+        """Write the result's files; show what was computed even where they cannot be written."""
         try:
             written = result.save(self.folder)
         finally:
@@ -186,8 +187,10 @@ class _Run(NamedTuple):
 
 
 def _import_sampler() -> None:
-    """Import emcee without scipy.stats, which only a move needs that is not used here, and which takes
-    longer to import than a small study takes; a process of the command line is nobody else's."""
+    """Import emcee without scipy.stats.
+
+    Only a move that is not used here needs scipy.stats, and importing it takes longer than a small
+    study. Hiding a module is safe here alone: the process belongs to the command."""
     if "emcee" in sys.modules or "scipy.stats" in sys.modules:
         return
     sys.modules["scipy.stats"] = None  # type: ignore[assignment]
@@ -198,7 +201,7 @@ def _import_sampler() -> None:
 
 
 def _print_removed(folder: Path, earlier: list[str]) -> None:
-    """Print which reports of an earlier result are no longer there, and what draws them again."""
+    """Print which reports of an earlier result were removed, and the command that draws them again."""
     from ..report.text_tables import fold_text
 
     removed = [name for name in earlier if not (folder / name).exists()]
@@ -211,7 +214,8 @@ def _print_removed(folder: Path, earlier: list[str]) -> None:
         click.echo(line)
 
 
-def _would(found: dict[str, Any], folder: Path, writes: tuple[str, ...]) -> str:
+def _describe_dry_run(found: dict[str, Any], folder: Path, writes: tuple[str, ...]) -> str:
+    """Describe what a study would do and write, followed by its warnings."""
     counts = found["configurations"]
     base = ", ".join(found["base"])
     registered = ""

@@ -48,7 +48,7 @@ class Weighed(NamedTuple):
 
 def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
     """Weigh how deep each effect of a model is proven, given all the others."""
-    effects = {g: search.found[g] for g in chosen}
+    effects = {g: search.candidates[g] for g in chosen}
     levels: dict[int, Array] = {}
     better: list[tuple[tuple[int, ...], Candidate]] = []
     for g in chosen:
@@ -96,7 +96,7 @@ def weigh_own_functions(
 
 def _is_own_function(search: Search, g: int) -> bool:
     """Return whether a candidate turns one joint by a function of its own angle."""
-    candidate = search.found[g]
+    candidate = search.candidates[g]
     joint = find_moved_joint(search.problem, candidate)
     if joint is None:
         return False
@@ -123,7 +123,7 @@ def weigh_alone(search: Search, view: View, g: int) -> tuple[Array, Candidate | 
 
     Returns the probability (4,) of each level, and what should be told instead, if anything: the
     rival that is clearly more probable, or the explanation on whose place and drivers most agree."""
-    own = search.found[g]
+    own = search.candidates[g]
     rivals = list_rivals(search.problem, own)
     scan, response = search.scan_without(g, view)
     listed = compute_factors(scan, response)
@@ -137,7 +137,7 @@ def weigh_alone(search: Search, view: View, g: int) -> tuple[Array, Candidate | 
     value, logs = sum_evidence(joint, log_prior)
     if not np.isfinite(value):
         return np.zeros(len(LEVELS)), None
-    count = len(search.found)
+    count = len(search.candidates)
     probability = np.exp(logs - value)
     of_listed = [float(probability[:count][mask].sum()) for mask in _agree(search, g)]
     of_rivals = [_sum_agreeing(rivals, probability[count:], level) for level in LEVELS]
@@ -149,17 +149,17 @@ def weigh_alone(search: Search, view: View, g: int) -> tuple[Array, Candidate | 
         return levels, others[best]
     agreed = find_agreed(search.signatures, g, probability[:count], levels)
     if agreed is not None:
-        return levels, search.found[agreed]
+        return levels, search.candidates[agreed]
     known = np.isfinite(log_prior)
     evidence = np.full_like(logs, -np.inf)
     np.subtract(logs, log_prior, out=evidence, where=known)
-    return levels, find_constant((*search.found, *others), g, evidence)
+    return levels, find_constant((*search.candidates, *others), g, evidence)
 
 
 def _agree(search: Search, g: int) -> list[Array]:
     """Mask (4, G) the candidates that agree with candidate g up to each level."""
     masks: list[Array] = []
-    agree = np.ones(len(search.found), bool)
+    agree = np.ones(len(search.candidates), bool)
     for known in search.signatures:
         own = known[g]
         agree = agree & (known == own) & (own >= 0)
@@ -178,7 +178,7 @@ def _weigh_together(search: Search, view: View, group: Company) -> tuple[float, 
 
     Returns the probability of the listed ones, and the shape if it is clearly more probable."""
     which = [group.listed, *group.shapes]
-    effects = [search.found[g] for g in group.members]
+    effects = [search.candidates[g] for g in group.members]
     factors = _see_beside(search, view, effects, which)
     value, logs = sum_evidence(factors, np.log([candidate.prior for candidate in which]))
     if not np.isfinite(value):

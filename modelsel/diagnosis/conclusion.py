@@ -1,7 +1,7 @@
 """The conclusion of a search: what the full model needs, how much of it is proven, and what is left.
 
-Effects that chance explains given the others are dropped; shapes that no list has may take the place
-of some; the rest is fitted exactly and told with its claims."""
+Effects that chance explains given the others are dropped; shapes outside the registry and the error
+map may replace some; the rest is fitted exactly, and each effect gets the claim that is proven."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ MAX_CANCELLED = 0.5
 
 
 class _Settled(NamedTuple):
-    """What stays of a search: its effects with their p-values, and the view."""
+    """The effects that a search keeps, with their p-values, and the view of their model."""
 
     p: dict[int, float]
     view: View
@@ -58,7 +58,6 @@ def build_empty(base: Model, base_fit: Fit) -> Diagnosis:
         effects=(),
         model=base,
         fit=base_fit,
-        null=nothing,
         path=(),
         left=None,
         left_p=1.0,
@@ -70,7 +69,7 @@ def build_empty(base: Model, base_fit: Fit) -> Diagnosis:
 
 @dataclass(frozen=True, eq=False)
 class Conclusion:
-    """A search with what stays of it, and its diagnosis before anything is claimed."""
+    """A search, the effects that it keeps, and its diagnosis before claims are weighed."""
 
     explored: Exploration
     settled: _Settled
@@ -105,18 +104,19 @@ def prove(concluded: Conclusion) -> Diagnosis:
         concluded = conclude(explored)
     else:
         weighed = _weigh(concluded)
-    found, chosen = concluded.explored.search.found, concluded.settled.chosen
+    search, chosen = concluded.explored.search, concluded.settled.chosen
     return replace(
         concluded.diagnosis,
         effects=_claim(concluded, weighed),
-        map_p=concluded.explored.search.compute_map_p(concluded.settled.view),
-        models=concluded.visited.tell(found, chosen),
+        map_p=search.compute_map_p(concluded.settled.view),
+        models=concluded.visited.tell(search.candidates, chosen),
     )
 
 
 def fit_again(diagnosis: Diagnosis, problem: Problem) -> Diagnosis:
-    """Fit the model that was found to the same rows with other weights: those of the errors that it
-    leaves, not of those in which it was sought."""
+    """Refit the model that was found, its rows weighted by the errors that it leaves.
+
+    The search weighted them by the errors that it assumed."""
     if not diagnosis.effects:
         return diagnosis
     fitted = fit_shrunk(problem, diagnosis.model, diagnosis.fit, held="all")
@@ -135,14 +135,14 @@ def fit_again(diagnosis: Diagnosis, problem: Problem) -> Diagnosis:
 
 
 def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:
-    """Claim of every effect what holds both beside its rivals, given the others, and in the sets of
-    effects that were weighed."""
+    """Claim of every effect the levels that hold both against its rivals, given the other effects,
+    and over the sets of effects that were weighed."""
     search = concluded.explored.search
     chosen = concluded.settled.chosen
     effects = concluded.diagnosis.effects
     visited = concluded.visited
     members = visited.members.union(chosen)
-    parts = {g: read_parts(search.found[g]) for g in members}
+    parts = {g: read_parts(search.candidates[g]) for g in members}
     included = visited.include(chosen, search.signatures, parts)
     numbers = number_repeated([effect.candidate.label for effect in effects])
     claimed = []
@@ -177,7 +177,7 @@ def _take_back(concluded: Conclusion) -> Conclusion:
 
 def _join_others(search: Search, members: Sequence[int], others: Sequence[int]) -> str:
     """Join the labels of the members that are not among the others."""
-    own = [search.found[g].label for g in members if g not in others]
+    own = [search.candidates[g].label for g in members if g not in others]
     return " & ".join(own) or "nothing"
 
 
@@ -207,14 +207,13 @@ def _build_diagnosis(explored: Exploration, settled: _Settled) -> Diagnosis:
         effects=_build_effects(search, view, fitted, settled.p),
         model=view.model,
         fit=fitted,
-        null=search.null,
         path=tuple(progress.path),
         left=remainder.strongest,
         left_p=remainder.p,
         held_back=remainder.held_back,
         bound=search.bound,
         single_f=compute_single_f(search.first.scan, search.first.response),
-        offered=search.found,
+        offered=search.candidates,
     )
 
 
@@ -226,7 +225,7 @@ def prune_effects(
 ) -> tuple[list[int], View]:
     """Drop the effects that the others make dispensable, the weakest first.
 
-    Such are those whose size the others leave open, and those that chance alone would explain."""
+    That are effects whose size the others leave open, and effects that chance alone would explain."""
     while chosen:
         g = _find_dispensable(search, chosen, view)
         if g is None:
@@ -235,7 +234,7 @@ def prune_effects(
         after = search.try_fit(rest, view.fitted)
         if after is None:
             break
-        path.append(f"{DROPPED}{search.found[g].label}")
+        path.append(f"{DROPPED}{search.candidates[g].label}")
         chosen = rest
         view = after
     return chosen, view
@@ -256,12 +255,11 @@ def _find_dispensable(search: Search, chosen: Sequence[int], view: View) -> int 
 def _confirm_effects(
     search: Search, chosen: list[int], view: View, path: list[str]
 ) -> tuple[dict[int, float], View]:
-    """Confirm every effect given the others, under every null.
+    """Confirm every effect given the others, under every null distribution.
 
-    Returns p of every effect that stays, and the model's view.
-
-    An effect that passed when it came may fail once the others stand, and is dropped, the weakest
-    first; one that stands alone was tested when it came."""
+    An effect that was significant when it was added may not be beside the others; such effects are
+    dropped, the weakest first. A single effect was tested when it was added. Returns the p-value of
+    every effect that stays, and the model's view."""
     while True:
         if chosen:
             refitted = search.try_fit(chosen, view.fitted, STEP_MM)
@@ -278,7 +276,7 @@ def _confirm_effects(
         after = search.try_fit(rest, view.fitted)
         if after is None:
             return p, view
-        label = search.found[weakest].label
+        label = search.candidates[weakest].label
         path.append(f"{DROPPED}{label}")
         chosen = rest
         view = after
@@ -310,7 +308,7 @@ def _build_effects(
     for g, p_value in p.items():
         terms = search.locate_terms(g, view)
         effect = Effect(
-            candidate=search.found[g],
+            candidate=search.candidates[g],
             named=search.rename(g, view).named,
             p=p_value,
             estimate=fitted.theta[terms],
@@ -324,7 +322,7 @@ def _build_effects(
 
 def _allow_for_search(search: Search, g: int, view: View) -> AfterSelection | None:
     """Allow for the search in the size of an effect, given the others; a free function has none."""
-    if search.found[g].kind in SHAPELESS:
+    if search.candidates[g].kind in SHAPELESS:
         return None
     scan, response = search.scan_without(g, view)
     terms = int(scan.sizes[g])
@@ -362,6 +360,6 @@ def _find_cancelling(
             shares.append((share, h))
         share, other = min(shares, default=(np.inf, -1))
         if share < MAX_CANCELLED:
-            label = search.found[other].label
+            label = search.candidates[other].label
             cancelled[g] = (label, share)
     return cancelled

@@ -32,9 +32,9 @@ class Family(NamedTuple):
     parts: tuple[int, ...]
 
 
-def find_families(found: Sequence[Candidate]) -> list[Family]:
+def find_families(candidates: Sequence[Candidate]) -> list[Family]:
     """Find the registered mechanisms of several frames whose screws others have one by one."""
-    screws = {g: _collect(c.mechanism) for g, c in enumerate(found) if c.registered}
+    screws = {g: _collect(c.mechanism) for g, c in enumerate(candidates) if c.registered}
     families = []
     for whole, own in screws.items():
         if len({screw.frame for screw in own}) < 2:
@@ -61,7 +61,7 @@ def generate_better_families(
         if best is None:
             continue
         rest = [g for g in chosen if g not in now]
-        before, after = (" & ".join(search.found[g].label for g in one) for one in (now, best))
+        before, after = (" & ".join(search.candidates[g].label for g in one) for one in (now, best))
         yield [*rest, *best], f"{before} -> {after}"
 
 
@@ -102,7 +102,7 @@ def _weigh(
     which = np.array(sorted((family.whole, *family.parts)), dtype=np.intp)
     none_free = np.zeros(len(which), bool)
     curve = build_curve(search.columns, which, search.log_prior[which], none_free)
-    released = view.release(*(search.found[g] for g in now))
+    released = view.release(*(search.candidates[g] for g in now))
     start = see_rest(curve, view.scan, view.response, released)
     present = chain_effects(start.offer(np.isin(which, now)), len(now), at_any_cost=True)
     is_whole = which == family.whole
@@ -120,7 +120,7 @@ def _add_kin(search: Search, value: float, members: list[int]) -> tuple[float, l
     joint likelier: joints are built alike."""
     labels = []
     for g in set(members):
-        candidate = search.found[g]
+        candidate = search.candidates[g]
         labels.append(candidate.label)
     likelier = KIN * count_kin(labels)
     return value + likelier, members

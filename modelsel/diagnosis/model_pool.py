@@ -227,9 +227,9 @@ def gather_pool(search: Search, view: View, chosen: Sequence[int]) -> Pool:
     log_prior = search.log_prior[which]
     none_free = np.zeros(len(which), bool)
     curve = build_curve(search.columns, which, log_prior, none_free)
-    effects = [search.found[g] for g in chosen]
+    effects = [search.candidates[g] for g in chosen]
     rest = see_rest(curve, view.scan, view.response, view.release(*effects))
-    labels = [search.found[g].label for g in which]
+    labels = [search.candidates[g].label for g in which]
     return _build_pool(rest, log_prior - search.bound, _number_kinds(labels))
 
 
@@ -282,7 +282,7 @@ def list_related(search: Search, view: View, chosen: Sequence[int]) -> list[tupl
 
 def _explain_both(search: Search, view: View, pair: tuple[int, int]) -> list[int]:
     """List what explains most of two effects together."""
-    effects = [search.found[g] for g in pair]
+    effects = [search.candidates[g] for g in pair]
     released = view.release(*effects)
     scan = build_scan_without(view.scan, released.directions)
     response = released.see(view.response, scan.back)

@@ -1,10 +1,10 @@
-"""A search that may take back: sets of effects around the one that the stepwise search has chosen.
+"""Search over sets of effects, around the set that the stepwise search has chosen.
 
-From every set that is visited the neighbours are weighed by exact evidence: one effect more, one
-less, one for another, two for one, one for two, a family's parts for the whole. The next set is drawn by its posterior probability
-from those not visited yet (shotgun stochastic search: Hans, Dobra & West 2007, J. Am. Stat. Assoc.
-102:507). What is told of an effect is weighted over all sets that were weighed: an inclusion
-probability for each level of its claim."""
+Unlike that search, it may take effects back. All neighbours of a visited set are weighed by exact
+evidence: one effect more, one less, one for another, two for one, one for two, a family's parts for
+the whole. The next set is drawn by posterior probability from those not visited yet (shotgun
+stochastic search: Hans, Dobra & West 2007, J. Am. Stat. Assoc. 102:507). Averaged over all sets that
+were weighed, every level of an effect's claim has an inclusion probability."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from .signatures import Parts
 from .state import Search
 from .views import View
 
-# sets of which all that one effect more adds is computed, at most
+# largest number of sets for which every addition of one effect is weighed
 MOST_WEIGHED = 300
-# log posterior below the best from which a set is forgotten, and need not be visited
+# differences of log posterior to the best set from which a set is forgotten, or not visited
 FORGOTTEN, UNLIKELY = 12.0, 5.0
 # explanations that are tried first where two are put in the place of one
 FIRST_OF_TWO = 3
-# sets that are told
+# most probable sets that are reported
 TOLD = 5
 
 Members = frozenset[int]
@@ -37,7 +37,7 @@ Ratios = dict[int, float]
 
 @dataclass(frozen=True)
 class WeighedModel:
-    """A set of effects with its probability among all that were weighed; whether it is chosen."""
+    """A set of effects, its probability among all that were weighed, and whether it is the chosen one."""
 
     effects: tuple[Candidate, ...]
     probability: float
@@ -60,10 +60,11 @@ class VisitedModels(NamedTuple):
         return np.asarray(weight / total)
 
     def find_better(self, chosen: Sequence[int], odds: float) -> tuple[int, ...] | None:
-        """Find the most probable set that puts something in the place of chosen effects, if it is
-        more probable than these by log odds.
+        """Find the most probable set that replaces some of the chosen effects, if its log odds against
+        the chosen set exceed `odds`.
 
-        What is added or left out alone was asked before, under more than one null."""
+        Sets that only add or only drop effects do not count: the stepwise search has tested these,
+        under more than one null distribution."""
         now = frozenset(chosen)
         own = self.sets.index(tuple(sorted(now)))
         least = self.log_posterior[own] + odds
@@ -84,11 +85,12 @@ class VisitedModels(NamedTuple):
     def include(
         self, chosen: Sequence[int], signatures: Sequence[Index], parts: Mapping[int, Parts]
     ) -> dict[int, Array]:
-        """Compute for each chosen effect the probability of every level of what it says: the share
-        of the sets that say it, too; `parts`: what each member of a set says, part by part.
+        """Compute the inclusion probability of every level of each chosen effect's claim.
 
-        Whether there is an effect at all is what its p-value tells: sets that only lack some of the
-        chosen effects do not count."""
+        That is the total probability of the sets which agree with the effect at that level.
+        `signatures`: what every candidate says at each level, as numbers; `parts`: the same part by
+        part, of each member of a set. Sets that only lack some of the chosen effects do not count:
+        whether there is an effect at all is decided by its p-value."""
         now = frozenset(chosen)
         counted = [k for k, one in enumerate(self.sets) if not now.issuperset(one) or now == {*one}]
         weight = self.probability[counted]
@@ -107,7 +109,7 @@ class VisitedModels(NamedTuple):
         return included
 
     def tell(self, found: Sequence[Candidate], chosen: Sequence[int]) -> tuple[WeighedModel, ...]:
-        """The most probable sets, and the chosen one; those of the same names count as one."""
+        """List the most probable sets and the chosen one; sets of the same names count as one."""
         now = _join_labels(found, chosen)
         first: dict[tuple[str, ...], tuple[int, ...]] = {}
         total: dict[tuple[str, ...], float] = {}
@@ -139,8 +141,8 @@ def _says_as_much(known: Index, g: int, members: Sequence[int], chosen: Sequence
 def _say_together(
     parts: Mapping[int, Parts], level: int, g: int, members: Sequence[int], chosen: Sequence[int]
 ) -> bool:
-    """Whether what a set has in the place of chosen effects says together what candidate g says: the
-    twists of joints 2 and 3, each by itself, turn the same joints as the twist of both."""
+    """Whether those members that are not chosen say together what candidate g says: the twists of
+    joints 2 and 3, each by itself, turn the same joints as the twist of both."""
     own = parts[g][level]
     together: set[Hashable] = set()
     for member in members:
@@ -167,8 +169,8 @@ class _Weighed(NamedTuple):
 
 @dataclass
 class _Walk:
-    """Where a search stands: the sets known by their log posteriors and ratios, and those of which
-    every addition was weighed."""
+    """The state of a search: the log posterior and variance ratios of all sets that are known, and
+    the sets for which every addition was weighed."""
 
     pool: Pool
     related: tuple[tuple[int, int], ...]
@@ -179,7 +181,7 @@ class _Walk:
     best: float = -np.inf
 
     def walk(self, start: Members) -> None:
-        """Visit sets, drawn by their probability, until none that is left is likely."""
+        """Visit sets drawn by their probability, until no likely set is left."""
         ratios = self._settle(start)
         self._add_to(ratios)
         visited: set[Members] = set()
@@ -192,7 +194,8 @@ class _Walk:
             following = self._draw(visited)
 
     def _settle(self, members: Members) -> Ratios:
-        """Find each effect's ratio: added one after the other, the strongest first, then again."""
+        """Find each effect's best variance ratio: first as it is added, the strongest first, then given
+        all others."""
         ratios: Ratios = {}
         while len(ratios) < len(members):
             _, gains = self.pool.weigh(ratios)
@@ -241,7 +244,7 @@ class _Walk:
             ratios = {**ratios, strongest: ratio}
 
     def _add_to(self, ratios: Ratios) -> _Weighed:
-        """Weigh a set, and every set of one effect more."""
+        """Weigh a set and every set with one effect more."""
         members = frozenset(ratios)
         if members in self.weighed:
             return self.weighed[members]
@@ -281,7 +284,7 @@ class _Walk:
         return likely[int(drawn)]
 
     def collect(self, start: Members) -> VisitedModels:
-        """Collect the sets that are worth telling of."""
+        """Collect the sets that are not improbable, and the one that the search started from."""
         kept = []
         for members, (value, _) in self.known.items():
             if value > self.best - FORGOTTEN or members == start:
@@ -300,7 +303,7 @@ def _leave_out(ratios: Ratios, *members: int) -> Ratios:
 
 
 def _find_strongest(gains: Gains, left_out: int) -> list[int]:
-    """Find the members that add most, but for the one that was left out."""
+    """Find the members that add most, except the one that was left out."""
     order = np.argsort(-gains.value, kind="stable")
     others = order[order != left_out]
     return [int(p) for p in others[:FIRST_OF_TWO]]

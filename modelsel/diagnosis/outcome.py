@@ -22,7 +22,7 @@ from .stated_probability import format_chance
 class Diagnosis:
     """What is wrong with a base model: the effects that extend it, in the order they were found.
 
-    `model` and `fit`: the extended model; `null`: sorted evidences where nothing is left to find;
+    `model` and `fit`: the extended model;
     `path`: what was tried on the way. `left`: the strongest explanation of what remains, with its
     p-value `left_p`, whatever it is (None without candidates); `held_back`: its p-value under equal
     normal noise, where that would have named it and the signs of the residual's own rows do not.
@@ -35,7 +35,6 @@ class Diagnosis:
     effects: tuple[Effect, ...]
     model: Model
     fit: Fit
-    null: Array
     path: tuple[str, ...]
     left: CredibleSet | None
     left_p: float

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._progress import News, follow
+from .._progress import News, follow, keep_silent
 from .._random import generator
 from .._typing import Array, Index, Mask, Say
 from .._workers import count_cores
@@ -49,10 +49,6 @@ MAX_ROUNDS = 3
 # configurations that are scanned at least, of many rows
 MIN_CONFIGURATIONS = 20
 ALL = "all"
-
-
-def _be_silent(_: str) -> None:
-    """Say nothing of the progress."""
 
 
 def diagnose(  # noqa: PLR0913  all but the first have defaults
@@ -115,7 +111,7 @@ def diagnose_split(
     everything: tuple[Mechanism, ...],
     seed: int,
     cells: bool,
-    say: Say = _be_silent,
+    say: Say = keep_silent,
     options: DiagnosisOptions = DEFAULT_OPTIONS,
 ) -> tuple[Split, Diagnosis, tuple[Candidate, ...]]:
     """Find outliers and name effects in turn, until the outliers stay the same (at most MAX_ROUNDS).
@@ -284,7 +280,7 @@ def run_nested_folds(  # noqa: PLR0913  what is asked, and how
     folds: int,
     options: DiagnosisOptions = DEFAULT_OPTIONS,
     *,
-    say: Say = _be_silent,
+    say: Say = keep_silent,
 ) -> Nested:
     """Repeat outliers, naming and fit without each fold of the estimation configurations.
 
@@ -296,7 +292,7 @@ def run_nested_folds(  # noqa: PLR0913  what is asked, and how
     fold = np.full(len(rows), -1, dtype=np.intp)
     fold[rows] = assign_folds(estimation, folds, generator(seed, "nested"))
     count = int(fold.max()) + 1
-    inquiry = Inquiry(base, everything, seed, cells, _be_silent, options)
+    inquiry = Inquiry(base, everything, seed, cells, keep_silent, options)
     run = partial(_run_fold, split=split, inquiry=inquiry, fold=fold)
     workers = min(count, count_cores())
     with ProcessPoolExecutor(max_workers=workers) as pool:

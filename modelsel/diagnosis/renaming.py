@@ -56,7 +56,7 @@ def settle_names(
     standing: dict[int, _Standing] = {}
     if before is not None:
         for g in chosen:
-            if not _has_moved(before, view, search.found[g]):
+            if not _has_moved(before, view, search.candidates[g]):
                 standing[g] = _Standing(np.inf, g)
     for _ in range(MAX_CHANGES):
         for g in chosen:
@@ -76,7 +76,7 @@ def settle_names(
         standing = {
             g: standing[g]
             for g in change.trial
-            if g in standing and not _has_moved(view, after, search.found[g])
+            if g in standing and not _has_moved(view, after, search.candidates[g])
         }
         chosen = change.trial
         view = after
@@ -149,7 +149,7 @@ def _replace(search: Search, chosen: Sequence[int], old: int, new: int | None) -
 def _describe_change(
     search: Search, chosen: Sequence[int], trial: Sequence[int], old: int, new: int | None
 ) -> str:
-    label = search.found[old].label
+    label = search.candidates[old].label
     if new is None or len(trial) < len(chosen):
         return f"{DROPPED}{label}"
-    return f"{label} -> {search.found[new].label}"
+    return f"{label} -> {search.candidates[new].label}"

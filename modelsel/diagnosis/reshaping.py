@@ -1,5 +1,4 @@
-"""Shapes put in the place of effects: what tells some of them better is fitted instead, and the search
-goes on."""
+"""Replace effects by shapes that explain them better, and continue the search with these."""
 
 from __future__ import annotations
 
@@ -15,13 +14,13 @@ Better = tuple[tuple[int, ...], Candidate]
 
 
 def improve_shapes(explored: Exploration, joints: Collection[int]) -> Exploration:
-    """Put better shapes in the place of the effects that turn or shift some joints.
+    """Replace the effects that turn or shift some joints by better shapes, where there are any.
 
-    What a shape leaves that is only nearly right resembles a joint that does not repeat."""
+    What a nearly right shape leaves resembles a joint that does not repeat."""
     search, progress = explored.search, explored.progress
     better: list[Better] = []
     for g in progress.chosen:
-        if find_moved_joint(search.problem, search.found[g]) not in joints:
+        if find_moved_joint(search.problem, search.candidates[g]) not in joints:
             continue
         _, shape = weigh_alone(search, progress.view, g)
         if shape is not None:
@@ -34,25 +33,25 @@ def improve_shapes(explored: Exploration, joints: Collection[int]) -> Exploratio
 def take_shapes(
     explored: Exploration, chosen: Sequence[int], start: Fit, better: Sequence[Better]
 ) -> Exploration:
-    """Put what tells chosen effects better in their place, and let the search go on.
+    """Replace chosen effects by the shapes that explain them better, and continue the search.
 
-    An effect that has given way once does not give way again."""
+    An effect that was replaced once is not replaced again."""
     before, path = explored.search, list(explored.progress.path)
     left = list(chosen)
-    found = list(before.found)
-    place = {candidate.mechanism: g for g, candidate in enumerate(found)}
+    candidates = list(before.candidates)
+    place = {candidate.mechanism: g for g, candidate in enumerate(candidates)}
     added: list[int] = []
     for members, candidate in better:
         if not set(members) <= set(left):
             continue
-        given_up = " & ".join(found[g].label for g in members)
+        given_up = " & ".join(candidates[g].label for g in members)
         path.append(f"{given_up} -> {candidate.label}")
         left = [g for g in left if g not in members]
-        g = place.setdefault(candidate.mechanism, len(found))
-        if g == len(found):
-            found.append(candidate)
+        g = place.setdefault(candidate.mechanism, len(candidates))
+        if g == len(candidates):
+            candidates.append(candidate)
         added.append(g)
-    shapes = tuple(found[len(before.found) :])
+    shapes = tuple(candidates[len(before.candidates) :])
     search = before.offer(shapes) if shapes else before
     left += [g for g in dict.fromkeys(added) if g not in left]
     return explore_further(search, left, start, path) or explored

@@ -2,9 +2,12 @@
 
 With Q an orthonormal basis of the fitted model, X_g a candidate's columns and r the residual,
 everything follows from X_gᵀX_g, X_gᵀQ and X_gᵀr: the Gram matrix beyond the model is
-X_gᵀX_g − (X_gᵀQ)(X_gᵀQ)ᵀ. No projected column is ever stored, and the rows of the data are needed
-once a model: to give directions back to the candidates, XᵀQ is turned, and what is seen of a
-response is Xᵀr and its length."""
+X_gᵀX_g − (X_gᵀQ)(X_gᵀQ)ᵀ. "Beyond" means projected off the model throughout. No projected column is
+ever stored, and the rows of the data are visited once per model.
+
+A smaller model, without one of the effects, needs neither a refit nor the rows: its basis lacks some
+directions D of Q, which are "given back" to the candidates by adding (X_gᵀQ D)(X_gᵀQ D)ᵀ to their Gram
+matrices."""
 
 from __future__ import annotations
 
@@ -26,11 +29,11 @@ DEPENDENT = 1e-10
 
 
 class Strength(NamedTuple):
-    """What responses (N, B) have in common with every candidate.
+    """How much of responses (N, B) every candidate explains, Z_g its orthonormal columns.
 
-    `whole` (G, B): |Z_gᵀr|²; `root` (S, B): of candidates with a sign, the fitted term that is least
-    of that sign, times the sign and over its standard error at unit noise; `smooth` (F, K, B): of
-    free functions, every direction alone, squared, zero beyond a function's own directions."""
+    `whole` (G, B): |Z_gᵀr|². `root` (S, B), of candidates with terms that physics gives a sign: sign
+    times estimate over standard error at unit noise, of the term where that is smallest. `smooth`
+    (F, K, B), of free functions: |z_kᵀr|² of every direction, zero beyond a function's own ones."""
 
     whole: Array
     root: Array
@@ -38,7 +41,7 @@ class Strength(NamedTuple):
 
 
 class Response(NamedTuple):
-    """A response off a model, as the candidates see it: Xᵀr (C,), and its sum of squares."""
+    """A response r that the model is projected off: its products Xᵀr (C,) and its square |r|²."""
 
     products: Array
     square: float
@@ -50,26 +53,26 @@ class Response(NamedTuple):
 
 
 class Displacement(NamedTuple):
-    """What a candidate does to the target (N,), and its coordinates: along the model (r,), and
-    along the directions that were given back (d,)."""
+    """The whitened displacement (N,) of the target by a candidate, its coordinates (r,) in the model's
+    basis, and (d,) in the directions that were given back."""
 
     raw: Array
     along: Array
     returned: Array
 
     def dot(self, other: Displacement) -> float:
-        """Compute the product with another one, of what both do beyond the model."""
+        """Compute the inner product with another displacement, both projected off the model."""
         within = self.along @ other.along - self.returned @ other.returned
         return float(self.raw @ other.raw - within)
 
 
 @dataclass(frozen=True, eq=False)
 class Beyond:
-    """What candidates are beyond a model.
+    """The candidates projected off a model.
 
-    `signs`, (k,) for each candidate: the signs that physics allows its terms; `signed` (S,):
-    candidates with such a term; `sizes` (G,): directions of each beyond the model; `freedom`:
-    coordinates less the model's rank."""
+    `signs`, (k,) for each candidate: the signs that physics allows its terms, 0 for either; `signed`
+    (S,): candidates with a term of one sign; `sizes` (G,): number of directions that each has beyond
+    the model; `freedom`: coordinates less the model's rank."""
 
     signs: tuple[Array, ...]
     signed: Index
@@ -158,12 +161,12 @@ class Beyond:
 
 @dataclass(frozen=True, eq=False)
 class Scan(Beyond):
-    """All candidates seen from one fitted model.
+    """All candidates projected off one fitted model.
 
-    Q (N, r) is an orthonormal basis of the fitted model, `inside` (C, r) the products XᵀQ, and
-    `back` (C, d) those XᵀQ D with orthonormal directions D of it that were given back: what is
-    beyond is off Q Qᵀ − (Q D)(Q D)ᵀ. A model with shrunk terms has its prior's rows below the data's: what is
-    beyond it is then weighed as if those terms were integrated out."""
+    Q (N, r): an orthonormal basis of the fitted model; `inside` (C, r): the products XᵀQ; `back`
+    (C, d): the products XᵀQ D with the orthonormal directions D (r, d) that were given back. The
+    projection removed is then Q Qᵀ − (Q D)(Q D)ᵀ. A model with shrunk terms has its prior's rows below
+    those of the data; candidates are then weighed as if these terms were integrated out."""
 
     columns: Columns
     Q: Array
@@ -171,7 +174,7 @@ class Scan(Beyond):
     back: Array
 
     def see(self, response: Array) -> Response:
-        """See a response (N,) that is off the model."""
+        """Multiply a response (N,), which the model is projected off, by all columns."""
         return Response(self.columns.dot(response), float(response @ response))
 
     def fit_alone(self, g: int, response: Response) -> Array:
@@ -230,14 +233,16 @@ def assemble_scan(cols: Columns, Q: Array, inside: Array) -> Scan:
 
 
 class Released(NamedTuple):
-    """Directions (r, d) of a model that are given back to the candidates, orthonormal, in the
-    coordinates of its basis, and what was put back of the response along them, `amounts` (d,)."""
+    """What taking effects out of a model releases.
+
+    `directions` (r, d): orthonormal, in the coordinates of the model's basis; `amounts` (d,): the
+    part of the response along them, which the effects explained."""
 
     directions: Array
     amounts: Array
 
     def see(self, response: Response, back: Array) -> Response:
-        """See a response with that put back; `back` (C, d): the columns along the directions."""
+        """Add the released part to a response; `back` (C, d): the columns along the directions."""
         square = response.square + float(self.amounts @ self.amounts)
         return Response(response.products + back @ self.amounts, square)
 
@@ -253,8 +258,10 @@ def build_scan_without(seen: Scan, directions: Array) -> Scan:
 
 
 class SmallerModel(NamedTuple):
-    """A smaller model than that of a scan: the products (C, d) with the directions that it gives
-    back, and the Gram matrices (n, k, k) of every block beyond it."""
+    """A smaller model than that of a scan.
+
+    `back` (C, d): products of all columns with the directions that it gives back; `lefts`: the Gram
+    matrices (n, k, k) of every block beyond it."""
 
     seen: Scan
     back: Array

@@ -1,13 +1,14 @@
-"""Effects and errors apart: what repeats, and what does not.
+"""Separate effects, which repeat, from errors that do not.
 
-An effect that is not named yet resembles errors: a joint that yields, one that does not repeat. So
-the parts of the errors are found at the base first, where they are the most that they can be, and
-effects are sought given these. Then the parts are found again in what the effects leave, and in
-turn, until that stays.
+An effect that is not named yet resembles such errors: a joint that yields looks like one that does
+not repeat. So the parts of the errors (`fitting.error_structure`) are first estimated at the base,
+where they are largest, and effects are sought given these. The parts are then estimated again from
+what the effects leave, and the search is repeated, until the parts stay the same.
 
-What lasts, and a joint's part that only directions tell, may be effects, too, that are not named
-yet: where such parts stay, the search is repeated without the one and with the other, and of all
-explanations an information criterion chooses."""
+Two kinds of part may still be effects that were not named: an error that lasts, and a joint's part
+that only the directions of its motion identify. Where such a part remains, the search is repeated
+without the former and with the latter, and an information criterion chooses among all
+explanations."""
 
 from __future__ import annotations
 
@@ -39,13 +40,14 @@ from .reshaping import improve_shapes
 from .state import Search, extend_model
 from .stepwise import Exploration, explore
 
-# searches at most that go on with the parts which the one before has left: where some stay, and
-# where none do
+# largest number of searches that continue from the parts which the one before has left: where there
+# are some, and where there are none
 MOST_WITH_PARTS, MOST_WITHOUT = 1, 2
-# by how much a criterion must be lower until what lasts is taken for effects, or for nothing else:
+# by how much the criterion must be lower for an error that lasts to be taken for effects, or for
+# effects to be taken for an error that lasts:
 # "very strong" evidence by Kass & Raftery 1995, J. Am. Stat. Assoc. 90:773, section 3.2
 VERY_STRONG = 10.0
-# by how much where an effect takes any shape in time, as errors that last do: of 400 campaigns whose
+# the same where an effect takes any shape in time, as errors that last do: of 400 campaigns whose
 # errors had a correlation of 0.9, thirty gained more than 10 by such an effect, three more than 25
 OF_ANY_SHAPE = 25.0
 # probability of errors that last in an effect's place from which they are told with it
@@ -55,7 +57,7 @@ IN_TIME = {"progress", "time_s"}
 
 
 class Inquiry(NamedTuple):
-    """What is asked of the rows of a split."""
+    """The question that a diagnosis answers: the base, what may extend it, and the options."""
 
     base: Model
     everything: tuple[Mechanism, ...]
@@ -83,8 +85,11 @@ class Inquiry(NamedTuple):
 
 
 class _Explanation(NamedTuple):
-    """Effects that a search has found given parts of the errors, the parts that they leave, and the
-    information criterion of both together; effects that tell about as well what seems to last."""
+    """One explanation of the data: effects and parts of the errors.
+
+    `explored`: the search for effects; `given`: the parts it assumed; `left`: the parts estimated from
+    what the effects leave; `criterion`: of effects and `left` together, smaller is better; `instead`:
+    effects that explain an error which seems to last about as well."""
 
     explored: Exploration
     given: ErrorStructure
@@ -94,13 +99,13 @@ class _Explanation(NamedTuple):
 
     @property
     def is_settled(self) -> bool:
-        """Whether a search given the parts that are left would be the same."""
+        """Whether a search given the parts that are left would find the same."""
         return not self.explored.chosen or self.left.resembles(self.given)
 
 
 @dataclass(frozen=True)
 class _Separation:
-    """The rows, the candidates and the possible parts in which effects and errors are separated."""
+    """What a separation works on: the rows, the candidates and the possible parts of the errors."""
 
     split: Split
     inquiry: Inquiry
@@ -111,14 +116,14 @@ class _Separation:
     def find_parts(
         self, fitted: Fit, *unsure: str, before: ErrorStructure | None = None
     ) -> ErrorStructure:
-        """Find the parts that a fit leaves, of those that are not told by what is `unsure`; `before`:
-        those of a like fit."""
+        """Find the parts that a fit leaves, without those that only what is `unsure` identifies;
+        `before`: the parts of a similar fit, to start from."""
         offered = [part for part in self.parts if part.told_by not in unsure]
         split = self.split
         return find_structure(split.problem, split.used, fitted, offered, before)
 
     def search(self, given: ErrorStructure, known: tuple[Candidate, ...] = ()) -> _Explanation:
-        """Search for effects given parts of the errors, beside those that are known."""
+        """Search for effects given parts of the errors, starting from the known effects."""
         weighed = replace(self.split, problem=given.whiten(self.split.problem))
         prepared = self.inquiry.search(weighed.training, self.found, known, self.causes)
         explored = explore(prepared, known, self.inquiry.say)
@@ -132,7 +137,7 @@ class _Separation:
         return compute_criterion(split.problem, split.used, fitted, left, log_prior)
 
     def explain(self, base_fit: Fit) -> _Explanation:
-        """Explain the data by effects and by errors: of what may be either, as is more probable."""
+        """Explain the data by effects and errors; what may be either is decided by the criterion."""
         sure = self.find_parts(base_fit, DIRECTIONS)
         best = self.search(sure)
         if best.left.shared:
@@ -164,8 +169,10 @@ class _Separation:
         return without, self.find_parts(without)
 
     def _hold_against_effects(self, best: _Explanation) -> _Explanation:
-        """Hold what lasts against effects that explain it: they take its place where that is clear;
-        where neither is, those that depend on time are named beside it."""
+        """Compare an error that lasts with effects that could explain it.
+
+        The effects take its place where they are clearly better; where neither is clearly better,
+        those that depend on time are named as alternatives."""
         known = best.explored.chosen
         others = best.left.without(ORDER)
         repeating = self.search(others, known)
@@ -197,7 +204,7 @@ class _Separation:
         return replace(diagnosis, effects=tuple(_share_with_lasting(one, share) for one in effects))
 
     def _improve(self, one: _Explanation) -> _Explanation:
-        """Give the effects of joints that seem not to repeat the shapes that tell them best."""
+        """Replace the effects of joints that seem not to repeat by the shapes that explain them best."""
         names = {f"joint {j}": j for j in range(1, self.split.problem.robot.n + 1)}
         joints = [names[name] for name in one.left.names if name in names]
         explored = improve_shapes(one.explored, joints)
@@ -208,9 +215,9 @@ class _Separation:
         return _Explanation(explored, one.given, left, criterion)
 
     def _go_on(self, best: _Explanation) -> _Explanation:
-        """Search with what an explanation leaves of the parts, in turn, until that stays.
+        """Repeat the search given the parts that the last one left, until these stay the same.
 
-        What the base leaves is the most that errors can be; effects explain some of that away."""
+        The errors are largest at the base; effects explain some of them away."""
         last = best
         most = MOST_WITH_PARTS if best.left.shared else MOST_WITHOUT
         for _ in range(most):
@@ -224,9 +231,9 @@ class _Separation:
 def separate(
     split: Split, inquiry: Inquiry, found: tuple[Candidate, ...], parts: tuple[PossiblePart, ...]
 ) -> tuple[Split, Diagnosis]:
-    """Separate what repeats from what does not, and weigh what is proven of the effects.
+    """Separate effects from errors that do not repeat, and weigh how much of each effect is proven.
 
-    Returns the split, its rows weighed so that they are independent."""
+    Returns the split, whitened by the errors that were found, and the diagnosis."""
     base_fit = fit(split.training, inquiry.base)
     if not found:
         return split, build_empty(inquiry.base, base_fit)
@@ -265,7 +272,7 @@ def _share_with_lasting(effect: Effect, share: float) -> Effect:
 
 
 def _name_instead(errors: ErrorStructure, effects: tuple[Candidate, ...]) -> ErrorStructure:
-    """Name the effects that tell the data about as well as the part which lasts."""
+    """Record the effects that explain the data about as well as the part which lasts."""
     labels = tuple(one.label for one in effects)
     parts = [
         replace(part, instead=labels) if part.told_by == ORDER else part for part in errors.parts

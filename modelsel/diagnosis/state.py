@@ -56,17 +56,18 @@ class Renamed(NamedTuple):
 class Search:
     """What the steps of the search share: the data, the candidates and the null distribution.
 
-    All candidates have their columns here; `first` is the view of the base, and the null
-    distribution is that of the first scan. `causes`: those of other searches in the same rows.
+    A candidate is known by its number g among `candidates`. `first`: the view of the base, whose scan
+    the null distribution is drawn from; `causes`: values that other searches in the same rows have
+    computed.
 
-    Names that were asked for are remembered for each view, as long as the view lives: a view and
-    the candidates never change, so that an answer stays valid."""
+    An effect's name, given the others, is remembered as long as the view of their model lives:
+    neither a view nor the candidates change."""
 
     def __init__(
         self,
         problem: Problem,
         base: Model,
-        found: tuple[Candidate, ...],
+        candidates: tuple[Candidate, ...],
         rng: np.random.Generator,
         base_fit: Fit,
         memory_mb: float = DEFAULT_OPTIONS.memory_mb,
@@ -77,21 +78,21 @@ class Search:
         self.rng = rng
         self.memory_mb = memory_mb
         self.causes = KeptCauses() if causes is None else causes
-        self._see(found, base_fit)
+        self._see(candidates, base_fit)
         is_large = self.columns.screws.size >= LARGE_STUDY
         self.flip_draws = FLIP_DRAWS[is_large]
         null_draws = NULL_DRAWS[is_large]
         self.null, self.smallest_p = draw_null(self.first.scan, self.log_prior, null_draws, rng)
         self.bound = float(np.quantile(self.null, 1 - LEVEL))
 
-    def _see(self, found: tuple[Candidate, ...], base_fit: Fit) -> None:
-        """See the candidates from the base."""
-        self.found = found
+    def _see(self, candidates: tuple[Candidate, ...], base_fit: Fit) -> None:
+        """Compute the columns of the candidates and the view of the base."""
+        self.candidates = candidates
         self.columns: Columns = build_columns(
-            self.problem, found, base_fit.at(), self.memory_mb, self.causes
+            self.problem, candidates, base_fit.at(), self.memory_mb, self.causes
         )
-        self.log_prior = np.log([c.prior for c in found])
-        self.curves = collect_curves(found, self.columns, self.log_prior)
+        self.log_prior = np.log([c.prior for c in candidates])
+        self.curves = collect_curves(candidates, self.columns, self.log_prior)
         self.first = build_view(self.problem, self.columns, base_fit)
         self.views = Views(self.problem, self.columns, self.first)
         # candidates that the base has already: what a refit leaks of them is no cause
@@ -103,25 +104,25 @@ class Search:
         new = copy(self)
         for known in ("families", "signatures"):
             new.__dict__.pop(known, None)
-        new._see(self.found + tuple(more), self.first.fitted)
+        new._see(self.candidates + tuple(more), self.first.fitted)
         return new
 
     @cached_property
     def families(self) -> list[Family]:
         """The mechanisms of several joints, with those of their parts."""
-        return find_families(self.found)
+        return find_families(self.candidates)
 
     @cached_property
     def signatures(self) -> tuple[Index, ...]:
         """What every candidate says of the arm, level by level."""
-        return read_signatures(self.found)
+        return read_signatures(self.candidates)
 
     def fit_model(
         self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM
     ) -> View:
         """Fit the base with the chosen candidates. Raises NotEstimable."""
-        candidates = [self.found[g] for g in chosen]
-        model = extend_model(self.base, candidates)
+        effects = [self.candidates[g] for g in chosen]
+        model = extend_model(self.base, effects)
         return self.views.build(fit_shrunk(self.problem, model, start, step_mm))
 
     def try_fit(
@@ -150,11 +151,11 @@ class Search:
     def locate_terms(self, g: int, view: View) -> list[int]:
         """Locate an effect's terms among those of the model."""
         position = {term.key: k for k, term in enumerate(view.model.terms)}
-        return [position[term.key] for term in self.found[g].mechanism.terms]
+        return [position[term.key] for term in self.candidates[g].mechanism.terms]
 
     def compute_displacement(self, g: int, view: View) -> Array:
         """Compute (N,) what an effect, as fitted, does to the target beyond the base; whitened."""
-        Q, own = self.first.Q, view.mask_terms(self.found[g])
+        Q, own = self.first.Q, view.mask_terms(self.candidates[g])
         moved = view.A.move(np.flatnonzero(own), view.fitted.theta[own])
         return np.asarray(moved - Q @ (Q.T @ moved))
 
@@ -162,7 +163,7 @@ class Search:
         """Name what explains most of the residual.
 
         `known` candidates have had their turn (what the fit drops of them is no cause)."""
-        question = ask(view.scan, self.found, view.response)
+        question = ask(view.scan, self.candidates, view.response)
         return question.answer(self._exclude(known))
 
     def _exclude(self, known: Sequence[int]) -> Index:
@@ -253,7 +254,7 @@ class Search:
     def scan_without(self, g: int, view: View) -> tuple[Scan, Response]:
         """Scan from a model without effect g for what explains it: (scan, residual with it put
         back); what cannot matter beside it has no directions."""
-        released = view.release(self.found[g])
+        released = view.release(self.candidates[g])
         return build_scan_for(view.scan, released, view.response, g, self.log_prior)
 
     def rename(self, g: int, view: View) -> Renamed:
@@ -262,7 +263,7 @@ class Search:
         if g in answers:
             return answers[g]
         scan, response = self.scan_without(g, view)
-        question = ask(scan, self.found, response)
+        question = ask(scan, self.candidates, response)
         renamed = rename_effect(question, g, without=self.dead)
         evidence = compute_own_evidence(question, renamed, g)
         named = include_candidate(question, renamed, g)
@@ -279,7 +280,7 @@ class Search:
             now = [g for g in chosen if g in curve.which]
             if not now:
                 continue
-            effects = [self.found[g] for g in now]
+            effects = [self.candidates[g] for g in now]
             start = see_rest(curve, view.scan, view.response, view.release(*effects))
             best = find_better_curve(start, now, MIN_LOG_ODDS)
             if best is None:
@@ -290,7 +291,7 @@ class Search:
             yield [*rest, *best], f"{before} -> {after}"
 
     def _join_names(self, members: Sequence[int]) -> str:
-        return " & ".join(self.found[g].mechanism.name for g in members)
+        return " & ".join(self.candidates[g].mechanism.name for g in members)
 
     def add(self, chosen: Sequence[int], g: int) -> list[int]:
         """Add candidate g; a free function of a joint replaces one with other knots."""
@@ -298,7 +299,7 @@ class Search:
         return [*(k for k in chosen if self._find_subject(k) != subject), g]
 
     def _find_subject(self, g: int) -> tuple[str, int]:
-        candidate = self.found[g]
+        candidate = self.candidates[g]
         if candidate.kind is CandidateKind.FREE_FUNCTION:
             first_term = candidate.mechanism.terms[0]
             screw = first_term.screws[0]

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._progress import News
+from .._progress import News, keep_silent
 from .._typing import Say
 from ..fitting.least_squares import Fit
 from .candidates import Candidate
@@ -40,7 +40,7 @@ class Remainder(NamedTuple):
 
 
 @dataclass
-class Progress:
+class SearchProgress:
     """Where the search stands.
 
     The chosen candidates, the view of their model, the steps so far, and the sets of candidates
@@ -57,13 +57,13 @@ class Exploration:
     """A search that has added what chance does not explain, before anything is confirmed."""
 
     search: Search
-    progress: Progress
+    progress: SearchProgress
     remainder: Remainder
 
     @property
     def chosen(self) -> tuple[Candidate, ...]:
         """The candidates that were added."""
-        return tuple(self.search.found[g] for g in self.progress.chosen)
+        return tuple(self.search.candidates[g] for g in self.progress.chosen)
 
     @property
     def fitted(self) -> Fit:
@@ -73,11 +73,11 @@ class Exploration:
 
 def explore(search: Search, known: Sequence[Candidate], say: Say) -> Exploration:
     """Add effects to the base, or to candidates that an earlier search has chosen."""
-    place = {one.mechanism.name: g for g, one in enumerate(search.found)}
+    place = {one.mechanism.name: g for g, one in enumerate(search.candidates)}
     chosen = [place[one.mechanism.name] for one in known]
     path = [f"+ {one.label}" for one in known]
     progress = _start(search, chosen, None, path) if chosen else None
-    progress = progress or Progress([], search.first)
+    progress = progress or SearchProgress([], search.first)
     remainder = _add_effects(search, progress, say)
     return Exploration(search, progress, remainder)
 
@@ -90,29 +90,26 @@ def explore_further(
     progress = _start(search, chosen, start, path)
     if progress is None:
         return None
-    remainder = _add_effects(search, progress, _keep_silent)
+    # what is only put in other words is not news
+    remainder = _add_effects(search, progress, keep_silent)
     return Exploration(search, progress, remainder)
-
-
-def _keep_silent(_: str) -> None:
-    """Say nothing of what is only put in other words."""
 
 
 def _start(
     search: Search, chosen: list[int], start: Fit | None, path: list[str]
-) -> Progress | None:
+) -> SearchProgress | None:
     """Start from chosen candidates; None where the data do not determine them."""
     view = search.try_fit(chosen, start)
     if view is None:
         return None
     tried = {frozenset[int](), frozenset(chosen)}
-    return Progress(chosen, view, path, tried)
+    return SearchProgress(chosen, view, path, tried)
 
 
 # Add: the strongest explanation of the residual, as long as chance does not explain it.
 
 
-def _add_effects(search: Search, progress: Progress, say: Say) -> Remainder:
+def _add_effects(search: Search, progress: SearchProgress, say: Say) -> Remainder:
     """Add effects until chance explains what is left, and return that.
 
     When nothing more is to be added, every effect is identified again once, and the search goes on
@@ -128,7 +125,7 @@ def _add_effects(search: Search, progress: Progress, say: Say) -> Remainder:
             identified_all = True
 
 
-def _find_next(search: Search, progress: Progress) -> tuple[Remainder, int | None]:
+def _find_next(search: Search, progress: SearchProgress) -> tuple[Remainder, int | None]:
     """Find the candidate to add next; None where chance, under either null, explains the rest."""
     view = progress.view
     chosen = progress.chosen
@@ -146,7 +143,7 @@ def _find_next(search: Search, progress: Progress) -> tuple[Remainder, int | Non
     return remainder, new
 
 
-def _find_untried(search: Search, strongest: CredibleSet, progress: Progress) -> int | None:
+def _find_untried(search: Search, strongest: CredibleSet, progress: SearchProgress) -> int | None:
     """Find the most probable explanation beyond chance whose addition gives a new model."""
     blocked = list(progress.chosen)
     for _ in range(MAX_TRIED):
@@ -160,11 +157,11 @@ def _find_untried(search: Search, strongest: CredibleSet, progress: Progress) ->
     return None
 
 
-def _add_effect(search: Search, progress: Progress, new: int, say: Say) -> None:
+def _add_effect(search: Search, progress: SearchProgress, new: int, say: Say) -> None:
     """Add a candidate, refit, and identify again the effects that it moved.
 
     What the fit cannot determine is not added."""
-    label = search.found[new].label
+    label = search.candidates[new].label
     trial = search.add(progress.chosen, new)
     view = search.try_fit(trial, progress.view.fitted)
     if view is None or not _is_determined(search, new, view):
@@ -189,7 +186,7 @@ def _is_determined(search: Search, g: int, view: View) -> bool:
     """Return whether a fit determines an effect.
 
     Then its size is bounded, and one of its terms is not covered by others."""
-    candidate = search.found[g]
+    candidate = search.candidates[g]
     is_own = view.mask_terms(candidate)
     own = np.flatnonzero(is_own)
     kept = view.fitted.found.kept
@@ -198,7 +195,7 @@ def _is_determined(search: Search, g: int, view: View) -> bool:
     return not search.is_unbounded(g, view)
 
 
-def _identify_all(search: Search, progress: Progress) -> bool:
+def _identify_all(search: Search, progress: SearchProgress) -> bool:
     """Identify every effect again; returns whether the set of effects changed."""
     before = set(progress.chosen)
     progress.chosen, progress.view = settle_names(

@@ -72,9 +72,9 @@ class ModelColumns:
 class View:
     """A fitted model as projections, with every candidate beyond it.
 
-    Orthonormal Q (N, r) and R (r, r) with A[:, kept] = Q R; all columns A (N, p); the fit's residual
-    `raw` (N,), its coordinates `along` (r,) in Q, and its part `residual` (N,) off the model, which
-    the candidates see as `response`. The prior's rows of shrunk terms stand below the rows of the
+    Orthonormal Q (N, r) and R (r, r) with A[:, kept] = Q R; all columns A (N, p); of the fit's
+    residual, its coordinates `along` (r,) in Q, and its part `residual` (N,) off the model, which the
+    candidates see as `response`. The prior's rows of shrunk terms stand below the rows of the
     data. `kept`: the columns that do not depend on others; geometry takes whatever it can, so the
     prior of its usual sizes has no say."""
 
@@ -84,7 +84,6 @@ class View:
     A: ModelColumns
     Q: Array
     R: Array
-    raw: Array
     along: Array
     residual: Array
     scan: Scan
@@ -174,7 +173,6 @@ def _see(problem: Problem, columns: Columns, fitted: Fit, projected: _Projection
         A=projected.A,
         Q=Q,
         R=projected.R,
-        raw=raw,
         along=along,
         residual=residual,
         scan=scan,

@@ -1,11 +1,11 @@
-"""What does not repeat: the parts that a campaign's errors have, how large each is, and what tells it.
+"""What does not repeat: the variance components of a campaign's errors, and what identifies each.
 
 Parts: the instrument; each joint, which repeats to a standard deviation of its own, one draw a visit,
 shared by all targets; what the rows of one configuration share; what the rows of one group share; what
-lasts along the order of motion. Beyond the instrument a part is there when the restricted likelihood
-gains more by it than chance gives at LEVEL. Under none, twice the gain is nought in half of all
-studies, else as chi-square (Self & Liang 1987; Stram & Lee 1994, Biometrics 50, 1171), which errs on
-the safe side in small studies (Crainiceanu & Ruppert 2004)."""
+lasts along the order of motion. A part beyond the instrument is accepted if it raises the restricted
+likelihood by more than chance does at LEVEL: without it, twice the gain is zero in half of all studies
+and otherwise chi-square (Self & Liang 1987; Stram & Lee 1994, Biometrics 50, 1171), which is
+conservative in small studies (Crainiceanu & Ruppert 2004)."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ from .whitening import Whitening
 MAX_PARTS = 6
 # parts that are added at most, of which some may be dropped again
 MOST_STEPS = 12
-# standard errors of a variance beyond which a part is not tried to be left out
+# a variance of so many standard errors is certain: the fit without its part is not tried
 CERTAIN = 3.5
-# p of a part from which the instrument's interval holds what it would be without it
+# a part with a larger p is doubtful: the instrument's interval also covers the fit without it
 DOUBTFUL = 1e-3
-# rows that are looked at, of many
+# largest number of rows that the parts are estimated from
 MAX_ROWS = 2048
 # digits of the logarithm of a variance
 DIGITS = 4
-# columns of a model that are looked at
+# largest number of a model's columns that are projected out of the rows
 MANY_COLUMNS = 96
-# factor by which a length is changed to see what hangs on it
+# factor by which a correlation length is changed, for the derivative by it
 STEP = 1.05
-# factor between variances, over the instrument's, that is no change
+# largest factor between two variances, relative to the instrument's, that counts as no change
 MAX_CHANGE = 1.3
 
 
@@ -53,8 +53,9 @@ class ErrorPart:
     """A part of the errors.
 
     scale, low, high: its standard deviation and 95 % interval [unit]; share: of the mean square at
-    the target that is left; at_target: its rms there [mm]; length: in visits, of a lasting error;
-    instead: labels of effects that would tell the data about as well."""
+    the target that is left; at_target: its rms there [mm]; told_by: what in the data identifies it;
+    length: correlation length of a lasting error [visits]; instead: labels of effects that would
+    explain the data about as well."""
 
     name: str
     unit: str
@@ -81,17 +82,17 @@ class ErrorStructure:
         return tuple(part.name for part in self.parts[1:])
 
     def tells(self, by: str) -> bool:
-        """Whether there is a part that is told by something."""
+        """Whether there is a part that `by` identifies."""
         return any(part.told_by == by for part in self.parts)
 
     def without(self, by: str) -> ErrorStructure:
-        """Return the parts but for those that are told by something."""
+        """Return the parts without those that `by` identifies."""
         kept = [part.told_by != by for part in self.parts]
         parts, shared = compress(self.parts, kept), compress(self.shared, kept[1:])
         return ErrorStructure(tuple(parts), tuple(shared))
 
     def resembles(self, other: ErrorStructure) -> bool:
-        """Whether the rows' weights are about the same with either."""
+        """Whether both give the rows about the same weights."""
         if self.names != other.names:
             return False
         variances = (part.variance for part in self.shared)
@@ -101,7 +102,7 @@ class ErrorStructure:
         )
 
     def whiten(self, problem: Problem) -> Problem:
-        """Weigh all rows of the problem whose parts these are, so that they are independent."""
+        """Whiten all rows of the problem that has these parts: their errors become independent."""
         if not self.shared:
             return problem
         stated = problem.whitening.as_stated()
@@ -132,8 +133,8 @@ def _whiten_rows(
 
 
 class _LeftOut(NamedTuple):
-    """The place of the part that was left out, the fit without it, and how often chance would gain
-    as much by it."""
+    """The place of the part that was left out, the fit without it, and the p-value of what the part
+    gains."""
 
     place: int
     without: Likelihood
@@ -149,10 +150,10 @@ def find_structure(
 ) -> ErrorStructure:
     """Find the parts that the errors of a fitted model have, in the rows (m,) it was fitted to.
 
-    The `candidates` are of all rows of the problem; those of known variance are there. Parts are
-    added while the likelihood gains more than chance gives; one that the others make dispensable is
-    dropped. `before`: what a like model left in these rows, from which to go on. Without candidates
-    nothing is told, not even the instrument's part."""
+    The `candidates` cover all rows of the problem; those of known variance are always included. Parts
+    are added while the likelihood gains more than by chance; one that the others make dispensable is
+    dropped. `before`: the parts that a similar model left in these rows, to start from. Without
+    candidates the structure is empty, even of the instrument's part."""
     if not candidates:
         return ErrorStructure()
     rows = _choose_rows(problem, training)
@@ -195,7 +196,7 @@ def _start_with_known(model: LinearModel, known: Sequence[PossiblePart]) -> Like
 def _go_on(
     model: LinearModel, offered: Sequence[PossiblePart], before: ErrorStructure
 ) -> tuple[list[PossiblePart], Likelihood]:
-    """Go on from the parts that there were, and drop those that are there no longer."""
+    """Start from the parts of a similar model, and drop those that are no longer there."""
     variances = {
         (part.name, part.told_by, part.length): own.variance
         for part, own in zip(before.parts[1:], before.shared, strict=True)
@@ -212,7 +213,7 @@ def _go_on(
 
 
 def _choose_rows(problem: Problem, training: Mask) -> Index:
-    """Choose the rows that are looked at: of many, stretches spread over the campaign."""
+    """Choose the rows to estimate from: where there are many, stretches spread over the campaign."""
     rows = np.flatnonzero(training)
     if len(rows) <= MAX_ROWS:
         return rows
@@ -224,8 +225,8 @@ def _choose_rows(problem: Problem, training: Mask) -> Index:
 
 
 def _build_model(problem: Problem, fitted: Fit) -> LinearModel:
-    """Build the linear model at a fit. Of many columns, those of shrunk terms are left out, then
-    all but the first; as much as these took is given back to what is left, alike in all rows."""
+    """Build the linear model at a fit. Of many columns, those of shrunk terms are left out, then all
+    but the first; the residual is scaled up for the degrees of freedom that these took."""
     by_row = problem.as_stated()
     kept = list(fitted.representatives)
     if len(kept) > MANY_COLUMNS and fitted.precision is not None:
@@ -260,7 +261,7 @@ def _prune(
 
 
 def _fit_without_doubtful(chosen: Sequence[PossiblePart], at: Likelihood) -> list[Likelihood]:
-    """Fit without the least certain part; nothing where chance hardly explains any."""
+    """Fit without the least certain part; empty where no part is doubtful."""
     if not chosen:
         return []
     trial = _leave_out_weakest(chosen, at)
@@ -291,12 +292,12 @@ def _match(chosen: Sequence[PossiblePart], at: Likelihood) -> list[PossiblePart]
 
 
 def _sort(parts: Sequence[SharedError], offered: Sequence[PossiblePart]) -> list[SharedError]:
-    """Sort parts as they are offered, in whatever order they were found."""
+    """Sort parts in the order of the candidates, whatever the order in which they were found."""
     return [part for one in offered for part in parts if one.error.is_like(part)]
 
 
 def _measure_certainty(at: Likelihood) -> Array:
-    """Measure (k,) the parts' variances in their standard errors; of a known one infinity."""
+    """Measure (k,) the parts' variances in units of their standard errors; infinite for known ones."""
     moved = np.concatenate([at.slope(part)[1] for part in at.parts], axis=2)
     variances = np.array([part.variance for part in at.parts])
     # the information is of twice the log likelihood
@@ -323,27 +324,24 @@ def _describe(
     offered: Sequence[PossiblePart],
     others: Sequence[Likelihood],
 ) -> ErrorStructure:
-    """Describe the parts: scales, intervals, shares. `others`: fits without a part that is in doubt,
-    or with one that may be there, whose errors would be the instrument's, or would not."""
+    """Describe the parts: scales, intervals, shares. The instrument's interval holds that of the
+    `others`, too: fits without a doubtful part, or with one that may be there."""
     variances = np.array([1.0, *(part.variance for part in at.parts)]) * at.phi
-    freedom = _count_freedom(at)
-    squares = [_square_of_instrument(problem), *(one.square for one in chosen)]
+    squares = np.array([_square_of_instrument(problem), *(one.square for one in chosen)])
     total = float(variances @ squares)
-    instrument = np.sqrt(squares[0] / 3)
-    parts = []
-    names: list[tuple[str, str, str, float | None]] = [("instrument", "mm", "what is left", None)]
-    names += [(one.name, one.unit, one.told_by, _length_of(one)) for one in chosen]
-    for (name, unit, told_by, length), variance, square, df in zip(
-        names, variances, squares, freedom, strict=True
-    ):
-        scale = np.sqrt(variance) * (instrument if name == "instrument" else 1.0)
-        low, high = compute_interval(float(scale), df)
-        if name == "instrument":
-            ends = [(low, high), *(_bound_instrument(one, instrument) for one in others)]
-            low, high = min(end for end, _ in ends), max(end for _, end in ends)
-        share = float(variance * square / total)
-        rms = float(np.sqrt(variance * square))
-        parts.append(ErrorPart(name, unit, float(scale), low, high, share, rms, told_by, length))
+    at_target = variances * squares
+    shares = (at_target / total).tolist()
+    rms = np.sqrt(at_target).tolist()
+    instrument = float(np.sqrt(squares[0] / 3))
+    scale = float(np.sqrt(at.phi) * instrument)
+    low, high = _bound_instrument([at, *others], instrument)
+    parts = [ErrorPart("instrument", "mm", scale, low, high, shares[0], rms[0], "what is left")]
+    freedom = _count_freedom(at)
+    for k, one in enumerate(chosen, 1):
+        scale = float(np.sqrt(variances[k]))
+        low, high = compute_interval(scale, freedom[k])
+        sizes = scale, low, high, shares[k], rms[k]
+        parts.append(ErrorPart(one.name, one.unit, *sizes, one.told_by, _length_of(one)))
     places = [offered.index(one) for one in chosen]
     shared = tuple(
         replace(candidates[k].error, variance=_round(part.variance))
@@ -352,15 +350,18 @@ def _describe(
     return ErrorStructure(tuple(parts), shared)
 
 
-def _bound_instrument(at: Likelihood, instrument: float) -> tuple[float, float]:
-    """Compute the interval of the instrument's scale."""
-    scale = np.sqrt(at.phi) * instrument
-    freedom = _count_freedom(at)
-    return compute_interval(float(scale), float(freedom[0]))
+def _bound_instrument(fits: Sequence[Likelihood], instrument: float) -> tuple[float, float]:
+    """Compute an interval of the instrument's scale that holds its interval of every fit."""
+    ends = []
+    for at in fits:
+        scale = np.sqrt(at.phi) * instrument
+        freedom = _count_freedom(at)
+        ends.append(compute_interval(float(scale), float(freedom[0])))
+    return min(low for low, _ in ends), max(high for _, high in ends)
 
 
 def _round(variance: float) -> float:
-    """Round a variance to what the iteration tells, so that nothing hangs on its last digits."""
+    """Round a variance to the digits that the iteration determines, so that results are reproducible."""
     return float(np.exp(np.round(np.log(variance), DIGITS)))
 
 
@@ -380,8 +381,8 @@ def _square_of_instrument(problem: Problem) -> float:
 
 
 def _count_freedom(at: Likelihood) -> Array:
-    """Count (k,) the degrees of freedom of variances, 2 σ⁴ / Var(σ²) (Satterthwaite 1946), whatever
-    the length of what lasts is; of a known one infinity."""
+    """Count (k,) the degrees of freedom of variances, 2 σ⁴ / Var(σ²) (Satterthwaite 1946), with the
+    length of a lasting error as a nuisance parameter; infinite for a known variance."""
     sought = [part for part in at.parts if part.known is None]
     ratios = [1.0, *(part.variance for part in sought)]
     moved = [at.innovations, *(at.slope(part)[1] for part in sought)]

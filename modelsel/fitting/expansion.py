@@ -1,8 +1,8 @@
-"""A model's squares about a point, to second order: what steps towards the minimum and judgements
-of what is determined are worked out from.
+"""The sum of squares of a model, expanded to second order about a point.
 
-They are wanted again and again, with other priors: the parameters that have a usual size stand
-last, so that a prior of theirs changes the end of the triangle alone."""
+Steps towards the minimum, and what the data determine, are computed from it. Both are needed
+repeatedly, with different priors: the parameters that have a usual size stand last in the
+factorisation, so that a prior on them changes the end of the triangle alone."""
 
 from __future__ import annotations
 
@@ -17,22 +17,24 @@ from .gradient import Slope
 from .prior import Seen, Shrinkage, WeakPrior
 from .reduction import Reduction
 
-# least squared share of a column that is its own, from which products tell it from the others to
-# eight digits and more
+# smallest squared share of a column beyond the others at which the products still determine it to
+# eight digits
 SAFE = 1e-8
-BLUR = 1e-7  # of a unit column: what products do not tell from nothing
-SHARP = 3e-4  # of the noise: rounding below it changes what is judged by 1e-8
+BLUR = 1e-7  # of a unit column: smaller parts are lost in products
+SHARP = 3e-4  # of the noise: rounding below it changes the prior by 1e-8
 VANISHING = 1e-14  # of the products of unit columns: rounding
 
 
 class Unsafe(ArithmeticError):
-    """Columns that products cannot tell apart."""
+    """Columns so nearly dependent that products cannot separate them."""
 
 
 @dataclass(frozen=True, eq=False)
 class Expansion:
-    """About theta (p,): the products (p, p) of the columns, and the slope; `reduction` where the
-    rows have been reduced there, `free` that of the terms without a variance of their own."""
+    """The squares about theta (p,): the products `gram` (p, p) of the columns, and the gradient.
+
+    `reduction`: of the rows at theta, if it was computed; `free`: the reduction of the terms without a
+    prior variance."""
 
     theta: Array
     gram: Array
@@ -42,7 +44,7 @@ class Expansion:
 
     @staticmethod
     def of_reduction(theta: Array, reduction: Reduction) -> Expansion:
-        """Return the expansion that a reduction at theta is."""
+        """Expand from a reduction at theta."""
         R = reduction.R
         return Expansion.of_products(theta, R.T @ R, reduction)
 
@@ -53,25 +55,25 @@ class Expansion:
         reduction: Reduction | None = None,
         free: Reduction | None = None,
     ) -> Expansion:
-        """Return the expansion of products (p+1, p+1) of [columns | residual] at theta."""
+        """Expand from the products (p+1, p+1) of [columns | residual] at theta."""
         squares: float = products[-1, -1].item()
         slope = Slope(squares, products[:-1, -1])
         return Expansion(theta, products[:-1, :-1], slope, reduction, free)
 
     @cached_property
     def response(self) -> Array:
-        """Products (p,) of the columns with the residual, all parameters put back."""
+        """Products (p,) of the columns with the residual at zero parameters, to first order."""
         return np.asarray(self.slope.products + self.gram @ self.theta)
 
     def slope_at(self, theta: Array) -> Slope:
-        """Return the slope at theta (p,), as the squares' second order has it."""
+        """Return the gradient of the expanded squares at theta (p,)."""
         change = theta - self.theta
         moved = self.gram @ change
         squares = self.slope.squares + float(change @ (moved - 2 * self.slope.products))
         return Slope(squares, self.slope.products - moved)
 
     def distance(self, theta: Array) -> float:
-        """How far all rows together move on the way to theta, whitened."""
+        """Length of the whitened change of all rows from the point of expansion to theta (p,)."""
         change = theta - self.theta
         square = float(change @ self.gram @ change)
         return float(np.sqrt(max(square, 0.0)))
@@ -79,8 +81,9 @@ class Expansion:
     def triangle(
         self, others: Sequence[int], sized: Sequence[int], shrinkage: Shrinkage
     ) -> Triangle:
-        """Factorise the products of some columns with those of a prior: exactly where the rows are
-        reduced. Raises Unsafe where products do not do."""
+        """Factorise the products of some columns and a prior, from the reduction where there is one.
+
+        Raises Unsafe where there is none and the products are too inaccurate."""
         order = [*others, *sized]
         if self.reduction is not None:
             return self._reduced(order, len(others), shrinkage.rows)
@@ -97,7 +100,7 @@ class Expansion:
         return Triangle(tuple(order), top, seen, BLUR * norm[last])
 
     def _reduced(self, order: Sequence[int], first: int, root: Array) -> Triangle:
-        """`triangle` of the reduction."""
+        """Compute `triangle` from the reduction."""
         assert self.reduction is not None
         R = self.reduction.R
         response = R[:, -1] + R[:, :-1] @ self.theta
@@ -110,8 +113,10 @@ class Expansion:
 
 
 def _eliminate(unit: Array, response: Array, first: int) -> tuple[Array, Array]:
-    """(top rows (first, k) of the triangle of unit products (k, k), response (k - first,) of the
-    rest beyond them). Raises Unsafe where the first columns can hardly be told apart."""
+    """Eliminate the first columns of unit products (k, k).
+
+    Returns the top rows (first, k) of the triangle, and the response (k - first,) of the other columns
+    beyond these. Raises Unsafe where the first columns are nearly dependent."""
     from scipy.linalg import solve_triangular
 
     if not first:
@@ -129,7 +134,7 @@ def _eliminate(unit: Array, response: Array, first: int) -> tuple[Array, Array]:
 
 
 def _root(products: Array, response: Array) -> tuple[Array, Array]:
-    """(root (k, k) of products, the response (k,) in its rows)."""
+    """Compute a root (k, k) of products, and the response (k,) in its rows."""
     values, vectors = np.linalg.eigh(products)
     values = np.where(values > VANISHING, values, 0.0)
     size = np.sqrt(values)
@@ -140,9 +145,10 @@ def _root(products: Array, response: Array) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Triangle:
-    """Factor of a model's products: the rows `top` (o, k) of the columns without a usual size, in
-    `order`, and what is `seen` of those with one beyond them; `blur` (k - o,): what in their rows
-    may be rounding."""
+    """Triangular factor of a model's products, its columns in `order`.
+
+    `top` (o, k): the rows of the columns without a usual size; `seen`: what the data say of the others
+    beyond these; `blur` (k - o,): the size of rounding in the rows of the others."""
 
     order: tuple[int, ...]
     top: Array
@@ -150,7 +156,7 @@ class Triangle:
     blur: Array
 
     def blurs(self, weak: WeakPrior, sigma: float) -> bool:
-        """Return whether rounding has a say in a prior that was judged by this triangle."""
+        """Return whether rounding affects a prior that was computed from this triangle."""
         if weak.rows is None or weak.sizes is None:
             return False
         sized = list(self.seen.index)
@@ -158,7 +164,7 @@ class Triangle:
         return bool((direction @ self.blur).max() > SHARP * sigma)
 
     def held(self, weak: Array | None) -> Array:
-        """Return the whole triangle (k, k), with a prior's rows (w, p) on the sized columns."""
+        """Return the whole triangle (k, k), with a prior's rows (w, p) on columns of a usual size."""
         rest = self.seen.root
         if weak is not None:
             rest = np.vstack([rest, weak[:, list(self.seen.index)]])

@@ -26,9 +26,9 @@ FEATURES_THAT_TELL_SIZE = {"same-point": 2, "plane": 4}
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """Which terms are fitted and which represent others.
+    """Which terms are fitted, and which represent others that depend on them.
 
-    `kept`: indices of the fitted terms, in the columns' order: of `identify` the representatives;
+    `kept`: indices of the fitted terms, in the columns' order; `identify` gives the representatives;
     `scale` (p,) norms of the columns; `triangle` (p, p); `exact`: the representatives, whatever
     else is fitted; `held`: the length that stays as drawn where the data measure none, `still`:
     the base's rotations where they do not say which way it looks (see `as_drawn`)."""
@@ -69,7 +69,7 @@ class Identified:
 
     @property
     def zero(self) -> tuple[int, ...]:
-        """Columns that move nothing."""
+        """Columns that are zero: they move nothing."""
         scale = self.scale
         largest = scale.max(initial=0)
         limit = MIN_COLUMN * largest
@@ -80,7 +80,7 @@ class Identified:
 
 def identify(reduction: Reduction) -> Identified:
     """Determine the rank by sequential orthogonalisation of the unit columns, in their order: an
-    earlier column represents a later one that depends on it, so the choice does not hang on the
+    earlier column represents a later one that depends on it, so the choice does not depend on the
     data. A column below 1e-13 of the largest is zero."""
     p = reduction.p
     triangle = reduction.R[:p, :p]
@@ -90,9 +90,10 @@ def identify(reduction: Reduction) -> Identified:
 
 
 def without(identified: Identified, lost: set[int]) -> Identified:
-    """Return what is identified with some representatives fixed: a target 0.7 mm off the last axis
-    makes combinations estimable on paper that need radians to move it by a micrometre, and least
-    squares would put such radians in."""
+    """Return what is identified with some representatives fixed.
+
+    A target 0.7 mm off the last axis makes combinations estimable on paper that need radians to move
+    it by a micrometre, and least squares would fit such radians."""
     return replace(identified, kept=tuple(k for k in identified.kept if k not in lost))
 
 
@@ -221,7 +222,7 @@ def _turns_base(term: Term) -> bool:
 
 
 def _drawn_lengths(problem: Problem) -> dict[tuple[int, str], float]:
-    """(frame, "x", "y" or "z") -> the drawing's lengths [mm] that are not zero, to the target."""
+    """Map (frame, "x", "y" or "z") to the nominal lengths [mm] that are not zero, to the target."""
     robot = problem.robot
     lengths = {}
     fixed_transforms = robot.fixed

@@ -1,4 +1,4 @@
-"""Where the iteration of a fit stands, and the steps it takes from there."""
+"""The state of a fit's iteration, and the steps that it takes."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from .gradient import Slope
 from .identifiability import Identified
 from .prior import Shrinkage, WeakPrior
 
-ROUNDING = 1e-9  # of the cost: smaller gains are not told from rounding
+ROUNDING = 1e-9  # of the cost: smaller gains may be rounding
 LEAST_DAMPING = 1e-9  # of a column's square
-SLOW = 0.2  # of the last step: more asks for a triangle at the point reached
-LAST = 1e-5  # of the step asked for: steps cost little once there is a triangle
+SLOW = 0.2  # of the last step: a longer one asks for a triangle at the point reached
+LAST = 1e-5  # of the step asked for: with a triangle at hand, more steps cost little
 
 
 class Far(NamedTuple):
-    """What is fitted far from the nominal arm, by the dependences at a point (p,)."""
+    """What is fitted far from the nominal arm: the dependences of columns at a point (p,)."""
 
     point: Array
     found: Identified
 
 
 class Before(NamedTuple):
-    """Where a step began (p,), and the step (p,) of Gauss-Newton there."""
+    """The point (p,) where a step began, and the Gauss-Newton step (p,) there."""
 
     theta: Array
     delta: Array
@@ -35,15 +35,20 @@ class Before(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Where the iteration stands: parameters theta (p,) and the slope there; the prior of shrunk
-    terms, what is fitted, the prior on what the data hardly determine, and `root` (k, p) of
-    both priors; the expansion that steps are taken from, and the factor (k, k) of its products with
-    the prior's, in the triangle's order.
+    """The state of an iteration.
 
-    Of the last step: its size, its share of the one before, its damping, and whether the expansion
-    was about the point where it began, or one as good; `growth`: what the damping grows by where
-    the next one overshoots; `before`: where it began, and where it went without acceleration;
-    `far`: see there; `firm`: whether what others represent is left at zero."""
+    theta, slope: the parameters (p,), and the gradient there.
+    shrinkage, weak, root: the prior of shrunk terms, the prior on what the data hardly determine, and
+        the root (k, p) of both together.
+    found: which terms are fitted.
+    expansion, triangle, factor: the expansion that steps are computed from, its factorisation, and
+        that with the priors (k, k), in the triangle's order.
+    step_mm, share, damping: size of the last step [mm], its ratio to the one before, and its damping.
+    own: whether the expansion was about the point where the last step began, or one as good.
+    growth: factor of the damping if the next step overshoots.
+    before: where the last step began, and where it led without acceleration.
+    far: the dependences far from the nominal arm, where they are used.
+    firm: whether parameters that others represent are left at zero."""
 
     theta: Array
     slope: Slope
@@ -66,17 +71,17 @@ class State:
 
     @property
     def cost(self) -> float:
-        """Squares of the residual and of what the prior says of theta."""
+        """Sum of squares of the residual and of the prior's rows."""
         return self.slope.squares + float(np.square(self.root @ self.theta).sum())
 
     @property
     def uphill(self) -> Array:
-        """Minus half the slope (p,) of the cost."""
+        """Minus half the gradient (p,) of the cost."""
         return np.asarray(self.slope.products - self.root.T @ (self.root @ self.theta))
 
     def rests(self, step_mm: float) -> bool:
-        """Return whether the iteration has arrived, or steps by the triangle of the very point do
-        not get shorter any more."""
+        """Return whether the iteration has converged: the last step is short, or steps from an
+        expansion about the very point get no shorter."""
         if self.damping:
             return False
         as_far_as_can_be = self.own and self.share > SLOW
@@ -85,8 +90,9 @@ class State:
 
 
 def relax_damping(state: State, delta: Array, gained: float) -> float:
-    """Return the damping after a step (p,) that lowered the cost by `gained`: less where that is what
-    the squares said (Nielsen 1999, IMM-REP-1999-05)."""
+    """Return the damping after a step (p,) that lowered the cost by `gained`.
+
+    It is reduced where the gain is what the expansion predicted (Nielsen 1999, IMM-REP-1999-05)."""
     order = list(state.triangle.order)
     moved = state.factor @ delta[order]
     expected = float(2 * state.uphill @ delta - moved @ moved)
@@ -97,8 +103,8 @@ def relax_damping(state: State, delta: Array, gained: float) -> float:
 
 
 def extrapolate(state: State, delta: Array) -> Array:
-    """Return the step (p,) to where this step and the one before would rest, along their difference
-    (Anderson 1965, J. ACM 12, 547, of depth one)."""
+    """Return the accelerated step (p,): along the difference to the step before, to where both would
+    vanish (Anderson acceleration of depth one: Anderson 1965, J. ACM 12, 547)."""
     assert state.before is not None
     order = list(state.triangle.order)
     change = delta - state.before.delta
@@ -111,7 +117,7 @@ def extrapolate(state: State, delta: Array) -> Array:
 
 
 def compute_direction(state: State) -> tuple[Array, float]:
-    """(step (p,) from theta, how far it moves all rows together, whitened)."""
+    """Compute the step (p,) from theta, and the length of the whitened change of all rows by it."""
     from scipy.linalg import solve_triangular
 
     order = list(state.triangle.order)

@@ -27,13 +27,13 @@ UNSETTLED_MM = 0.1  # last step of all rows together from which a fit has not ar
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A fitted model: theta (p,) in the terms' units, zero where a term is fixed; `factor` (p,
-    fitted terms) with covariance = sigma² factor factorᵀ; rss and rows in whitened coordinates;
-    `reduction` linearised at theta; `precision` (p,) of shrunk terms; `weak`: the prior on what the
-    data hardly determine.
+    """A fitted model.
 
-    What is fitted and what is fixed, `found`, is judged at the solution; sentences, tables, exports
-    and the posterior take it from here."""
+    `theta` (p,): estimates in the terms' units, zero where a term is fixed; `found`: which terms are
+    fitted and which are fixed, as judged at the solution; `factor` (p, fitted terms) with covariance =
+    sigma² factor factorᵀ; `rss`, `rows`: residual sum of squares and number of whitened coordinates;
+    `step_mm`: the last step; `reduction`: linearised at theta; `precision` (p,) of shrunk terms;
+    `weak`: the prior on what the data hardly determine."""
 
     model: Model
     theta: Array
@@ -54,8 +54,8 @@ class Fit:
 
     @property
     def rank(self) -> int:
-        """Parameters that the data determine: those fitted, less the combinations of which the
-        prior says more."""
+        """Number of parameters that the data determine: the fitted terms, less the combinations that
+        the prior determines more."""
         fitted = self.found.rank
         return fitted - self.weak.held
 
@@ -76,8 +76,7 @@ class Fit:
 
     @property
     def by_prior(self) -> int:
-        """Fitted terms that a prior has a say in, whose rows stand with the data's: they cost the
-        noise no degree of freedom."""
+        """Number of fitted terms with rows of a prior: they take no degree of freedom from the noise."""
         precision = self.precision
         if precision is None:
             return self.weak.count
@@ -131,8 +130,8 @@ class Fit:
 
     @cached_property
     def beyond(self) -> float:
-        """Degrees of freedom beyond all that the model can do at any size: rows minus the trace of
-        the hat matrix of its representatives, shrunk terms with their variance."""
+        """Degrees of freedom beyond all that the model can explain at any size: rows minus the trace
+        of the hat matrix of its representatives, shrunk terms with their variance."""
         columns = list(self.representatives)
         full = with_prior(self.reduction, prior_root(self.terms, self.precision), self.theta)
         _, factor, _ = solve(full, columns)
@@ -175,16 +174,19 @@ def fit(  # noqa: PLR0913  all but two have defaults
     held: Held = "geometry",
     fold_of: Index | None = None,
 ) -> Fit:
-    """Fit a model to a problem by least squares. precision (p,): prior 1/variance of each term in
-    whitened units, about zero, the terms of a free function correlated (`smooth`). `held`: what the
-    prior of usual sizes holds where the data hardly determine it: the "geometry", "all"
-    (mechanisms' terms, too, which must have no say in what they are named), or "nothing", where
-    terms that depend on earlier ones are fixed at zero.
+    """Fit a model to a problem by least squares.
 
-    Gauss-Newton on the exact chain, until all rows together move less than `step_mm`; then what is
-    fitted, what is fixed and what the prior of usual sizes holds is judged at the solution, and the
-    fit goes on until that stays. `iterations=1` is one linear step. Of very many rows a sample is
-    fitted first; their reduction is then kept fold by fold, too, `fold_of` (m,).
+    `precision` (p,): prior 1/variance of each term in whitened units, about zero, the terms of a free
+    function correlated (`splines`). `held`: what the prior of usual sizes holds where the data hardly
+    determine it: "geometry"; "all", the terms of mechanisms too (not while these are being named, where
+    usual sizes must have no influence); or "nothing", where terms that depend on earlier ones are fixed
+    at zero. `start`: parameters to start from. `fold_of` (m,): keep the reduction of very many rows
+    fold by fold.
+
+    Gauss-Newton on the exact chain, until the norm of a step over all rows is below `step_mm`. Then what is
+    fitted, fixed, and held by the prior is judged at the solution, and the iteration continues until
+    that stays the same. `iterations=1` is one linear step. To very many rows the model is fitted from
+    the fit to a sample.
 
     Raises NotEstimable where the data have no more coordinates than the model has estimable
     parameters, or the iteration does not settle."""
@@ -208,7 +210,7 @@ def fit(  # noqa: PLR0913  all but two have defaults
 def solver_of(
     problem: Problem | Source, model: Model, precision: Array | None, held: Held
 ) -> Solver:
-    """Return the solver of a model's fits, its shrunk terms being those of any `precision`."""
+    """Return the solver of a model's fits; terms of positive `precision` are shrunk."""
     shrunk = np.zeros(len(model.terms), dtype=bool) if precision is None else precision > 0
     return Solver(problem, model, shrunk, problem.whitening.typical_weight(), held)
 
@@ -216,7 +218,7 @@ def solver_of(
 def sampled_solver(
     problem: Problem, sample: Problem, first: Fit, held: Held, fold_of: Index | None
 ) -> SampledSolver:
-    """Return the solver of very many rows, from the first fit, of a sample of them."""
+    """Fit a sample of very many rows, and return the solver of all rows that starts from it."""
     of_sample = solver_of(sample, first.model, first.precision, held)
     return SampledSolver(
         problem,
@@ -244,8 +246,7 @@ def begin(
 
 
 def go_on(solver: Solver, state: State, iterations: int, step_mm: float) -> State:
-    """Solve from where the iteration stands, until what is fitted is settled. Raises
-    NotEstimable."""
+    """Continue an iteration until what is fitted stays the same. Raises NotEstimable."""
     if solver.held != "nothing":
         state = solver.settle(state, iterations, step_mm)
     should_settle = iterations == ITERATIONS
@@ -254,7 +255,7 @@ def go_on(solver: Solver, state: State, iterations: int, step_mm: float) -> Stat
 
 
 def finish(solver: Solver, state: State) -> Fit:
-    """Return the fit where the iteration has ended: the rows are reduced there."""
+    """Reduce the rows at the end of an iteration, and return the fit."""
     model, theta, kept = solver.model, state.theta, state.found.kept
     reduction = solver.conclude(state)
     full = with_prior(reduction, state.root, theta)

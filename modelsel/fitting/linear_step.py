@@ -1,5 +1,5 @@
-"""One linear step from a fit, worked out on triangles: what the table of subsets makes of many
-models without their rows."""
+"""One linear step from a fit, computed from triangular factors alone: the table of subsets needs it of
+many models, without their rows."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from .reduction import Reduction
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """One linear step from a known point, from reductions alone: where it goes, and what it can
-    tell. `fit` is the model there, once its reduction at theta is known; `prior` (k, p+1): the
-    prior's rows [columns | response] where the step starts."""
+    """One linear step from a known point, computed from reductions alone: where it leads, and what is
+    fitted there. `fit` gives the fit once the reduction at theta is known; `prior` (k, p+1): the prior's
+    rows [columns | response] where the step starts."""
 
     model: Model
     theta: Array
@@ -49,9 +49,10 @@ class Step:
 
 
 def one_step(model: Model, base: Fit, here: Reduction, weight: float) -> Step:
-    """Take the linear step of a model that extends a `base` from the base's fit; what is fitted of the
-    base stays, and the prior of usual sizes goes by the noise that the model itself leaves. `here`:
-    the model's reduction at the base's fit; `weight` [1/mm] of one coordinate. Raises
+    """Take the linear step of a model that extends a `base`, from the base's fit.
+
+    What is fitted of the base stays; the prior of usual sizes follows the noise that the model itself
+    leaves. `here`: the model's reduction at the base's fit; `weight` [1/mm] of one coordinate. Raises
     NotEstimable."""
     number = {term.key: k for k, term in enumerate(base.terms)}
     place = [number.get(term.key, -1) for term in model.terms]
@@ -78,7 +79,7 @@ def one_step(model: Model, base: Fit, here: Reduction, weight: float) -> Step:
 
 
 def _kept(place: Sequence[int], base: Fit, here: Reduction) -> tuple[int, ...]:
-    """What the base fits, and the new terms that do not depend on others."""
+    """List the terms that the base fits, and the new ones that do not depend on others."""
     old = [j for j, k in enumerate(place) if k in base.found.kept]
     new = [j for j, k in enumerate(place) if k < 0]
     tried = [*old, *new]

@@ -1,7 +1,7 @@
-"""Fits of some terms of a model to very many rows that the whole model was reduced on already.
+"""Fits of smaller models to very many rows that were already reduced for a larger one.
 
-The columns' products are taken from there: they hardly change with the parameters. The rows are
-only asked for the exact slope, so that the minimum is the same."""
+The products of the columns are taken from that reduction, since they hardly change with the
+parameters. The rows are visited for the exact gradient alone, so that the minimum is the same."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ STEPS = 6
 
 
 class TooFar(ArithmeticError):
-    """A minimum so far from where the rows were reduced that the products there do not do."""
+    """The minimum is too far from where the rows were reduced for the products there to be used."""
 
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """Rows that were reduced fold by fold at theta (p,) of some terms.
+    """Rows that were reduced fold by fold, linearised at theta (p,) of some terms.
 
-    `exact`: the terms that depend on no earlier one; `folded`: the rows; `precision` (p,) of shrunk
-    terms."""
+    `exact`: indices of the terms that depend on no earlier one; `folded`: the rows; `precision` (p,):
+    of shrunk terms, None without any."""
 
     terms: Sequence[Term]
     theta: Array
@@ -55,7 +55,7 @@ class Reduced:
         return Reduced(fitted.terms, fitted.theta, reduction, exact, folded, fitted.precision)
 
     def select(self, model: Model) -> Reduced | None:
-        """Return the same of a model's terms; None where one is missing."""
+        """Select the terms of a smaller model; None where one of its terms was not reduced."""
         place = {term.key: k for k, term in enumerate(self.terms)}
         chosen = [place.get(term.key, -1) for term in model.terms]
         if -1 in chosen:
@@ -68,7 +68,7 @@ class Reduced:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NestedSolver(SampledSolver):
-    """Fits of a model to rows that are reduced already, at a point nearby."""
+    """Fits a model to rows that are already reduced, linearised at a point nearby."""
 
     reduced: Reduced
 
@@ -91,24 +91,23 @@ class NestedSolver(SampledSolver):
         found: Identified,
         expansion: Expansion | None = None,
     ) -> State:
-        """Begin near where the rows were reduced, with what others represent at zero: the products
-        do not hold far along a combination that only the other errors let move the arm."""
+        """Begin near where the rows were reduced, with represented parameters at zero: along a
+        combination that moves the arm by products of errors alone, the columns change too much."""
         point = self.represent(self.reduced.theta)
         start = self.expand(point)
         state = super(SampledSolver, self).begin(point, precision, self.exact, start)
         return replace(state, firm=True)
 
     def reduce(self, theta: Array, only: object = None) -> Reduction:
-        """Return the rows' columns, as they were reduced, with the exact slope at theta (p,)."""
+        """Return the columns as they were reduced, with the exact gradient at theta (p,)."""
         at = Point(self.model.terms, theta)
         (slopes,) = measure_slopes(self.reduced.folded, [at])
         parts = tuple(map(respond, self.reduction.parts, slopes))
         return Reduction(merged(parts).R, self.reduction.rows, parts)
 
     def settle(self, state: State, iterations: int, step_mm: float) -> State:
-        """Judge what is fitted and solve, until a step by the exact slope leaves less than `step_mm`.
-
-        Raises TooFar where steps do not get shorter quickly."""
+        """Judge what is fitted and solve, until a step by the exact gradient is shorter than `step_mm`,
+        or the next one would be. Raises TooFar where steps do not get shorter quickly."""
         size = np.inf
         for _ in range(STEPS):
             state = self.settle_linear(state, iterations, step_mm)
@@ -126,14 +125,15 @@ class NestedSolver(SampledSolver):
         raise TooFar
 
     def confirm(self, state: State, step_mm: float) -> State:
-        """Return the state where the iteration has ended: its steps were by exact slopes."""
+        """Return the state as it is: the last steps were by exact gradients already."""
         return state
 
 
 def fit_within(problem: Problem, model: Model, reduced: Reduced, held: Held) -> Fit | None:
-    """Fit some terms of the model that very many rows were reduced on; None where these do not do.
+    """Fit a model whose terms are some of those that the rows were reduced on.
 
-    `held` as in `fit`."""
+    `held` as in `fit`. None where the reduction cannot be used: a term is missing, there are too few
+    rows for it, or the minimum is too far away."""
     own = reduced.select(model)
     groups = wide_groups(model)
     if own is None or (groups and own.precision is None) or not takes_sample(problem, model, held):

@@ -1,7 +1,7 @@
-"""Trials of one part more of the errors: which of those offered the likelihood gains most by.
+"""Trials of one more part of the errors: which of those offered raises the likelihood most.
 
-The slope of the likelihood at nought bounds what a part may gain that does not last, so that few
-are tried."""
+The slope of the likelihood at zero variance bounds what a part that does not last can gain, so that
+few parts have to be fitted."""
 
 from __future__ import annotations
 
@@ -24,16 +24,20 @@ TRIED = 2
 HANDICAP = 6.0
 
 
-class Step(NamedTuple):
-    """Every part with the one that the likelihood gains most by, fitted; None where chance gives as
-    much. `unsure`: then every part with one that does not last and may be there all the same."""
+class NextPart(NamedTuple):
+    """The outcome of a trial.
+
+    `found`: the parts with the one that raises the likelihood most, and their fit; None where that may
+    be chance. `unsure`: in that case the parts with one that may still be there, and does not last."""
 
     found: tuple[list[PossiblePart], Likelihood] | None
     unsure: tuple[SharedError, ...] | None = None
 
 
-def find_next(at: Likelihood, offered: Sequence[PossiblePart], chosen: list[PossiblePart]) -> Step:
-    """Find the part that the likelihood gains most by."""
+def find_next(
+    at: Likelihood, offered: Sequence[PossiblePart], chosen: list[PossiblePart]
+) -> NextPart:
+    """Find the part that raises the likelihood most."""
     scores = _score_parts(at, offered, chosen)
     lasting = [score for score in scores if score.lasts]
     lengths = [score.part for score in lasting]
@@ -58,10 +62,10 @@ def find_next(at: Likelihood, offered: Sequence[PossiblePart], chosen: list[Poss
         elif trial.p <= UNSURE and not score.lasts:
             unsure = trial
     if best is None:
-        return Step(None, None if unsure is None else unsure.every)
+        return NextPart(None, None if unsure is None else unsure.every)
     start = best.every
     after = maximise_likelihood(at.model, start, exact=False)
-    return Step(([*chosen, best.part], after))
+    return NextPart(([*chosen, best.part], after))
 
 
 def change_length(
@@ -104,7 +108,7 @@ def _score_parts(
 
 
 class _Score(NamedTuple):
-    """A part that is not there yet by the slope of twice the log likelihood at nought.
+    """A part that is not included yet, scored by the slope of twice the log likelihood at zero.
 
     `most`: the slope's square over the information, more than the likelihood gains by what does not
     last: with n equal mean squares x times those of independent errors these are n (x - 1)²/x and n
@@ -135,7 +139,7 @@ class _Score(NamedTuple):
 
 
 def _score(at: Likelihood, part: PossiblePart) -> _Score | None:
-    """Score a part; None where the likelihood would lose by it."""
+    """Score a part; None where it would lower the likelihood."""
     slope, moved = at.slope(part.error)
     matrix = at.information(moved)
     information = matrix.item()
@@ -153,9 +157,9 @@ def _handicap(part: PossiblePart) -> float:
 
 
 class _Trial(NamedTuple):
-    """One part more, the others as they were: `every` part with its variance, twice the log
-    likelihood, how often chance gains as much, and the gain of noise that is `even`. The likelihood
-    itself is large, and not kept."""
+    """One more part, the others unchanged: `every` part with its variance, twice the log likelihood,
+    the p-value of its gain, and the gain of noise that is `even`. The likelihood object is large, and
+    not kept."""
 
     part: PossiblePart
     every: tuple[SharedError, ...]
@@ -196,7 +200,7 @@ def _try(at: Likelihood, part: PossiblePart, variance: float, even: float) -> _T
 
 
 def _climb(at: Likelihood, lasting: Sequence[PossiblePart], best: _Trial) -> _Trial:
-    """Try the correlation lengths beside the best as long as the likelihood gains."""
+    """Try the neighbouring correlation lengths as long as the likelihood rises."""
     first = best
     lengths = sorted(lasting, key=lambda one: one.error.length)
     for step in (1, -1):
@@ -215,7 +219,7 @@ def _climb(at: Likelihood, lasting: Sequence[PossiblePart], best: _Trial) -> _Tr
 
 
 def compute_p(gain: float) -> float:
-    """Compute how often chance gains as much of twice the log likelihood by a part that is none."""
+    """Compute how often a part that is not there gains as much twice the log likelihood by chance."""
     from scipy.special import chdtrc
 
     return 0.5 * float(chdtrc(1, gain)) if gain > 0 else 1.0

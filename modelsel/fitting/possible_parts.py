@@ -1,4 +1,4 @@
-"""The parts that the errors of a campaign may have, as far as its rows tell them.
+"""The parts that the errors of a campaign may have, as far as its rows can identify them.
 
 Each joint may not repeat, one draw a visit, shared by all targets; the rows of one visit, of one
 posture or of one group may share an error; and an error may last along the order of motion."""
@@ -20,11 +20,11 @@ from .design import assemble
 from .problem import Problem
 from .shared_errors import MAX_BLOCK, SharedError
 
-# what tells a part whose scale is not estimated
+# what identifies a part: its scale is given, not estimated
 GIVEN = "given"
-# what tells a joint's part where nothing was measured again and there is one target
+# the directions in which a joint moves one target, where no posture was measured again
 DIRECTIONS = "directions"
-# what tells an error that lasts
+# the order of motion, for an error that lasts
 ORDER = "order"
 # draws that a part needs, rows beyond the first of their configuration, and groups
 MIN_LEVELS = 20
@@ -33,7 +33,7 @@ MIN_GROUPS = 5
 # correlation lengths of a lasting error, in visits, and how many of them count as one test each
 LENGTHS = (0.7, 1.4, 3.0, 6.0, 12.0, 25.0, 50.0)
 LASTING_TESTS = 3
-# correlation lengths, and rows at least, after which a lasting error starts afresh
+# correlation lengths, and at least so many rows, after which a lasting error starts afresh
 STRETCH = 8
 FEWEST_ROWS = 16
 # share of the largest loading below which a joint does not move the target
@@ -44,10 +44,10 @@ MIN_LOADING = 1e-3
 class PossiblePart:
     """A part that the errors may have.
 
-    name: "joint 2", "configuration", "group" or "lasting"; unit: of its scale; tests: how many tests
-    it counts for; told_by: what tells it from others; square: mean square [mm²] over the rows of
-    what one unit of it moves the target; even: noise alike in all rows, none of which share it, that
-    must not tell the data as well."""
+    name: "joint 2", "configuration", "group" or "lasting"; unit: that of its scale; square: mean square
+    [mm²] over the rows of the target's displacement by one unit; told_by: what distinguishes it from
+    others; tests: how many tests it counts for; even: noise alike in all rows and shared by none, which
+    must not fit the data as well."""
 
     name: str
     unit: str
@@ -64,9 +64,9 @@ class PossiblePart:
 
 
 def list_parts(problem: Problem, training: Mask) -> tuple[PossiblePart, ...]:
-    """List the parts that the rows (m,) of a training mask can tell; their errors are of all rows.
+    """List the parts that the rows of a training mask (m,) can identify; their errors cover all rows.
 
-    Distances, planes and wires tell none."""
+    Distances, planes and wires identify none."""
     if not problem.only_points:
         return ()
     problem = problem.as_stated()
@@ -123,7 +123,7 @@ def choose_parts(
 
 
 def _list_joints(problem: Problem, seen: Measurements) -> list[PossiblePart]:
-    """List the joints that move the target; `seen`: the rows that tell them."""
+    """List the joints that move the target; `seen`: the training rows."""
     prismatic = problem.robot.prismatic
     terms = [
         Term(f"joint {j}", (Screw(j, "tz" if slides else "rz", ONE),))
@@ -157,7 +157,7 @@ def count_excess(coarse: Index, fine: Index) -> int:
 
 
 def _load_positions(problem: Problem) -> Array:
-    """Compute (m, c, 3) what a displacement of the target moves, whitened row by row."""
+    """Compute the whitened observations (m, c, 3) per mm of the target's displacement, row by row."""
     c, m = problem.components, len(problem)
     identity = np.zeros((3, c, m))
     for axis in range(3):
@@ -185,7 +185,7 @@ def _list_shared(problem: Problem, seen: Measurements) -> list[PossiblePart]:
 
 
 def _list_lasting(problem: Problem, seen: Measurements, training: Mask) -> list[PossiblePart]:
-    """List what may last along the order of motion; the rows that are not seen are apart."""
+    """List what may last along the order of motion; rows that are not `seen` are cut apart."""
     data = problem.data
     visits = seen.configurations
     time = _time_visits(data, seen)

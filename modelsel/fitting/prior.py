@@ -2,9 +2,9 @@
 determine.
 
 A combination of parameters that the data determine to better than a quarter of its usual size is
-fitted by least squares alone. Below that a normal prior of the usual size comes in, smoothly, and
-in full where the data say nothing; so no estimate goes beyond what the data and the usual size
-allow, and adding a parameter frees no other one."""
+fitted by least squares alone. Below that a normal prior of the usual size enters smoothly, in full
+where the data say nothing. So no estimate exceeds what the data and the usual size allow, and adding a
+parameter sets no other one free."""
 
 from __future__ import annotations
 
@@ -30,15 +30,17 @@ ALIKE = 1e-8  # of the largest precision, by usual sizes: a change of the prior 
 # that this arm's errors may be larger than usual, a factor of two being likely
 EXPONENTS = np.arange(-2.0, 4.0)
 FACTORS = 2.0**EXPONENTS
-# usual sizes: an estimate beyond is no usual one, and its own size is taken for it
+# usual sizes beyond which an estimate is not usual; its own size then takes the usual one's place
 SURPRISING = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class WeakPrior:
-    """`rows` (k, p): their product with theta is normal about zero, in units of the noise (None:
-    the data determine all well); `count`: directions that the prior has a say in; `held`: those of
-    which it says more than the data; `sizes` (p,): usual sizes of this arm's parameters [mm, rad],
+    """The prior on combinations of parameters that the data hardly determine.
+
+    `rows` (k, p): rows · theta ~ N(0, 1) in units of the noise (None: the data determine everything
+    well); `count`: number of directions that the prior affects; `held`: of these, directions that it
+    determines more than the data; `sizes` (p,): usual sizes of this arm's parameters [mm, rad],
     infinite where there is none."""
 
     rows: Array | None = field(default=None, repr=False)
@@ -47,7 +49,7 @@ class WeakPrior:
     sizes: Array | None = field(default=None, repr=False)
 
     def like(self, other: WeakPrior) -> bool:
-        """Return whether another changes nothing."""
+        """Return whether another prior would change nothing."""
         if self.rows is None or other.rows is None or other.sizes is None:
             return self.rows is other.rows
         sized = np.isfinite(other.sizes)
@@ -57,8 +59,8 @@ class WeakPrior:
         return bool(change <= ALIKE * np.diagonal(gram).max())
 
     def placed(self, index: Sequence[int]) -> WeakPrior:
-        """Return the prior of other terms: number k of these is number index[k] of those, -1 for
-        none."""
+        """Return the prior for other terms, of which number k is number index[k] of these; -1 where it
+        is new."""
         if self.rows is None:
             return self
         source = np.array(index)
@@ -74,15 +76,15 @@ class WeakPrior:
 
 @dataclass(frozen=True, eq=False)
 class Shrinkage:
-    """The prior of a model's shrunk terms: its `precision` (p,), zero of the other terms (None: no
-    term is shrunk), and its root `rows` (s, p)."""
+    """The prior of a model's shrunk terms: its `precision` (p,), zero for other terms (None: no term
+    is shrunk), and its root `rows` (s, p)."""
 
     precision: Array | None
     rows: Array = field(repr=False)
 
     @staticmethod
     def of(terms: Sequence[Term], precision: Array | None) -> Shrinkage:
-        """Work out the root of a precision (p,)."""
+        """Compute the prior of a precision (p,)."""
         rows = np.zeros((0, len(terms))) if precision is None else penalty(terms, precision)
         return Shrinkage(precision, rows)
 
@@ -92,7 +94,7 @@ class Shrinkage:
         return np.asarray(self.rows.T @ self.rows)
 
     def root(self, weak: WeakPrior | None) -> Array:
-        """Return the root (k, p) of the prior's precision, with what the data hardly determine."""
+        """Return the root (k, p) of the precision of both this prior and the weak one."""
         if weak is None or weak.rows is None:
             return self.rows
         return np.vstack([self.rows, weak.rows])
@@ -186,8 +188,8 @@ def fitted_terms(found: Identified, model: Model) -> Identified:
 
 
 def faint(R: Array, kept: Sequence[int], sizes: Array, least: float) -> set[int]:
-    """Choose the kept columns of the triangle R (p, p) to leave at zero on the way: while some combination of
-    them at their usual `sizes` (p,) stays below `least`, the last of the terms that dominate it."""
+    """Choose the kept columns of the triangle R (p, p) to leave at zero during the iteration: while some
+    combination of them at their usual `sizes` (p,) stays below `least`, the last of the terms that dominate it."""
     judged = [k for k in kept if np.isfinite(sizes[k])]
     lost: set[int] = set()
     while judged:
@@ -220,7 +222,7 @@ class Usual:
 
     @staticmethod
     def of(model: Model, catalogue: bool = False) -> Usual:
-        """Look the sizes up, by `usual_sizes` (see there for the `catalogue`)."""
+        """Look up the sizes by `usual_sizes`, which explains `catalogue`."""
         by_kind = _of_the_arm(model)
         return Usual(usual_sizes(model, catalogue), *by_kind)
 
@@ -232,15 +234,16 @@ class Usual:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """What the rows say of some terms beyond all others: a root (r, k) of their information, and
-    what they and theta make of the response (r,)."""
+    """The information of the rows on some terms (indices `index`), beyond all others.
+
+    `root` (r, k): a root of it; `response` (r,): least squares solve root · terms = response."""
 
     index: Sequence[int]
     root: Array
     response: Array
 
     def beyond(self, judged: Sequence[int]) -> Seen:
-        """Return what is said of some of the terms beyond the rest of them, too."""
+        """Return the information on some of the terms, beyond the rest of them, too."""
         place = {k: i for i, k in enumerate(self.index)}
         last = [place[k] for k in judged]
         first = [i for i in range(len(place)) if i not in set(last)]
@@ -259,8 +262,10 @@ def weak_prior(
     sigma: float,
     catalogue: bool = False,
 ) -> WeakPrior:
-    """Compute the prior on what a reduction at theta (p,) says little of, by usual sizes (see there for the
-    `catalogue`); those of the arm's constant parameters are scaled to this arm's own."""
+    """Compute the prior on what a reduction at theta (p,) hardly determines.
+
+    It is of the usual sizes (`usual_sizes` explains `catalogue`), those of the arm's constant
+    parameters scaled to this arm. `sigma`: the noise, in whitened units."""
     kept, usual = list(fitted), Usual.of(model, catalogue)
     response = reduction.R[:, -1] + reduction.R[:, kept] @ theta[kept]
     seen = Seen(kept, reduction.R[:, kept], response).beyond(usual.sized(kept))
@@ -268,8 +273,9 @@ def weak_prior(
 
 
 def weigh_usual(seen: Seen, usual: Usual, theta: Array, sigma: float) -> WeakPrior:
-    """Compute the prior on what the rows say little of; `seen` of all fitted terms of a usual size,
-    beyond those without."""
+    """Compute the prior on what the rows hardly determine.
+
+    `seen`: the information on all fitted terms of a usual size, beyond those without."""
     sized, sizes = list(seen.index), usual.sizes
     if not sigma > 0 or not sized:
         return WeakPrior(sizes=sizes)
@@ -288,9 +294,11 @@ def weigh_usual(seen: Seen, usual: Usual, theta: Array, sigma: float) -> WeakPri
 
 
 def _scales(seen: Seen, usual: Usual, theta: Array, sigma: float) -> Array:
-    """Compute a factor (p,) of every usual size, alike for the arm's lengths and for its angles:
-    the roots of their posterior mean squares by the marginal likelihood of what the data say of
-    these parameters; those that are mistaken say nothing."""
+    """Compute the factors (p,) that scale the usual sizes to this arm: one for all of its lengths and
+    one for all of its angles.
+
+    Each is the root of its posterior mean square, by the marginal likelihood of the data on these
+    parameters. Parameters that are far beyond their usual size are left out as mistaken."""
     sizes, kinds = usual.sizes, (usual.lengths, usual.angles)
     sane = [k for k in seen.index if abs(theta[k]) < SURPRISING**2 * sizes[k]]
     lengths, angles = (np.intersect1d(kind, sane).astype(int).tolist() for kind in kinds)

@@ -158,12 +158,12 @@ class Problem:
             return np.asarray(np.bincount(of, minlength=count) * self.components, dtype=np.intp)
         return np.bincount(of, self.components_measured.sum(1), minlength=count).astype(np.intp)
 
-    def select_measured(self, values: Array, rows: slice = slice(None)) -> Array:
-        """Return values (..., c·m) of a block of rows, components first, without those of
-        components that are not measured."""
+    def select_measured(self, values: Array) -> Array:
+        """Return values (..., c·m) of all rows, components first, without those of components that
+        are not measured."""
         if self.only_points:
             return values
-        measured = self.components_measured[rows].T
+        measured = self.components_measured.T
         return values[..., measured.reshape(-1)]
 
     @cached_property

@@ -1,8 +1,8 @@
-"""Fits of very many rows, from the fit of a sample of them.
+"""Fits to very many rows, starting from the fit to a sample of them.
 
-What depends on what is seen on the sample, and checked on all rows. The sample's products, scaled,
-are so much like those of all rows that a few steps by the exact slope lead to the solution; the
-rows are reduced there once, and what is left to do is linear."""
+Which terms depend on others is found on the sample and checked on all rows. The sample's products,
+scaled up, are so close to those of all rows that a few steps, with the exact gradient of all rows,
+lead to the solution. The rows are reduced there once, and the remaining steps are linear."""
 
 from __future__ import annotations
 
@@ -28,26 +28,27 @@ MANY_ROWS = 50_000
 # share of them that is the sample; of many rows it is itself fitted from a sample
 SHARE = 1 / 8
 GOLDEN = (np.sqrt(5) - 1) / 2
-# mm of a coordinate (rms): as far from a point do its columns change by a ten millionth
+# distance from a point [mm, rms of a coordinate] at which its columns have changed by 1e-7
 NEAR_MM = 1e-4
-# step of the sample's own fit [mm]: chance moves its solution by far more
+# step at which the sample's own fit ends [mm]: its solution is off by far more, by chance
 SAMPLE_STEP_MM = 1e-2
-# steps by the sample's products at most, what a step should leave of the one before, and what it
-# leaves by the sample's own chance, in standard errors of its products
+# largest number of steps by the sample's products; largest ratio of a step to the one before; and the
+# ratio to expect from the sampling of the products, in their standard errors
 STEPS = 8
 QUICK = 0.2
 SPREAD = 3.0
-# share of the cost below which a gain shows in no figure
+# relative gain of the cost that changes no reported figure
 GAIN = 1e-7
-# damping of a step that overshoots, of the columns' squares, and what it grows by if it still does
+# damping of a step that overshoots, relative to the columns' squares, and its growth if that fails
 FIRST_DAMPING, MORE_DAMPING = 1e-6, 100.0
-# times that the rows are reduced for one fit
+# largest number of times that the rows are reduced for one fit
 EXPANSIONS = 3
 
 
 def takes_sample(problem: Problem, model: Model, held: Held) -> bool:
-    """Return whether a model is fitted from the fit of a sample of the rows: not where they share
-    errors, which a sample cuts."""
+    """Return whether a model is fitted from the fit to a sample of the rows.
+
+    Not where rows share errors: a sample would tear these apart."""
     may_judge = bool(model.terms) and held != "nothing"
     is_plain = problem.only_points and problem.whitening.shared is None
     return may_judge and is_plain and len(problem) > MANY_ROWS
@@ -63,7 +64,7 @@ def draw_sample(problem: Problem) -> Problem:
 
 
 def respond(reduction: Reduction, slope: Slope) -> Reduction:
-    """Return a reduction's columns with another response: the one of an exact slope."""
+    """Return a reduction with the response that gives it an exact gradient, `slope`."""
     columns = reduction.R[:, :-1]
     norm = np.linalg.norm(columns, axis=0)
     norm = np.where(norm > 0, norm, 1.0)
@@ -75,11 +76,11 @@ def respond(reduction: Reduction, slope: Slope) -> Reduction:
 
 @dataclass(frozen=True, eq=False)
 class SampledSolver(Solver):
-    """Fits of a model to very many rows.
+    """Fits a model to very many rows.
 
-    sample: the same of a sample of them.
+    sample: the solver of a sample of the rows.
     reduction: the sample's rows, reduced at its solution.
-    fold_of: (m,) the folds that the rows are reduced by."""
+    fold_of: (m,) the folds by which the rows are reduced."""
 
     sample: Solver
     reduction: Reduction
@@ -87,7 +88,7 @@ class SampledSolver(Solver):
 
     @cached_property
     def exact(self) -> Identified:
-        """What the data determine at the nominal chain: as the sample says, where no row objects."""
+        """What the data determine at the nominal chain: as found on the sample if all rows agree."""
         found = self.sample.exact
         if not self.agrees(found):
             return self.identified(self.nominal)
@@ -97,12 +98,14 @@ class SampledSolver(Solver):
 
     @property
     def growth(self) -> float:
-        """What a column's norm is of that in the sample."""
+        """Ratio of a column's norm over all rows to that over the sample."""
         return float(np.sqrt(len(self.problem) / len(self.sample.problem)))
 
     def agrees(self, found: Identified) -> bool:
-        """Return whether terms that depend on others in the sample do so in every row: a random
-        mixture of what they lack of their combinations must stay at rounding."""
+        """Return whether terms that depend on others in the sample do so in every row.
+
+        A random mixture of the differences between these terms and the combinations that represent
+        them must be zero up to rounding."""
         kept = list(found.exact)
         lost = [k for k in self.free if k not in kept]
         if not lost:
@@ -123,8 +126,8 @@ class SampledSolver(Solver):
         found: Identified,
         expansion: Expansion | None = None,
     ) -> State:
-        """Begin near the solution: steps by the exact slope and the sample's products lead there
-        from theta (p,), where the sample shows all that is fitted."""
+        """Begin near the solution, where steps by the exact gradient and the sample's products lead
+        from theta (p,); at theta itself where the sample lacks a fitted column."""
         shown = np.flatnonzero(self.reduction.R.any(axis=0))
         if not np.isin(found.kept, shown).all():
             return super().begin(theta, precision, found, expansion)
@@ -134,11 +137,11 @@ class SampledSolver(Solver):
         return self.expanded(self.approach(replace(state, slope=slope)))
 
     def approach(self, state: State) -> State:
-        """Approach the solution by the exact slope and the sample's products, as long as that lowers
-        the cost.
+        """Approach the solution by the exact gradient and the sample's products, as long as that
+        lowers the cost.
 
-        Far from the nominal arm these products may say nothing of a direction along which the rows
-        change: steps that overshoot are damped."""
+        Far from the nominal arm the sample may not determine a direction along which the rows do
+        change, so steps that overshoot are damped."""
         size, share = np.inf, SPREAD * np.sqrt(len(state.theta) / self.sample.count)
         for _ in range(STEPS):
             state = self.judge(state)
@@ -162,8 +165,8 @@ class SampledSolver(Solver):
         return replace(state, damping=0.0)
 
     def expand_sample(self, theta: Array, slope: Slope) -> Expansion:
-        """Return the expansion about theta (p,) of the exact slope there and the products of the
-        sample's columns, which are much like those of all rows."""
+        """Expand about theta (p,) with the exact gradient there and the products of the sample's
+        columns, scaled up to all rows."""
         grown = Reduction(self.growth * self.reduction.R, self.count)
         return Expansion.of_reduction(theta, respond(grown, slope))
 
@@ -180,8 +183,7 @@ class SampledSolver(Solver):
         return whole if self.fold_of is None else replace(whole, parts=tuple(parts))
 
     def reduce_free(self, expansion: Expansion) -> Reduction:
-        """Return the reduction at an expansion's point, of the terms that have no variance of their
-        own."""
+        """Return the reduction of the terms without a prior variance, at an expansion's point."""
         assert expansion.reduction is not None
         return expansion.reduction.select(self.free)
 
@@ -190,13 +192,13 @@ class SampledSolver(Solver):
         return Expansion.of_reduction(theta, self.reduce(theta))
 
     def expanded(self, state: State) -> State:
-        """Expand the squares anew, where the iteration stands; the slope is exact there."""
+        """Expand the squares about the present theta, with the exact gradient there."""
         expanded = super().expanded(state)
         return replace(expanded, slope=expanded.expansion.slope)
 
     @property
     def near(self) -> float:
-        """How far all rows together may move, whitened, from a point whose expansion is used."""
+        """Largest distance, whitened and over all rows, from the point of an expansion that is used."""
         return NEAR_MM * self.weight * float(np.sqrt(self.count))
 
     def is_near(self, state: State, step_mm: float) -> bool:
@@ -204,9 +206,10 @@ class SampledSolver(Solver):
         return state.expansion.distance(state.theta) < self.near
 
     def settle(self, state: State, iterations: int, step_mm: float) -> State:
-        """Judge what is fitted and solve, until that stays. The rows are reduced again where the
-        solution is far from where they were; where the exact cost is higher there, the fit ends
-        where they were."""
+        """Judge what is fitted and solve, until that stays the same.
+
+        The rows are reduced again if the solution is far from the point of the last reduction. If the
+        exact cost is higher at the solution, the fit ends at that point."""
         if state.damping:
             return self.judge(state)
         for _ in range(EXPANSIONS):
@@ -241,9 +244,11 @@ class SampledSolver(Solver):
         return replace(state, theta=expansion.theta, slope=expansion.slope, step_mm=step)
 
     def confirm(self, state: State, step_mm: float) -> State:
-        """Go on from where the iteration has ended, until a step by the exact slope is shorter than
-        `step_mm` or no shorter than the one before; where that leads far, the rows are reduced
-        again, once. Steps that do not get shorter quickly are accelerated."""
+        """Step on by the exact gradient, until a step is shorter than `step_mm` or no shorter than
+        the one before.
+
+        If that leads far, the rows are reduced once more. Steps that do not get shorter quickly are
+        accelerated."""
         size, again, before = np.inf, True, None
         for _ in range(STEPS):
             exact = replace(state, slope=self.rows.at(state.theta), before=before)
@@ -265,12 +270,13 @@ class SampledSolver(Solver):
         return state
 
     def refuse(self, state: State, settled: bool, step_mm: float) -> None:
-        """Raise NotEstimable where the data have no more coordinates than the model has parameters;
-        a fit that ends where its cost gets no lower is taken."""
+        """Raise NotEstimable where the data have no more coordinates than the model has parameters.
+
+        A fit that did not settle, but whose cost gets no lower, is accepted."""
         super().refuse(state, False, step_mm)
 
     def solve(self, state: State, iterations: int, step_mm: float) -> State:
-        """Go to the minimum of the squares about the expansion's point: one step leads there."""
+        """Go to the minimum of the expanded squares, which takes one step."""
         delta, _ = compute_direction(replace(state, damping=0.0))
         theta = state.theta + delta
         slope = state.expansion.slope_at(theta)
@@ -278,7 +284,7 @@ class SampledSolver(Solver):
         return replace(state, theta=theta, slope=slope, step_mm=0.0, iterations=count)
 
     def conclude(self, state: State) -> Reduction:
-        """Return the reduction at the solution: that of the expansion, which is near."""
+        """Return the expansion's reduction, which is near the solution, shifted to it."""
         expansion = state.expansion
         reduction = expansion.reduction
         assert reduction is not None

@@ -160,8 +160,8 @@ def describe_cell(table: Table, name: str, row: int) -> str:
 
 
 def read_quantity(table: Table, stem: str, units: Sequence[str], rows: Mask | None = None) -> Array:
-    """Read the column `stem_unit` in mm or rad. Raises DataError for a missing one, two units, or
-    none in the name."""
+    """Read the column named by a stem and one of the units, such as x_mm, in mm or rad. Raises
+    DataError for a missing column, for two, or for a name without a unit."""
     names = [f"{stem}_{unit}" for unit in units]
     present = [name for name in names if name in table]
     where = table.where

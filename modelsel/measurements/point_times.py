@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +24,9 @@ DATE_WORDS = frozenset(("date", "datum", "day"))
 MIN_EPOCH = 1e8
 CLOCK = re.compile(r"\b\d{1,2}:\d{2}")
 DATE = re.compile(r"\d+[-./]\d+[-./]\d+")
+# a date that begins with its day or its month: which of them, it does not say
+UNCLEAR_DATE = re.compile(r"\b(\d{1,2})[-/](\d{1,2})[-/]\d{2,4}\b")
+MONTHS = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,14 +139,40 @@ def _join_texts(table: Table, dates: list[str], name: str) -> NDArray[Any]:
 
 
 def _parse_texts(texts: NDArray[Any]) -> Array | None:
-    """Parse text as times [s]; None where a cell is none. A point between day and month puts the
-    day first, as in German."""
-    import pandas as pd
+    """Parse text as times [s]; None where a cell is none.
 
+    Of a date such as 03/04/2025 it is not known which is the month: where both readings fit all
+    cells, that one holds in which the campaign is shorter."""
     words = [str(text).strip() for text in texts]
     if not are_clock_times(words):
         return None
-    day_first = any("." in word[1:3] for word in words)
+    readings = []
+    for day_first in _list_date_orders(words):
+        seconds = _parse_dates(words, day_first)
+        if seconds is not None:
+            readings.append(seconds)
+    return min(readings, key=np.ptp, default=None)
+
+
+def _list_date_orders(words: Sequence[str]) -> list[bool]:
+    """List the orders of day and month, day first or not, that fit all dates. A point between them
+    puts the day first, as in German."""
+    if any("." in word[1:3] for word in words):
+        return [True]
+    found = [UNCLEAR_DATE.search(word) for word in words]
+    pairs = [(int(match[1]), int(match[2])) for match in found if match]
+    orders = []
+    if all(first <= MONTHS for first, _ in pairs):
+        orders.append(False)
+    if pairs and all(second <= MONTHS for _, second in pairs):
+        orders.append(True)
+    return orders
+
+
+def _parse_dates(words: Sequence[str], day_first: bool) -> Array | None:
+    """Parse dates and times as seconds since 1970; None where a cell is none."""
+    import pandas as pd
+
     series = pd.Series(words)
     try:
         moments = pd.to_datetime(series, format="mixed", dayfirst=day_first, utc=True)

@@ -36,7 +36,6 @@ class Layout:
     header: int
     skipped: int
     units: dict[str, str] = field(default_factory=dict)
-    titles: int = 0
 
 
 def is_blank_row(row: Row) -> bool:
@@ -87,7 +86,7 @@ def find_layout(rows: Sequence[Row]) -> Layout | None:
         pairs = zip(names, cells, strict=False)
         units = {name: cell for name, cell in pairs if not NO_UNIT.fullmatch(cell)}
         skipped = below + 1
-    return Layout(names, header, skipped, units, len(above))
+    return Layout(names, header, skipped, units)
 
 
 def _find_header(rows: Sequence[Row]) -> int | None:

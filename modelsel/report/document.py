@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from .._progress import News
+from .._progress import News, keep_silent
 from .._typing import Say
 from ..exceptions import StudyError, suggest
 from ..measurements.row_places import Where, where_from_record
@@ -100,7 +100,7 @@ def collect_blocks(
     source: Source,
     pages: Mapping[str, Page],
     chosen: Sequence[str] | None = None,
-    say: Say = lambda _: None,
+    say: Say = keep_silent,
 ) -> list[Block]:
     """Return the blocks of the chosen pages (all without), in the report's own order. Raises StudyError for an unknown
     page."""

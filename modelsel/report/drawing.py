@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from .._files import write_all
-from .._progress import News
+from .._progress import News, keep_silent
 from .._second_process import Collect, SecondProcess
 from .._typing import Say
 from ..results.details_schema import DetailsRecord
@@ -91,12 +91,7 @@ def draw_pictures(
     return source.pictures
 
 
-def read_source(folder: Path) -> Source:
-    """Read what a report is made of from a study's folder. Raises StudyError."""
-    return Source(*read_records(folder))
-
-
-def draw(folder: Path, pages: Sequence[str] | None = None, say: Say = lambda _: None) -> list[Path]:
+def draw(folder: Path, pages: Sequence[str] | None = None, say: Say = keep_silent) -> list[Path]:
     """Draw the report of a folder again, or a file of some of its pages. Files written. Raises StudyError or
     ReportError."""
     record, details = read_records(folder)
@@ -108,7 +103,7 @@ def draw_records(
     details: DetailsRecord,
     folder: Path,
     pages: Sequence[str] | None = None,
-    say: Say = lambda _: None,
+    say: Say = keep_silent,
     ahead: DrawnAhead | None = None,
 ) -> list[Path]:
     """Draw report.pdf and report.html of a study's records into a folder; `ahead` has pictures of the same study.
@@ -132,7 +127,7 @@ def draw_records(
 
 
 def draw_summary(
-    record: StudyRecord, details: DetailsRecord, folder: Path, say: Say = lambda _: None
+    record: StudyRecord, details: DetailsRecord, folder: Path, say: Say = keep_silent
 ) -> list[Path]:
     """Draw the summary of a study's records, two pages, beside the full report. Files written. Raises ReportError."""
     source = Source(record, details)

@@ -14,7 +14,6 @@ from ..results.placements import describe_placements
 from ..results.repeatability import write_repeatability_lines
 from ..results.schema import StudyRecord
 from ..results.study_sentences import (
-    alarm_sentences,
     describe_feature,
     describe_noise_floor,
     describe_outliers,
@@ -22,7 +21,6 @@ from ..results.study_sentences import (
     describe_split,
     format_mm,
     gain_sentence,
-    hopeless_sentences,
     opening_sentences,
     write_finding_lines,
     write_sampling_sentences,
@@ -111,22 +109,8 @@ def _print_title(record: StudyRecord, console: Console) -> None:
 # ----------------------------------------------------------------------------------------------------------------------
 
 
-def write_sentences(record: StudyRecord, details: DetailsRecord) -> list[str]:
-    """Write the study in words."""
-    return [*_analysis_sentences(record, details), *_last_sentences(record)]
-
-
 def _last_sentences(record: StudyRecord) -> list[str]:
     return [*_sampling_sentences(record), *_note_sentences(record)]
-
-
-def _analysis_sentences(record: StudyRecord, details: DetailsRecord) -> list[str]:
-    """Return what is known before sampling."""
-    return [
-        *alarm_sentences(record),
-        *hopeless_sentences(record),
-        *_detail_sentences(record, details),
-    ]
 
 
 def _detail_sentences(record: StudyRecord, details: DetailsRecord) -> list[str]:

@@ -312,19 +312,6 @@ def pose(
 
 def forward(robot: Robot, q: Array, tool: Array) -> Array:
     """Compute nominal target positions (m, 3) in frame 0 [mm]."""
-    at = _nominal_pose(robot, q, tool)
-    return at.target.T
-
-
-def screw_field(robot: Robot, q: Array, tool: Array) -> Array:
-    """Compute the nominal screw field (m, n+1, 6, 3): displacement of the target in frame 0, mm per
-    mm and mm per rad."""
-    at = _nominal_pose(robot, q, tool)
-    field = at.displacement()
-    return field.transpose(3, 0, 1, 2)
-
-
-def _nominal_pose(robot: Robot, q: Array, tool: Array) -> Pose:
-    readings = np.asarray(q, float)
+    readings = np.atleast_2d(np.asarray(q, float))
     offset = np.asarray(tool, float)
-    return pose(robot, np.atleast_2d(readings), offset)
+    return pose(robot, readings, offset).target.T

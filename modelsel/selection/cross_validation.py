@@ -283,7 +283,7 @@ def validate_moments(moments: Moments, coordinates: Coordinates, counts: Index) 
 def _validate(
     moments: Moments, change: Array, without: Array, rows: Index, rss: float, by_prior: int
 ) -> CrossValidation:
-    """Gather what the change (K, r) of the solution without each fold says."""
+    """Compute the cross-validation from the change (K, r) of the solution without each fold."""
     held_out = moments.moved(change)
     quadratic = moments.square - (moments.score * change).sum(1)
     return CrossValidation(without, held_out, rows, rss, moments.gram, quadratic, by_prior)

@@ -151,18 +151,3 @@ def _draw_sums(values: Array, rng: np.random.Generator, draws: int) -> Array:
         counts = rng.multinomial(count, chance, places.stop - start)
         sums[:, places] = values @ counts.T.astype(float)
     return sums
-
-
-def estimate_gain(
-    before: Array,
-    after: Array,
-    block: Index,
-    rng: np.random.Generator,
-    options: ResamplingOptions = ResamplingOptions(),
-) -> Gain:
-    """Estimate the gain between two models from residuals (m, 3) [mm] of the same rows.
-
-    The interval is that of a paired bootstrap of whole configurations; `block` (m,) is every row's
-    configuration."""
-    first, second = resample_errors([before, after], block, rng, options)
-    return first.gain_of(second)

@@ -1,7 +1,7 @@
 """Evaluations of models that are one linear step from a base's fit, from reduced data.
 
-A block of rows evaluates its causes once for all models, in two passes; what is solved is solved
-on triangles and products. Beyond the data this takes one residual length per row and model."""
+Each block of rows evaluates its causes once for all models, in two passes; all solving is done on
+triangles and products. Besides the data, memory holds one residual length per row and model."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ class Coordinates:
     """Orthonormal coordinates of a linear model of p columns, of which r are fitted.
 
     kept: the fitted columns.
-    factor: (r, r) with Q = X factor; beta: (r,) coefficients from the point of linearisation.
+    factor: (r, r) with Q = X factor.
     projection: (r,) Qᵀ y over data and prior; prior: (k, r) the prior's rows of Q.
     prior_left: (k,) what the fit leaves of the prior's response.
     rss: sum of squares that the fit leaves of data and prior.
@@ -93,8 +93,8 @@ class Coordinates:
     def of(fitted: Fit) -> Coordinates:
         """Return the coordinates of a fit, linear about its solution.
 
-        Each points against its column: what is drawn in them must not hang on the way in which a
-        factorisation turned them."""
+        Each points against its column, so that draws in these coordinates do not depend on the signs
+        that a factorisation happened to choose."""
         kept = list(fitted.found.kept)
         factor = fitted.factor[kept]
         factor = -factor * np.sign(np.diagonal(factor))
@@ -136,7 +136,7 @@ class Coordinates:
 
 @dataclass(frozen=True, eq=False)
 class Moments:
-    """Products of [Q | e] over the rows of every fold.
+    """Products of [Q | e], e the residual, over the rows of every fold.
 
     gram: (K, r, r) QᵀQ; score: (K, r) Qᵀe; square: (K,) eᵀe.
     """

@@ -136,11 +136,6 @@ class Stream:
         merged_folds = tuple(folds)
         return replace(self, folds=merged_folds)
 
-    @property
-    def total(self) -> Reduction:
-        """All folds as one."""
-        return merged(self.folds)
-
     def folded(self) -> FoldedData:
         """Return the folds for cross-validation and the search over subsets, without empty ones."""
         parts = []
@@ -187,7 +182,6 @@ class Parts(Source):
     robot, tool: the arm and its target in the flange frame [mm].
     parts: where the rows are.
     map: applies a function to every part, on this machine or on many.
-    whiten: weight [1/mm] of a coordinate.
 
     Models that depend on earlier parts are refused (`fit_parts`)."""
 

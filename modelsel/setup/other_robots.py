@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -137,9 +137,7 @@ def describe_other_robot(
     )
 
 
-def describe_shifted_rows(
-    problem: Problem, use: Mask, shifts: Iterable[int] = SHIFTS
-) -> str | None:
+def describe_shifted_rows(problem: Problem, use: Mask) -> str | None:
     """Describe by how many rows positions and readings are shifted against each other; None where no
     shift fits better."""
     rows = select_most_frequent(problem, use)
@@ -155,7 +153,7 @@ def describe_shifted_rows(
     if before < least:
         return None
     tried = []
-    for shift in shifts:
+    for shift in SHIFTS:
         shifted = _shift_positions(ordered, shift)
         misfit = compute_registered_misfit(shifted)
         tried.append((misfit, shift))

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from .._files import claim_folder, csv_bytes, write_atomically
 from .._json import to_json
-from .._progress import News
+from .._progress import News, keep_silent
 from .._typing import Say
 from .._workers import count_cores
 from ..config.fleet_file import Fleet, PartsTable, Task, find_files
@@ -131,7 +131,7 @@ def run_fleet(
     client: Any,
     options: FleetOptions = FleetOptions(),
     *,
-    say: Say = lambda _: None,
+    say: Say = keep_silent,
 ) -> list[Row]:
     """Run every study and fit every measurement set of a fleet, each into its folder below `out`.
 

@@ -87,10 +87,11 @@ def choose_constants(candidates: Sequence[Candidate], single_f: Array) -> dict[s
     return best
 
 
-def evaluate_steps(split: Split, base: Evaluation, diagnosis: Diagnosis) -> list[Evaluation]:
+def evaluate_effects(split: Split, base: Evaluation, diagnosis: Diagnosis) -> list[Evaluation]:
     """Evaluate the base and one further model for each effect, in the order they were named.
 
-    The last comes first: where very many rows were reduced for it, the others are fitted by that."""
+    The model of all effects is fitted first: where very many rows were reduced for it, the others are
+    fitted from that reduction."""
     effects = [effect.candidate for effect in diagnosis.effects]
     if not effects:
         return [base]

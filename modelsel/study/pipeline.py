@@ -1,4 +1,4 @@
-"""The steps of a study, from measurements to the result.
+"""The steps of a study, from its measurements to its result.
 
 prepare -> find outliers and diagnose -> evaluate the ladder -> compare all subsets -> measure the
 gain -> repeat in nested folds -> collect the warnings -> assess the uncertainty -> result.
@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .._progress import keep_silent
 from .._random import generator
 from .._typing import Say
 from .._version import VERSION
@@ -60,8 +61,8 @@ from .inputs import list_candidates
 from .model_ladder import (
     build_model,
     choose_constants,
+    evaluate_effects,
     evaluate_ladder,
-    evaluate_steps,
     remeasure,
     searches_cells,
 )
@@ -90,10 +91,6 @@ from .study_notes import (
 )
 
 
-def _be_silent(_: str) -> None:
-    """Ignore a progress line."""
-
-
 def analyse(
     study: Study,
     robot: Robot,
@@ -101,7 +98,7 @@ def analyse(
     *,
     registry: Registry = BUILTIN,
     labels: NDArray[np.object_] | None = None,
-    say: Say = _be_silent,
+    say: Say = keep_silent,
     data_sha256: str = "",
 ) -> Result:
     """Run the steps of a study on measurements that are read already.
@@ -140,7 +137,7 @@ def _analyse_prepared(
     notes = (*notes, *note_untold_parts(study.noise, split))
 
     say(LADDER)
-    steps = evaluate_steps(split, evaluate(split, base, study.model.base), diagnosis)
+    steps = evaluate_effects(split, evaluate(split, base, study.model.base), diagnosis)
     ladder = evaluate_ladder(
         study, split, registry, steps, choose_constants(candidates, diagnosis.single_f)
     )
@@ -206,7 +203,7 @@ def _analyse_prepared(
 
 
 def choose_options(study: Study, problem: Problem) -> DiagnosisOptions:
-    """Return the limits of the search for causes that the study sets, and what it adds to them."""
+    """Return the options of the search for causes that the study sets, with its own candidates."""
     search, noise = study.search, study.noise
     return DiagnosisOptions(
         memory_mb=search.memory_mb,
@@ -254,8 +251,10 @@ def find_data_faults(
 def widen_errors(
     findings: Sequence[Finding], fitted: Fit, parameters: Sequence[Parameter]
 ) -> tuple[Finding, ...]:
-    """Return findings with the standard uncertainties of the model's parameters, the larger of least
-    squares' and the bootstrap's; those of terms that the model has not stay."""
+    """Return the findings with the standard uncertainties of the chosen model's parameters.
+
+    Each is the larger of the least-squares and the bootstrap error. Terms that the chosen model does
+    not have keep theirs."""
     larger = {one.symbol: np.fmax(one.standard_error, one.bootstrap_error) for one in parameters}
     labels = label_terms(fitted.model)
     by_term = {
@@ -276,7 +275,7 @@ def widen_errors(
 def repeat_in_folds(
     study: Study, split: Split, base: Model, mechanisms: tuple[Mechanism, ...], say: Say
 ) -> Nested | None:
-    """Repeat outliers, diagnosis and fit without each fold; None where the study asks for none."""
+    """Repeat outlier rejection, diagnosis and fit without each fold; None where no folds are asked for."""
     folds = study.split.nested_folds
     if not folds:
         return None
@@ -286,9 +285,9 @@ def repeat_in_folds(
 
 
 def choose_noise_floor(split: Split, known: Floor | None, chosen: Evaluation) -> Floor:
-    """Return the known noise floor, else that of the chosen model's residuals.
+    """Return the known noise floor, or else that of the chosen model's residuals.
 
-    It holds the number of coordinates that a row has on average.
+    Where not every coordinate was measured, it is told how many a row has on average.
     """
     floor = known or estimate_floor(chosen, split)
     measured = split.problem.measured
@@ -300,7 +299,7 @@ def choose_noise_floor(split: Split, known: Floor | None, chosen: Evaluation) ->
 
 
 def list_unidentifiable(fitted: Fit) -> tuple[Unidentifiable, ...]:
-    """Return the parameters of a fitted model that the data cannot tell apart."""
+    """List the combinations of a fitted model's parameters that the data do not determine."""
     found = fitted.found
     terms = fitted.terms
     leaning = fitted.leaning
@@ -315,11 +314,11 @@ def assess_uncertainty(study: Study, split: Split, chosen: Evaluation, say: Say)
 
 
 def sample_posterior(
-    result: Result, registry: Registry, say: Say = _be_silent, keeper: Keeper | None = None
+    result: Result, registry: Registry, say: Say = keep_silent, keeper: Keeper | None = None
 ) -> Result:
     """Return a result with its chosen model's posterior sampled.
 
-    `keeper` keeps an unfinished chain and takes it up again.
+    `keeper` stores an unfinished chain, from which an interrupted run continues.
     """
     say(SAMPLING)
     study, split = result.study, result.split
@@ -339,7 +338,7 @@ def sample_posterior(
 
 
 def record_provenance(study: Study, data_sha256: str) -> dict[str, str]:
-    """Return versions and hashes: no path, time or host."""
+    """Return versions and hashes. No path, time or host: the same study writes the same bytes."""
     import scipy
 
     return {

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from .._progress import News
+from .._progress import News, keep_silent
 from .._typing import Array, Say
 from .log_posterior import LogPosterior
 from .mcmc import autocorrelation_time, r_hat
@@ -183,7 +183,7 @@ def sample_posterior(
     what: str,
     rng: np.random.Generator,
     *,
-    say: Say = lambda _: None,
+    say: Say = keep_silent,
     keeper: Keeper | None = None,
     options: SamplingOptions = DEFAULT_SAMPLING,
 ) -> Sampling:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from .._progress import keep_silent
 from .._random import generator
 from .._typing import Say
 from ..exceptions import sentence_list
@@ -125,7 +126,7 @@ def sample_confidence(
     split: Split,
     log_posterior: LogPosterior | None,
     seed: int,
-    say: Say = lambda _: None,
+    say: Say = keep_silent,
     keeper: Keeper | None = None,
     options: SamplingOptions = DEFAULT_SAMPLING,
 ) -> Confidence:

@@ -262,7 +262,7 @@ def test_the_shape_of_a_part_of_a_joints_own_function_is_proven_with_the_others_
     size = {0: 1.0, 1: 0.5, 2: 0.2, 3: 1.0, 4: 1.0}
     search = SimpleNamespace(
         problem=at_,
-        found=found,
+        candidates=found,
         signatures=read_signatures(found),
         compute_displacement=lambda g, _: np.array([size[g]]),
     )

@@ -166,7 +166,7 @@ def test_a_mistaken_set_gives_way_to_what_was_planted(rng: np.random.Generator) 
     further = explore_further(search, list(better), view.fitted, [])
     assert further is not None
     told = conclude(further).diagnosis.effects
-    assert {effect.candidate for effect in told} == {search.found[g] for g in planted}
+    assert {effect.candidate for effect in told} == {search.candidates[g] for g in planted}
 
 
 @pytest.mark.integration
@@ -176,7 +176,7 @@ def test_a_diagnosis_tells_the_sets_that_were_weighed(rng: np.random.Generator) 
     diagnosis = prove(conclude(explore(search, (), ignore)))
     first = diagnosis.models[0]
     assert first.chosen
-    assert set(first.effects) == {search.found[g] for g in planted}
+    assert set(first.effects) == {search.candidates[g] for g in planted}
     assert first.probability > 0.5
     told = [model.probability for model in diagnosis.models]
     assert told == sorted(told, reverse=True)

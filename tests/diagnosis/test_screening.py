@@ -34,7 +34,7 @@ def search_with(rng: np.random.Generator, size: float) -> tuple[Search, View, in
 
 def name_again(search: Search, view: View, g: int) -> tuple[Scan, Array, Array]:
     """The scan to name a candidate again, and (ratios, G) factors by it and by the scan in full."""
-    released = view.release(search.found[g])
+    released = view.release(search.candidates[g])
     scan, response = build_scan_for(view.scan, released, view.response, g, search.log_prior)
     full = build_scan_without(view.scan, released.directions)
     return scan, compute_factors(scan, response), compute_factors(full, response)
@@ -55,7 +55,7 @@ def test_only_what_cannot_matter_is_set_aside(rng: np.random.Generator) -> None:
     assert 0 < len(aside) < len(functions)
     least = full[:, g] + search.log_prior[g] - screening.SLACK
     assert (full[:, aside] < least[:, None]).all()
-    kept = np.setdiff1d(np.arange(len(search.found)), aside)
+    kept = np.setdiff1d(np.arange(len(search.candidates)), aside)
     np.testing.assert_array_equal(factors[:, kept], full[:, kept])
     assert np.isneginf(factors[:, aside]).all()
 

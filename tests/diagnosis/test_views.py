@@ -29,7 +29,7 @@ def search_drawn(rng: np.random.Generator, *base: str) -> Search:
 
 def find(search: Search, *names: str) -> list[int]:
     """The candidates of these names."""
-    place = {one.mechanism.name: g for g, one in enumerate(search.found)}
+    place = {one.mechanism.name: g for g, one in enumerate(search.candidates)}
     return [place[name] for name in names]
 
 

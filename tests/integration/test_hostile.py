@@ -21,6 +21,7 @@ import pytest
 from click.testing import CliRunner
 from fuzz_base import ROBOT, STUDY, base_files
 from hostile import NAMES, REFUSED
+from report_studies import read_source
 
 from modelsel._names import find_name_problem, guard_cell, unguard_cell
 from modelsel.calibration.constant_part import sample_workspace
@@ -37,7 +38,6 @@ from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import find_entry_problem
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.report import drawing
 from modelsel.report.html import write_page as page_of
 from modelsel.robot.files import load_robot, robot_from_table
 from modelsel.robot.urdf import read_urdf_text
@@ -147,7 +147,7 @@ def plain() -> dict[str, str]:
         folder = folder_of(Path(name) / "study", "harmless")
         told("study", str(folder), "--out", str(Path(name) / "out"), "--no-sampling", "--no-report")
         out = Path(name) / "out"
-        (out / "report.html").write_bytes(page_of(drawing.read_source(out)))
+        (out / "report.html").write_bytes(page_of(read_source(out)))
         for form in FORMS:
             told(
                 "export",
@@ -180,7 +180,7 @@ def test_every_output_of_a_study(name, tmp_path, monkeypatch) -> None:
         name
         in json.loads(told("study", str(folder), "--dry-run", "--json", "--out", str(out)))["study"]
     )
-    (out / "report.html").write_bytes(page_of(drawing.read_source(out)))
+    (out / "report.html").write_bytes(page_of(read_source(out)))
     told(
         "check",
         str(folder / "measurements.csv"),

@@ -13,6 +13,7 @@ import pytest
 from builders import study_with
 from gauged import ANCHORS, NOISE, TOOL, Campaign, hold
 from hidden_effects import at, one
+from report_studies import terminal_lines
 
 from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.loading import parse_calibration
@@ -40,7 +41,6 @@ from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.geometry import build_setup
 from modelsel.mechanisms.registry import build_mechanisms, mechanism
 from modelsel.mechanisms.terms import FixtureTerm, Screw, Term
-from modelsel.report.terminal import write_sentences
 from modelsel.results.goodness_of_fit import lack_of_fit_notes, measure_lack_of_fit
 from modelsel.results.storage import details_text
 from modelsel.robot.files import load_robot
@@ -459,7 +459,7 @@ def test_a_study_says_where_features_are_and_its_calibration_is_the_arm(tmp_path
     )
     assert any(
         line.startswith("Feature plate0 (plane): a point of it is at")
-        for line in write_sentences(result.record, result.details)
+        for line in terminal_lines(result.record, result.details)
     )
     assert "NaN" not in details_text(result.details)
     stored = parse_calibration(calibration_text(result.calibration))

@@ -6,13 +6,13 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from builders import drawn, one, planted
+from builders import drawn, estimate_gain, one, planted
 
 from modelsel.config.study_file import parse_study
 from modelsel.fitting.shrinkage import fit_shrunk
 from modelsel.measurements.visits import number_blocks
 from modelsel.mechanisms.causes import q
-from modelsel.selection.gain import ResamplingOptions, estimate_gain
+from modelsel.selection.gain import ResamplingOptions
 from modelsel.study.runner import run_study
 
 STUDY = """

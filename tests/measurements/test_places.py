@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from report_studies import read_source, terminal_lines
 
 from modelsel.config.study_file import Study
 from modelsel.exceptions import DataError
 from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reader import read_measurements
-from modelsel.report import drawing, terminal
+from modelsel.report import drawing
 from modelsel.report.document import collect_blocks
 from modelsel.robot.files import load_robot
 from modelsel.study.runner import run_study
@@ -73,11 +74,11 @@ def test_rows_are_called_as_their_user_counts(kind, rng, tmp_path) -> None:
     assert f"({words})" in " ".join(f.sentence for f in result.diagnosis.faults)
     assert any(
         f"Outliers left out: 4 rows ({words})." in sentence
-        for sentence in terminal.write_sentences(result.record, result.details)
+        for sentence in terminal_lines(result.record, result.details)
     )
     result.save(tmp_path / "out")
     pages = collect_blocks(
-        drawing.read_source(tmp_path / "out"),
+        read_source(tmp_path / "out"),
         {"outliers": drawing.PAGES["outliers"], "findings": drawing.PAGES["findings"]},
     )
     shown = [block["text"] for block in pages if block["kind"] == "text"]

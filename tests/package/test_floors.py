@@ -149,8 +149,8 @@ BREACHES = {
     ),
     "shared names": (
         name_problems,
-        {"fitting/noise.py": defined(*"abcdefg"), "fitting/design.py": defined(*"abcdefg")},
-        "7 function names are defined in several modules",
+        {"fitting/noise.py": defined(*"abcdef"), "fitting/design.py": defined(*"abcdef")},
+        "6 function names are defined in several modules",
     ),
     "heavy": (
         heavy_problems,
@@ -198,8 +198,8 @@ SOUND = {
     },
     "light": {"fitting/noise.py": "def f():\n  f(a, b, c)"},
     "own names": {
-        "fitting/noise.py": defined(*"abcdef", "_g") + "class A:\n  def noise(self): ...",
-        "fitting/design.py": defined(*"abcdef", "_g"),
+        "fitting/noise.py": defined(*"abcde", "_g") + "class A:\n  def noise(self): ...",
+        "fitting/design.py": defined(*"abcde", "_g"),
         "__init__.py": defined("h"),
         "report/figures/__init__.py": "",
     },

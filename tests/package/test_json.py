@@ -25,6 +25,12 @@ def test_arrays_are_rounded_as_their_numbers_are(rng) -> None:
     assert to_plain(np.zeros(0)) == []
 
 
+def test_whole_numbers_and_flags_stay_what_they_are() -> None:
+    rows = np.arange(3)
+    assert list(map(repr, to_plain(rows))) == ["0", "1", "2"]
+    assert list(map(repr, to_plain([True, np.int64(2), 3]))) == ["True", "2", "3"]
+
+
 def test_long_lists_stand_as_json_has_them(rng) -> None:
     values = to_plain(numbers(rng))
     mixed = [*values, None, 3]
@@ -32,7 +38,11 @@ def test_long_lists_stand_as_json_has_them(rng) -> None:
         "screws": [{"values": values, "frame": 3}, {"values": values[:LONG_LIST], "cause": "é"}],
         "short": values[:3],
         "mixed": mixed,
+        "whole": list(range(LONG_LIST)),
+        "both": [*values, 3],
+        "flags": [True, False] * LONG_LIST,
         "mark": "0",
+        "like a mark": "\\u00000",
         "none": {},
     }
     text = json.dumps(content, ensure_ascii=False, indent=1, allow_nan=False)

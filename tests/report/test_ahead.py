@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from report_studies import read_source
 
 from modelsel._second_process import second_process
 from modelsel.report.drawing import (
@@ -12,7 +13,6 @@ from modelsel.report.drawing import (
     DrawnAhead,
     draw_pictures,
     draw_records,
-    read_source,
 )
 
 

@@ -8,12 +8,11 @@ import re
 from html import escape
 
 import pytest
-from report_studies import source_of, written
+from report_studies import source_of, terminal_lines, written
 
 from modelsel.report import drawing
 from modelsel.report.document import Source, collect_blocks, walk_blocks
 from modelsel.report.html import write_page
-from modelsel.report.terminal import write_sentences
 from modelsel.results.small_findings import MIN_GROUPED, split_findings
 from modelsel.results.study_sentences import write_figures, write_levels
 from modelsel.results.tables import write_notebook_page
@@ -48,7 +47,7 @@ def test_every_finding_of_the_study_has_numbers_a_worst_posture_and_causes(drawn
 
 def test_the_terminal_tells_those_that_matter_first_and_the_rest_in_one_line(drawn) -> None:
     source = with_small(drawn, (0, 2, 3))
-    lines = write_sentences(source.record, source.details)
+    lines = terminal_lines(source.record, source.details)
     findings = source.record.findings
     told = [line for line in lines if line.startswith("Found")]
     levels = [write_levels(finding) for finding in findings]

@@ -14,9 +14,8 @@ from pathlib import Path
 
 import pytest
 from browser import chromium, opened, requests, resize
-from report_studies import source_of, written
+from report_studies import read_source, source_of, written
 
-from modelsel.report import drawing
 from modelsel.report.html import write_page as html
 
 ROOT = Path(__file__).parents[2]
@@ -97,7 +96,7 @@ def test_click_on_a_cell_shows_its_panel(page) -> None:
 def test_points_of_a_cell_are_the_python_s(page, drawn) -> None:
     """The page's own residual about frame 5 rz against q4 is what details.json holds for the
     finding."""
-    source = drawing.read_source(drawn)
+    source = read_source(drawn)
     i, j = (result_map(drawn)[k].index(v) for k, v in (("places", "5 rz"), ("causes", "q4")))
     got = page.execute_script(
         f"const d = JSON.parse(document.getElementById('data').textContent); return numbers(d, {i}, {j})"

@@ -8,9 +8,8 @@ from re import findall, sub
 
 import pytest
 from browser import chromium, opened, resize
-from report_studies import source_of, written
+from report_studies import read_source, source_of, written
 
-from modelsel.report import drawing
 from modelsel.report.html import write_page
 from modelsel.results.finding_advice import advise
 from modelsel.results.parameter_table import PARAMETER_COLUMNS, tabulate_calibrated
@@ -42,7 +41,7 @@ def read_rows(page: str, of: str = "calibrated") -> list[list[str]]:
 
 
 def test_table_of_parameters_is_that_of_the_pdf(drawn) -> None:
-    source = drawing.read_source(drawn)
+    source = read_source(drawn)
     rows = tabulate_calibrated(source.record, source.details)
     head, *body = read_rows((drawn / "report.html").read_text())
     assert head == [name for name, _ in PARAMETER_COLUMNS]
@@ -109,7 +108,7 @@ def test_campaign_stands_in_the_head(drawn) -> None:
 
 
 def test_findings_say_what_to_do_and_what_it_is_worth(browser, drawn) -> None:
-    source = drawing.read_source(drawn)
+    source = read_source(drawn)
     opened(browser, drawn / "report.html")
     rows = css(browser, "#findings tbody tr")
     assert len(rows) == len(source.record.findings)

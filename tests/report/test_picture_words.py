@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from report_studies import read_source
 
-from modelsel.report.drawing import read_source
 from modelsel.report.figures import parameter_plots
 from modelsel.report.figures.arm import draw_frames, find_room
 from modelsel.report.figures.ladder import _scale, choose_ticks, draw_ladder

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from report_studies import source_of, written
+from report_studies import read_source, source_of, written
 
 from modelsel import read_study
 from modelsel.cli.main import run_command_line
@@ -95,7 +95,7 @@ def test_tagged_titled_every_figure_with_a_text(drawn) -> None:
     assert reader.metadata.title == "Calibration report: PUMA 760 (simulated stand-in)"
     assert "pdfuaid:part" in root["/Metadata"].get_object().get_data().decode()
     tags = walked(root["/StructTreeRoot"])
-    figures, source = [t for t in tags if t["/S"] == "/Figure"], drawing.read_source(drawn)
+    figures, source = [t for t in tags if t["/S"] == "/Figure"], read_source(drawn)
     blocks = collect_blocks(source, drawing.PAGES)
     assert len(figures) >= len(source.pictures) > 10
     told = {b["alt"] for b in walk_blocks(blocks) if b["kind"] == "figure"}
@@ -137,14 +137,12 @@ def test_first_page_stands_alone(drawn) -> None:
     assert len(result["verdict"]) == 3
     for sentence in result["verdict"]:
         assert plain(sentence) in plain(first)
-    for finding, said in zip(
-        result["findings"], drawing.read_source(drawn).details.findings, strict=True
-    ):
+    for finding, said in zip(result["findings"], read_source(drawn).details.findings, strict=True):
         assert plain(said.label) in plain(first)
         assert finding["sentence"].startswith(said.what)
     captions = [
         b["caption"]
-        for b in collect_blocks(drawing.read_source(drawn), drawing.PAGES, ("first",))
+        for b in collect_blocks(read_source(drawn), drawing.PAGES, ("first",))
         if "caption" in b
     ]
     assert captions
@@ -263,7 +261,7 @@ def test_words_are_found_as_they_are_written(drawn) -> None:
 
 def test_one_measure_of_error_in_text_and_pictures(drawn) -> None:
     """Errors are root mean squares wherever one figure stands for many; a mean error stands nowhere."""
-    source = drawing.read_source(drawn)
+    source = read_source(drawn)
     blocks = collect_blocks(source, drawing.PAGES, ("first", "residuals", "models", "map", "data"))
     words = json.dumps(list(walk_blocks(blocks)), ensure_ascii=False)
     assert "mean error" not in words

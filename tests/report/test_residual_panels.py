@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from report_studies import source_of, written
+from report_studies import read_source, source_of, written
 
 from modelsel.report import drawing
 from modelsel.report.document import collect_blocks
@@ -11,7 +11,7 @@ from modelsel.report.figures.residual_panels import draw_residuals, list_drivers
 
 
 def test_every_joint_the_order_and_the_last_move(drawn) -> None:
-    source = drawing.read_source(drawn)
+    source = read_source(drawn)
     drivers = list_drivers(source.details)
     names = [driver.name for driver in drivers]
     assert names[:6] == [f"joint {joint} [°]" for joint in range(1, 7)]

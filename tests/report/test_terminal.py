@@ -9,11 +9,10 @@ import shutil
 from pathlib import Path
 
 from click.testing import CliRunner
-from report_studies import source_of, written
+from report_studies import read_source, source_of, written
 
 from modelsel.cli.main import run_command_line
 from modelsel.report.document import Source
-from modelsel.report.drawing import read_source
 from modelsel.report.terminal import WIDTH, Amount, show_study
 from modelsel.report.terminal_summary import _describe_standing
 from modelsel.report.text_tables import Row, write_table

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from report_studies import source_of, written
+from report_studies import source_of, terminal_lines, written
 
 from modelsel import Result, read_study, run_study
 from modelsel.measurements.row_places import Where
@@ -17,7 +17,6 @@ from modelsel.report import drawing
 from modelsel.report.comparison_page import _write_finding
 from modelsel.report.document import Source, collect_blocks
 from modelsel.report.pages.findings import describe_proof
-from modelsel.report.terminal import write_sentences
 from modelsel.report.terminal_summary import summarise_study
 from modelsel.results.finding_advice import advise
 from modelsel.results.finding_figures import Figures, FindingFigures, Turning, describe_small
@@ -71,7 +70,7 @@ def test_its_figures_say_how_far_and_that_nothing_moves(drawn) -> None:
     source = with_turning(drawn)
     said = write_figures(source.record.findings[0])
     assert f"{TURNED} the joints stand at 0°; {STILL}." in said
-    assert any(said in line for line in write_sentences(source.record, source.details))
+    assert any(said in line for line in terminal_lines(source.record, source.details))
 
 
 def test_a_turning_that_does_not_prevail_is_not_told(drawn) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import builders
 import numpy as np
 import pytest
+from report_studies import read_source
 
 from modelsel import read_study
 from modelsel._typing import Array
@@ -17,7 +18,6 @@ from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.causes import q
 from modelsel.mechanisms.registry import BUILTIN, build_mechanisms
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
-from modelsel.report import drawing
 from modelsel.report.pages.findings import advise_separation
 from modelsel.results.covariate_panel import draw_covariate, find_covariate
 from modelsel.results.details import select_rows
@@ -124,7 +124,7 @@ def test_posture_is_the_arm_at_its_worst(drawn) -> None:
 def test_slopes_of_the_map_are_those_of_a_fit(drawn) -> None:
     """A cell's slope is the first step of least squares with the base and that cell."""
     study = read_study(PUMA / "study.toml")
-    result, details = run_study(study, PUMA), drawing.read_source(drawn).details
+    result, details = run_study(study, PUMA), read_source(drawn).details
     base = build_model(study, result.split.problem, BUILTIN, ("geometric",))
     fitted = next(r for r in result.models.ladder if r.names == ("geometric",)).fit
     cell = Mechanism("cell", (Term("m", (Screw(5, "rz", q(4)),)),))

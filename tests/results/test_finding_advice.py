@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
+from report_studies import read_source
 
 from modelsel.mechanisms.registry import BUILTIN, every
-from modelsel.report.drawing import read_source
 from modelsel.results import finding_advice
 from modelsel.results.finding_advice import advise, list_frames
 from modelsel.results.finding_schema import EntryRecord, GainRecord

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from report_studies import read_source
 
-from modelsel.report.drawing import read_source
 from modelsel.results.finding_figures import scale_covariance
 from modelsel.results.parameter_table import (
     find_standard_uncertainty,

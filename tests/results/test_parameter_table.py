@@ -8,11 +8,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from report_studies import read_source
 
 from modelsel.mechanisms.causes import ONE
 from modelsel.mechanisms.geometry import geometric
 from modelsel.mechanisms.terms import Screw
-from modelsel.report.drawing import read_source
 from modelsel.results.arm_details import (
     describe_arm,
     describe_meaning,

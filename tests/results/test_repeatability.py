@@ -11,12 +11,12 @@ import pandas as pd
 import pytest
 from builders import small_arm
 from error_parts import INSTRUMENT, many, part, records
+from report_studies import terminal_lines
 
 from modelsel import Study, load_result, run_study
 from modelsel._records import parse_record
 from modelsel.fitting.error_structure import ErrorPart
 from modelsel.fitting.possible_parts import MIN_LEVELS
-from modelsel.report.terminal import write_sentences
 from modelsel.results.repeatability import (
     MAX_LINES,
     compute_target_rms,
@@ -358,7 +358,7 @@ def test_without_repeats_the_study_says_what_would_look_the_same(rng) -> None:
 def test_terminal_file_and_table_have_the_same_parts(rng, tmp_path) -> None:
     arm = small_arm()
     result = studied(arm, campaign(rng, arm, joint=2, size=2e-4))
-    lines = write_sentences(result.record, result.details)
+    lines = terminal_lines(result.record, result.details)
     said = write_repeatability_lines(result.record.repeatability)
     assert len(said) == 2
     start = lines.index(said[0])

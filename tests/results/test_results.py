@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from builders import OFF_AXIS, one, planted, small_arm
 from builders import drawn as scene_of
+from contract_tables import write_result_tables
 
 from modelsel import Study, load_result, run_study
 from modelsel._files import write_all
@@ -19,7 +20,6 @@ from modelsel.calibration.calibration_file import calibration_text
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
 from modelsel.mechanisms.causes import q
-from modelsel.results.contract_tables import write_result_tables
 from modelsel.results.residual_table import RESIDUALS
 from modelsel.results.storage import WRITES
 from modelsel.results.tables import TABLES

@@ -8,12 +8,11 @@ import re
 import numpy as np
 import pytest
 from builders import drawn, small_arm
+from report_studies import read_source, terminal_lines
 
 from modelsel import Study
 from modelsel.measurements.measurements import build_measurements
-from modelsel.report.drawing import read_source
 from modelsel.report.pages.front import write_data_page
-from modelsel.report.terminal import write_sentences
 from modelsel.results.placements import describe_placements
 from modelsel.results.schema import BaseRecord
 from modelsel.robot.kinematics import forward
@@ -71,7 +70,7 @@ def test_registered_once(rng, tmp_path) -> None:
         words[0],
     )
     assert re.fullmatch(r"Target in the flange frame: [\d.]+, -[\d.]+, [\d.]+ mm\.", words[1])
-    lines = write_sentences(result.record, result.details)
+    lines = terminal_lines(result.record, result.details)
     assert f"Registered: b{words[0][1:]}" in lines
     assert f"Registered: t{words[1][1:]}" in lines
     result.save(tmp_path)
@@ -95,5 +94,5 @@ def test_not_registered_nothing_is_said(rng) -> None:
     result = run_study(study(rng, False, tool_mm=TOOL), sampling=False)
     assert "registration" not in result.record.to_dict()
     assert not any(
-        line.startswith("Registered") for line in write_sentences(result.record, result.details)
+        line.startswith("Registered") for line in terminal_lines(result.record, result.details)
     )

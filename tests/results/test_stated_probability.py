@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from report_studies import read_source
 
 from modelsel.diagnosis.signatures import PROVEN
 from modelsel.diagnosis.stated_probability import (
@@ -14,7 +15,7 @@ from modelsel.diagnosis.stated_probability import (
     scale_listed,
 )
 from modelsel.report.document import collect_blocks
-from modelsel.report.drawing import PAGES, read_source
+from modelsel.report.drawing import PAGES
 from modelsel.report.terminal_summary import _describe_standing
 from modelsel.results.study_sentences import describe_probability, write_levels
 

@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from report_studies import read_source
 
 from modelsel.calibration.compensation import Commands
 from modelsel.cli.compensate import _sentence
@@ -16,7 +17,6 @@ from modelsel.cli.main import run_command_line
 from modelsel.diagnosis.sentences import describe_amount, format_quantity
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.terms import Screw, Term
-from modelsel.report.drawing import read_source
 from modelsel.report.figures.finding import panel_height
 from modelsel.report.pages.calibrated import _write_mechanisms
 from modelsel.report.pages.findings import advise_separation

@@ -18,7 +18,7 @@ from modelsel.exceptions import StudyError
 from modelsel.fitting.design import compute_design, residuals
 from modelsel.mechanisms.geometry import geometric
 from modelsel.robot.files import builtin_names, load_robot, read_robot, robot_from_table
-from modelsel.robot.kinematics import Robot, forward, pose, screw_field
+from modelsel.robot.kinematics import Robot, forward, pose
 from modelsel.robot.rigid import from_rotation_vector, rotation_matrix
 from modelsel.robot.urdf import read_urdf_text
 from modelsel.robot.urdf_writer import write_urdf
@@ -299,7 +299,7 @@ def test_exact_chain_and_screw_field(name, rng) -> None:
         (s,) = term.screws
         H[s.frame - 1, ["tx", "ty", "tz", "rx", "ry", "rz"].index(s.axis)] = value
     left = residuals(at, terms, theta)
-    field = screw_field(robot, q, tool)
+    field = pose(robot, q, tool).displacement().transpose(3, 0, 1, 2)
     assert field.shape == (6, robot.n + 1, 6, 3)
     for i in range(len(q)):
         np.testing.assert_allclose(

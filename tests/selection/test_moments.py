@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from builders import drawn, one, planted, seeds, small_arm
+from builders import drawn, estimate_gain, one, planted, seeds, small_arm
 from scipy.stats import mannwhitneyu
 
 from modelsel.fitting.design import Model, compute_design
@@ -113,7 +113,7 @@ def test_models_share_the_draws(rng, monkeypatch) -> None:
     whole = gain.resample_errors(residuals, block, np.random.default_rng(4))
     monkeypatch.setattr(gain, "MAX_DRAWN", 1000)
     first, second, third = gain.resample_errors(residuals, block, np.random.default_rng(4))
-    pair = gain.estimate_gain(residuals[0], residuals[2], block, np.random.default_rng(4))
+    pair = estimate_gain(residuals[0], residuals[2], block, np.random.default_rng(4))
     assert first.gain_of(third).interval_mm == pytest.approx(pair.interval_mm, rel=1e-12)
     assert second.drawn == pytest.approx(whole[1].drawn, rel=1e-12)
 

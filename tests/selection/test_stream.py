@@ -14,6 +14,7 @@ from modelsel.fitting.identifiability import solve
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.problem import Problem
+from modelsel.fitting.reduction import merged
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load_robot
 from modelsel.selection.cross_validation import cross_validate, fold
@@ -49,8 +50,9 @@ def test_pieces_in_any_order_are_the_whole(rng) -> None:
     left = streams[0].merge(streams[1]).merge(streams[2].merge(streams[3]))
     found = left.merge(streams[6].merge(streams[4].merge(streams[5])))
     once = Stream.empty(which.terms, 5, theta).add(at)
-    assert found.total.rows == once.total.rows == 3 * len(at)
-    a, b = solve(found.total, kept), solve(once.total, kept)
+    whole, in_one = merged(found.folds), merged(once.folds)
+    assert whole.rows == in_one.rows == 3 * len(at)
+    a, b = solve(whole, kept), solve(in_one, kept)
     np.testing.assert_allclose(a[0], b[0], rtol=0, atol=1e-9 * np.abs(theta).max())
     assert a[2] == pytest.approx(b[2], rel=1e-11)
     one = cross_validate(found.folded(), kept)

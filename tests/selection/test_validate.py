@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from builders import seeds
+from builders import estimate_gain, seeds
 from scipy import stats
 
 from modelsel.selection.evaluation import summarise_errors
-from modelsel.selection.gain import estimate_gain
 
 
 def test_errors_by_hand() -> None:

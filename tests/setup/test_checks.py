@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 from builders import bind, drawn, planted, seeds
 from click.testing import CliRunner
+from report_studies import terminal_lines
 from scipy.spatial.transform import Rotation
 
 from modelsel._typing import Array
@@ -24,7 +25,6 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.geometry import geometric
 from modelsel.notices import ALARMS, HOPELESS_FIT, Note, list_alarms
-from modelsel.report.terminal import write_sentences
 from modelsel.results.study_sentences import opening_sentences
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward, pose
@@ -115,11 +115,9 @@ def said(result: Result, code: str) -> str:
         return ""
     assert len(found) == 1
     if code in ALARMS and code != HOPELESS_FIT:
-        first = [
-            line for line in write_sentences(result.record, result.details) if found[0] in line
-        ]
+        first = [line for line in terminal_lines(result.record, result.details) if found[0] in line]
         assert len(first) == 1
-        assert write_sentences(result.record, result.details).index(first[0]) < len(
+        assert terminal_lines(result.record, result.details).index(first[0]) < len(
             list_alarms(result.warnings)
         )
         assert first[0] in opening_sentences(result.record)[: len(list_alarms(result.warnings))]
@@ -491,7 +489,7 @@ def test_a_fit_without_hope_says_so_first(rng, tmp_path) -> None:
         "Likeliest reasons: the wrong robot file; positions that belong to other readings; a tracker or target moved"
         in first
     )
-    assert sum(first in line for line in write_sentences(result.record, result.details)) == 1
+    assert sum(first in line for line in terminal_lines(result.record, result.details)) == 1
     assert not any("Nothing" in line for line in result.record.verdict)
     assert not any(
         "drowns in the noise" in u["sentence"] for u in result.record.to_dict()["unidentifiable"]

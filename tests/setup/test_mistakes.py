@@ -13,6 +13,7 @@ import pytest
 from builders import OFF_AXIS, planted, seeds, study_with
 from builders import drawn as drawn_arm
 from click.testing import CliRunner
+from report_studies import terminal_lines
 from setup_mistakes import Change, arm, said, shifted
 
 from modelsel._typing import Array
@@ -23,7 +24,6 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.geometry import geometric
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.notices import SETUP_MISTAKE
-from modelsel.report.terminal import write_sentences
 from modelsel.results.study_sentences import opening_sentences
 from modelsel.robot.files import load_robot
 from modelsel.robot.rigid import from_rpy
@@ -227,7 +227,7 @@ def test_it_is_told_first_and_nothing_is_changed(rng, tmp_path) -> None:
     result = run_study(tmp_path, sampling=False)
     assert next(w.code for w in result.warnings) == SETUP_MISTAKE
     np.testing.assert_array_equal(result.split.problem.data.q, q)
-    lines = write_sentences(result.record, result.details)
+    lines = terminal_lines(result.record, result.details)
     assert lines[0].startswith("Check the set-up: The positions fit ")
     assert words in lines[0]
     assert sum(words in line for line in lines) == 1

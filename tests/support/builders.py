@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from modelsel._typing import Array
+from modelsel._typing import Array, Index
 from modelsel.config.study_file import Study
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
@@ -18,6 +18,7 @@ from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import Joint, Robot, forward
 from modelsel.selection.evaluation import Split
+from modelsel.selection.gain import Gain, ResamplingOptions, resample_errors
 
 ON_AXIS, OFF_AXIS = (
     (0.0, 0.0, 100.0),
@@ -28,6 +29,15 @@ ON_AXIS, OFF_AXIS = (
 def seeds(*values: int) -> pytest.MarkDecorator:
     """The `rng` fixture once per seed, each in the test's id."""
     return pytest.mark.parametrize("rng", values, indirect=True, ids=[f"seed{v}" for v in values])
+
+
+def estimate_gain(
+    before: Array, after: Array, block: Index, rng: np.random.Generator, *options: ResamplingOptions
+) -> Gain:
+    """The gain between two models' residuals (m, 3) of the same rows; `block` (m,): the rows'
+    configurations."""
+    first, second = resample_errors([before, after], block, rng, *options)
+    return first.gain_of(second)
 
 
 def bind(robot: Robot | str, data: Measurements, tool: Sequence[float] = OFF_AXIS) -> Problem:

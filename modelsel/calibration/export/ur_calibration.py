@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 LENGTHS = ("x", "y", "z")
 ANGLES = ("roll", "pitch", "yaw")
-MAX_OFFSET_MM = 0.5  # of the flange from axis 6
 
 
 def to_ur_calibration(c: Calibration, notes: Sequence[str] = ()) -> Exported:

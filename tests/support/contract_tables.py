@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from .._records import StrictRecord
-from .finding_schema import FindingRecord
-from .schema import ErrorPartRecord, StudyRecord
+from modelsel._records import StrictRecord
+from modelsel.results.finding_schema import FindingRecord
+from modelsel.results.schema import ErrorPartRecord, StudyRecord
 
 
 def write_key_table(model: type[StrictRecord]) -> str:
