@@ -38,6 +38,7 @@ from modelsel.diagnosis.unlisted_shapes import ODDS, list_company, list_rivals
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Bump, Named, cos, q, sin, torque
+from modelsel.mechanisms.environment import tracker_bumped, tracker_step
 from modelsel.mechanisms.registry import build_faults, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load_robot
@@ -247,6 +248,19 @@ def test_signatures_agree_level_by_level() -> None:
     assert list(shape[:4] == shape[0]) == [True, True, False, False]
     assert shape[4] == -1
     assert (cause == -1).all()
+
+
+def test_two_names_of_one_move_say_the_same(rng: np.random.Generator) -> None:
+    """A bumped tracker and a step of it, of any moment: each was told with half of the probability."""
+    at = load_robot("irb120")
+    share = int(rng.integers(1, 200)) / 200
+    bumped, moved = tracker_bumped(at, share), tracker_step(at, share)
+    other = mechanism("encoder-scale:2", at)
+    found = [Candidate(one, CandidateKind.MECHANISM, 0.1) for one in (bumped, moved, other)]
+    for known in read_signatures(found):
+        assert known[0] == known[1] >= 0
+        assert known[0] != known[2]
+    assert bumped.sentence == moved.sentence
 
 
 def test_the_shape_of_a_part_of_a_joints_own_function_is_proven_with_the_others_alone(rng) -> None:
