@@ -15,6 +15,8 @@ from ..measurements.state_names import StateKind, parse_state_name
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .data_faults import FaultKind
+from .finer_waves import QUARTER
+from .simple_shapes import find_own_wave
 
 # what a candidate says at each level, part by part
 Parts = tuple[frozenset[Hashable], ...]
@@ -96,9 +98,14 @@ def _name_driver(name: str) -> str:
 
 
 def _read_shape(candidate: Candidate) -> Hashable:
-    """Of a registered mechanism the name, whatever its constant; of a jump the place alone."""
+    """Of a registered mechanism the name, whatever its constant; of a jump the place alone;
+    waves of about one number are the same."""
     if candidate.kind in SHAPELESS:
         return None
+    if candidate.kind is CandidateKind.JOINT_WAVE:
+        joint, count = find_own_wave(candidate.mechanism)
+        quarters = round(count / QUARTER)
+        return candidate.kind, joint, quarters
     if candidate.kind in WITH_PLACE:
         return candidate.kind, frozenset(candidate.mechanism.names_by_place().items())
     if candidate.but_for_sign:

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from builders import seeds
+from builders import drawn, seeds
 from hidden_arm import Arm, State, arm, measured
 from hidden_arm import Effect as Planted
 from hidden_effects import at, together
@@ -34,7 +34,9 @@ from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose
 from modelsel.diagnosis.sentences import label_effect
 from modelsel.diagnosis.signatures import LEVELS, PROVEN, read_signatures
+from modelsel.diagnosis.simple_shapes import find_own_wave
 from modelsel.diagnosis.unlisted_shapes import ODDS, list_company, list_rivals
+from modelsel.diagnosis.unregistered import build_wave
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Bump, Named, cos, q, sin, torque
@@ -131,6 +133,22 @@ def test_a_shape_without_a_cause_is_told_as_what_it_is(
     assert effect.candidate.kind is kind
     assert set(effect.candidate.mechanism.names_by_place()) == {(3, "rz")}
     assert claim.level in ("drivers", "shape")
+
+
+@pytest.mark.integration
+@seeds(1, 2, 3)
+def test_a_wave_of_any_number_is_one_wave(rng: np.random.Generator) -> None:
+    """Between the numbers that are looked for: it was told with the nearest of them, beside a second
+    wave or a joint that does not repeat."""
+    count = int(rng.integers(6, 30)) + rng.uniform(0.3, 0.7)
+    joint = int(rng.choice([1, 4]))
+    turned = (joint, lambda s: np.sin(count * s.q[:, joint - 1] + 1.0))
+    at = plant(str(rng.choice(ROBOTS)), rng, turned, times=12.0, m=200)
+    ((effect, claim),) = claims_of(at)
+    assert claim.level == "shape"
+    told, own = find_own_wave(effect.candidate.mechanism)
+    assert told == joint
+    assert own == pytest.approx(count, abs=0.06)
 
 
 @pytest.mark.integration
@@ -248,6 +266,28 @@ def test_signatures_agree_level_by_level() -> None:
     assert list(shape[:4] == shape[0]) == [True, True, False, False]
     assert shape[4] == -1
     assert (cause == -1).all()
+
+
+def test_waves_of_about_one_number_have_one_shape() -> None:
+    waves = [build_wave(3, count) for count in (14.25, 14.31, 14.75)]
+    found = [Candidate(one, CandidateKind.JOINT_WAVE, 0.1) for one in waves]
+    shape = read_signatures(found)[LEVELS.index("shape")]
+    assert list(shape == shape[0]) == [True, True, False]
+
+
+def test_two_waves_of_a_joint_may_be_one_between(rng: np.random.Generator) -> None:
+    """Of one joint's own functions only waves are weighed together."""
+    at = drawn("puma760", rng, 40)
+    waves = {g: build_wave(3, count) for g, count in ((1, 9.25), (5, 10.0))}
+    found = {g: Candidate(one, CandidateKind.JOINT_WAVE, 0.1) for g, one in waves.items()}
+    found[8] = Candidate(mechanism("encoder-scale:3", at.robot), CandidateKind.MECHANISM, 0.1)
+    together = {one.members: one for one in list_company(at, found)}
+    shapes = together[1, 5].shapes
+    assert {shape.kind for shape in shapes} == {CandidateKind.JOINT_WAVE}
+    numbers = sorted(find_own_wave(shape.mechanism)[1] for shape in shapes)
+    assert 9.0 < numbers[0] < 9.25 < numbers[-1] < 10.25
+    scale_and_eccentricity = {1: found[8], 2: single((3, "rz"), sin(q(3)), cos(q(3)))}
+    assert not list_company(at, scale_and_eccentricity)
 
 
 def test_two_names_of_one_move_say_the_same(rng: np.random.Generator) -> None:
