@@ -57,6 +57,8 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
             better.append(((g,), shape))
     for g, share in weigh_families(search, chosen, view).items():
         levels[g] = levels[g] * share
+    for g, share in weigh_families(search, chosen, view, one_place=True).items():
+        levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
     for group in list_company(search.problem, effects):
         share, shape = _weigh_together(search, view, group)
         for g in group.members:

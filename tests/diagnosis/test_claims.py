@@ -16,7 +16,7 @@ from hidden_effects import at, together
 
 from modelsel._typing import Array
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
+from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.claim_sentences import (
     describe_claim,
     describe_levels,
@@ -37,6 +37,7 @@ from modelsel.diagnosis.signatures import LEVELS, PROVEN, read_signatures
 from modelsel.diagnosis.simple_shapes import find_own_wave
 from modelsel.diagnosis.unlisted_shapes import ODDS, list_company, list_rivals
 from modelsel.diagnosis.unregistered import build_wave
+from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Bump, Named, cos, q, sin, torque
@@ -133,6 +134,17 @@ def test_a_shape_without_a_cause_is_told_as_what_it_is(
     assert effect.candidate.kind is kind
     assert set(effect.candidate.mechanism.names_by_place()) == {(3, "rz")}
     assert claim.level in ("drivers", "shape")
+
+
+@pytest.mark.integration
+@seeds(1, 2, 3)
+def test_two_proportional_errors_of_a_joint_are_no_product(rng: np.random.Generator) -> None:
+    """The product of two readings was told, which holds either by itself, with a size of zero."""
+    sign = rng.choice([-1.0, 1.0])
+    turns = [(5, lambda s: s.q[:, 3]), (5, lambda s: sign * s.q[:, 4])]
+    at = plant(str(rng.choice(ROBOTS)), rng, *turns, times=rng.uniform(6, 12), m=100)
+    told = {effect.candidate.label for effect, _ in claims_of(at)}
+    assert told == {"wrist-coupling:5", "encoder-scale:5"}
 
 
 @pytest.mark.integration
@@ -336,6 +348,22 @@ def test_families_are_sums_of_single_joints() -> None:
     }
     assert families["fault:read-too-early"] == [f"settle:{j}" for j in range(1, 7)]
     assert families["gravity-twist"] == ["joint2-twist", "joint3-twist"]
+
+
+def test_a_product_of_readings_holds_either_by_itself(rng: np.random.Generator) -> None:
+    """One reading alone is no case of the product."""
+    at_ = drawn("puma760", rng, 40)
+    robot = at_.robot
+    base = Model((mechanism("geometric", robot),))
+    found = build_candidates(at_, base, every(robot))
+    products = {found[one.whole].label: one for one in find_families(found) if one.one_place}
+    family = products["frame 5 rz · q4 times q5"]
+    assert {found[g].label for g in family.parts} == {"wrist-coupling:5", "encoder-scale:5"}
+    assert all(found[g].kind is CandidateKind.PRODUCT for g in (f.whole for f in products.values()))
+    first, second = family.parts
+    assert family.list_chosen([first]) == []
+    assert family.list_chosen([first, second]) == [first, second]
+    assert family.list_chosen([family.whole, -1]) == [family.whole]
 
 
 # -- what is said
