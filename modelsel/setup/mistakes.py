@@ -99,7 +99,8 @@ def _describe_stated(sample: Problem, least: float, links: bool) -> str | None:
     left = compute_left(sample)
     if before / MIN_IMPROVEMENT < left < least:
         return None
-    found = _explain_registered(sample, before, links)
+    # what finding frame and target explains by itself is no mistake of the joints
+    found = _explain_registered(sample, min(before, left), links)
     if not found:
         return None
     return _describe(before, found, REGISTRATION)
