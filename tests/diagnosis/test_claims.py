@@ -428,6 +428,15 @@ def test_a_cause_is_not_told_where_not_even_its_place_is_proven() -> None:
     assert "the data cannot tell this apart from" in describe_proven(untold)
 
 
+def test_what_is_likelier_than_the_names_is_told_as_something_else() -> None:
+    """Where sets of effects hold most of the probability one name stood there with 0.18."""
+    robot = load_robot("puma760")
+    uneven = Candidate(mechanism("gear-eccentricity:3", robot), CandidateKind.MECHANISM, 0.01)
+    unlikely = describe_proven(effect_of(uneven, 0.57, 0.18, 0.18, 0.18))
+    assert "not proven: gear-eccentricity:3 (0.18) or something else (0.82) (" in unlikely
+    assert "something else" not in describe_proven(effect_of(uneven, 0.88, 0.87, 0.54, 0.54))
+
+
 def test_names_that_move_alike_are_together_as_probable_as_the_name_is_told() -> None:
     """The listed probabilities are scaled to the level that is told, and so is their sum."""
     robot = load_robot("puma760")
