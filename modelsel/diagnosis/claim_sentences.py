@@ -31,6 +31,8 @@ COLUMNS = {
 }
 # names of rivals that a place which is not proven is told with
 NAMED_RIVALS = 3
+# probability of what is not named beside them, above which that is said
+MOST = 0.5
 
 
 class ClaimedLevel(NamedTuple):
@@ -196,12 +198,18 @@ def _list_entries(effect: Effect) -> str:
     weights = effect.named.sum_by_label()
     listed = list(weights.items())
     words = []
+    left = 1.0
     for label, weight in listed[:NAMED_RIVALS]:
         name = _name_entry(effect, label)
         probability = scale * weight
+        left -= probability
         written = format_probability(probability)
         word = f"{name} ({written})"
         words.append(word)
+    if left > MOST:
+        # such as several effects together
+        written = format_probability(left)
+        words.append(f"something else ({written})")
     return " or ".join(words)
 
 

@@ -57,6 +57,8 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
             better.append(((g,), shape))
     for g, share in weigh_families(search, chosen, view).items():
         levels[g] = levels[g] * share
+    for g, share in weigh_families(search, chosen, view, one_place=True).items():
+        levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
     for group in list_company(search.problem, effects):
         share, shape = _weigh_together(search, view, group)
         for g in group.members:
@@ -144,8 +146,10 @@ def weigh_alone(search: Search, view: View, g: int) -> tuple[Array, Candidate | 
     levels = np.add(of_listed, of_rivals)
     if has_contrary_signs(own.mechanism, view.fitted.theta[search.locate_terms(g, view)]):
         levels[-1] = 0.0
-    best = int(np.argmax(logs[count:])) if others else -1
-    if others and logs[count + best] - logs[:count].max() > MIN_LOG_ODDS:
+    # what differs in its constant alone is asked last, whatever the priors
+    unlike = [k for k, rival in enumerate(rivals) if rival.agrees != "shape"]
+    best = max(unlike, key=lambda k: logs[count + k], default=-1)
+    if unlike and logs[count + best] - logs[:count].max() > MIN_LOG_ODDS:
         return levels, others[best]
     agreed = find_agreed(search.signatures, g, probability[:count], levels)
     if agreed is not None:
@@ -169,8 +173,11 @@ def _agree(search: Search, g: int) -> list[Array]:
 
 def _sum_agreeing(rivals: Sequence[Rival], probability: Array, level: str) -> float:
     """Sum the probabilities (A,) of the rivals that agree with a finding up to a level."""
-    agrees = {"place": ("place", "drivers"), "drivers": ("drivers",)}.get(level, ())
-    return float(sum(probability[k] for k, rival in enumerate(rivals) if rival.agrees in agrees))
+    start = LEVELS.index(level)
+    as_deep = LEVELS[start:]
+    agreeing = [rival.agrees in as_deep for rival in rivals]
+    total = probability[agreeing].sum()
+    return float(total)
 
 
 def _weigh_together(search: Search, view: View, group: Company) -> tuple[float, Candidate | None]:

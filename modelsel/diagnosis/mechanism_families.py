@@ -2,7 +2,8 @@
 
 Where three joints lag, "all joints lag" is found first, and then further joints that cancel the
 others. So the effects of a family are weighed together: the whole alone, parts alone, or both;
-whichever the data make more probable stands."""
+whichever the data make more probable stands. The product of two readings at a joint is such a whole,
+too: it holds either reading by itself, for which two effects of that joint are another name."""
 
 from __future__ import annotations
 
@@ -13,9 +14,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..mechanisms.terms import Mechanism, Screw
+from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .evidence import MIN_LOG_ODDS
 from .joint_curves import build_curve, chain_effects, see_rest
+from .own_candidates import Screws
 
 if TYPE_CHECKING:
     from .state import Search
@@ -26,10 +29,19 @@ KIN = float(np.log(20))
 
 
 class Family(NamedTuple):
-    """The number of a mechanism of several joints, and those of its parts."""
+    """The number of a mechanism of several joints, and those of its parts; or of a product at one
+    place, and those of its readings by themselves."""
 
     whole: int
     parts: tuple[int, ...]
+    one_place: bool = False
+
+    def list_chosen(self, chosen: Sequence[int]) -> list[int]:
+        """List its members among chosen candidates; none where these are one reading of a product."""
+        own = [g for g in chosen if g == self.whole or g in self.parts]
+        if self.one_place and self.whole not in own and len(own) == 1:
+            return []
+        return own
 
 
 def find_families(candidates: Sequence[Candidate]) -> list[Family]:
@@ -42,7 +54,23 @@ def find_families(candidates: Sequence[Candidate]) -> list[Family]:
         parts = tuple(g for g, other in screws.items() if other < own)
         if len(parts) > 1:
             families.append(Family(whole, parts))
-    return families
+    return [*families, *_find_products(candidates)]
+
+
+def _find_products(candidates: Sequence[Candidate]) -> Iterator[Family]:
+    """Find the products of two readings at a joint of which both are candidates by themselves."""
+    place: dict[Screws, int] = {}
+    products: list[int] = []
+    for g, candidate in enumerate(candidates):
+        if candidate.kind is CandidateKind.PRODUCT:
+            products.append(g)
+        elif len(candidate.mechanism.terms) == 1:
+            place.setdefault(candidate.screws, g)
+    for whole in products:
+        alone = [frozenset((key,)) for key in candidates[whole].screws]
+        parts = tuple(sorted(place[key] for key in alone if key in place))
+        if len(parts) > 1:
+            yield Family(whole, parts, one_place=True)
 
 
 def _collect(mechanism: Mechanism) -> frozenset[Screw]:
@@ -56,7 +84,7 @@ def generate_better_families(
 
     Yields the chosen candidates, and what changed in words."""
     for family in search.families:
-        now = [g for g in chosen if g == family.whole or g in family.parts]
+        now = family.list_chosen(chosen)
         best = _find_better(search, family, now, view) if now else None
         if best is None:
             continue
@@ -65,13 +93,15 @@ def generate_better_families(
         yield [*rest, *best], f"{before} -> {after}"
 
 
-def weigh_families(search: Search, chosen: Sequence[int], view: View) -> dict[int, float]:
-    """Weigh the effects of every family against the others that would do: the probability that
-    those which are chosen are right, of each that would have to go."""
+def weigh_families(
+    search: Search, chosen: Sequence[int], view: View, one_place: bool = False
+) -> dict[int, float]:
+    """Weigh the effects of every family, of several places or of one, against the others that would
+    do: the probability that those which are chosen are right, of each that would have to go."""
     shares: dict[int, float] = {}
     for family in search.families:
-        now = [g for g in chosen if g == family.whole or g in family.parts]
-        if not now:
+        now = family.list_chosen(chosen)
+        if not now or family.one_place is not one_place:
             continue
         present, trials = _weigh(search, family, now, view)
         others = {frozenset(best): value for value, best in trials if set(best) != set(now)}

@@ -315,7 +315,7 @@ def _place_families(families: Sequence[Family], place: dict[int, int]) -> tuple[
     for family in families:
         if family.whole in place:
             parts = [place[g] for g in family.parts if g in place]
-            placed.append(Family(place[family.whole], tuple(parts)))
+            placed.append(family._replace(whole=place[family.whole], parts=tuple(parts)))
     return tuple(placed)
 
 

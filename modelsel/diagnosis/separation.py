@@ -78,8 +78,8 @@ class Inquiry(NamedTuple):
         those of other searches in the same rows."""
         rng = generator(self.seed, "naming")
         base_fit = fit(problem, self.base)
-        listed = {one.mechanism.name for one in found}
-        shapes = tuple(one for one in known if one.mechanism.name not in listed)
+        listed = {one.mechanism for one in found}
+        shapes = tuple(one for one in known if one.mechanism not in listed)
         memory_mb = self.options.memory_mb
         return Search(problem, self.base, found + shapes, rng, base_fit, memory_mb, causes)
 

@@ -14,6 +14,9 @@ from .._typing import Index
 from ..measurements.state_names import StateKind, parse_state_name
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
+from .data_faults import FaultKind
+from .finer_waves import QUARTER
+from .simple_shapes import find_own_wave
 
 # what a candidate says at each level, part by part
 Parts = tuple[frozenset[Hashable], ...]
@@ -34,6 +37,8 @@ WITHOUT_MASSES = {
     StateKind.UNIT_TORQUE: StateKind.TORQUE,
     StateKind.UNIT_BENDING: StateKind.BENDING,
 }
+# names of one move that no measurement tells apart: a bump and a step of the tracker
+SAME_MOVE = {FaultKind.TRACKER_BUMPED.label: "tracker-step"}
 # kinds of one shape, whatever the reading at which it sets in
 WITH_PLACE = (CandidateKind.JUMP, CandidateKind.RAMP, CandidateKind.SAW, CandidateKind.PULL)
 
@@ -93,15 +98,23 @@ def _name_driver(name: str) -> str:
 
 
 def _read_shape(candidate: Candidate) -> Hashable:
-    """Of a registered mechanism the name, whatever its constant; of a jump the place alone."""
+    """Of a registered mechanism the name, whatever its constant; of a jump the place alone;
+    waves of about one number are the same."""
     if candidate.kind in SHAPELESS:
         return None
+    if candidate.kind is CandidateKind.JOINT_WAVE:
+        joint, count = find_own_wave(candidate.mechanism)
+        quarters = round(count / QUARTER)
+        return candidate.kind, joint, quarters
     if candidate.kind in WITH_PLACE:
         return candidate.kind, frozenset(candidate.mechanism.names_by_place().items())
     if candidate.but_for_sign:
         return candidate.but_for_sign[0].name
-    return candidate.registered_name or candidate.screws
+    return _read_cause(candidate) or candidate.screws
 
 
-def _read_cause(candidate: Candidate) -> Hashable:
-    return candidate.registered_name
+def _read_cause(candidate: Candidate) -> str | None:
+    name = candidate.registered_name
+    if name is None:
+        return None
+    return SAME_MOVE.get(name, name)

@@ -66,11 +66,12 @@ def _list_functions(problem: Problem, name: str) -> list[Cause]:
 def generate_saws(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
     """Generate saws of as many teeth a turn as a joint's wave has, which fall back between readings
     that were measured. None for any other finding."""
-    joint, teeth = find_own_wave(found)
-    if not teeth:
+    joint, count = find_own_wave(found)
+    if not count or count % 1:
         return
+    teeth = int(count)
     (place,) = found.names_by_place()
-    angle = float(teeth) * q(joint)
+    angle = count * q(joint)
     readings = problem.data.q[:, joint - 1]
     often = "once a turn"
     if teeth > 1:
@@ -118,9 +119,9 @@ def generate_pulls(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
         yield from build_pulls(joint, others[driver], onset)
 
 
-def find_own_wave(found: Mechanism) -> tuple[int, int]:
-    """Find the joint of whose own angle a finding is a wave, and how many it has a turn: 0 where it
-    is none, or no whole number."""
+def find_own_wave(found: Mechanism) -> tuple[int, float]:
+    """Find the joint of whose own reading a finding is a wave, and how many it has a turn (in 2π mm of
+    a slide): 0 where it is none."""
     places = list(found.names_by_place())
     joint, _ = places[0]
     if len(places) > 1 or found.names() != {f"q{joint}"}:
@@ -134,7 +135,4 @@ def find_own_wave(found: Mechanism) -> tuple[int, int]:
             return joint, 0
         count = float(wave[1] or 1)
         counts.append(count)
-    fewest = min(counts)
-    if fewest % 1:
-        return joint, 0
-    return joint, int(fewest)
+    return joint, min(counts)

@@ -73,8 +73,9 @@ class Exploration:
 
 def explore(search: Search, known: Sequence[Candidate], say: Say) -> Exploration:
     """Add effects to the base, or to candidates that an earlier search has chosen."""
-    place = {one.mechanism.name: g for g, one in enumerate(search.candidates)}
-    chosen = [place[one.mechanism.name] for one in known]
+    # by mechanism: a scanned one has candidates of one name, which differ in their constant
+    place = {one.mechanism: g for g, one in enumerate(search.candidates)}
+    chosen = [place[one.mechanism] for one in known]
     path = [f"+ {one.label}" for one in known]
     progress = _start(search, chosen, None, path) if chosen else None
     progress = progress or SearchProgress([], search.first)

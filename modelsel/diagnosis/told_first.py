@@ -20,8 +20,13 @@ from .signatures import WITH_PLACE, read_drivers
 
 # levels that are told first: place and drivers
 FIRST_LEVELS = 2
-# kinds of one shape with a constant: the angle at which something sets in, a power
-WITH_CONSTANT = (*WITH_PLACE, CandidateKind.POWER)
+# kinds of one shape with a constant: the angle at which something sets in, a power, a number of waves
+WITH_CONSTANT = (
+    *WITH_PLACE,
+    CandidateKind.POWER,
+    CandidateKind.JOINT_WAVE,
+    CandidateKind.SLIDE_WAVE,
+)
 # log evidence by which a constant is not likelier than another
 SAME = 0.1
 

@@ -19,9 +19,10 @@ from ..mechanisms.terms import Mechanism, Screw, Term
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .driver_functions import level_off, scale_driver
+from .finer_waves import generate_finer_waves
 from .simple_shapes import generate_products, generate_pulls, generate_saws
 from .torque_powers import generate_powers
-from .unregistered import Place, build_bumps, list_places
+from .unregistered import RARE_WEIGHT, Place, build_bumps, list_places
 
 Drivers = frozenset[str]
 
@@ -38,6 +39,8 @@ SIMPLE = {
     CandidateKind.PULL: generate_pulls,
     CandidateKind.POWER: generate_powers,
 }
+# kinds of waves, whose number may lie between those that are looked for
+OF_ANY_NUMBER = (CandidateKind.JOINT_WAVE, CandidateKind.SLIDE_WAVE)
 # how a free function of one driver may change with another one
 FACTORS = (scale_driver, level_off)
 # prior probability of a further listed finding at a place, where one is
@@ -49,8 +52,8 @@ SHARES = {"shape": 0.5, "drivers": 0.25, "place": 0.25}
 
 @dataclass(frozen=True)
 class Rival:
-    """Another explanation of a finding, with what it agrees in: "drivers" (and so the place),
-    "place" (other drivers there), or "" (another place)."""
+    """Another explanation of a finding, with what it agrees in: "shape" (all but its constant),
+    "drivers" (and so the place), "place" (other drivers there), or "" (another place)."""
 
     candidate: Candidate
     agrees: str
@@ -69,7 +72,8 @@ class Company:
 def list_company(problem: Problem, effects: Mapping[int, Candidate]) -> list[Company]:
     """List the findings that share a place: every two, and all of a place together.
 
-    One joint's own angle is left to `joint_curves`."""
+    Functions of one joint's own angle are left to `joint_curves`, but for waves: two of them may be
+    one of a number between."""
     by_place: dict[Place, list[int]] = {}
     for g, candidate in effects.items():
         if candidate.asked:
@@ -91,13 +95,11 @@ def _build_company(
     mechanisms = [effects[g].mechanism for g in members]
     drivers = frozenset[str]().union(*(mechanism.names() for mechanism in mechanisms))
     if drivers == {f"q{place[0]}"}:
-        return None
-    free = list(_generate_shapes(problem, {place: drivers}))
-    if any(m in free for m in mechanisms):
-        return None
-    powers = dict.fromkeys(power for m in mechanisms for power in generate_powers(problem, m))
-    shapes = [(m, CandidateKind.SHAPE) for m in free]
-    shapes += [(m, CandidateKind.POWER) for m in powers if m not in mechanisms]
+        kind = CandidateKind.JOINT_WAVE if place[1] == "rz" else CandidateKind.SLIDE_WAVE
+        waves = [wave for m in mechanisms for wave in generate_finer_waves(problem, m)]
+        shapes = [(wave, kind) for wave in dict.fromkeys(waves)]
+    else:
+        shapes = _list_shapes(problem, mechanisms, place, drivers)
     if not shapes:
         return None
     terms = {term.key: term for mechanism in mechanisms for term in mechanism.terms}
@@ -110,6 +112,18 @@ def _build_company(
     )
     share = prior * ODDS * SHARES["shape"] / len(shapes)
     return Company(members, listed, tuple(Candidate(m, kind, share) for m, kind in shapes))
+
+
+def _list_shapes(
+    problem: Problem, mechanisms: Sequence[Mechanism], place: Place, drivers: Drivers
+) -> list[tuple[Mechanism, CandidateKind]]:
+    """List shapes of the drivers of several findings at one place; none where one of these is such."""
+    free = list(_generate_shapes(problem, {place: drivers}))
+    if any(m in free for m in mechanisms):
+        return []
+    powers = dict.fromkeys(power for m in mechanisms for power in generate_powers(problem, m))
+    shapes = [(m, CandidateKind.SHAPE) for m in free]
+    return shapes + [(m, CandidateKind.POWER) for m in powers if m not in mechanisms]
 
 
 def list_rivals(problem: Problem, candidate: Candidate) -> list[Rival]:
@@ -137,9 +151,26 @@ def list_rivals(problem: Problem, candidate: Candidate) -> list[Rival]:
             for kind, mechanisms in simple.items()
             for rival in _weigh(mechanisms, "drivers", alike, kind)
         ),
+        *_list_finer_waves(problem, candidate),
         *_weigh(others, "place", prior * SHARES["drivers"]),
         *_weigh(elsewhere, "", prior * SHARES["place"]),
     ]
+
+
+def _list_finer_waves(problem: Problem, candidate: Candidate) -> Iterator[Rival]:
+    """List waves of about as many a turn as a found one: the same shape, but for a registered ripple,
+    whose whole number is likelier."""
+    kind = candidate.kind
+    agrees, prior = "shape", candidate.prior
+    if candidate.registered:
+        kind = CandidateKind.JOINT_WAVE
+        agrees = "drivers"
+        prior *= RARE_WEIGHT
+    if kind not in OF_ANY_NUMBER:
+        return
+    own = candidate.mechanism
+    waves = list(generate_finer_waves(problem, own))
+    yield from _weigh(waves, agrees, prior, kind)
 
 
 def _weigh(

@@ -265,13 +265,18 @@ def build_waves(robot: Robot) -> Iterator[Unregistered]:
     for j in _turning_joints(robot):
         for counts, weight in ((WAVES, 1.0), (BETWEEN, RARE_WEIGHT)):
             for count in counts:
-                mechanism = Mechanism(
-                    name=f"{j} rz {count:g} waves",
-                    terms=wave_terms(j, count, "rz", "m"),
-                    sentence=f"Joint {j} turns unevenly, {count:g} waves a turn",
-                    usual_causes=RIPPLING_PARTS,
-                )
-                yield Unregistered(mechanism, CandidateKind.JOINT_WAVE, weight)
+                wave = build_wave(j, count)
+                yield Unregistered(wave, CandidateKind.JOINT_WAVE, weight)
+
+
+def build_wave(joint: int, count: float) -> Mechanism:
+    """Build a wave of a turning joint's own angle, `count` a turn, at its own rotation."""
+    return Mechanism(
+        name=f"{joint} rz {count:g} waves",
+        terms=wave_terms(joint, count, "rz", "m"),
+        sentence=f"Joint {joint} turns unevenly, {count:g} waves a turn",
+        usual_causes=RIPPLING_PARTS,
+    )
 
 
 def build_pitch_waves(problem: Problem) -> Iterator[Unregistered]:
@@ -288,13 +293,14 @@ def build_pitch_waves(problem: Problem) -> Iterator[Unregistered]:
             continue
         for count in PITCHES:
             yield Unregistered(
-                mechanism=_build_pitch_wave(j, count, travel),
+                mechanism=build_pitch_wave(j, count, travel),
                 kind=CandidateKind.SLIDE_WAVE,
                 weight=1 / 8,
             )
 
 
-def _build_pitch_wave(joint: int, count: float, travel: float) -> Mechanism:
+def build_pitch_wave(joint: int, count: float, travel: float) -> Mechanism:
+    """Build a wave of a slide's own reading, `count` over its measured `travel` [mm]."""
     factor = float(f"{2 * np.pi * count / travel:.6g}")
     angle = factor * q(joint, "mm")
     sine = Screw(joint, "tz", sin(angle))

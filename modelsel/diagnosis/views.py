@@ -216,6 +216,8 @@ class Views:
         root = prior_root(fitted.terms, fitted.precision)
         A = ModelColumns(base, self._expand(more), root)
         own = [k for k in fitted.representatives if k >= before]
+        if not own:
+            return None
         rank = first.Q.shape[1]
         # by columns: the new ones are made orthonormal where they stand
         shape = A.rows + len(root), rank + len(own)

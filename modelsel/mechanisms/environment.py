@@ -189,12 +189,13 @@ def tracker_step(robot: Robot, at: float) -> Mechanism:
 
 
 def tracker_bumped(robot: Robot, at: float) -> Mechanism:
-    """The same step, seen as a fault of the measurement."""
+    """The same step, seen as a fault of the measurement: no measurement tells the two apart, so that
+    its sentence says neither."""
     step = tracker_step(robot, at)
     return Mechanism(
         "fault:tracker-bumped",
         step.terms,
-        f"A fault of the data: the instrument and the base stand differently relative to each other after {at:.1%} of the campaign.",
+        step.sentence,
         step.equation,
         step.source,
         usual_causes=step.usual_causes,

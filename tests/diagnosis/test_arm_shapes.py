@@ -6,18 +6,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from builders import drawn, planted, seeds
+from builders import drawn, planted, seeds, small_arm
 
 from modelsel import diagnose
 from modelsel.diagnosis.arm_shapes import generate_arm_shapes
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate
-from modelsel.diagnosis.simple_shapes import generate_products, generate_pulls, generate_saws
+from modelsel.diagnosis.finer_waves import generate_finer_waves
+from modelsel.diagnosis.simple_shapes import (
+    find_own_wave,
+    generate_products,
+    generate_pulls,
+    generate_saws,
+)
 from modelsel.diagnosis.unlisted_shapes import ODDS, list_rivals
-from modelsel.diagnosis.unregistered import Unregistered, build_cell
+from modelsel.diagnosis.unregistered import Unregistered, build_cell, build_pitch_wave, build_wave
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Applied, Named, cos, q, sin
+from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
@@ -147,6 +154,39 @@ def test_a_saw_rises_and_falls_back_as_often_as_the_wave_that_was_found(
     quarter = build_cell((3, "rz"), (sin(6.25 * q(3)), cos(6.25 * q(3))))
     across = build_cell((4, "rz"), (sin(6.0 * q(3)), cos(6.0 * q(3))))
     assert not [*generate_saws(at, quarter), *generate_saws(at, across)]
+
+
+@pytest.mark.parametrize("kind", ["turns", "slides"])
+def test_finer_waves_fill_the_gaps_beside_a_wave(kind: str, rng: np.random.Generator) -> None:
+    """Neighbours come apart by an eighth of a radian over the measured range."""
+    arm = replace(small_arm(prismatic=True), gravity=(0.0, 0.0, -1.0))
+    at = Problem(
+        arm, build_measurements(arm.draw(rng, 40), rng.normal(size=(40, 3))), np.zeros((1, 3))
+    )
+    slides = [j for j, joint in enumerate(arm.joints, 1) if joint.prismatic]
+    joint = slides[0] if kind == "slides" else next(j for j in (1, 2, 3) if j not in slides)
+    width = np.ptp(at.data.q[:, joint - 1])
+    count = float(rng.integers(12, 160)) / 4
+    found = build_pitch_wave(joint, count, width) if kind == "slides" else build_wave(joint, count)
+    gap, unit = (0.125, 2 * np.pi / width) if kind == "slides" else (0.25, 1.0)
+    numbers = [find_own_wave(one)[1] / unit for one in generate_finer_waves(at, found)]
+    every = np.array(sorted([*numbers, count]))
+    assert len(every) == len(numbers) + 1
+    assert np.abs(every - count).max() < gap
+    step = 0.125 / (unit * width)
+    np.testing.assert_allclose(np.diff(every), step, atol=2e-3)
+    assert gap - np.abs(every - count).max() < step + 1e-3
+
+
+def test_only_a_wave_of_a_joint_has_finer_ones(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 40)
+    others = [
+        mechanism("encoder-eccentricity:3", at.robot),
+        mechanism("encoder-scale:3", at.robot),
+        build_cell((4, "rz"), (sin(6.0 * q(3)), cos(6.0 * q(3)))),
+        build_cell((3, "rz"), tuple(f(k * q(3)) for k in (4.0, 8.0) for f in (sin, cos))),
+    ]
+    assert not any(list(generate_finer_waves(at, one)) for one in others)
 
 
 def test_rivals_are_products_of_two_drivers_or_pulls_of_another_joint(

@@ -9,14 +9,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from builders import seeds
+from builders import drawn, seeds
 from hidden_arm import Arm, State, arm, measured
 from hidden_arm import Effect as Planted
 from hidden_effects import at, together
 
 from modelsel._typing import Array
 from modelsel.diagnosis.candidate_kinds import CandidateKind
-from modelsel.diagnosis.candidates import Candidate
+from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.claim_sentences import (
     describe_claim,
     describe_levels,
@@ -34,10 +34,14 @@ from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.procedure import diagnose
 from modelsel.diagnosis.sentences import label_effect
 from modelsel.diagnosis.signatures import LEVELS, PROVEN, read_signatures
+from modelsel.diagnosis.simple_shapes import find_own_wave
 from modelsel.diagnosis.unlisted_shapes import ODDS, list_company, list_rivals
+from modelsel.diagnosis.unregistered import build_wave
+from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Bump, Named, cos, q, sin, torque
+from modelsel.mechanisms.environment import tracker_bumped, tracker_step
 from modelsel.mechanisms.registry import build_faults, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load_robot
@@ -130,6 +134,33 @@ def test_a_shape_without_a_cause_is_told_as_what_it_is(
     assert effect.candidate.kind is kind
     assert set(effect.candidate.mechanism.names_by_place()) == {(3, "rz")}
     assert claim.level in ("drivers", "shape")
+
+
+@pytest.mark.integration
+@seeds(1, 2, 3)
+def test_two_proportional_errors_of_a_joint_are_no_product(rng: np.random.Generator) -> None:
+    """The product of two readings was told, which holds either by itself, with a size of zero."""
+    sign = rng.choice([-1.0, 1.0])
+    turns = [(5, lambda s: s.q[:, 3]), (5, lambda s: sign * s.q[:, 4])]
+    at = plant(str(rng.choice(ROBOTS)), rng, *turns, times=rng.uniform(6, 12), m=100)
+    told = {effect.candidate.label for effect, _ in claims_of(at)}
+    assert told == {"wrist-coupling:5", "encoder-scale:5"}
+
+
+@pytest.mark.integration
+@seeds(1, 2, 3)
+def test_a_wave_of_any_number_is_one_wave(rng: np.random.Generator) -> None:
+    """Between the numbers that are looked for: it was told with the nearest of them, beside a second
+    wave or a joint that does not repeat."""
+    count = int(rng.integers(6, 30)) + rng.uniform(0.3, 0.7)
+    joint = int(rng.choice([1, 4]))
+    turned = (joint, lambda s: np.sin(count * s.q[:, joint - 1] + 1.0))
+    at = plant(str(rng.choice(ROBOTS)), rng, turned, times=12.0, m=200)
+    ((effect, claim),) = claims_of(at)
+    assert claim.level == "shape"
+    told, own = find_own_wave(effect.candidate.mechanism)
+    assert told == joint
+    assert own == pytest.approx(count, abs=0.06)
 
 
 @pytest.mark.integration
@@ -249,6 +280,41 @@ def test_signatures_agree_level_by_level() -> None:
     assert (cause == -1).all()
 
 
+def test_waves_of_about_one_number_have_one_shape() -> None:
+    waves = [build_wave(3, count) for count in (14.25, 14.31, 14.75)]
+    found = [Candidate(one, CandidateKind.JOINT_WAVE, 0.1) for one in waves]
+    shape = read_signatures(found)[LEVELS.index("shape")]
+    assert list(shape == shape[0]) == [True, True, False]
+
+
+def test_two_waves_of_a_joint_may_be_one_between(rng: np.random.Generator) -> None:
+    """Of one joint's own functions only waves are weighed together."""
+    at = drawn("puma760", rng, 40)
+    waves = {g: build_wave(3, count) for g, count in ((1, 9.25), (5, 10.0))}
+    found = {g: Candidate(one, CandidateKind.JOINT_WAVE, 0.1) for g, one in waves.items()}
+    found[8] = Candidate(mechanism("encoder-scale:3", at.robot), CandidateKind.MECHANISM, 0.1)
+    together = {one.members: one for one in list_company(at, found)}
+    shapes = together[1, 5].shapes
+    assert {shape.kind for shape in shapes} == {CandidateKind.JOINT_WAVE}
+    numbers = sorted(find_own_wave(shape.mechanism)[1] for shape in shapes)
+    assert 9.0 < numbers[0] < 9.25 < numbers[-1] < 10.25
+    scale_and_eccentricity = {1: found[8], 2: single((3, "rz"), sin(q(3)), cos(q(3)))}
+    assert not list_company(at, scale_and_eccentricity)
+
+
+def test_two_names_of_one_move_say_the_same(rng: np.random.Generator) -> None:
+    """A bumped tracker and a step of it, of any moment: each was told with half of the probability."""
+    at = load_robot("irb120")
+    share = int(rng.integers(1, 200)) / 200
+    bumped, moved = tracker_bumped(at, share), tracker_step(at, share)
+    other = mechanism("encoder-scale:2", at)
+    found = [Candidate(one, CandidateKind.MECHANISM, 0.1) for one in (bumped, moved, other)]
+    for known in read_signatures(found):
+        assert known[0] == known[1] >= 0
+        assert known[0] != known[2]
+    assert bumped.sentence == moved.sentence
+
+
 def test_the_shape_of_a_part_of_a_joints_own_function_is_proven_with_the_others_alone(rng) -> None:
     """The others of another joint, of other drivers, or small beside it, take nothing from it."""
     at_ = plant("puma760", rng)
@@ -282,6 +348,22 @@ def test_families_are_sums_of_single_joints() -> None:
     }
     assert families["fault:read-too-early"] == [f"settle:{j}" for j in range(1, 7)]
     assert families["gravity-twist"] == ["joint2-twist", "joint3-twist"]
+
+
+def test_a_product_of_readings_holds_either_by_itself(rng: np.random.Generator) -> None:
+    """One reading alone is no case of the product."""
+    at_ = drawn("puma760", rng, 40)
+    robot = at_.robot
+    base = Model((mechanism("geometric", robot),))
+    found = build_candidates(at_, base, every(robot))
+    products = {found[one.whole].label: one for one in find_families(found) if one.one_place}
+    family = products["frame 5 rz · q4 times q5"]
+    assert {found[g].label for g in family.parts} == {"wrist-coupling:5", "encoder-scale:5"}
+    assert all(found[g].kind is CandidateKind.PRODUCT for g in (f.whole for f in products.values()))
+    first, second = family.parts
+    assert family.list_chosen([first]) == []
+    assert family.list_chosen([first, second]) == [first, second]
+    assert family.list_chosen([family.whole, -1]) == [family.whole]
 
 
 # -- what is said
@@ -344,6 +426,15 @@ def test_a_cause_is_not_told_where_not_even_its_place_is_proven() -> None:
     assert "unevenly" not in describe_what(open_effect)
     untold = replace(open_effect, named=replace(open_effect.named, verdict="cannot be told apart"))
     assert "the data cannot tell this apart from" in describe_proven(untold)
+
+
+def test_what_is_likelier_than_the_names_is_told_as_something_else() -> None:
+    """Where sets of effects hold most of the probability one name stood there with 0.18."""
+    robot = load_robot("puma760")
+    uneven = Candidate(mechanism("gear-eccentricity:3", robot), CandidateKind.MECHANISM, 0.01)
+    unlikely = describe_proven(effect_of(uneven, 0.57, 0.18, 0.18, 0.18))
+    assert "not proven: gear-eccentricity:3 (0.18) or something else (0.82) (" in unlikely
+    assert "something else" not in describe_proven(effect_of(uneven, 0.88, 0.87, 0.54, 0.54))
 
 
 def test_names_that_move_alike_are_together_as_probable_as_the_name_is_told() -> None:

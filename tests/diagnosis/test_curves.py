@@ -17,6 +17,7 @@ from modelsel.diagnosis.credible_sets import ask, include_candidate
 from modelsel.diagnosis.joint_curves import chain_effects, collect_curves, find_own_joint, see_rest
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.scan import Released, build_scan, compute_basis
+from modelsel.diagnosis.simple_shapes import find_own_wave
 from modelsel.diagnosis.state import LEVEL, Search
 from modelsel.diagnosis.unregistered import BETWEEN
 from modelsel.fitting.design import Model
@@ -87,7 +88,14 @@ def test_a_number_of_waves_between_whole_ones_is_told(rng: np.random.Generator) 
     at = drawn("puma760", rng, 150)
     count = float(rng.choice([k for k in BETWEEN if k < 30]))
     found = named(turned(at, 4, 5e-4 * np.sin(count * at.data.q[:, 3] + 1), rng), rng)
-    assert f"4 rz {count:g} waves" in names(found), (count, found.path)
+    (effect,) = found.effects
+    joint, told = find_own_wave(effect.candidate.mechanism)
+    assert joint == 4
+    # a wave is known by its phase at the ends of the range: the error of a slope
+    strength = np.hypot(*effect.estimate) / effect.standard_error.max()
+    error = np.sqrt(12) / (strength * np.ptp(at.data.q[:, 3]))
+    assert error < 0.04
+    assert told == pytest.approx(count, abs=3 * error), (count, found.path)
 
 
 @seeds(9, 10)

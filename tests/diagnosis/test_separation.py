@@ -166,3 +166,23 @@ def test_what_an_effect_in_time_claims_is_shared_with_errors_that_last() -> None
     assert shared.claim.levels == pytest.approx([0.891, 0.891, 0.882, 0.873])
     assert "errors that last" in "; ".join(list_cautions(shared))
     assert "errors that last" not in "; ".join(list_cautions(effect))
+
+
+@pytest.mark.parametrize("name", ["gear-ripple:4", "tracker-step", "target-step"])
+def test_a_search_goes_on_with_the_constant_that_was_found(
+    name: str, rng: np.random.Generator
+) -> None:
+    """Of the candidates that one scanned mechanism has, alike but for their constant, it took the last."""
+    exact = drawn("puma760", rng, 90)
+    base = Model((mechanism("geometric", exact.robot),))
+    found = build_candidates(exact, base, every(exact.robot))
+    constants = [one for one in found if one.mechanism.name == name]
+    known = constants[int(rng.integers(len(constants) // 4, len(constants) // 2))]
+    terms = known.mechanism.terms
+    at = planted(exact, terms, [term.size[1] for term in terms if term.size], rng, SIGMA)
+    inquiry = Inquiry(base, (), 1, True, ignore, DEFAULT_OPTIONS)
+    search = inquiry.search(at, found, (known,), KeptCauses())
+    explored = explore(search, (known,), ignore)
+    assert explored.chosen[0] == known
+    assert explored.progress.path[0] == f"+ {known.label}"
+    assert not any(known.label in step for step in explored.progress.path[1:])

@@ -9,10 +9,12 @@ from builders import drawn, planted
 from modelsel._typing import Array
 from modelsel.diagnosis import views
 from modelsel.diagnosis.candidate_columns import stack_design
-from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.candidate_kinds import CandidateKind
+from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.state import Search
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
+from modelsel.mechanisms.environment import tracker_step
 from modelsel.mechanisms.registry import every, mechanism
 
 NAMES = ("free(q4) 20", "encoder-scale:4", "backlash:2", "settle:2")
@@ -94,3 +96,14 @@ def test_a_view_by_itself_sees_the_same(
     assert alone.Q.shape == shared.Q.shape
     assert not np.array_equal(alone.Q, shared.Q)
     np.testing.assert_allclose(see_strength(alone), see_strength(shared), rtol=0.02, atol=0.02)
+
+
+def test_a_model_that_adds_nothing_has_a_view(rng: np.random.Generator) -> None:
+    """A step after the last configuration moves no row."""
+    before = search_drawn(rng, "geometric")
+    after = tracker_step(before.problem.robot, 1.5)
+    search = before.offer((Candidate(after, CandidateKind.MECHANISM, 1e-3),))
+    view = search.fit_model(find(search, "tracker-step")[-1:], None)
+    assert view.model.terms[-1].key == after.terms[-1].key
+    assert view.Q.shape == search.first.Q.shape
+    np.testing.assert_allclose(see_strength(view), see_strength(search.first), rtol=1e-6)

@@ -122,6 +122,19 @@ def test_what_the_study_says_of_tool_and_frame(rng) -> None:
     assert "joint 3 turns the other way" in both
 
 
+@pytest.mark.integration
+@seeds(1, 2, 3)
+def test_a_tool_that_is_off_is_no_mistake_of_a_joint(rng) -> None:
+    """With frame and target found nothing is left to explain: a turned zero of the first joint, which
+    the frame takes up, or of the last one, which the target takes up, was told."""
+    at = arm(rng, str(rng.choice(["ur5", "puma760", "irb120"])), registered=False)
+    direction = rng.normal(size=3)
+    off = direction * rng.uniform(5e-3, 9e-3) * at.reach_mm / np.linalg.norm(direction)
+    moved = replace(at, tools=at.tools + off)
+    sentence = said(moved, lambda q, x: (q, x), False) or ""
+    assert not re.search(r"joint|q\d", sentence)
+
+
 @pytest.mark.long
 @seeds(1, 2)
 @pytest.mark.parametrize("registered", [True, False])
