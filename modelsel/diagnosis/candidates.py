@@ -20,7 +20,6 @@ import numpy as np
 from .._typing import Array
 from ..fitting.design import Model
 from ..fitting.problem import Problem
-from ..mechanisms.causes import Cause
 from ..mechanisms.terms import Mechanism
 from ..selection.comparison import MAX_CANDIDATES
 from .arm_shapes import generate_arm_shapes
@@ -30,13 +29,11 @@ from .joint_shapes import generate_joint_shapes
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
 from .own_candidates import OwnCandidates, Screws, select_beyond
 from .prior_weights import choose_weight
+from .scanned_constants import drop_equal_constants
 from .unregistered import Unregistered, build_cell_causes, generate_unregistered, list_places
 
 # share of the prior probability that the registered mechanisms have together
 REGISTERED = 0.6
-# coordinates that a step needs before and after it, for each of its numbers: two or three rows far
-# off at either end of a campaign would pass for one
-COORDINATES_OF_STEP = 2
 
 
 @dataclass(frozen=True)
@@ -203,64 +200,7 @@ def _select_applicable(
         has_causes = m.names() <= available
         if has_causes and not collect_screws(m) <= present:
             applicable.append(m)
-    return _drop_equal_constants(problem, applicable)
-
-
-def _drop_equal_constants(problem: Problem, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:
-    """Keep one of a scanned mechanism's constants that do the same on these rows.
-
-    For example, steps between the same two configurations do. Steps that only a few rows have are
-    left out: they are these rows' errors."""
-    constants = Counter(m.name for m in mechanisms)
-    probe = np.random.default_rng(0).normal(size=len(problem))
-    earlier: dict[tuple[object, ...], list[Mechanism]] = {}
-    kept = []
-    for m in mechanisms:
-        if constants[m.name] > 1:
-            if not _has_both_sides(problem, m):
-                continue
-            key = _build_key(problem, m, probe)
-            alike = earlier.setdefault(key, [])
-            values = _evaluate_causes(problem, m) if alike else []
-            if any(_evaluate_causes(problem, other) == values for other in alike):
-                continue
-            alike.append(m)
-        kept.append(m)
-    return kept
-
-
-def _has_both_sides(problem: Problem, mechanism: Mechanism) -> bool:
-    """Return whether a step has enough coordinates before and after it; true of what is no step."""
-    cause = mechanism.terms[0].screws[0].cause
-    values = np.asarray(cause.of(problem.state))
-    is_before = values == values.min()
-    is_after = values == values.max()
-    if not (is_before | is_after).all():
-        return True
-    fewest = min(is_before.sum(), is_after.sum()) * problem.components
-    return bool(fewest >= COORDINATES_OF_STEP * len(mechanism.terms))
-
-
-def _build_key(problem: Problem, mechanism: Mechanism, probe: Array) -> tuple[object, ...]:
-    """Build a key that two constants of a mechanism share where they do the same on all rows.
-
-    `probe` (m,) turns the values of a cause into one number, so that none are kept."""
-    key: list[object] = [mechanism.name]
-    products: dict[Cause, bytes] = {}
-    for term in mechanism.terms:
-        for screw in term.screws:
-            if screw.cause not in products:
-                values = np.atleast_1d(screw.cause.of(problem.state))
-                product = values @ probe[: len(values)]
-                products[screw.cause] = product.tobytes()
-            key += [screw.frame, screw.axis, products[screw.cause]]
-    return tuple(key)
-
-
-def _evaluate_causes(problem: Problem, mechanism: Mechanism) -> list[bytes]:
-    """Evaluate the causes of a mechanism's screws at all rows, one after the other."""
-    causes = [screw.cause for term in mechanism.terms for screw in term.screws]
-    return [np.asarray(cause.of(problem.state)).tobytes() for cause in causes]
+    return drop_equal_constants(problem, applicable)
 
 
 def _find_one_sided(mechanisms: Sequence[Mechanism]) -> dict[Screws, tuple[Mechanism, ...]]:

@@ -147,6 +147,8 @@ def _read_joint(read: Reader, place: str, row: Mapping[str, Any], before: Array)
         mass = read.number(f"{place}.mass_kg", row["mass_kg"])
         if mass < 0:
             read.report(f"{place}.mass_kg", "expected a mass, 0 or above")
+    elif "com_mm" in row:
+        read.report(f"{place}.com_mm", "a centre of mass needs the link's mass_kg beside it")
     com = read.vector(f"{place}.com_mm", row.get("com_mm", (0, 0, 0)))
     return Joint(before, prismatic, limits, mass, com)
 

@@ -279,7 +279,7 @@ def repeat_in_folds(
     folds = study.split.nested_folds
     if not folds:
         return None
-    say(f"{FOLDS} in {folds} folds")
+    say(FOLDS)
     cells, options = searches_cells(study), choose_options(study, split.problem)
     return run_nested_folds(split, base, mechanisms, study.seed, cells, folds, options, say=say)
 
