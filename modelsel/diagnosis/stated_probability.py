@@ -16,8 +16,10 @@ MAX_CHANCE = 0.05
 
 def format_probability(probability: float) -> str:
     """Return a probability with two decimals, with three where it is below PROVEN and two would say
-    that it is not."""
+    that it is not; one that they would write as nought is "below 0.01"."""
     written = f"{probability:.2f}"
+    if float(written) == 0:
+        return "below 0.01"
     if probability < PROVEN <= float(written):
         fine = floor(FINE * probability)
         written = f"{fine / FINE:.3f}"

@@ -29,7 +29,7 @@ from modelsel.results.study_sentences import describe_probability, write_levels
         ((0.54, 0.53, 0.53, 0.53), 3, 3, "0.53"),
         ((1.0, 1.0, 0.97, 0.0), 2, 2, "0.97"),
         ((1.0, 0.95, 0.0, 0.0), 1, 1, "0.95"),
-        ((0.0, 0.0, 0.0, 0.0), 0, 0, "0.00"),
+        ((0.0, 0.0, 0.0, 0.0), 0, 0, "below 0.01"),
     ],
 )
 def test_deepest_level_that_is_proven(levels, stated, named, words) -> None:
