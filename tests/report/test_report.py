@@ -231,7 +231,7 @@ def test_lines_do_not_touch_with_less_room(drawn, tmp_path, room) -> None:
     from pdfminer.high_level import extract_pages
     from pdfminer.layout import LTTextLine
 
-    source = drawing.read_source(drawn)
+    source = read_source(drawn)
     blocks = collect_blocks(source, drawing.PAGES, ["first"])
     content = fill_template(source, blocks)
     _write_inputs(tmp_path, source.pictures)
