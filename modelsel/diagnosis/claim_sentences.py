@@ -207,9 +207,9 @@ def _list_entries(effect: Effect) -> str:
         word = f"{name} ({written})"
         words.append(word)
     if left > MOST:
-        # such as several effects together
+        # several effects together, or none
         written = format_probability(left)
-        words.append(f"something else ({written})")
+        words.append(f"something else, or chance ({written})")
     return " or ".join(words)
 
 

@@ -93,8 +93,8 @@ def prove(concluded: Conclusion) -> Diagnosis:
 
     Effects are taken back where another set of them is more probable. Where a shape that no list has
     explains effects better, the search goes on with it."""
-    concluded = _take_back(concluded)
     for _ in range(MAX_OFFERS):
+        concluded = _take_back(concluded)
         weighed = _weigh(concluded)
         if not weighed.better:
             break

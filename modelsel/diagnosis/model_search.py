@@ -89,19 +89,15 @@ class VisitedModels(NamedTuple):
 
         That is the total probability of the sets which agree with the effect at that level.
         `signatures`: what every candidate says at each level, as numbers; `parts`: the same part by
-        part, of each member of a set. Sets that only lack some of the chosen effects do not count:
-        whether there is an effect at all is decided by its p-value."""
-        now = frozenset(chosen)
-        counted = [k for k, one in enumerate(self.sets) if not now.issuperset(one) or now == {*one}]
-        weight = self.probability[counted]
-        weight /= weight.sum()
+        part, of each member of a set. Sets without anything in the effect's place count, too: chance
+        may explain what is hardly significant."""
+        weight = self.probability
         included: dict[int, Array] = {}
         for g in chosen:
             levels = np.zeros(len(signatures))
             for level, known in enumerate(signatures):
                 told = []
-                for k in counted:
-                    one = self.sets[k]
+                for one in self.sets:
                     said = _says_as_much(known, g, one, chosen)
                     told.append(said or _say_together(parts, level, g, one, chosen))
                 levels[level] = weight[told].sum()
