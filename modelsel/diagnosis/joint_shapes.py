@@ -67,7 +67,7 @@ def _generate_jumps(problem: Problem) -> Iterator[Unregistered]:
         for place in places:
             jump = sign(shifted(q(j, robot.unit(j)), -float(place)))
             where = _describe_reading(joint, float(place))
-            mechanism = _build(robot, j, (jump,), f"Joint {j} jumps where it reads {where}")
+            mechanism = _build(robot, j, (jump,), f"Joint {j} jumps where it reads about {where}")
             yield Unregistered(mechanism, CandidateKind.JUMP, 1 / len(places))
 
 
