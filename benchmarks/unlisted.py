@@ -157,10 +157,21 @@ def judge(finding: Finding, campaign: Campaign) -> Claim:
     """Judge what a finding claims by what was planted."""
     level, probability = read_finding(finding)
     own = finding.candidate.mechanism
+    if finding.claim is not None and finding.claim.acts:
+        own = keep_places(own, {place for place, _ in finding.claim.acts})
     right = judge_levels(own, campaign)
     ordered = tuple(sorted(name_drivers(own, campaign.unseen)))
     name = finding.candidate.label
     return Claim(name, level, probability, right[level], right["place"], ordered)
+
+
+def keep_places(own: Mechanism, places: set[tuple[int, str]]) -> Mechanism:
+    """The screws of a mechanism at the places that its claim names."""
+    terms = (
+        replace(term, screws=tuple(s for s in term.screws if (s.frame, s.axis) in places))
+        for term in own.terms
+    )
+    return replace(own, terms=tuple(term for term in terms if term.screws))
 
 
 def judge_levels(own: Mechanism, campaign: Campaign) -> dict[str, bool]:

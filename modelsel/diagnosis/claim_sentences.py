@@ -153,7 +153,7 @@ def _name_driver(name: str) -> str:
 
 def name_places(effect: Effect) -> str:
     """Name what moves, in words: "Joint 3 is off its reading", "Frame 5 shifts along its y axis"."""
-    places = list(effect.candidate.mechanism.names_by_place())
+    places = list(_find_acts(effect))
     if effect.claim is not None and effect.claim.moves_joints:
         return _name_joints(sorted(frame for frame, _ in places))
     if len(places) == 1:
@@ -163,6 +163,14 @@ def name_places(effect: Effect) -> str:
     if len(frames) == 1:
         return f"Frame {frames[0]} moves"
     return f"Frames {sentence_list(frames)} move"
+
+
+def _find_acts(effect: Effect) -> dict[tuple[int, str], frozenset[str]]:
+    """Find the places where an effect acts, each with the names that it depends on there."""
+    claim = effect.claim
+    if claim is not None and claim.acts:
+        return dict(claim.acts)
+    return effect.candidate.mechanism.names_by_place()
 
 
 def _name_joints(joints: Sequence[int]) -> str:
@@ -222,7 +230,7 @@ def _name_entry(effect: Effect, label: str) -> str:
 
 
 def _describe_drivers(effect: Effect) -> str:
-    names = effect.candidate.mechanism.names()
+    names = frozenset[str]().union(*_find_acts(effect).values())
     drivers = name_drivers(names)
     if _is_own_reading(effect, names):
         drivers = "its own reading"
@@ -236,7 +244,7 @@ def _describe_drivers(effect: Effect) -> str:
 
 def _is_own_reading(effect: Effect, names: Iterable[str]) -> bool:
     """Whether an effect turns or shifts one joint and depends on nothing but that joint's reading."""
-    places = list(effect.candidate.mechanism.names_by_place())
+    places = list(_find_acts(effect))
     if effect.claim is None or not effect.claim.moves_joints or len(places) != 1:
         return False
     ((joint, _),) = places

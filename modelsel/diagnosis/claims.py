@@ -195,14 +195,16 @@ def _weigh_together(search: Search, view: View, group: Company) -> tuple[float, 
     return float(np.exp(logs[0] - value)), which[best] if is_better else None
 
 
-def build_claim(problem: Problem, candidate: Candidate, levels: Array) -> Claim:
-    """Claim the deepest level that holds; the place where none does."""
+def build_claim(problem: Problem, told: Candidate, levels: Array) -> Claim:
+    """Claim the deepest level that holds; the place where none does.
+
+    `told`: the candidate without the screws that hardly move the target."""
     # what a level says holds no more than what it builds on
     nested = np.minimum.accumulate(np.minimum(levels, 1.0))
     bounded = tuple(float(p) for p in nested)
-    places = candidate.mechanism.names_by_place()
-    moves_joints = all(_is_joint_axis(problem, place) for place in places)
-    return Claim(find_level(bounded), bounded, moves_joints)
+    acts = tuple(told.mechanism.names_by_place().items())
+    moves_joints = all(_is_joint_axis(problem, place) for place, _ in acts)
+    return Claim(find_level(bounded), bounded, moves_joints, acts)
 
 
 def find_moved_joint(problem: Problem, candidate: Candidate) -> int | None:

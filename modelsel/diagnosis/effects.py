@@ -20,11 +20,13 @@ DROPPED = "- "
 class Claim:
     """How deep a finding is proven: the deepest level that holds, the probability (4,) of each.
 
-    `moves_joints`: it acts along the motion of joints alone."""
+    `moves_joints`: it acts along the motion of joints alone; `acts`: the places (frame, axis) where
+    it does, each with the names that it depends on there, but for what hardly moves the target."""
 
     level: str
     levels: tuple[float, ...]
     moves_joints: bool = False
+    acts: tuple[tuple[tuple[int, str], frozenset[str]], ...] = ()
 
     @property
     def probability(self) -> float:

@@ -56,13 +56,14 @@ def read_signatures(found: Sequence[Candidate]) -> tuple[Index, ...]:
     return tuple(signatures)
 
 
-def read_parts(candidate: Candidate) -> Parts:
+def read_parts(candidate: Candidate, told: Candidate) -> Parts:
     """Read off what a candidate says at each level part by part: its places, these with each name
     that they depend on, and its terms.
 
-    Several candidates that have its parts between them, and no others, say together what it says."""
+    `told`: the candidate without the screws that hardly move the target. Several candidates that
+    have its parts between them, and no others, say together what it says."""
     mechanism = candidate.mechanism
-    names = _list_drivers(candidate)
+    names = _list_drivers(told)
     places = frozenset(names)
     drivers = frozenset((place, name) for place in names for name in names[place])
     terms = frozenset(term.key for term in mechanism.terms)

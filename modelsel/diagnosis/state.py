@@ -18,6 +18,7 @@ from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
 from ..fitting.solver import COARSE_MM
+from .acting_screws import keep_acting_screws
 from .candidate_columns import Columns, build_columns, flatten_measured
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
@@ -102,7 +103,7 @@ class Search:
     def offer(self, more: Sequence[Candidate]) -> Search:
         """Offer further candidates beside the others, with the same null distribution."""
         new = copy(self)
-        for known in ("families", "signatures"):
+        for known in ("families", "told", "signatures"):
             new.__dict__.pop(known, None)
         new._see(self.candidates + tuple(more), self.first.fitted)
         return new
@@ -113,9 +114,14 @@ class Search:
         return find_families(self.candidates)
 
     @cached_property
+    def told(self) -> tuple[Candidate, ...]:
+        """The candidates without the screws that hardly move the target."""
+        return keep_acting_screws(self.problem, self.candidates, self.first.fitted.at())
+
+    @cached_property
     def signatures(self) -> tuple[Index, ...]:
         """What every candidate says of the arm, level by level."""
-        return read_signatures(self.candidates)
+        return read_signatures(self.told)
 
     def fit_model(
         self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM

@@ -221,7 +221,7 @@ def test_what_several_effects_say_together_counts() -> None:
     robot = load_robot("puma760")
     names = ("gravity-twist", "joint2-twist", "joint3-twist", "encoder-scale:2", "settle:4")
     found = [Candidate(mechanism(name, robot), CandidateKind.MECHANISM, 0.01) for name in names]
-    parts = {g: read_parts(one) for g, one in enumerate(found)}
+    parts = {g: read_parts(one, one) for g, one in enumerate(found)}
     signatures = read_signatures(found)
     sets = ((0, 4), (1, 2, 4), (2, 3, 4), (2, 4))
     visited = VisitedModels(sets, np.log([0.4, 0.3, 0.2, 0.1]))

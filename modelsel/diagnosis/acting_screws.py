@@ -1,0 +1,64 @@
+"""What of a candidate moves the target, but for what hardly does.
+
+A link that bends under the weight beyond it turns its far end about the axis of the next joint, and
+about the two axes across it by a hundredth of that. It is told where it acts: at that joint."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..fitting.linearisation import Linearisation
+from ..fitting.problem import Problem
+from ..mechanisms.terms import Screw, Term, TermKey
+from .candidate_columns import stack_design
+from .candidates import Candidate
+
+# how much less than another screw of its term and frame one moves the target that does not count
+SMALL = 0.1
+
+
+def keep_acting_screws(
+    problem: Problem, found: Sequence[Candidate], at: Linearisation | None
+) -> tuple[Candidate, ...]:
+    """Keep of every candidate the screws that move the target, in the order of the candidates.
+
+    Of a term's screws at one frame those are left out that move it by less than a tenth of the one
+    that moves it most, in the root mean square over the rows. `at`: the point of the parameters."""
+    distinct: dict[TermKey, Term] = {}
+    for candidate in found:
+        for term in candidate.mechanism.terms:
+            if len(term.screws) > len({screw.frame for screw in term.screws}):
+                distinct.setdefault(term.key, term)
+    acting = _find_acting(problem, list(distinct.values()), at)
+    kept = []
+    for candidate in found:
+        terms = candidate.mechanism.terms
+        if not distinct.keys().isdisjoint(term.key for term in terms):
+            shorter = tuple(
+                replace(term, screws=acting.get(term.key, term.screws)) for term in terms
+            )
+            candidate = replace(candidate, mechanism=replace(candidate.mechanism, terms=shorter))
+        kept.append(candidate)
+    return tuple(kept)
+
+
+def _find_acting(
+    problem: Problem, terms: Sequence[Term], at: Linearisation | None
+) -> dict[TermKey, tuple[Screw, ...]]:
+    """Find the acting screws of some terms."""
+    alone = [Term("", (screw,)) for term in terms for screw in term.screws]
+    if not alone:
+        return {}
+    columns, _ = stack_design(problem, alone, at)
+    sizes = iter(np.linalg.norm(columns, axis=0).tolist())
+    acting: dict[TermKey, tuple[Screw, ...]] = {}
+    for term in terms:
+        size = {screw: next(sizes) for screw in term.screws}
+        largest: dict[int, float] = {}
+        for screw, own in size.items():
+            largest[screw.frame] = max(own, largest.get(screw.frame, 0.0))
+        acting[term.key] = tuple(s for s in term.screws if size[s] >= SMALL * largest[s.frame])
+    return acting
