@@ -331,7 +331,8 @@ class Study:
     """What one study claimed of a plant, and how near it came to the oracle (p-values; errors, rms
     of a coordinate on fresh configurations [mm]); `place`: some finding is at a true place and none
     surely elsewhere; `drivers`: those there name what drives it; `parts`: of the errors, that were
-    found besides."""
+    found besides; `as_part`: no finding is at a true place or surely elsewhere, and a joint of the
+    plant is said not to repeat."""
 
     line: str
     number: int
@@ -342,6 +343,7 @@ class Study:
     parts: tuple[str, ...]
     place: bool
     drivers: bool
+    as_part: bool
     oracle_p: float
     critical_p: float
     error: float
@@ -386,6 +388,7 @@ def run_one(job: Job, larger: float = 1.0) -> Study:
         diagnosis.errors.names,
         place,
         drivers,
+        is_told_as_part(claims, diagnosis.errors.names, campaign.truth),
         oracle.p,
         oracle.critical,
         compute_rms(diagnosis.fit, campaign.unseen),
@@ -401,6 +404,14 @@ def find_right(claims: Sequence[Claim], truth: Truth) -> tuple[bool, bool]:
     named = frozenset(driver for claim in there for driver in claim.drivers)
     place = bool(there) and not elsewhere
     return place, place and bool(named) and truth.needed <= named <= truth.allowed
+
+
+def is_told_as_part(claims: Sequence[Claim], parts: Sequence[str], truth: Truth) -> bool:
+    """Whether the budget of repeatability tells the joint of a plant, where no finding tells a place."""
+    if any(claim.at_place or claim.probability > SURE for claim in claims):
+        return False
+    joints = [re.fullmatch(r"joint (\d+)", part) for part in parts]
+    return any(truth.holds_place(frozenset({(int(own[1]), "rz")})) for own in joints if own)
 
 
 def compute_rms(fitted: Fit, at: Problem) -> float:
@@ -451,6 +462,14 @@ def tabulate_parts(words: str, studies: Sequence[Study]) -> str:
     return f"parts of the errors, {words + ':':<28}{found}"
 
 
+def tabulate_places(studies: Sequence[Study]) -> str:
+    """How often the place is told, by a finding or as a joint that is said not to repeat."""
+    told = [s for s in studies if s.findable]
+    hits = sum(s.place or s.as_part for s in told)
+    rate = interval(hits, len(told))
+    return f"place right, by findings or as a joint that does not repeat: {rate} of {len(told)}"
+
+
 def tabulate_exact(name: str, studies: Sequence[Study]) -> str:
     """How often the names that must be found are, and no other."""
     exact = KINDS[name].exact
@@ -486,8 +505,9 @@ def tabulate(studies: Sequence[Study], command: str) -> str:
             lines.append(tabulate_kind(words, own))
     parts = [tabulate_parts(KINDS[name].words, own) for name, own in done.items()]
     exact = [tabulate_exact(name, own) for name, own in done.items() if KINDS[name].exact]
+    places = tabulate_places(planted) if planted else ""
     return "\n".join(
-        (command, how, "", *lines, "", *tabulate_claims(studies), "", *parts, "", *exact)
+        (command, how, "", *lines, "", places, "", *tabulate_claims(studies), "", *parts, "", *exact)
     ).rstrip()
 
 

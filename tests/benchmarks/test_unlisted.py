@@ -262,10 +262,32 @@ def test_place_and_drivers_of_all_findings_together() -> None:
     assert unlisted.find_right([*both, unsure], truth) == (True, True)
 
 
+def test_a_joint_that_does_not_repeat_tells_the_place() -> None:
+    truth = Truth(frozenset(((4, "rz"),)))
+    parts = ("instrument", "lasting", "joint 4")
+    assert unlisted.is_told_as_part([], parts, truth)
+    assert not unlisted.is_told_as_part([], parts[:2], truth)
+    assert not unlisted.is_told_as_part([], ("joint 3",), truth)
+    sure = claim_of(at_place=False)
+    assert not unlisted.is_told_as_part([sure], parts, truth)
+    unsure = replace(sure, probability=0.5)
+    assert unlisted.is_told_as_part([unsure], parts, truth)
+    assert not unlisted.is_told_as_part([claim_of()], parts, truth)  # a finding tells it
+
+
+def test_a_claim_is_judged_where_it_acts() -> None:
+    """A link that bends is told at the axis of the next joint alone."""
+    at = load_robot("puma760")
+    bending = mechanism("link-bending:3", at)
+    short = unlisted.keep_places(bending, {(4, "rz")})
+    assert unlisted.find_places(short) == {(4, "rz")}
+    assert unlisted.find_places(bending) > {(4, "rz")}
+
+
 def study_of(number: int, *claims: unlisted.Claim, line="cable", error=0.02) -> unlisted.Study:
     values = tuple((c.name, c.level, c.probability, c.right, c.at_place, c.drivers) for c in claims)
     return unlisted.Study(
-        line, number, "ur5", "", 40, values, ("joint 2",), True, False, 1e-9, 1e-5, error, 0.01, 1.0
+        line, number, "ur5", "", 40, values, ("joint 2",), True, False, False, 1e-9, 1e-5, error, 0.01, 1.0
     )
 
 
@@ -290,6 +312,10 @@ def test_table() -> None:
     text = unlisted.tabulate([*studies, *exact], "python -m")
     assert text.startswith("python -m")
     assert "joint 2 4" in text  # parts of the errors
+    told = [replace(studies[0], place=False, as_part=True), replace(studies[1], place=False)]
+    either = unlisted.tabulate_places([*told, *studies[2:]])
+    assert either.endswith(f"{runner.interval(3, 4)} of 4")
+    assert either in unlisted.tabulate([*told, *studies[2:]], "")
 
 
 @dataclass(frozen=True)
