@@ -31,7 +31,7 @@ from .stepwise import Exploration, Remainder, explore_further
 from .views import View
 
 # times that shapes which no list has are offered
-MAX_OFFERS = 2
+MAX_OFFERS = 4
 # times that effects are taken back
 MAX_TAKEN_BACK = 2
 # share of either of two effects below which what is left of both is reported

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -101,29 +101,26 @@ def uses_derived_names(names: frozenset[str], problem: Problem) -> bool:
     return bool(names - readings - columns)
 
 
-def list_screws(
-    candidate: Candidate, problem: Problem, curves: Mapping[Spot, Array] | None = None
-) -> list[Values]:
+def list_screws(candidate: Candidate, estimate: Array, problem: Problem) -> list[Values]:
     """Return the contract's screws of an entry: each place and cause once.
 
     Derived causes and free functions come with their values at the problem's rows (the estimation rows, in file
-    order); `curves` holds the fitted values of free functions by place and cause. Screws that move nothing on these data are
-    left out."""
+    order), free functions as they are fitted; `estimate` (k,) is of the candidate's terms."""
+    curves = fitted_curves(candidate.mechanism.terms, estimate, problem)
     listed: dict[tuple[int, str, str], Values] = {}
     for term in candidate.mechanism.terms:
         for screw in term.screws:
             key = (screw.frame, screw.axis, str(screw.cause))
             if key not in listed:
-                curve = (curves or {}).get(key)
-                values = _cause_values(screw.cause, problem, curve)
+                values = _cause_values(screw.cause, problem, curves.get(key))
                 listed[key] = dict(zip(("frame", "axis", "cause"), key, strict=True)) | values
     return list(listed.values())
 
 
 def _cause_values(cause: Cause, problem: Problem, curve: Array | None) -> Values:
-    """Return the values that a screw's cause is written with, if any."""
-    if find_bump(cause) is not None:
-        return {"values": np.zeros(len(problem)) if curve is None else curve}
+    """Return the values that a screw's cause is written with, if any; of a free function its curve."""
+    if curve is not None:
+        return {"values": curve}
     if uses_derived_names(cause.names(), problem):
         return {"values": np.broadcast_to(cause.of(problem), (len(problem),))}
     return {}
@@ -184,11 +181,10 @@ def _entry(entry: Entry, effect: Effect, problem: Problem) -> Values:
     """Return one explanation of a credible set."""
     is_named = entry.candidate == effect.candidate
     estimate = effect.estimate if is_named else entry.estimate
-    curves = fitted_curves(entry.candidate.mechanism.terms, estimate, problem)
     return {
         "mechanism": entry.candidate.registered_name,
         "probability": entry.probability,
-        "screws": list_screws(entry.candidate, problem, curves),
+        "screws": list_screws(entry.candidate, estimate, problem),
         "alike": entry.alike,
     }
 

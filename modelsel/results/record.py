@@ -263,14 +263,13 @@ def _nested(models: ModelSearch) -> Values | None:
 def _chosen(run: StudyRun) -> Values:
     """Return what the chosen model holds: registered mechanisms by name, other cells by their screws."""
     effects = run.diagnosis.search.effects if run.extends else ()
-    added: list[Candidate] = [effect.candidate for effect in effects]
-    names = [candidate.mechanism.name for candidate in added if candidate.registered]
+    names = [one.candidate.mechanism.name for one in effects if one.candidate.registered]
     training = run.problem.take(run.split.estimation)
     cells = [
         screw
-        for candidate in added
-        if not candidate.registered
-        for screw in list_screws(candidate, training)
+        for one in effects
+        if not one.candidate.registered
+        for screw in list_screws(one.candidate, one.estimate, training)
     ]
     return {"mechanisms": [*run.study.model.base, *names], "cells": cells}
 

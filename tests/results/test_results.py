@@ -19,7 +19,7 @@ from modelsel._files import write_all
 from modelsel.calibration.calibration_file import calibration_text
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
-from modelsel.mechanisms.causes import q
+from modelsel.mechanisms.causes import Applied, cos, q
 from modelsel.results.residual_table import RESIDUALS
 from modelsel.results.storage import WRITES
 from modelsel.results.tables import TABLES
@@ -168,6 +168,36 @@ def test_when_every_candidate_is_in_nothing_is_left_to_name(frame) -> None:
     )
     said = run_study(study, sampling=False).record.nothing_else.sentence
     assert "by chance with probability 1." in said
+
+
+@pytest.mark.integration
+def test_the_chosen_model_says_its_free_functions_as_fitted(rng) -> None:
+    """A soft step of joint 3 and a wave beside it, found as one free function, at every row."""
+    step = Applied("tanh", float(rng.uniform(3.0, 5.0)) * q(3)) + 0.7 * cos(3.3 * q(3))
+    at = planted(
+        scene_of("puma760", rng, 90, covariates={}),
+        one(3, "rz", step).terms,
+        np.array([1e-3]),
+        rng,
+        0.03,
+    )
+    study = Study(
+        name="x",
+        robot={"name": "puma760", "tool_mm": OFF_AXIS},
+        measurements=at.data.to_frame(),
+        split={"estimation": 80},
+    )
+    record = run_study(study, sampling=False).record.to_dict()
+    rows = record["configurations"]["estimation_rows"]
+    truth = 1e-3 * step.of(at.state)[rows]
+    cells = [cell for cell in record["chosen"]["cells"] if cell["cause"] == "free(q3)"]
+    assert [(cell["frame"], cell["axis"]) for cell in cells] == [(3, "rz")]
+    fitted = np.array(cells[0]["values"])
+    left = (fitted - fitted.mean()) - (truth - truth.mean())
+    assert np.std(left) < 0.1 * np.std(truth)
+    (finding,) = record["findings"]
+    screws = finding["credible_set"][0]["screws"]
+    assert screws == cells
 
 
 # -- tables
