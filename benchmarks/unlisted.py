@@ -507,7 +507,20 @@ def tabulate(studies: Sequence[Study], command: str) -> str:
     exact = [tabulate_exact(name, own) for name, own in done.items() if KINDS[name].exact]
     places = tabulate_places(planted) if planted else ""
     return "\n".join(
-        (command, how, "", *lines, "", places, "", *tabulate_claims(studies), "", *parts, "", *exact)
+        (
+            command,
+            how,
+            "",
+            *lines,
+            "",
+            places,
+            "",
+            *tabulate_claims(studies),
+            "",
+            *parts,
+            "",
+            *exact,
+        )
     ).rstrip()
 
 

@@ -93,16 +93,12 @@ def prove(concluded: Conclusion) -> Diagnosis:
 
     Effects are taken back where another set of them is more probable. Where a shape that no list has
     explains effects better, the search goes on with it."""
+    concluded = _take_back(concluded)
+    weighed = _weigh(concluded)
     for _ in range(MAX_OFFERS):
-        concluded = _take_back(concluded)
-        weighed = _weigh(concluded)
         if not weighed.better:
             break
-        settled = concluded.settled
-        start = settled.view.fitted
-        explored = take_shapes(concluded.explored, settled.chosen, start, weighed.better)
-        concluded = conclude(explored)
-    else:
+        concluded = _take_back(_take_shapes(concluded, weighed))
         weighed = _weigh(concluded)
     search, chosen = concluded.explored.search, concluded.settled.chosen
     return replace(
@@ -111,6 +107,13 @@ def prove(concluded: Conclusion) -> Diagnosis:
         map_p=search.compute_map_p(concluded.settled.view),
         models=concluded.visited.tell(search.candidates, chosen),
     )
+
+
+def _take_shapes(concluded: Conclusion, weighed: Weighed) -> Conclusion:
+    """Put shapes that explain effects better in their place, and continue the search with these."""
+    settled = concluded.settled
+    start = settled.view.fitted
+    return conclude(take_shapes(concluded.explored, settled.chosen, start, weighed.better))
 
 
 def fit_again(diagnosis: Diagnosis, problem: Problem) -> Diagnosis:

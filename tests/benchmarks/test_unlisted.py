@@ -287,7 +287,21 @@ def test_a_claim_is_judged_where_it_acts() -> None:
 def study_of(number: int, *claims: unlisted.Claim, line="cable", error=0.02) -> unlisted.Study:
     values = tuple((c.name, c.level, c.probability, c.right, c.at_place, c.drivers) for c in claims)
     return unlisted.Study(
-        line, number, "ur5", "", 40, values, ("joint 2",), True, False, False, 1e-9, 1e-5, error, 0.01, 1.0
+        line,
+        number,
+        "ur5",
+        "",
+        40,
+        values,
+        ("joint 2",),
+        True,
+        False,
+        False,
+        1e-9,
+        1e-5,
+        error,
+        0.01,
+        1.0,
     )
 
 

@@ -67,9 +67,7 @@ def test_a_link_that_bends_acts_at_the_next_joint(rng: np.random.Generator) -> N
 def test_all_joints_that_lag_are_told(rng: np.random.Generator) -> None:
     """The wrist hardly moves the target, beside the shoulder: it lags, too."""
     problem, _ = draw_problem("puma760", rng)
-    faults = [
-        Candidate(one, CandidateKind.MECHANISM, 0.1) for one in build_faults(problem.robot)
-    ]
+    faults = [Candidate(one, CandidateKind.MECHANISM, 0.1) for one in build_faults(problem.robot)]
     assert keep_acting_screws(problem, faults, None) == tuple(faults)
 
 

@@ -433,7 +433,9 @@ def test_what_is_likelier_than_the_names_is_told_as_something_else() -> None:
     robot = load_robot("puma760")
     uneven = Candidate(mechanism("gear-eccentricity:3", robot), CandidateKind.MECHANISM, 0.01)
     unlikely = describe_proven(effect_of(uneven, 0.57, 0.18, 0.18, 0.18))
-    assert "not proven: gear-eccentricity:3 (0.18) or something else, or chance (0.82) (" in unlikely
+    assert (
+        "not proven: gear-eccentricity:3 (0.18) or something else, or chance (0.82) (" in unlikely
+    )
     assert "something else" not in describe_proven(effect_of(uneven, 0.88, 0.87, 0.54, 0.54))
 
 
