@@ -288,7 +288,10 @@ class Solver:
         if isinstance(self.problem, Problem):
             return replace(state, theta=theta, slope=self.rows.at(theta))
         expansion = self.expand(theta)
-        return self.expanded(replace(state, theta=theta, slope=expansion.slope))
+        state = replace(state, theta=theta, slope=expansion.slope)
+        expansion, triangle = self.factorise(expansion, state.found, state.shrinkage)
+        factor = triangle.held(state.weak.rows)
+        return replace(state, expansion=expansion, triangle=triangle, factor=factor)
 
     # -- judgement
     # ----------------------------------------------------------------------------------------------
