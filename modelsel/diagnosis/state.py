@@ -14,10 +14,10 @@ import numpy as np
 from .._typing import Array, Index
 from ..exceptions import NotEstimable
 from ..fitting.design import Model
+from ..fitting.gauss_newton import COARSE_MM
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
-from ..fitting.solver import COARSE_MM
 from .acting_screws import keep_acting_screws
 from .candidate_columns import Columns, build_columns, flatten_measured
 from .candidate_kinds import CandidateKind

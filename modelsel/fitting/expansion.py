@@ -43,10 +43,12 @@ class Expansion:
     free: Reduction | None = None
 
     @staticmethod
-    def of_reduction(theta: Array, reduction: Reduction) -> Expansion:
+    def of_reduction(
+        theta: Array, reduction: Reduction, free: Reduction | None = None
+    ) -> Expansion:
         """Expand from a reduction at theta."""
         R = reduction.R
-        return Expansion.of_products(theta, R.T @ R, reduction)
+        return Expansion.of_products(theta, R.T @ R, reduction, free)
 
     @staticmethod
     def of_products(
@@ -77,6 +79,11 @@ class Expansion:
         change = theta - self.theta
         square = float(change @ self.gram @ change)
         return float(np.sqrt(max(square, 0.0)))
+
+    def reduction_at(self, theta: Array) -> Reduction:
+        """Return the reduction, shifted to theta (p,) nearby."""
+        assert self.reduction is not None
+        return self.reduction.shift(theta - self.theta)
 
     def triangle(
         self, others: Sequence[int], sized: Sequence[int], shrinkage: Shrinkage

@@ -45,6 +45,10 @@ class Identified:
         """Number of independent columns."""
         return len(self.kept)
 
+    def confine(self, theta: Array) -> Array:
+        """Return parameters (p,) with those that are not fitted at zero."""
+        return np.where(np.isin(np.arange(len(theta)), self.kept), theta, 0.0)
+
     @cached_property
     def relation(self) -> Array:
         """Coefficients (p, len(exact)) of every column in the exact representatives."""

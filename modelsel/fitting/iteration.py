@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,8 +14,6 @@ from .gradient import Slope
 from .identifiability import Identified
 from .prior import Shrinkage, WeakPrior
 
-ROUNDING = 1e-9  # of the cost: smaller gains may be rounding
-LEAST_DAMPING = 1e-9  # of a column's square
 SLOW = 0.2  # of the last step: a longer one asks for a triangle at the point reached
 LAST = 1e-5  # of the step asked for: with a triangle at hand, more steps cost little
 
@@ -79,6 +78,15 @@ class State:
         """Minus half the gradient (p,) of the cost."""
         return np.asarray(self.slope.products - self.root.T @ (self.root @ self.theta))
 
+    def stays(self, before: State, earlier: Sequence[WeakPrior]) -> bool:
+        """Return whether a judgement says what the one `before` said, or goes to and fro between
+        `earlier` ones: then the prior stays that has a say in more."""
+        if self.found.kept != before.found.kept:
+            return False
+        has_more = self.weak.count > before.weak.count
+        returns = not has_more and any(self.weak.like(weak) for weak in earlier)
+        return returns or self.weak.like(before.weak)
+
     def rests(self, step_mm: float) -> bool:
         """Return whether the iteration has converged: the last step is short, or steps from an
         expansion about the very point get no shorter."""
@@ -87,19 +95,6 @@ class State:
         as_far_as_can_be = self.own and self.share > SLOW
         longest = step_mm if as_far_as_can_be else LAST * step_mm
         return self.step_mm < longest
-
-
-def relax_damping(state: State, delta: Array, gained: float) -> float:
-    """Return the damping after a step (p,) that lowered the cost by `gained`.
-
-    It is reduced where the gain is what the expansion predicted (Nielsen 1999, IMM-REP-1999-05)."""
-    order = list(state.triangle.order)
-    moved = state.factor @ delta[order]
-    expected = float(2 * state.uphill @ delta - moved @ moved)
-    is_told = expected > ROUNDING * state.cost
-    ratio = max(gained / expected, 0.0) if is_told else 1.0
-    damping = state.damping * max(0.1, 1 - (2 * ratio - 1) ** 3)
-    return damping if damping > LEAST_DAMPING else 0.0
 
 
 def extrapolate(state: State, delta: Array) -> Array:
@@ -130,3 +125,12 @@ def compute_direction(state: State) -> tuple[Array, float]:
     delta = np.zeros(len(state.theta))
     delta[order] = solve_triangular(factor, turned, check_finite=False)
     return delta, float(np.linalg.norm(state.factor @ delta[order]))
+
+
+def minimise_expanded(state: State) -> State:
+    """Go to the minimum of the expanded squares, which takes one step."""
+    delta, _ = compute_direction(replace(state, damping=0.0))
+    theta = state.theta + delta
+    slope = state.expansion.slope_at(theta)
+    count = state.iterations + 1
+    return replace(state, theta=theta, slope=slope, step_mm=0.0, iterations=count)

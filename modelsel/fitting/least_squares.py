@@ -1,10 +1,13 @@
 """Weighted, rank-revealing least squares, re-linearised on the exact chain until the step is below
-0.1 µm."""
+0.1 µm.
+
+`fit` chooses a strategy by the number of rows and makes its `Solver`; `begin` iterates and settles what
+is fitted; `finish` reduces the rows at the solution."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,13 +15,14 @@ import numpy as np
 from .._typing import Array, Index
 from ..mechanisms.terms import Term
 from .design import Model, residuals
+from .gauss_newton import WholeProblem
 from .identifiability import Identified, solve
 from .iteration import State
 from .linearisation import Linearisation
-from .prior import WeakPrior, fitted_terms, prior_root, prior_rows, with_prior
+from .prior import Shrinkage, WeakPrior, fitted_terms, prior_root, prior_rows, with_prior
 from .problem import Problem
 from .reduction import Reduction, Source
-from .sampled import SAMPLE_STEP_MM, SampledSolver, draw_sample, takes_sample
+from .sampled import SAMPLE_STEP_MM, SampledRows, draw_sample, takes_sample
 from .solver import ITERATIONS, Held, Solver
 
 STEP_MM = 1e-4  # 0.1 µm
@@ -196,7 +200,7 @@ def fit(  # noqa: PLR0913  all but two have defaults
             sample, model, precision=precision, start=start, step_mm=SAMPLE_STEP_MM, held=held
         )
         start = first.theta
-        solver: Solver = sampled_solver(problem, sample, first, held, fold_of)
+        solver = sampled_solver(problem, sample, first, held, fold_of)
     else:
         if start is None and isinstance(problem, Problem) and problem.whitening.stated is not None:
             # far from the solution an error of the arm resembles what rows share
@@ -204,60 +208,56 @@ def fit(  # noqa: PLR0913  all but two have defaults
         solver = solver_of(problem, model, precision, held)
     theta = np.zeros(len(model.terms)) if start is None else start
     state = begin(solver, theta, precision, iterations, step_mm)
-    return finish(solver, solver.confirm(state, step_mm))
+    return finish(solver, state, step_mm)
 
 
 def solver_of(
     problem: Problem | Source, model: Model, precision: Array | None, held: Held
 ) -> Solver:
-    """Return the solver of a model's fits; terms of positive `precision` are shrunk."""
+    """Return the solver of a model's fits to all rows; terms of positive `precision` are shrunk."""
     shrunk = np.zeros(len(model.terms), dtype=bool) if precision is None else precision > 0
-    return Solver(problem, model, shrunk, problem.whitening.typical_weight(), held)
+    weight = problem.whitening.typical_weight()
+    return Solver(problem, model, shrunk, weight, held, WholeProblem())
 
 
 def sampled_solver(
     problem: Problem, sample: Problem, first: Fit, held: Held, fold_of: Index | None
-) -> SampledSolver:
-    """Fit a sample of very many rows, and return the solver of all rows that starts from it."""
+) -> Solver:
+    """Return the solver of very many rows that starts from the `first` fit, to a sample of them."""
     of_sample = solver_of(sample, first.model, first.precision, held)
-    return SampledSolver(
-        problem,
-        first.model,
-        of_sample.shrunk,
-        of_sample.weight,
-        held,
-        of_sample,
-        first.reduction,
-        fold_of,
-    )
+    strategy = SampledRows(of_sample, first.reduction, fold_of)
+    return replace(of_sample, problem=problem, strategy=strategy)
 
 
 def begin(
     solver: Solver, theta: Array, precision: Array | None, iterations: int, step_mm: float
 ) -> State:
     """Solve from parameters theta (p,). Raises NotEstimable."""
-    if solver.held == "nothing" or not theta.any():
-        state = solver.begin(theta, precision, solver.at_nominal())
-        state = solver.solve(state, iterations, step_mm)
-    else:
-        found = fitted_terms(solver.exact, solver.model)
-        state = solver.begin(theta, precision, found)
+    strategy = solver.strategy
+    from_nominal = solver.held == "nothing" or not theta.any()
+    found = solver.at_nominal() if from_nominal else fitted_terms(solver.exact, solver.model)
+    prior = Shrinkage.of(solver.model.terms, precision)
+    state = strategy.begin(solver, found.confine(theta), prior, found)
+    if from_nominal:
+        state = strategy.solve(solver, state, iterations, step_mm)
     return go_on(solver, state, iterations, step_mm)
 
 
 def go_on(solver: Solver, state: State, iterations: int, step_mm: float) -> State:
     """Continue an iteration until what is fitted stays the same. Raises NotEstimable."""
+    strategy = solver.strategy
     if solver.held != "nothing":
-        state = solver.settle(state, iterations, step_mm)
-    should_settle = iterations == ITERATIONS
+        state = strategy.settle(solver, state, iterations, step_mm)
+    is_whole = iterations == ITERATIONS
+    should_settle = is_whole and strategy.must_settle
     solver.refuse(state, should_settle, step_mm)
     return state
 
 
-def finish(solver: Solver, state: State) -> Fit:
-    """Reduce the rows at the end of an iteration, and return the fit."""
+def finish(solver: Solver, state: State, step_mm: float) -> Fit:
+    """Confirm the end of an iteration, and return the fit there."""
+    state, reduction = solver.strategy.conclude(solver, state, step_mm)
     model, theta, kept = solver.model, state.theta, state.found.kept
-    reduction = solver.conclude(state)
     full = with_prior(reduction, state.root, theta)
     return Fit(
         model,

@@ -1,13 +1,14 @@
 """Fits of smaller models to very many rows that were already reduced for a larger one.
 
-The products of the columns are taken from that reduction, since they hardly change with the
-parameters. The rows are visited for the exact gradient alone, so that the minimum is the same."""
+`NestedModel` begins at the parameters of the larger model. The products of the columns are taken from
+that reduction, since they hardly change with the parameters. Each step goes to the minimum of the
+expanded squares; the rows are visited there for the exact gradient alone, so that the end is the same."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -17,13 +18,14 @@ from .design import Model
 from .expansion import Expansion
 from .folded_rows import FoldedProblem, Point, measure_slopes
 from .identifiability import Identified
-from .iteration import State
+from .iteration import State, minimise_expanded
 from .least_squares import STEP_MM, Fit, begin, finish, solver_of
+from .prior import Shrinkage
 from .problem import Problem
 from .reduction import Reduction, merged
-from .sampled import QUICK, SampledSolver, draw_sample, respond, takes_sample
+from .sampled import QUICK, draw_sample, respond, settle_expanded, takes_sample
 from .shrinkage import weigh_groups, wide_groups
-from .solver import ITERATIONS, Held
+from .solver import ITERATIONS, Held, Solver
 
 # steps by the known products, each a pass over the rows
 STEPS = 6
@@ -66,67 +68,73 @@ class Reduced:
         return Reduced(model.terms, self.theta[chosen], reduction, exact, self.folded, precision)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class NestedSolver(SampledSolver):
-    """Fits a model to rows that are already reduced, linearised at a point nearby."""
+@dataclass(frozen=True, eq=False)
+class NestedModel:
+    """Strategy of fits to rows that are already reduced, linearised at a point nearby.
 
+    sample: the solver of a sample of the rows; reduced: the rows, reduced on the model's terms."""
+
+    must_settle: ClassVar[bool] = False  # a last step by an exact gradient is accepted
+    sample: Solver
     reduced: Reduced
 
-    @cached_property
-    def exact(self) -> Identified:
-        """What the data determine at the nominal chain: as the sample says, where what depends on
-        other terms there did so in every row when all were reduced."""
+    def find_dependences(self, solver: Solver) -> Identified:
+        """Find what the data determine: as the sample says, where what depends on other terms there
+        did so in every row when all were reduced."""
         found = self.sample.exact
-        told = set(found.exact)
-        lost = set(self.free) - told
+        lost = set(solver.free) - set(found.exact)
         wrongly = lost & self.reduced.exact
         if wrongly:
-            return self.identified(self.nominal)
+            return solver.identified(solver.nominal)
         return found
 
-    def begin(
-        self,
-        theta: Array,
-        precision: Array | None,
-        found: Identified,
-        expansion: Expansion | None = None,
-    ) -> State:
+    def begin(self, solver: Solver, theta: Array, prior: Shrinkage, found: Identified) -> State:
         """Begin near where the rows were reduced, with represented parameters at zero: along a
         combination that moves the arm by products of errors alone, the columns change too much."""
-        point = self.represent(self.reduced.theta)
-        start = self.expand(point)
-        state = super(SampledSolver, self).begin(point, precision, self.exact, start)
+        point = solver.represent(self.reduced.theta)
+        expansion = self._expand(solver, point)
+        state = solver.start(expansion, prior, solver.exact)
         return replace(state, firm=True)
 
-    def reduce(self, theta: Array, only: object = None) -> Reduction:
-        """Return the columns as they were reduced, with the exact gradient at theta (p,)."""
-        at = Point(self.model.terms, theta)
+    def _expand(self, solver: Solver, theta: Array) -> Expansion:
+        """Expand about theta (p,) with the columns as they were reduced and the exact gradient."""
+        reduction = self.reduced.reduction
+        at = Point(solver.model.terms, theta)
         (slopes,) = measure_slopes(self.reduced.folded, [at])
-        parts = tuple(map(respond, self.reduction.parts, slopes))
-        return Reduction(merged(parts).R, self.reduction.rows, parts)
+        parts = tuple(map(respond, reduction.parts, slopes))
+        responding = Reduction(merged(parts).R, reduction.rows, parts)
+        return Expansion.of_reduction(theta, responding)
 
-    def settle(self, state: State, iterations: int, step_mm: float) -> State:
+    def solve(self, solver: Solver, state: State, iterations: int, step_mm: float) -> State:
+        """Go to the minimum of the expanded squares."""
+        return minimise_expanded(state)
+
+    def settle(self, solver: Solver, state: State, iterations: int, step_mm: float) -> State:
         """Judge what is fitted and solve, until a step by the exact gradient is shorter than `step_mm`,
         or the next one would be. Raises TooFar where steps do not get shorter quickly."""
         size = np.inf
         for _ in range(STEPS):
-            state = self.settle_linear(state, iterations, step_mm)
+            state = settle_expanded(solver, state, step_mm)
             expansion = state.expansion
             moved = expansion.distance(state.theta)
-            step = moved / self.weight
+            step = moved / solver.weight
             leaves_less = step < step_mm or step * step < step_mm * size
-            if leaves_less and np.isfinite(size):
+            is_last = leaves_less and np.isfinite(size)
+            if is_last:
                 return replace(state, step_mm=step)
             if step > QUICK * size:
                 break
             size = step
-            there = self.expanded(state)
+            expansion = self._expand(solver, state.theta)
+            there = solver.moved(state, expansion)
             state = replace(there, step_mm=np.inf)
         raise TooFar
 
-    def confirm(self, state: State, step_mm: float) -> State:
-        """Return the state as it is: the last steps were by exact gradients already."""
-        return state
+    def conclude(self, solver: Solver, state: State, step_mm: float) -> tuple[State, Reduction]:
+        """Return the reduction shifted to the solution, which exact gradients have confirmed."""
+        expansion = state.expansion
+        reduction = expansion.reduction_at(state.theta)
+        return state, reduction
 
 
 def fit_within(problem: Problem, model: Model, reduced: Reduced, held: Held) -> Fit | None:
@@ -136,25 +144,19 @@ def fit_within(problem: Problem, model: Model, reduced: Reduced, held: Held) -> 
     rows for it, or the minimum is too far away."""
     own = reduced.select(model)
     groups = wide_groups(model)
-    if own is None or (groups and own.precision is None) or not takes_sample(problem, model, held):
+    if own is None or (groups and own.precision is None):
+        return None
+    if not takes_sample(problem, model, held):
         return None
     precision = own.precision if groups else None
     sample = draw_sample(problem)
     of_sample = solver_of(sample, model, precision, held)
-    solver = NestedSolver(
-        problem,
-        model,
-        of_sample.shrunk,
-        of_sample.weight,
-        held,
-        of_sample,
-        own.reduction,
-        reduced=own,
-    )
+    strategy = NestedModel(of_sample, own)
+    solver = replace(of_sample, problem=problem, strategy=strategy)
     try:
         state = begin(solver, own.theta, precision, ITERATIONS, STEP_MM)
         if groups and precision is not None:
             state = weigh_groups(solver, state, groups, precision, STEP_MM)
     except TooFar:
         return None
-    return finish(solver, state)
+    return finish(solver, state, STEP_MM)

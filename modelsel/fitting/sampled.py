@@ -1,13 +1,15 @@
 """Fits to very many rows, starting from the fit to a sample of them.
 
-Which terms depend on others is found on the sample and checked on all rows. The sample's products,
-scaled up, are so close to those of all rows that a few steps, with the exact gradient of all rows,
-lead to the solution. The rows are reduced there once, and the remaining steps are linear."""
+In the order in which `SampledRows` does it: which terms depend on others is found on the sample and
+checked on all rows. The sample's products, scaled up, are so close to those of all rows that a few
+steps, with the exact gradient of all rows, lead near the solution. The rows are reduced there. The
+steps that settle what is fitted are linear: each goes to the minimum of the expanded squares. Where they
+lead far, the rows are reduced again. At the end, steps by exact gradients confirm the solution."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,9 +18,9 @@ from .design import Model
 from .expansion import Expansion
 from .gradient import Slope
 from .identifiability import Identified
-from .iteration import Before, State, compute_direction, extrapolate
+from .iteration import Before, State, compute_direction, extrapolate, minimise_expanded
 from .linearisation import Linearisation
-from .prior import WeakPrior
+from .prior import Shrinkage, WeakPrior
 from .problem import Problem
 from .reduction import TOLERANCE, Reduction, merged, mix_dependent, reduce_folds
 from .solver import ROUNDS, STUCK, Held, Solver
@@ -75,39 +77,33 @@ def respond(reduction: Reduction, slope: Slope) -> Reduction:
 
 
 @dataclass(frozen=True, eq=False)
-class SampledSolver(Solver):
-    """Fits a model to very many rows.
+class SampledRows:
+    """Strategy of fits to very many rows.
 
     sample: the solver of a sample of the rows.
     reduction: the sample's rows, reduced at its solution.
     fold_of: (m,) the folds by which the rows are reduced."""
 
+    must_settle: ClassVar[bool] = False  # a fit whose cost gets no lower is accepted
     sample: Solver
     reduction: Reduction
     fold_of: Index | None = None
 
-    @cached_property
-    def exact(self) -> Identified:
-        """What the data determine at the nominal chain: as found on the sample if all rows agree."""
+    def find_dependences(self, solver: Solver) -> Identified:
+        """Find what the data determine: as found on the sample if all rows agree."""
         found = self.sample.exact
-        if not self.agrees(found):
-            return self.identified(self.nominal)
-        return replace(
-            found, scale=self.growth * found.scale, triangle=self.growth * found.triangle
-        )
+        if not self._agrees(solver, found):
+            return solver.identified(solver.nominal)
+        growth = self._growth(solver)
+        return replace(found, scale=growth * found.scale, triangle=growth * found.triangle)
 
-    @property
-    def growth(self) -> float:
-        """Ratio of a column's norm over all rows to that over the sample."""
-        return float(np.sqrt(len(self.problem) / len(self.sample.problem)))
-
-    def agrees(self, found: Identified) -> bool:
+    def _agrees(self, solver: Solver, found: Identified) -> bool:
         """Return whether terms that depend on others in the sample do so in every row.
 
         A random mixture of the differences between these terms and the combinations that represent
         them must be zero up to rounding."""
         kept = list(found.exact)
-        lost = [k for k in self.free if k not in kept]
+        lost = [k for k in solver.free if k not in kept]
         if not lost:
             return True
         relation = found.relation[lost].T
@@ -115,28 +111,33 @@ class SampledSolver(Solver):
         mixture, bound = mix_dependent(found.scale, kept, lost, relation, rows)
         nominal = np.zeros(len(mixture))
         return all(
-            np.abs(change).max() <= bound / self.weight
-            for _, _, change in self.rows.along(nominal, mixture)
+            np.abs(change).max() <= bound / solver.weight
+            for _, _, change in solver.rows.along(nominal, mixture)
         )
 
-    def begin(
-        self,
-        theta: Array,
-        precision: Array | None,
-        found: Identified,
-        expansion: Expansion | None = None,
-    ) -> State:
+    def _growth(self, solver: Solver) -> float:
+        """Ratio of a column's norm over all rows to that over the sample."""
+        return float(np.sqrt(len(solver.problem) / len(self.sample.problem)))
+
+    def begin(self, solver: Solver, theta: Array, prior: Shrinkage, found: Identified) -> State:
         """Begin near the solution, where steps by the exact gradient and the sample's products lead
         from theta (p,); at theta itself where the sample lacks a fitted column."""
         shown = np.flatnonzero(self.reduction.R.any(axis=0))
         if not np.isin(found.kept, shown).all():
-            return super().begin(theta, precision, found, expansion)
-        theta = np.where(np.isin(np.arange(len(theta)), found.kept), theta, 0.0)
-        slope = self.rows.at(theta)
-        state = super().begin(theta, precision, found, self.expand_sample(theta, slope))
-        return self.expanded(self.approach(replace(state, slope=slope)))
+            return solver.start(self.expand(solver, theta), prior, found)
+        slope = solver.rows.at(theta)
+        start = solver.start(self.expand_sample(solver, theta, slope), prior, found)
+        state = self.approach(solver, replace(start, slope=slope))
+        return solver.moved(state, self.expand(solver, state.theta))
 
-    def approach(self, state: State) -> State:
+    def expand_sample(self, solver: Solver, theta: Array, slope: Slope) -> Expansion:
+        """Expand about theta (p,) with the exact gradient there and the products of the sample's
+        columns, scaled up to all rows."""
+        grown = Reduction(self._growth(solver) * self.reduction.R, solver.count)
+        reduction = respond(grown, slope)
+        return Expansion.of_reduction(theta, reduction, reduction.select(solver.free))
+
+    def approach(self, solver: Solver, state: State) -> State:
         """Approach the solution by the exact gradient and the sample's products, as long as that
         lowers the cost.
 
@@ -144,16 +145,16 @@ class SampledSolver(Solver):
         change, so steps that overshoot are damped."""
         size, share = np.inf, SPREAD * np.sqrt(len(state.theta) / self.sample.count)
         for _ in range(STEPS):
-            state = self.judge(state)
+            state = solver.judge(state)
             if state.far is not None and not state.damping:
                 state = replace(state, damping=FIRST_DAMPING)
             delta, step = compute_direction(state)
             if np.isfinite(size):
                 share = step / size
             there = replace(state, theta=state.theta + delta)
-            if step * share < self.near and not state.damping:
+            if step * share < _near(solver) and not state.damping:
                 return there
-            there = replace(there, slope=self.rows.at(there.theta))
+            there = replace(there, slope=solver.rows.at(there.theta))
             gained = state.cost - there.cost
             if gained < 0:
                 damping = max(MORE_DAMPING * state.damping, FIRST_DAMPING)
@@ -164,86 +165,54 @@ class SampledSolver(Solver):
                 break
         return replace(state, damping=0.0)
 
-    def expand_sample(self, theta: Array, slope: Slope) -> Expansion:
-        """Expand about theta (p,) with the exact gradient there and the products of the sample's
-        columns, scaled up to all rows."""
-        grown = Reduction(self.growth * self.reduction.R, self.count)
-        return Expansion.of_reduction(theta, respond(grown, slope))
-
-    def reduce(self, theta: Array, only: object = None) -> Reduction:
-        """Reduce the rows at theta (p,), fold by fold."""
-        assert isinstance(self.problem, Problem)
-        terms = self.model.terms
+    def expand(self, solver: Solver, theta: Array) -> Expansion:
+        """Expand the squares about theta (p,), from the rows reduced there fold by fold."""
+        assert isinstance(solver.problem, Problem)
+        terms = solver.model.terms
         at = Linearisation(terms, theta) if theta.any() else None
-        folds = self.fold_of
-        if folds is None:
-            folds = np.zeros(len(self.problem), dtype=np.intp)
-        parts = reduce_folds(self.problem, terms, folds, at)
-        whole = merged(parts)
-        return whole if self.fold_of is None else replace(whole, parts=tuple(parts))
+        one_fold = np.zeros(len(solver.problem), dtype=np.intp)
+        fold_of = one_fold if self.fold_of is None else self.fold_of
+        parts = reduce_folds(solver.problem, terms, fold_of, at)
+        kept = () if self.fold_of is None else tuple(parts)
+        reduction = replace(merged(parts), parts=kept)
+        return Expansion.of_reduction(theta, reduction, reduction.select(solver.free))
 
-    def reduce_free(self, expansion: Expansion) -> Reduction:
-        """Return the reduction of the terms without a prior variance, at an expansion's point."""
-        assert expansion.reduction is not None
-        return expansion.reduction.select(self.free)
+    def solve(self, solver: Solver, state: State, iterations: int, step_mm: float) -> State:
+        """Go to the minimum of the expanded squares."""
+        return minimise_expanded(state)
 
-    def expand(self, theta: Array) -> Expansion:
-        """Expand the squares about theta (p,)."""
-        return Expansion.of_reduction(theta, self.reduce(theta))
-
-    def expanded(self, state: State) -> State:
-        """Expand the squares about the present theta, with the exact gradient there."""
-        expanded = super().expanded(state)
-        return replace(expanded, slope=expanded.expansion.slope)
-
-    @property
-    def near(self) -> float:
-        """Largest distance, whitened and over all rows, from the point of an expansion that is used."""
-        return NEAR_MM * self.weight * float(np.sqrt(self.count))
-
-    def is_near(self, state: State, step_mm: float) -> bool:
-        """Return whether the expansion is as good as one about theta, whatever the step."""
-        return state.expansion.distance(state.theta) < self.near
-
-    def settle(self, state: State, iterations: int, step_mm: float) -> State:
+    def settle(self, solver: Solver, state: State, iterations: int, step_mm: float) -> State:
         """Judge what is fitted and solve, until that stays the same.
 
         The rows are reduced again if the solution is far from the point of the last reduction. If the
         exact cost is higher at the solution, the fit ends at that point."""
         if state.damping:
-            return self.judge(state)
+            return solver.judge(state)
+        near = _near(solver)
         for _ in range(EXPANSIONS):
-            state = self.settle_linear(state, iterations, step_mm)
-            if self.is_near(state, step_mm):
+            state = settle_expanded(solver, state, step_mm)
+            expansion = state.expansion
+            distance = expansion.distance(state.theta)
+            if distance < near:
                 return state
-            start = self.restart(state)
-            there = replace(state, slope=self.rows.at(state.theta))
+            slope = solver.rows.at(state.theta)
+            there = replace(state, slope=slope)
+            start = replace(state, theta=expansion.theta, slope=expansion.slope)
             if there.cost > start.cost:
-                return replace(start, damping=STUCK)
-            state = self.expanded(there)
+                step = distance / solver.weight
+                return replace(start, step_mm=step, damping=STUCK)
+            anew = self.expand(solver, state.theta)
+            state = solver.moved(there, anew)
         return state
 
-    def settle_linear(self, state: State, iterations: int, step_mm: float) -> State:
-        """Judge what is fitted and solve, about the point of one expansion."""
-        earlier: list[WeakPrior] = []
-        for _ in range(ROUNDS):
-            judged = self.judge(state)
-            has_more = judged.weak.count > state.weak.count
-            returns = not has_more and any(judged.weak.like(weak) for weak in earlier)
-            stays = returns or judged.weak.like(state.weak)
-            if judged.found.kept == state.found.kept and stays and state.step_mm < step_mm:
-                break
-            earlier.append(state.weak)
-            state = self.solve(judged, iterations, step_mm)
-        return state
+    def conclude(self, solver: Solver, state: State, step_mm: float) -> tuple[State, Reduction]:
+        """Confirm the solution, and return the reduction near it, shifted to it."""
+        confirmed = self._confirm(solver, state, step_mm)
+        expansion = confirmed.expansion
+        reduction = expansion.reduction_at(confirmed.theta)
+        return confirmed, reduction
 
-    def restart(self, state: State) -> State:
-        """Return to the point of the expansion."""
-        expansion = state.expansion
-        step = expansion.distance(state.theta) / self.weight
-        return replace(state, theta=expansion.theta, slope=expansion.slope, step_mm=step)
-
-    def confirm(self, state: State, step_mm: float) -> State:
+    def _confirm(self, solver: Solver, state: State, step_mm: float) -> State:
         """Step on by the exact gradient, until a step is shorter than `step_mm` or no shorter than
         the one before.
 
@@ -251,41 +220,36 @@ class SampledSolver(Solver):
         accelerated."""
         size, again, before = np.inf, True, None
         for _ in range(STEPS):
-            exact = replace(state, slope=self.rows.at(state.theta), before=before)
+            exact = replace(state, slope=solver.rows.at(state.theta), before=before)
             delta, step = compute_direction(replace(exact, damping=0.0))
-            exact = replace(exact, step_mm=step / self.weight)
-            if state.damping or step < step_mm * self.weight or step > size:
+            exact = replace(exact, step_mm=step / solver.weight)
+            if state.damping or step < step_mm * solver.weight or step > size:
                 return exact
-            if not self.is_near(exact, step_mm) and again:
-                state = self.settle(self.expanded(exact), 1, step_mm)
+            is_near = exact.expansion.distance(exact.theta) < _near(solver)
+            if again and not is_near:
+                there = solver.moved(exact, self.expand(solver, exact.theta))
+                state = self.settle(solver, there, 1, step_mm)
                 size, again, before = np.inf, False, None
                 continue
             is_slow = before is not None and step > QUICK * size
             move = extrapolate(exact, delta) if is_slow else delta
-            state, size, before = (
-                replace(exact, theta=exact.theta + move),
-                step,
-                Before(exact.theta, delta),
-            )
+            before, size = Before(exact.theta, delta), step
+            state = replace(exact, theta=exact.theta + move)
         return state
 
-    def refuse(self, state: State, settled: bool, step_mm: float) -> None:
-        """Raise NotEstimable where the data have no more coordinates than the model has parameters.
 
-        A fit that did not settle, but whose cost gets no lower, is accepted."""
-        super().refuse(state, False, step_mm)
+def _near(solver: Solver) -> float:
+    """Largest distance, whitened and over all rows, from the point of an expansion that is used."""
+    return NEAR_MM * solver.weight * float(np.sqrt(solver.count))
 
-    def solve(self, state: State, iterations: int, step_mm: float) -> State:
-        """Go to the minimum of the expanded squares, which takes one step."""
-        delta, _ = compute_direction(replace(state, damping=0.0))
-        theta = state.theta + delta
-        slope = state.expansion.slope_at(theta)
-        count = state.iterations + 1
-        return replace(state, theta=theta, slope=slope, step_mm=0.0, iterations=count)
 
-    def conclude(self, state: State) -> Reduction:
-        """Return the expansion's reduction, which is near the solution, shifted to it."""
-        expansion = state.expansion
-        reduction = expansion.reduction
-        assert reduction is not None
-        return reduction.shift(state.theta - expansion.theta)
+def settle_expanded(solver: Solver, state: State, step_mm: float) -> State:
+    """Judge what is fitted and minimise the expanded squares, until the judgement stays."""
+    earlier: list[WeakPrior] = []
+    for _ in range(ROUNDS):
+        judged = solver.judge(state)
+        if judged.stays(state, earlier) and state.step_mm < step_mm:
+            break
+        earlier.append(state.weak)
+        state = minimise_expanded(judged)
+    return state

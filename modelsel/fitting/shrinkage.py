@@ -244,14 +244,14 @@ def fit_shrunk(
         return fit(problem, model, start=theta, step_mm=step_mm, held=held, fold_of=fold_of)
     precision = _first_precision(problem, model, groups, start)
     if sample is not None and start is not None:
-        solver: Solver = sampled_solver(problem, sample, start, held, fold_of)
+        solver = sampled_solver(problem, sample, start, held, fold_of)
     else:
         solver = solver_of(problem, model, precision, held)
     state = begin(
         solver, np.zeros(len(precision)) if theta is None else theta, precision, ITERATIONS, step_mm
     )
     state = weigh_groups(solver, state, groups, precision, step_mm)
-    return finish(solver, solver.confirm(state, step_mm))
+    return finish(solver, state, step_mm)
 
 
 def weigh_groups(

@@ -1,12 +1,17 @@
-"""Gauss-Newton with few reductions of the rows: steps by the triangle of a point nearby and the
-exact gradient, and judgements of what is fitted where they have led."""
+"""What stays the same in fits of a model: its problem, and the judgement of what is fitted where an
+iteration has led.
+
+A fit calls the methods of a `Strategy` in the order in which they stand there. There are three:
+`WholeProblem` iterates on all rows, `SampledRows` begins where the fit to a sample of very many rows
+ended, and `NestedModel` uses rows that were reduced for a larger model. Each computes its steps from an
+`Expansion` of the squares, and asks the `Solver` what is fitted."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,22 +22,12 @@ from .design import Model
 from .expansion import Expansion, Triangle, Unsafe
 from .gradient import Rows
 from .identifiability import Identified, as_drawn, identify, without
-from .iteration import (
-    LEAST_DAMPING,
-    ROUNDING,
-    SLOW,
-    Before,
-    Far,
-    State,
-    compute_direction,
-    extrapolate,
-    relax_damping,
-)
+from .iteration import Far, State
 from .linearisation import Linearisation
 from .nominal_arm import PLENTY, NominalArm
 from .prior import Shrinkage, Usual, WeakPrior, faint, fitted_terms, usual_sizes, weigh_usual
 from .problem import Problem
-from .reduction import PROBE, Reduction, Source, multiply_problem, reduce_problem
+from .reduction import Reduction, Source, reduce_problem
 
 Held = Literal["nothing", "geometry", "all"]
 ITERATIONS = 60
@@ -42,10 +37,29 @@ QUIET_MM = 1e-6  # no measurement is better
 # rms: combinations that move the target less at their usual sizes wait until the others have
 # converged
 UNSEEN_MM = 0.01
-COARSE_MM = 1e-2  # step at which intermediate fits have converged
-# all rows together: as far does the triangle change by nothing that counts, in the last fit and in
-# intermediate ones
-NEAR_MM, NEAR_COARSE_MM = 1e-5, 1.0
+
+
+class Strategy(Protocol):
+    """How a fit goes about the rows; its methods in the order in which they are called.
+
+    `must_settle`: whether a last step that is too long is an error."""
+
+    must_settle: ClassVar[bool]
+
+    def find_dependences(self, solver: Solver) -> Identified:
+        """Find what the data determine at the nominal chain, where dependences are exact."""
+
+    def begin(self, solver: Solver, theta: Array, prior: Shrinkage, found: Identified) -> State:
+        """Begin at parameters theta (p,), or near the solution; terms not in `found` are zero."""
+
+    def solve(self, solver: Solver, state: State, iterations: int, step_mm: float) -> State:
+        """Minimise the cost over the kept terms, with what the prior holds as it is."""
+
+    def settle(self, solver: Solver, state: State, iterations: int, step_mm: float) -> State:
+        """Judge what is fitted and solve again, until the judgement stays."""
+
+    def conclude(self, solver: Solver, state: State, step_mm: float) -> tuple[State, Reduction]:
+        """Return the confirmed solution, and the rows reduced there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +72,7 @@ class Solver:
     shrunk: NDArray[np.bool_]
     weight: float
     held: Held
+    strategy: Strategy
 
     @cached_property
     def rows(self) -> Rows:
@@ -83,9 +98,14 @@ class Solver:
         return NominalArm(self.sizes, triangle)
 
     @cached_property
+    def free(self) -> list[int]:
+        """Terms that have no variance of their own."""
+        return np.flatnonzero(~self.shrunk).tolist()
+
+    @cached_property
     def nominal(self) -> Reduction:
-        """The reduction, at the nominal chain, of the terms that have no variance of their own."""
-        return reduce_problem(self.problem, [self.model.terms[k] for k in self.free])
+        """The reduction, at the nominal chain, of the free terms."""
+        return self.reduce_free(None)
 
     @cached_property
     def count(self) -> int:
@@ -96,14 +116,9 @@ class Solver:
         return self.nominal.rows
 
     @cached_property
-    def free(self) -> list[int]:
-        """Terms that have no variance of their own."""
-        return np.flatnonzero(~self.shrunk).tolist()
-
-    @cached_property
     def exact(self) -> Identified:
         """What the data determine at the nominal chain, where dependences are exact."""
-        return self.identified(self.nominal)
+        return self.strategy.find_dependences(self)
 
     def identified(self, reduction: Reduction) -> Identified:
         """Identify what a reduction of the free terms says of all; a term that has a variance of
@@ -125,11 +140,8 @@ class Solver:
         lost = faint(self.exact.triangle, self.exact.kept, self.sizes, least)
         return without(self.exact, lost)
 
-    # -- the problem at a point
-    # ----------------------------------------------------------------------------------------------
-
     def reduce(self, theta: Array, only: Sequence[int] | None = None) -> Reduction:
-        """Reduce the rows at theta (p,)."""
+        """Reduce all rows at theta (p,); the columns of `only` some terms."""
         is_nominal = not theta.any()
         if is_nominal and not self.shrunk.any():
             return self.nominal
@@ -139,50 +151,47 @@ class Solver:
             at = Linearisation(terms, theta)
         return reduce_problem(self.problem, terms, at, only)
 
-    def expand(self, theta: Array) -> Expansion:
-        """Expand the squares about theta (p,)."""
-        is_nominal = not theta.any() and not self.shrunk.any()
-        if isinstance(self.problem, Source) or is_nominal:
-            return Expansion.of_reduction(theta, self.reduce(theta))
+    def reduce_free(self, theta: Array | None) -> Reduction:
+        """Reduce all rows at theta (p,), or at the nominal chain, of the free terms alone."""
         terms = self.model.terms
-        only = self.free if self.arm.is_far(theta) else ()
-        products, free = multiply_problem(self.problem, terms, Linearisation(terms, theta), only)
-        return Expansion.of_products(theta, products, free=free if only else None)
+        at = None if theta is None else Linearisation(terms, theta)
+        return reduce_problem(self.problem, [terms[k] for k in self.free], at)
 
-    def begin(
-        self,
-        theta: Array,
-        precision: Array | None,
-        found: Identified,
-        expansion: Expansion | None = None,
-    ) -> State:
-        """Begin at parameters theta (p,), the fixed terms at zero; the expansion is one there."""
-        theta = np.where(np.isin(np.arange(len(theta)), found.kept), theta, 0.0)
-        if expansion is None:
-            expansion = self.expand(theta)
-        slope = expansion.slope
-        shrinkage = Shrinkage.of(self.model.terms, precision)
-        expansion, triangle = self.factorise(expansion, found, shrinkage)
+    # -- states, and the expansions that their steps are computed from
+
+    def start(self, expansion: Expansion, prior: Shrinkage, found: Identified) -> State:
+        """Return the state at an expansion's point, without a prior of usual sizes."""
+        expanded, triangle = self.factorise(expansion, found, prior)
         return State(
-            theta,
-            slope,
-            shrinkage,
-            found,
-            WeakPrior(),
-            shrinkage.rows,
-            expansion,
-            triangle,
-            triangle.held(None),
+            theta=expansion.theta,
+            slope=expansion.slope,
+            shrinkage=prior,
+            found=found,
+            weak=WeakPrior(),
+            root=prior.rows,
+            expansion=expanded,
+            triangle=triangle,
+            factor=triangle.held(None),
         )
 
     def weighed(self, state: State, precision: Array) -> State:
         """Give the shrunk terms other precisions (p,)."""
         shrinkage = Shrinkage.of(self.model.terms, precision)
-        expansion, triangle = self.factorise(state.expansion, state.found, shrinkage)
-        factor = triangle.held(state.weak.rows)
         root = shrinkage.root(state.weak)
         state = replace(state, shrinkage=shrinkage, root=root, step_mm=np.inf)
+        return self.renewed(state, state.expansion)
+
+    def renewed(self, state: State, expansion: Expansion) -> State:
+        """Compute the next steps from an expansion about the present theta."""
+        expansion, triangle = self.factorise(expansion, state.found, state.shrinkage)
+        factor = triangle.held(state.weak.rows)
         return replace(state, expansion=expansion, triangle=triangle, factor=factor)
+
+    def moved(self, state: State, expansion: Expansion) -> State:
+        """Go to an expansion's point, with its gradient."""
+        theta, slope = expansion.theta, expansion.slope
+        there = replace(state, theta=theta, slope=slope, far=None)
+        return self.renewed(there, expansion)
 
     def factorise(
         self, expansion: Expansion, found: Identified, shrinkage: Shrinkage, exactly: bool = False
@@ -199,99 +208,7 @@ class Solver:
         expansion = Expansion.of_reduction(expansion.theta, self.reduce(expansion.theta))
         return expansion, expansion.triangle(others, sized, shrinkage)
 
-    # -- steps
-    # ----------------------------------------------------------------------------------------------
-
-    def settle(self, state: State, iterations: int, step_mm: float) -> State:
-        """Judge what is fitted and solve again, until the judgement stays, or goes to and fro: then
-        the prior stays that has a say in more."""
-        earlier: list[WeakPrior] = []
-        for _ in range(ROUNDS):
-            judged = self.judge(state)
-            same_terms = judged.found.kept == state.found.kept
-            has_more = judged.weak.count > state.weak.count
-            returns = not has_more and any(judged.weak.like(weak) for weak in earlier)
-            stays = returns or judged.weak.like(state.weak)
-            if same_terms and stays and state.step_mm < step_mm:
-                if self.is_near(state, step_mm):
-                    break
-                judged, earlier = self.judge(self.expanded(state)), []
-            earlier.append(state.weak)
-            state = self.solve(judged, iterations, step_mm)
-        return state
-
-    def is_near(self, state: State, step_mm: float) -> bool:
-        """Return whether the expansion is as good as one about theta."""
-        near_mm = NEAR_COARSE_MM if step_mm >= COARSE_MM else NEAR_MM
-        return state.expansion.distance(state.theta) < near_mm * self.weight
-
-    def expanded(self, state: State) -> State:
-        """Expand the squares anew, where the iteration stands."""
-        expansion = self.expand(state.theta)
-        expansion, triangle = self.factorise(expansion, state.found, state.shrinkage)
-        factor = triangle.held(state.weak.rows)
-        return replace(state, expansion=expansion, triangle=triangle, factor=factor)
-
-    def solve(self, state: State, iterations: int, step_mm: float) -> State:
-        """Iterate Gauss-Newton over the kept terms, damped where it overshoots."""
-        count = 0
-        state = replace(state, step_mm=np.inf, share=0.0, own=False, damping=0.0, before=None)
-        while count < iterations and state.damping < STUCK and not state.rests(step_mm):
-            count += 1
-            state = self.step(state, step_mm, iterations == 1)
-        return replace(state, iterations=state.iterations + count)
-
-    def step(self, state: State, step_mm: float, only_one: bool) -> State:
-        """Take a step, or find that it is none: then by a triangle of this point, or damped."""
-        own = self.is_near(state, step_mm)
-        delta, size = compute_direction(state)
-        step = size / self.weight
-        there = self.reach(state, delta)
-        lower = there.cost <= state.cost * (1 + ROUNDING)
-        if lower or step < step_mm or only_one:
-            share = step / state.step_mm
-            there = replace(there, step_mm=step, share=share, own=own, growth=2.0)
-            there = replace(there, damping=relax_damping(state, delta, state.cost - there.cost))
-            is_slow = share > SLOW and not there.rests(step_mm)
-            return self.expanded(there) if is_slow else there
-        if not own:
-            return self.expanded(state)
-        # overshot: Levenberg-Marquardt from the same point
-        damping = max(state.growth * state.damping, LEAST_DAMPING)
-        growth = 2 * state.growth
-        return replace(state, damping=damping, growth=growth, step_mm=max(step, step_mm))
-
-    def reach(self, state: State, delta: Array) -> State:
-        """Go by a step (p,), accelerated where steps do not get shorter quickly; where it overshoots,
-        by what the step from beyond says."""
-        can_evaluate = isinstance(self.problem, Problem) and not state.damping
-        if can_evaluate and state.before is not None and state.share > SLOW:
-            there = self.turn(state, delta)
-            if there.cost <= state.cost:
-                return there
-        there = self.move(state, state.theta + delta)
-        there = replace(there, before=Before(state.theta, delta))
-        if can_evaluate and there.cost > state.cost * (1 + ROUNDING):
-            back, _ = compute_direction(there)
-            turned = self.turn(there, back)
-            if turned.cost <= state.cost:
-                return turned
-        return there
-
-    def turn(self, state: State, delta: Array) -> State:
-        """Go where this step (p,) and the one before, along their difference, come to rest."""
-        there = self.move(state, state.theta + extrapolate(state, delta))
-        return replace(there, before=Before(state.theta, delta))
-
-    def move(self, state: State, theta: Array) -> State:
-        """Evaluate at theta (p,); without rows to evaluate, expand there."""
-        if isinstance(self.problem, Problem):
-            return replace(state, theta=theta, slope=self.rows.at(theta))
-        expansion = self.expand(theta)
-        return self.expanded(replace(state, theta=theta, slope=expansion.slope))
-
     # -- judgement
-    # ----------------------------------------------------------------------------------------------
 
     def judge(self, state: State) -> State:
         """Judge what is fitted and what the prior holds, at the solution and by the noise it leaves.
@@ -316,8 +233,8 @@ class Solver:
 
     def hold(self, state: State) -> State:
         """Begin again with the parameters that others represent left at zero."""
-        represented = self.represent(state.theta)
-        firm = self.begin(represented, state.shrinkage.precision, self.exact)
+        represented = self.exact.confine(self.represent(state.theta))
+        firm = self.strategy.begin(self, represented, state.shrinkage, self.exact)
         return replace(firm, firm=True, iterations=state.iterations)
 
     def represent(self, theta: Array) -> Array:
@@ -342,27 +259,10 @@ class Solver:
             return far.found, far
         reduction = expansion.free
         if reduction is None:
-            reduction = self.reduce_free(expansion)
+            reduction = self.reduce_free(point)
         identified = self.identified(reduction)
         found = fitted_terms(identified, self.model)
         return found, Far(point, found)
-
-    def reduce_free(self, expansion: Expansion) -> Reduction:
-        """Reduce the rows at an expansion's point, of the terms that have no variance of their
-        own."""
-        terms = self.model.terms
-        free = [terms[k] for k in self.free]
-        return reduce_problem(self.problem, free, Linearisation(terms, expansion.theta))
-
-    def confirm(self, state: State, step_mm: float) -> State:
-        """Return the state where the iteration has ended: its steps were by exact slopes."""
-        return state
-
-    def conclude(self, state: State) -> Reduction:
-        """Reduce the rows at the solution."""
-        theta, many = state.theta, len(self.problem) > PROBE[1]
-        only = list(state.found.kept) if theta.any() and many else None
-        return self.reduce(theta, only)
 
     def sigma(self, state: State) -> float:
         """Residual standard deviation of one whitened coordinate; terms that a prior holds cost no

@@ -14,11 +14,12 @@ from modelsel.fitting.design import Model
 from modelsel.fitting.gradient import Slope
 from modelsel.fitting.iteration import compute_direction
 from modelsel.fitting.least_squares import STEP_MM, Fit, finish, fit, sampled_solver
+from modelsel.fitting.prior import Shrinkage
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.reduction import Reduction
-from modelsel.fitting.sampled import draw_sample
+from modelsel.fitting.sampled import SampledRows, draw_sample
 from modelsel.fitting.shrinkage import fit_shrunk
-from modelsel.fitting.solver import ITERATIONS, Solver
+from modelsel.fitting.solver import ITERATIONS
 from modelsel.mechanisms.causes import Bump, Named, q, sin
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
@@ -41,6 +42,8 @@ PLAIN = Model(
 BUMPS = tuple(Bump("q3", centre, 0.4) for centre in np.arange(-1.2, 1.3, 0.4).tolist())
 CURVE = tuple(Term(f"s{k}", (Screw(3, "rz", bump),)) for k, bump in enumerate(BUMPS))
 FREE = Model((mechanism("geometric", ARM), Mechanism("free(q3)", CURVE)))
+
+NO_PRIOR = Shrinkage.of(PLAIN.terms, None)
 
 
 def measure(rng: np.random.Generator, model: Model) -> Problem:
@@ -112,14 +115,14 @@ def test_a_step_that_overshoots_is_damped(rng) -> None:
     first = fit(sample, PLAIN)
     solver = sampled_solver(at, sample, first, "geometry", None)
     slope = solver.rows.at(first.theta)
-    faint = replace(solver, reduction=Reduction(0.3 * first.reduction.R, first.reduction.rows))
-    start = Solver.begin(
-        faint, first.theta, None, first.found, faint.expand_sample(first.theta, slope)
-    )
-    start = replace(start, slope=slope)
-    delta, _ = compute_direction(faint.judge(start))
+    few = Reduction(0.3 * first.reduction.R, first.reduction.rows)
+    faint = SampledRows(solver.strategy.sample, few)
+    solver = replace(solver, strategy=faint)
+    expansion = faint.expand_sample(solver, first.theta, slope)
+    start = replace(solver.start(expansion, NO_PRIOR, first.found), slope=slope)
+    delta, _ = compute_direction(solver.judge(start))
     assert solver.rows.at(first.theta + delta).squares > slope.squares
-    arrived = faint.approach(start)
+    arrived = faint.approach(solver, start)
     assert arrived.cost < start.cost
     assert solver.rows.at(arrived.theta).squares < slope.squares
 
@@ -132,14 +135,15 @@ def test_a_fit_ends_where_its_cost_gets_no_lower(rng) -> None:
     first = fit(sample, PLAIN)
     assert first.settled
     solver = sampled_solver(at, sample, first, "geometry", None)
-    state = solver.begin(first.theta, None, first.found)
+    strategy = solver.strategy
+    state = strategy.begin(solver, first.theta, NO_PRIOR, first.found)
     gram, squares = state.expansion.gram, state.slope.squares
     tilt = gram[0] * np.sqrt(0.5 * squares / gram[0, 0])
     steep = Slope(squares, state.slope.products + tilt)
     uphill = replace(state, slope=steep, expansion=replace(state.expansion, slope=steep))
-    ended = solver.settle(uphill, ITERATIONS, STEP_MM)
+    ended = strategy.settle(solver, uphill, ITERATIONS, STEP_MM)
     assert np.array_equal(ended.theta, state.expansion.theta)
-    fitted = finish(solver, solver.confirm(ended, STEP_MM))
+    fitted = finish(solver, ended, STEP_MM)
     assert np.array_equal(fitted.theta, state.expansion.theta)
     assert not replace(fitted, step_mm=1.0).settled
 
