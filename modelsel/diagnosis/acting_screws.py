@@ -5,7 +5,7 @@ about the two axes across it by a hundredth of that. It is told where it acts: a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -33,16 +33,17 @@ def keep_acting_screws(
             if len(term.screws) > len({screw.frame for screw in term.screws}):
                 distinct.setdefault(term.key, term)
     acting = _find_acting(problem, list(distinct.values()), at)
-    kept = []
-    for candidate in found:
-        terms = candidate.mechanism.terms
-        if not distinct.keys().isdisjoint(term.key for term in terms):
-            shorter = tuple(
-                replace(term, screws=acting.get(term.key, term.screws)) for term in terms
-            )
-            candidate = replace(candidate, mechanism=replace(candidate.mechanism, terms=shorter))
-        kept.append(candidate)
-    return tuple(kept)
+    return tuple(_keep(candidate, acting) for candidate in found)
+
+
+def _keep(candidate: Candidate, acting: Mapping[TermKey, tuple[Screw, ...]]) -> Candidate:
+    mechanism = candidate.mechanism
+    keys = {term.key for term in mechanism.terms}
+    if keys.isdisjoint(acting):
+        return candidate
+    terms = [replace(term, screws=acting.get(term.key, term.screws)) for term in mechanism.terms]
+    shorter = replace(mechanism, terms=tuple(terms))
+    return replace(candidate, mechanism=shorter)
 
 
 def _find_acting(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from builders import seeds
-from hidden_arm import State, arm, measured
 from hidden_arm import Effect as Planted
+from hidden_arm import State, arm, measured
 from hidden_effects import at, together
 
 from modelsel.diagnosis.acting_screws import SMALL, keep_acting_screws
