@@ -66,7 +66,7 @@ class OneOf:
 
 class StrictRecord(BaseModel):
     """A table of a file, read strictly: every key, each of its type, and only finite numbers. Keys
-    that a record does not know are left alone, as docs/contract.md promises."""
+    that a record does not know are ignored, as docs/reference/files.md promises."""
 
     model_config = ConfigDict(
         strict=True, frozen=True, extra="ignore", populate_by_name=True, defer_build=True

@@ -20,7 +20,8 @@ Length = Annotated[Number, Field(ge=0)]  # mm
 
 
 class JointRecord(StrictRecord):
-    """A nominal joint: the fixed transform before it [mm], limits [rad or mm], its link's mass."""
+    """A nominal joint: the fixed transform before it [mm], its limits [rad or mm], and mass and
+    centre of mass of the link it moves."""
 
     before_mm: Transform
     prismatic: bool
@@ -30,8 +31,9 @@ class JointRecord(StrictRecord):
 
 
 class RobotRecord(StrictRecord):
-    """The nominal robot; `usual` is the usual size of such an arm's errors (mm, rad), `coupling`
-    how its motors move the joints."""
+    """The nominal robot. `usual`: usual size of the errors of such an arm (mm, rad); `coupling`:
+    matrix from motor readings to joint angles; `passive`: motors that do not exist but stand
+    for a linkage."""
 
     name: Text
     source: Text
@@ -44,7 +46,7 @@ class RobotRecord(StrictRecord):
 
 
 class UrdfRecord(StrictRecord):
-    """The URDF that the robot was read from, and the links that its chain starts and ends at."""
+    """The URDF from which the robot was read, and the links where its chain starts and ends."""
 
     text: Annotated[str, Field(max_length=MAX_FILE_BYTES)]
     base: Text
@@ -52,7 +54,8 @@ class UrdfRecord(StrictRecord):
 
 
 class FileFormRecord(StrictRecord):
-    """How the study reads its measurements file: contract name = name in the file."""
+    """How the study reads its measurements file: in `columns` and `joined`, modelsel's name = name
+    in the file."""
 
     columns: dict[Text, Text]
     sheet: Text | None
@@ -70,7 +73,7 @@ class TargetRecord(StrictRecord):
 
 
 class GroupRecord(StrictRecord):
-    """A group of measurements and its placement: frame 0 in the tracker's frame."""
+    """A group of measurements, with its placement: frame 0 in the tracker's frame."""
 
     name: Text
     rotation: Rotation
@@ -78,7 +81,7 @@ class GroupRecord(StrictRecord):
 
 
 class EstimateRecord(StrictRecord):
-    """One parameter; a parameter that is not `estimable` is fixed at its value."""
+    """A parameter; one that is not `estimable` is fixed at its value."""
 
     symbol: Text
     value: Number
@@ -88,14 +91,15 @@ class EstimateRecord(StrictRecord):
 
 
 class FactorRecord(StrictRecord):
-    """Rows of the covariance's triangular factor F, each from its own column on."""
+    """Rows of the triangular factor F of the covariance, each from its diagonal on."""
 
     says: Text = ""
     rows: list[list[Number]]
 
 
 class NoiseFloorRecord(StrictRecord):
-    """Standard deviation of one measured coordinate; `freedom` is null where it was stated."""
+    """Standard deviation of one measured coordinate; `freedom`: its degrees of freedom, null if it
+    was stated."""
 
     coordinate_mm: Length
     source: Text
@@ -103,14 +107,15 @@ class NoiseFloorRecord(StrictRecord):
 
 
 class RefitErrorsRecord(StrictRecord):
-    """Rms lengths of what a model leaves [mm], null where there are no such rows."""
+    """Rms length of what a model leaves [mm]; null if there are no such rows."""
 
     estimation_rms_mm: Length | None
     held_out_rms_mm: Length | None
 
 
 class RefitEstimateRecord(StrictRecord):
-    """One parameter of a refit: the place of its term among the calibration's, from 0."""
+    """A parameter of a refit; `term`: place of its term among those of the calibration, counted
+    from 0."""
 
     term: Whole
     symbol: Text
@@ -118,13 +123,13 @@ class RefitEstimateRecord(StrictRecord):
 
 
 class RefitRecord(RefitErrorsRecord):
-    """Some terms of the calibration fitted without the others."""
+    """Some terms of the calibration, fitted without the others."""
 
     estimates: list[RefitEstimateRecord]
 
 
 class RefitsRecord(StrictRecord):
-    """The refits for the forms that cannot carry the whole model."""
+    """Refits for export forms that cannot carry the whole model."""
 
     says: Text = ""
     whole: RefitErrorsRecord
@@ -133,7 +138,7 @@ class RefitsRecord(StrictRecord):
 
 
 class CalibrationRecord(StrictRecord):
-    """calibration.json: a nominal robot, its set-up and every fitted screw."""
+    """calibration.json: the nominal robot, its set-up and all fitted screws."""
 
     schema_: Literal[1] = Field(alias="schema")
     kind: Literal["calibration"]

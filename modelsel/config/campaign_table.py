@@ -24,16 +24,17 @@ CampaignText = Annotated[Name, BeforeValidator(_as_campaign_text)]
 
 
 class CampaignTable(_Table):
-    """[campaign]: what an auditor asks about the measurements; it is printed and changes no result."""
+    """[campaign]: what an auditor asks about the measurements. It appears in the report and
+    affects no result."""
 
-    date: CampaignText | None = Field(default=None, description="When it was measured.")
-    instrument: CampaignText | None = Field(default=None, description="What measured.")
+    date: CampaignText | None = Field(default=None, description="Date of the measurements.")
+    instrument: CampaignText | None = Field(default=None, description="Measuring instrument.")
     serial_number: CampaignText | None = Field(
         default=None, description="Serial number of the robot."
     )
     operator: CampaignText | None = Field(default=None, description="Who measured.")
     ambient: CampaignText | None = Field(
-        default=None, description="Surroundings, such as temperature and humidity."
+        default=None, description="Ambient conditions, such as temperature and humidity."
     )
 
     @property

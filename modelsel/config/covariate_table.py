@@ -27,32 +27,36 @@ def _check_word(name: str) -> str:
 
 
 class CovariateTable(_Table):
-    """[[covariate]]: causes that the search weighs beside those it has; each alone, every two
-    together, or the product of every two. With a name, one of them at one place, which
-    model.base, model.ladder and model.candidates may list."""
+    """[[covariate]]: causes that the search weighs in addition to those it has: each one alone, every
+    pair together, or the product of every pair. A single effect at one place can be given a name,
+    which model.base, model.ladder and model.candidates may list."""
 
     causes: list[str] = Field(
-        max_length=MAX_CAUSES,
-        description="Columns of the file, or formulas of causes that hold one.",
+        max_length=MAX_CAUSES, description="Columns of the file, or formulas that contain one."
     )
     as_: Literal["alone", "pairs", "products"] = Field(
         default="alone",
         alias="as",
-        description='Each cause alone; "pairs": every two, each with a number of its own; '
-        '"products": every two multiplied.',
+        description='Each cause alone; "pairs": every pair of causes, each cause with its own '
+        'coefficient; "products": the product of every pair.',
     )
     frame: int | None = Field(
-        default=None, ge=1, description="Frame that it moves, with axis; without, every place."
+        default=None,
+        ge=1,
+        description="Frame where the effect acts, with axis: 1 to n, n+1 for the target; without both, "
+        "every place.",
     )
     axis: Axis | None = Field(default=None, description="Axis of that frame.")
     prior: float | None = Field(
         default=None,
         gt=0,
         lt=1,
-        description="Probability beforehand that an effect is one of these, shared evenly.",
+        description="Prior probability that an effect is one of the table's, shared evenly among them.",
     )
     name: Annotated[str, AfterValidator(_check_word)] | None = Field(
-        default=None, description="Name for model.base, model.ladder and model.candidates."
+        default=None,
+        description="Name of a single effect at one place, for model.base, model.ladder and "
+        "model.candidates.",
     )
 
     @model_validator(mode="before")

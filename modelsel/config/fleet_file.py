@@ -34,7 +34,7 @@ class _Table(BaseModel):
 
 
 class StudyTable(_Table):
-    """[[study]]: a study file, and what is different here: a robot, a day, a what-if."""
+    """[[study]]: a study file, and settings that replace those in it."""
 
     file: FileName = Field(description="Study file, or its folder.")
     name: Name | None = Field(default=None, description="Name of its output folder.")
@@ -47,25 +47,25 @@ class StudyTable(_Table):
 
 
 class PartsTable(_Table):
-    """[[parts]]: one measurement set in many Parquet files, fitted without ever being held
-    whole."""
+    """[[parts]]: one measurement set in many Parquet files, fitted without holding all of it in
+    memory."""
 
     name: Name = Field(description="Name of its output folder.")
-    files: list[FileName] = Field(min_length=1, description="Parquet files, or patterns of them.")
+    files: list[FileName] = Field(
+        min_length=1, description="Parquet files, or patterns of file names."
+    )
     robot: FileName = Field(description="Name of a built-in robot, or a robot file.")
     tool_mm: Vector = Field(description="Nominal target in the flange frame [mm].")
     base: list[str] = Field(default=["geometric"], description="Mechanisms of the model.")
-    folds: int = Field(default=10, ge=2, le=1000, description="Folds of the cross-validation.")
+    folds: int = Field(default=10, ge=2, le=1000, description="Number of cross-validation folds.")
 
 
 class FleetFile(_Table):
     """A fleet file, checked."""
 
-    name: Name = Field(description="Name of the fleet.")
+    name: Name = Field(description="Name of the job.")
     studies: list[FileName] = Field(default=[], description="Patterns of study files.")
-    study: list[StudyTable] = Field(
-        default=[], description="Studies, and what is different in each."
-    )
+    study: list[StudyTable] = Field(default=[], description="Studies with changed settings.")
     parts: list[PartsTable] = Field(default=[], description="Measurement sets in many files.")
 
 

@@ -49,15 +49,13 @@ from .study_tables import (
 
 
 class Study(_Table):
-    """A study, checked. From Python its tables are those of the file, as keyword arguments:
-    `Study(name="…", robot={…}, …)`. Raises StudyError with every problem."""
+    """A study's settings, validated on creation. From Python, pass the tables of the study file as
+    keyword arguments: `Study(name="…", robot={…}, …)`. Raises StudyError with every problem."""
 
     name: Name = Field(description="Name of the study.")
-    seed: int = Field(
-        default=0, ge=0, description="The one seed; every random choice derives from it."
-    )
-    robot: RobotTable = Field(description="The nominal robot and its target.")
-    measurements: MeasurementsTable = Field(description="What was measured.")
+    seed: int = Field(default=0, ge=0, description="Seed from which every random choice derives.")
+    robot: RobotTable = Field(description="Nominal robot and its target.")
+    measurements: MeasurementsTable = Field(description="Measurements.")
     split: SplitTable = Field(
         default=SplitTable(), description="Estimation and held-out configurations."
     )
@@ -69,11 +67,17 @@ class Study(_Table):
     )
     covariate: Annotated[
         list[CovariateTable], BeforeValidator(expect_tables), AfterValidator(check_covariates)
-    ] = Field(default=[], description="Causes of the study's own, of columns of its measurements.")
+    ] = Field(
+        default=[],
+        description="Causes of your own: columns of the measurements file, or formulas that contain one.",
+    )
     sampling: SamplingTable = Field(default=SamplingTable(), description="Posterior sampling.")
-    simulate: SimulateTable = Field(default=SimulateTable(), description="What `simulate` makes.")
+    simulate: SimulateTable = Field(
+        default=SimulateTable(), description="Settings of `modelsel simulate`."
+    )
     campaign: CampaignTable = Field(
-        default=CampaignTable(), description="Date, instrument and so on, for the report's head."
+        default=CampaignTable(),
+        description="Date, instrument and so on, for the head of the report.",
     )
 
     def __init__(self, /, **tables: Any) -> None:

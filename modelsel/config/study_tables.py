@@ -38,8 +38,8 @@ class _Table(BaseModel):
 
 
 class RobotTable(_Table):
-    """[robot]: which nominal robot, where its target is, whether the tracker's frame is to be
-    found. From Python `nominal` may be the Robot itself."""
+    """[robot]: the nominal robot, its target, and whether to find the tracker's frame. From
+    Python, `nominal` may be the Robot itself."""
 
     nominal: Robot | None = Field(
         default=None, description="The nominal robot itself; from Python only."
@@ -48,16 +48,16 @@ class RobotTable(_Table):
         default=None, description="Name of a built-in robot."
     )
     file: FileName | None = Field(
-        default=None, description="Robot file: TOML or URDF, beside the study."
+        default=None, description="Robot file (TOML, URDF, DH table, YAML) next to the study file."
     )
-    base: str | None = Field(default=None, description="Link of a URDF where the chain begins.")
-    tip: str | None = Field(default=None, description="Link of a URDF where the chain ends.")
+    base: str | None = Field(default=None, description="For a URDF: link where the chain starts.")
+    tip: str | None = Field(default=None, description="For a URDF: link where the chain ends.")
     tool_mm: Vector | None = Field(
         default=None,
-        description="Nominal target in the flange frame [mm]; the first guess with register.",
+        description="Nominal target in the flange frame [mm]; a first guess with register.",
     )
     tools_mm: dict[Name, Vector] | None = Field(
-        default=None, description="Nominal target per target's name, in the flange frame [mm]."
+        default=None, description="Nominal targets by name, in the flange frame [mm]."
     )
     gravity: Annotated[Vector, AfterValidator(check_direction)] | None = Field(
         default=None, description="Direction of gravity in frame 0, instead of the robot file's."
@@ -65,14 +65,14 @@ class RobotTable(_Table):
     register_: bool | Literal["per group"] = Field(
         default=False,
         alias="register",
-        description="Find tracker frame and target offsets from the estimation configurations; "
-        '"per group": one tracker placement per group.',
+        description="Whether to find the tracker frame and the target offsets from the estimation "
+        'configurations; "per group": one placement of the tracker for each group.',
     )
 
     gear_ratios: list[Finite] | None = Field(
         default=None,
-        description="Turns of the motor per turn of each joint, 0 where it is not known: gear-ripple "
-        "is looked for at once and twice so many waves, too.",
+        description="Turns of the motor per turn of each joint, 0 if unknown: gear ripple is also looked "
+        "for at once and twice this many waves per turn.",
     )
 
     @model_validator(mode="before")
@@ -130,51 +130,52 @@ class HeldFrame:
 
 
 class FeatureTable(_Table):
-    """[measurements.features.NAME]: what is known of an anchor, a sphere, a point or a plane;
-    `estimate`: a first guess only."""
+    """[measurements.features.NAME]: what is known about an anchor, a sphere, a point or a plane."""
 
     position_mm: Vector | None = Field(
         default=None,
-        description="Where it is, in the tracker's frame [mm]; of a plane any of its points.",
+        description="Position in the tracker's frame [mm]; for a plane, one of its points.",
     )
     normal: Vector | None = Field(
         default=None, description="Normal of a plane, in the tracker's frame."
     )
     length_mm: Positive | None = Field(default=None, description="Length of a ball-bar [mm].")
     estimate: bool = Field(
-        default=False, description="Whether the numbers given are a first guess only."
+        default=False, description="Position and normal are only a first guess, and are fitted."
     )
     zero: Literal["known", "unknown"] = Field(
         default="known",
-        description='"unknown": the wire\'s reading leaves out a length that is fitted.',
+        description='"unknown": the reading of a wire leaves out an unknown length, which is fitted.',
     )
 
 
 class MeasurementsTable(_Table):
-    """[measurements]: the file, names that differ from the contract's, what is known of features
-    that rows share. From Python `frame` may be a DataFrame in the file's place; a path or a
-    DataFrame alone stands for the table."""
+    """[measurements]: the file, the names of its columns, and what is known about features that
+    several rows share. From Python, `frame` may be a DataFrame instead of the file; a path or a
+    DataFrame can also replace the table."""
 
     file: FileName = Field(
-        description="CSV, spreadsheet or Parquet file, beside the study or in MODELSEL_DATA."
+        description="CSV, spreadsheet or Parquet file, next to the study file or under MODELSEL_DATA."
     )
     frame: HeldFrame | None = Field(  # its hash is that of the data
-        default=None, exclude=True, description="A DataFrame in the file's place; from Python only."
+        default=None, exclude=True, description="A DataFrame instead of the file; from Python only."
     )
-    columns: dict[str, str] = Field(default={}, description="Contract name = name in the file.")
+    columns: dict[str, str] = Field(default={}, description="modelsel's name = name in the file.")
     sheet: str | None = Field(
-        default=None, description="Sheet of a spreadsheet, where several hold a table of numbers."
+        default=None, description="Sheet of a spreadsheet, if several contain a table of numbers."
     )
     decimal: Literal[",", "."] | None = Field(
-        default=None, description="Decimal mark, where the file's numbers leave it open."
+        default=None, description="Decimal mark, if the numbers in the file leave it open."
     )
     header: bool = Field(
         default=True,
-        description='Whether there is a header, else columns are "column 1" and so on.',
+        description='Whether the file has a header; without one, its columns are "column 1" and so on.',
     )
-    joined: dict[str, str] = Field(default={}, description="Contract name = name in joined files.")
+    joined: dict[str, str] = Field(
+        default={}, description="modelsel's name = name in joined files."
+    )
     features: dict[Name, FeatureTable] = Field(
-        default={}, description="What is known of the features that rows share, by name."
+        default={}, description="What is known about features that several rows share, by name."
     )
 
     @model_serializer(mode="wrap")
@@ -203,7 +204,7 @@ class MeasurementsTable(_Table):
 
 
 class SplitTable(_Table):
-    """[split]: how many configurations estimate, or the column that says which."""
+    """[split]: number of configurations used to fit and select, or the column that says which."""
 
     estimation: Annotated[int, Field(ge=1)] | None = Field(
         default=None, description="Configurations used to fit and select; the others are held out."
@@ -216,7 +217,7 @@ class SplitTable(_Table):
         default=0,
         ge=0,
         le=1000,
-        description="Folds over which the whole procedure is repeated; 0: none.",
+        description="Number of folds in which the whole procedure is repeated; 0: it is not.",
     )
 
     @model_validator(mode="after")
@@ -232,29 +233,28 @@ class SplitTable(_Table):
 
 
 class ModelTable(_Table):
-    """[model]: what is always in, what may extend it, which ladder to report."""
+    """[model]: the base, the mechanisms that may extend it, and the ladder to report."""
 
     base: list[str] = Field(
         default=["geometric"], description="Mechanisms that are always in the model."
     )
     candidates: Literal["all"] | list[str] = Field(
-        default="all", description="Mechanisms that may extend it; [] = fit the base alone."
+        default="all", description="Mechanisms that may extend the base; []: fit the base alone."
     )
     ladder: list[list[str]] = Field(
-        default=[], description="Models to report, besides the chosen one."
+        default=[], description="Models to report in addition to the chosen one."
     )
 
 
 class ComparisonTable(_Table):
-    """[comparison]: folds of the cross-validation, what they keep whole, how many mechanisms the
-    table of subsets is made of."""
+    """[comparison]: cross-validation folds, and the size of the table of subsets."""
 
-    folds: int = Field(default=10, ge=2, description="Folds of the cross-validation.")
+    folds: int = Field(default=10, ge=2, description="Number of cross-validation folds.")
     by: Literal["configuration", "group"] = Field(
-        default="configuration", description="What a fold keeps whole."
+        default="configuration", description="What a fold keeps together."
     )
     mechanisms: Annotated[int, Field(ge=1, le=64)] | None = Field(
-        default=None, description="Number of mechanisms that the table of subsets is made of."
+        default=None, description="Number of mechanisms in the table of subsets."
     )
 
     @model_serializer(mode="wrap")
@@ -267,29 +267,28 @@ class ComparisonTable(_Table):
 
 
 class NoiseTable(_Table):
-    """[noise]: a known floor, or the instrument; which parts the errors may have beside it."""
+    """[noise]: a noise floor or the instrument, and the other parts that the errors may have."""
 
     floor_mm: Positive | None = Field(
         default=None, description="Known standard uncertainty of one coordinate [mm]."
     )
     range_mm: NonNegative = Field(
-        default=0.0, description="Uncertainty of the tracker's range [mm]."
+        default=0.0, description="Uncertainty of the instrument along the beam [mm]."
     )
     range_ppm: NonNegative = Field(
-        default=0.0, description="The same, in proportion to the range [ppm]."
+        default=0.0, description="Uncertainty along the beam, in proportion to the distance [ppm]."
     )
-    angle_urad: NonNegative = Field(default=0.0, description="Uncertainty of its angles [µrad].")
+    angle_urad: NonNegative = Field(default=0.0, description="Uncertainty across the beam [µrad].")
     tracker_mm: Vector = Field(
-        default=[0.0, 0.0, 0.0], description="Where the tracker stands [mm]."
+        default=[0.0, 0.0, 0.0], description="Instrument's position in the tracker's frame [mm]."
     )
     parts: Literal["all"] | list[str] = Field(
         default="all",
-        description='Parts of the errors that may be looked for: "joint 2", "joints", '
-        '"configuration", "group", "lasting"; [] = none.',
+        description='Parts of the errors that may be looked for: "joint 2", "joints" (every joint), '
+        '"configuration", "group", "lasting"; []: none.',
     )
     fixed: dict[str, Scale] = Field(
-        default={},
-        description="Parts of which the standard deviation is known [rad or mm], by name.",
+        default={}, description="Parts with a known standard deviation [rad or mm], by name."
     )
 
     @model_validator(mode="after")
@@ -314,39 +313,38 @@ class SamplingTable(_Table):
 
     over: Literal["default", "all"] = Field(
         default="default",
-        description='Parameters that are sampled; "all": every parameter of the model.',
+        description='Coefficients that are sampled; "all": every one, with normal noise.',
     )
 
 
 class OutcomeTable(_Table):
-    """[search.outcomes.NAME]: what became of the findings of a registered name on other robots or
-    in other campaigns."""
+    """[search.outcomes.NAME]: what became of earlier findings of a registered name."""
 
     confirmed: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
-        default=0, description="Findings of that name that were borne out."
+        default=0, description="Number of findings of that name that were confirmed."
     )
     contradicted: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
-        default=0, description="Findings of that name that were not."
+        default=0, description="Number of findings of that name that were not."
     )
 
 
 class SearchTable(_Table):
-    """[search]: what the search for causes may take, and what is known of names beforehand."""
+    """[search]: memory and rows of the search for causes, and the outcomes of earlier findings."""
 
     memory_mb: float = Field(
         default=500.0,
         ge=50,
         le=1e6,
-        description="Memory for the values of the causes [MB]: kept for as many rows as take no more "
-        "than 85 % of it, else computed where needed; the results do not depend on it.",
+        description="Memory for the values of the causes [MB]. Values are kept for as many rows as fit "
+        "into 85 % of it and are recomputed for the others; the results are the same.",
     )
     max_rows: int = Field(
         default=12_000,
         ge=100,
-        description="Estimation rows that are searched; of more, configurations are drawn by the seed.",
+        description="Maximum number of rows searched; beyond it, configurations are drawn.",
     )
     outcomes: dict[str, OutcomeTable] = Field(
-        default={}, description="What became of findings, by registered name: its prior follows."
+        default={}, description="Outcomes of findings of a registered name; its prior follows."
     )
 
     @model_serializer(mode="wrap")
@@ -358,33 +356,35 @@ class SearchTable(_Table):
 class EffectTable(_Table):
     """[[simulate.effect]]: one planted screw."""
 
-    frame: int = Field(ge=1, description="Frame: 1..n for the joints, n+1 for the target.")
+    frame: int = Field(ge=1, description="Frame: 1 to n for the joints, n+1 for the target.")
     axis: Axis = Field(description="Axis of that frame.")
-    cause: str = Field(description="What scales the effect: a formula of causes.")
-    size: Finite = Field(description="Size, in mm or rad per unit of the cause.")
+    cause: str = Field(description="Formula by which the effect is scaled, such as sin(q4).")
+    size: Finite = Field(description="Size of the effect, in mm or rad per unit of the cause.")
 
 
 class SimulateTable(_Table):
-    """[simulate]: what `modelsel simulate` makes; without a measurements file the configurations
-    are drawn, and measured in `repeats` rounds and `groups`."""
+    """[simulate]: what `modelsel simulate` makes. Without a measurements file, configurations are
+    drawn and measured in `repeats` rounds and `groups` groups."""
 
     configurations: Count = Field(
-        default=200, description="Number of configurations that are drawn."
+        default=200, description="Number of configurations drawn, if there is no file yet."
     )
-    noise_mm: NonNegative = Field(default=0.06, description="Noise of one coordinate [mm].")
+    noise_mm: NonNegative = Field(
+        default=0.06, description="Standard deviation per coordinate [mm]."
+    )
     effect: list[EffectTable] = Field(default=[], description="Effects to plant.")
     repeats: Count = Field(
-        default=1, description="Rounds in which all drawn configurations are measured."
+        default=1, description="Number of rounds in which all drawn configurations are measured."
     )
     groups: Count = Field(
-        default=1, description="Groups, one after another, that drawn visits are measured in."
+        default=1, description="Number of groups, one after another, in which visits are measured."
     )
     parts: dict[str, Scale] = Field(
         default={},
-        description="What does not repeat: standard deviations [rad or mm] by the part's name.",
+        description="Standard deviations [rad or mm] of the parts of the noise, by name.",
     )
     lasting_visits: Scale = Field(
-        default=6.0, description="Correlation length of a lasting part, in visits."
+        default=6.0, description='Number of visits over which the part "lasting" decays to 1/e.'
     )
 
     @model_validator(mode="after")

@@ -11,7 +11,7 @@ from .record_types import Axis, Figure, Texts
 
 
 class DrawnRowsRecord(StrictRecord):
-    """The rows that are drawn, `of` all that were measured."""
+    """The rows that are drawn; `of`: number of all measured rows."""
 
     of: Whole
     row: list[Whole]
@@ -25,7 +25,7 @@ class DrawnRowsRecord(StrictRecord):
 
 
 class PlacesRecord(StrictRecord):
-    """What the user calls the rows of the measurements."""
+    """How the user refers to the rows of the measurements."""
 
     word: Literal["line", "row", "sheet row"]
     first: Whole
@@ -34,15 +34,15 @@ class PlacesRecord(StrictRecord):
 
 
 class JointRecord(StrictRecord):
-    """A joint's unit and range."""
+    """Unit and range of a joint."""
 
     unit: Literal["mm", "rad"]
     limits: Pair | None
 
 
 class ArmRecord(StrictRecord):
-    """The frames of the nominal arm at one configuration, gravity downwards: frame 0, the joints',
-    the target's."""
+    """Frames of the nominal arm at one configuration, with gravity pointing down: frame 0, those
+    of the joints, and that of the target."""
 
     origins_mm: Annotated[list[Vector], Field(min_length=2)]
     axes: list[Annotated[list[Vector], Field(min_length=3, max_length=3)]]
@@ -50,7 +50,7 @@ class ArmRecord(StrictRecord):
 
 
 class MeaningRecord(StrictRecord):
-    """What a fitted number of the chosen model means, and its value by the drawing [mm or rad]."""
+    """Meaning of a fitted parameter of the chosen model, and its nominal value [mm or rad]."""
 
     symbol: Text
     frame: Whole | None
@@ -60,7 +60,7 @@ class MeaningRecord(StrictRecord):
 
 
 class CampaignRecord(StrictRecord):
-    """What the study file says of the campaign."""
+    """The campaign as described in the study file."""
 
     date: Text | None = None
     instrument: Text | None = None
@@ -86,7 +86,8 @@ class MapPlaceRecord(StrictRecord):
 
 
 class MapColumnRecord(StrictRecord):
-    """A column of the error map: a wave by its angle and count, else the values of its causes."""
+    """A column of the error map: a wave, by its angle and number per turn, or otherwise the values
+    of its causes."""
 
     wave: Figure
     angle: Text | None
@@ -96,7 +97,7 @@ class MapColumnRecord(StrictRecord):
 
 
 class MapRecord(StrictRecord):
-    """The error map's cells, for a page that computes with them."""
+    """The cells of the error map, for a page that computes with them."""
 
     places: list[MapPlaceRecord]
     columns: list[MapColumnRecord]
@@ -105,7 +106,7 @@ class MapRecord(StrictRecord):
 
 
 class CardTermRecord(StrictRecord):
-    """A term of a mechanism in words."""
+    """A term of a mechanism, in words."""
 
     symbol: Text
     unit: Text
@@ -116,7 +117,7 @@ class CardTermRecord(StrictRecord):
 
 
 class CardRecord(StrictRecord):
-    """A mechanism in words."""
+    """A mechanism, in words."""
 
     name: Text
     sentence: Text
@@ -127,7 +128,7 @@ class CardRecord(StrictRecord):
 
 
 class ActingPlaceRecord(StrictRecord):
-    """A frame that a finding moves, along or about an axis of it."""
+    """A frame that a finding moves, along or about one of its axes."""
 
     frame: Whole
     axis: Axis
@@ -135,7 +136,7 @@ class ActingPlaceRecord(StrictRecord):
 
 
 class PanelRecord(StrictRecord):
-    """A picture of a finding: residual against cause, `before` without and `after` with the effect."""
+    """A figure of a finding: residual against cause, `before` without and `after` with the effect."""
 
     frames: list[Whole]
     axis: Literal["", "tx", "ty", "tz", "rx", "ry", "rz"]
@@ -151,9 +152,10 @@ class PanelRecord(StrictRecord):
 
 
 class PostureRecord(StrictRecord):
-    """The nominal arm where a finding moves the target most, upright: origins of frame 0, the joints
-    and the target, the target's displacement, and what the finding moves; `turned_mrad`: of a finding
-    that only turns the target, how far it turns it where it does so most."""
+    """The nominal arm, upright, at the configuration where a finding moves the target most:
+    origins of frame 0, of the joints and of the target, the displacement of the target, and
+    what the finding moves. For a finding that only turns the target, the configuration where it
+    does so most, and by how much (`turned_mrad`)."""
 
     origins_mm: Annotated[list[Vector], Field(min_length=2)]
     moved_mm: Vector
@@ -162,7 +164,7 @@ class PostureRecord(StrictRecord):
 
 
 class FindingDetailsRecord(StrictRecord):
-    """What is drawn of one finding."""
+    """What is drawn of a finding."""
 
     label: Text
     what: Text

@@ -14,7 +14,8 @@ FAULT = "fault:"  # begins the name of a data fault
 
 
 class ScrewRecord(StrictRecord):
-    """A place and a cause; with derived causes also the cause at every estimation row."""
+    """A place and a cause; for derived causes and free functions also the values of the cause at
+    every estimation row."""
 
     frame: Whole
     axis: Axis
@@ -76,7 +77,7 @@ class EstimateRecord(StrictRecord):
 
 
 class AfterSelectionRecord(StrictRecord):
-    """What the estimate of a finding is to be multiplied by, allowing for the search."""
+    """The factor by which to multiply the estimate of a finding to allow for the search."""
 
     factor: Number
     low: Number
@@ -84,8 +85,8 @@ class AfterSelectionRecord(StrictRecord):
 
 
 class GainRecord(StrictRecord):
-    """What a finding changes on held-out configurations: of position [mm] and, where its turning
-    prevails, of orientation [mrad]; a positive interval is less error."""
+    """Held-out error without and with a finding: of position [mm] and, if its turning prevails, of
+    orientation [mrad]; a positive interval means less error."""
 
     held_out_rms_before_mm: Figure
     held_out_rms_after_mm: Figure
@@ -131,7 +132,7 @@ class UsableRecord(StrictRecord):
 
 
 class WorstRecord(StrictRecord):
-    """Where in the workspace a finding moves the target most."""
+    """The configuration at which a finding moves the target most."""
 
     mm: Number
     low: Figure
@@ -142,7 +143,7 @@ class WorstRecord(StrictRecord):
 
 
 class TurningRecord(StrictRecord):
-    """How far a finding turns the target, and where in the workspace it does so most."""
+    """How far a finding turns the target, and the configuration at which it turns it most."""
 
     rms_mrad: Number
     mrad: Number
@@ -155,7 +156,7 @@ class TurningRecord(StrictRecord):
 
 
 class SmallFindingsRecord(StrictRecord):
-    """The findings that do not matter, together."""
+    """The findings that do not matter, taken together."""
 
     count: Whole
     rms_mm: Number
@@ -164,7 +165,7 @@ class SmallFindingsRecord(StrictRecord):
 
 
 class ClaimRecord(StrictRecord):
-    """What a finding says at one level, and how probable that is."""
+    """What a finding says at one level, and the probability of that."""
 
     level: Literal["place", "drivers", "shape", "cause"]
     probability: Number
@@ -174,75 +175,92 @@ class ClaimRecord(StrictRecord):
 class FindingRecord(StrictRecord):
     """One decision of the search."""
 
-    sentence: Text = Field(description="for people")
-    verdict: Text = Field(description="`found`, `cannot be told apart`, `below detection limit`")
-    p_value: Number = Field(description="family-wise over the whole scan; found at 0.05 or less")
+    sentence: Text = Field(description="the finding in words")
+    verdict: Text = Field(description="`found` or `cannot be told apart`")
+    p_value: Number = Field(
+        description="family-wise p over the whole scan; an effect is found at 0.05 or less"
+    )
     rows: list[Whole] | None = Field(
         None,
-        description='of a data fault only (`"mechanism": "fault:<name>"`): the rows it concerns',
+        description='only for data faults (`"mechanism": "fault:<name>"`): the rows concerned, counted '
+        "from 0",
     )
     credible_set: Annotated[list[EntryRecord], Field(min_length=1)] = Field(
-        description="most probable first, to 0.95 or 20 entries: `mechanism` (null for a cell of the map), "
-        "`probability`, `alike` (moves the target as the first does), `screws` (`frame axis cause`, and `values` at "
-        "every estimation row where the cause uses a derived name)"
+        description="explanations, the most probable first, until their probabilities add up to 0.95 or "
+        "20 entries are listed: `mechanism` (null for a cell of the error map), "
+        "`probability`, `alike` (moves the target as the first one does), `screws` (`frame "
+        "axis cause`, and `values` at every estimation row if the cause is a free function or "
+        "uses a name that is neither a joint reading nor a column of the file)"
     )
-    more_entries: Whole = Field(description="how many are not listed")
+    more_entries: Whole = Field(description="number of further explanations in the credible set")
     claim: ClaimRecord | None = Field(
         None,
-        description="the deepest level of which the probability is 0.9 or more, else the place: `level probability text`",
+        description="the deepest level with a probability of at least 0.9, otherwise the place: `level "
+        "probability text`",
     )
     levels: list[ClaimRecord] = Field(
         default_factory=list,
-        description="place (where something moves), drivers (with what), shape (how), cause (why), each with its "
-        "probability: the share of all explanations that agree so far, shapes that no list has among them",
+        description="the levels place (where something moves), drivers (what it depends on), shape (how) "
+        "and cause (why), in the form of `claim`. The probability of a level is the share of "
+        "all explanations that agree with the finding up to it, including shapes that are in "
+        "no list",
     )
     estimate: list[EstimateRecord] = Field(
-        description="`symbol value standard_error unit`; the larger of least squares' and the bootstrap's standard error"
+        description="its fitted numbers: `symbol value standard_error unit`; the standard error is the "
+        "larger of least squares' and the bootstrap's"
     )
     after_selection: AfterSelectionRecord | None = Field(
         None,
-        description="what the estimate is to be multiplied by, allowing for the search that found it: `factor` (median) "
-        "and the 95 % interval `low high`; none of a free function",
+        description="factor by which to multiply the estimate to allow for the search that found it: "
+        "`factor` (median) and its 95 % interval `low high`; null for free functions and "
+        "other effects whose shape is left open",
     )
     gain: GainRecord = Field(
-        description="`held_out_rms_before_mm held_out_rms_after_mm interval_mm`, of position, where it joins the "
-        "ladder (beside all other findings, where it gains by that alone); only where `turning.prevails` also `held_out_rms_before_mrad held_out_rms_after_mrad interval_mrad`, of orientation"
+        description="held-out rms error of position before and after the finding joins the ladder, with "
+        "the 95 % interval of the difference: `held_out_rms_before_mm held_out_rms_after_mm "
+        "interval_mm`. If the error only falls when the finding is added to all others, the "
+        "figures are those. Only if `turning.prevails` also the same of orientation, on the "
+        "ladder: `held_out_rms_before_mrad held_out_rms_after_mrad interval_mrad`"
     )
     doubtful: bool = Field(
         False,
-        description="the held-out error does not fall when it joins the model, neither on the ladder nor beside all "
-        "other findings: neither that of position nor, where `turning.prevails`, that of orientation",
+        description="the held-out error does not fall when it joins the model, neither on the ladder nor "
+        "when added to all other findings; if `turning.prevails`, neither that of position "
+        "nor that of orientation",
     )
     usual_causes: Texts = Field(
         default_factory=list,
-        description="the parts that usually do this, of which the data say nothing",
+        description="parts that usually cause this; the data cannot tell which",
     )
     matters: bool = Field(
         True,
-        description="its mean square is above a tenth of that of what is left, in position or in orientation, or it is "
-        "above the noise; the others are told in one line",
+        description="its mean square is above a tenth of the mean square left, in position or in "
+        "orientation, or its rms is above the noise; `small_findings` sums up the others",
     )
     rms_mm: Figure = Field(
         None,
-        description="rms displacement at the target over the estimation rows, beyond the base and the other findings "
-        "that matter; null for faults of single rows",
+        description="rms displacement of the target over the estimation rows, beyond the base and the "
+        "other findings that matter; absent for faults of single rows",
     )
     worst: WorstRecord | None = Field(
         None,
-        description="where it moves the target most, over the measured and 4,000 drawn configurations: `mm`, `low`, "
-        "`high` (95 %), `joints_deg` (mm of a slide), `unmeasured_joints` (those beyond their measured range there), `text`; "
-        "null for faults of single rows",
+        description="where it moves the target most, over the estimation rows (at most 4,000 of them) and "
+        "4,000 drawn configurations: `mm` with its 95 % interval `low` to `high`, "
+        "`joints_deg` (mm for a prismatic joint), `unmeasured_joints` (joints that are beyond "
+        "their measured range there), `text`; absent for faults of single rows",
     )
     turning: TurningRecord | None = Field(
         None,
-        description="only where orientations were measured: how far it turns the target: `rms_mrad` over the estimation "
-        "rows, beyond the base; `mrad` where it turns it most, with the other keys of `worst`; `prevails`: it changes the "
-        "orientation more than the position, each against what is left of it, so that sentences tell both",
+        description="only if orientations were measured: how far it turns the target. `rms_mrad`: rms "
+        "over the estimation rows, beyond the base; `mrad`: its largest turn, with the other "
+        "keys of `worst`; `prevails`: it changes the orientation more than the position, each "
+        "relative to what is left of it, so that sentences give both",
     )
     usable: list[UsableRecord] = Field(
         default_factory=list,
-        description="[usable numbers](../how-to/numbers.md): `quantity value low high unit text`; units `arcsec mrad mm "
-        "ppm ppm/K N m/rad`; an end is null where the data leave it open",
+        description="[usable numbers](../how-to/numbers.md): `quantity value low high unit text`, in the "
+        "units `arcsec mrad mm ppm ppm/K N m/rad`; `low` or `high` is null if the data leave "
+        "that end open",
     )
 
     @property

@@ -72,7 +72,7 @@ class CandidatesRecord(StrictRecord):
 
 
 class WeighedModelRecord(StrictRecord):
-    """One set of effects that the search has weighed."""
+    """A set of effects that the search weighed."""
 
     effects: Texts
     probability: Number
@@ -80,7 +80,7 @@ class WeighedModelRecord(StrictRecord):
 
 
 class NestedRecord(StrictRecord):
-    """The whole procedure repeated in every fold."""
+    """The whole procedure repeated in every fold; `geometric`: errors of the base."""
 
     folds: Whole
     geometric: ErrorsRecord
@@ -93,7 +93,7 @@ class NestedRecord(StrictRecord):
 
 
 class QuantilesRecord(StrictRecord):
-    """Quantiles of one sampled parameter, beside those of the closed form."""
+    """Quantiles of one sampled parameter, next to those of the closed form."""
 
     name: Text
     unit: Text
@@ -106,7 +106,7 @@ class QuantilesRecord(StrictRecord):
 
 
 class ImportanceRecord(StrictRecord):
-    """How good the closed form of the posterior is."""
+    """How good the closed form of the posterior is: effective number of weighted draws."""
 
     draws: Whole
     effective: Figure
@@ -114,14 +114,14 @@ class ImportanceRecord(StrictRecord):
 
 
 class TraceRecord(StrictRecord):
-    """Draws of the informative few parameters."""
+    """Draws of the most informative parameters."""
 
     names: Texts
     draws: list[list[Number]]
 
 
 class SamplingRecord(StrictRecord):
-    """What the sampler drew, and whether its chain converged."""
+    """Result of the sampler, and whether its chain converged."""
 
     effective_samples: Figure
     r_hat: Figure
@@ -156,7 +156,7 @@ class ParameterRecord(StrictRecord):
 
 
 class CorrelatedRecord(StrictRecord):
-    """Two parameters that the data know only together."""
+    """Two strongly correlated parameters, which the data determine only together."""
 
     a: Text
     b: Text
@@ -174,7 +174,7 @@ class CorrelationRecord(StrictRecord):
 
 
 class SignificanceRecord(StrictRecord):
-    """How much one mechanism of the chosen model matters."""
+    """Significance of one mechanism of the chosen model."""
 
     mechanism: Text
     parameters: Texts

@@ -44,7 +44,7 @@ class ProvenanceRecord(StrictRecord):
 
 
 class ConfigurationsRecord(StrictRecord):
-    """How the configurations are split."""
+    """The split of the configurations."""
 
     estimation: Whole
     held_out: Whole
@@ -61,7 +61,7 @@ class NoiseFloorRecord(StrictRecord):
 
 
 class BaseRecord(StrictRecord):
-    """Where registration found the robot's base, in the tracker's frame."""
+    """The base of the robot as found by registration, in the tracker's frame."""
 
     group: Text
     position_mm: Vector
@@ -69,21 +69,21 @@ class BaseRecord(StrictRecord):
 
 
 class TargetRecord(StrictRecord):
-    """Where registration found a target, in the flange frame."""
+    """A target as found by registration, in the flange frame."""
 
     target: Text
     position_mm: Vector
 
 
 class RegistrationRecord(StrictRecord):
-    """Where registration found the base and the targets."""
+    """Base and targets as found by registration."""
 
     base_in_tracker: list[BaseRecord]
     target_on_flange: list[TargetRecord]
 
 
 class FeatureRecord(StrictRecord):
-    """Where the chosen model has a feature that rows share, in the tracker's frame."""
+    """A feature that rows share, as the chosen model locates it, in the tracker's frame."""
 
     name: Text
     kind: Text
@@ -94,7 +94,7 @@ class FeatureRecord(StrictRecord):
 
 
 class PredictableRecord(StrictRecord):
-    """Whether a smooth function of the configuration could predict what is left."""
+    """Whether a smooth function of the configuration could still predict what is left."""
 
     share: Number
     p: Number
@@ -112,27 +112,28 @@ class LackOfFitRecord(StrictRecord):
 
 
 class ErrorPartRecord(StrictRecord):
-    """One part of what the chosen model leaves: its standard deviation with a 95 % interval, and its
+    """A part of what the chosen model leaves: its standard deviation with a 95 % interval, and its
     share of the mean square at the target."""
 
     part: Text = Field(description="`instrument`, `joint 2`, `configuration`, `group` or `lasting`")
     scale: Size = Field(
-        description="standard deviation, of a joint's position, else of one coordinate"
+        description="standard deviation: for a joint, of its position; otherwise, of one coordinate"
     )
-    unit: Literal["rad", "mm"] = Field(description="of `scale`, `low` and `high`")
-    low: Size = Field(description="begins the 95 % interval of `scale`")
-    high: Size = Field(description="ends it")
+    unit: Literal["rad", "mm"] = Field(description="unit of `scale`, `low` and `high`")
+    low: Size = Field(description="lower end of the 95 % interval of `scale`")
+    high: Size = Field(description="upper end of that interval")
     share: Annotated[Number, Field(gt=0, le=1)] = Field(
-        description="of the mean square that is left at the target; all add up to 1"
+        description="its share of the mean square left at the target; all shares add up to 1"
     )
     told_by: Text = Field(
-        description="what tells it from other parts: `repeats` of a posture, `targets` of a configuration, `directions` "
-        "alone, `groups`, `order` of motion; of the instrument `what is left`; `given` in `[noise.fixed]`"
+        description="what identifies it: `repeats` of a posture, several `targets` of a configuration, "
+        "`directions` alone, `groups`, `order` of motion; for the instrument `what is left`; "
+        "`given` if `[noise.fixed]` states it"
     )
     instead: list[Text] = Field(
-        default=[], description="effects that the data could hold instead of a part that lasts"
+        default=[], description="effects that could explain the data instead of a lasting part"
     )
-    sentence: Text = Field(description="for people")
+    sentence: Text = Field(description="the same in words")
 
 
 def _check_instrument(parts: list[ErrorPartRecord]) -> list[ErrorPartRecord]:
@@ -145,7 +146,7 @@ ErrorParts = Annotated[list[ErrorPartRecord], AfterValidator(_check_instrument)]
 
 
 class NothingElseRecord(StrictRecord):
-    """What a further effect would have had to be."""
+    """How large a further effect would have to be to be found, and what is left unexplained."""
 
     sentence: Text
     detection_limit_mm: Figure
@@ -155,14 +156,14 @@ class NothingElseRecord(StrictRecord):
 
 
 class ChosenRecord(StrictRecord):
-    """What the chosen model holds."""
+    """The contents of the chosen model."""
 
     mechanisms: Texts
     cells: list[ScrewRecord]
 
 
 class ErrorMapRecord(StrictRecord):
-    """F and family-wise p of every place and cause alone, beyond the base."""
+    """F and family-wise p of each place and cause alone, beyond the base."""
 
     places: Texts
     causes: Texts
@@ -188,96 +189,121 @@ class StudyRecord(StrictRecord):
     """result.json."""
 
     version: Literal[1] = Field(alias="schema", description="1")
-    study: Text = Field(description="the study's name")
-    robot: Text = Field(description="the robot's name")
+    study: Text = Field(description="name of the study")
+    robot: Text = Field(description="name of the robot")
     seed: Whole = Field(description="every random choice derives from it")
     provenance: ProvenanceRecord = Field(
-        description="`modelsel numpy scipy` versions, `data_sha256`, `study_sha256`"
+        description="versions (`modelsel numpy scipy`) and hashes (`data_sha256 study_sha256`)"
     )
-    verdict: Texts = Field(description="the sentences of the first page")
+    verdict: Texts = Field(description="the sentences of the report's first page")
     configurations: ConfigurationsRecord = Field(
-        description="`estimation`, `held_out`, `estimation_rows` (0-based rows of the file)"
+        description="`estimation` and `held_out`: number of configurations on each side of the split; "
+        "`estimation_rows`: rows of the file, counted from 0"
     )
     noise_floor: NoiseFloorRecord = Field(
-        description="`coordinate_mm`, `source`: stated, instrument, repeats, target pairs, estimated; with rows of "
-        "other kinds than points also `mean_mm` and `rms_mm`, the mean and the rms length of a row's noise"
+        description="`coordinate_mm`: standard uncertainty of one coordinate; `source`: stated, "
+        "instrument, repeats, target pairs or estimated. With rows of other kinds than points "
+        "also `mean_mm` and `rms_mm`: mean and rms length of a row's noise"
     )
     registration: RegistrationRecord | None = Field(
         None,
-        description='with `register` alone: `base_in_tracker`, by group or once (`group` "all"): the nominal robot\'s '
-        "frame 0 in the tracker's frame, `position_mm`, `rpy_deg` with "
-        r"$R = R_z(\mathrm{yaw})\,R_y(\mathrm{pitch})\,R_x(\mathrm{roll})$; `target_on_flange`: `target`, "
-        "`position_mm` in the flange frame",
+        description="only with `register`. `base_in_tracker`: frame 0 of the nominal robot in the "
+        'tracker\'s frame, for each group, or once for all of them (`group` "all"), as '
+        "`position_mm` and `rpy_deg`, where $R = "
+        r"R_z(\mathrm{yaw})\,R_y(\mathrm{pitch})\,R_x(\mathrm{roll})$. `target_on_flange`: for "
+        "each `target` its `position_mm` in the flange frame",
     )
     features: list[FeatureRecord] | None = Field(
         None,
-        description="with rows of other kinds than points alone: of each feature that has a place "
-        "`name kind position_mm normal length_mm fitted`, in the tracker's frame",
+        description="only with rows of other kinds than points: each feature that has a position, `name "
+        "kind position_mm normal length_mm fitted`, in the tracker's frame; `fitted` lists "
+        "the symbols of what was fitted",
     )
     ladder: Annotated[list[RungRecord], Field(min_length=1)] = Field(
-        description="a list from the nominal to the chosen model: `mechanisms`, `parameters`, `rank`, `estimation` and "
-        "`held_out` (each `mean_mm rms_mm p95_mm max_mm rows left_out mean_all_mm`), `cv_rms_mm cv_mean_mm aicc bic "
-        "aic gcv ebic log_predictive_density`; with a stated noise floor AIC, AICc, BIC and EBIC are those of a known "
-        "σ, in every row; EBIC (table of subsets) counts all groups that were scanned"
+        description="list of models, from the nominal to the chosen one: `mechanisms`, `parameters`, "
+        "`rank`, `estimation` and `held_out` (each `mean_mm rms_mm p95_mm max_mm rows "
+        "left_out mean_all_mm`), `cv_rms_mm cv_mean_mm aicc bic aic gcv ebic "
+        "log_predictive_density`. If the noise floor is stated, AIC, AICc, BIC and EBIC use "
+        "that σ for every model. EBIC is given only in the table of subsets, and counts all "
+        "candidates that were scanned"
     )
     candidates: CandidatesRecord = Field(
-        description="the table of subsets: `compared`, `choice` (one standard error), `considered`, `set_aside`, "
-        "`best` (as the ladder, with `weight` and `note`); above sixteen mechanisms also `search` (`mechanisms "
-        "criterion nodes proven may_be_beaten_by best`)"
+        description="the table of subsets: `compared` (number of subsets), `choice` (by the "
+        "one-standard-error rule), `considered` and `set_aside` (mechanisms that entered the "
+        "comparison, and that did not), `best` (models as in the ladder, with `weight` and "
+        "`note`). With more than sixteen mechanisms also `search`, the result of branch and "
+        "bound: `mechanisms criterion nodes proven may_be_beaten_by best`"
     )
     weighed_models: list[WeighedModelRecord] = Field(
         [],
-        description="the most probable sets of effects of all that the search has weighed, the most probable first: "
-        "`effects` (names of mechanisms, or place and cause; with the cause where several have one name), `probability` among them, `chosen`: whether the findings are this set",
+        description="the most probable of all sets of effects that the search weighed, in descending "
+        "order, always with the chosen one: `effects` (names of mechanisms, or place and "
+        "cause; if several share a name, with the cause), `probability` among all weighed "
+        "sets, `chosen` (whether the findings are this set)",
     )
-    findings: list[FindingRecord] = Field(description="a list, below")
+    findings: list[FindingRecord] = Field(description="list of findings, see below")
     small_findings: SmallFindingsRecord | None = Field(
         None,
-        description="the findings that do not matter, together: `count`, `rms_mm` (of their sum, beyond the others), `rms_mrad` "
-        "(of their turning, beyond the base; only where orientations were measured), `sentence`; null where every finding matters",
+        description="the findings that do not matter, taken together: `count`, `rms_mm` (of their sum, "
+        "beyond the base and the findings that matter), `rms_mrad` (how far they turn the "
+        "target, beyond the base; only if orientations were measured), `sentence`; null if "
+        "there are none",
     )
     repeatability: ErrorParts = Field(
         [],
-        description="[what does not repeat](../how-to/repeatability.md), the largest share first, below; never a finding. "
-        "The instrument alone where no other part was told; empty where none could be: fewer than 20 configurations, rows "
-        "of other kinds than points, no candidate to name",
+        description="[what does not repeat](../how-to/repeatability.md), the largest share first, see "
+        "below; its parts are never findings. If nothing else was found, it lists the "
+        "instrument alone. It is empty if no part could be identified: fewer than 20 "
+        "estimation configurations, rows of other kinds than points, no candidates, or "
+        "`noise.parts = []`",
     )
     nothing_else: NothingElseRecord = Field(
-        description="`sentence`, `detection_limit_mm` (rms displacement per row beyond the base), `detection_limit_mrad` (of an "
-        "effect that only turns the target; only where orientations were measured), `predictable` "
-        "(`share`, `p`: could a smooth function predict the rest); `lack_of_fit` (`f p floor_mm unexplained_mm low_mm "
-        "high_mm`: the chosen model against a noise floor that is known without it; null where there is none)"
+        description="what could have been missed: `sentence`; `detection_limit_mm`: rms displacement per "
+        "row, beyond the base, from which an effect would have been found with 90 % "
+        "probability; `detection_limit_mrad`: the same for an effect that only turns the "
+        "target (only if orientations were measured); `predictable` (`share`, `p`): whether a "
+        "smooth function of the configuration could still predict what is left; `lack_of_fit` "
+        "(`f p floor_mm unexplained_mm low_mm high_mm`): the chosen model compared with a "
+        "noise floor that is known without it; null if there is none"
     )
     nested_cv: NestedRecord | None = Field(
-        description="`folds`, `geometric`, `chosen` (errors), `named_in_folds` (name: folds); null where not asked"
+        description="the whole procedure repeated in every fold: `folds`, `geometric` and `chosen` "
+        "(errors of the base and of the chosen model), `named_in_folds` (in how many folds "
+        "each name was found); null if not requested"
     )
     chosen: ChosenRecord = Field(
-        description="`mechanisms`, `cells` (screws without a registered name)"
+        description="the chosen model: `mechanisms`, and `cells` (screws without a registered name)"
     )
-    path: Texts = Field(description="what the search did, step by step")
+    path: Texts = Field(description="the steps of the search")
     error_map: ErrorMapRecord = Field(
-        description="`places`, `causes`, `f` and `p_family_wise` of each cell beyond the base"
+        description="`places`, `causes`, and for each cell alone, beyond the base, `f` and "
+        "`p_family_wise`"
     )
-    outliers: list[Whole] = Field(description="rows set aside, 0-based")
-    unidentifiable: list[UnidentifiableRecord] = Field(description="`sentence`, `parameters`")
+    outliers: list[Whole] = Field(description="rows left out as outliers, counted from 0")
+    unidentifiable: list[UnidentifiableRecord] = Field(
+        description="parameters that the data determine only together: `sentence`, `parameters`"
+    )
     warnings: list[WarningRecord] = Field(description="`code`, `sentence`")
     sampling: SamplingRecord | None = Field(
-        description="`effective_samples r_hat tau converged acceptance steps walkers sampled sentence quantiles "
-        "importance trace`; null where left out"
+        description="the sampled posterior: `effective_samples r_hat tau converged acceptance steps "
+        "walkers sampled sentence quantiles importance trace`; null if nothing was sampled"
     )
     parameters: list[ParameterRecord] = Field(
-        description="of each: `symbol mechanism unit estimate standard_error bootstrap_error posterior_error low high "
-        "mean_mm max_mm configurations differ`; `low` and `high` bound its "
-        "[95 % interval](../explanation/statistics.md#how-sure-it-is)"
+        description="for each estimable parameter: `symbol mechanism unit estimate standard_error "
+        "bootstrap_error posterior_error low high mean_mm max_mm configurations differ`; "
+        "`low` and `high` are the ends of its [95 % "
+        "interval](../explanation/statistics.md#how-sure-it-is)"
     )
     correlation: CorrelationRecord = Field(
-        description="`symbols`, `matrix`, `pairs` (`a b r sentence`), `clusters`"
+        description="of the estimable parameters, without those of free functions: `symbols`, `matrix`, "
+        "`pairs` (`a b r sentence`, the strong correlations), `clusters`"
     )
     significance: list[SignificanceRecord] = Field(
-        description="of each mechanism: `mechanism parameters mean_mm max_mm f p log10_evidence cv_rms_mm "
-        "cv_rms_without_mm held_out_rms_mm held_out_rms_without_mm catalogue stability number`; `p` is nominal and "
-        "`stability` takes the names as given; null for free functions, which are shrunk; `number` tells mechanisms "
-        "of one name apart, as the ladder does, else null"
+        description="for each mechanism: `mechanism parameters mean_mm max_mm f p log10_evidence "
+        "cv_rms_mm cv_rms_without_mm held_out_rms_mm held_out_rms_without_mm catalogue "
+        "stability number`. `p` is nominal: it and `stability` take the names as given. `f` "
+        "and `p` are null for free functions, which are shrunk. `number` distinguishes "
+        "mechanisms of the same name, as in the ladder; otherwise it is null"
     )
 
     @property
