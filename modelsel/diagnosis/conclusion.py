@@ -18,6 +18,7 @@ from ..fitting.design import Model
 from ..fitting.least_squares import STEP_MM, Fit
 from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
+from ..mechanisms.terms import Mechanism
 from .after_selection import AfterSelection, allow_for_search, find_limit
 from .claims import Weighed, build_claim, weigh_claims
 from .effects import DROPPED, Effect
@@ -75,6 +76,11 @@ class Conclusion:
     settled: _Settled
     diagnosis: Diagnosis
 
+    @property
+    def named(self) -> frozenset[Mechanism]:
+        """The mechanisms of the effects that it keeps."""
+        return frozenset(effect.candidate.mechanism for effect in self.diagnosis.effects)
+
     @cached_property
     def visited(self) -> VisitedModels:
         """The sets of effects around what stays, weighed."""
@@ -92,13 +98,18 @@ def prove(concluded: Conclusion) -> Diagnosis:
     """Weigh how much of every effect is proven.
 
     Effects are taken back where another set of them is more probable. Where a shape that no list has
-    explains effects better, the search goes on with it."""
+    explains effects better, the search goes on with it, until it comes back to effects it had before."""
     concluded = _take_back(concluded)
     weighed = _weigh(concluded)
+    seen = {concluded.named}
     for _ in range(MAX_OFFERS):
         if not weighed.better:
             break
-        concluded = _take_back(_take_shapes(concluded, weighed))
+        further = _take_back(_take_shapes(concluded, weighed))
+        if further.named in seen:
+            break
+        seen.add(further.named)
+        concluded = further
         weighed = _weigh(concluded)
     search, chosen = concluded.explored.search, concluded.settled.chosen
     return replace(

@@ -7,7 +7,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
-from builders import seeds
+from builders import drawn, planted, seeds
 from hidden_arm import Effect as Planted
 from hidden_arm import State, arm, measured
 from hidden_effects import at, together
@@ -15,9 +15,11 @@ from searches import ignore
 
 from modelsel import Model, mechanism
 from modelsel._typing import Array
+from modelsel.diagnosis import conclusion
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
-from modelsel.diagnosis.conclusion import conclude, prove
+from modelsel.diagnosis.claims import Weighed
+from modelsel.diagnosis.conclusion import Conclusion, conclude, prove
 from modelsel.diagnosis.evidence import MIN_LOG_ODDS
 from modelsel.diagnosis.mechanism_families import count_kin
 from modelsel.diagnosis.model_pool import Pool, _Group
@@ -236,3 +238,30 @@ def test_only_the_same_mechanism_in_another_joint_is_kin() -> None:
     assert count_kin(["joint2-twist", "joint3-twist", "settle:3"]) == 0
     assert count_kin(["fault:read-too-early", "settle:3"]) == 0
     assert count_kin([]) == 0
+
+
+# -- shapes that are offered
+
+
+def test_a_shape_that_leads_back_is_not_offered_again(
+    monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    """Its own effects, found again, end the search: each round of a large study takes seconds."""
+    scale = mechanism("encoder-scale:3", load_robot("irb120"))
+    at = planted(drawn("irb120", rng, 40), scale.terms, np.array([2e-3]), rng, SIGMA)
+    base = Model((mechanism("geometric", at.robot),))
+    found = build_candidates(at, base, every(at.robot))
+    concluded = conclude(explore(Search(at, base, found, rng, fit(at, base)), (), ignore))
+    better = [((0,), found[0])]
+    weigh = conclusion._weigh
+    asked: list[object] = []
+
+    def offer(before: Conclusion, weighed: Weighed) -> Conclusion:
+        asked.append(weighed.better)
+        return before
+
+    monkeypatch.setattr(conclusion, "_weigh", lambda one: weigh(one)._replace(better=better))
+    monkeypatch.setattr(conclusion, "_take_shapes", offer)
+    told = prove(concluded)
+    assert asked == [better]
+    assert [one.candidate.label for one in told.effects] == ["encoder-scale:3"]
