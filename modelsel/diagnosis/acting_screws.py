@@ -1,4 +1,4 @@
-"""What of a candidate moves the target, but for what hardly does.
+"""The screws with which a candidate moves the target, without those that hardly do.
 
 A link that bends under the weight beyond it turns its far end about the axis of the next joint, and
 about the two axes across it by a hundredth of that. It is told where it acts: at that joint."""
@@ -16,14 +16,14 @@ from ..mechanisms.terms import Screw, Term, TermKey
 from .candidate_columns import stack_design
 from .candidates import Candidate
 
-# how much less than another screw of its term and frame one moves the target that does not count
+# share of the largest motion by a screw of a term at one frame, below which another does not count
 SMALL = 0.1
 
 
 def keep_acting_screws(
     problem: Problem, found: Sequence[Candidate], at: Linearisation | None
 ) -> tuple[Candidate, ...]:
-    """Keep of every candidate the screws that move the target, in the order of the candidates.
+    """Return the candidates with those of their screws that move the target.
 
     Of a term's screws at one frame those are left out that move it by less than a tenth of the one
     that moves it most, in the root mean square over the rows. `at`: the point of the parameters."""

@@ -77,7 +77,7 @@ class Conclusion:
     diagnosis: Diagnosis
 
     @property
-    def named(self) -> frozenset[Mechanism]:
+    def mechanisms(self) -> frozenset[Mechanism]:
         """The mechanisms of the effects that it keeps."""
         return frozenset(effect.candidate.mechanism for effect in self.diagnosis.effects)
 
@@ -98,17 +98,18 @@ def prove(concluded: Conclusion) -> Diagnosis:
     """Weigh how much of every effect is proven.
 
     Effects are taken back where another set of them is more probable. Where a shape that no list has
-    explains effects better, the search goes on with it, until it comes back to effects it had before."""
+    explains effects better, the search goes on with it, until that leads back to effects which it
+    had before."""
     concluded = _take_back(concluded)
     weighed = _weigh(concluded)
-    seen = {concluded.named}
+    seen = {concluded.mechanisms}
     for _ in range(MAX_OFFERS):
         if not weighed.better:
             break
         further = _take_back(_take_shapes(concluded, weighed))
-        if further.named in seen:
+        if further.mechanisms in seen:
             break
-        seen.add(further.named)
+        seen.add(further.mechanisms)
         concluded = further
         weighed = _weigh(concluded)
     search, chosen = concluded.explored.search, concluded.settled.chosen
