@@ -356,6 +356,11 @@ class Study:
         return tuple(Claim(*claim) for claim in self.claims)
 
     @property
+    def place_right(self) -> bool:
+        """Whether the place is told: of what does not repeat, in the budget of repeatability, too."""
+        return self.place or (self.as_part and not KINDS[self.line].repeats)
+
+    @property
     def findable(self) -> bool:
         """Whether the oracle finds the effect."""
         return self.oracle_p <= self.critical_p
@@ -431,7 +436,7 @@ def tabulate_kind(words: str, studies: Sequence[Study]) -> str:
     cells = [
         interval(sum(bool(s.list_false("cause")) for s in studies), n),
         interval(sum(bool(s.list_false("cause", "shape")) for s in studies), n),
-        interval(sum(s.place for s in told), len(told)) if told else "-",
+        interval(sum(s.place_right for s in told), len(told)) if told else "-",
         interval(sum(s.drivers for s in told), len(told)) if told else "-",
     ]
     ratio = np.array([s.error / s.oracle_error for s in studies])

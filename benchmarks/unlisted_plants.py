@@ -28,6 +28,9 @@ the package come only the robots' drawings. What is true, kind by kind:
 The last five came later. Products of two joints' readings became candidates when this benchmark had
 shown that they were missed; with the other four no candidate and no constant was chosen.
 
+Random stiction is an error that does not repeat. To say that the joint does not repeat is to tell its
+place, by `repeatability` of the result as by a finding of its mean.
+
 A place is true also where another axis moves the target exactly alike (joint 4's and the one across
 it in frame 5, where they meet); what moves
 the base may turn it, too, but not alone. A formula (a shape) is true if place and drivers are, and it holds
@@ -89,7 +92,8 @@ Draw = Callable[[Generator, Arm], Plant]
 class Kind:
     """A line of the benchmark: how it is drawn; `exact`: the names that must be found, and no
     other; whether it is one of the last five; `sizes`; whether the payload varies; whether geometry leaves something to find; whether it
-    jumps: between two readings the data say nothing of where it does."""
+    jumps: between two readings the data say nothing of where it does; and whether it `repeats`: what
+    does not is rightly told in the budget of repeatability, too."""
 
     words: str
     draw: Draw
@@ -99,6 +103,7 @@ class Kind:
     payload: bool = False
     visible: bool = True
     jumps: bool = False
+    repeats: bool = True
 
 
 def turn(joint: int, values: Values) -> Effect:
@@ -297,7 +302,7 @@ KINDS: Mapping[str, Kind] = {
     "growth": Kind("growth, t sin q", draw_growth),
     "jump": Kind("encoder jump at one angle", draw_jump, jumps=True),
     "sawtooth": Kind("sawtooth of a joint", draw_sawtooth, jumps=True),
-    "stiction": Kind("random stiction", draw_stiction),
+    "stiction": Kind("random stiction", draw_stiction, repeats=False),
     "drift": Kind("exponential drift", draw_drift),
     "coupling": Kind("coupling of 2 to 3", draw_coupling),
     "link": Kind("link longer with load", draw_link, payload=True),

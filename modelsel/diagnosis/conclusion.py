@@ -70,16 +70,21 @@ def build_empty(base: Model, base_fit: Fit) -> Diagnosis:
 
 @dataclass(frozen=True, eq=False)
 class Conclusion:
-    """A search, the effects that it keeps, and its diagnosis before claims are weighed."""
+    """A search, and the effects that it keeps."""
 
     explored: Exploration
     settled: _Settled
-    diagnosis: Diagnosis
 
     @property
     def mechanisms(self) -> frozenset[Mechanism]:
         """The mechanisms of the effects that it keeps."""
-        return frozenset(effect.candidate.mechanism for effect in self.diagnosis.effects)
+        candidates = self.explored.search.candidates
+        return frozenset(candidates[g].mechanism for g in self.settled.chosen)
+
+    @cached_property
+    def diagnosis(self) -> Diagnosis:
+        """The diagnosis before claims are weighed; of most searches nobody asks for it."""
+        return _build_diagnosis(self.explored, self.settled)
 
     @cached_property
     def visited(self) -> VisitedModels:
@@ -88,10 +93,8 @@ class Conclusion:
 
 
 def conclude(explored: Exploration) -> Conclusion:
-    """Drop what the full model does not need, and put the diagnosis together."""
-    settled = _settle(explored)
-    diagnosis = _build_diagnosis(explored, settled)
-    return Conclusion(explored, settled, diagnosis)
+    """Drop what the full model does not need."""
+    return Conclusion(explored, _settle(explored))
 
 
 def prove(concluded: Conclusion) -> Diagnosis:

@@ -243,7 +243,7 @@ class Views:
         new = [key for key in keys if key not in self._known]
         if new:
             self._learn(new)
-        self._forget(keys)
+        self._forget(set(keys))
         return tuple(self._known[key][0] for key in keys)
 
     def _multiply(self, keys: Sequence[TermKey], along: Array, R: Array) -> Array:
@@ -270,7 +270,7 @@ class Views:
             # copies: a row of either would keep all the others
             self._known[key] = column.copy(), product.copy()
 
-    def _forget(self, used: Sequence[TermKey]) -> None:
+    def _forget(self, used: set[TermKey]) -> None:
         """Forget the oldest columns where they are many, but for those in use."""
         numbers = self.columns.rows + self.columns.screws.count
         most = KEPT_NUMBERS // numbers

@@ -275,6 +275,15 @@ def test_a_joint_that_does_not_repeat_tells_the_place() -> None:
     assert not unlisted.is_told_as_part([claim_of()], parts, truth)  # a finding tells it
 
 
+def test_what_does_not_repeat_may_be_told_by_the_budget_alone() -> None:
+    """A joint that sticks at random does not repeat; one with a saw does."""
+    told = replace(study_of(0, line="stiction"), place=False, as_part=True)
+    assert told.place_right
+    assert not replace(told, line="sawtooth").place_right
+    assert not replace(told, as_part=False).place_right
+    assert runner.interval(1, 1) in unlisted.tabulate_kind("stiction", [told])
+
+
 def test_a_claim_is_judged_where_it_acts() -> None:
     """A link that bends is told at the axis of the next joint alone."""
     at = load_robot("puma760")
