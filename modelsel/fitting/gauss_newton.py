@@ -51,7 +51,7 @@ class WholeProblem:
         state = replace(state, step_mm=np.inf, share=0.0, own=False, damping=0.0, before=None)
         while count < iterations and state.damping < STUCK and not state.rests(step_mm):
             count += 1
-            state = _step(solver, state, step_mm, iterations == 1)
+            state = _step(solver, state, step_mm)
         return replace(state, iterations=state.iterations + count)
 
     def settle(self, solver: Solver, state: State, iterations: int, step_mm: float) -> State:
@@ -100,14 +100,14 @@ def _is_near(solver: Solver, state: State, step_mm: float) -> bool:
     return state.expansion.distance(state.theta) < near_mm * solver.weight
 
 
-def _step(solver: Solver, state: State, step_mm: float, only_one: bool) -> State:
+def _step(solver: Solver, state: State, step_mm: float) -> State:
     """Take a step, or find that it is none: then by a triangle of this point, or damped."""
     own = _is_near(solver, state, step_mm)
     delta, size = compute_direction(state)
     step = size / solver.weight
     there = _reach(solver, state, delta)
     lower = there.cost <= state.cost * (1 + ROUNDING)
-    if lower or step < step_mm or only_one:
+    if lower or step < step_mm:
         share = step / state.step_mm
         there = replace(there, step_mm=step, share=share, own=own, growth=2.0)
         there = replace(there, damping=_relax_damping(state, delta, state.cost - there.cost))

@@ -189,8 +189,8 @@ def fit(  # noqa: PLR0913  all but two have defaults
 
     Gauss-Newton on the exact chain, until the norm of a step over all rows is below `step_mm`. Then what is
     fitted, fixed, and held by the prior is judged at the solution, and the iteration continues until
-    that stays the same. `iterations=1` is one linear step. To very many rows the model is fitted from
-    the fit to a sample.
+    that stays the same, each time by at most so many `iterations`. To very many rows the model is fitted
+    from the fit to a sample.
 
     Raises NotEstimable where the data have no more coordinates than the model has estimable
     parameters, or the iteration does not settle."""

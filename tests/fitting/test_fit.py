@@ -52,6 +52,16 @@ def test_exact_recovery(robot, mm, rad, rng) -> None:
     assert found.step_mm < 1e-4
 
 
+@seeds(1, 2)
+def test_single_steps_do_not_run_away(rng) -> None:
+    """From far off, every step lowers the cost, however few are asked for at a time."""
+    which, at = Model((mechanism("geometric", load_robot("ur5")),)), drawn("ur5", rng, 20)
+    moved = planted(at, which.terms, some(which, rng), rng, 0.05)
+    far = some(which, rng, mm=80.0, rad=0.08)
+    slow = fit(moved, which, start=far, iterations=1)
+    assert slow.rss < 2 * fit(moved, which).rss
+
+
 @pytest.mark.integration
 @seeds(1, 2)
 def test_estimate_and_covariance_are_statsmodels(rng) -> None:
