@@ -23,7 +23,7 @@ from .least_squares import STEP_MM, Fit, begin, finish, solver_of
 from .prior import Shrinkage
 from .problem import Problem
 from .reduction import Reduction, merged
-from .sampled import QUICK, draw_sample, respond, settle_expanded, takes_sample
+from .sampled import QUICK, draw_sample, respond, takes_sample
 from .shrinkage import weigh_groups, wide_groups
 from .solver import ITERATIONS, Held, Solver
 
@@ -114,7 +114,7 @@ class NestedModel:
         or the next one would be. Raises TooFar where steps do not get shorter quickly."""
         size = np.inf
         for _ in range(STEPS):
-            state = settle_expanded(solver, state, step_mm)
+            state = solver.settle_expanded(state, step_mm)
             expansion = state.expansion
             moved = expansion.distance(state.theta)
             step = moved / solver.weight

@@ -20,10 +20,10 @@ from .gradient import Slope
 from .identifiability import Identified
 from .iteration import Before, State, compute_direction, extrapolate, minimise_expanded
 from .linearisation import Linearisation
-from .prior import Shrinkage, WeakPrior
+from .prior import Shrinkage
 from .problem import Problem
 from .reduction import TOLERANCE, Reduction, merged, mix_dependent, reduce_folds
-from .solver import ROUNDS, STUCK, Held, Solver
+from .solver import STUCK, Held, Solver
 
 # rows, of which a sample is fitted first
 MANY_ROWS = 50_000
@@ -190,7 +190,7 @@ class SampledRows:
             return solver.judge(state)
         near = _near(solver)
         for _ in range(EXPANSIONS):
-            state = settle_expanded(solver, state, step_mm)
+            state = solver.settle_expanded(state, step_mm)
             expansion = state.expansion
             distance = expansion.distance(state.theta)
             if distance < near:
@@ -241,15 +241,3 @@ class SampledRows:
 def _near(solver: Solver) -> float:
     """Largest distance, whitened and over all rows, from the point of an expansion that is used."""
     return NEAR_MM * solver.weight * float(np.sqrt(solver.count))
-
-
-def settle_expanded(solver: Solver, state: State, step_mm: float) -> State:
-    """Judge what is fitted and minimise the expanded squares, until the judgement stays."""
-    earlier: list[WeakPrior] = []
-    for _ in range(ROUNDS):
-        judged = solver.judge(state)
-        if judged.stays(state, earlier) and state.step_mm < step_mm:
-            break
-        earlier.append(state.weak)
-        state = minimise_expanded(judged)
-    return state

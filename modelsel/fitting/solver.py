@@ -22,7 +22,7 @@ from .design import Model
 from .expansion import Expansion, Triangle, Unsafe
 from .gradient import Rows
 from .identifiability import Identified, as_drawn, identify, without
-from .iteration import Far, State
+from .iteration import Far, State, minimise_expanded
 from .linearisation import Linearisation
 from .nominal_arm import PLENTY, NominalArm
 from .prior import Shrinkage, Usual, WeakPrior, faint, fitted_terms, usual_sizes, weigh_usual
@@ -230,6 +230,17 @@ class Solver:
         state = replace(state, found=found, weak=weak, root=root, far=far)
         factor = triangle.held(weak.rows)
         return replace(state, expansion=expansion, triangle=triangle, factor=factor)
+
+    def settle_expanded(self, state: State, step_mm: float) -> State:
+        """Judge what is fitted and minimise the expanded squares, until the judgement stays."""
+        earlier: list[WeakPrior] = []
+        for _ in range(ROUNDS):
+            judged = self.judge(state)
+            if judged.stays(state, earlier) and state.step_mm < step_mm:
+                break
+            earlier.append(state.weak)
+            state = minimise_expanded(judged)
+        return state
 
     def hold(self, state: State) -> State:
         """Begin again with the parameters that others represent left at zero."""
