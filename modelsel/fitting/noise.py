@@ -11,7 +11,7 @@ import numpy as np
 from .._typing import Array, Index
 from ..exceptions import StudyError
 from ..measurements.measurements import Measurements
-from ..measurements.visits import SAME_READING
+from ..measurements.repeats import find_repeats
 from .problem import Problem
 from .whitening import Whitening
 
@@ -82,39 +82,18 @@ def covariance(data: Measurements, instrument: Instrument) -> Array:
     return matrices
 
 
-def from_repeats(data: Measurements) -> Floor | None:
-    """Estimate the floor from the pooled standard deviation of positions at equal joint readings,
-    per target; None with too few. An arm whose readings differ has moved its target, too: that is
-    no repeat."""
-    targets = len(data.targets)
-    blocks = data.block * targets
-    key = blocks + data.target
-    _, member, count = np.unique(key, return_inverse=True, return_counts=True)
-    if 3 * int((count - 1).sum()) < MIN_FREEDOM:
-        return None
-    kinds = len(count)
-    spread = _reading_spread(data.q, member, kinds)
-    has_moved = spread > SAME_READING
-    count[has_moved] = 1
-    beyond_first = count - 1
-    freedom = 3 * int(beyond_first.sum())
+def from_repeats(data: Measurements, placed: Index) -> Floor | None:
+    """Estimate the floor from the pooled standard deviation of positions at equal joint readings, per
+    target and placement of the instrument, `placed` (m,); None with too few."""
+    repeats = find_repeats(data, placed)
+    freedom = repeats.freedom
     if freedom < MIN_FREEDOM:
         return None
-    position = data.position
-    total = [np.bincount(member, position[:, axis]) for axis in range(3)]
-    means = [column / count for column in total]
-    mean = np.stack(means, axis=1)
-    is_repeated = count[member] > 1
-    divisor = np.maximum(beyond_first, 1)
-    factor = np.sqrt(count / divisor)
-    numbers = member[is_repeated]
-    unbiased = factor[numbers]
-    row_factor = unbiased[:, None]
-    expected = mean[member]
-    from_mean = position - expected
-    deviation = from_mean[is_repeated] * row_factor
-    scatter = _pool_deviations(deviation)
-    return Floor(scatter, "repeats", freedom)
+    is_repeated = repeats.is_repeated
+    count = repeats.count[repeats.posture[is_repeated]]
+    unbiased = np.sqrt(count / (count - 1))
+    deviation = repeats.deviate(data.position)[is_repeated] * unbiased[:, None]
+    return Floor(_pool_deviations(deviation), "repeats", freedom)
 
 
 def _pool_deviations(deviation: Array) -> float:
@@ -126,20 +105,6 @@ def _pool_deviations(deviation: Array) -> float:
     within = size[size <= FAR * robust]
     squares = np.square(within)
     return float(np.sqrt(squares.mean()))
-
-
-def _reading_spread(q: Array, member: Index, count: int) -> Array:
-    """Compute the largest spread (count,) of a joint's reading among the rows that `member` (m,) numbers
-    alike."""
-    _, joints = q.shape
-    shape = count, joints
-    low = np.full(shape, np.inf)
-    high = np.full(shape, -np.inf)
-    np.minimum.at(low, member, q)
-    np.maximum.at(high, member, q)
-    spread = high - low
-    largest: Array = spread.max(1)
-    return largest
 
 
 def from_target_pairs(data: Measurements) -> Floor | None:
@@ -195,7 +160,7 @@ def weigh(
 
     Uncertainties in the data go first, then the stated floor, the instrument, repeats, pairs of
     targets."""
-    floor, blocks = _known_floor(problem.data, instrument, stated_mm)
+    floor, blocks = _known_floor(problem, instrument, stated_mm)
     weight = 1.0 if floor is None else 1.0 / max(floor.coordinate_mm, MIN_SIGMA_MM)
     if problem.data.rotation is not None:
         blocks = _with_orientations(problem.data, weight, blocks, rotation_rad)
@@ -205,10 +170,11 @@ def weigh(
 
 
 def _known_floor(
-    data: Measurements, instrument: Instrument | None, stated_mm: float | None
+    problem: Problem, instrument: Instrument | None, stated_mm: float | None
 ) -> tuple[Floor | None, Array | None]:
     """(the floor, whitening matrices (m, 3, 3) of the positions where rows differ). Repeats of one
     kind of row say nothing of the others."""
+    data = problem.data
     if data.sigma is not None:
         variance = np.square(data.sigma).mean()
         floor = Floor(float(np.sqrt(variance)), "stated")
@@ -219,7 +185,7 @@ def _known_floor(
         return _instrument_floor(data, instrument)
     if data.gauges is not None:
         return None, None
-    measured = from_repeats(data) or from_target_pairs(data)
+    measured = from_repeats(data, problem.placed) or from_target_pairs(data)
     return measured, None
 
 

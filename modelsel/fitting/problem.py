@@ -70,6 +70,14 @@ class Problem:
         return self.robot.reach + float(np.linalg.norm(self.tools, axis=1).max(initial=0))
 
     @cached_property
+    def placed(self) -> Index:
+        """Number (m,) of the instrument's placement in every row: groups placed alike share one."""
+        R, t = self.placement
+        flat = np.concatenate([R.reshape(len(R), 9), t], axis=1)
+        number = np.unique(flat, axis=0, return_inverse=True)[1]
+        return np.asarray(number.reshape(-1)[self.data.group])
+
+    @cached_property
     def tool(self) -> Array:
         """Nominal target (m, 3) of every row, in the flange frame [mm]."""
         targets = self.data.target

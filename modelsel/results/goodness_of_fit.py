@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .._typing import Array, Index
+from .._typing import Array
 from ..diagnosis.sentences import format_length
 from ..diagnosis.unexplained import MIN_FLOOR_FREEDOM, STATED_FLOOR_FREEDOM
 from ..fitting.design import whitened
@@ -17,7 +17,7 @@ from ..fitting.noise import LACKING, Floor
 from ..fitting.observation import LENGTH
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
-from ..measurements.visits import SAME_READING
+from ..measurements.repeats import find_repeats
 from ..mechanisms.terms import FixtureTerm
 from ..notices import Note
 from ..robot.rigid import rotation_matrix
@@ -93,31 +93,12 @@ def _variances(chosen: Evaluation, floor: Floor, training: Problem) -> _Variance
 def sum_pure_error(problem: Problem) -> tuple[float, float]:
     """Return (sum of squares, degrees of freedom) of whitened positions at equal readings of one target, about their
     means."""
-    data = problem.data
-    label = data.block * len(data.targets) + data.target
-    posture = np.unique(label, return_inverse=True)[1].reshape(-1)
-    count = np.bincount(posture)
-    totals = [np.bincount(posture, data.position[:, axis]) for axis in range(3)]
-    mean = np.stack(totals, 1) / count[:, None]
-    # an arm read anew has moved its target, too: no repeat
-    ranges = _reading_ranges(data.q, posture, len(count))
-    still = ranges.max(1) <= SAME_READING
-    deviations = np.where(still[posture, None], data.position - mean[posture], 0.0)
+    repeats = find_repeats(problem.data, problem.placed)
     # about the means first: rows that share errors are mixed
+    deviations = repeats.deviate(problem.data.position)
     padded = np.pad(deviations, ((0, 0), (0, problem.components - 3)))
     squares = np.square(whitened(problem, padded)[:, :3])
-    freedom = (count - 1)[still]
-    return float(squares.sum()), 3.0 * float(freedom.sum())
-
-
-def _reading_ranges(q: Array, posture: Index, count: int) -> Array:
-    """Return (count, n) how far the joint readings of each posture spread, rad or mm."""
-    shape = (count, q.shape[1])
-    low = np.full(shape, np.inf)
-    high = np.full(shape, -np.inf)
-    np.minimum.at(low, posture, q)
-    np.maximum.at(high, posture, q)
-    return np.asarray(high - low)
+    return float(squares.sum()), float(repeats.freedom)
 
 
 def lack_of_fit_notes(lack: LackOfFit | None, stated: bool = True) -> tuple[Note, ...]:

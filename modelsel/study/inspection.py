@@ -102,10 +102,12 @@ def _describe_joints(robot: Robot, data: Measurements) -> list[dict[str, Any]]:
 
 
 def _estimate_noise_floor(data: Measurements) -> dict[str, Any] | None:
-    """Return the noise floor by repeats or target pairs; None without them."""
+    """Return the noise floor by repeats or target pairs; None without them.
+
+    Nothing says yet whether the instrument stood alike for every group: each is taken by itself."""
     if data.gauges is not None:
         return None
-    floor = from_repeats(data) or from_target_pairs(data)
+    floor = from_repeats(data, data.group) or from_target_pairs(data)
     if floor is None:
         return None
     return {"coordinate_mm": floor.coordinate_mm, "source": floor.source}

@@ -81,7 +81,9 @@ def test_lack_of_fit_is_uniform_where_there_is_none(rng) -> None:
         data = weighed(campaign(rng, 20, times=3))
         repeated.append(
             measure_lack_of_fit(
-                evaluate(data, BASE, ("geometric",)), from_repeats(data.problem.data), data
+                evaluate(data, BASE, ("geometric",)),
+                from_repeats(data.problem.data, data.problem.placed),
+                data,
             ).p
         )
     for p in (stated, repeated):
@@ -119,7 +121,9 @@ def test_lack_of_fit_against_repeats_is_the_textbooks(rng) -> None:
     is lack of fit."""
     at = campaign(rng, 25, times=3, shared=0.08)
     data = weighed(at)
-    found = measure_lack_of_fit(evaluate(data, BASE, ("geometric",)), from_repeats(at.data), data)
+    found = measure_lack_of_fit(
+        evaluate(data, BASE, ("geometric",)), from_repeats(at.data, at.placed), data
+    )
     fitted = fit(data.training, BASE)
     X, r = compute_design(data.problem.unweighted(), BASE.terms, fitted.at())
     X = X[:, :, list(fitted.found.kept)].reshape(r.size, -1)

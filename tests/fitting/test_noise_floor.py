@@ -3,12 +3,14 @@ a bad shot does not set it."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from builders import OFF_AXIS, seeds, small_arm
+from builders import OFF_AXIS, bind, seeds, small_arm
 
 from modelsel._typing import Array
-from modelsel.fitting.noise import Floor, from_repeats, from_target_pairs
+from modelsel.fitting.noise import Floor, from_repeats, from_target_pairs, weigh
 from modelsel.measurements.measurements import build_measurements
 from modelsel.robot.kinematics import forward
 
@@ -20,7 +22,8 @@ STUDIES = 200
 def repeated(rng: np.random.Generator, error: Array) -> Floor | None:
     """Ten postures, each measured three times."""
     q = ARM.draw(rng, 10).repeat(3, axis=0)
-    return from_repeats(build_measurements(q, forward(ARM, q, np.array(OFF_AXIS)) + error))
+    data = build_measurements(q, forward(ARM, q, np.array(OFF_AXIS)) + error)
+    return from_repeats(data, data.group)
 
 
 def paired(rng: np.random.Generator, error: Array) -> Floor | None:
@@ -47,3 +50,22 @@ def test_a_floor_is_as_sure_as_its_freedom(rng: np.random.Generator, measure, ro
     # a posture with a bad shot has its other rows off, too
     assert np.mean(scales) == pytest.approx(1, abs=0.05)
     assert np.std(scales) < 1.25 * expected
+
+
+@seeds(1)
+def test_repeats_are_compared_where_the_instrument_stood_alike(rng: np.random.Generator) -> None:
+    """The tracker was moved between two rounds of the same postures: what it moved is no noise."""
+    q = np.tile(ARM.draw(rng, 12), (4, 1))
+    position = forward(ARM, q, np.array(OFF_AXIS)) + rng.normal(0, SIGMA, (48, 3))
+    position[24:] += 300.0
+    moved = build_measurements(q, position, group=["first"] * 24 + ["second"] * 24)
+    problem = bind(ARM, moved)
+    places = np.zeros((2, 3))
+    places[1] = 300.0
+    two = replace(problem, placement=(np.tile(np.eye(3), (2, 1, 1)), places))
+    _, floor = weigh(two, None, None)
+    assert floor.source == "repeats"
+    assert floor.coordinate_mm == pytest.approx(SIGMA, rel=0.3)
+    assert floor.freedom == 72
+    _, mixed = weigh(problem, None, None)
+    assert mixed.coordinate_mm > 50
