@@ -197,7 +197,7 @@ class Parts(Source):
         return count
 
     def problem(self, part: Part) -> Problem:
-        """Read a part. Raises DataError."""
+        """Read a part: its positions, all weighed alike. Raises DataError."""
         data = read_measurements(part.path, self.robot, group=part.group)
         if data.gauges is not None:
             raise DataError(
@@ -208,7 +208,7 @@ class Parts(Source):
                 remedy="Study the measurements as one file, or leave these rows out.",
             )
         tools = np.tile(np.array(self.tool), (len(data.targets), 1))
-        return Problem(self.robot, data, tools)
+        return Problem(self.robot, data, tools).plain_points()
 
     def alone(self) -> Parts:
         """Return the source without parts and map: what is sent to a worker."""
@@ -256,10 +256,10 @@ def _stream_part(
 
 
 def fit_parts(source: Parts, model: Model, folds: int = 10) -> tuple[Fit, CrossValidation]:
-    """Fit a model to measurements in parts, re-linearised pass by pass, and cross-validate it
-    exactly.
+    """Fit a model to the positions of measurements in parts, re-linearised pass by pass, and
+    cross-validate it exactly.
 
-    Raises DataError or NotEstimable, and StudyError for a model that depends on what no part holds
+    All positions weigh alike: orientations and stated uncertainties are not used. Raises DataError or NotEstimable, and StudyError for a model that depends on what no part holds
     alone."""
     _check_model(source, model)
     fitted = fit(source, model)

@@ -249,7 +249,7 @@ class _ReducedModels:
         self.moments = measure_fit(rows, fitted, coordinates, folds)
         self.plain = None
         if not self.whitening.uniform:
-            self.plain = measure_moments(rows, coordinates, folds, weighted=False)
+            self.plain = measure_moments(rows, coordinates, folds, weighted=False, components=3)
         is_held = ~split.estimation & ~split.outlying
         held = split.problem.take(is_held)
         self.held_rows = len(held)

@@ -124,3 +124,21 @@ def test_partitions_on_disk(rng, tmp_path) -> None:
     assert set(asked) == {7}
     with pytest.raises(DataError, match="no such file"):
         list_parts([tmp_path / "absent.parquet"])
+
+
+def test_parts_fit_positions_alone(rng, tmp_path) -> None:
+    """Orientations in the files change nothing: a radian is no millimetre."""
+    at, which = some_scene(rng, 120), model("geometric")
+    names = [*(f"q{j}_rad" for j in range(1, 7)), "x_mm", "y_mm", "z_mm"]
+    table = pd.DataFrame(np.column_stack([at.data.q, at.data.position]), columns=names)
+    quaternions = rng.normal(size=(120, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
+    turned = table.assign(**dict(zip(("qw", "qx", "qy", "qz"), quaternions.T, strict=True)))
+    results = []
+    for name, own in (("plain", table), ("turned", turned)):
+        own.to_parquet(tmp_path / f"{name}.parquet", index=False)
+        source = Parts(at.robot, TOOL, list_parts([tmp_path / f"{name}.parquet"]))
+        results.append(fit_parts(source, which, 5))
+    (plain, of_plain), (posed, of_posed) = results
+    assert posed.rss == plain.rss
+    assert of_posed.rms == of_plain.rms

@@ -15,8 +15,10 @@ from scipy.stats import binom
 from modelsel._json import to_json
 from modelsel.fitting.design import Model, compute_design, residuals
 from modelsel.fitting.least_squares import Fit, fit
+from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.causes import Named, q, sin
 from modelsel.mechanisms.registry import BUILTIN, mechanism
+from modelsel.robot.rigid import from_rotation_vector
 from modelsel.selection.cross_validation import fold_by_unit
 from modelsel.selection.evaluation import Split, evaluate
 from modelsel.uncertainty import bootstrap
@@ -84,6 +86,26 @@ def test_nested_f_is_that_of_statsmodels(split: Split, rng: np.random.Generator)
         )  # no smaller than signs allow
         ruled.add(bool(p > boot.p_value(fitted, own)))
     assert ruled == {True, False}
+
+
+def test_errors_beside_orientations_are_of_positions(
+    split: Split, rng: np.random.Generator
+) -> None:
+    """In mm, as on the ladder, however poorly orientations are measured."""
+    at = split.problem
+    turned = np.einsum("ijm->mij", at.pose(slice(None)).rotation)
+    noise = from_rotation_vector(rng.normal(0, 0.05, (len(at), 3)))
+    weights = np.diag([10.0] * 3 + [20.0] * 3)
+    posed = replace(
+        at,
+        data=replace(at.data, rotation=noise @ turned),
+        tool_rotations=None,
+        whitening=Whitening(matrices=np.tile(weights, (len(at), 1, 1))),
+    )
+    oriented = replace(split, problem=posed)
+    whole = evaluate(oriented, MODEL, NAMES)
+    for one_mechanism in judged(oriented, whole.fit, NAMES, rng):
+        assert one_mechanism.cv_rms_mm == pytest.approx(whole.cv_rms_mm, rel=1e-6)
 
 
 @pytest.mark.integration
