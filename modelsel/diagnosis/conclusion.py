@@ -40,7 +40,8 @@ MAX_CANCELLED = 0.5
 
 
 class _Settled(NamedTuple):
-    """The effects that a search keeps, with their p-values, and the view of their model."""
+    """The effects that a search keeps, the largest first, with their p-values, and the view of their
+    model."""
 
     p: dict[int, float]
     view: View
@@ -208,14 +209,23 @@ def _settle(explored: Exploration) -> _Settled:
     """Drop the effects that the full model does not need, and confirm the others."""
     search, progress = explored.search, explored.progress
     chosen, view = prune_effects(search, progress.chosen, progress.view, progress.path)
-    return _Settled(*_confirm_effects(search, chosen, view, progress.path))
+    p, view = _confirm_effects(search, chosen, view, progress.path)
+    return _Settled(_sort_by_size(search, p, view), view)
+
+
+def _sort_by_size(search: Search, p: dict[int, float], view: View) -> dict[int, float]:
+    """Sort effects by how far they move the target beyond the base, so that every step of the ladder
+    stands on what is larger."""
+    size = {g: float(np.linalg.norm(search.compute_displacement(g, view))) for g in p}
+    largest_first = sorted(p, key=lambda g: -size[g])
+    return {g: p[g] for g in largest_first}
 
 
 def _build_diagnosis(explored: Exploration, settled: _Settled) -> Diagnosis:
     """Fit the model exactly, and put the diagnosis together."""
     search, progress, remainder = explored.search, explored.progress, explored.remainder
     view, chosen = settled.view, settled.chosen
-    if chosen != progress.chosen:
+    if set(chosen) != set(progress.chosen):
         remainder = _assess_remainder(search, view, chosen)
     fitted = view.fitted
     if chosen:

@@ -88,7 +88,7 @@ def choose_constants(candidates: Sequence[Candidate], single_f: Array) -> dict[s
 
 
 def evaluate_effects(split: Split, base: Evaluation, diagnosis: Diagnosis) -> list[Evaluation]:
-    """Evaluate the base and one further model for each effect, in the order they were named.
+    """Evaluate the base and one further model for each effect, the largest first.
 
     The model of all effects is fitted first: where very many rows were reduced for it, the others are
     fitted from that reduction."""
@@ -96,7 +96,7 @@ def evaluate_effects(split: Split, base: Evaluation, diagnosis: Diagnosis) -> li
     if not effects:
         return [base]
     labels = [effect.label for effect in diagnosis.effects]
-    whole = extend_model(diagnosis.base, effects)
+    whole = diagnosis.model
     is_whole = not is_subsampled(diagnosis, split)
     fitted = diagnosis.fit if is_whole else None
     last = evaluate(split, whole, (*base.names, *labels), fitted, start=diagnosis.fit)
