@@ -216,7 +216,10 @@ def _settle(explored: Exploration) -> _Settled:
 def _sort_by_size(search: Search, p: dict[int, float], view: View) -> dict[int, float]:
     """Sort effects by how far they move the target beyond the base, so that every step of the ladder
     stands on what is larger."""
-    size = {g: float(np.linalg.norm(search.compute_displacement(g, view))) for g in p}
+    size = {}
+    for g in p:
+        moved = search.compute_displacement(g, view)
+        size[g] = float(np.linalg.norm(moved))
     largest_first = sorted(p, key=lambda g: -size[g])
     return {g: p[g] for g in largest_first}
 

@@ -14,15 +14,11 @@ from ..mechanisms.terms import LETTERS, Mechanism, Term
 from .candidates import Candidate
 from .credible_sets import FOUND, Entry
 from .effects import Effect
+from .fitted_curves import find_waves, measure_heights
 from .stated_probability import describe_level_probability, format_probability, scale_listed
 
 # sizes [rad] below which an angle has the next smaller unit
 PREFIXES = ((1e-6, 1e-9, "n"), (1e-4, 1e-6, "µ"), (0.5, 1e-3, "m"))
-# waves per turn that are looked for in a free function, how many are named, and the least share of
-# the curve's sum of squares that one must explain
-MAX_WAVES = 90
-NAMED_WAVES = 2
-MIN_WAVE_SHARE = 0.1
 # lever at which a rotation is compared with a shift, and the share of the larger one below which
 # the smaller is not mentioned
 LEVER_MM = 1000.0
@@ -132,27 +128,20 @@ def _describe_amplitude(unit: str, estimate: Array, error: Array) -> str:
 
 def _describe_free_function(terms: Sequence[Term], estimate: Array) -> str:
     """Describe the range of a free function, of shifts and of rotations, and its strongest waves."""
-    values: dict[str, list[float]] = {}
-    for term, value in zip(terms, estimate, strict=True):
-        of_unit = values.setdefault(term.unit, [])
-        of_unit.append(float(value))
-    ranges, moved = {}, {}
-    for unit, coefficients in values.items():
-        size = float(np.ptp(coefficients))
-        ranges[unit] = size
-        moved[unit] = size
-        if unit == "rad":
-            moved[unit] = size * LEVER_MM
+    heights = measure_heights(terms, estimate)
+    moved = dict(heights)
+    if "rad" in moved:
+        moved["rad"] *= LEVER_MM
     least_shown = MIN_SHARE * max(moved.values())
     sizes = []
-    for unit, size in ranges.items():
+    for unit, size in heights.items():
         shown = format_quantity(size, None, unit)
         if moved[unit] >= least_shown:
             sizes.append(shown)
     text = f"peak to peak {' and '.join(sizes)}"
     variables = [parse_state_name(name) for name in terms[0].screws[0].cause.names()]
     is_of_angle = all(v is not None and v.kind is StateKind.READING for v in variables)
-    if set(values) != {"rad"} or not is_of_angle:
+    if set(heights) != {"rad"} or not is_of_angle:
         return text
     named = []
     for count, amplitude in find_waves(terms, estimate):
@@ -161,41 +150,6 @@ def _describe_free_function(terms: Sequence[Term], estimate: Array) -> str:
     if named:
         text += f", mostly {' and '.join(named)}"
     return text
-
-
-def find_waves(terms: Sequence[Term], estimate: Array) -> list[tuple[int, float]]:
-    """Find (waves per turn, amplitude) of the two strongest waves of a free function.
-
-    They are found beyond a straight line, one after the other.
-
-    A wave must repeat at least twice within the range, and explain a tenth of the rest."""
-    causes = (term.screws[0].cause for term in terms)
-    bumps = [(c, v) for c, v in zip(causes, estimate, strict=True) if isinstance(c, Bump)]
-    centres = [bump.centre for bump, _ in bumps]
-    grid = np.linspace(min(centres), max(centres), 1000)
-    curve = np.zeros(len(grid))
-    for bump, value in bumps:
-        curve += value * bump.shape(grid)
-    fewest = max(1, int(np.ceil(2 * 2 * np.pi / np.ptp(grid))))
-    waves: list[tuple[int, float]] = []
-    for _ in range(NAMED_WAVES):
-        before = _fit_waves(grid, curve, 0)[0]
-        fits = [(*_fit_waves(grid, curve, k), k) for k in range(fewest, MAX_WAVES + 1)]
-        left, beta, count = min(fits, key=lambda fitted: fitted[0])
-        if before == 0 or left > (1 - MIN_WAVE_SHARE) * before:
-            break
-        waves.append((count, float(np.hypot(*beta[2:]))))
-        curve = curve - np.column_stack([np.sin(count * grid), np.cos(count * grid)]) @ beta[2:]
-    return waves
-
-
-def _fit_waves(grid: Array, curve: Array, count: int) -> tuple[float, Array]:
-    """Fit a line, and a wave of `count` a turn unless that is 0: (sum of squares left, terms)."""
-    X = np.column_stack([np.ones_like(grid), grid])
-    if count:
-        X = np.column_stack([X, np.sin(count * grid), np.cos(count * grid)])
-    beta = np.asarray(np.linalg.lstsq(X, curve, rcond=None)[0], float)
-    return float(np.square(curve - X @ beta).sum()), beta
 
 
 def has_contrary_signs(mechanism: Mechanism, estimate: Array) -> bool:

@@ -210,7 +210,7 @@ def describe_unexplained(
         if limit_mrad is not None:
             size += f" or {write_rounded(limit_mrad)} mrad of orientation"
         reach = (
-            f"an effect above {size} rms beyond what the geometry absorbs would "
+            f"a listed effect above {size} rms beyond what the geometry absorbs would "
             "have been found with 90 % probability."
         )
     left = (

@@ -72,9 +72,13 @@ class Likelihood:
     @property
     def is_bounded(self) -> bool:
         """Whether a part is as large as it may be: then what the instrument adds cannot be told."""
-        sought = [part for part in self.parts if part.known is None]
-        largest = NEARLY * LARGEST_SHARE
-        return any(part.variance * _mean_square(part) > largest for part in sought)
+        nearly = NEARLY * LARGEST_SHARE
+        for part in self.parts:
+            unit = _mean_square(part)
+            share = part.variance * unit
+            if part.known is None and share > nearly:
+                return True
+        return False
 
     def solve(self, values: Array) -> Array:
         """Compute P times values (m, c, k)."""

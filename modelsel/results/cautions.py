@@ -13,7 +13,7 @@ def explain_restriction(candidates: Sequence[str] | str) -> str:
     """Return what a verdict adds where only certain mechanisms may extend the base; else nothing."""
     if isinstance(candidates, str) or not candidates:
         return ""
-    return f" Only {sentence_list(candidates)} could be named: no other cause was considered."
+    return f" Only {sentence_list(candidates)} could be named: no other cause was considered, and an error that has one may seem not to repeat."
 
 
 def explain_unknown_gravity(notes: Sequence[Note]) -> str:

@@ -106,12 +106,12 @@ def test_bad_news_is_said(gain, words) -> None:
         (
             [("a", True)],
             ["a", "b"],
-            "One error beyond the base was named: a. Only a and b could be named: no other cause was considered.",
+            "One error beyond the base was named: a. Only a and b could be named: no other cause was considered, and an error that has one may seem not to repeat.",
         ),
         (
             [],
             ["a"],
-            "No error beyond the base model was named. Only a could be named: no other cause was considered.",
+            "No error beyond the base model was named. Only a could be named: no other cause was considered, and an error that has one may seem not to repeat.",
         ),
         (
             [(name, True) for name in "abcdefgaa"],

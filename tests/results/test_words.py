@@ -3,8 +3,10 @@ there."""
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from report_studies import read_source
 from modelsel.calibration.compensation import Commands
 from modelsel.cli.compensate import _sentence
 from modelsel.cli.main import run_command_line
+from modelsel.diagnosis.fitted_curves import find_waves, measure_heights
 from modelsel.diagnosis.sentences import describe_amount, format_quantity
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.terms import Screw, Term
@@ -52,20 +55,46 @@ def test_a_value_ends_where_its_two_digit_error_does(
 
 
 def test_a_range_that_moves_nothing_is_not_said() -> None:
-    bumps = [Bump("progress", centre, 0.5) for centre in (0.0, 0.5, 1.0)]
+    bumps = [Bump("progress", centre, 0.5) for centre in np.arange(-0.5, 2.0, 0.5)]
     terms = [
         Term(f"v{axis}{k}", (Screw(1, axis, bump),))
         for axis in ("tx", "rx")
         for k, bump in enumerate(bumps)
     ]
-    shifts, nothing, turns = [0.0, 0.05, 0.0739], [0.0, 1e-12, 5e-12], [0.0, 1e-5, 4e-5]
-    assert (
-        describe_amount(terms, np.array(shifts + nothing), np.ones(6)) == "peak to peak 0.0739 mm"
-    )
-    assert (
-        describe_amount(terms, np.array(shifts + turns), np.ones(6))
-        == "peak to peak 0.0739 mm and 40.0 µrad"
-    )
+    # splines on a straight line draw one
+    line = np.linspace(0.0, 1.0, 5)
+    shifts, nothing, turns = 0.0739 * line, 5e-12 * line, 4e-5 * line
+    error = np.ones(10)
+    said = describe_amount(terms, np.concatenate([shifts, nothing]), error)
+    assert re.fullmatch(r"peak to peak 0\.0\d+ mm", said)
+    said = describe_amount(terms, np.concatenate([shifts, turns]), error)
+    assert re.fullmatch(r"peak to peak 0\.0\d+ mm and \d+\.\d µrad", said)
+
+
+def test_the_range_of_a_curve_is_that_of_its_values() -> None:
+    """Coefficients of splines lie farther apart than the curve that they draw."""
+    width = 0.5
+    bumps = [Bump("q2", centre, width) for centre in np.arange(-3.0, 3.1, width)]
+    terms = [Term(f"f{k}", (Screw(2, "rz", bump),)) for k, bump in enumerate(bumps)]
+    coefficients = 1e-3 * (-1.0) ** np.arange(len(bumps))
+    # alternating coefficients draw a third of their range (de Boor: 4/6 - 2/6 at the knots)
+    inner = measure_heights(terms, coefficients)["rad"]
+    grid = np.linspace(-2.0, 2.0, 2001)
+    curve = sum(c * b.shape(grid) for c, b in zip(coefficients, bumps, strict=True))
+    assert np.ptp(curve) == pytest.approx(2e-3 / 3, rel=1e-3)
+    assert inner < 1.5e-3
+
+
+def test_a_slide_has_no_waves_a_turn() -> None:
+    bumps = [Bump("q1", centre, 50.0) for centre in np.arange(0.0, 801.0, 50.0)]
+    terms = [Term(f"f{k}", (Screw(1, "ry", bump),)) for k, bump in enumerate(bumps)]
+    values = 1e-3 * np.sin(np.arange(len(bumps)))
+    assert find_waves(terms, values) == []
+    turning = [
+        replace(t, screws=(replace(t.screws[0], cause=Bump("q1", 0.2 * k, 0.2)),))
+        for k, t in enumerate(terms)
+    ]
+    assert find_waves(turning, values)
 
 
 def entry(mechanism: str | None, *screws: tuple[int, str, str]) -> EntryRecord:
