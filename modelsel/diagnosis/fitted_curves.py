@@ -26,7 +26,7 @@ def measure_heights(terms: Sequence[Term], estimate: Array) -> dict[str, float]:
 
     Of several curves in one unit it is the largest; what is no plain curve, such as a spline times
     another cause, counts by its coefficients. `estimate`: (k,) of the terms."""
-    curves: dict[tuple[str, object], list[int]] = {}
+    curves: dict[tuple[str, tuple[int, str, str] | None], list[int]] = {}
     for number, term in enumerate(terms):
         place = _find_place(term)
         key = term.unit, place
