@@ -263,8 +263,8 @@ def _sentence(commands: Commands, slides: NDArray[np.bool_]) -> str:
     """Describe the errors without and with correction, and the largest change of a joint."""
     before = f"{commands.before_mm.mean():.3f} mm on average and {commands.before_mm.max():.3f} mm at most"
     after = (
-        f"an error of {commands.expected_mm.mean():.3f} mm on average is expected when it is measured, to which the "
-        f"model's own uncertainty adds {commands.model_mm.mean():.3f} mm{_describe_unreached(commands)}"
+        f"an error of {commands.expected_mm.mean():.3f} mm on average is expected when it is measured, of which the "
+        f"model's own uncertainty is {commands.model_mm.mean():.3f} mm{_describe_unreached(commands)}"
     )
     return (
         f" Without correction the target is off by {before}; with it, {after}. No joint changes by more than "

@@ -257,7 +257,7 @@ def describe_sampling(log_posterior: LogPosterior) -> str:
     if log_posterior.exact:
         return f"emcee samples {sampled} on the exact chain{integrated}."
     return (
-        f"emcee samples {sampled} on the chain linear about the optimum, reduced by QR{integrated}: "
-        f"{len(log_posterior.noise.problem):,} rows are too many to evaluate the chain itself at "
-        "every step, and the importance weights say what that costs."
+        f"emcee samples {sampled} on the chain linear about the optimum, reduced by QR{integrated}: to evaluate "
+        f"the chain itself at every step, of {len(log_posterior.noise.problem):,} rows, would take too long, and "
+        "the importance weights say what that costs."
     )
