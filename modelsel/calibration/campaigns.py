@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._linalg import TINY
 from .._typing import Array, Index
 from ..diagnosis.sentences import format_quantity
 from ..exceptions import StudyError, write_rounded
@@ -255,17 +254,18 @@ def _build_explanation(space: CommonSpace, open_terms: list[int], step: Step) ->
 
 
 def _error_ratio(space: CommonSpace, tested: Index) -> float:
-    """Return the second campaign's standard errors over the first's, in the median."""
-    if not len(tested):
-        return 1.0
+    """Return the second campaign's standard errors over the first's, in the median of the
+    parameters that neither knows exactly; 1 where there are none."""
     relation = space.relation.T[tested]
     errors = []
     for factor in space.factors:
         own = np.linalg.norm(relation @ factor, axis=1)
         errors.append(own)
     first, second = errors
-    least = np.maximum(first, TINY)
-    ratio = np.median(second / least)
+    uncertain = (first > 0) & (second > 0)
+    if not uncertain.any():
+        return 1.0
+    ratio = np.median(second[uncertain] / first[uncertain])
     return float(ratio)
 
 
