@@ -12,7 +12,7 @@ import numpy as np
 from ..._typing import Array
 from ...exceptions import StudyError, suggest
 from ...measurements.reference_temperature import TEMPERATURE
-from ...measurements.state_names import is_state_name
+from ...measurements.state_names import StateKind, is_state_name, state_kind
 from ..command_notes import RANGE_TOLERANCE
 
 if TYPE_CHECKING:
@@ -180,8 +180,9 @@ def list_held(c: Calibration, joints: Sequence[int], held: Held) -> tuple[str, .
     for name, value in held.covariates.items():
         if name in needs:
             out.append(f"{name} away from {value:.6g}")
-    if any(name.startswith("approach") for name in needs):
+    kinds = {state_kind(name) for name in needs}
+    if StateKind.APPROACH in kinds:
         out.append("the direction of approach (the middle of the play is taken)")
-    if any(name.startswith("move") for name in needs):
+    if StateKind.MOVE in kinds:
         out.append("the size of the last move")
     return tuple(out)
