@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._typing import Array, Index
-from ..exceptions import DataError, suggest
+from .._typing import Array
+from ..exceptions import DataError
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
@@ -28,6 +28,7 @@ from ..mechanisms.terms import Term
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
 from .assumed_values import add_assumed
+from .known_names import check_groups, check_targets, match_names
 from .refitting import Refits, part_of
 
 if TYPE_CHECKING:
@@ -184,14 +185,14 @@ class Calibration:
                 "some rows are not points, and a calibration is compared with points only.",
                 remedy="Leave out the rows of other kinds, or make a study of the file.",
             )
-        several = len(self.targets) > 1
+        check_targets(data, self.targets)
+        if self._groups_differ():
+            check_groups(data, self.groups)
         bound_data = replace(
             data,
-            target=_match_names(data.target, data.targets, self.targets, "target", several),
+            target=match_names(data.target, data.targets, self.targets),
             targets=self.targets,
-            group=_match_names(
-                data.group, data.groups, self.groups, "group", self._groups_differ()
-            ),
+            group=match_names(data.group, data.groups, self.groups),
             groups=self.groups,
             progress=np.full(len(data), MID_CAMPAIGN) if another_day else data.progress,
         )
@@ -260,25 +261,6 @@ class Calibration:
         from html import escape
 
         return f"<p>{escape(repr(self))}</p>{self.to_frame().to_html(index=False, max_rows=60)}"
-
-
-def _match_names(
-    index: Index, names: tuple[str, ...], known: tuple[str, ...], kind: str, distinct: bool
-) -> Index:
-    """Return rows' indices among the `known` names; where these are not `distinct`, unknown names
-    count as the first."""
-    place = {name: k for k, name in enumerate(known)}
-    unknown = [name for name in names if name not in place]
-    if unknown and distinct:
-        first = unknown[0]
-        advice = suggest(first, known)
-        raise DataError(
-            f'{kind} "{first}" was not calibrated. {advice}',
-            remedy="Use a calibrated one, or validate with --register where the set-up is new.",
-        )
-    places = [place.get(name, 0) for name in names]
-    known_places = np.array(places, dtype=np.intp)
-    return known_places[index]
 
 
 def calibrate(
