@@ -237,6 +237,21 @@ def test_registering_anew_is_no_drift(rng) -> None:
         judge(c, new.take(np.arange(3)), True)
 
 
+def test_rows_that_a_set_up_fits_exactly_prove_nothing(rng) -> None:
+    """Four rows of two targets: twelve coordinates, which tracker and targets follow whatever they
+    are."""
+    model, theta = truth()
+    c = calibrated(rng, model, theta)
+    two = replace(c, targets=("A", "B"), tools=c.tools.repeat(2, 0))
+    new = campaign(rng, 6, model, theta)
+    named = replace(new, targets=("A", "B"), target=np.arange(6) % 2)
+    assert not judge(two, named, True).drifted
+    four = named.take(np.arange(4))
+    said = "4 rows of 2 targets, which --register uses up.* Measure more configurations"
+    with pytest.raises(DataError, match=said):
+        judge(two, four, True)
+
+
 def test_the_beam_is_as_long_as_where_the_tracker_now_stands(rng) -> None:
     """Refraction grows with the square of the range: with the tracker five metres further off it is
     another, and no drift."""
