@@ -391,6 +391,8 @@ def test_ranges_and_units_are_the_users(rng) -> None:
     ):
         with pytest.raises(StudyError, match=said):
             plan_next(result, 3, joints=wrong)
+    with pytest.raises(StudyError, match=r"purpose: expected one of rivals, d, a, .*, found 'e'"):
+        plan_next(result, 3, purpose="e")
 
 
 def test_every_target_is_seen_at_every_configuration(rng) -> None:
