@@ -361,7 +361,7 @@ def _locate_errors(data: Measurements, verdict: Verdict) -> str:
     squares = verdict.size**2
     largest = MIN_HALF_RATIO
     words = ""
-    for j, readings in enumerate(data.q.T, 1):
+    for j, readings in enumerate(data.readings.T, 1):
         middle = float(np.median(readings))
         above = readings > middle
         below = ~above
@@ -373,5 +373,14 @@ def _locate_errors(data: Measurements, verdict: Verdict) -> str:
         for ratio, side in ((high / low, "above"), (low / high, "below")):
             if ratio > largest:
                 largest = ratio
-                words = f", most of it where q{j} is {side} {middle:.3g}"
+                place = _write_reading(data, j, middle)
+                words = f", most of it where q{j} is {side} {place}"
     return words
+
+
+def _write_reading(data: Measurements, joint: int, value: float) -> str:
+    """Write a reading as people read it: in degrees, or in mm of a joint that slides."""
+    slides = bool(data.prismatic) and data.prismatic[joint - 1]
+    if slides:
+        return f"{value:.3g} mm"
+    return f"{np.degrees(value):.3g} deg"

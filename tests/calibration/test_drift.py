@@ -282,7 +282,10 @@ def test_which_configurations(rng) -> None:
     found = judge(c, new, False)
     said = told(new, found)
     assert said[0].startswith("The calibration has drifted")
-    assert "most of it where q2 is above" in said[0]
+    middle = np.median(new.q[:, 1])
+    assert f"most of it where q2 is above {np.degrees(middle):.3g} deg" in said[0]
+    sliding = replace(new, prismatic=(False, True, False, False, False, False))
+    assert f"where q2 is above {middle:.3g} mm" in told(sliding, found)[0]
     assert set(found.worst) <= set(np.flatnonzero(far))
     assert f"row {found.worst[0]} (" in said[1]
 
