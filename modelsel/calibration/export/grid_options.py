@@ -48,9 +48,16 @@ class Held:
 
 
 def default_joints(c: Calibration) -> tuple[int, ...]:
-    """Return the first joints, as many as a grid is over."""
-    most = min(c.robot.n, MAX_JOINTS)
-    return tuple(range(1, most + 1))
+    """Return the first joints that the calibration has seen move, as many as a grid is over.
+    Raises StudyError where none moved."""
+    joints = range(1, c.robot.n + 1)
+    moved = [joint for joint in joints if _has_width(c, f"q{joint}")]
+    if not moved:
+        raise StudyError(
+            "grid: the calibration has seen no joint move, and a grid is over joints that did. "
+            "Export another form, such as json."
+        )
+    return tuple(moved[:MAX_JOINTS])
 
 
 def read_ranges(
@@ -158,6 +165,12 @@ def _round_middle(c: Calibration, name: str) -> float:
     if name in joints:
         rounded = float(np.radians(round(np.degrees(middle))))
     return min(max(rounded, low), high)
+
+
+def _has_width(c: Calibration, name: str) -> bool:
+    """Whether the calibration has seen more than one value."""
+    low, high = c.ranges[name]
+    return low < high
 
 
 def _is_seen(c: Calibration, name: str, value: float) -> bool:
