@@ -28,7 +28,7 @@ from ..mechanisms.terms import Term
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
 from .assumed_values import add_assumed
-from .known_names import check_groups, check_targets, match_names
+from .known_names import LABEL_NAMES, check_groups, check_targets, match_names
 from .refitting import Refits, part_of
 
 if TYPE_CHECKING:
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
 FACTOR_DIGITS = 10  # of the covariance factor; everything else is written in full
 MID_CAMPAIGN = 0.5  # where a drift is taken on data of another day
-PLACED_NAMES = {"target", "group", "feature"}  # names of a cause that are no values with a range
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -309,7 +308,7 @@ def _find_ranges(at: Problem, model: Model) -> dict[str, tuple[float, float]]:
     names = set[str]()
     for mechanism in model.mechanisms:
         names |= mechanism.names()
-    names -= PLACED_NAMES
+    names -= LABEL_NAMES
     names.update(at.data.covariates)
     for joint in range(1, at.robot.n + 1):
         names.add(f"q{joint}")

@@ -11,6 +11,9 @@ from ..exceptions import DataError, sentence_list, suggest
 from ..measurements.measurements import Measurements
 
 Names = tuple[str, ...]
+# names in a cause that say which of several a row belongs to: no values with a range, and fixed
+# where a robot description is written
+LABEL_NAMES = frozenset(("target", "group", "feature"))
 
 
 def match_names(index: Index, names: Names, known: Names) -> Index:

@@ -127,7 +127,7 @@ def list_inputs(c: Calibration) -> list[str]:
     """List the names that the model uses and joint readings do not say: covariates, directions of
     approach, moves, progress."""
     inputs = []
-    for name in c.needs() - {"target", "group"}:
+    for name in c.needs():
         kind = state_kind(name)
         if kind is None or kind in GIVEN_KINDS:
             inputs.append(name)
