@@ -3,8 +3,8 @@ that came, went, grew.
 
 Two fits choose their own representatives of what the data cannot tell apart, so neither's
 parameters are compared as they stand: both are expressed in one set of representatives on common
-configurations (identify.relation), where the difference and its covariance are tested, corrected
-for their number (Holm 1979). What moved is then said in the fewest terms that explain it."""
+configurations (identifiability.Identified.relation), where the difference and its covariance are
+tested, corrected for their number (Holm 1979). What moved is then said in the fewest terms that explain it."""
 
 from __future__ import annotations
 
@@ -286,7 +286,7 @@ def _find_detectable_range(space: CommonSpace, tested: Index) -> tuple[float, fl
     return typical, worst
 
 
-# -- the fewest terms that explain a difference
+# -- sentences
 # ------------------------------------------------------------------------------------------------
 
 
