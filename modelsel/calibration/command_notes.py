@@ -101,15 +101,9 @@ def _describe_unknown_approach(c: Calibration, data: Measurements) -> list[str]:
 
 def needs_approach(c: Calibration, data: Measurements) -> bool:
     """Whether directions of approach were given with the commands, or the model looks at one."""
-    is_given = not takes_approach_from_order(data)
+    is_given = not data.approach_from_order
     joints = _joints_of(c, StateKind.APPROACH)
     return is_given or bool(joints)
-
-
-def takes_approach_from_order(data: Measurements) -> bool:
-    """Whether directions of approach follow from the order of the rows: none were given."""
-    codes = [note.code for note in data.notes]
-    return "approach-from-order" in codes
 
 
 def _joints_of(c: Calibration, kind: StateKind) -> list[int]:
@@ -127,7 +121,7 @@ def _joints_of(c: Calibration, kind: StateKind) -> list[int]:
 def describe_order_dependence(c: Calibration, data: Measurements) -> list[str]:
     """Describe which motions that the model uses follow from the order of the targets alone."""
     approach = list[int]()
-    if takes_approach_from_order(data):
+    if data.approach_from_order:
         approach = _joints_of(c, StateKind.APPROACH)
     sentences = []
     for joints, what, remedy in (
