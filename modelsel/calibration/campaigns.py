@@ -265,7 +265,8 @@ def _error_ratio(space: CommonSpace, tested: Index) -> float:
     uncertain = (first > 0) & (second > 0)
     if not uncertain.any():
         return 1.0
-    ratio = np.median(second[uncertain] / first[uncertain])
+    ratios = second[uncertain] / first[uncertain]
+    ratio = np.median(ratios)
     return float(ratio)
 
 

@@ -101,9 +101,10 @@ def _describe_unknown_approach(c: Calibration, data: Measurements) -> list[str]:
 
 def needs_approach(c: Calibration, data: Measurements) -> bool:
     """Whether directions of approach were given with the commands, or the model looks at one."""
-    is_given = not data.approach_from_order
+    if not data.approach_from_order:
+        return True
     joints = _joints_of(c, StateKind.APPROACH)
-    return is_given or bool(joints)
+    return bool(joints)
 
 
 def _joints_of(c: Calibration, kind: StateKind) -> list[int]:

@@ -111,7 +111,8 @@ def build_common_space(a: Calibration, b: Calibration) -> CommonSpace:
     model = a.model + b.model.mechanisms
     ranges = _intersect_ranges(a, b)
     common = replace(a, ranges=ranges, model=model)
-    problem = _spread_over_campaign(sample_workspace(common, m=CONFIGURATIONS), ranges)
+    sampled = sample_workspace(common, m=CONFIGURATIONS)
+    problem = _spread_over_campaign(sampled, ranges)
     placing: tuple[Term, ...] = ()
     if a.registered or b.registered:
         placing = build_setup(a.robot, 1, 1, True, False).terms

@@ -50,7 +50,8 @@ def check_targets(data: Measurements, calibrated: Names) -> None:
 
 def check_groups(data: Measurements, calibrated: Names) -> None:
     """Raise DataError where rows have groups that were not calibrated."""
-    unknown = [name for name in _list_seen(data.group, data.groups) if name not in calibrated]
+    seen = _list_seen(data.group, data.groups)
+    unknown = [name for name in seen if name not in calibrated]
     if unknown:
         _refuse("group", unknown, calibrated)
 

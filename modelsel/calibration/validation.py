@@ -368,8 +368,10 @@ def _locate_errors(data: Measurements, verdict: Verdict) -> str:
         rows = min(above.sum(), below.sum())
         if rows < MIN_HALF_ROWS:
             continue
-        high = float(squares[above].mean())
-        low = float(squares[below].mean())
+        of_upper = squares[above]
+        of_lower = squares[below]
+        high = float(of_upper.mean())
+        low = float(of_lower.mean())
         for ratio, side in ((high / low, "above"), (low / high, "below")):
             if ratio > largest:
                 largest = ratio
@@ -380,7 +382,10 @@ def _locate_errors(data: Measurements, verdict: Verdict) -> str:
 
 def _write_reading(data: Measurements, joint: int, value: float) -> str:
     """Write a reading as people read it: in degrees, or in mm of a joint that slides."""
-    slides = bool(data.prismatic) and data.prismatic[joint - 1]
+    slides = False
+    if data.prismatic:
+        slides = data.prismatic[joint - 1]
     if slides:
         return f"{value:.3g} mm"
-    return f"{np.degrees(value):.3g} deg"
+    degrees = np.degrees(value)
+    return f"{degrees:.3g} deg"

@@ -143,10 +143,14 @@ class Checkpoint:
 def _read_arrays(content: bytes) -> dict[str, NDArray[Any]]:
     """Read all arrays of a file of numpy's; what else it may be, and damage, raise errors of many
     kinds."""
-    with ZipFile(io.BytesIO(content)):  # a single array is no archive
-        pass
+    whole = io.BytesIO(content)
+    archive = ZipFile(whole)  # a single array is none
+    archive.close()
+    arrays = {}
     with np.load(io.BytesIO(content), allow_pickle=False) as file:
-        return {key: file[key] for key in file.files}
+        for key in file.files:
+            arrays[key] = file[key]
+    return arrays
 
 
 def _check_arrays(stored: Mapping[str, NDArray[Any]]) -> None:

@@ -169,7 +169,8 @@ def _round_middle(c: Calibration, name: str) -> float:
 
 def _has_width(c: Calibration, name: str) -> bool:
     """Whether the calibration has seen more than one value."""
-    low, high = c.ranges[name]
+    seen = c.ranges[name]
+    low, high = seen
     return low < high
 
 

@@ -277,7 +277,8 @@ def _has_wave(entry: EntryRecord) -> bool:
 
 def _remedy(causes: set[str]) -> str | None:
     """Return how to measure again so that causes which differ part."""
-    names = set(re.findall(r"\w+", " ".join(causes)))
+    words = " ".join(causes)
+    names = set(re.findall(r"\w+", words))
     found: set[object] = {*names, *map(state_kind, names)}
     for changing, remedy in REMEDIES:
         if changing & found:
