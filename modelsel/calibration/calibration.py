@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .._typing import Array, Index
-from ..exceptions import DataError, suggest
+from .._typing import Array
+from ..exceptions import DataError
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
@@ -28,6 +28,7 @@ from ..mechanisms.terms import Term
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
 from .assumed_values import add_assumed
+from .known_names import LABEL_NAMES, check_groups, check_targets, match_names
 from .refitting import Refits, part_of
 
 if TYPE_CHECKING:
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
 
 FACTOR_DIGITS = 10  # of the covariance factor; everything else is written in full
 MID_CAMPAIGN = 0.5  # where a drift is taken on data of another day
-PLACED_NAMES = {"target", "group", "feature"}  # names of a cause that are no values with a range
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -184,14 +184,14 @@ class Calibration:
                 "some rows are not points, and a calibration is compared with points only.",
                 remedy="Leave out the rows of other kinds, or make a study of the file.",
             )
-        several = len(self.targets) > 1
+        check_targets(data, self.targets)
+        if self._groups_differ():
+            check_groups(data, self.groups)
         bound_data = replace(
             data,
-            target=_match_names(data.target, data.targets, self.targets, "target", several),
+            target=match_names(data.target, data.targets, self.targets),
             targets=self.targets,
-            group=_match_names(
-                data.group, data.groups, self.groups, "group", self._groups_differ()
-            ),
+            group=match_names(data.group, data.groups, self.groups),
             groups=self.groups,
             progress=np.full(len(data), MID_CAMPAIGN) if another_day else data.progress,
         )
@@ -262,25 +262,6 @@ class Calibration:
         return f"<p>{escape(repr(self))}</p>{self.to_frame().to_html(index=False, max_rows=60)}"
 
 
-def _match_names(
-    index: Index, names: tuple[str, ...], known: tuple[str, ...], kind: str, distinct: bool
-) -> Index:
-    """Return rows' indices among the `known` names; where these are not `distinct`, unknown names
-    count as the first."""
-    place = {name: k for k, name in enumerate(known)}
-    unknown = [name for name in names if name not in place]
-    if unknown and distinct:
-        first = unknown[0]
-        advice = suggest(first, known)
-        raise DataError(
-            f'{kind} "{first}" was not calibrated. {advice}',
-            remedy="Use a calibrated one, or validate with --register where the set-up is new.",
-        )
-    places = [place.get(name, 0) for name in names]
-    known_places = np.array(places, dtype=np.intp)
-    return known_places[index]
-
-
 def calibrate(
     study: str,
     split: Split,
@@ -327,7 +308,7 @@ def _find_ranges(at: Problem, model: Model) -> dict[str, tuple[float, float]]:
     names = set[str]()
     for mechanism in model.mechanisms:
         names |= mechanism.names()
-    names -= PLACED_NAMES
+    names -= LABEL_NAMES
     names.update(at.data.covariates)
     for joint in range(1, at.robot.n + 1):
         names.add(f"q{joint}")

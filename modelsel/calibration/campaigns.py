@@ -3,8 +3,8 @@ that came, went, grew.
 
 Two fits choose their own representatives of what the data cannot tell apart, so neither's
 parameters are compared as they stand: both are expressed in one set of representatives on common
-configurations (identify.relation), where the difference and its covariance are tested, corrected
-for their number (Holm 1979). What moved is then said in the fewest terms that explain it."""
+configurations (identifiability.Identified.relation), where the difference and its covariance are
+tested, corrected for their number (Holm 1979). What moved is then said in the fewest terms that explain it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._linalg import TINY
 from .._typing import Array, Index
 from ..diagnosis.sentences import format_quantity
 from ..exceptions import StudyError, write_rounded
@@ -255,17 +254,19 @@ def _build_explanation(space: CommonSpace, open_terms: list[int], step: Step) ->
 
 
 def _error_ratio(space: CommonSpace, tested: Index) -> float:
-    """Return the second campaign's standard errors over the first's, in the median."""
-    if not len(tested):
-        return 1.0
+    """Return the second campaign's standard errors over the first's, in the median of the
+    parameters that neither knows exactly; 1 where there are none."""
     relation = space.relation.T[tested]
     errors = []
     for factor in space.factors:
         own = np.linalg.norm(relation @ factor, axis=1)
         errors.append(own)
     first, second = errors
-    least = np.maximum(first, TINY)
-    ratio = np.median(second / least)
+    uncertain = (first > 0) & (second > 0)
+    if not uncertain.any():
+        return 1.0
+    ratios = second[uncertain] / first[uncertain]
+    ratio = np.median(ratios)
     return float(ratio)
 
 
@@ -286,7 +287,7 @@ def _find_detectable_range(space: CommonSpace, tested: Index) -> tuple[float, fl
     return typical, worst
 
 
-# -- the fewest terms that explain a difference
+# -- sentences
 # ------------------------------------------------------------------------------------------------
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from .._typing import Array
 from ..exceptions import sentence_list
 from ..measurements.measurements import Measurements
+from ..measurements.state_names import StateKind, parse_state_name
 from .assumed_values import describe_assumed
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def _describe_past_limits(c: Calibration, data: Measurements) -> list[str]:
 
 def _describe_unknown_approach(c: Calibration, data: Measurements) -> list[str]:
     sentences = []
-    for joint in _joints_of(c, "approach"):
+    for joint in _joints_of(c, StateKind.APPROACH):
         directions = data.approach[:, joint - 1]
         unknown = directions == 0
         if unknown.any():
@@ -100,34 +101,33 @@ def _describe_unknown_approach(c: Calibration, data: Measurements) -> list[str]:
 
 def needs_approach(c: Calibration, data: Measurements) -> bool:
     """Whether directions of approach were given with the commands, or the model looks at one."""
-    is_given = not takes_approach_from_order(data)
-    joints = _joints_of(c, "approach")
-    return is_given or bool(joints)
+    if not data.approach_from_order:
+        return True
+    joints = _joints_of(c, StateKind.APPROACH)
+    return bool(joints)
 
 
-def takes_approach_from_order(data: Measurements) -> bool:
-    """Whether directions of approach follow from the order of the rows: none were given."""
-    codes = [note.code for note in data.notes]
-    return "approach-from-order" in codes
-
-
-def _joints_of(c: Calibration, stem: str) -> list[int]:
-    """List the joints whose value of a stem ("approach", "move") the model uses."""
+def _joints_of(c: Calibration, kind: StateKind) -> list[int]:
+    """List the joints whose state variable of a kind the model uses."""
     joints = []
     for name in c.needs():
-        number = name.removeprefix(stem)
-        if name.startswith(stem) and number.isdigit():
-            joints.append(int(number))
+        variable = parse_state_name(name)
+        if variable is None or variable.kind is not kind:
+            continue
+        if variable.joint is not None:
+            joints.append(variable.joint)
     return sorted(joints)
 
 
 def describe_order_dependence(c: Calibration, data: Measurements) -> list[str]:
     """Describe which motions that the model uses follow from the order of the targets alone."""
-    approach = _joints_of(c, "approach") if takes_approach_from_order(data) else []
+    approach = list[int]()
+    if data.approach_from_order:
+        approach = _joints_of(c, StateKind.APPROACH)
     sentences = []
     for joints, what, remedy in (
         (approach, "directions of approach", " or give approach columns"),
-        (_joints_of(c, "move"), "sizes of the moves", ""),
+        (_joints_of(c, StateKind.MOVE), "sizes of the moves", ""),
     ):
         if joints:
             named = sentence_list([str(j) for j in joints])

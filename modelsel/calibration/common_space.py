@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,6 +11,7 @@ import numpy as np
 from .._typing import Array, Index
 from ..fitting.design import compute_design
 from ..fitting.identifiability import identify
+from ..fitting.problem import Problem
 from ..fitting.reduction import reduce
 from ..mechanisms.geometry import build_setup
 from ..mechanisms.terms import Term
@@ -110,7 +111,8 @@ def build_common_space(a: Calibration, b: Calibration) -> CommonSpace:
     model = a.model + b.model.mechanisms
     ranges = _intersect_ranges(a, b)
     common = replace(a, ranges=ranges, model=model)
-    problem = sample_workspace(common, m=CONFIGURATIONS)
+    sampled = sample_workspace(common, m=CONFIGURATIONS)
+    problem = _spread_over_campaign(sampled, ranges)
     placing: tuple[Term, ...] = ()
     if a.registered or b.registered:
         placing = build_setup(a.robot, 1, 1, True, False).terms
@@ -134,6 +136,14 @@ def build_common_space(a: Calibration, b: Calibration) -> CommonSpace:
         np.array(identified.exact, dtype=np.intp),
         identified.relation,
     )
+
+
+def _spread_over_campaign(at: Problem, ranges: Mapping[str, tuple[float, float]]) -> Problem:
+    """Spread the configurations over the course of a campaign: at one moment a drift is a constant
+    shift, which the geometry would take up."""
+    start, end = ranges.get("progress", (0.0, 1.0))
+    progress = np.linspace(start, end, len(at.data))
+    return replace(at, data=replace(at.data, progress=progress))
 
 
 def _intersect_ranges(a: Calibration, b: Calibration) -> dict[str, tuple[float, float]]:

@@ -12,7 +12,7 @@ from .._typing import Array
 from ..exceptions import write_rounded
 from ..measurements.measurements import Measurements
 from ..measurements.visits import derive_motion
-from .command_notes import describe_order_dependence, takes_approach_from_order
+from .command_notes import describe_order_dependence
 
 if TYPE_CHECKING:
     from .calibration import Calibration
@@ -120,7 +120,7 @@ def leave_out_rows(data: Measurements, left_out: NDArray[np.bool_]) -> Measureme
     approach, move, _ = derive_motion(
         some.readings, some.configuration, some.group, some.order, some.prismatic
     )
-    if takes_approach_from_order(data):
+    if data.approach_from_order:
         some = replace(some, approach=approach)
     return replace(some, move=move)
 

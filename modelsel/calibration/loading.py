@@ -24,13 +24,14 @@ from ..robot.urdf import read_urdf_text
 from .calibration import Calibration
 from .calibration_file import CALIBRATION_FILE
 from .calibration_schema import SCHEMA_VERSION, CalibrationRecord, NoiseFloorRecord
+from .known_names import LABEL_NAMES
 from .refitting import Refits, refits_of
 
 STUDY_FILE = "study.toml"
 REPORTS = "reports"  # where `modelsel study` writes by default
 RELATIVE_TOLERANCE = 1e-6  # two numbers of a file that say the same
 REMEDY = "Run the study again."
-PLACED_NAMES = {"target", "group"}  # names of a cause that are no values with a range
+STORED_LABELS = LABEL_NAMES - {"feature"}  # features of a set-up are no part of a calibration
 
 
 def load_calibration(path: Path | str) -> Calibration:
@@ -255,7 +256,7 @@ def _check_screws(record: CalibrationRecord, model: Model) -> None:
         count = counts[member.kind]
         if not 0 <= member.index < count:
             raise ValueError("a cause names a target or group that it does not have")
-    needs -= PLACED_NAMES
+    needs -= STORED_LABELS
     missing = sorted(needs - record.ranges.keys())
     if missing:
         names = ", ".join(missing)

@@ -49,6 +49,8 @@ def is_louder_noise(
         return False
     test = compute_statistic(residual / own, spread / own, free)
     count = test.count - freedom
+    if not count:  # whatever may change was fitted
+        return True
     explained = test.T - freedom
     p = compute_ratio_p(count, freedom, explained / count)
     return p > MIN_P

@@ -30,15 +30,19 @@ POWER_QUANTILE = 1.28  # standard errors beyond the level's own: a change so lar
 NAMING_THRESHOLD = 5.4  # standard errors from which a search among thousands names with 90 %
 SINGLE_WORDS = (("went", "may have gone"), ("came", "may have come"))  # certain, else possible
 DEFINITE_CHANGES = ("came", "went", "grew", "shrank")
+NOT_COMPARABLE = "cannot be compared"  # the geometry follows all that a mechanism does
+MIN_SHARE_BEYOND = 1e-6  # of a whole motion, beyond the geometry: what is less is rounding
+CAMPAIGN_NAMES = ("first", "second")
 
 
 @dataclass(frozen=True)
 class MechanismChange:
     """A mechanism named in one campaign alone, under two names, or with terms that changed: what it
-    moved the target by in each campaign (rms mm, beyond what the geometry follows), `p` that chance
-    alone gives the difference (None: named in one campaign alone), and from where a difference
-    would have been seen, or the other campaign would have named it. `labels`: what findings of it are
-    called."""
+    moved the target by in each campaign (rms mm, beyond what the geometry follows; the whole motion
+    where it cannot be compared), `p` that chance alone gives the difference (None: named in one
+    campaign alone, or not compared), and from where a difference would have been seen, or the other
+    campaign would have named it (None: not known). `labels`: what findings of it are called;
+    `only_in`: "first" or "second" where that campaign alone has named it."""
 
     name: str
     labels: tuple[str, ...]
@@ -46,7 +50,8 @@ class MechanismChange:
     before_mm: float
     after_mm: float
     p: float | None
-    seen_mm: float
+    seen_mm: float | None
+    only_in: str | None = None
 
 
 def label_mechanism(name: str) -> str:
@@ -140,6 +145,19 @@ class Motions:
         motion = columns @ estimates
         return np.asarray(motion)
 
+    def whole_size(self, k: int, own: list[int]) -> float:
+        """Return the rms size [mm] of the whole motion by the terms in campaign k."""
+        motion = self.whole(k, own)
+        length = float(np.linalg.norm(motion))
+        return length / float(np.sqrt(len(self.X)))
+
+    def is_followed(self, k: int, own: list[int]) -> bool:
+        """Whether the geometry follows all that the terms do in campaign k: what is left of their
+        motion, if there is one, is rounding."""
+        beyond = float(np.linalg.norm(self.motion(k, own)))
+        whole = float(np.linalg.norm(self.whole(k, own)))
+        return beyond <= MIN_SHARE_BEYOND * whole
+
 
 def compare_mechanisms(motions: Motions, moved: set[str]) -> tuple[MechanismChange, ...]:
     """Compare every mechanism but the geometry: those named in one campaign alone, those in both
@@ -206,6 +224,11 @@ def _compare_pair(motions: Motions, pair: _Pair, moved: bool, count: int) -> Mec
     corrected for the number of pairs."""
     first = motions.named(0)[pair.first]
     second = motions.named(1)[pair.second]
+    labels = label_mechanism(pair.first), label_mechanism(pair.second)
+    if motions.is_followed(0, first) and motions.is_followed(1, second):
+        before = motions.whole_size(0, first)
+        after = motions.whole_size(1, second)
+        return MechanismChange(pair.label, labels, NOT_COMPARABLE, before, after, None, None)
     first_motion = motions.motion(0, first)
     second_motion = motions.motion(1, second)
     along = _unit(first_motion) + _unit(second_motion)
@@ -221,7 +244,6 @@ def _compare_pair(motions: Motions, pair: _Pair, moved: bool, count: int) -> Mec
         what = "changed"
     quantile = two_sided_quantile(SIGNIFICANCE / count)
     detectable = (quantile + POWER_QUANTILE) * error
-    labels = label_mechanism(pair.first), label_mechanism(pair.second)
     return MechanismChange(pair.label, labels, what, before, after, p, detectable)
 
 
@@ -229,21 +251,33 @@ def _judge_single(motions: Motions, campaign: int, name: str) -> MechanismChange
     """Judge a mechanism that one campaign alone has named: it went or came only if the other would
     have named it."""
     places = motions.named(campaign)[name]
-    along = motions.motion(campaign, places)
-    size, error = motions.size(campaign, places, along)
-    ratio = motions.surer if campaign == 0 else 1 / motions.surer
-    detectable = NAMING_THRESHOLD * error * ratio
-    certain, possible = SINGLE_WORDS[campaign]
-    what = possible
-    if size > detectable:
-        what = certain
+    size = motions.whole_size(campaign, places)
+    what = NOT_COMPARABLE
+    detectable = None
+    if not motions.is_followed(campaign, places):
+        along = motions.motion(campaign, places)
+        size, error = motions.size(campaign, places, along)
+        detectable = _naming_limit(motions, campaign, error)
+        certain, possible = SINGLE_WORDS[campaign]
+        is_certain = detectable is not None and size > detectable
+        what = certain if is_certain else possible
     before = after = 0.0
     if campaign == 0:
         before = size
     else:
         after = size
     label = label_mechanism(name)
-    return MechanismChange(label, (label,), what, before, after, None, detectable)
+    only_in = CAMPAIGN_NAMES[campaign]
+    return MechanismChange(label, (label,), what, before, after, None, detectable, only_in)
+
+
+def _naming_limit(motions: Motions, campaign: int, error: float) -> float | None:
+    """Return the size [mm] from which the other campaign would have named a motion whose standard
+    error in `campaign` is `error`; None where that error is zero: it says nothing of the other."""
+    if not error:
+        return None
+    ratio = motions.surer if campaign == 0 else 1 / motions.surer
+    return NAMING_THRESHOLD * error * ratio
 
 
 def _unit(vector: Array) -> Array:
@@ -270,6 +304,8 @@ def write_p(p: float) -> str:
 
 def describe_change(change: MechanismChange) -> str:
     """Describe one mechanism in words that go no further than the evidence."""
+    if change.what == NOT_COMPARABLE:
+        return _describe_followed(change)
     if change.p is None:
         return _describe_single(change)
     name = change.name
@@ -281,24 +317,43 @@ def describe_change(change: MechanismChange) -> str:
         return f"{name} {what}: {sizes}."
     if what == "changed":
         return f"The terms of {name} changed, its size did not beyond chance: {sizes}."
-    seen = f"{change.seen_mm:.2g}"
     return (
-        f"{name} did not change beyond chance: {sizes}; a change of {seen} mm would have been seen."
+        f"{name} did not change beyond chance: {sizes}; a change of {change.seen_mm:.2g} mm would "
+        "have been seen."
+    )
+
+
+def _describe_followed(change: MechanismChange) -> str:
+    """Describe a mechanism that moves the target as the geometry does, so that nothing can be
+    compared."""
+    before = write_rounded(change.before_mm)
+    after = write_rounded(change.after_mm)
+    named = f"{change.name} is named in both campaigns, with {before} and {after} mm"
+    if change.only_in is not None:
+        size = before if change.only_in == CAMPAIGN_NAMES[0] else after
+        named = f"{change.name} is named in the {change.only_in} campaign only, with {size} mm"
+    return (
+        f"{named} rms at the target. The geometry, which both have fitted, would move it in the same "
+        "way, so the two campaigns cannot be compared in it."
     )
 
 
 def _describe_single(change: MechanismChange) -> str:
     """Describe a mechanism that one campaign alone has named."""
-    named, other = ("first", "second") if change.before_mm else ("second", "first")
-    largest = max(change.before_mm, change.after_mm)
+    is_first = change.only_in == CAMPAIGN_NAMES[0]
+    named, other = CAMPAIGN_NAMES if is_first else CAMPAIGN_NAMES[::-1]
+    largest = change.before_mm if is_first else change.after_mm
     size = f"{write_rounded(largest)} mm rms at the target"
     if change.what in DEFINITE_CHANGES:
         return (
             f"{change.name} {change.what}: {size}; the {other} campaign would have named it from "
             f"{change.seen_mm:.2g} mm on."
         )
-    verb = "came" if change.after_mm else "went"
+    verb = "went" if is_first else "came"
+    limit = f"From where on the {other} would have named it is not known"
+    if change.seen_mm is not None:
+        limit = f"The {other} would have named it only from {change.seen_mm:.2g} mm on"
     return (
-        f"{change.name} is named in the {named} campaign only, with {size}. The {other} would have named it only from "
-        f"{change.seen_mm:.2g} mm on, so it cannot be said whether it {verb}."
+        f"{change.name} is named in the {named} campaign only, with {size}. {limit}, "
+        f"so it cannot be said whether it {verb}."
     )

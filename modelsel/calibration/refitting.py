@@ -22,10 +22,8 @@ from ..mechanisms.geometry import SETUP
 from ..mechanisms.terms import Term
 from ..selection.evaluation import Evaluation, Split, evaluate, summarise_errors
 from .calibration_schema import RefitRecord, RefitsRecord
+from .known_names import LABEL_NAMES
 
-PLACEMENT_NAMES = frozenset(
-    ("target", "group", "feature")
-)  # names that are fixed where a robot description is written
 MAX_TABLE_NAMES = 2  # values of the state that a table may hang on
 NESTED_FORMS = (
     "nominal",
@@ -91,14 +89,14 @@ def is_constant(term: Term) -> bool:
     names = set[str]()
     for screw in term.screws:
         names |= screw.cause.names()
-    return names <= PLACEMENT_NAMES
+    return names <= LABEL_NAMES
 
 
 def is_tabled(term: Term) -> bool:
     """Whether a table can hold a term: each of its screws hangs on two values at most."""
     for screw in term.screws:
         names = screw.cause.names()
-        values = names - PLACEMENT_NAMES
+        values = names - LABEL_NAMES
         if len(values) > MAX_TABLE_NAMES:
             return False
     return True

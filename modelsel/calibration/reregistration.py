@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .._linalg import RANK_TOLERANCE
+from .._linalg import RANK_TOLERANCE, orthonormal_basis
 from .._typing import Array, Index
 from ..exceptions import DataError, count_words
 from ..fitting.problem import Problem
@@ -42,9 +42,27 @@ def register_again(c: Calibration, at: Problem) -> Registration:
             remedy="Measure more.",
         )
     registration = _register_at(c, at, at)
+    _check_judgeable(at, registration.free)
     if "range_mm" in c.needs():  # the beam is as long as where the tracker now stands
         return _register_at(c, at, registration.problem)
     return registration
+
+
+def _check_judgeable(at: Problem, free: Array) -> None:
+    """Raise DataError where the set-up, the columns `free` (m, 3, k), follows whatever is measured."""
+    coordinates = at.data.position.size
+    columns = free.reshape(coordinates, -1)
+    rank = orthonormal_basis(columns).shape[1]
+    if rank < coordinates:
+        return
+    rows = count_words(len(at.data), "row")
+    count = len(np.unique(at.data.target))
+    targets = count_words(count, "target")
+    raise DataError(
+        f"the file has {rows} of {targets}, which --register uses up: the places of the tracker and "
+        "of the targets fit them exactly, and nothing is left to judge.",
+        remedy="Measure more configurations, or every target in each of them.",
+    )
 
 
 def _register_at(c: Calibration, start: Problem, at: Problem) -> Registration:

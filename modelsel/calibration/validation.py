@@ -32,6 +32,7 @@ from .expected_noise import (
     expect_noise,
     is_overstated,
 )
+from .known_names import list_unknown_targets
 from .louder_noise import is_louder_noise
 from .mistaken_data import (
     REGISTER_AGAIN,
@@ -139,24 +140,10 @@ def _doubt_row_uncertainties(sigma: Array, residual: Array, found: Lack) -> list
     return [f"{sentence} {cause} This test does not use them."]
 
 
-def _find_new_targets(c: Calibration, data: Measurements) -> tuple[str, ...]:
-    """List the targets of the data that were not calibrated; a calibration of one target takes any
-    name for it."""
-    calibrated = c.targets
-    if len(calibrated) == 1:
-        return ()
-    names = []
-    for name in data.targets:
-        known = name in calibrated
-        if not known:
-            names.append(name)
-    return tuple(names)
-
-
 def _add_new_targets(c: Calibration, data: Measurements) -> Calibration:
     """Add the targets that were not calibrated at the mean of those that were: where they are is
     found from the data."""
-    names = _find_new_targets(c, data)
+    names = list_unknown_targets(data, c.targets)
     count = len(names)
     middle = c.tools.mean(0)
     added = np.tile(middle, (count, 1))
@@ -205,7 +192,7 @@ def _judge_rows(c: Calibration, data: Measurements, free_setup: bool) -> Verdict
         problem = registration.problem
         free = registration.free
         moved = registration.moved
-        new_targets = _find_new_targets(c, data)
+        new_targets = list_unknown_targets(data, c.targets)
     else:
         bound = c.problem(data)
         problem = bound
@@ -292,8 +279,11 @@ def describe_verdict(data: Measurements, verdict: Verdict) -> list[str]:
         sentences.append(_list_worst(data, verdict))
     if verdict.new_targets:
         names = sentence_list([f'"{name}"' for name in verdict.new_targets])
+        subject, place = f"Target {names} was", "its place was"
+        if len(verdict.new_targets) > 1:
+            subject, place = f"Targets {names} were", "their places were"
         sentences.append(
-            f"Target {names} was not calibrated: its place was found from the new data and cannot be judged."
+            f"{subject} not calibrated: {place} found from the new data and cannot be judged."
         )
     if verdict.turned_rad is not None:
         sentences.append(
@@ -371,17 +361,31 @@ def _locate_errors(data: Measurements, verdict: Verdict) -> str:
     squares = verdict.size**2
     largest = MIN_HALF_RATIO
     words = ""
-    for j, readings in enumerate(data.q.T, 1):
+    for j, readings in enumerate(data.readings.T, 1):
         middle = float(np.median(readings))
         above = readings > middle
         below = ~above
         rows = min(above.sum(), below.sum())
         if rows < MIN_HALF_ROWS:
             continue
-        high = float(squares[above].mean())
-        low = float(squares[below].mean())
+        of_upper = squares[above]
+        of_lower = squares[below]
+        high = float(of_upper.mean())
+        low = float(of_lower.mean())
         for ratio, side in ((high / low, "above"), (low / high, "below")):
             if ratio > largest:
                 largest = ratio
-                words = f", most of it where q{j} is {side} {middle:.3g}"
+                place = _write_reading(data, j, middle)
+                words = f", most of it where q{j} is {side} {place}"
     return words
+
+
+def _write_reading(data: Measurements, joint: int, value: float) -> str:
+    """Write a reading as people read it: in degrees, or in mm of a joint that slides."""
+    slides = False
+    if data.prismatic:
+        slides = data.prismatic[joint - 1]
+    if slides:
+        return f"{value:.3g} mm"
+    degrees = np.degrees(value)
+    return f"{degrees:.3g} deg"

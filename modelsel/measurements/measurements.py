@@ -17,9 +17,8 @@ from ..notices import Note
 from ..robot.coupling import Coupling, readings_of
 from ..robot.rigid import to_quaternion
 from .features import COORDINATES, KINDS, Feature, KindColumns, add_kind_columns, collect_features
-from .motion import MeasuredRows, Waypoints, trace_motion
+from .motion import APPROACH_FROM_ORDER, MeasuredRows, Waypoints, describe_motion, trace_motion
 from .reference_temperature import REFERENCE, choose_reference
-from .resting_joints import describe_resting_joints
 from .row_order import compute_progress
 from .row_places import Where
 from .visits import count_distinct, number_blocks, number_keys
@@ -130,6 +129,11 @@ class Measurements:
     def configurations(self) -> int:
         """Number of configurations (visits)."""
         return count_distinct(self.configuration)
+
+    @property
+    def approach_from_order(self) -> bool:
+        """Whether directions of approach follow from the order of the rows: none were given."""
+        return any(note.code == APPROACH_FROM_ORDER for note in self.notes)
 
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Measurements:
         """Select the rows `index` (integers, a mask or a slice); approach and move stay as first
@@ -323,7 +327,7 @@ def build_measurements(
         sigma=sigma,
         rotation=None if orientation is None else orientation.rotation,
         sigma_rotation=None if orientation is None else orientation.sigma,
-        notes=_describe_motion(motion.flicker, prismatic, approach is None),
+        notes=describe_motion(motion.flicker, prismatic, approach is None),
         prismatic=tuple(prismatic),
         reference_celsius=choose_reference(covariates),
         coupling=coupling,
@@ -331,25 +335,6 @@ def build_measurements(
     if kinds is None:
         return data
     return _add_kinds(data, kinds)
-
-
-def _describe_motion(
-    flicker: Array, prismatic: Sequence[bool], is_derived: bool
-) -> tuple[Note, ...]:
-    """Say what was taken from the order of motion."""
-    notes = []
-    resting = describe_resting_joints(flicker, prismatic)
-    if resting is not None:
-        notes.append(Note("joint-rests", resting))
-    if is_derived:
-        notes.append(
-            Note(
-                "approach-from-order",
-                "The data have no approach columns: directions of approach were taken from the "
-                "order of motion when the file was read.",
-            )
-        )
-    return tuple(notes)
 
 
 def _add_kinds(data: Measurements, kinds: KindColumns) -> Measurements:

@@ -8,8 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._typing import Array, Index
+from ..notices import Note
 from ..robot.coupling import Coupling, readings_of
+from .resting_joints import describe_resting_joints
 from .visits import derive_motion, number_keys, number_visits
+
+APPROACH_FROM_ORDER = "approach-from-order"  # the code of its note
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,3 +100,22 @@ def _join(
         label = labels[k]
         joined.append(label)
     return joined
+
+
+def describe_motion(
+    flicker: Array, prismatic: Sequence[bool], is_derived: bool
+) -> tuple[Note, ...]:
+    """Say what was taken from the order of motion."""
+    notes = []
+    resting = describe_resting_joints(flicker, prismatic)
+    if resting is not None:
+        notes.append(Note("joint-rests", resting))
+    if is_derived:
+        notes.append(
+            Note(
+                APPROACH_FROM_ORDER,
+                "The data have no approach columns: directions of approach were taken from the "
+                "order of motion when the file was read.",
+            )
+        )
+    return tuple(notes)

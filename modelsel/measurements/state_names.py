@@ -212,6 +212,12 @@ def parse_state_name(name: str) -> StateVariable | None:
     return None
 
 
+def state_kind(name: str) -> StateKind | None:
+    """Return the kind of a name of the table; None for any other, such as a covariate's."""
+    variable = parse_state_name(name)
+    return None if variable is None else variable.kind
+
+
 def is_state_name(name: str) -> bool:
     """Return whether a name is one of the table's, of any arm: no column may have it."""
     return parse_state_name(name) is not None

@@ -23,11 +23,10 @@ from ..diagnosis.sentences import list_usual_causes
 from ..diagnosis.signatures import LEVELS
 from ..exceptions import write_rounded
 from ..fitting.problem import Problem
+from ..measurements.contract_columns import KNOWN_COVARIATES
 from ..mechanisms.causes import Cause, find_bump
 from ..mechanisms.terms import Term
 from ..selection.gain import Change, Gain, OrientationGain
-
-KNOWN_COVARIATES = ("payload_kg", "temperature_C", "time_s")
 
 Spot = tuple[int, str, str]  # frame, axis, cause
 Values = dict[str, Any]

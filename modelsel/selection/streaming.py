@@ -25,6 +25,7 @@ from ..fitting.problem import Problem
 from ..fitting.reduction import Reduction, Source, merged, reduce_problem
 from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
+from ..measurements.state_names import StateKind, state_kind
 from ..measurements.table import count_row_groups
 from ..measurements.visits import SAME_READING
 from ..mechanisms.terms import Mechanism, Term
@@ -33,8 +34,9 @@ from .cross_validation import CrossValidation, FoldedData, cross_validate, pad_b
 
 # `map`, or a cluster's equivalent; results in the items' order
 Mapper = Callable[[Callable[[Any], Any], Sequence[Any]], Iterable[Any]]
-# state variables that depend on other parts: the place in the campaign, the group's number
-GLOBAL_STATE = ("progress", "group")
+# state variables that depend on other parts: the place in the campaign, the group's number, the
+# last move
+GLOBAL_KINDS = (StateKind.PROGRESS, StateKind.GROUP, StateKind.MOVE)
 
 
 def hash_folds(data: Measurements, count: int, by: str = "configuration") -> Index:
@@ -280,13 +282,14 @@ def _check_model(source: Parts, model: Model) -> None:
     problems = []
     for mechanism in model.mechanisms:
         names = _state_names(mechanism)
-        lost = [n for n in names if n in GLOBAL_STATE or n.startswith("move")]
+        kinds = {name: state_kind(name) for name in names}
+        lost = [name for name, kind in kinds.items() if kind in GLOBAL_KINDS]
         if lost:
             problems.append(
                 f"{mechanism.name} depends on {', '.join(lost)}, which no part of the measurements "
                 "holds alone: leave it out of the base, or study the measurements as one file."
             )
-        elif underived and any(n.startswith("approach") for n in names):
+        elif underived and StateKind.APPROACH in kinds.values():
             files = f"{underived[0]}{' and others' if len(underived) > 1 else ''}"
             problems.append(
                 f"{mechanism.name} depends on directions of approach, which parts cannot take from "

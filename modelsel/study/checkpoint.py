@@ -12,6 +12,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,7 @@ IDENTITY = {
     "numpy": "numpy's version",
     "names": "the parameters",
 }
+RANDOM_KEY = 624  # words of a Mersenne twister's state
 
 
 class Checkpoint:
@@ -109,11 +111,16 @@ class Checkpoint:
     def _read(self) -> dict[str, NDArray[Any]] | None:
         """Return the arrays on disk; None without a file. Raises StudyError for another file."""
         try:
-            with np.load(self.path, allow_pickle=False) as file:
-                return {key: file[key] for key in file.files}
+            content = self.path.read_bytes()
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, EOFError, KeyError):
+        except OSError:
+            content = b""
+        try:
+            stored = _read_arrays(content)
+            _check_arrays(stored)
+            return stored
+        except (OSError, ValueError, EOFError, KeyError, NotImplementedError, BadZipFile):
             raise StudyError(
                 f"{self.path}: not a chain that can be resumed; run again without --resume."
             ) from None
@@ -131,3 +138,31 @@ class Checkpoint:
                 f"--resume: the unfinished chain in {self.path.parent} belongs to another run: "
                 f"{' and '.join(changed)} changed. Run again without --resume to start afresh."
             )
+
+
+def _read_arrays(content: bytes) -> dict[str, NDArray[Any]]:
+    """Read all arrays of a file of numpy's; what else it may be, and damage, raise errors of many
+    kinds."""
+    whole = io.BytesIO(content)
+    archive = ZipFile(whole)  # a single array is none
+    archive.close()
+    arrays = {}
+    with np.load(io.BytesIO(content), allow_pickle=False) as file:
+        for key in file.files:
+            arrays[key] = file[key]
+    return arrays
+
+
+def _check_arrays(stored: Mapping[str, NDArray[Any]]) -> None:
+    """Check that arrays are those of a chain (n, W, d), n > 0. Raises KeyError or ValueError."""
+    identity = json.loads(str(stored["identity"]))
+    steps, walkers, _ = stored["chain"].shape
+    shapes = {
+        "log_density": (steps, walkers),
+        "accepted": (walkers,),
+        "random_key": (RANDOM_KEY,),
+        "random_rest": (3,),
+    }
+    fits = all(stored[key].shape == shape for key, shape in shapes.items())
+    if not (fits and steps and isinstance(identity, dict)):
+        raise ValueError("the arrays are not those of a chain")

@@ -122,8 +122,7 @@ def repeat_for_targets(data: Measurements, targets: Sequence[str]) -> Measuremen
 
 def draw_approaches(data: Measurements, seed: int) -> Measurements:
     """Draw the directions of approach of a pool whose file gives none; the plan prescribes them."""
-    codes = [note.code for note in data.notes]
-    if "approach-from-order" not in codes:
+    if not data.approach_from_order:
         return data
     configuration = data.configuration
     configurations = int(configuration.max()) + 1

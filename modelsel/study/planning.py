@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._choices import PLAN_PURPOSES
 from .._random import generator
 from .._typing import Array
 from ..calibration.calibration import Calibration
@@ -110,9 +111,10 @@ def choose_configurations(
     """Choose `count` configurations of a pool.
 
     `purpose` is "rivals", to tell the study's rival explanations apart (the default where there are
-    any), or one of experiment_design.CRITERIA for the chosen model's terms (default "d"). Raises
-    DataError or StudyError.
+    any), or a criterion for the chosen model's terms, "d" (default), "a" or "o1" to "o5" (Sun &
+    Hollerbach 2008). Raises DataError or StudyError.
     """
+    _check_purpose(purpose)
     fitted = result.models.chosen.fit
     known = result.split.training
     rival_sets = find_rivals(result)
@@ -261,6 +263,14 @@ def _check_whole_number(name: str, number: Any, least: int) -> None:
     is_whole = isinstance(number, (int, np.integer)) and not isinstance(number, bool)
     if not is_whole or number < least:
         raise StudyError(f"{name}: expected a whole number from {least} on, found {number!r}.")
+
+
+def _check_purpose(purpose: str | None) -> None:
+    """Refuse a purpose that a plan cannot have. Raises StudyError."""
+    if purpose is None or purpose in PLAN_PURPOSES:
+        return
+    known = ", ".join(PLAN_PURPOSES)
+    raise StudyError(f"purpose: expected one of {known}, or None, found {purpose!r}.")
 
 
 def plan_next(

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..calibration.experiment_design import Rivals
+from ..measurements.state_names import parse_state_name
 
-# of the state: what the payload changes
-GRAVITY_NAMES = ("torque", "moment", "down_")
 # rise of the probability below which poses hardly tell rivals apart, unless it is high anyway
 MIN_GAIN = 0.05
 TOLD_APART = 0.9
@@ -16,7 +15,8 @@ TOLD_APART = 0.9
 def follows_gravity(rivals: Rivals) -> bool:
     """Whether a rival's cause is a torque or a moment of the links' and the payload's weight."""
     causes = [screw.cause for terms in rivals.terms for term in terms for screw in term.screws]
-    return any(name.startswith(GRAVITY_NAMES) for cause in causes for name in cause.names())
+    variables = [parse_state_name(name) for cause in causes for name in cause.names()]
+    return any(variable is not None and variable.family.by_gravity for variable in variables)
 
 
 def describe_rivals(

@@ -46,7 +46,10 @@ def parse_cell(cell: Any, where: Where, row: int, column: str, key: str = "") ->
         sign, digits, pi, divisor = match.groups()
         if match.start() != place or not (digits or pi) or (place and not sign):
             break
-        size = float(digits or 1) * (np.pi if pi else 1) / float(divisor or 1)
+        divided_by = float(divisor or 1)
+        if not divided_by:
+            break
+        size = float(digits or 1) * (np.pi if pi else 1) / divided_by
         total += -size if sign == "-" else size
         place = match.end()
     if place != len(text) or not np.isfinite(total):

@@ -59,7 +59,8 @@ MEANINGS = {word: key for key, words in STEMS.items() for word in words}
 SPELLED = str.maketrans({"θ": "theta", "α": "alpha", "β": "beta", "−": "-", "–": "-"})
 UNIT = re.compile(r"(?:[\s_/,-]+|\s*[\[(]\s*)(deg|degrees?|°|rad|radians?|mm|m)\s*[\])]?\s*$")
 PREVIOUS = re.compile(r"[_({\s]*(?:[ijkn]\s*-\s*1|prev(?:ious)?)[)}\s]*")
-FLANGE = re.compile(r"flange|tool|tcp|\bee\b|end", re.IGNORECASE)
+# what a last row that is no joint is called; "bend" and "wheel" are joints
+FLANGE = re.compile(r"(?i)flange|(?<![a-z])(tool|tcp|(ee|end([\s_-]*eff?ector)?)(?![a-z]))")
 SLIDES = {"p", "prismatic", "linear", "slide", "translational", "1"}
 TURNS = {"r", "revolute", "rotary", "rotational", "turn", "0", ""}
 # mm, and the sine of an angle: axes that are nearer coincide
@@ -129,6 +130,8 @@ def read_robot_table(path: Path, convention: str | None = None) -> tuple[Robot, 
         said += f"; {rows.variables}"
     if rows.limits is not None:
         said += "; limits of the joints as the table has them"
+    if rows.joints < len(rows.names):
+        said += f'; the last row, "{rows.names[-1]}", is no joint'
     if rows.unused:
         said += f"; not used: {', '.join(rows.unused)}"
     robot_file = _to_robot_file(rows, word, path.stem, f"{path.name}: {said}")

@@ -235,7 +235,7 @@ def _list_stated_columns(data: Measurements) -> dict[str, Any]:
     order = data.order
     if not np.array_equal(order, data.row):
         columns["order"] = order
-    if not _approach_is_derived(data):
+    if not data.approach_from_order:
         approaches = data.approach.T
         for j, approach in enumerate(approaches, 1):
             name = f"approach{j}"
@@ -247,13 +247,6 @@ def _list_stated_columns(data: Measurements) -> dict[str, Any]:
     if read_again.configurations != count:
         columns["configuration"] = np.arange(count)
     return columns
-
-
-def _approach_is_derived(data: Measurements) -> bool:
-    """Return whether the directions of approach were derived from the order on reading."""
-    notes = data.notes
-    codes = [note.code for note in notes]
-    return "approach-from-order" in codes
 
 
 def simulate_readings(
@@ -297,7 +290,7 @@ def simulate_readings(
     )
     frame = simulated.to_frame()
     frame = frame.reset_index(drop=True)
-    if not _approach_is_derived(data):
+    if not data.approach_from_order:
         return frame
     names = [f"approach{j + 1}" for j in range(robot.n)]
     return frame.drop(columns=names)

@@ -4,6 +4,7 @@ are in the robot's base frame, which way gravity points."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import hypot
 
 import numpy as np
 
@@ -46,6 +47,11 @@ class StatedSetup:
                 raise StudyError(
                     f"{option}: expected three finite numbers below {LARGEST:g}, found {listed}."
                 )
+        if self.gravity is not None and not any(self.gravity):
+            raise StudyError(
+                "--gravity: expected a direction in the base frame, such as 0 0 -1, found 0 0 0. "
+                "Leave it out where it is not known."
+            )
 
     def place(self, robot: Robot) -> Robot:
         """Return a robot with the gravity that is stated."""
@@ -108,5 +114,6 @@ def _write_numbers(values: Triple) -> str:
 
 def point_gravity(robot: Robot, direction: Triple | list[float]) -> Robot:
     """Return a robot with gravity in another direction, of any length, in its base frame."""
-    x, y, z = (np.array(direction, float) / np.linalg.norm(direction)).tolist()
-    return replace(robot, gravity=(x, y, z))
+    length = hypot(*direction)  # also where the squares are too small to be numbers
+    x, y, z = direction
+    return replace(robot, gravity=(x / length, y / length, z / length))

@@ -152,6 +152,16 @@ def test_the_range_that_is_said_is_taken(made) -> None:
     np.testing.assert_allclose(axis[[0, -1]], [low, high], atol=1e-9)
 
 
+def test_joints_that_never_moved_are_none_of_its_own(made) -> None:
+    still = dict(made.ranges) | {"q2": (-1.0, -1.0)}
+    found = export(replace(made, ranges=still), "grid")
+    assert read(found.text)[0] == ["q1_rad", "q3_rad", "q4_rad"]
+    assert any(words.startswith("joint 2 away from") for words in found.left_out)
+    held = {name: (low, low) for name, (low, _) in made.ranges.items()}
+    with pytest.raises(StudyError, match="the calibration has seen no joint move"):
+        export(replace(made, ranges=held), "grid")
+
+
 def test_slides_are_in_mm(rng) -> None:
     c = calibrated(replace(small_arm(prismatic=True), gravity=(0.0, 0.0, -1.0)), rng)
     found = export_grid(c, GridOptions((3,), 0.01, {}, {3: (50.0, 200.0)}))

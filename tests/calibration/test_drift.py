@@ -15,7 +15,7 @@ from modelsel.calibration.calibration import Calibration, calibrate
 from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.campaigns import compare_campaigns, correct_holm, describe_comparison
 from modelsel.calibration.fewest_terms import select_fewest_terms
-from modelsel.calibration.mechanism_changes import write_p
+from modelsel.calibration.mechanism_changes import describe_change, write_p
 from modelsel.calibration.prediction import compute_pose
 from modelsel.calibration.validation import describe_verdict as told
 from modelsel.calibration.validation import judge
@@ -77,8 +77,9 @@ def calibrated(
     m: int = 120,
     fitted: Model | None = None,
     floor: Floor | None = None,
+    **more: object,
 ) -> Calibration:
-    at = replace(drawn(ROBOT, rng, m), whitening=Whitening(1 / NOISE))
+    at = replace(drawn(ROBOT, rng, m, **more), whitening=Whitening(1 / NOISE))
     at = planted(at, model.terms, theta, rng, NOISE)
     rows = np.ones(m, bool)
     return calibrate(
@@ -236,6 +237,21 @@ def test_registering_anew_is_no_drift(rng) -> None:
         judge(c, new.take(np.arange(3)), True)
 
 
+def test_rows_that_a_set_up_fits_exactly_prove_nothing(rng) -> None:
+    """Four rows of two targets: twelve coordinates, which tracker and targets follow whatever they
+    are."""
+    model, theta = truth()
+    c = calibrated(rng, model, theta)
+    two = replace(c, targets=("A", "B"), tools=c.tools.repeat(2, 0))
+    new = campaign(rng, 6, model, theta)
+    named = replace(new, targets=("A", "B"), target=np.arange(6) % 2)
+    assert not judge(two, named, True).drifted
+    four = named.take(np.arange(4))
+    said = "4 rows of 2 targets, which --register uses up.* Measure more configurations"
+    with pytest.raises(DataError, match=said):
+        judge(two, four, True)
+
+
 def test_the_beam_is_as_long_as_where_the_tracker_now_stands(rng) -> None:
     """Refraction grows with the square of the range: with the tracker five metres further off it is
     another, and no drift."""
@@ -266,7 +282,10 @@ def test_which_configurations(rng) -> None:
     found = judge(c, new, False)
     said = told(new, found)
     assert said[0].startswith("The calibration has drifted")
-    assert "most of it where q2 is above" in said[0]
+    middle = np.median(new.q[:, 1])
+    assert f"most of it where q2 is above {np.degrees(middle):.3g} deg" in said[0]
+    sliding = replace(new, prismatic=(False, True, False, False, False, False))
+    assert f"where q2 is above {middle:.3g} mm" in told(sliding, found)[0]
     assert set(found.worst) <= set(np.flatnonzero(far))
     assert f"row {found.worst[0]} (" in said[1]
 
@@ -398,6 +417,58 @@ def test_one_motion_under_two_names(rng) -> None:
     ).mechanisms
     assert (only.name, only.what) == ("joint3-twist (now cell, which moves the arm alike)", "grew")
     assert only.after_mm == pytest.approx(2 * only.before_mm, rel=0.1)
+
+
+def test_a_drift_within_the_second_campaign_came_and_is_no_change_of_the_geometry(rng) -> None:
+    geometry, theta = truth(("geometric",))
+    drifting = Model((*geometry.mechanisms, mechanism("tracker-drift", ROBOT)))
+    drift = np.array([3.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    still = calibrated(rng, geometry, theta)
+    moving = calibrated(rng, drifting, np.r_[theta, drift])
+    for pair, what in (((still, moving), "came"), ((moving, still), "went")):
+        found = compare_campaigns(*pair)
+        (only,) = found.mechanisms
+        assert (only.name, only.what) == ("tracker-drift", what)
+        # evenly from 0 to 3 mm, beyond the constant shift that the geometry follows
+        assert max(only.before_mm, only.after_mm) == pytest.approx(3 / np.sqrt(12), rel=0.1)
+        assert not found.explained_by
+
+
+def test_what_the_geometry_follows_cannot_be_compared(rng) -> None:
+    """The second day's offset from the first is a shift where one day alone is looked at."""
+    from modelsel.mechanisms.causes import Member
+    from modelsel.mechanisms.terms import Mechanism
+
+    shift = Mechanism("new-stand", (Term("s", (Screw(1, "tx", Member("group", 0)),)),))
+    geometry, theta = truth(("geometric",))
+    model = Model((*geometry.mechanisms, shift))
+    days = np.repeat(["one", "two"], 60)
+    still = calibrated(rng, geometry, theta, group=days)
+    moved = calibrated(rng, model, np.r_[theta, 2.0], group=days)
+    same = (
+        "The geometry, which both have fitted, would move it in the same way, so the two campaigns"
+    )
+    for pair, campaign in (((still, moved), "second"), ((moved, still), "first")):
+        found = compare_campaigns(*pair)
+        (only,) = found.mechanisms
+        assert (only.what, only.seen_mm, only.only_in) == ("cannot be compared", None, campaign)
+        told = describe_comparison(found)[0]
+        assert told.startswith(f"new-stand is named in the {campaign} campaign only, with ")
+        assert f"{same} cannot be compared in it." in told
+
+
+def test_a_campaign_without_uncertainty_proves_nothing_of_the_other(rng) -> None:
+    """Divided by no error, every mechanism would have come."""
+    model, theta = truth(("geometric", "joint-compliance:2"))
+    other, _ = truth(("geometric",))
+    first = calibrated(rng, other, theta[:-1])
+    second = calibrated(rng, model, theta)
+    exact = replace(second, factor=np.zeros_like(second.factor))
+    (only,) = compare_campaigns(first, exact).mechanisms
+    assert (only.what, only.seen_mm) == ("may have come", None)
+    assert "From where on the first would have named it is not known" in describe_change(only)
+    empty = replace(only, what="may have gone", before_mm=0.0, after_mm=0.0, only_in="first")
+    assert "is named in the first campaign only, with 0 mm" in describe_change(empty)
 
 
 @pytest.mark.integration

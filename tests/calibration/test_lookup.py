@@ -12,9 +12,11 @@ from builders import drawn, planted
 
 from modelsel.calibration.calibration import Calibration, calibrate
 from modelsel.calibration.calibration_file import save_calibration
+from modelsel.calibration.command_notes import needs_approach
 from modelsel.calibration.constant_part import compute_points, split_parts
 from modelsel.calibration.export import export
 from modelsel.calibration.export.lookup import evaluate_tables
+from modelsel.calibration.export.python import list_inputs
 from modelsel.calibration.loading import load_calibration
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
@@ -23,6 +25,7 @@ from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.causes import Named
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.notices import Note
 from modelsel.robot.files import load_robot
 from modelsel.selection.evaluation import Split
 
@@ -98,3 +101,27 @@ def test_tables_cover_held_out_rows(rng, tmp_path) -> None:
     parts = [replace(varying[0], term=Term("", (screw,)), value=1.0) for screw in screws]
     found = compute_points(bound, parts)
     assert found == pytest.approx(compute_points(at, constant + varying), abs=1e-5)
+
+
+def test_covariates_that_begin_like_states_are_covariates(rng) -> None:
+    """A speed of approach is no direction: -1, 0 and 1 are not its grid."""
+    robot = load_robot("irb120")
+    causes = Named("approach_speed", "mm"), Named("move_speed", "mm")
+    terms = [Term(f"k{frame}", (Screw(frame, "tx", causes[frame - 1]),)) for frame in (1, 2)]
+    speed = Mechanism("speed", tuple(terms))
+    speeds = {cause.name: rng.uniform(10, 100, 60) for cause in causes}
+    at = drawn(robot, rng, 60, covariates=speeds)
+    c = calibrated(at, Model((mechanism("geometric", robot), speed)), np.ones(60, bool), rng)
+    tables = export(c, "table")
+    assert tables.error_mm < 1e-3
+    (points,) = [
+        names["approach_speed"]
+        for names in grids(tables.text).values()
+        if "approach_speed" in names
+    ]
+    assert min(map(float, points)) == pytest.approx(c.ranges["approach_speed"][0])
+    left_out = export(c, "grid").left_out
+    assert any(words.startswith("approach_speed away from") for words in left_out)
+    assert not any("direction of approach" in words or "last move" in words for words in left_out)
+    assert list_inputs(c) == ["approach_speed", "move_speed"]
+    assert not needs_approach(c, replace(at.data, notes=(Note("approach-from-order", ""),)))

@@ -36,13 +36,14 @@ from modelsel.fitting.possible_parts import MIN_EXCESS
 from modelsel.fitting.whitening import UNIT, Whitening
 from modelsel.measurements.reader import read_measurements
 from modelsel.measurements.visits import count_distinct
+from modelsel.mechanisms.causes import Named
 from modelsel.mechanisms.registry import build_mechanisms, mechanism
-from modelsel.mechanisms.terms import Term
+from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.study.planned_repeats import MAX_POSTURES, TIMES, format_repeats, plan_repeats
 from modelsel.study.planning import format_plan
-from modelsel.study.rival_sentences import describe_rivals
+from modelsel.study.rival_sentences import describe_rivals, follows_gravity
 
 ROBOT = load_robot("puma760")
 GEOMETRY = mechanism("geometric", ROBOT)
@@ -90,6 +91,13 @@ def test_right_is_the_formula() -> None:
     )
     assert _naming_probability(np.array(100.0), np.array(0.0)) == 0.5
     assert _naming_probability(np.array(100.0), np.array(100.0)) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_a_motor_torque_that_a_file_measures_is_no_moment_of_weight() -> None:
+    for name, by_weight in (("torque_Nm", False), ("torque2", True), ("moment_x", True)):
+        term = Term("k", (Screw(2, "rz", Named(name)),))
+        only = Rivals((name,), ((term,),), (np.ones(1),), np.ones(1), ())
+        assert follows_gravity(only) is by_weight
 
 
 def test_update_is_a_refit(rng) -> None:
@@ -383,6 +391,8 @@ def test_ranges_and_units_are_the_users(rng) -> None:
     ):
         with pytest.raises(StudyError, match=said):
             plan_next(result, 3, joints=wrong)
+    with pytest.raises(StudyError, match=r"purpose: expected one of rivals, d, a, .*, found 'e'"):
+        plan_next(result, 3, purpose="e")
 
 
 def test_every_target_is_seen_at_every_configuration(rng) -> None:

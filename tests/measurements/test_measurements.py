@@ -206,6 +206,7 @@ def test_approach_and_move_from_row_order(tmp_path) -> None:
     np.testing.assert_array_equal(data.approach, APPROACH)
     np.testing.assert_allclose(data.move, MOVE)
     assert "approach-from-order" in codes(data)
+    assert data.approach_from_order
     assert data.configurations == 5
 
 
@@ -275,6 +276,7 @@ def test_given_approach_stays(tmp_path) -> None:
     np.testing.assert_array_equal(data.approach, [[-1, 0], [-1, 1]])
     np.testing.assert_array_equal(data.move, [[0, 0], [1, 0]])
     assert "approach-from-order" not in codes(data)
+    assert not data.approach_from_order
     assert not {"approach1", "approach2"} & set(data.covariates)
 
 

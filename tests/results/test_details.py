@@ -43,6 +43,8 @@ def entry(name: str | None, *screws: tuple[int, str, str]) -> EntryRecord:
         (entry("approach-backlash:5", (5, "rz", "approach5")), "both sides"),
         (entry("payload-deflection:5", (5, "rz", "payload_kg*torque5_7")), "payload"),
         (entry("joint-compliance:5", (5, "rz", "torque5")), "independently"),
+        (entry("speed", (5, "rz", "approach_speed")), "independently"),
+        (entry("speed", (5, "rz", "move_speed*q5")), "independently"),
     ],
 )
 def test_what_would_separate_rivals(rival, word) -> None:

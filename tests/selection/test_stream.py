@@ -3,6 +3,8 @@ once."""
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,7 +17,9 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.problem import Problem
 from modelsel.fitting.reduction import merged
+from modelsel.mechanisms.causes import Named
 from modelsel.mechanisms.registry import mechanism
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load_robot
 from modelsel.selection.cross_validation import cross_validate, fold
 from modelsel.selection.streaming import Parts, Stream, fit_parts, hash_folds, list_parts
@@ -142,3 +146,20 @@ def test_parts_fit_positions_alone(rng, tmp_path) -> None:
     (plain, of_plain), (posed, of_posed) = results
     assert posed.rss == plain.rss
     assert of_posed.rms == of_plain.rms
+
+
+def test_covariates_named_like_states_do_not_hang_on_other_parts(rng, tmp_path) -> None:
+    at = some_scene(rng, 80)
+    frame = at.data.to_frame()
+    frame["move_speed"] = rng.uniform(10, 100, len(frame))
+    frame["approach_speed"] = rng.uniform(10, 100, len(frame))
+    stated = [name for name in frame.columns if re.fullmatch(r"approach\d", name)]
+    frame.drop(columns=stated).to_parquet(tmp_path / "day.parquet", index=False)
+    arm = load_robot("puma760")
+    terms = [
+        Term(f"k{k}", (Screw(k, "tx", Named(name)),))
+        for k, name in enumerate(("move_speed", "approach_speed"), 1)
+    ]
+    which = Model((mechanism("geometric", arm), Mechanism("speed", tuple(terms))))
+    fitted, _ = fit_parts(Parts(arm, TOOL, list_parts([tmp_path / "day.parquet"])), which)
+    assert len(fitted.theta) == len(which.terms)

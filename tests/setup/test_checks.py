@@ -774,6 +774,28 @@ def test_validate_finds_a_new_target_where_it_registers(rng, tmp_path) -> None:
     assert "--register" in ran.output
 
 
+def test_several_targets_are_not_taken_for_the_one_that_was_calibrated(rng, tmp_path) -> None:
+    """Their rows were judged at one place: a calibration that holds had drifted by 28 mm."""
+    data = frame(rng, 160, targets=("A", "B"))
+    early = data[data.configuration < 60]
+    folder = calibrated(tmp_path / "a", early[early.target == "A"])
+    late = data[data.configuration >= 60]
+    late.to_csv(folder / "new.csv", index=False)
+    ran = CliRunner().invoke(run_command_line, ["validate", str(folder), str(folder / "new.csv")])
+    assert ran.exit_code == 3
+    said = " ".join(ran.output.split())
+    assert 'the file names 2 targets, "A" and "B"; the calibration has one, "A".' in said
+    assert "Keep the rows of that one, or validate with --register" in said
+    one = late[late.target == "A"]
+    assert validated(folder, one.assign(target="C"))[1]["drifted"] is False  # by another name
+    _, found, text = validated(folder, late, "--register")
+    assert found["drifted"] is False
+    assert 'Target "B" was not calibrated: its place was found from the new data' in text
+    assert found["registered"]["target_mm"] < 0.2
+    _, _, text = validated(folder, late.assign(target=late.target.str.lower()), "--register")
+    assert 'Targets "a" and "b" were not calibrated: their places were found' in text
+
+
 def test_drawn_scenes_have_no_slips(rng) -> None:
     """The nominal arm with the errors of an assembled one, gross rows in random directions: no slip
     explains these."""

@@ -91,6 +91,22 @@ def test_table_of_franka_is_modified_with_a_flange(tmp_path) -> None:
     np.testing.assert_allclose(forward(again, q, TOOL), nominal, atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("name", "joints"),
+    [
+        *(("bend", 3), ("Tender", 3), ("wheel", 3), ("end", 2), ("End-Effector", 2)),
+        *(("tool0", 2), ("link_ee", 2), ("EE", 2), ("TCP", 2), ("Robot flange", 2)),
+    ],
+)
+def test_last_row_is_a_joint_unless_it_is_called_the_flange(name, joints, tmp_path) -> None:
+    header = "joint,theta_deg,d_mm,a_mm,alpha_deg,convention"
+    rows = ("base,0,100,0,90", "shoulder,0,0,300,0", f"{name},0,0,250,0")
+    lines = [header, *(f"{row},standard" for row in rows)]
+    robot, _, said = read_robot_table(write(tmp_path, "arm.csv", "\n".join(lines)))
+    assert robot.n == joints
+    assert (f'the last row, "{name}", is no joint' in said) is (joints == 2)
+
+
 def test_spreadsheet_with_a_row_of_units_and_offsets(tmp_path) -> None:
     table = pd.DataFrame(
         {
@@ -169,6 +185,7 @@ def test_columns_in_the_order_of_their_motions(tmp_path) -> None:
     [
         ("theta,d,a\n0,1,2\n", "no column for alpha was found"),
         ("theta,d,a,alpha\n0,400,0,x\n0,0,300,0\n", '"x" is no number'),
+        ("theta,d,a,alpha\n0,400,0,pi/0\n0,0,300,0\n", '"pi/0" is no number'),
         ("theta,d,a,alpha\n0,400,0,0.7\n0,0,300,0.1\n", "may be degrees or radians"),
         ("theta,d,a,alpha\n0,400,0,0\n0,0,0,0\n", "would be one"),
         ("theta,d,a,alpha,type\n0,400,0,90,spiral\n", '"spiral" is no kind of joint'),

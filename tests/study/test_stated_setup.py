@@ -56,6 +56,9 @@ def test_a_place_that_is_no_number_is_refused() -> None:
         StatedSetup(tool=(np.nan, 0.0, 0.0))
     with pytest.raises(StudyError, match=r"--gravity: expected three finite"):
         StatedSetup(gravity=(0.0, 0.0, -np.inf))
+    with pytest.raises(StudyError, match=r"--gravity: expected a direction .* such as 0 0 -1"):
+        StatedSetup(gravity=(0.0, 0.0, 0.0)).place(ROBOT)
+    assert StatedSetup(gravity=(0.0, -1e-200, 0.0)).place(ROBOT).gravity == (0, -1, 0)
 
 
 def test_unknown_gravity_stands_in_the_verdict() -> None:

@@ -3,6 +3,7 @@ against arviz-stats, resuming."""
 
 from __future__ import annotations
 
+import io
 import json
 import sys
 from collections.abc import Sequence
@@ -440,9 +441,17 @@ def test_checkpoint_belongs_to_one_run(tmp_path: Path, rng: np.random.Generator)
     with pytest.raises(StudyError, match="the measurements changed"):
         Checkpoint(tmp_path, resume=True).bind({**identity, "data_sha256": "9"})
     assert Checkpoint(tmp_path, resume=False).load(names) is None
-    again.path.write_bytes(b"not a chain")
-    with pytest.raises(StudyError, match="run again without --resume"):
-        Checkpoint(tmp_path, resume=True).bind(identity)
+    whole = again.path.read_bytes()
+    other, single, unequal = io.BytesIO(), io.BytesIO(), io.BytesIO()
+    np.savez(other, chain=state.chain)
+    np.save(single, state.chain)
+    arrays = dict(np.load(again.path))
+    np.savez(unequal, **{**arrays, "accepted": np.zeros(3)})
+    damaged = (b"", b"not a chain", whole[:100], whole[:-100], whole[500:])
+    for content in (*damaged, other.getvalue(), single.getvalue(), unequal.getvalue()):
+        again.path.write_bytes(content)
+        with pytest.raises(StudyError, match="run again without --resume"):
+            Checkpoint(tmp_path, resume=True).bind(identity)
     again.clear()
     assert not list(tmp_path.iterdir())
 

@@ -12,7 +12,7 @@ import numpy as np
 from ..._typing import Array
 from ...exceptions import StudyError, suggest
 from ...measurements.reference_temperature import TEMPERATURE
-from ...measurements.state_names import is_state_name
+from ...measurements.state_names import StateKind, is_state_name, state_kind
 from ..command_notes import RANGE_TOLERANCE
 
 if TYPE_CHECKING:
@@ -48,9 +48,16 @@ class Held:
 
 
 def default_joints(c: Calibration) -> tuple[int, ...]:
-    """Return the first joints, as many as a grid is over."""
-    most = min(c.robot.n, MAX_JOINTS)
-    return tuple(range(1, most + 1))
+    """Return the first joints that the calibration has seen move, as many as a grid is over.
+    Raises StudyError where none moved."""
+    joints = range(1, c.robot.n + 1)
+    moved = [joint for joint in joints if _has_width(c, f"q{joint}")]
+    if not moved:
+        raise StudyError(
+            "grid: the calibration has seen no joint move, and a grid is over joints that did. "
+            "Export another form, such as json."
+        )
+    return tuple(moved[:MAX_JOINTS])
 
 
 def read_ranges(
@@ -160,6 +167,13 @@ def _round_middle(c: Calibration, name: str) -> float:
     return min(max(rounded, low), high)
 
 
+def _has_width(c: Calibration, name: str) -> bool:
+    """Whether the calibration has seen more than one value."""
+    seen = c.ranges[name]
+    low, high = seen
+    return low < high
+
+
 def _is_seen(c: Calibration, name: str, value: float) -> bool:
     """Whether the calibration has seen a value, or one so near that it is no extrapolation."""
     low, high = c.ranges[name]
@@ -180,8 +194,9 @@ def list_held(c: Calibration, joints: Sequence[int], held: Held) -> tuple[str, .
     for name, value in held.covariates.items():
         if name in needs:
             out.append(f"{name} away from {value:.6g}")
-    if any(name.startswith("approach") for name in needs):
+    kinds = {state_kind(name) for name in needs}
+    if StateKind.APPROACH in kinds:
         out.append("the direction of approach (the middle of the play is taken)")
-    if any(name.startswith("move") for name in needs):
+    if StateKind.MOVE in kinds:
         out.append("the size of the last move")
     return tuple(out)

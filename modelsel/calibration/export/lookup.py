@@ -14,6 +14,7 @@ import numpy as np
 
 from ..._typing import Array
 from ...fitting.problem import Problem
+from ...measurements.state_names import StateKind, state_kind
 from ...robot.rigid import AXES
 from ..constant_part import Part
 
@@ -124,7 +125,7 @@ def _refine_grid(
         grid = []
         for name in names:
             points = np.array([-1.0, 0.0, 1.0])
-            if not name.startswith("approach"):
+            if state_kind(name) is not StateKind.APPROACH:
                 points = _space_points(*ranges[name], count)
             grid.append(points)
         values = at(*grid)

@@ -17,7 +17,7 @@ import numpy as np
 from ..._typing import Array
 from ...fitting.design import PLACE
 from ...fitting.problem import Problem
-from ...measurements.state_names import is_state_name
+from ...measurements.state_names import StateKind, state_kind
 from ...mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
 from ..constant_part import constant_entries, split_parts
 from ..prediction import compute_pose, to_tracker_frame
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from ..calibration import Calibration
 
 START = "DATA: Data = "  # of the last line of standalone.py, and of what a module has in its place
+# kinds of state that joint readings do not say
+GIVEN_KINDS = (StateKind.APPROACH, StateKind.MOVE, StateKind.PROGRESS)
 
 
 def load_program() -> str:
@@ -124,11 +126,12 @@ def module_data(c: Calibration) -> dict[str, Any]:
 def list_inputs(c: Calibration) -> list[str]:
     """List the names that the model uses and joint readings do not say: covariates, directions of
     approach, moves, progress."""
-    return sorted(
-        n
-        for n in c.needs() - {"target", "group"}
-        if n.startswith(("approach", "move")) or n == "progress" or not is_state_name(n)
-    )
+    inputs = []
+    for name in c.needs():
+        kind = state_kind(name)
+        if kind is None or kind in GIVEN_KINDS:
+            inputs.append(name)
+    return sorted(inputs)
 
 
 # -- a function and a table

@@ -3,11 +3,13 @@ picture that convinces."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from functools import partial
 
 from ...diagnosis.stated_probability import format_chance, format_probability
 from ...measurements.row_places import Where
+from ...measurements.state_names import StateKind, state_kind
 from ...results.details_schema import FindingDetailsRecord
 from ...results.finding_advice import advise
 from ...results.finding_schema import EntryRecord, FindingRecord
@@ -41,10 +43,17 @@ LEVELS = (
     "Levels: the probability of what moves (place), of what it depends on (drivers), of how (shape) and of why (cause). A "
     "finding claims the deepest level that reaches 0.9."
 )
-REMEDIES = (  # names in a cause, how to measure again
-    (("progress", "time_s", "temperature_C"), "measured again at another time of the campaign"),
-    (("approach", "move"), "approached from both sides, by short and by long moves"),
-    (("payload_kg",), "measured with and without the payload"),
+# covariates or kinds of state in a cause, how to measure again
+REMEDIES: tuple[tuple[set[object], str], ...] = (
+    (
+        {StateKind.PROGRESS, "time_s", "temperature_C"},
+        "measured again at another time of the campaign",
+    ),
+    (
+        {StateKind.APPROACH, StateKind.MOVE},
+        "approached from both sides, by short and by long moves",
+    ),
+    ({"payload_kg"}, "measured with and without the payload"),
 )
 
 
@@ -269,7 +278,9 @@ def _has_wave(entry: EntryRecord) -> bool:
 def _remedy(causes: set[str]) -> str | None:
     """Return how to measure again so that causes which differ part."""
     words = " ".join(causes)
-    for names, remedy in REMEDIES:
-        if any(name in words for name in names):
+    names = set(re.findall(r"\w+", words))
+    found: set[object] = {*names, *map(state_kind, names)}
+    for changing, remedy in REMEDIES:
+        if changing & found:
             return remedy
     return None
