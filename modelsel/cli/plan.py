@@ -10,7 +10,7 @@ import click
 from .._choices import PLAN_PURPOSES
 from .._progress import show_progress
 from ..exceptions import count_words
-from ._options import print_json, print_prose, table_option
+from ._options import json_option, print_json, print_prose, table_option
 from ._output_path import OutputPath, check_output, check_table_path
 
 # sizes of effects [mm] that are asked for
@@ -83,7 +83,7 @@ def _check_size(
     help="CSV (or Parquet) file to write the chosen configurations to.",
 )
 @table_option
-@click.option("--json", "as_json", is_flag=True)
+@json_option
 def plan_command(
     study: Path,
     pool_file: Path | None,
@@ -143,6 +143,10 @@ def plan_command(
     click.echo(text if out is None else f"Written: {out}")
     for line in format_plan(planned):
         print_prose(line)
+    if repeats is None and planned.repeats is not None:
+        print_prose(
+            f"--repeats {planned.repeats.times} writes these rounds, each in another order."
+        )
     if size is not None and more is not None:
         print_prose(_describe_size(size, more))
 
