@@ -21,7 +21,8 @@ from ..measurements.table import Table
 # where the mechanisms of a payload have its mass
 PAYLOAD = (
     "payload_kg: its weight is taken to act at the target, the reflector on the flange; where its "
-    "centre is elsewhere, the stiffness that is found is that much off, the joint is not."
+    "centre of mass is elsewhere, the stiffness is wrong by the ratio of the lever arms; which joint "
+    "it is remains right."
 )
 # share of different cells from which a column of text is the names of points
 MIN_DISTINCT = 0.9
