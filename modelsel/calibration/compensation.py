@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 MAX_ITERATIONS = 60
 START_DAMPING, MIN_DAMPING, MAX_DAMPING = 1e-9, 1e-12, 1e6  # of the trace of J Jᵀ
+FIGURE_DECIMALS = 6  # of mm and mrad in a table: nanometres and nanoradians
 REACHED_MM = 1e-3  # 1 µm: a row that is nearer is reached
 SETTLED_MM = 1e-7  # a row that is nearer is left alone
 # what a radian of a wanted orientation weighs against a mm, and a slide's mm against a radian
@@ -104,7 +105,7 @@ class Commands:
             }
         if self.model_rad is not None:
             out["orientation_uncertainty_mrad"] = self.model_rad * 1e3
-        return out
+        return {name: np.round(values, FIGURE_DECIMALS) for name, values in out.items()}
 
 
 def replace_readings(at: Problem, q: Array) -> Problem:

@@ -15,6 +15,7 @@ from ..diagnosis.stated_probability import (
     format_probability,
     scale_listed,
 )
+from ..exceptions import write_percent, write_rounded
 from ..measurements.row_places import Where
 from ..notices import HOPELESS_FIT, Note, list_alarms
 from .finding_schema import EntryRecord, FindingRecord
@@ -83,7 +84,7 @@ def format_p(p: float | None) -> str:
 
 def format_share(share: float | None) -> str:
     """Return a share in percent; a dash where undefined."""
-    return "–" if share is None else f"{share:.0%}"
+    return "–" if share is None else write_percent(share)
 
 
 def format_weight(weight: float | None) -> str:
@@ -182,7 +183,7 @@ def describe_split(record: StudyRecord) -> str:
 def describe_noise_floor(record: StudyRecord) -> str:
     """Return the noise floor with its source, without a full stop."""
     floor = record.noise_floor
-    return f"{floor.coordinate_mm:.3g} mm per coordinate ({floor.source})"
+    return f"{write_rounded(floor.coordinate_mm)} mm per coordinate ({floor.source})"
 
 
 # -- findings
@@ -299,7 +300,7 @@ def describe_predictable(record: StudyRecord) -> str:
     chance = f"(p = {format_chance(predictable.p)})"
     if has_predictable_rest(record):
         return (
-            f"Some smooth function of the configuration would still predict {predictable.share:.0%} of what is left "
+            f"Some smooth function of the configuration would still predict {write_percent(predictable.share)} of what is left "
             f"{chance}: the chosen model does not explain everything."
         )
     return f"No smooth function of the configuration predicts the remaining error {chance}."

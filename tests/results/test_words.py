@@ -188,7 +188,7 @@ def test_the_package_runs_as_a_module() -> None:
 def test_turns_and_slides_are_bounded_each_in_its_unit() -> None:
     made = Commands(*(np.zeros((2, 3)) for _ in range(3)), *(np.ones(2) for _ in range(4)))
     made.change[:] = [[1e-3, -2e-3, 0.05], [0.0, 0.0, -0.07]]
-    for slides, said in ((False, "70 mrad."), (True, "2 mrad or 70 µm.")):
+    for slides, said in ((False, "70.0 mrad."), (True, "2.00 mrad or 70.0 µm.")):
         assert _sentence(made, np.array([False, False, slides])).endswith(
             f"No joint changes by more than {said}"
         )
