@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,8 @@ from ..exceptions import CHECK_FAILED, write_rounded
 from ._options import json_option, print_json, print_prose, xacro_option
 from ._output_path import OutputPath, check_output
 
+# of a length [mm] or an angle [deg] in a note: a terminal shows four decimals of it
+LONG_DECIMAL = re.compile(r"-?\d+\.\d{5,}")
 if TYPE_CHECKING:
     from ..calibration.calibration import Calibration
     from ..calibration.export.form import Exported
@@ -166,4 +169,5 @@ def _print_export(made: Exported, out: Path) -> None:
     for line in made.table:
         print_prose(line)
     for note in made.notes:
-        print_prose(f"Note: {note}.")
+        shown = LONG_DECIMAL.sub(lambda match: f"{float(match[0]):.4f}", note)
+        print_prose(f"Note: {shown}.")

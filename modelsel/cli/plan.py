@@ -141,14 +141,17 @@ def plan_command(
         return
     text = table.to_string(index=False, float_format=lambda v: f"{v:.4f}")
     click.echo(text if out is None else f"Written: {out}")
-    for line in format_plan(planned):
+    for line in [*format_plan(planned), *_offer_rounds(planned, repeats)]:
         print_prose(line)
-    if repeats is None and planned.repeats is not None:
-        print_prose(
-            f"--repeats {planned.repeats.times} writes these rounds, each in another order."
-        )
     if size is not None and more is not None:
         print_prose(_describe_size(size, more))
+
+
+def _offer_rounds(planned: MeasurementPlan, asked: int | None) -> list[str]:
+    """Say which option writes the rounds of repeats that a plan proposes, where none are `asked`."""
+    if planned.repeats is None or asked is not None:
+        return []
+    return [f"--repeats {planned.repeats.times} writes these rounds, each in another order."]
 
 
 def _describe_size(size: float, more: int) -> str:

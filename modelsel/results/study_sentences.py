@@ -6,7 +6,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from math import ceil, log10
+from math import copysign
 
 from ..diagnosis.stated_probability import (
     describe_level_probability,
@@ -45,6 +45,7 @@ SMALLEST_P = 0.001
 LONG_NUMBER = re.compile(r"\d+\.\d{4,}")
 # mm from which three decimals are more than anyone reads
 LARGEST_FINE_MM = 9.9995
+SMALLEST_GAIN_MM = 1e-4  # mm; a smaller gain is told as this
 FEATURE_POSITIONS = {
     "wire": "its anchor stands",
     "ball-bar": "its sphere stands",
@@ -65,11 +66,11 @@ def format_mm(value: float | None) -> str:
 
 
 def format_gain(value: float) -> str:
-    """Return a change of a length [mm] as `format_mm` does, with the first digit of one that is smaller."""
+    """Return a change of a length [mm] as `format_mm` does; of one that is smaller a digit more, no less
+    than SMALLEST_GAIN_MM, so that its sign is seen."""
     text = format_mm(value)
     if float(text) == 0 != value:
-        places = ceil(-log10(abs(value)))
-        text = f"{value:.{places}f}"
+        text = f"{copysign(max(abs(value), SMALLEST_GAIN_MM), value):.4f}"
     return text.replace("-", "−")
 
 

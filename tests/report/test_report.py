@@ -356,6 +356,12 @@ def test_pages_are_chosen(drawn, tmp_path) -> None:
     assert "Error map" in text[1]
     for name in ("report.pdf", "report.html"):
         assert (tmp_path / name).read_bytes() == (drawn / name).read_bytes()
+    unknown = CliRunner().invoke(
+        run_command_line, ["report", str(tmp_path), "--pages", "first,foo"]
+    )
+    assert (unknown.exit_code, unknown.stdout) == (2, "")
+    assert 'no page "foo"' in unknown.stderr
+    assert unknown.stderr.count("map") == 1
     wrong = CliRunner().invoke(run_command_line, ["report", str(tmp_path), "--pages", "frist"])
     assert wrong.exit_code == 2
     assert 'Did you mean "first"?' in wrong.output

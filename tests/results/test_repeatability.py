@@ -50,19 +50,19 @@ SAID = {
     JOINT: part("joint 2", 21.3e-6, 18.2e-6, 24.4e-6),
     f"{JOINT} {UNSURE}": part("joint 2", 21.3e-6, 18.2e-6, 24.4e-6, told_by="directions"),
     (
-        "Joint 3 does not repeat better than 12 µm (95 %: 9 to 18 µm): 0.012 mm at the target, less than 1 % of what is left."
+        "Joint 3 does not repeat better than 12 µm (95 %: 9.0 to 18 µm): 0.012 mm at the target, less than 1 % of what is left."
     ): part("joint 3", 0.012, 0.009, 0.018, unit="mm", share=0.001, at_target=0.012),
     (
         "The instrument, and whatever else is independent from row to row, leaves 8.1 µm per coordinate (95 %: 7.6 to 8.7 µm): "
         "0.011 mm at the target, 60 % of what is left."
     ): INSTRUMENT,
     (
-        "The targets of one configuration share an error of 0.13 mm per coordinate (95 %: 0.1 to 0.2 mm): 0.23 mm at the "
+        "The targets of one configuration share an error of 0.13 mm per coordinate (95 %: 0.10 to 0.20 mm): 0.23 mm at the "
         "target, 40 % of what is left. The flange or the base stood a little differently each time, or, where no posture was "
         "measured again, the model errs there."
     ): part("configuration", 0.13, 0.1, 0.2, told_by="targets", at_target=0.2252),
     (
-        "Repeated measurements of one posture share an error of 11 µm per coordinate (95 %: 9 to 13 µm): 0.019 mm at the "
+        "Repeated measurements of one posture share an error of 11 µm per coordinate (95 %: 9.0 to 13 µm): 0.019 mm at the "
         "target, 40 % of what is left. It repeats, so it is an error of the model that no candidate describes, not of the "
         "measurement."
     ): part("configuration", 0.011, 0.009, 0.013, at_target=0.0191),
@@ -106,7 +106,7 @@ def test_only_repeats_prove_that_a_joint_does_not_repeat() -> None:
 def test_the_instrument_alone_says_that_nothing_else_was_told() -> None:
     (alone,) = records(part("instrument", 0.058, 0.0575, 0.0586, share=1.0, at_target=0.1004))
     assert alone.sentence == (
-        "What is left is independent from row to row, as an instrument's errors are: 58 µm per coordinate (95 %: 57.5 to 58.6 µm), "
+        "What is left is independent from row to row, as an instrument's errors are: 58.0 µm per coordinate (95 %: 57.5 to 58.6 µm), "
         "0.10 mm at the target. No joint was found that fails to repeat, and no error that rows share."
     )
     assert write_repeatability_lines([alone]) == [f"Repeatability: {alone.sentence}"]

@@ -14,7 +14,7 @@ from report_studies import read_source
 from modelsel.calibration.compensation import Commands
 from modelsel.cli.compensate import _sentence
 from modelsel.cli.main import run_command_line
-from modelsel.diagnosis.sentences import describe_amount, format_quantity
+from modelsel.diagnosis.sentences import describe_amount, format_angle, format_quantity
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.report.figures.finding import panel_height
@@ -66,6 +66,16 @@ def test_a_range_that_moves_nothing_is_not_said() -> None:
         describe_amount(terms, np.array(shifts + turns), np.ones(6))
         == "peak to peak 0.0739 mm and 40.0 µrad"
     )
+
+
+def test_terms_of_one_kind_share_a_unit() -> None:
+    terms = [Term(name, (Screw(2, "rz"),)) for name in ("c2", "m2")]
+    told = describe_amount(terms, np.array([3e-5, 1.23e-7]), np.array([1e-6, 1.46e-7]))
+    assert told == "c2 = 30.0 ± 1.0 µrad, m2 = 0.12 ± 0.15 µrad"
+
+
+def test_an_angle_of_many_mrad_is_in_degrees() -> None:
+    assert list(map(format_angle, (1.68e-6, 4e-4, 1.0))) == ["1.68 µrad", "0.400 mrad", "57.3°"]
 
 
 def entry(mechanism: str | None, *screws: tuple[int, str, str]) -> EntryRecord:

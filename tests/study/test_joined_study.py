@@ -473,6 +473,9 @@ def test_a_constant_clock_offset_is_proposed_not_used(tmp_path) -> None:
         DataError, match="3731 s ahead: 40 gaps are about equal; --clock-offset 3731"
     ):
         draft_joined_study(*files, robot, {}, "time")
+    with pytest.raises(DataError, match=r"Say --clock-offset or --max-gap") as refused:
+        draft_joined_study(*files, robot, {})
+    assert "or of times" not in str(refused.value)
     draft = draft_joined_study(*files, robot, {}, "time", clock_offset=3731.0)
     assert len(draft.read()) == ROWS
 
