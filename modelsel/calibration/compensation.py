@@ -281,7 +281,7 @@ def correct(
     if missed:
         where = commands.where_left
         verb = "is" if missed == 1 else "are"
-        notes.append(f"{missed} of {len(data)} rows {verb} not reached: see {where}.")
+        notes.append(f"{missed:,} of {len(data):,} rows {verb} not reached: see {where}.")
     for note in notes:
         warn(note, stacklevel=2)
     figures = commands.figures()
@@ -349,7 +349,7 @@ def describe_limit_violations(commands: Commands) -> list[str]:
     """Describe which corrected commands are beyond their joint's limits."""
     counts = commands.beyond.sum(0).tolist()
     return [
-        f"joint {j}: {count} of {len(commands.q)} corrected commands lie beyond its limits."
+        f"joint {j}: {count:,} of {len(commands.q):,} corrected commands lie beyond its limits."
         for j, count in enumerate(counts, 1)
         if count
     ]

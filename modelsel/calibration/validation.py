@@ -332,7 +332,7 @@ def _summarise_verdict(data: Measurements, verdict: Verdict) -> str:
         rows = "no single row shows it"
         if count:
             verb = "shows" if count == 1 else "show"
-            rows = f"{count} of {len(data)} rows {verb} it"
+            rows = f"{count:,} of {len(data):,} rows {verb} it"
         place = _locate_errors(data, verdict)
         remedy = ""
         if verdict.moved is None:

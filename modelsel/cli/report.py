@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -77,10 +78,14 @@ def _check_pages(chosen: Sequence[str]) -> None:
     """Refuse names of pages that there are not, before anything is shown. Raises StudyError."""
     from ..report.drawing import PAGES
 
-    unknown = [f'"{name}"' for name in chosen if name not in PAGES]
-    if unknown:
-        word = "page" if len(unknown) == 1 else "pages"
-        raise StudyError(f"--pages: no {word} {choice_list(unknown)}. Pages: {', '.join(PAGES)}.")
+    unknown = [name for name in chosen if name not in PAGES]
+    if not unknown:
+        return
+    word = "page" if len(unknown) == 1 else "pages"
+    quoted = choice_list([f'"{name}"' for name in unknown])
+    near = get_close_matches(unknown[0], PAGES, n=1)
+    hint = f' Did you mean "{near[0]}"?' if near else ""
+    raise StudyError(f"--pages: no {word} {quoted}.{hint} Pages: {', '.join(PAGES)}.")
 
 
 def _draw_whole(record: StudyRecord, details: DetailsRecord, folder: Path, say: Say) -> list[Path]:

@@ -26,7 +26,7 @@ def describe_join(points: Table, log: Table, join: Join, max_gap: float) -> list
     all_points = np.arange(count)
     alone = np.setdiff1d(all_points, join.points)
     matched = count - len(alone)
-    said = [f"Joined {join.words}: {matched} of {count} points."]
+    said = [f"Joined {join.words}: {matched:,} of {count:,} points."]
     said += _describe_repeats(points, join)
     if len(alone):
         listed = _list_rows(points, alone)

@@ -333,7 +333,7 @@ def _join_by_time(points: Table, log: Table, max_gap: float, clock_offset: float
     if matched < MIN_SHARE * count:
         median = np.median(gap)
         return (
-            f"{matched} of {count} points have readings within {max_gap:g} s; the median "
+            f"{matched:,} of {count:,} points have readings within {max_gap:g} s; the median "
             f"gap is {write_rounded(median)} s ({_advise_on_gap(of_points, of_log, max_gap, clock_offset)})"
         )
     largest = float(gap[close].max())
@@ -372,7 +372,7 @@ def _join_by_order(points: Table, log: Table) -> Join | str:
     count = len(points)
     readings = len(log)
     if count != readings:
-        return f"{count} points and {readings} rows of joint readings are not as many"
+        return f"{count:,} points and {readings:,} rows of joint readings are not as many"
     rows = np.arange(count)
     return Join("order", rows, rows, "row by row, in their order")
 

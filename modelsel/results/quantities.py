@@ -59,7 +59,8 @@ def _prefix_angle(value: Range, units: float) -> tuple[Range, str]:
 
 
 def describe_ends(value: Range) -> str:
-    """Return the 95 % interval in brackets, to follow a figure; nothing where there is none."""
+    """Return the 95 % interval in brackets, to follow a figure, with as many digits as tell its ends
+    apart; nothing where there is none, or where it takes more than MAX_DIGITS."""
     if value.low is None and value.high is None:
         return ""
     if value.low is None:
@@ -68,18 +69,12 @@ def describe_ends(value: Range) -> str:
     if value.high is None:
         low = format_figure(value.low)
         return f" (95 %: at least {low})"
-    low, high = _format_both(value.low, value.high)
-    return f" (95 %: {low} to {high})"
-
-
-def _format_both(low: float, high: float) -> tuple[str, str]:
-    """Return the ends of an interval with three digits, or with the fewest more that tell them
-    apart."""
-    for digits in range(DIGITS, MAX_DIGITS):
-        ends = write_rounded(low, digits), write_rounded(high, digits)
-        if ends[0] != ends[1]:
-            return ends
-    return write_rounded(low, MAX_DIGITS), write_rounded(high, MAX_DIGITS)
+    for digits in range(DIGITS, MAX_DIGITS + 1):
+        low = write_rounded(value.low, digits)
+        high = write_rounded(value.high, digits)
+        if low != high:
+            return f" (95 %: {low} to {high})"
+    return ""
 
 
 def format_figure(value: float) -> str:

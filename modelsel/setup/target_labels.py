@@ -96,7 +96,7 @@ def _describe(problem: Problem, label: Index, before: float, after: float) -> st
     spans = data.where.spans(data.row[is_other])
     improvement = describe_improvement(before, after)
     return (
-        f"In {count} of {len(given)} rows targets have each other's names "
+        f"In {count:,} of {len(given):,} rows targets have each other's names "
         f"({spans}): {sentence_list(names)} there. "
         "With the names changed the positions "
         f"fit {improvement} "

@@ -72,15 +72,15 @@ def add_rounds(
     """Add the rounds to the columns of a plan's table, each in an order of its own that `rng`
     draws, each visit with a `configuration` of its own."""
     count = len(next(iter(table.values())))
-    rows = np.arange(count)
+    rows = list(range(count))
     for _ in range(repeats.times - 1):
         order = rng.permutation(repeats.numbers)
         if order[0] == rows[-1]:
             # the arm would not have moved in between
             order = np.roll(order, 1)
-        rows = np.concatenate([rows, order])
+        rows += order.tolist()
     columns = {name: values[rows] for name, values in table.items()}
-    return columns | {"configuration": np.arange(1, len(rows) + 1)}
+    return columns | {"configuration": np.asarray(range(1, len(rows) + 1))}
 
 
 def format_repeats(repeats: RepeatPlan) -> str:
