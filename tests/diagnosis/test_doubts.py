@@ -220,7 +220,7 @@ def test_a_finding_that_turns_is_doubtful_where_neither_error_falls(
     finding = Finding(SimpleNamespace(), Gain(*mm), OrientationGain(*mrad))
     assert finding.doubtful == doubtful
     assert finding.against == against
-    more = "0.01 mm" if mrad[0] is None else "0.1 mrad"
+    more = "0.0100 mm" if mrad[0] is None else "0.100 mrad"
     said = {
         (False, False): "",
         (True, True): "doubtful",

@@ -505,7 +505,7 @@ def test_a_detection_limit_far_below_what_is_left_is_no_comfort(rng, tmp_path) -
     (note,) = check_chosen_model(result.split, result.models.chosen, known, left / 8, (), False)
     assert note.code == "limit-below-left"
     assert (
-        f"The detection limit of {left / 8:.2g} mm rms is that of one single cause: {left:.2g} mm rms are"
+        f"The detection limit of {left / 8:#.2g} mm rms is that of one single cause: {left:#.2g} mm rms are"
         in note.sentence
     )
     assert (
