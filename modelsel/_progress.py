@@ -16,6 +16,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext, supp
 from typing import Any, Protocol, TextIO
 
 from ._typing import Say
+from .exceptions import write_percent
 
 # seconds of work seen before the rest is extrapolated
 MIN_SEEN_S = 1.0
@@ -103,7 +104,7 @@ class Progress:
         shown = "" if news.kept else str(news)
         left = ""
         if news.done is not None:
-            left = f"{news.done:.0%}"
+            left = write_percent(news.done)
             seconds = self._extrapolate(news.done, now)
             if seconds is not None:
                 remaining = format_seconds(seconds)

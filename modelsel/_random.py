@@ -18,6 +18,7 @@ PURPOSES = (
     "halves",
     "scan",
     "workspace",
+    "rounds",
 )
 
 

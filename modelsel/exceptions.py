@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
+from math import isfinite
 
 # exit status of a command that is done, but where a check failed: no convergence, a drift, a miss
 CHECK_FAILED = 5
@@ -92,6 +93,11 @@ def sentence_list(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
+def choice_list(words: Sequence[str]) -> str:
+    """a, b or c."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
+
+
 def count_words(count: int, word: str) -> str:
     """1 row, 2 rows, 1,200 rows."""
     ending = "" if count == 1 else "s"
@@ -120,12 +126,20 @@ def write_numbered(name: str, number: int | None) -> str:
 
 
 def write_rounded(value: float, digits: int = 3) -> str:
-    """0.012, 12.3, 1,230: a number of so many digits, its thousands apart; never 1.23e+03."""
-    short = f"{value:.{digits}g}"
+    """0.0120, 12.3, 1,230: a number of so many significant digits, zeros kept, its thousands apart;
+    never 1.23e+03."""
+    short = f"{value:.{digits - 1}e}"
     rounded = float(short)
-    if abs(rounded) < 1000:
-        return short
-    return f"{rounded:,.0f}"
+    if rounded == 0 or not isfinite(rounded):
+        return f"{rounded:.0f}"
+    exponent = int(short.partition("e")[2])
+    places = max(digits - 1 - exponent, 0)
+    return f"{rounded:,.{places}f}"
+
+
+def write_percent(share: float, decimals: int = 0) -> str:
+    """92 %: a share in percent."""
+    return f"{100 * share:.{decimals}f} %"
 
 
 def suggest(word: str, known: Iterable[str]) -> str:

@@ -25,6 +25,7 @@ CODES = {
     "counters-ignored": "columns that only count the rows are ignored",
     "computed-ignored": "columns that were computed from the measured positions are ignored",
     "commanded-ignored": "commanded positions are ignored",
+    "positions-ignored": "three coordinates of a position beside the one that is measured are ignored",
     "orientations-ignored": "columns that look like an orientation, and are not mapped to one, are ignored",
     "quaternion-ignored": "four columns that look like a quaternion, and are not mapped to one, are ignored",
     "uncertainties-ignored": "columns that look like uncertainties of the position, and are not mapped to them, are ignored",

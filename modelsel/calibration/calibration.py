@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._typing import Array
-from ..exceptions import DataError
+from ..exceptions import DataError, write_rounded
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
@@ -252,7 +252,7 @@ class Calibration:
     def __repr__(self) -> str:
         return (
             f"Calibration of {self.study!r}: {self.robot.name}, {len(self.kept)} fitted terms, noise floor "
-            f"{self.floor.coordinate_mm:.3g} mm"
+            f"{write_rounded(self.floor.coordinate_mm)} mm"
         )
 
     def _repr_html_(self) -> str:

@@ -1,5 +1,5 @@
 """What changed between two campaigns: parameters that moved beyond their uncertainty, mechanisms
-that came, went, grew.
+that appeared, disappeared, grew.
 
 Two fits choose their own representatives of what the data cannot tell apart, so neither's
 parameters are compared as they stand: both are expressed in one set of representatives on common
@@ -15,12 +15,14 @@ import numpy as np
 from .._typing import Array, Index
 from ..diagnosis.sentences import format_quantity
 from ..exceptions import StudyError, write_rounded
+from ..mechanisms.terms import Term
 from ..robot.kinematics import Joint
 from .calibration import Calibration
 from .common_space import CommonSpace, build_common_space
 from .fewest_terms import Step, select_fewest_terms
 from .mechanism_changes import (
     DEFINITE_CHANGES,
+    GEOMETRY_NAMES,
     POWER_QUANTILE,
     SIGNIFICANCE,
     MechanismChange,
@@ -46,6 +48,7 @@ class Change:
 
     mechanism: str
     symbol: str
+    label: str
     unit: str
     before: float
     after: float
@@ -61,6 +64,7 @@ class Explanation:
 
     mechanism: str
     symbol: str
+    label: str
     unit: str
     by: float
     standard_error: float
@@ -77,7 +81,7 @@ class Comparison:
     explained_by: tuple[Explanation, ...]
     mechanisms: tuple[MechanismChange, ...]
     left_aside: tuple[str, ...]
-    # from where a change of a typical, of the worst determined parameter would have been seen
+    # from where a change of a typical, of the worst determined parameter would have been detected
     seen_mm: tuple[float, float] | None
     # between the targets of the two campaigns on the flange
     targets_apart_mm: float = 0.0
@@ -206,6 +210,7 @@ def _build_change(space: CommonSpace, i: int, p: float) -> Change:
     return Change(
         mechanism=space.owner[term.key],
         symbol=term.symbol,
+        label=_label_term(space.owner[term.key], term),
         unit=term.unit,
         before=before,
         after=after,
@@ -238,19 +243,29 @@ def _build_explanation(space: CommonSpace, open_terms: list[int], step: Step) ->
     alike = []
     for k in step.alike:
         other = space.terms[open_terms[k]]
-        owner = space.owner[other.key]
-        alike.append(f"{other.symbol} of {owner}")
+        alike.append(_label_term(space.owner[other.key], other))
     change = abs(step.change)
     moves_mm = change * space.displacement[place]
     return Explanation(
         mechanism=space.owner[term.key],
         symbol=term.symbol,
+        label=_label_term(space.owner[term.key], term),
         unit=term.unit,
         by=step.change,
         standard_error=step.standard_error,
         moves_mm=float(moves_mm),
         alike=tuple(alike),
     )
+
+
+def _label_term(mechanism: str, term: Term) -> str:
+    """Name a parameter by its place in the arm: γ3 (frame 3 rz); one that is not of the geometry by
+    its mechanism: h2 (joint2-twist)."""
+    where = mechanism
+    if mechanism in GEOMETRY_NAMES:
+        first, *_ = term.screws
+        where = f"frame {first.frame} {first.axis}"
+    return f"{term.symbol} ({where})"
 
 
 def _error_ratio(space: CommonSpace, tested: Index) -> float:
@@ -272,7 +287,7 @@ def _error_ratio(space: CommonSpace, tested: Index) -> float:
 
 def _find_detectable_range(space: CommonSpace, tested: Index) -> tuple[float, float] | None:
     """Return the rms displacements [mm] from which a change of a typical (median) and of the worst
-    determined parameter would have been seen; None where none is tested."""
+    determined parameter would have been detected; None where none is tested."""
     count = len(tested)
     if not count:
         return None
@@ -292,7 +307,7 @@ def _find_detectable_range(space: CommonSpace, tested: Index) -> tuple[float, fl
 
 
 def describe_comparison(comparison: Comparison) -> list[str]:
-    """Describe what changed and what did not, and how large a change would have been seen (with
+    """Describe what changed and what did not, and how large a change would have been detected (with
     90 %)."""
     sentences = [describe_change(change) for change in comparison.mechanisms]
     sentences += map(_describe_explanation, comparison.explained_by)
@@ -313,12 +328,11 @@ def _describe_explanation(explanation: Explanation) -> str:
     also = ""
     if explanation.alike:
         alike = ", ".join(explanation.alike[:MAX_LISTED])
-        also = f" (or equally well: {alike})"
-    name = f"{explanation.symbol} of {explanation.mechanism}"
+        also = f", or equally well {alike},"
     error = COVERAGE * explanation.standard_error
     by = format_quantity(explanation.by, error, explanation.unit)
     moves = write_rounded(explanation.moves_mm)
-    return f"{name}{also} changed by {by} (k = 2): {moves} mm rms at the target."
+    return f"{explanation.label}{also} changed by {by} (k = 2): {moves} mm rms at the target."
 
 
 def _summarise(comparison: Comparison) -> str:
@@ -333,11 +347,12 @@ def _summarise(comparison: Comparison) -> str:
         )
     if comparison.moved:
         moved = comparison.moved[:MAX_LISTED]
-        names = ", ".join(f"{change.symbol} of {change.mechanism}" for change in moved)
+        names = ", ".join(change.label for change in moved)
         return f"{names} changed beyond chance, but no few terms explain it ({tested})."
     changed = any(change.what in DEFINITE_CHANGES for change in comparison.mechanisms)
     typical, worst = comparison.seen_mm
     return (
-        f"Nothing {'else ' if changed else ''}changed beyond chance ({tested}). A change of a typical parameter would "
-        f"have been seen from {typical:.2g} mm rms at the target on, of the worst determined from {worst:.2g} mm on."
+        f"Nothing {'else ' if changed else ''}changed beyond chance ({tested}). A change would "
+        f"have been detected from {write_rounded(typical, 2)} mm rms at the target (typical parameter) or "
+        f"{write_rounded(worst, 2)} mm (the worst-determined one)."
     )

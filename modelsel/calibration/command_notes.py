@@ -69,7 +69,7 @@ def _describe_beyond_ranges(c: Calibration, data: Measurements) -> list[str]:
             known = f"{low * factor:.4g} to {high * factor:.4g}{unit}"
             verb = "lies" if count == 1 else "lie"
             sentences.append(
-                f"{name}: {count} of {len(data)} rows {verb} beyond the {known} that the calibration has seen; "
+                f"{name}: {count:,} of {len(data):,} rows {verb} beyond the {known} that the calibration has seen; "
                 "there the model extrapolates."
             )
     return sentences
@@ -82,7 +82,7 @@ def _describe_past_limits(c: Calibration, data: Measurements) -> list[str]:
     counts = past.sum(0).tolist()
     for j, count in enumerate(counts, 1):
         verb = "lies" if count == 1 else "lie"
-        sentence = f"joint {j}: {count} of {rows} rows {verb} beyond its limits."
+        sentence = f"joint {j}: {count:,} of {rows:,} rows {verb} beyond its limits."
         if count:
             sentences.append(sentence)
     return sentences

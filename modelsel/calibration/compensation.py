@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
 MAX_ITERATIONS = 60
 START_DAMPING, MIN_DAMPING, MAX_DAMPING = 1e-9, 1e-12, 1e6  # of the trace of J Jᵀ
+FIGURE_DECIMALS = 6  # of mm and mrad in a table: nanometres and nanoradians
 REACHED_MM = 1e-3  # 1 µm: a row that is nearer is reached
 SETTLED_MM = 1e-7  # a row that is nearer is left alone
 # what a radian of a wanted orientation weighs against a mm, and a slide's mm against a radian
@@ -104,7 +105,7 @@ class Commands:
             }
         if self.model_rad is not None:
             out["orientation_uncertainty_mrad"] = self.model_rad * 1e3
-        return out
+        return {name: np.round(values, FIGURE_DECIMALS) for name, values in out.items()}
 
 
 def replace_readings(at: Problem, q: Array) -> Problem:
@@ -280,7 +281,7 @@ def correct(
     if missed:
         where = commands.where_left
         verb = "is" if missed == 1 else "are"
-        notes.append(f"{missed} of {len(data)} rows {verb} not reached: see {where}.")
+        notes.append(f"{missed:,} of {len(data):,} rows {verb} not reached: see {where}.")
     for note in notes:
         warn(note, stacklevel=2)
     figures = commands.figures()
@@ -348,7 +349,7 @@ def describe_limit_violations(commands: Commands) -> list[str]:
     """Describe which corrected commands are beyond their joint's limits."""
     counts = commands.beyond.sum(0).tolist()
     return [
-        f"joint {j}: {count} of {len(commands.q)} corrected commands lie beyond its limits."
+        f"joint {j}: {count:,} of {len(commands.q):,} corrected commands lie beyond its limits."
         for j, count in enumerate(counts, 1)
         if count
     ]

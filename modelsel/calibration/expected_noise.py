@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .._typing import Array
+from ..exceptions import write_rounded
 from ..fitting.noise_check import name_likeliest_mistake
 from ..measurements.columns import MIN_UNCERTAINTY
 from .calibration import Calibration
@@ -65,7 +66,7 @@ def describe_overstatement(c: Calibration) -> str:
     ratio = stated / held_out
     mistake = name_likeliest_mistake(ratio, STATED_KEYS)
     return (
-        f"The calibration's stated uncertainty of one coordinate ({stated:.3g} mm) is {ratio:.3g} times"
-        f" what its own held-out configurations showed ({held_out:.3g} mm), which is expected here instead. "
+        f"The calibration's stated uncertainty of one coordinate ({write_rounded(stated)} mm) is {write_rounded(ratio)} times"
+        f" what its own held-out configurations showed ({write_rounded(held_out)} mm), which is expected here instead. "
         f"{mistake}"
     )

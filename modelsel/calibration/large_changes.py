@@ -130,7 +130,7 @@ def describe_new_order(c: Calibration, data: Measurements) -> list[str]:
     where the model looks at it."""
     if not describe_order_dependence(c, data):
         return []
-    return ["The order of the targets is that without the rows that are left out."]
+    return ["Approach directions were taken without the omitted rows."]
 
 
 def _describe_bound(bound: Bound) -> str:

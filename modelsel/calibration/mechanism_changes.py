@@ -3,7 +3,7 @@ less, or named in one alone.
 
 A name alone proves no change: another campaign has other noise, names what it can see, and may call
 one motion differently. So sizes are compared along the motion that both have in common, with their
-standard errors, and a mechanism came or went only if the campaign without it would have named it.
+standard errors, and a mechanism appeared or disappeared only if the campaign without it would have named it.
 """
 
 from __future__ import annotations
@@ -28,8 +28,9 @@ GEOMETRY_NAMES = ("geometric", SETUP)
 MIN_COSINE = 0.95  # of two motions that are one under two names
 POWER_QUANTILE = 1.28  # standard errors beyond the level's own: a change so large is seen with 90 %
 NAMING_THRESHOLD = 5.4  # standard errors from which a search among thousands names with 90 %
-SINGLE_WORDS = (("went", "may have gone"), ("came", "may have come"))  # certain, else possible
-DEFINITE_CHANGES = ("came", "went", "grew", "shrank")
+# certain, else possible
+SINGLE_WORDS = (("disappeared", "may have disappeared"), ("appeared", "may have appeared"))
+DEFINITE_CHANGES = ("appeared", "disappeared", "grew", "shrank")
 NOT_COMPARABLE = "cannot be compared"  # the geometry follows all that a mechanism does
 MIN_SHARE_BEYOND = 1e-6  # of a whole motion, beyond the geometry: what is less is rounding
 CAMPAIGN_NAMES = ("first", "second")
@@ -40,7 +41,7 @@ class MechanismChange:
     """A mechanism named in one campaign alone, under two names, or with terms that changed: what it
     moved the target by in each campaign (rms mm, beyond what the geometry follows; the whole motion
     where it cannot be compared), `p` that chance alone gives the difference (None: named in one
-    campaign alone, or not compared), and from where a difference would have been seen, or the other
+    campaign alone, or not compared), and from where a difference would have been detected, or the other
     campaign would have named it (None: not known). `labels`: what findings of it are called;
     `only_in`: "first" or "second" where that campaign alone has named it."""
 
@@ -164,15 +165,15 @@ def compare_mechanisms(motions: Motions, moved: set[str]) -> tuple[MechanismChan
     under two names, and those with terms that `moved`."""
     before = motions.named(0)
     after = motions.named(1)
-    went = []
+    disappeared = []
     pairs = []
     for name in before:
         if name not in after:
-            went.append(name)
+            disappeared.append(name)
         elif name in moved:
             pairs.append(_Pair(label_mechanism(name), name, name))
-    came = [name for name in after if name not in before]
-    pairs += _match_renamed(motions, went, came)
+    appeared = [name for name in after if name not in before]
+    pairs += _match_renamed(motions, disappeared, appeared)
     changes = []
     renamed = set[str]()
     for pair in pairs:
@@ -180,7 +181,7 @@ def compare_mechanisms(motions: Motions, moved: set[str]) -> tuple[MechanismChan
         change = _compare_pair(motions, pair, is_moved, len(pairs))
         changes.append(change)
         renamed |= {pair.first, pair.second}
-    for campaign, names in enumerate((went, came)):
+    for campaign, names in enumerate((disappeared, appeared)):
         for name in names:
             if name in renamed:
                 continue
@@ -198,14 +199,14 @@ class _Pair:
     second: str
 
 
-def _match_renamed(motions: Motions, went: list[str], came: list[str]) -> list[_Pair]:
-    """Match mechanisms that went with ones that came and move the target alike: one motion under
+def _match_renamed(motions: Motions, disappeared: list[str], appeared: list[str]) -> list[_Pair]:
+    """Match mechanisms that disappeared with ones that appeared and move the target alike: one motion under
     two names."""
     before = motions.named(0)
     after = motions.named(1)
-    unmatched = list(came)
+    unmatched = list(appeared)
     pairs = list[_Pair]()
-    for name in went:
+    for name in disappeared:
         motion = motions.whole(0, before[name])
         for candidate in unmatched:
             candidate_motion = motions.whole(1, after[candidate])
@@ -248,7 +249,7 @@ def _compare_pair(motions: Motions, pair: _Pair, moved: bool, count: int) -> Mec
 
 
 def _judge_single(motions: Motions, campaign: int, name: str) -> MechanismChange:
-    """Judge a mechanism that one campaign alone has named: it went or came only if the other would
+    """Judge a mechanism that one campaign alone has named: it disappeared or appeared only if the other would
     have named it."""
     places = motions.named(campaign)[name]
     size = motions.whole_size(campaign, places)
@@ -317,10 +318,8 @@ def describe_change(change: MechanismChange) -> str:
         return f"{name} {what}: {sizes}."
     if what == "changed":
         return f"The terms of {name} changed, its size did not beyond chance: {sizes}."
-    return (
-        f"{name} did not change beyond chance: {sizes}; a change of {change.seen_mm:.2g} mm would "
-        "have been seen."
-    )
+    seen = write_rounded(change.seen_mm, 2)
+    return f"{name} did not change beyond chance: {sizes}; a change of {seen} mm would have been detected."
 
 
 def _describe_followed(change: MechanismChange) -> str:
@@ -347,12 +346,14 @@ def _describe_single(change: MechanismChange) -> str:
     if change.what in DEFINITE_CHANGES:
         return (
             f"{change.name} {change.what}: {size}; the {other} campaign would have named it from "
-            f"{change.seen_mm:.2g} mm on."
+            f"{write_rounded(change.seen_mm, 2)} mm on."
         )
-    verb = "went" if is_first else "came"
+    verb = "disappeared" if is_first else "appeared"
     limit = f"From where on the {other} would have named it is not known"
     if change.seen_mm is not None:
-        limit = f"The {other} would have named it only from {change.seen_mm:.2g} mm on"
+        limit = (
+            f"The {other} would have named it only from {write_rounded(change.seen_mm, 2)} mm on"
+        )
     return (
         f"{change.name} is named in the {named} campaign only, with {size}. {limit}, "
         f"so it cannot be said whether it {verb}."

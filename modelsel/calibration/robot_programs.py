@@ -101,10 +101,12 @@ def _check_name(language: Language, path: Path) -> None:
     if is_word and is_short and not is_reserved:
         return
     plain = re.sub(r"[^A-Za-z0-9_]+", "_", name).strip("_")
-    advice = f"commands_{plain}"[: language.max_name].rstrip("_")
+    advice = plain[: language.max_name].rstrip("_")
+    if not advice[:1].isalpha() or RESERVED.fullmatch(advice):
+        advice = f"commands_{plain}"[: language.max_name].rstrip("_")
     raise StudyError(
         f"--out {path.name}: a program in {language.title} is called as its file is: a letter, then "
-        f"letters, digits or _, {language.max_name} at most, and no word of the language. Call it "
+        f"letters, digits or _, {language.max_name} at most, and not a reserved word. Call it "
         f"{advice}{path.suffix}."
     )
 

@@ -46,6 +46,7 @@ from .reregistration import register_again
 
 MAX_P = 0.01  # below it a calibration is called drifted
 MAX_ROW_P = 0.05  # corrected for the number of rows: below it a row is beyond noise
+FINE_MM = 10.0  # a length below is told to micrometres
 MAX_EXACT_FACTOR = 100.0  # a factor below is told to hundredths
 MIN_EXACT_P = 1e-12  # a p below is told to be below
 # a row further off [standard deviations] is no noise, as of a study's held-out rows; a greater share
@@ -294,7 +295,7 @@ def describe_verdict(data: Measurements, verdict: Verdict) -> list[str]:
         shift, turn, offset = verdict.moved
         sentences.append(
             f"Registered again: the tracker is {write_rounded(shift)} mm and {write_rounded(turn * 1e3)} mrad from where it was, and the "
-            f"target {write_rounded(offset)} mm on the flange; errors of the arm that move the target as these do cannot be judged."
+            f"target moved by {write_rounded(offset)} mm on the flange; errors of the arm that move the target as these do cannot be judged."
         )
     return sentences
 
@@ -303,7 +304,8 @@ def _summarise_verdict(data: Measurements, verdict: Verdict) -> str:
     factor, p = verdict.factor, verdict.p
     times = f"{factor:.2f}" if factor < MAX_EXACT_FACTOR else f"{factor:,.0f}"
     chance = f"p = {p:.2g}" if p >= MIN_EXACT_P else f"p < {MIN_EXACT_P:g}"
-    expected = f"{verdict.rms_mm:.3f} mm rms where {verdict.expected_rms_mm:.3f} mm are expected"
+    rms, least = _write_mm(verdict.rms_mm), _write_mm(verdict.expected_rms_mm)
+    expected = f"{rms} mm rms where {least} mm are expected"
     figures = f"{expected}, a factor of {times} ({chance})"
     if verdict.drifted and verdict.mistaken:
         return (
@@ -320,7 +322,7 @@ def _summarise_verdict(data: Measurements, verdict: Verdict) -> str:
         rows = "no single row shows it"
         if count:
             verb = "shows" if count == 1 else "show"
-            rows = f"{count} of {len(data)} rows {verb} it"
+            rows = f"{count:,} of {len(data):,} rows {verb} it"
         place = _locate_errors(data, verdict)
         remedy = ""
         if verdict.moved is None:
@@ -335,6 +337,11 @@ def _summarise_verdict(data: Measurements, verdict: Verdict) -> str:
     return f"The calibration is still valid within noise: {figures}."
 
 
+def _write_mm(length: float) -> str:
+    """Write a length [mm] to micrometres; one of 10 mm or more with three digits."""
+    return f"{length:.3f}" if length < FINE_MM else write_rounded(length)
+
+
 def _list_worst(data: Measurements, verdict: Verdict) -> str:
     rows = []
     for k in verdict.worst[:MAX_LISTED]:
@@ -342,7 +349,8 @@ def _list_worst(data: Measurements, verdict: Verdict) -> str:
         words = [data.where.label([row], 1), data.where.named(row)]
         named = ", ".join(filter(None, words))
         size = verdict.size[k]
-        rows.append(f"{named} ({size:.1f} sd)")
+        shown = f"{size:.1f}" if size < MAX_EXACT_FACTOR else write_rounded(size)
+        rows.append(f"{named} ({shown} sd)")
     listed = ", ".join(rows)
     more = ""
     if len(verdict.worst) > MAX_LISTED:

@@ -56,12 +56,17 @@ def load_later(
     """Load a file of the form of a study's, or points and readings in two. Raises DataError."""
     import hashlib
 
+    from ..measurements.headerless_columns import name_columns
     from ..measurements.table import DataFile, hash_source, load_table
 
     if log is None:
-        table = load_table(file)
+        is_joined = bool(c.form.joined)
+        source = replace(file, headerless=file.headerless or is_joined)
+        table = load_table(source)
+        if is_joined:
+            table = name_columns(table, c.robot.n)
         mapping, mapped = c.form.read_columns(table, columns)
-        if c.form.joined:
+        if is_joined:
             _refuse_points_alone(table, mapping)
         return LaterFiles(table, mapping, (mapped,) if mapped else (), hash_source(file))
     from ..study.joined_study import draft_joined_study, map_later_columns
@@ -82,6 +87,7 @@ def _refuse_points_alone(table: Table, mapping: Mapping[str, str]) -> None:
 
     if not any(JOINT_COLUMN.fullmatch(name) for name in (*table.columns, *mapping)):
         raise table.where.refuse(
-            "it has no joint readings; the study's rows were joined from two files.",
-            remedy="Give the log of joint readings, too: --joints LOG.",
+            "it holds points only; the study's rows were joined from points and joint readings in two "
+            "files.",
+            remedy="Give the file of joint readings, too: --joints LOG.",
         )

@@ -78,6 +78,13 @@ def _parse_arguments(
     return dict(pair.split(":=", 1) for pair in given)
 
 
+def json_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the option --json: `as_json`."""
+    return click.option("--json", "as_json", is_flag=True, help="Print JSON instead of words.")(
+        command
+    )
+
+
 def xacro_option(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the option --xacro, of commands that take a robot file: `arguments` of a xacro file."""
     return click.option(

@@ -10,6 +10,7 @@ import click
 from ._options import (
     column_option,
     dh_option,
+    json_option,
     print_json,
     print_prose,
     read_robot_option,
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 @dh_option
 @table_option
 @column_option
-@click.option("--json", "as_json", is_flag=True)
+@json_option
 def check_command(
     data: Path,
     robot: str | None,

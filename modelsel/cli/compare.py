@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from ._options import print_json, print_prose
+from ._options import json_option, print_json, print_prose
 from ._output_path import OutputPath, check_output
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     type=OutputPath(dir_okay=False),
     help="Write a page that shows both studies beside each other; BEFORE and AFTER are their folders.",
 )
-@click.option("--json", "as_json", is_flag=True)
+@json_option
 def compare_command(before: Path, after: Path, page: Path | None, as_json: bool) -> None:
     """What changed between two campaigns, each a study's folder, result.json or
     calibration.json."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from .._choices import TARGET_FORMS
 from ..exceptions import CHECK_FAILED, count_words, write_rounded
 from ._join_options import JointLog, join_option
-from ._options import column_option, print_json, print_prose, table_option
+from ._options import column_option, json_option, print_json, print_prose, table_option
 from ._output_path import OutputPath, check_output, check_table_path
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def _check_bound(
 @join_option
 @table_option
 @column_option
-@click.option("--json", "as_json", is_flag=True)
+@json_option
 def compensate_command(
     result: Path,
     targets: Path,
@@ -200,7 +200,7 @@ def _write_program(
     moved = float(np.linalg.norm(at[1] - at[0], axis=1).max())
     if moved <= REACHED_MM:
         return []
-    return [f"the decimals of the file move the target by {moved:.2g} mm at most."]
+    return [f"the decimals of the file move the target by {write_rounded(moved, 2)} mm at most."]
 
 
 def _check_commands(
@@ -289,7 +289,7 @@ def _describe_changes(commands: Commands, slides: NDArray[np.bool_]) -> str:
         if not len(changes):
             continue
         bound = changes.max() * 1e3
-        bounds.append(f"{bound:.3g} {unit}")
+        bounds.append(f"{write_rounded(bound)} {unit}")
     return " or ".join(bounds)
 
 
@@ -301,8 +301,10 @@ def _describe_orientations(commands: Commands) -> str:
     known = "; how well the model knows them cannot be told, since its study measured none"
     if commands.model_rad is not None:
         uncertainty = 1e3 * commands.model_rad
-        known = f", to which the model's own uncertainty adds {uncertainty.mean():.3g} mrad"
+        known = (
+            f", to which the model's own uncertainty adds {write_rounded(uncertainty.mean())} mrad"
+        )
     return (
-        f" Orientations are off by {before.mean():.3g} mrad on average without it; with it, {left.mean():.3g} mrad on "
-        f"average and {left.max():.3g} mrad at most are left{known}."
+        f" Orientations are off by {write_rounded(before.mean())} mrad on average without it; with it, {write_rounded(left.mean())} mrad on "
+        f"average and {write_rounded(left.max())} mrad at most are left{known}."
     )

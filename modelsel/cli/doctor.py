@@ -11,11 +11,11 @@ from typing import Any
 import click
 
 from ..exceptions import CHECK_FAILED
-from ._options import print_json
+from ._options import json_option, print_json
 
 
 @click.command("doctor")
-@click.option("--json", "as_json", is_flag=True)
+@json_option
 def doctor_command(as_json: bool) -> None:
     """Whether this installation works, and with what: libraries, plug-ins, data, and a small
     calibration from scratch."""

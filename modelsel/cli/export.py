@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from .._choices import EXPORT_FORMS
-from ..exceptions import CHECK_FAILED
-from ._options import print_json, print_prose, xacro_option
+from ..exceptions import CHECK_FAILED, write_rounded
+from ._options import json_option, print_json, print_prose, xacro_option
 from ._output_path import OutputPath, check_output
 
+# of a length [mm] or an angle [deg] in a note: a terminal shows four decimals of it
+LONG_DECIMAL = re.compile(r"-?\d+\.\d{5,}")
 if TYPE_CHECKING:
     from ..calibration.calibration import Calibration
     from ..calibration.export.form import Exported
@@ -54,7 +57,7 @@ ERRORS = ("rows", "nominal_rms_mm", "file_rms_mm", "model_rms_mm")
     metavar="MM",
     help="Of a grid: how near it shall be between its points.  [default: 0.01]",
 )
-@click.option("--json", "as_json", is_flag=True)
+@json_option
 def export_command(
     result: Path,
     form: str,
@@ -152,18 +155,19 @@ def _print_export(made: Exported, out: Path) -> None:
     if made.worse is not None:
         print_prose(f"Warning: {made.worse}.")
     exact = made.error_mm < ROUNDING_MM
-    size = "less than 0.001 µm" if exact else f"at most {made.error_mm * 1e3:.2g} µm"
+    size = "less than 0.001 µm" if exact else f"at most {write_rounded(made.error_mm * 1e3, 2)} µm"
     print_prose(
         f"Written: {out}. Read back, it differs from the calibrated model by {size} in what it can carry, over "
-        f"{made.configurations} configurations."
+        f"{made.configurations:,} configurations."
     )
     if made.left_out:
         rms, largest = made.left_out_mm
         print_prose(
-            f"It cannot carry {'; '.join(made.left_out)}: the whole model differs from it by {rms:.3g} mm rms, "
-            f"{largest:.3g} mm at most. `--format python` writes a function that carries all of it."
+            f"It cannot carry {'; '.join(made.left_out)}: the whole model differs from it by {write_rounded(rms)} mm rms, "
+            f"{write_rounded(largest)} mm at most. `--format python` writes a function that carries all of it."
         )
     for line in made.table:
         print_prose(line)
     for note in made.notes:
-        print_prose(f"Note: {note}.")
+        shown = LONG_DECIMAL.sub(lambda match: f"{float(match[0]):.4f}", note)
+        print_prose(f"Note: {shown}.")

@@ -13,6 +13,7 @@ from ._join_options import JointLog, join_option
 from ._options import (
     column_option,
     dh_option,
+    json_option,
     print_json,
     print_prose,
     read_robot_option,
@@ -61,7 +62,7 @@ if TYPE_CHECKING:
     metavar="X Y Z",
     help="Direction of gravity in the robot's base frame: 0 0 -1 of an upright robot.",
 )
-@click.option("--json", "as_json", is_flag=True)
+@json_option
 def init_command(
     file: Path,
     robot: str,
@@ -152,6 +153,7 @@ def _ask_which(choice: Choice) -> Reading:
     try:
         number = click.prompt("Which is right?", type=numbers, default=1, err=True)
     except click.Abort:
+        click.echo(err=True)
         listed = "; or ".join(reading.words for reading in choice.readings)
         raise _refuse_unanswered(f"{choice.what} may be {listed}") from None
     return choice.readings[number - 1]
@@ -161,7 +163,11 @@ def _ask_whether(question: str) -> None:
     try:
         agreed = click.confirm(question, default=True, err=True)
     except click.Abort:
-        raise _refuse_unanswered("the reading above was not confirmed") from None
+        click.echo(err=True)
+        raise StudyError(
+            "nothing was written: the reading above was not confirmed. Run it on a terminal to "
+            "confirm, or pass --yes."
+        ) from None
     if not agreed:
         raise StudyError(
             "nothing was written. Say how columns are read with --column NAME=COLUMN, --sheet or "

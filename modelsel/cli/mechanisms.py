@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import CHECK_FAILED
-from ._options import print_json
+from ._options import json_option, print_json
 
 if TYPE_CHECKING:
     from ..mechanisms.terms import Mechanism
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     "--new", help="Write a package to start from, with a mechanism of this name, into a new folder."
 )
 @click.option("--test", help="Check a module's mechanisms (its name or file) against the laws.")
-@click.option("--json", "as_json", is_flag=True)
+@json_option
 def mechanisms_command(
     name: str | None, robot: str | None, new: str | None, test: str | None, as_json: bool
 ) -> None:
@@ -126,7 +126,7 @@ def _print_card(card: dict[str, Any], *, in_full: bool) -> None:
     constants = card["constants"]
     scanned = ""
     if constants > 1:
-        scanned = f" ({constants} constants are scanned; this is one)"
+        scanned = f" (one of {constants} scanned constants)"
     sentence = card["sentence"]
     click.echo(f"{card['name']}: {sentence}{scanned}")
     if not in_full:

@@ -10,7 +10,7 @@ import click
 from .._choices import PLAN_PURPOSES
 from .._progress import show_progress
 from ..exceptions import count_words
-from ._options import print_json, print_prose, table_option
+from ._options import json_option, print_json, print_prose, table_option
 from ._output_path import OutputPath, check_output, check_table_path
 
 # sizes of effects [mm] that are asked for
@@ -83,7 +83,7 @@ def _check_size(
     help="CSV (or Parquet) file to write the chosen configurations to.",
 )
 @table_option
-@click.option("--json", "as_json", is_flag=True)
+@json_option
 def plan_command(
     study: Path,
     pool_file: Path | None,
@@ -141,10 +141,17 @@ def plan_command(
         return
     text = table.to_string(index=False, float_format=lambda v: f"{v:.4f}")
     click.echo(text if out is None else f"Written: {out}")
-    for line in format_plan(planned):
+    for line in [*format_plan(planned), *_offer_rounds(planned, repeats)]:
         print_prose(line)
     if size is not None and more is not None:
         print_prose(_describe_size(size, more))
+
+
+def _offer_rounds(planned: MeasurementPlan, asked: int | None) -> list[str]:
+    """Say which option writes the rounds of repeats that a plan proposes, where none are `asked`."""
+    if planned.repeats is None or asked is not None:
+        return []
+    return [f"--repeats {planned.repeats.times} writes these rounds, each in another order."]
 
 
 def _describe_size(size: float, more: int) -> str:

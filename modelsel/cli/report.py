@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from .._progress import show_progress
-from ._options import amount_options, choose_amount, make_console, print_json, print_written
+from ..exceptions import StudyError, choice_list
+from ._options import (
+    amount_options,
+    choose_amount,
+    json_option,
+    make_console,
+    print_json,
+    print_written,
+)
 
 if TYPE_CHECKING:
     from .._typing import Say
@@ -25,7 +35,7 @@ if TYPE_CHECKING:
     "--summary", is_flag=True, help="Two pages: into report-summary.pdf beside the full report."
 )
 @amount_options
-@click.option("--json", "as_json", is_flag=True)
+@json_option
 def report_command(
     folder: Path, pages: str | None, summary: bool, verbose: bool, quiet: bool, as_json: bool
 ) -> None:
@@ -43,6 +53,8 @@ def report_command(
         raise click.UsageError(
             "--summary is two pages of its own: leave out --pages, or --summary."
         )
+    if chosen is not None:
+        _check_pages(chosen)
     amount = choose_amount(verbose, quiet)
     check_writable(folder)
     with claim_folder(folder), show_progress(STEPS, hidden=quiet) as say:
@@ -60,6 +72,20 @@ def report_command(
         print_json({"written": [path.name for path in written]})
     elif not quiet:
         print_written(folder, written)
+
+
+def _check_pages(chosen: Sequence[str]) -> None:
+    """Refuse names of pages that there are not, before anything is shown. Raises StudyError."""
+    from ..report.drawing import PAGES
+
+    unknown = [name for name in chosen if name not in PAGES]
+    if not unknown:
+        return
+    word = "page" if len(unknown) == 1 else "pages"
+    quoted = choice_list([f'"{name}"' for name in unknown])
+    near = get_close_matches(unknown[0], PAGES, n=1)
+    hint = f' Did you mean "{near[0]}"?' if near else ""
+    raise StudyError(f"--pages: no {word} {quoted}.{hint} Pages: {', '.join(PAGES)}.")
 
 
 def _draw_whole(record: StudyRecord, details: DetailsRecord, folder: Path, say: Say) -> list[Path]:

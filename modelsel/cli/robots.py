@@ -5,12 +5,12 @@ from __future__ import annotations
 import click
 
 from ..exceptions import count_words
-from ._options import print_json, read_robot_option
+from ._options import json_option, print_json, read_robot_option
 
 
 @click.command("robots")
 @click.argument("name", required=False)
-@click.option("--json", "as_json", is_flag=True)
+@json_option
 def robots_command(name: str | None, as_json: bool) -> None:
     """The built-in nominal robots, each with its source; of NAME, or a robot file, its chain."""
     from ..robot.files import builtin_names
@@ -23,7 +23,7 @@ def robots_command(name: str | None, as_json: bool) -> None:
         return
     for card in cards:
         click.echo(
-            f"{card['name']}: {count_words(card['joints'], 'joint')}, reach {card['reach_mm']:.0f} mm. {card['source']}"
+            f"{card['name']}: {count_words(card['joints'], 'joint')}, links of {card['links_mm']:,.0f} mm in all. {card['source']}"
         )
         if name:
             for k, joint in enumerate(card["chain"], 1):

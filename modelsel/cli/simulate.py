@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from ..exceptions import count_words
-from ._options import print_json
+from ._options import json_option, print_json
 from ._output_path import OutputPath, check_output, check_table_path
 
 # how numbers are written, and so found again in what an earlier call wrote
@@ -23,7 +23,7 @@ SIMULATED = re.compile(r"-?\d+\.\d{9}")
 @click.option(
     "--out", type=OutputPath(dir_okay=False), required=True, help="CSV (or Parquet) file to write."
 )
-@click.option("--json", "as_json", is_flag=True)
+@json_option
 def simulate_command(study: Path, out: Path, as_json: bool) -> None:
     """Make data with planted effects: [simulate] and [[simulate.effect]] of a study file."""
     from .._files import write_frame

@@ -8,7 +8,7 @@ import click
 
 from ..exceptions import CHECK_FAILED
 from ._join_options import JointLog, join_option
-from ._options import column_option, print_json, print_prose, table_option
+from ._options import column_option, json_option, print_json, print_prose, table_option
 
 
 @click.command("validate")
@@ -22,7 +22,7 @@ from ._options import column_option, print_json, print_prose, table_option
 @join_option
 @table_option
 @column_option
-@click.option("--json", "as_json", is_flag=True)
+@json_option
 def validate_command(
     result: Path,
     data: Path,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
-from ..exceptions import sentence_list
+from ..exceptions import choice_list, sentence_list
 from ..measurements.state_names import parse_state_name
 from ..mechanisms.causes import Bump
 from .candidate_kinds import CandidateKind
@@ -218,7 +218,7 @@ def _list_entries(effect: Effect) -> str:
         # several effects together, or none
         written = format_probability(left)
         words.append(f"something else, or chance ({written})")
-    return " or ".join(words)
+    return choice_list(words)
 
 
 def _name_entry(effect: Effect, label: str) -> str:

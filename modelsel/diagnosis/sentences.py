@@ -7,12 +7,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from .._typing import Array
-from ..exceptions import write_rounded
+from ..exceptions import write_percent, write_rounded
 from ..measurements.state_names import StateKind, parse_state_name
 from ..mechanisms.causes import Applied, Bump
 from ..mechanisms.terms import LETTERS, Mechanism, Term
 from .candidates import Candidate
 from .credible_sets import FOUND, Entry
+from .curve_waves import find_waves
 from .effects import Effect
 from .fitted_curves import find_waves, measure_heights
 from .stated_probability import describe_level_probability, format_probability, scale_listed
@@ -23,6 +24,8 @@ PREFIXES = ((1e-6, 1e-9, "n"), (1e-4, 1e-6, "µ"), (0.5, 1e-3, "m"))
 # the smaller is not mentioned
 LEVER_MM = 1000.0
 MIN_SHARE = 1e-3
+# rad from which an angle in a sentence is in degrees
+LARGEST_MRAD = 0.05
 # sizes that are unusual for an error of an arm, where the catalogue gives no range
 USUAL_SIZE = {"mm": 10.0, "rad": 0.02}
 MOTIONS = {"t": "shifts along", "r": "turns about"}
@@ -57,12 +60,13 @@ def _choose_angle_prefix(size: float) -> tuple[float, str]:
     return 1.0, ""
 
 
-def format_quantity(value: float, error: float | None, unit: str) -> str:
+def format_quantity(value: float, error: float | None, unit: str, size: float = 0.0) -> str:
     """Format a value with its standard error and a prefixed unit: 1.204 ± 0.031 mrad/rad.
 
     The error has two digits and the value ends at the same place (GUM 7.2.6); without an error the
-    value has three digits."""
-    largest = max(abs(value), error or 0.0)
+    value has three digits. `size`: of the largest value of this kind beside it, which has the same
+    prefix."""
+    largest = max(abs(value), error or 0.0, size)
     factor, shown_unit = choose_prefix(largest, unit)
     size = value / factor
     if error and np.isfinite(error):
@@ -75,6 +79,13 @@ def format_quantity(value: float, error: float | None, unit: str) -> str:
     else:
         shown = "0"
     return f"{shown} {shown_unit}".rstrip()
+
+
+def format_angle(rad: float) -> str:
+    """Format an angle [rad] with three digits: in µrad or mrad, degrees from some tens of mrad on."""
+    if abs(rad) >= LARGEST_MRAD:
+        return f"{write_rounded(float(np.degrees(rad)))}°"
+    return format_quantity(rad, None, "rad")
 
 
 def format_length(mm: float) -> str:
@@ -108,10 +119,23 @@ def describe_amount(terms: Sequence[Term], estimate: Array, error: Array) -> str
     if isinstance(first_screw.cause, Bump):
         return _describe_free_function(terms, estimate)
     amounts = []
+    largest = _find_largest(terms, estimate, error)
     for term, value, sigma in zip(terms, estimate, error, strict=True):
-        amount = format_quantity(float(value), float(sigma), term.unit)
+        size = largest[term.unit.startswith("rad")]
+        amount = format_quantity(float(value), float(sigma), term.unit, size)
         amounts.append(f"{term.symbol} = {amount}")
     return ", ".join(amounts)
+
+
+def _find_largest(terms: Sequence[Term], estimate: Array, error: Array) -> dict[bool, float]:
+    """Find the largest value or standard error of terms that turn (True), and of those that shift."""
+    largest = {True: 0.0, False: 0.0}
+    for term, value, sigma in zip(terms, estimate, error, strict=True):
+        turns = term.unit.startswith("rad")
+        size = max(abs(float(value)), float(sigma))
+        if np.isfinite(size):
+            largest[turns] = max(largest[turns], size)
+    return largest
 
 
 def _describe_amplitude(unit: str, estimate: Array, error: Array) -> str:
@@ -223,14 +247,14 @@ def list_cautions(effect: Effect) -> list[str]:
     after = effect.after_selection
     if after is not None and after.factor < LARGE_SHARE:
         cautions.append(
-            f"allowing for the search, its size is {after.low:.0%} to {after.high:.0%} of this (95 %)"
+            f"allowing for the search, its size is {100 * after.low:.0f} to {write_percent(after.high)} of this (95 %)"
         )
     if effect.lasting:
         cautions.append(f"errors that last may do the same (probability {effect.lasting:.2f})")
     if effect.cancels is not None:
         other, share = effect.cancels
         cautions.append(
-            f"{other} cancels most of it; together they move the target by {share:.0%} of what "
+            f"{other} cancels most of it; together they move the target by {write_percent(share)} of what "
             "either does alone: the data do not determine the size of each"
         )
     return cautions

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._typing import Array, Index
-from ..exceptions import count_words, write_rounded
+from ..exceptions import count_words
 from ..fitting.noise import Floor
 from ..measurements.measurements import Measurements
 from ..selection.evaluation import Evaluation, Split
@@ -21,7 +21,7 @@ from .candidates import Candidate
 from .evidence import RATIOS
 from .outcome import Diagnosis
 from .residual_tests import GROUP_LEVEL, compute_group_p
-from .sentences import format_length
+from .sentences import format_angle, format_length
 from .state import LEVEL
 from .stated_probability import format_chance, format_probability
 
@@ -208,7 +208,7 @@ def describe_unexplained(
     else:
         size = format_length(limit)
         if limit_mrad is not None:
-            size += f" or {write_rounded(limit_mrad)} mrad of orientation"
+            size += f" or {format_angle(limit_mrad * 1e-3)} of orientation"
         reach = (
             f"a listed effect above {size} rms beyond what the geometry absorbs would "
             "have been found with 90 % probability."

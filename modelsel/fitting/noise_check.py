@@ -115,7 +115,7 @@ def describe_lack(
     times = f"1/{write_rounded(found.factor)} of"
     if found.factor < 1:
         times = f"{write_rounded(1 / found.factor)} times"
-    stated = f"{write_rounded(floor)} {scale}"
+    stated = f"{floor:.6g} {scale}"
     remaining = f"{write_rounded(left)} {scale}"
     squares = [write_rounded(factor**2) for factor in (found.factor, found.low, found.high)]
     return (

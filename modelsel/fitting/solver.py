@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..exceptions import NotEstimable
+from ..exceptions import NotEstimable, write_rounded
 from .design import Model
 from .expansion import Expansion, Triangle, Unsafe
 from .gradient import Rows
@@ -296,6 +296,6 @@ class Solver:
             )
         if settled and state.step_mm > 1e3 * step_mm and state.damping < STUCK:
             raise NotEstimable(
-                f"the fit of {names} does not settle (last step {state.step_mm:.3g} mm): the data hardly "
+                f"the fit of {names} does not settle (last step {write_rounded(state.step_mm)} mm): the data hardly "
                 "determine some parameters; measure more widely spread configurations."
             )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .._typing import Array
+from ..exceptions import write_rounded
 
 # pairs of times that are compared
 MAX_PAIRS = 4_000_000
@@ -12,6 +13,7 @@ MAX_PAIRS = 4_000_000
 # another
 MIN_SHARE = 0.5
 MAX_OTHER_SHARE = 0.5
+MILLISECOND = 1e-3  # s; a smaller gap is told as less than this
 
 
 def find_clock_offset(points: Array, log: Array, max_gap: float) -> tuple[float, int] | None:
@@ -33,3 +35,10 @@ def find_clock_offset(points: Array, log: Array, max_gap: float) -> tuple[float,
     window = ordered[best : best + most]
     middle = (window[0] + window[-1]) / 2
     return float(middle), most
+
+
+def write_seconds(seconds: float) -> str:
+    """Write a time [s]; less than a millisecond is no more than that."""
+    if seconds < MILLISECOND:
+        return f"less than {MILLISECOND:g} s"
+    return f"{write_rounded(seconds)} s"

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from .._typing import Array, Index
+from ..exceptions import write_rounded
 from .column_names import parse_column_name
 from .columns import convert_to_numbers
 from .joining import COORDINATES, Join, list_dropped_columns, list_name_columns
@@ -25,7 +26,7 @@ def describe_join(points: Table, log: Table, join: Join, max_gap: float) -> list
     all_points = np.arange(count)
     alone = np.setdiff1d(all_points, join.points)
     matched = count - len(alone)
-    said = [f"Joined {join.words}: {matched} of {count} points."]
+    said = [f"Joined {join.words}: {matched:,} of {count:,} points."]
     said += _describe_repeats(points, join)
     if len(alone):
         listed = _list_rows(points, alone)
@@ -56,8 +57,8 @@ def _describe_repeats(points: Table, join: Join) -> list[str]:
     if len(rows) > 1:
         what = "repeated shots"
     said = (
-        f"Taken for {what}, with the joint readings of the point that is called so without the "
-        f"ending: {listed}. Every shot is a row; the study leaves out one that is far off."
+        f"Taken for {what}, with the joint readings of the point of the same name without the "
+        f"suffix: {listed}. Every shot is a row of its own."
     )
     return [said]
 
@@ -123,7 +124,7 @@ def _describe_clocks(points: Table, log: Table, join: Join, max_gap: float) -> l
     if middle > 0:
         way = "ahead of"
     said = (
-        f"The joint log's clock is {size:.3g} s {way} the instrument's (median of the pairs, half of "
-        f"them within {spread:.2g} s of it): joined by name, the points do not need it."
+        f"The joint log's clock is {write_rounded(size)} s {way} the instrument's (median of the pairs, half of "
+        f"them within {write_rounded(spread, 2)} s of it): joined by name, the points do not need it."
     )
     return [said]

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from .._typing import Array, Index
-from ..exceptions import DataError
-from .clock_offset import find_clock_offset
+from ..exceptions import DataError, write_rounded
+from .clock_offset import find_clock_offset, write_seconds
 from .column_names import MEASURED, parse_column_name
 from .columns import convert_to_numbers, find_blank_cells, read_numbers
 from .leftover_points import find_repeated_name
@@ -333,12 +333,12 @@ def _join_by_time(points: Table, log: Table, max_gap: float, clock_offset: float
     if matched < MIN_SHARE * count:
         median = np.median(gap)
         return (
-            f"{matched} of {count} points have readings within {max_gap:g} s; the median "
-            f"gap is {median:.3g} s ({_advise_on_gap(of_points, of_log, max_gap, clock_offset)})"
+            f"{matched:,} of {count:,} points have readings within {max_gap:g} s; the median "
+            f"gap is {write_rounded(median)} s ({_advise_on_gap(of_points, of_log, max_gap, clock_offset)})"
         )
     largest = float(gap[close].max())
     columns = f'"{times.column}" and "{readings.column}"'
-    words = f"by nearest time ({columns}, {largest:.3g} s apart at most)"
+    words = f"by nearest time ({columns}, {write_seconds(largest)} apart at most)"
     return Join("time", close, nearest[close], words)
 
 
@@ -372,7 +372,7 @@ def _join_by_order(points: Table, log: Table) -> Join | str:
     count = len(points)
     readings = len(log)
     if count != readings:
-        return f"{count} points and {readings} rows of joint readings are not as many"
+        return f"{count:,} points and {readings:,} rows of joint readings are not as many"
     rows = np.arange(count)
     return Join("order", rows, rows, "row by row, in their order")
 
@@ -382,8 +382,14 @@ def refuse_join(
 ) -> DataError:
     """Return the error of two files that no way, or not the wanted one, joins."""
     listed = "; ".join(f"by {way}: {reasons[way]}" for way in ways if way in reasons)
+    remedy = "Give both files a column of point names or of times, or as many rows."
+    if find_times(points) is not None and find_times(log) is not None:
+        remedy = (
+            "Say --clock-offset or --max-gap, if the clocks differ; or give both files a column of "
+            "point names, or as many rows."
+        )
     return DataError(
         f"the points cannot be joined with {log.where.file}: {listed}.",
         file=points.where.file,
-        remedy="Give both files a column of point names or of times, or as many rows.",
+        remedy=remedy,
     )

@@ -85,7 +85,7 @@ def describe_drift(names: Sequence[str], position: Array, rows: Index) -> list[s
         return []
     listed = ", ".join(moved)
     said = (
-        f"Between the start and the end the fixed points moved: {listed}. So much the instrument, or "
-        "what it and they stand on, drifted."
+        f"Between the start and the end the fixed points moved: {listed}. This is how far the "
+        "instrument, or what it and the points stand on, drifted."
     )
     return [said]

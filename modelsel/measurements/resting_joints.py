@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..exceptions import sentence_list
+from ..exceptions import sentence_list, write_rounded
 
 FLICKER = (float(np.radians(0.1)), 0.1)  # rad, mm: a joint may rest whose readings stay within it
 APART = 10.0  # by this factor the smallest motion is larger than the largest flicker
@@ -59,9 +59,9 @@ def describe_resting_joints(rest: Array, prismatic: Sequence[bool]) -> str | Non
         slides = bool(prismatic[j - 1]) if j <= len(prismatic) else False
         if size > 0:
             each.append(
-                f"joint {j} (at most {size:.2g} mm)"
+                f"joint {j} (at most {write_rounded(size, 2)} mm)"
                 if slides
-                else f"joint {j} (at most {np.degrees(size):.2g} deg)"
+                else f"joint {j} (at most {write_rounded(np.degrees(size), 2)} deg)"
             )
     if not each:
         return None

@@ -3,6 +3,7 @@ measured positions, commanded positions, counters of rows, orientations, uncerta
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
@@ -38,11 +39,15 @@ SHORT_UNCERTAINTIES = frozenset(("sx", "sy", "sz"))
 MIN_COUNTED = 8
 # names of columns that count fewer rows, too
 COUNTER_NAMES = frozenset(("no", "nr", "nummer", "lfd. nr", "lfdnr"))
+# X1, y_2: a coordinate of one of several positions
+NUMBERED_AXIS = re.compile(r"([xyz])[ _]?(\d+)$", re.IGNORECASE)
 # what is said of the columns of each code
 SENTENCES = {
     "computed-ignored": "Columns that look computed from the measured positions, and so are no "
     "causes of errors, are ignored: {}.",
     "commanded-ignored": "Commanded positions, which are no causes of errors, are ignored: {}.",
+    "positions-ignored": "Positions beside the one that is measured, which are no causes of errors, "
+    "are ignored: {}.",
     "counters-ignored": "Columns that only count the rows are ignored: {}.",
     "orientations-ignored": "Columns that look like an orientation, and so are no causes of errors, "
     "are ignored: {}.",
@@ -66,6 +71,7 @@ def find_uncausal_columns(table: Table, taken: Collection[str]) -> dict[str, lis
         "computed-ignored": _find_deviations(names),
         "commanded-ignored": _find_commanded(names),
         "uncertainties-ignored": find_uncertainties(names),
+        "positions-ignored": _find_positions(names),
         "orientations-ignored": orientations,
         "quaternion-ignored": quaternion,
         "counters-ignored": _find_counters(table, free),
@@ -111,6 +117,33 @@ def _find_commanded(names: Sequence[ColumnName]) -> list[str]:
         if is_coordinate and name.is_commanded:
             commanded.append(name.given)
     return commanded
+
+
+def _find_positions(names: Sequence[ColumnName]) -> list[str]:
+    """Find three coordinates of another position, one of each axis, in the order of the axes."""
+    families = dict[frozenset[str], dict[str, str]]()
+    for name in names:
+        numbered = NUMBERED_AXIS.match(name.given)
+        axis = name.quantity
+        words = name.words
+        if numbered is not None:
+            axis = numbered[1].lower()
+            words = frozenset((numbered[2],))
+        others = [word for word in words - MEASURED - POSITION_WORDS if not word.isdigit()]
+        if axis in AXES and not others:
+            family = families.setdefault(words, {})
+            family[axis] = name.given
+    return _list_complete(families)
+
+
+def _list_complete(families: Mapping[frozenset[str], Mapping[str, str]]) -> list[str]:
+    """List the columns of the families that have one of each axis."""
+    listed = list[str]()
+    for family in families.values():
+        is_complete = len(family) == len(AXES)
+        if is_complete:
+            listed += [family[axis] for axis in AXES]
+    return listed
 
 
 def _find_deviations(names: Sequence[ColumnName]) -> list[str]:
@@ -159,12 +192,7 @@ def find_uncertainties(names: Sequence[ColumnName]) -> list[str]:
         words = name.words - SHORT_UNCERTAINTIES
         family = families.setdefault(words, {})
         family[axis] = name.given
-    listed = list[str]()
-    for family in families.values():
-        is_complete = len(family) == len(AXES)
-        if is_complete:
-            listed += [family[axis] for axis in AXES]
-    return listed
+    return _list_complete(families)
 
 
 def _find_uncertain_axis(name: ColumnName) -> str | None:

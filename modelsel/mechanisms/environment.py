@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .._typing import Array
+from ..exceptions import write_percent
 from ..measurements.reference_temperature import REFERENCE, TEMPERATURE
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
@@ -163,7 +164,7 @@ def target_step(robot: Robot, at: float) -> Mechanism:
     return Mechanism(
         "target-step",
         tuple(Term(f"s{a}", (Screw(robot.n + 1, a, cause),), STEP["t"]) for a in AXES[:3]),
-        f"The target stands elsewhere on the flange after {at:.1%} of the campaign.",
+        f"The target stands elsewhere on the flange after {write_percent(at, 1)} of the campaign.",
         f"H_{robot.n + 1} = s · {cause}",
         "ISO 10360-10, laser trackers: stability of the target's nest",
         usual_causes=("reflector put back in its nest", "tool or nest that slipped or was knocked"),
@@ -177,7 +178,7 @@ def tracker_step(robot: Robot, at: float) -> Mechanism:
     return Mechanism(
         "tracker-step",
         tuple(Term(f"j{a}", (Screw(1, a, cause),), STEP[a[0]]) for a in AXES),
-        f"The instrument and the base stand differently relative to each other after {at:.1%} of the campaign.",
+        f"The instrument and the base stand differently relative to each other after {write_percent(at, 1)} of the campaign.",
         f"H_1 = j · {cause}",
         "ISO 10360-10, laser trackers: stability",
         usual_causes=(

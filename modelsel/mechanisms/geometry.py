@@ -34,7 +34,7 @@ def geometric(robot: Robot) -> Mechanism:
         tuple(_term(f, axis, robot.usual[axis[0] == "r"]) for f, axis in places),
         "The links, joint axes, joint zeros and the target are not where the drawing has them.",
         "H_k = Trans(a,b,c) Rx(α) Ry(β) Rz(γ) in every frame, constant",
-        "Positioning error analysis (the reference), Eq. 2",
+        "Chen & Chao 1987, positioning error analysis of robots with rotary joints, Eq. 2",
     )
 
 

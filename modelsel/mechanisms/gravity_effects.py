@@ -11,7 +11,7 @@ from .compliance import WINDING_PARTS
 from .motors import drive_angle, drive_screws, motor_torque, name_drive
 from .terms import Mechanism, Screw, Term
 
-PAPER = "Positioning error analysis (the reference), Eq. 6-7"
+PAPER = "Chen & Chao 1987, positioning error analysis of robots with rotary joints, Eq. 6-7"
 TWIST = (2e-5, 1e-2)  # rad at full lever: 10 N m … 1 kN m over 1e5 … 1e6 N m/rad
 BACKLASH = (2e-5, 2e-3)  # rad
 # parts that usually make a base tilt

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from ..diagnosis.signatures import PROVEN
 from ..diagnosis.stated_probability import format_probability
-from ..exceptions import sentence_list
+from ..exceptions import choice_list, sentence_list
 from ..measurements.row_places import where_from_record
 from ..notices import ALARMS
 from ..results.details_schema import DetailsRecord, FindingDetailsRecord
@@ -105,7 +105,7 @@ def _describe_standing(finding: FindingRecord, label: str) -> str:
         rivals = _weigh_names(finding)
         more = len(rivals) - SHOWN_RIVALS + finding.more_entries
         others = [f"{more} more"] if more > 0 else []
-        return f"not told apart: {' or '.join([*rivals[:SHOWN_RIVALS], *others])}{doubt}"
+        return f"not told apart: {choice_list([*rivals[:SHOWN_RIVALS], *others])}{doubt}"
     claim = finding.claim
     if claim is None or claim.level == "cause":
         return f"{label}, probability {describe_probability(finding)}{doubt}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ..exceptions import sentence_list
+from ..exceptions import sentence_list, write_rounded
 from ..notices import Note
 from ..selection.gain import Gain
 
@@ -47,8 +47,8 @@ def harmful_base_notes(base: Sequence[str], gain: Gain) -> tuple[Note, ...]:
     if before is None or after is None or after <= before:
         return ()
     sentence = (
-        f"On the held-out configurations the fitted base model ({sentence_list(base)}) errs by {after:.3g} mm rms "
-        f"where the nominal arm errs by {before:.3g}{_harm(gain.interval_mm)}: the estimation configurations do not "
+        f"On the held-out configurations the fitted base model ({sentence_list(base)}) errs by {write_rounded(after)} mm rms "
+        f"where the nominal arm errs by {write_rounded(before)}{_harm(gain.interval_mm)}: the estimation configurations do not "
         "determine it well enough. Let more of them estimate, and keep the nominal parameters until then."
     )
     return (Note("base-worse-than-nominal", sentence),)
@@ -80,5 +80,5 @@ def _harm(interval: tuple[float, float] | None) -> str:
         return ""
     low, high = interval
     if high < 0:
-        return f", worse by {-high:.3g} to {-low:.3g} mm (95 %)"
+        return f", worse by {write_rounded(-high)} to {write_rounded(-low)} mm (95 %)"
     return ", a difference that chance may make"

@@ -51,7 +51,7 @@ class Advice(NamedTuple):
 _ANGLE = (MODEL, "correct it over the angle of {joint}; that holds until the joint is taken apart")
 _LOAD = (
     MODEL,
-    "the pose tells it, under the load that was measured; with another load measure payload_kg along, or calibrate again",
+    "the pose tells it, under the load that was measured; for other loads, record payload_kg and measure again",
 )
 _WARM = (MODEL, "with the temperature measured along, or calibrate and work at one temperature")
 _INSTRUMENT = (

@@ -12,8 +12,8 @@ import numpy as np
 from .._random import generator
 from .._typing import Array
 from ..diagnosis.effects import Effect
-from ..diagnosis.sentences import format_length
-from ..exceptions import sentence_list, write_rounded
+from ..diagnosis.sentences import format_angle, format_length
+from ..exceptions import sentence_list
 from ..fitting.least_squares import Fit
 from ..fitting.noise import RAD_PER_MM
 from ..selection.evaluation import Evaluation, Split, measure_orientation
@@ -338,5 +338,5 @@ def _write_size(mm: float, mrad: float | None) -> str:
     """Write how far the target is moved, and how far its orientation is turned where that is told."""
     if mrad is None or mrad < MIN_TURN:
         return format_length(mm)
-    turned = f"{write_rounded(mrad)} mrad"
+    turned = format_angle(mrad * 1e-3)
     return turned if mm < MIN_DISPLACEMENT else f"{format_length(mm)} and {turned}"

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..diagnosis.sentences import choose_prefix
+from ..exceptions import write_rounded
 from .workspace import Range
 
 # arc seconds of a radian
@@ -15,8 +16,8 @@ ARC_SECONDS = float(np.degrees(1.0) * 3600)
 MILLI = 1e3
 # units of angles, and how many of them a radian is
 ANGLES = {"arcsec": ARC_SECONDS, "mrad": MILLI}
-# from which a figure is written without decimals, its thousands apart
-LARGE = 1000.0
+# digits of an interval's ends: the usual, and the most that are tried to tell them apart
+DIGITS, MAX_DIGITS = 3, 5
 
 
 @dataclass(frozen=True)
@@ -58,27 +59,24 @@ def _prefix_angle(value: Range, units: float) -> tuple[Range, str]:
 
 
 def describe_ends(value: Range) -> str:
-    """Return the 95 % interval in brackets, to follow a figure; nothing where there is none."""
+    """Return the 95 % interval in brackets, to follow a figure, with as many digits as tell its ends
+    apart; nothing where there is none, or where it takes more than MAX_DIGITS."""
     if value.low is None and value.high is None:
         return ""
     if value.low is None:
         high = format_figure(value.high or 0.0)
         return f" (95 %: at most {high})"
-    low = format_figure(value.low)
     if value.high is None:
+        low = format_figure(value.low)
         return f" (95 %: at least {low})"
-    high = format_figure(value.high)
-    return f" (95 %: {low} to {high})"
+    for digits in range(DIGITS, MAX_DIGITS + 1):
+        low = write_rounded(value.low, digits)
+        high = write_rounded(value.high, digits)
+        if low != high:
+            return f" (95 %: {low} to {high})"
+    return ""
 
 
 def format_figure(value: float) -> str:
     """Return a figure with three digits, never with an exponent."""
-    if value == 0:
-        return "0"
-    rounded = float(f"{value:.3g}")
-    size = abs(rounded)
-    if size >= LARGE:
-        return f"{rounded:,.0f}"
-    order = np.floor(np.log10(size))
-    places = max(2 - int(order), 0)
-    return f"{rounded:.{places}f}"
+    return write_rounded(value)

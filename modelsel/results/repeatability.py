@@ -10,7 +10,7 @@ import numpy as np
 
 from .._typing import Array
 from ..diagnosis.sentences import choose_prefix
-from ..exceptions import sentence_list
+from ..exceptions import sentence_list, write_rounded
 from ..fitting.error_structure import ErrorPart, ErrorStructure
 from ..fitting.noise import Floor
 from ..fitting.possible_parts import GIVEN
@@ -182,14 +182,13 @@ def _choose_unit(size: float, unit: str) -> tuple[float, str]:
 
 
 def round_digits(value: float, digits: int = 2) -> str:
-    """Return a figure of so many digits, without an exponent unless it is very large or small."""
-    rounded = float(f"{value:.{digits}g}")
-    return f"{rounded:g}"
+    """Return a figure of so many significant digits, zeros kept."""
+    return write_rounded(value, digits)
 
 
 def describe_share(share: float) -> str:
     """Return a share in percent that is never nought."""
-    return format_share(share) if share >= MIN_SHARE else "less than 1%"
+    return format_share(share) if share >= MIN_SHARE else "less than 1 %"
 
 
 def label_part(part: ErrorPartRecord) -> str:
@@ -210,21 +209,30 @@ def compute_target_rms(parts: Sequence[ErrorPartRecord]) -> Array:
 
 def summarise_repeatability(parts: Sequence[ErrorPartRecord]) -> list[str]:
     """Return the largest part in full, and the others with their shares; what may be no error of the
-    measurement, too, in full. None where nothing is told."""
+    measurement, too, in full. None where nothing is told; of which joints too few repeats tell."""
     if not parts:
         return []
     first, *others = parts
     sentence = f"Repeatability: {first.sentence}"
     shares = []
+    unsure = []
     for part in others:
         if part.instead:
             sentence += f" {part.sentence}"
             continue
-        share = describe_share(part.share)
-        shares.append(f"{label_part(part)} {share}")
+        shares.append(f"{label_part(part)} ({describe_share(part.share)})")
+        if _is_unsure(part):
+            unsure.append(part.part)
     if shares:
-        sentence += f" The rest: {sentence_list(shares)}."
+        sentence += f" Other parts of what is left: {sentence_list(shares)}."
+    if unsure:
+        sentence += f" Too few postures were measured again to be sure of {sentence_list(unsure)}."
     return [sentence]
+
+
+def _is_unsure(part: ErrorPartRecord) -> bool:
+    """Return whether a part is a joint's that no repeats tell."""
+    return part.part.startswith(JOINT) and part.told_by not in ("repeats", GIVEN)
 
 
 def write_repeatability_lines(parts: Sequence[ErrorPartRecord]) -> list[str]:

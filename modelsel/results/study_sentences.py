@@ -6,7 +6,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from math import ceil, log10
+from math import copysign
 
 from ..diagnosis.stated_probability import (
     describe_level_probability,
@@ -15,6 +15,7 @@ from ..diagnosis.stated_probability import (
     format_probability,
     scale_listed,
 )
+from ..exceptions import write_percent, write_rounded
 from ..measurements.row_places import Where
 from ..notices import HOPELESS_FIT, Note, list_alarms
 from .finding_schema import EntryRecord, FindingRecord
@@ -44,6 +45,7 @@ SMALLEST_P = 0.001
 LONG_NUMBER = re.compile(r"\d+\.\d{4,}")
 # mm from which three decimals are more than anyone reads
 LARGEST_FINE_MM = 9.9995
+SMALLEST_GAIN_MM = 1e-4  # mm; a smaller gain is told as this
 FEATURE_POSITIONS = {
     "wire": "its anchor stands",
     "ball-bar": "its sphere stands",
@@ -64,11 +66,11 @@ def format_mm(value: float | None) -> str:
 
 
 def format_gain(value: float) -> str:
-    """Return a change of a length [mm] as `format_mm` does, with the first digit of one that is smaller."""
+    """Return a change of a length [mm] as `format_mm` does; of one that is smaller a digit more, no less
+    than SMALLEST_GAIN_MM, so that its sign is seen."""
     text = format_mm(value)
     if float(text) == 0 != value:
-        places = ceil(-log10(abs(value)))
-        text = f"{value:.{places}f}"
+        text = f"{copysign(max(abs(value), SMALLEST_GAIN_MM), value):.4f}"
     return text.replace("-", "−")
 
 
@@ -83,7 +85,7 @@ def format_p(p: float | None) -> str:
 
 def format_share(share: float | None) -> str:
     """Return a share in percent; a dash where undefined."""
-    return "–" if share is None else f"{share:.0%}"
+    return "–" if share is None else write_percent(share)
 
 
 def format_weight(weight: float | None) -> str:
@@ -182,7 +184,7 @@ def describe_split(record: StudyRecord) -> str:
 def describe_noise_floor(record: StudyRecord) -> str:
     """Return the noise floor with its source, without a full stop."""
     floor = record.noise_floor
-    return f"{floor.coordinate_mm:.3g} mm per coordinate ({floor.source})"
+    return f"{write_rounded(floor.coordinate_mm)} mm per coordinate ({floor.source})"
 
 
 # -- findings
@@ -299,7 +301,7 @@ def describe_predictable(record: StudyRecord) -> str:
     chance = f"(p = {format_chance(predictable.p)})"
     if has_predictable_rest(record):
         return (
-            f"Some smooth function of the configuration would still predict {predictable.share:.0%} of what is left "
+            f"Some smooth function of the configuration would still predict {write_percent(predictable.share)} of what is left "
             f"{chance}: the chosen model does not explain everything."
         )
     return f"No smooth function of the configuration predicts the remaining error {chance}."

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from .._records import StrictRecord
 from ..diagnosis.stated_probability import format_probability
-from ..exceptions import write_numbered
+from ..exceptions import write_numbered, write_rounded
 from .finding_schema import FindingRecord
 from .model_schema import RungRecord
 from .schema import ErrorPartRecord, StudyRecord
@@ -240,7 +240,7 @@ def _notebook_head(record: StudyRecord) -> str:
     counts, floor = record.configurations, record.noise_floor
     return (
         f"<p><b>{escape(record.study)}</b>: {escape(record.robot)}, {counts.estimation:,} configurations fit the models, "
-        f"{counts.held_out:,} are held out; noise floor {floor.coordinate_mm:.3g} mm a coordinate "
+        f"{counts.held_out:,} are held out; noise floor {write_rounded(floor.coordinate_mm)} mm a coordinate "
         f"({escape(floor.source)})</p>"
     )
 

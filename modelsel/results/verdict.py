@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from math import degrees, hypot
+from math import hypot
 from typing import NamedTuple
 
-from ..exceptions import sentence_list, write_rounded
+from ..diagnosis.sentences import format_angle
+from ..exceptions import choice_list, sentence_list, write_rounded
 from ..fitting.noise import Floor
 from ..selection.evaluation import Evaluation
 from ..selection.gain import Gain
@@ -17,7 +18,6 @@ from .small_findings import MIN_GROUPED, write_number
 
 SHOWN_NAMES = 6  # in a sentence
 CLEARLY_MORE = 1.1  # factor by which what noise leaves is more with what else does not repeat
-LARGEST_MRAD = 0.1  # rad from which an angle is written in degrees
 FREE_FUNCTION = re.compile(r"free\(([^()]+)\)")  # in a name
 
 
@@ -35,7 +35,7 @@ class Named(NamedTuple):
     def shown(self) -> str:
         """The name, or the names where its cause is not proven; that it is doubtful."""
         names = (self.name,) if self.is_settled else (self.name, *self.rivals)
-        text = " or ".join(names)
+        text = choice_list(names)
         return f"{text} (doubtful)" if self.doubtful else text
 
 
@@ -101,28 +101,24 @@ def _describe_orientation(orientation: tuple[float, float] | None) -> str:
         return ""
     before, after = orientation
     verb = _change_verb(before, after)
-    return f" The orientation error {verb} from {_angle(before)} to {_angle(after)} rms."
+    return (
+        f" The orientation error {verb} from {format_angle(before)} to {format_angle(after)} rms."
+    )
 
 
 def _change_verb(before: float, after: float) -> str:
     return "falls" if after < before else "does not fall: it goes"
 
 
-def _angle(value: float) -> str:
-    if value < LARGEST_MRAD:
-        return f"{value * 1e3:.3g} mrad"
-    return f"{degrees(value):.3g}°"
-
-
 def _describe_noise(noise: Noise) -> str:
     """Return what noise alone would leave, and, where that is clearly more, with what else does not repeat."""
     floor = noise.floor
     alone = _rms_length(floor)
-    words = f"noise of {floor.coordinate_mm:.3g} mm per coordinate ({floor.source}) would leave {alone:.3g} mm"
+    words = f"noise of {write_rounded(floor.coordinate_mm)} mm per coordinate ({floor.source}) would leave {write_rounded(alone)} mm"
     both = hypot(alone, noise.unrepeated_mm)
     if both < CLEARLY_MORE * alone:
         return words
-    return f"{words}, and with what else does not repeat {both:.3g} mm"
+    return f"{words}, and with what else does not repeat {write_rounded(both)} mm"
 
 
 def _describe_gain(nominal: Evaluation, chosen: Evaluation, gain: Gain, noise: str) -> str:
@@ -179,10 +175,10 @@ def _describe_named(every: NamedErrors, extends: bool) -> str:
 
 def _describe_small_effect(every: NamedErrors) -> str:
     """Return how far small findings move the target, and how far they turn it where that is told."""
-    moved = f"{every.small_rms_mm:.3g} mm rms"
+    moved = f"{write_rounded(every.small_rms_mm)} mm rms"
     if every.small_rms_mrad is None:
         return f"move the target by {moved}"
-    turned = f"{every.small_rms_mrad:.3g} mrad rms"
+    turned = f"{format_angle(every.small_rms_mrad * 1e-3)} rms"
     if every.small_rms_mm < MIN_DISPLACEMENT:
         return f"turn the target by {turned}"
     return f"move the target by {moved} and turn it by {turned}"

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._typing import Array
-from ..exceptions import count_words
+from ..exceptions import count_words, write_rounded
 from .kinematics import Robot
 from .rigid import inverse, nearest_rotation, rotation_matrix, transform
 
@@ -169,8 +169,8 @@ def _compare_axes(number: int, between: Array, slides: bool) -> tuple[float, str
     angle = float(np.arctan2(np.hypot(*between[:2, 2]), between[2, 2]))
     distance = 0.0 if slides else float(np.hypot(*between[:2, 3]))
     nominal = "the calibrated robot's nominal one"
-    turned = f"the axis of joint {number} points {np.degrees(angle):.3g} deg away from {nominal}"
-    shifted = f"the axis of joint {number} lies {distance:.3g} mm away from {nominal}"
+    turned = f"the axis of joint {number} points {write_rounded(np.degrees(angle))} deg away from {nominal}"
+    shifted = f"the axis of joint {number} lies {write_rounded(distance)} mm away from {nominal}"
     return max((angle / MAX_ANGLE, turned), (distance / MAX_DISTANCE_MM, shifted))
 
 

@@ -195,12 +195,12 @@ def bounded_array(value: Any) -> Array:
 
 
 def robot_card(robot: Robot) -> dict[str, Any]:
-    """Summarise a robot for people and programs: its chain, limits in words, reach."""
+    """Summarise a robot for people and programs: its chain, limits in words, length of its links in all."""
     return {
         "name": robot.name,
         "source": robot.source,
         "joints": robot.n,
-        "reach_mm": robot.reach,
+        "links_mm": robot.reach,
         "gravity": robot.gravity,
         "chain": [_joint_card(joint) for joint in robot.joints],
         "last_mm": robot.last[:3].tolist(),

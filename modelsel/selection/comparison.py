@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._typing import Array, Mask
+from ..exceptions import write_rounded
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit
 from ..fitting.linear_step import Step
@@ -385,4 +386,4 @@ def _describe_proof(certified: Certified | None) -> str:
     """Describe what is known of the best subset by BIC."""
     if certified is None or certified.proven:
         return "lowest BIC of all subsets, proven"
-    return f"lowest BIC found; another may have up to {certified.gap:.3g} less"
+    return f"lowest BIC found; another may have up to {write_rounded(certified.gap)} less"

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._typing import Array, Index, Mask
-from ..exceptions import DataError, NotEstimable
+from ..exceptions import DataError, NotEstimable, write_rounded
 from ..fitting.problem import Problem
 from ..robot.rigid import from_quaternion, nearest_rotation, rotation_vector, to_quaternion
 from .other_robots import select_most_frequent
@@ -113,8 +113,8 @@ def _describe_best(seen: Array, flange: Array, tracker: Array | None) -> str | N
     degrees_before = np.degrees(before)
     degrees_after = np.degrees(after)
     return (
-        f"The orientations fit {factor:.0f} times better ({degrees_after:.2g}° instead "
-        f"of {degrees_before:.3g}°, median) if the quaternions are {words}: {looks}."
+        f"The orientations fit {factor:,.0f} times better ({write_rounded(degrees_after, 2)}° instead "
+        f"of {write_rounded(degrees_before)}°, median) if the quaternions are {words}: {looks}."
     )
 
 

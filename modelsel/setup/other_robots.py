@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from .._typing import Index, Mask
-from ..exceptions import DataError, NotEstimable
+from ..exceptions import DataError, NotEstimable, write_rounded
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
 from ..measurements.visits import count_distinct
@@ -37,7 +37,7 @@ def describe_improvement(before: float, after: float) -> str:
     is_near = before < FAR_BETTER * after
     if is_near:
         factor = before / after
-        return f"{factor:.0f} times better"
+        return f"{factor:,.0f} times better"
     return "far better"
 
 
@@ -132,7 +132,7 @@ def describe_other_robot(
     improvement = describe_improvement(before, after)
     return (
         f"The readings fit {fit} {improvement} than {than} "
-        f"({after:.2g} mm instead of {before:.3g} mm, median, tracker and target found for each): "
+        f"({write_rounded(after, 2)} mm instead of {write_rounded(before)} mm, median, tracker and target found for each): "
         f"{remedy}."
     )
 
@@ -163,8 +163,8 @@ def describe_shifted_rows(problem: Problem, use: Mask) -> str | None:
     plural = "s" if abs(k) > 1 else ""
     direction = "down" if k > 0 else "up"
     return (
-        f"The positions fit {describe_improvement(before, after)} ({after:.2g} mm instead of "
-        f"{before:.3g} mm, median) if each row's readings go with the position {abs(k)} "
+        f"The positions fit {describe_improvement(before, after)} ({write_rounded(after, 2)} mm instead of "
+        f"{write_rounded(before)} mm, median) if each row's readings go with the position {abs(k)} "
         f"row{plural} further {direction}: check how the two were joined."
     )
 

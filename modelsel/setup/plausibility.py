@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .._typing import Array
+from ..exceptions import write_rounded
 
 # of the arm's reach (median): measurements further from the arm are refused
 MAX_DISTANCE_SHARE = 0.25
@@ -22,6 +23,6 @@ def describe_implausible_distance(
     if not distance > limit:
         return None
     return (
-        f"measured and {expected} positions are {distance:.4g} mm apart (median), more than a "
-        f"quarter of the arm's reach ({reach_mm:.4g} mm)."
+        f"measured and {expected} positions are {write_rounded(distance)} mm apart (median), more than a "
+        f"quarter of the length of the arm's links and target in all ({reach_mm:,.0f} mm)."
     )

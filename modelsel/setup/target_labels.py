@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._typing import Array, Index, Mask
-from ..exceptions import DataError, NotEstimable, sentence_list
+from ..exceptions import DataError, NotEstimable, sentence_list, write_rounded
 from ..fitting.problem import Problem
 from ..robot.kinematics import pose
 from .other_robots import describe_improvement
@@ -96,11 +96,11 @@ def _describe(problem: Problem, label: Index, before: float, after: float) -> st
     spans = data.where.spans(data.row[is_other])
     improvement = describe_improvement(before, after)
     return (
-        f"In {count} of {len(given)} rows targets have each other's names "
+        f"In {count:,} of {len(given):,} rows targets have each other's names "
         f"({spans}): {sentence_list(names)} there. "
         "With the names changed the positions "
         f"fit {improvement} "
-        f"({after:.2g} mm instead of {before:.3g} mm, "
+        f"({write_rounded(after, 2)} mm instead of {write_rounded(before)} mm, "
         "mean): correct the column target."
     )
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..diagnosis.data_faults import Fault
 from ..diagnosis.mistaken_rows import describe_slip_before_fit, describe_slips
-from ..exceptions import NotEstimable, sentence_list, write_rounded
+from ..exceptions import NotEstimable, sentence_list, write_percent, write_rounded
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
 from ..fitting.problem import Problem
@@ -221,8 +221,8 @@ def _format_value(value: float, error: float, unit: str) -> str:
     if unit == "rad":
         value_deg = np.degrees(value)
         error_deg = np.degrees(error)
-        return f"{value_deg:.3g} ± {error_deg:.2g}°"
-    return f"{value:.4g} ± {error:.2g} {unit}"
+        return f"{write_rounded(value_deg)} ± {write_rounded(error_deg, 2)}°"
+    return f"{value:.4g} ± {write_rounded(error, 2)} {unit}"
 
 
 def _row_noise(floor: Floor) -> float:
@@ -241,8 +241,8 @@ def _check_detection_limit(chosen: Evaluation, floor: Floor, limit_mm: float | N
     return [
         Note(
             "limit-below-left",
-            f"The detection limit of {limit_mm:.2g} mm rms is that of one single cause: "
-            f"{write_rounded(left_mm, 2)} mm rms are left where noise would leave {noise_mm:.2g} mm, so larger "
+            f"The detection limit of {write_rounded(limit_mm, 2)} mm rms is that of one single cause: "
+            f"{write_rounded(left_mm, 2)} mm rms are left where noise would leave {write_rounded(noise_mm, 2)} mm, so larger "
             "errors of another form are in the data.",
         )
     ]
@@ -269,14 +269,14 @@ def _describe_hopeless_fit(
         return None
     if far:
         what = (
-            f"{write_rounded(left_mm)} mm rms are left, {left_mm / reach:.2%} of the arm's reach, where a "
-            f"calibrated arm leaves less than a thousandth ({calibrated:.2g} mm)"
+            f"{write_rounded(left_mm)} mm rms are left, {write_percent(left_mm / reach, 2)} of the length of the arm's links in all, where a "
+            f"calibrated arm leaves less than a thousandth ({write_rounded(calibrated, 2)} mm)"
         )
         if noise_known:
-            what += f" and the noise ({floor.source}) {noise_mm:.2g} mm"
+            what += f" and the noise ({floor.source}) {write_rounded(noise_mm, 2)} mm"
     else:
         what = (
-            f"{np.degrees(angle):.3g}° rms of orientation are left, where a calibrated arm leaves "
+            f"{write_rounded(np.degrees(angle))}° rms of orientation are left, where a calibrated arm leaves "
             "less than 1°"
         )
     reasons = _list_reasons(notes, register, len(split.problem.data.groups))

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..exceptions import DataError, NotEstimable, count_words, write_rounded
+from ..exceptions import DataError, NotEstimable, count_words, write_percent, write_rounded
 from ..fitting.design import Model, residuals
 from ..fitting.identifiability import as_drawn, identify
 from ..fitting.noise import from_repeats, from_target_pairs
@@ -37,8 +37,8 @@ ASSUMED_TOOL_MM = (0.0, 0.0, 100.0)  # nominal target, for what the configuratio
 TOOL_OFF_AXIS_MM = (50.0, 0.0, 100.0)  # the same where every joint shall move it
 # what is said of positions further from the arm than a study takes
 FAR = (
-    "The positions are {share:.0%} of the arm's reach from where the robot has them, and `modelsel "
-    "study` refuses them: check the robot, the order of the joints, the units and the frame."
+    "The positions are {share} of the length of the arm's links in all from where the robot has "
+    "them, and `modelsel study` refuses them: check the robot, the order of the joints, the units and the frame."
 )
 MIN_MOTION = 1e-6  # rad or mm: a joint with a smaller range does not move
 
@@ -195,7 +195,7 @@ def _describe_registration(found: _Placement | None) -> dict[str, Any]:
     reach = problem.reach_mm
     share = median / reach
     if share > MAX_DISTANCE_SHARE and not alarms:
-        alarms = [FAR.format(share=share)]
+        alarms = [FAR.format(share=write_percent(share))]
     return {
         "registered": {
             "median_mm": median,
@@ -284,14 +284,14 @@ def _format_joint(joint: dict[str, Any]) -> str:
     text = f"{name}: {low:.1f} to {high:.1f} {unit}"
     share = joint["share_of_range"]
     if share is not None:
-        text += f", {share:.0%} of its range"
+        text += f", {write_percent(share)} of its range"
     return text
 
 
 def _format_noise_floor(inspection: dict[str, Any]) -> str:
     floor = inspection["noise_floor"]
     if floor:
-        size = f"{floor['coordinate_mm']:.3g} mm per coordinate"
+        size = f"{write_rounded(floor['coordinate_mm'])} mm per coordinate"
         return f"Noise floor: {size}, from {floor['source']}"
     reason = "" if "kinds" in inspection else " (no repeats, no target pairs)"
     return f"Noise floor: cannot be told from these data alone{reason}"

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..exceptions import DataError
+from ..exceptions import DataError, write_rounded
 from ..measurements.file_form import FileForm
 from ..measurements.full_names import split_full_names
 from ..measurements.headerless_columns import name_columns
@@ -156,11 +156,13 @@ def _choose_way(
     best, second = sorted(ways, key=lambda way: misfits[way])[:2]
     is_good = misfits[best] <= MAX_REACH_SHARE * drafts[best].robot.reach
     if is_good and misfits[second] >= MIN_IMPROVEMENT * misfits[best]:
-        other = f"{misfits[second]:.3g} mm" if np.isfinite(misfits[second]) else "not at all"
-        return best, (
-            f"Joined by {best}, the nominal arm fits to {misfits[best]:.3g} mm; by {second}: {other}."
+        other = (
+            f"{write_rounded(misfits[second])} mm" if np.isfinite(misfits[second]) else "not at all"
         )
-    listed = "; or ".join(f"{joins[way].words} ({misfits[way]:.3g} mm)" for way in ways)
+        return best, (
+            f"Joined by {best}, the nominal arm fits to {write_rounded(misfits[best])} mm; by {second}: {other}."
+        )
+    listed = "; or ".join(f"{joins[way].words} ({write_rounded(misfits[way])} mm)" for way in ways)
     raise DataError(
         f"the files can be joined in two ways that differ, and the nominal arm fits neither clearly "
         f"better: {listed}.",

@@ -8,7 +8,14 @@ from itertools import chain, product
 
 import numpy as np
 
-from ..exceptions import DataError, ModelselError, NotEstimable, count_words
+from ..exceptions import (
+    DataError,
+    ModelselError,
+    NotEstimable,
+    choice_list,
+    count_words,
+    write_rounded,
+)
 from ..fitting.problem import Problem
 from ..measurements.column_guesses import Choice, Reading, guess_columns, merge_columns
 from ..measurements.contract_columns import list_contract_names
@@ -109,7 +116,7 @@ class StudyDraft:
             if not choice.is_doubtful:
                 continue
             first, *others = choice.readings
-            listed = " or ".join(other.words for other in others)
+            listed = choice_list([other.words for other in others])
             draft = draft.choose(choice.what, first)
             draft = draft.remark(f"Not sure: {choice.what} may also be {listed}.")
         return draft
@@ -252,8 +259,8 @@ def settle_by_arm(draft: StudyDraft) -> StudyDraft:
         return draft
     other = "not at all"
     if np.isfinite(second):
-        other = f"to {second:.3g} mm"
-    reason = f"the nominal arm then fits to {best:.3g} mm, otherwise {other}"
+        other = f"to {write_rounded(second)} mm"
+    reason = f"the nominal arm then fits to {write_rounded(best)} mm, otherwise {other}"
     chosen = combinations[misfits.index(best)]
     for choice, reading in zip(draft.choices, chosen, strict=True):
         if not choice.is_doubtful:
@@ -301,12 +308,12 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     """Say how a file is read, and how well the nominal arm fits it."""
     robot = draft.robot
     lines = [
-        f"Robot: {robot.name}, {count_words(robot.n, 'joint')}, links of {robot.reach:.0f} mm in all."
+        f"Robot: {robot.name}, {count_words(robot.n, 'joint')}, links of {robot.reach:,.0f} mm in all."
     ]
     lines += [note.sentence for note in draft.table.notes]
     if draft.given:
         pairs = [f'{name} = "{own}"' for name, own in draft.given.items()]
-        lines.append(f"As you say: {', '.join(pairs)}.")
+        lines.append(f"As given: {', '.join(pairs)}.")
     for choice in draft.choices:
         first, *_ = choice.readings
         what = choice.what.capitalize()
@@ -330,7 +337,7 @@ def _describe_misfit(robot: Robot, data: Measurements) -> list[str]:
     misfit = measure_misfit(robot, data)
     if misfit is None or not np.isfinite(misfit):
         return ["Too few configurations to try the nominal arm on."]
-    said = f"Tracker and target found from the rows, the nominal arm fits to {misfit:.3g} mm"
+    said = f"Tracker and target found from the rows, the nominal arm fits to {write_rounded(misfit)} mm"
     if misfit < MIN_MISFIT_MM:
         said += " (median): no arm is measured so well. These positions look computed, by the "
         return [said + "controller or a simulation; a calibration needs measured ones."]

@@ -21,7 +21,8 @@ from ..measurements.table import Table
 # where the mechanisms of a payload have its mass
 PAYLOAD = (
     "payload_kg: its weight is taken to act at the target, the reflector on the flange; where its "
-    "centre is elsewhere, the stiffness that is found is that much off, the joint is not."
+    "centre of mass is elsewhere, the stiffness is wrong by the ratio of the lever arms; which joint "
+    "it is remains right."
 )
 # share of different cells from which a column of text is the names of points
 MIN_DISTINCT = 0.9
@@ -55,7 +56,7 @@ def describe_other_columns(
 ) -> list[str]:
     """Say which of the other columns of a file are looked at as causes, and which are not used;
     `taken`: the columns that are mapped; `uncausal`: those that reading has said to be no causes.
-    Names of points, a different one in every row, need no word."""
+    Names of points, a different one in every row, are for the messages."""
     varying = list[str]()
     constant = list[str]()
     for name, values in data.covariates.items():
@@ -72,10 +73,12 @@ def describe_other_columns(
     times = _list_times(others) if "time_s" in table else []
     used = {*commanded, *dates, *times}
     rest = [name for name in others if name not in used]
-    unused = [name for name in rest if not _holds_point_names(table.columns[name])]
+    named = [name for name in rest if _holds_point_names(table.columns[name])]
+    unused = [name for name in rest if name not in named]
     lines = []
     if "payload_kg" in data.covariates:
         lines.append(PAYLOAD)
+    lines += _list_names("Names of the points, which messages give", named)
     lines += _list_names("Looked at as possible causes of errors, too", varying)
     lines += _list_names("The same in all rows, so that nothing can depend on it", constant)
     lines += _list_names("Commanded, not measured, and not used", commanded)

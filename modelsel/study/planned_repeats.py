@@ -66,14 +66,21 @@ def _spread_out(points: Array) -> list[int]:
     return sorted(chosen)
 
 
-def add_rounds(table: Mapping[str, Array], repeats: RepeatPlan) -> dict[str, Array]:
-    """Add the rounds to the columns of a plan's table, each visit with a `configuration` of its
-    own."""
+def add_rounds(
+    table: Mapping[str, Array], repeats: RepeatPlan, rng: np.random.Generator
+) -> dict[str, Array]:
+    """Add the rounds to the columns of a plan's table, each in an order of its own that `rng`
+    draws, each visit with a `configuration` of its own."""
     count = len(next(iter(table.values())))
-    rounds = np.tile(repeats.numbers, repeats.times - 1)
-    rows = np.concatenate([np.arange(count), rounds])
+    rows = list(range(count))
+    for _ in range(repeats.times - 1):
+        order = rng.permutation(repeats.numbers)
+        if order[0] == rows[-1]:
+            # the arm would not have moved in between
+            order = np.roll(order, 1)
+        rows += order.tolist()
     columns = {name: values[rows] for name, values in table.items()}
-    return columns | {"configuration": np.arange(1, len(rows) + 1)}
+    return columns | {"configuration": np.asarray(range(1, len(rows) + 1))}
 
 
 def format_repeats(repeats: RepeatPlan) -> str:
@@ -85,5 +92,5 @@ def format_repeats(repeats: RepeatPlan) -> str:
         f"Repeats: configurations {numbers} of these, each measured {repeats.times} times in "
         "separate rounds, tell what a joint does not repeat, at best to "
         f"{percent:.0f} % of it (one standard error; {repeats.freedom:,} degrees of "
-        f"freedom{own}); --repeats {repeats.times} writes these rounds."
+        f"freedom{own})."
     )

@@ -22,7 +22,7 @@ from ..calibration.experiment_design import (
     merge_indistinct,
 )
 from ..calibration.plan_pool import Pool, build_pool
-from ..exceptions import StudyError, count_words
+from ..exceptions import StudyError, count_words, write_rounded
 from ..measurements.columns import UNITS
 from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
@@ -323,7 +323,7 @@ def plan_next(
     again = _plan_repeats(result, calibration, chosen, repeats)
     table = plan.table
     if repeats is not None and again is not None:
-        table = add_rounds(table, again)
+        table = add_rounds(table, again, generator(seed, "rounds"))
     return replace(plan, within=within, repeats=again, table=table)
 
 
@@ -358,7 +358,7 @@ def _format_indices(plan: MeasurementPlan) -> str:
     for name, (before, after) in plan.indices.items():
         if not name.startswith("o"):
             continue
-        change = f"{before:.3g} -> {after:.3g}"
+        change = f"{write_rounded(before)} -> {write_rounded(after)}"
         observability.append(f"{name.upper()} {change}")
     before, after = plan.indices["d"]
     return (
@@ -368,7 +368,9 @@ def _format_indices(plan: MeasurementPlan) -> str:
 
 
 def _format_learning(plan: MeasurementPlan) -> str:
-    sizes = [f"{size:.3g} mm rms with {more} more" for size, more in plan.learning if more]
+    sizes = [
+        f"{write_rounded(size)} mm rms with {more:,} more" for size, more in plan.learning if more
+    ]
     return (
         f"Learning: {plan.configurations} configurations are measured; the smallest effect found "
         f"with 90 % probability is {', '.join(sizes)}."

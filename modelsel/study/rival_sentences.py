@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..calibration.experiment_design import Rivals
+from ..exceptions import choice_list
 from ..measurements.state_names import parse_state_name
 
 # rise of the probability below which poses hardly tell rivals apart, unless it is high anyway
@@ -30,7 +31,7 @@ def describe_rivals(
     and after `count` configurations; where these hardly raise it, what else may."""
     if not probabilities:
         return "No finding of this study has rivals that these configurations could tell apart."
-    groups = "; ".join(" or ".join(dict.fromkeys(names)) for names in rivals)
+    groups = "; ".join(choice_list(list(dict.fromkeys(names))) for names in rivals)
     comparison = ""
     if random_probability is not None:
         comparison = f" ({4 * count} drawn at random: {random_probability:.2f})"

@@ -328,7 +328,7 @@ def _find_order(words: Sequence[str]) -> str | None:
 def _find_convention(rows: _Rows, file: str, given: str | None) -> tuple[str, str]:
     """Find (standard or modified, why). Raises StudyError where both are possible, or neither."""
     if given is not None:
-        return given, "as you say"
+        return given, "as given"
     if rows.stated is not None:
         return rows.stated, "as the table says"
     clashes = {word: _find_coincident(rows, word) for word in CONVENTIONS}
@@ -338,13 +338,11 @@ def _find_convention(rows: _Rows, file: str, given: str | None) -> tuple[str, st
         (other,) = set(CONVENTIONS) - {word}
         first = clashes[other]
         assert first is not None
-        reason = (
-            f"since by {CONVENTIONS[other]} the axes of joints {first} and {first + 1} would be one"
-        )
+        reason = f"since by {CONVENTIONS[other]} the axes of joints {first} and {first + 1} would coincide"
         return word, reason
     if not possible:
         raise StudyError(
-            f"{file}: by standard and by modified DH two axes that follow each other would be one. "
+            f"{file}: by standard and by modified DH two successive axes would coincide. "
             "Check a and alpha of every row, and their units."
         )
     raise StudyError(

@@ -160,8 +160,8 @@ def _describe_unlike_floor(floor: Floor, mismatch: Lack, left_mm: float) -> Note
         remedy = "Check whether the tracking software computes the markers from one rigid body."
     return Note(
         "floor-unlike",
-        f"The {floor.source} show a noise of {floor.coordinate_mm:.2g} mm per coordinate, and the "
-        f"model leaves {left_mm:.3g} mm, {write_rounded(mismatch.factor)} times as much: they cannot be the "
+        f"The {floor.source} show a noise of {write_rounded(floor.coordinate_mm, 2)} mm per coordinate, and the "
+        f"model leaves {write_rounded(left_mm)} mm, {write_rounded(mismatch.factor)} times as much: they cannot be the "
         "noise of the measurement, and the noise floor is estimated from what the model leaves. "
         f"{remedy}",
     )

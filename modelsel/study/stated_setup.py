@@ -9,7 +9,7 @@ from math import hypot
 import numpy as np
 
 from .._typing import LARGEST
-from ..exceptions import DataError, NotEstimable, StudyError
+from ..exceptions import DataError, NotEstimable, StudyError, write_rounded
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
@@ -79,15 +79,15 @@ class StatedSetup:
         points upwards where the robot was found to stand."""
         lines = []
         if self.gravity is not None:
-            lines.append(f"Gravity as you say: {write_direction(self.gravity)} in the base frame.")
+            lines.append(f"Gravity as given: {write_direction(self.gravity)} in the base frame.")
         try:
             problem = sample_positions(self._set_up(robot, data), np.ones(len(data), bool))
             if problem is None:
                 return lines
             if self.aligned:
                 left = np.linalg.norm(residuals(problem)[:, :3], axis=1)
-                said = f"As aligned, with the target that you say, the nominal arm fits to {np.median(left):.3g} mm"
-                lines.append(f"{said} (median), the error of the alignment in it.")
+                said = f"As aligned, with the target given, the nominal arm fits to {write_rounded(float(np.median(left)))} mm"
+                lines.append(f"{said} (median), including the alignment error.")
                 if np.median(left) > FAR_SHARE * robot.reach:
                     lines.append(OTHER_FRAME)
             elif self.gravity is None:

@@ -9,6 +9,7 @@ import numpy as np
 from ..config.study_file import Study
 from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.unexplained import count_rows_seen, is_subsampled
+from ..exceptions import write_rounded
 from ..fitting.noise import Floor
 from ..notices import Note
 from ..results.cautions import restriction_notes
@@ -61,7 +62,7 @@ def _note_sample(diagnosis: Diagnosis, split: Split, smallest_mm: float | None) 
     )
     if smallest_mm is not None:
         sentence += (
-            f" Those rows show an effect of {smallest_mm:.3g} mm rms with 90 %; more rows, by "
+            f" Those rows show an effect of {write_rounded(smallest_mm)} mm rms with 90 %; more rows, by "
             "max_rows under [search], would only add smaller ones."
         )
     return Note("scan-of-some", sentence)
@@ -86,7 +87,7 @@ def collect_comparison_notes(comparison: SubsetComparison | None, chosen: Evalua
             Note(
                 "search-unproven",
                 f"The best of 2^{len(comparison.considered)} subsets of the candidates by BIC is "
-                f"not proven: another may have a BIC up to {certified.gap:.3g} lower.",
+                f"not proven: another may have a BIC up to {write_rounded(certified.gap)} lower.",
             )
         )
     return notes

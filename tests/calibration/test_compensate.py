@@ -176,7 +176,7 @@ def test_rows_left_out_change_the_motion_of_those_after_them(made, tmp_path) -> 
     found, said = corrected(table, 5)
     wanted, _ = corrected(table.drop(index=spoilt), 0)
     pd.testing.assert_frame_equal(found, wanted)
-    assert "The order of the targets is that without the rows that are left out." in said
+    assert "Approach directions were taken without the omitted rows." in said
 
 
 def test_directions_that_were_given_outlast_rows_left_out(made) -> None:

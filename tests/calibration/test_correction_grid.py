@@ -20,7 +20,7 @@ from modelsel.calibration.export import GridOptions, export, export_grid
 from modelsel.calibration.export.grid import MIN_USE
 from modelsel.calibration.prediction import predict
 from modelsel.cli.main import run_command_line
-from modelsel.exceptions import StudyError
+from modelsel.exceptions import StudyError, sentence_list
 from modelsel.measurements.measurements import build_measurements
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
@@ -90,7 +90,8 @@ def test_what_it_does_not_look_at_is_said(made) -> None:
     assert "joint 5 away from 60 deg" in found.left_out
     rms, largest = found.left_out_mm
     assert largest > rms > 10 * found.error_mm
-    assert f"# it does not look at {'; '.join(found.left_out)}" in found.text
+    values = [text.replace(" away from", " =") for text in found.left_out]
+    assert f"# it is valid only at {sentence_list(values)}\n" in found.text
     _, bare, left, _ = found.errors
     assert left == rms
     assert (

@@ -321,9 +321,13 @@ def test_data_that_cannot_be_of_the_arm_are_refused(rng) -> None:
     new = campaign(rng, 40, model, theta)
     turned, metres = replace(new, q=new.q * (1, 1, -1, 1, 1, 1)), new.position / 1e3
     for free_setup in (False, True):
-        with pytest.raises(DataError, match=r"quarter of the arm's reach.*joint 3 turns the other"):
+        with pytest.raises(
+            DataError, match=r"quarter of the length of the arm's links.*joint 3 turns the other"
+        ):
             judge(c, turned, free_setup)
-        with pytest.raises(DataError, match=r"quarter of the arm's reach.* are (in )?metres"):
+        with pytest.raises(
+            DataError, match=r"quarter of the length of the arm's links.* are (in )?metres"
+        ):
             judge(c, replace(new, position=metres), free_setup)
     shuffled = replace(new, position=rng.permutation(new.position))
     with pytest.raises(DataError, match="This looks like another arm"):
@@ -388,17 +392,17 @@ def test_what_moved_is_named(rng) -> None:
     assert by["γ3"].moves_mm > 0.3
     assert {m.name: m.what for m in found.mechanisms} == {"joint-compliance:2": "grew"}
     said = " ".join(describe_comparison(found))
-    assert "γ3 of geometric changed by" in said
+    assert "γ3 (frame 3 rz) changed by" in said
     assert "joint-compliance:2 grew" in said
 
 
-def test_mechanisms_that_came_and_went(rng) -> None:
+def test_mechanisms_that_appeared_and_disappeared(rng) -> None:
     model, theta = truth()
     other, more = truth(("geometric", "joint-compliance:2", "approach-backlash:3"))
     found = compare_campaigns(calibrated(rng, model, theta), calibrated(rng, other, more))
-    assert {m.name: m.what for m in found.mechanisms if m.what in ("came", "went")} == {
-        "approach-backlash:1": "went",
-        "approach-backlash:3": "came",
+    assert {m.name: m.what for m in found.mechanisms if m.what in ("appeared", "disappeared")} == {
+        "approach-backlash:1": "disappeared",
+        "approach-backlash:3": "appeared",
     }
 
 
@@ -498,7 +502,7 @@ def test_what_is_named_once_or_twice_is_told_as_far_as_the_evidence_goes(rng) ->
     assert "alike) did not change beyond chance: " in said
     assert "grew" not in said
     assert "shrank" not in said
-    assert f"a change of {only.seen_mm:.2g} mm would have been seen" in said
+    assert f"a change of {only.seen_mm:.2g} mm would have been detected" in said
     larger = 1e-3 * (1 + 1.3 * only.seen_mm / only.before_mm)  # beyond what is seen with 90 %
     seen = [
         compare_campaigns(
@@ -510,19 +514,19 @@ def test_what_is_named_once_or_twice_is_told_as_far_as_the_evidence_goes(rng) ->
 
     short, long = calibrated(rng, geometry, theta, 30), calibrated(rng, b, np.r_[theta, 1e-4], 200)
     (faint,) = compare_campaigns(short, long).mechanisms
-    assert faint.what == "may have come"
+    assert faint.what == "may have appeared"
     assert faint.seen_mm > faint.after_mm
-    assert "so it cannot be said whether it came" in " ".join(
+    assert "so it cannot be said whether it appeared" in " ".join(
         describe_comparison(compare_campaigns(short, long))
     )
-    assert compare_campaigns(long, short).mechanisms[0].what == "may have gone"
+    assert compare_campaigns(long, short).mechanisms[0].what == "may have disappeared"
     assert (
         compare_campaigns(
             calibrated(rng, geometry, theta, 30), calibrated(rng, b, np.r_[theta, 2e-3])
         )
         .mechanisms[0]
         .what
-        == "came"
+        == "appeared"
     )
 
 
@@ -546,7 +550,7 @@ def test_a_change_that_would_have_been_seen_is(rng) -> None:
     assert 4.5 * per_error[same.changes.index(own)] <= 1.1 * high
     assert typical / high == pytest.approx(float(np.median(per_error)) / max(per_error))
     if not same.moved:
-        assert f"of the worst determined from {high:.2g} mm on" in describe_comparison(same)[-1]
+        assert f"{high:#.2g} mm (the worst-determined one)" in describe_comparison(same)[-1]
 
 
 def test_representatives_do_not_matter(rng) -> None:
@@ -640,9 +644,9 @@ def test_words_of_a_comparison(rng) -> None:
     said = describe_comparison(found)
     first = found.explained_by[0]
     size = format_quantity(first.by, 2 * first.standard_error, first.unit)
-    (told,) = [one for one in said if one.startswith(f"{first.symbol} of")]
+    (told,) = [one for one in said if one.startswith(f"{first.label} changed by")]
     assert f"{size} (k = 2)" in told
-    assert any("76 mm apart" in one for one in said)
+    assert any("76.0 mm apart" in one for one in said)
     assert not any("apart" in one for one in describe_comparison(compare_campaigns(a, b)))
 
 
@@ -652,7 +656,10 @@ def test_change_that_would_have_been_seen_is_of_a_typical_parameter(rng) -> None
     typical, worst = same.seen_mm
     assert typical < worst
     said = " ".join(describe_comparison(same))
-    assert f"typical parameter would have been seen from {typical:.2g} mm" in said
+    assert (
+        f"would have been detected from {typical:#.2g} mm rms at the target (typical parameter)"
+        in said
+    )
 
 
 def test_p_that_is_tiny_is_a_bound() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -463,9 +464,14 @@ def test_a_plan_proposes_repeats_and_writes_them_where_asked(fitted, tmp_path) -
     assert len(before) == 16
     assert list(after) == [*before, "configuration"]
     pd.testing.assert_frame_equal(after[:16][list(before)], before)
+    orders = []
     for k in range(3):
-        own = after[16 + MAX_POSTURES * k :][:MAX_POSTURES]
-        np.testing.assert_array_equal(own[list(before)], before.iloc[list(again.numbers)])
+        own = after[16 + MAX_POSTURES * k :][:MAX_POSTURES][list(before)].to_numpy()
+        orders.append([int((before == row).all(axis=1).argmax()) for row in own])
+    assert all(tuple(sorted(order)) == again.numbers for order in orders)
+    assert len({tuple(order) for order in orders}) == 3
+    assert all(one[-1] != other[0] for one, other in pairwise(orders))
+    pd.testing.assert_frame_equal(plan_next(fitted, 16, repeats=4).to_frame(), after)
     after.to_csv(tmp_path / "next.csv", index=False)
     data = read_measurements(tmp_path / "next.csv", fitted.robot, positions=False)
     assert data.configurations == 16 + 3 * MAX_POSTURES
@@ -476,7 +482,7 @@ def test_a_plan_proposes_repeats_and_writes_them_where_asked(fitted, tmp_path) -
         f"Repeats: configurations {', '.join(str(k + 1) for k in again.numbers)} of these, each "
         "measured 3 times in separate rounds, tell what a joint does not repeat, at best to "
         f"{100 / np.sqrt(2 * freedom):.0f} % of it (one standard error; {freedom} degrees of "
-        "freedom); --repeats 3 writes these rounds."
+        "freedom)."
     )
 
 

@@ -242,6 +242,11 @@ def test_names_that_no_program_has(form, name) -> None:
     write_program(form, Path(advice), Q, TURNS, [])
 
 
+def test_a_name_with_a_blank_needs_no_other_word() -> None:
+    with pytest.raises(StudyError, match=r"Call it Mein_Programm\.mod\."):
+        write_program("rapid", Path("Mein Programm.mod"), Q, TURNS, [])
+
+
 HOSTILE = (
     '"""\nimport os; os.system("touch hit")\n"""',
     "'''); end; popup('x') #",

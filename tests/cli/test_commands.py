@@ -28,6 +28,8 @@ def invoked(*words: str, status: int = 0) -> str:
 def test_every_command_is_there_and_says_what_it_does(name) -> None:
     said = invoked(name, "--help")
     assert f"Usage: modelsel {name}" in said
+    options = {line.split()[0]: line.split()[1:] for line in said.splitlines() if "  --" in line}
+    assert options.get("--json") != []
     assert f"  {name}" in invoked("--help")
 
 

@@ -125,6 +125,7 @@ def test_what_is_shown_is_confirmed_before_anything_is_written(tmp_path) -> None
     silent = invoked("init", "m.csv", "--robot", "ur10")
     assert (silent.exit_code, "--yes" in silent.stderr) == (2, True)
     assert '"J1" to "J6" in degrees' in silent.stdout
+    assert silent.stderr.splitlines()[-1].startswith("modelsel: nothing was written")
     no = invoked("init", "m.csv", "--robot", "ur10", answers="n\n")
     assert (no.exit_code, "nothing was written" in no.stderr) == (2, True)
     assert not (tmp_path / "m").exists()

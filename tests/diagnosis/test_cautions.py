@@ -100,7 +100,7 @@ def test_two_effects_that_undo_one_another_say_so() -> None:
     term = Term("k", (Screw(2, "rz", sin(q(2))),))
     (words,) = list_cautions(effect(term, 1e-3, 1e-4, ("tracker-step", 0.04)))
     assert words.startswith(
-        "tracker-step cancels most of it; together they move the target by 4% of what either does alone"
+        "tracker-step cancels most of it; together they move the target by 4 % of what either does alone"
     )
 
 
@@ -183,13 +183,13 @@ def test_nothing_that_is_named_is_larger_than_a_small_screw(rng: np.random.Gener
     [
         (
             Gain(0.198, 0.31, (-0.2, -0.05)),
-            "by 0.31 mm rms where the nominal arm errs by 0.198, worse by 0.05 to 0.2 mm (95 %):",
+            "by 0.310 mm rms where the nominal arm errs by 0.198, worse by 0.0500 to 0.200 mm (95 %):",
         ),
         (
             Gain(0.198, 0.21, (-0.02, 0.01)),
-            "by 0.21 mm rms where the nominal arm errs by 0.198, a difference that chance may make:",
+            "by 0.210 mm rms where the nominal arm errs by 0.198, a difference that chance may make:",
         ),
-        (Gain(0.198, 0.21, None), "errs by 0.21 mm rms where the nominal arm errs by 0.198:"),
+        (Gain(0.198, 0.21, None), "errs by 0.210 mm rms where the nominal arm errs by 0.198:"),
     ],
 )
 def test_geometry_that_is_worse_than_nominal_is_said(gain: Gain, words: str) -> None:

@@ -170,12 +170,12 @@ def test_a_finding_that_held_out_rows_speak_against(interval, said, monkeypatch)
     doubt = (
         "doubtful"
         if said
-        else "doubtful: the held-out error does not fall with it (0.02 mm rms more)"
+        else "doubtful: the held-out error does not fall with it (0.0200 mm rms more)"
     )
     assert finding.sentence.startswith(f"Joint 2 has play, {doubt}.")
     assert finding.sentence.endswith(" Usual causes: gear, key.")
     assert (
-        "speak against it: their error grows by 0.01 mm to 0.03 mm rms" in finding.sentence
+        "speak against it: their error grows by 0.0100 mm to 0.0300 mm rms" in finding.sentence
     ) == said
     assert [n.code for n in opposed_finding_notes([finding])] == ["held-out-against"] * said
 
@@ -203,13 +203,13 @@ def test_a_finding_without_a_gain_is_doubtful(gain, doubtful) -> None:
             (0.1, 0.11, (-0.02, -0.01)),
             (0.5, 0.6, (-0.2, -0.1)),
             True,
-            "their orientation error grows by 0.1 mrad to 0.2 mrad rms with it (95 %)",
+            "their orientation error grows by 0.100 mrad to 0.200 mrad rms with it (95 %)",
         ),
         (
             (0.1, 0.11, (-0.02, -0.01)),
             (0.5, 0.6, (-0.2, 0.1)),
             True,
-            "their error grows by 0.01 mm to 0.02 mm rms with it (95 %)",
+            "their error grows by 0.0100 mm to 0.0200 mm rms with it (95 %)",
         ),
         ((0.1, 0.11, (-0.02, 0.01)), (None, None, None), True, ""),
     ],
@@ -220,7 +220,7 @@ def test_a_finding_that_turns_is_doubtful_where_neither_error_falls(
     finding = Finding(SimpleNamespace(), Gain(*mm), OrientationGain(*mrad))
     assert finding.doubtful == doubtful
     assert finding.against == against
-    more = "0.01 mm" if mrad[0] is None else "0.1 mrad"
+    more = "0.0100 mm" if mrad[0] is None else "0.100 mrad"
     said = {
         (False, False): "",
         (True, True): "doubtful",

@@ -485,12 +485,12 @@ def test_labels_of_the_split(tmp_path) -> None:
     ],
 )
 def test_far_from_nominal(scale, robot, words, rng) -> None:
-    """The median nominal residual above a quarter of the arm's reach."""
+    """The median nominal residual above a quarter of the length of the arm's links."""
     data = drawn("ur5", rng, 60).data
     moved = build_measurements(data.q, data.position * scale)
     with pytest.raises(DataError, match=words) as caught:
         prepare(study_with(), load_robot(robot), moved)
-    assert "quarter of the arm's reach" in str(caught.value)
+    assert "quarter of the length of the arm's links" in str(caught.value)
 
 
 def test_an_arm_that_stands_is_read_anew(rng) -> None:

@@ -46,6 +46,18 @@ def test_deviations_of_the_position_are_no_causes(names) -> None:
     assert said["computed-ignored"].endswith(f": {', '.join(names)}.")
 
 
+@pytest.mark.parametrize(
+    "names", [("X1", "Y1", "Z1"), ("x_2", "y_2", "z_2"), ("X_ist", "Y_ist", "Z_ist")]
+)
+def test_another_position_is_no_cause(names) -> None:
+    """One coordinate alone may be anything: an axis that the arm travels along."""
+    causes, said = read(**{name: noise(k) for k, name in enumerate(names)})
+    assert not causes
+    assert said["positions-ignored"].endswith(f": {', '.join(names)}.")
+    causes, _ = read(**{names[0]: noise(0)})
+    assert causes == {names[0]}
+
+
 def test_other_columns_stay_causes() -> None:
     """Accelerations, a following error, a rise of temperature, an error's number."""
     names = ("acc_x", "acc_y", "acc_z", "error_code", "delta_T", "dT", "Mag", "RMS", "dX_speed")

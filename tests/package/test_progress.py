@@ -72,10 +72,10 @@ def test_a_terminal_has_one_line_that_is_rewritten() -> None:
         "   2.0 s  sampling (step 3 of 3)",
         "   3.0 s  sampling, 600 steps (step 3 of 3)",
         # one share alone tells no pace
-        "   4.0 s  sampling, 800 of 2,000 steps, 40% (step 3 of 3)",
+        "   4.0 s  sampling, 800 of 2,000 steps, 40 % (step 3 of 3)",
         # a tenth in three seconds: half in fifteen
-        "   7.0 s  sampling, 1,000 of 2,000 steps, 50%, about 15 s left (step 3 of 3)",
-        "  10.0 s  sampling, 2,000 of 2,000 steps, 100% (step 3 of 3)",
+        "   7.0 s  sampling, 1,000 of 2,000 steps, 50 %, about 15 s left (step 3 of 3)",
+        "  10.0 s  sampling, 2,000 of 2,000 steps, 100 % (step 3 of 3)",
     ]
     assert stream.getvalue().endswith(CLEAR_LINE)
     assert stream.getvalue().count("\n") == 1
@@ -114,7 +114,9 @@ def test_a_notebook_has_one_output_that_is_rewritten(monkeypatch) -> None:
     assert isinstance(screen, NotebookScreen)
     work(Progress((), screen, clock), clock)
     assert shown[0] == "   0.0 s  naming: 12 candidates"
-    assert shown[-2] == "   1.5 s  found backlash:3\n  10.0 s  sampling, 2,000 of 2,000 steps, 100%"
+    assert (
+        shown[-2] == "   1.5 s  found backlash:3\n  10.0 s  sampling, 2,000 of 2,000 steps, 100 %"
+    )
     assert shown[-1] == "   1.5 s  found backlash:3"
 
 
@@ -146,7 +148,7 @@ def test_work_taken_up_counts_from_where_it_was() -> None:
     for done in (0.5, 0.6):
         progress(News("", done))
         clock.now += 2
-    assert stream.lines()[-1] == "   2.0 s  sampling, 60%, about 8 s left"
+    assert stream.lines()[-1] == "   2.0 s  sampling, 60 %, about 8 s left"
 
 
 def test_a_long_line_is_cut(monkeypatch) -> None:

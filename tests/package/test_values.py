@@ -54,7 +54,16 @@ def test_another_process_hashes_anew() -> None:
 
 @pytest.mark.parametrize(
     ("value", "words"),
-    [(0.012, "0.012"), (12.34, "12.3"), (999.7, "1,000"), (-1234.0, "-1,230"), (5e5, "500,000")],
+    [
+        (0.012, "0.0120"),
+        (12.34, "12.3"),
+        (999.7, "1,000"),
+        (-1234.0, "-1,230"),
+        (5e5, "500,000"),
+        (0.0, "0"),
+        (0.0400, "0.0400"),
+        (2.38e-7, "0.000000238"),
+    ],
 )
 def test_large_numbers_have_no_exponent(value: float, words: str) -> None:
     assert write_rounded(value) == words

@@ -106,7 +106,7 @@ def test_findings_of_both_and_of_one_alone(reports, page) -> None:
         assert label in rows[0][3]
     assert rows[1][1] == "–"
     assert "approach-backlash:1" in rows[1][2]
-    assert "approach-backlash:1 came" in rows[1][3]
+    assert "approach-backlash:1 appeared" in rows[1][3]
 
 
 @pytest.mark.integration

@@ -59,10 +59,10 @@ def test_section_has_sentences_picture_and_table(drawn) -> None:
 
 def test_a_row_has_every_figure_in_its_unit() -> None:
     first, second = tabulate_parts(records(INSTRUMENT, part("joint 2", 21.3e-6, 18.2e-6, 24.4e-6)))
-    assert first == ["instrument", "8.1 µm", "7.6 to 8.7 µm", "0.014 mm", "60%"]
+    assert first == ["instrument", "8.1 µm", "7.6 to 8.7 µm", "0.014 mm", "60 %"]
     # 0.0081 mm in each of three coordinates is 0.6 of the mean square
     moved = 0.0081 * (3 * 0.4 / 0.6) ** 0.5
-    assert second == ["joint 2", "21 µrad", "18 to 24 µrad", f"{moved:.2g} mm", "40%"]
+    assert second == ["joint 2", "21 µrad", "18 to 24 µrad", f"{moved:.2g} mm", "40 %"]
 
 
 def test_section_follows_the_residuals_and_opens_no_page(drawn) -> None:

@@ -356,6 +356,12 @@ def test_pages_are_chosen(drawn, tmp_path) -> None:
     assert "Error map" in text[1]
     for name in ("report.pdf", "report.html"):
         assert (tmp_path / name).read_bytes() == (drawn / name).read_bytes()
+    unknown = CliRunner().invoke(
+        run_command_line, ["report", str(tmp_path), "--pages", "first,foo"]
+    )
+    assert (unknown.exit_code, unknown.stdout) == (2, "")
+    assert 'no page "foo"' in unknown.stderr
+    assert unknown.stderr.count("map") == 1
     wrong = CliRunner().invoke(run_command_line, ["report", str(tmp_path), "--pages", "frist"])
     assert wrong.exit_code == 2
     assert 'Did you mean "first"?' in wrong.output
@@ -665,7 +671,7 @@ def test_sections_come_with_their_content(drawn, rng) -> None:
     assert set(full.pictures) == {"frames.svg", "correlation.svg", "posterior.svg"}
     text = plain("".join(texts(pdf)))
     for word in (
-        "gravity-twist1.2342.000<0.001−3.2–→0.50092%",
+        "gravity-twist1.2342.000<0.001−3.2–→0.50092 %",
         "gravity-twist:largerthanusual",
         "p0goeswithp1.",
         "Theclosedformsaysthesame.",

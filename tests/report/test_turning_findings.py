@@ -138,19 +138,19 @@ def test_the_gain_that_falls_is_told(drawn) -> None:
             [(0.0, 0.12), (0.03, 0.0), (0.004, 0.2)],
             (True, False, False),
             (0.031, 0.25),
-            "Three smaller errors, 0.031 mm and 0.25 mrad of orientation rms together: a 0.12 mrad, b 0.03 mm, c 0.004 mm and 0.2 mrad.",
+            "Three smaller errors, 0.0310 mm and 0.250 mrad of orientation rms together: a 0.120 mrad, b 0.0300 mm, c 0.00400 mm and 0.200 mrad.",
         ),
         (
             [(0.0, 0.12), (0.0, 0.2), (0.0, 0.3)],
             (True, True, True),
             (0.0, 0.4),
-            "Three smaller errors, 0.4 mrad of orientation rms together: a 0.12 mrad, b 0.2 mrad, c 0.3 mrad.",
+            "Three smaller errors, 0.400 mrad of orientation rms together: a 0.120 mrad, b 0.200 mrad, c 0.300 mrad.",
         ),
         (
             [(0.01, 0.1), (0.03, 0.0), (0.004, 0.2)],
             (False, False, False),
             (0.031, 0.25),
-            "Three smaller errors, 0.031 mm rms together: a 0.01 mm, b 0.03 mm, c 0.004 mm.",
+            "Three smaller errors, 0.0310 mm rms together: a 0.0100 mm, b 0.0300 mm, c 0.00400 mm.",
         ),
     ],
 )

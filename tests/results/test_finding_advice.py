@@ -92,7 +92,7 @@ def test_larger_than_usual_is_inspected(drawn) -> None:
 def test_a_gain_that_rounds_to_nought_is_no_minus_nought(drawn) -> None:
     record = read_source(drawn).record
     first = record.findings[1]
-    changes = ((0.05, 0.0502, "−0.0002"), (0.05, 0.049993, "0.000007"), (0.05, 0.05, "0.000"))
+    changes = ((0.05, 0.0502, "−0.0002"), (0.05, 0.049993, "0.0001"), (0.05, 0.05, "0.000"))
     for before, after, worth in changes:
         gain = first.gain.model_copy(
             update={"held_out_rms_before_mm": before, "held_out_rms_after_mm": after}

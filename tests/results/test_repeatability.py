@@ -45,38 +45,38 @@ UNSURE = (
     "Too few postures were measured again to be sure: an error of joint 2 that repeats, but that no candidate describes, "
     "would look the same. Measuring some postures again would tell them apart."
 )
-JOINT = "Joint 2 does not repeat better than 21 µrad (95 %: 18 to 24 µrad): 0.011 mm at the target, 40% of what is left."
+JOINT = "Joint 2 does not repeat better than 21 µrad (95 %: 18 to 24 µrad): 0.011 mm at the target, 40 % of what is left."
 SAID = {
     JOINT: part("joint 2", 21.3e-6, 18.2e-6, 24.4e-6),
     f"{JOINT} {UNSURE}": part("joint 2", 21.3e-6, 18.2e-6, 24.4e-6, told_by="directions"),
     (
-        "Joint 3 does not repeat better than 12 µm (95 %: 9 to 18 µm): 0.012 mm at the target, less than 1% of what is left."
+        "Joint 3 does not repeat better than 12 µm (95 %: 9.0 to 18 µm): 0.012 mm at the target, less than 1 % of what is left."
     ): part("joint 3", 0.012, 0.009, 0.018, unit="mm", share=0.001, at_target=0.012),
     (
         "The instrument, and whatever else is independent from row to row, leaves 8.1 µm per coordinate (95 %: 7.6 to 8.7 µm): "
-        "0.011 mm at the target, 60% of what is left."
+        "0.011 mm at the target, 60 % of what is left."
     ): INSTRUMENT,
     (
-        "The targets of one configuration share an error of 0.13 mm per coordinate (95 %: 0.1 to 0.2 mm): 0.23 mm at the "
-        "target, 40% of what is left. The flange or the base stood a little differently each time, or, where no posture was "
+        "The targets of one configuration share an error of 0.13 mm per coordinate (95 %: 0.10 to 0.20 mm): 0.23 mm at the "
+        "target, 40 % of what is left. The flange or the base stood a little differently each time, or, where no posture was "
         "measured again, the model errs there."
     ): part("configuration", 0.13, 0.1, 0.2, told_by="targets", at_target=0.2252),
     (
-        "Repeated measurements of one posture share an error of 11 µm per coordinate (95 %: 9 to 13 µm): 0.019 mm at the "
-        "target, 40% of what is left. It repeats, so it is an error of the model that no candidate describes, not of the "
+        "Repeated measurements of one posture share an error of 11 µm per coordinate (95 %: 9.0 to 13 µm): 0.019 mm at the "
+        "target, 40 % of what is left. It repeats, so it is an error of the model that no candidate describes, not of the "
         "measurement."
     ): part("configuration", 0.011, 0.009, 0.013, at_target=0.0191),
     (
         "The measurements of one group share an error of 30 µm per coordinate (95 %: 20 to 60 µm): 0.052 mm at the target, "
-        "40% of what is left. It differs from group to group, as when the instrument is set up again."
+        "40 % of what is left. It differs from group to group, as when the instrument is set up again."
     ): part("group", 0.03, 0.02, 0.06, at_target=0.052),
     (
         "Errors last from one configuration to the next, 30 µm per coordinate (95 %: 22 to 44 µm), and fade over about 6 "
-        "configurations: 0.052 mm at the target, 40% of what is left."
+        "configurations: 0.052 mm at the target, 40 % of what is left."
     ): part("lasting", 0.03, 0.022, 0.044, at_target=0.052, length=6.0),
     (
         "Errors last from one configuration to the next, 30 µm per coordinate (95 %: 22 to 44 µm), and fade over about 6 "
-        "configurations: 0.052 mm at the target, 40% of what is left. The data could hold tracker-drift and frame 1 tx · "
+        "configurations: 0.052 mm at the target, 40 % of what is left. The data could hold tracker-drift and frame 1 tx · "
         "progress instead: a few reference configurations, measured again throughout the campaign, would tell."
     ): part(
         "lasting",
@@ -106,8 +106,8 @@ def test_only_repeats_prove_that_a_joint_does_not_repeat() -> None:
 def test_the_instrument_alone_says_that_nothing_else_was_told() -> None:
     (alone,) = records(part("instrument", 0.058, 0.0575, 0.0586, share=1.0, at_target=0.1004))
     assert alone.sentence == (
-        "What is left is independent from row to row, as an instrument's errors are: 58 µm per coordinate (95 %: 57.5 to 58.6 µm), "
-        "0.1 mm at the target. No joint was found that fails to repeat, and no error that rows share."
+        "What is left is independent from row to row, as an instrument's errors are: 58.0 µm per coordinate (95 %: 57.5 to 58.6 µm), "
+        "0.10 mm at the target. No joint was found that fails to repeat, and no error that rows share."
     )
     assert write_repeatability_lines([alone]) == [f"Repeatability: {alone.sentence}"]
     assert summarise_repeatability([alone]) == [f"Repeatability: {alone.sentence}"]
@@ -122,8 +122,21 @@ def test_a_summary_says_what_the_rest_is() -> None:
         part("group", 0.02, 0.01, 0.03, share=0.06, told_by="groups"),
     )
     (line,) = summarise_repeatability(some)
-    assert line.startswith(f"Repeatability: {some[0].sentence} The rest: joint 2 30%")
-    assert line.endswith(" and rows of one group 6%.")
+    assert line.startswith(
+        f"Repeatability: {some[0].sentence} Other parts of what is left: joint 2 (30 %)"
+    )
+    assert line.endswith(" and rows of one group (6 %).")
+
+
+def test_a_summary_says_of_which_joints_too_few_repeats_tell() -> None:
+    """What the sentence in full says at length."""
+    some = records(
+        part("instrument", 0.018, 0.016, 0.02, share=0.64, at_target=0.031),
+        part("joint 2", 21.3e-6, 18.2e-6, 24.4e-6, share=0.3, told_by="directions"),
+        part("joint 5", 21.3e-6, 18.2e-6, 24.4e-6, share=0.06, told_by="repeats"),
+    )
+    (line,) = summarise_repeatability(some)
+    assert line.endswith(" Too few postures were measured again to be sure of joint 2.")
 
 
 def test_a_summary_says_in_full_what_may_be_an_effect() -> None:
@@ -133,7 +146,9 @@ def test_a_summary_says_in_full_what_may_be_an_effect() -> None:
         part("lasting", 0.01, 0.008, 0.02, share=0.06, length=4.0, instead=("tracker-drift",)),
     )
     (line,) = summarise_repeatability(some)
-    assert line == (f"Repeatability: {some[0].sentence} {some[2].sentence} The rest: joint 2 30%.")
+    assert line == (
+        f"Repeatability: {some[0].sentence} {some[2].sentence} Other parts of what is left: joint 2 (30 %)."
+    )
     assert "tracker-drift instead" in line
 
 
@@ -145,8 +160,8 @@ def test_a_summary_says_in_full_what_may_be_an_effect() -> None:
         ("rad", (4.2e-7, 3e-7, 9e-7), ("420 nrad", "300 to 900 nrad")),
         ("mm", (0.0581, 0.0575, 0.0586), ("58.1 µm", "57.5 to 58.6 µm")),
         ("mm", (0.0999, 0.05, 0.4), ("100 µm", "50 to 400 µm")),
-        ("mm", (0.1, 0.05, 0.4), ("0.1 mm", "0.05 to 0.4 mm")),
-        ("mm", (2.0, 0.9, 62.6), ("2 mm", "0.9 to 63 mm")),
+        ("mm", (0.1, 0.05, 0.4), ("0.10 mm", "0.050 to 0.40 mm")),
+        ("mm", (2.0, 0.9, 62.6), ("2.0 mm", "0.90 to 63 mm")),
     ],
 )
 def test_a_scale_and_its_interval_have_one_unit_that_reads_well(unit, figures, said) -> None:

@@ -101,6 +101,12 @@ def test_words_tell_an_angle_as_the_sentence_of_the_finding_does(size, unit, wor
     assert (usable.value, usable.unit) == (size, unit)
 
 
+def test_the_ends_of_a_narrow_interval_are_told_apart() -> None:
+    narrow = express("amplitude", Range(1.41, 1.4095, 1.4104), "mm")
+    assert narrow.text == "amplitude 1.41 mm (95 %: 1.409 to 1.410)"
+    assert express("amplitude", Range(1.41, 1.41, 1.41), "mm").text == "amplitude 1.41 mm"
+
+
 def test_ripple_has_its_amplitude_and_its_worst_at_the_target() -> None:
     one = build_mechanisms("gear-ripple:3:17", ARM)[0]
     effect = fitted(one, 3e-5, 4e-5)

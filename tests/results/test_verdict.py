@@ -38,8 +38,8 @@ def said(
 def test_three_sentences() -> None:
     first, second, third = said([("gravity-twist", True)])
     assert first == (
-        "On held-out configurations the position error falls from 2 to 1 mm rms, a gain of 0.9 to 1.1 mm (95 %); "
-        "noise of 0.03 mm per coordinate (repeats) would leave 0.052 mm."
+        "On held-out configurations the position error falls from 2.00 to 1.00 mm rms, a gain of 0.900 to 1.10 mm (95 %); "
+        "noise of 0.0300 mm per coordinate (repeats) would leave 0.0520 mm."
     )
     assert second == "One error beyond the base was named: gravity-twist."
     assert (
@@ -57,8 +57,8 @@ def test_what_else_does_not_repeat_is_left_too() -> None:
     assert measure_unrepeated(errors, Floor(0.03, "stated")) == pytest.approx(np.hypot(0.06, 0.09))
     assert measure_unrepeated(errors, Floor(0.03, "estimated", 100)) == 0
     for more, words in (
-        (0.06, "would leave 0.052 mm, and with what else does not repeat 0.0794 mm."),
-        (0.01, "would leave 0.052 mm."),
+        (0.06, "would leave 0.0520 mm, and with what else does not repeat 0.0794 mm."),
+        (0.01, "would leave 0.0520 mm."),
     ):
         noise = Noise(FLOOR, more)
         none = NamedErrors([])
@@ -71,11 +71,11 @@ def test_what_else_does_not_repeat_is_left_too() -> None:
     [
         (
             Gain(1.0, 1.2, None),
-            "the position error does not fall: it goes from 1 to 1.2 mm rms; noise",
+            "the position error does not fall: it goes from 1.00 to 1.20 mm rms; noise",
         ),
         (
             Gain(None, None, None),
-            "Nothing is held out: on the configurations that made the model its position error goes from 3 to",
+            "Nothing is held out: on the configurations that made the model its position error goes from 3.00 to",
         ),
     ],
 )
@@ -90,7 +90,7 @@ def test_bad_news_is_said(gain, words) -> None:
         (
             [("a", False, True, False, ("b", "c"))],
             "all",
-            "One error beyond the base was found, but its cause is not proven: it is best described by a or b or c.",
+            "One error beyond the base was found, but its cause is not proven: it is best described by a, b or c.",
         ),
         (
             [("a", True), ("b", False)],
@@ -137,15 +137,15 @@ def test_what_nominal_means_is_said_where_anything_was_registered() -> None:
     gained, *_ = complete_verdict(three, (2e-3, 1e-3), None, "its base and the target")
     assert gained == (
         f"{three[0]} The nominal robot's error is what is left after its base and the target were registered. "
-        "The orientation error falls from 2 mrad to 1 mrad rms."
+        "The orientation error falls from 2.00 mrad to 1.00 mrad rms."
     )
 
 
 @pytest.mark.parametrize(
     ("small", "words"),
     [
-        ((0.02, 0.4), "move the target by 0.02 mm rms and turn it by 0.4 mrad rms."),
-        ((0.0, 0.4), "turn the target by 0.4 mrad rms."),
+        ((0.02, 0.4), "move the target by 0.0200 mm rms and turn it by 0.400 mrad rms."),
+        ((0.0, 0.4), "turn the target by 0.400 mrad rms."),
     ],
 )
 def test_small_findings_that_turn_the_target_say_how_far(small, words) -> None:

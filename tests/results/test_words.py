@@ -17,7 +17,7 @@ from modelsel.calibration.compensation import Commands
 from modelsel.cli.compensate import _sentence
 from modelsel.cli.main import run_command_line
 from modelsel.diagnosis.fitted_curves import find_waves, measure_heights
-from modelsel.diagnosis.sentences import describe_amount, format_quantity
+from modelsel.diagnosis.sentences import describe_amount, format_angle, format_quantity
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.report.figures.finding import panel_height
@@ -95,6 +95,16 @@ def test_a_slide_has_no_waves_a_turn() -> None:
         for k, t in enumerate(terms)
     ]
     assert find_waves(turning, values)
+
+
+def test_terms_of_one_kind_share_a_unit() -> None:
+    terms = [Term(name, (Screw(2, "rz"),)) for name in ("c2", "m2")]
+    told = describe_amount(terms, np.array([3e-5, 1.23e-7]), np.array([1e-6, 1.46e-7]))
+    assert told == "c2 = 30.0 ± 1.0 µrad, m2 = 0.12 ± 0.15 µrad"
+
+
+def test_an_angle_of_many_mrad_is_in_degrees() -> None:
+    assert list(map(format_angle, (1.68e-6, 4e-4, 1.0))) == ["1.68 µrad", "0.400 mrad", "57.3°"]
 
 
 def entry(mechanism: str | None, *screws: tuple[int, str, str]) -> EntryRecord:
@@ -217,7 +227,7 @@ def test_the_package_runs_as_a_module() -> None:
 def test_turns_and_slides_are_bounded_each_in_its_unit() -> None:
     made = Commands(*(np.zeros((2, 3)) for _ in range(3)), *(np.ones(2) for _ in range(4)))
     made.change[:] = [[1e-3, -2e-3, 0.05], [0.0, 0.0, -0.07]]
-    for slides, said in ((False, "70 mrad."), (True, "2 mrad or 70 µm.")):
+    for slides, said in ((False, "70.0 mrad."), (True, "2.00 mrad or 70.0 µm.")):
         assert _sentence(made, np.array([False, False, slides])).endswith(
             f"No joint changes by more than {said}"
         )

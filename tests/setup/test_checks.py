@@ -484,7 +484,7 @@ def test_a_fit_without_hope_says_so_first(rng, tmp_path) -> None:
     assert first.startswith(
         "This fit explains the data poorly, and nothing that follows can be relied on: "
     )
-    assert "of the arm's reach" in first
+    assert "of the length of the arm's links in all" in first
     assert (
         "Likeliest reasons: the wrong robot file; positions that belong to other readings; a tracker or target moved"
         in first
@@ -505,7 +505,7 @@ def test_a_detection_limit_far_below_what_is_left_is_no_comfort(rng, tmp_path) -
     (note,) = check_chosen_model(result.split, result.models.chosen, known, left / 8, (), False)
     assert note.code == "limit-below-left"
     assert (
-        f"The detection limit of {left / 8:.2g} mm rms is that of one single cause: {left:.2g} mm rms are"
+        f"The detection limit of {left / 8:#.2g} mm rms is that of one single cause: {left:#.2g} mm rms are"
         in note.sentence
     )
     assert (

@@ -254,5 +254,7 @@ def test_a_refusal_says_the_mistake(rng) -> None:
     """Above a quarter of the reach."""
     at = arm(rng, "ur5", 40, registered=False)
     wrong = build_measurements(*sense(1)(at.data.q, at.data.position))
-    with pytest.raises(DataError, match=r"quarter of the arm's reach.*joint 1 turns the other way"):
+    with pytest.raises(
+        DataError, match=r"quarter of the length of the arm's links.*joint 1 turns the other way"
+    ):
         prepare(study_with(), load_robot("ur5"), wrong)

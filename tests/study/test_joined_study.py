@@ -147,7 +147,7 @@ PAIRS = {
     "Leica, time": (
         leica(),
         dense_log(),
-        'by nearest time ("time" and "Time", 0.02 s apart at most)',
+        'by nearest time ("time" and "Time", 0.0200 s apart at most)',
     ),
     "order": (
         "X;Y;Z\n" + "\n".join(numbers(x, ";") for x in campaign()[1]),
@@ -206,6 +206,7 @@ def test_a_repeated_shot_is_a_row_of_its_own(again, tmp_path) -> None:
     assert ran.exit_code == 0, ran.output
     assert f": {ROWS + 1} of {ROWS + 1} points." in ran.stdout
     assert "Taken for a repeated shot" in ran.stdout
+    assert "the study" not in ran.stdout.partition("Taken for")[2].partition("\n")[0]
     assert f"{again} (points.txt, line 8)" in ran.stdout
     data = read_measurements(tmp_path / "s" / "measurements.csv", load_robot("ur10"))
     assert (len(data), data.configurations) == (ROWS + 1, ROWS)
@@ -242,7 +243,7 @@ def test_clocks_that_differ_are_told_where_names_join(tmp_path) -> None:
     written(tmp_path, "\n".join(points), "\n".join(readings))
     ran = invoked()
     assert ran.exit_code == 0, ran.output
-    assert "The joint log's clock is 37 s behind the instrument's" in ran.stdout
+    assert "The joint log's clock is 37.0 s behind the instrument's" in ran.stdout
     assert 'Looked at as possible causes of errors, too: "RMS".' in ran.stdout
     assert 'nothing can depend on it: "speed_pct".' in ran.stdout
     assert "payload_kg: its weight is taken to act at the target" in ran.stdout
@@ -472,6 +473,9 @@ def test_a_constant_clock_offset_is_proposed_not_used(tmp_path) -> None:
         DataError, match="3731 s ahead: 40 gaps are about equal; --clock-offset 3731"
     ):
         draft_joined_study(*files, robot, {}, "time")
+    with pytest.raises(DataError, match=r"Say --clock-offset or --max-gap") as refused:
+        draft_joined_study(*files, robot, {})
+    assert "or of times" not in str(refused.value)
     draft = draft_joined_study(*files, robot, {}, "time", clock_offset=3731.0)
     assert len(draft.read()) == ROWS
 

@@ -119,8 +119,13 @@ def test_a_cell_is_named_in_the_file_that_has_it(folder: Path) -> None:
 def test_points_alone_ask_for_the_log(folder: Path) -> None:
     ran = run("validate", folder / "out", folder / "later.csv")
     assert ran.exit_code == 3
-    assert "it has no joint readings" in ran.stderr
+    assert "it holds points only" in ran.stderr
     assert "--joints LOG" in ran.stderr
+    lines = (folder / "later.csv").read_text().splitlines()
+    bare = folder / "bare.txt"
+    bare.write_text("\n".join(["# mm", *(line.rpartition(",")[0] for line in lines[1:])]))
+    nameless = run("validate", folder / "out", bare)  # names, no header
+    assert (nameless.exit_code, "it holds points only" in nameless.stderr) == (3, True)
     idle = run("validate", folder / "out", folder / "later.csv", "--join", "name")
     assert idle.exit_code == 2
     assert "go with --joints" in idle.stderr

@@ -66,7 +66,7 @@ def test_table_of_universal_robots_is_standard(tmp_path) -> None:
     robot, text, said = read_robot_table(write(tmp_path, "ur10.csv", UR10))
     assert said == (
         "ur10.csv is read as standard DH, since by modified DH (Craig) the axes of joints 5 and 6 "
-        "would be one; angles in radians, lengths in m; gravity along -z of its base."
+        "would coincide; angles in radians, lengths in m; gravity along -z of its base."
     )
     q, right = readings(6), np.pi / 2
     d, a = [127.3, 0, 0, 163.941, 115.7, 92.2], [0, -612, -572.3, 0, 0, 0]
@@ -187,7 +187,7 @@ def test_columns_in_the_order_of_their_motions(tmp_path) -> None:
         ("theta,d,a,alpha\n0,400,0,x\n0,0,300,0\n", '"x" is no number'),
         ("theta,d,a,alpha\n0,400,0,pi/0\n0,0,300,0\n", '"pi/0" is no number'),
         ("theta,d,a,alpha\n0,400,0,0.7\n0,0,300,0.1\n", "may be degrees or radians"),
-        ("theta,d,a,alpha\n0,400,0,0\n0,0,0,0\n", "would be one"),
+        ("theta,d,a,alpha\n0,400,0,0\n0,0,0,0\n", "would coincide"),
         ("theta,d,a,alpha,type\n0,400,0,90,spiral\n", '"spiral" is no kind of joint'),
     ],
 )

@@ -99,7 +99,7 @@ def test_init_states_the_set_up(tmp_path, monkeypatch) -> None:
         *["init", "m.csv", "--robot", "ur10", "--yes", "--aligned", "--tool", "40", "-25", "120"]
     )
     assert ran.exit_code == 0, ran.output
-    assert "As aligned, with the target that you say, the nominal arm fits to 0.0" in ran.stdout
+    assert "As aligned, with the target given, the nominal arm fits to 0.0" in ran.stdout
     robot = tomllib.loads(Path("m/study.toml").read_text())["robot"]
     assert robot == {"name": "ur10", "register": False, "tool_mm": [40, -25, 120]}
     assert invoked("study", "m", "--dry-run").exit_code == 0
@@ -141,4 +141,4 @@ def test_init_warns_of_gravity_and_takes_another(tmp_path, monkeypatch) -> None:
         "--out",
         "c",
     )
-    assert 'As you say: q1_deg = "J1", q2_deg = "J2"' in mapped.stdout
+    assert 'As given: q1_deg = "J1", q2_deg = "J2"' in mapped.stdout

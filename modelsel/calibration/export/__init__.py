@@ -14,7 +14,7 @@ import numpy as np
 from ..._choices import EXPORT_FORMS
 from ..._names import find_name_problem, quote_name
 from ..._typing import Array
-from ...exceptions import StudyError, suggest
+from ...exceptions import StudyError, suggest, write_rounded
 from ...mechanisms.causes import Named
 from ...mechanisms.serialization import cause_from_record, cause_record
 from ...mechanisms.terms import Screw, Term
@@ -222,7 +222,7 @@ def to_table(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     if most > 10 * MAX_INTERPOLATION_MM:
         jump = ", beside a jump"
     remarks.append(
-        f"interpolated linearly: {rms * 1e3:.2g} µm rms, {most * 1e3:.2g} µm at most{jump}"
+        f"interpolated linearly: {write_rounded(rms * 1e3, 2)} µm rms, {write_rounded(most * 1e3, 2)} µm at most{jump}"
     )
     return Exported(text, most, len(at), notes=tuple(remarks))
 

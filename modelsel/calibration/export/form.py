@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..._typing import Array
+from ...exceptions import write_rounded
 from ...fitting.problem import Problem
 from ..constant_part import Part, compute_points, sample_workspace
 from ..prediction import compute_pose
@@ -46,7 +47,7 @@ class Exported:
         if own <= self.useful * nominal:
             return None
         compared = "worse" if own > nominal else "hardly better"
-        return f"this file is {compared} than the nominal arm: {own:.3g} mm rms against {nominal:.3g} mm, {rows}"
+        return f"this file is {compared} than the nominal arm: {write_rounded(own)} mm rms against {write_rounded(nominal)} mm, {rows}"
 
 
 def describe_left_out(some: Sequence[Part]) -> tuple[str, ...]:

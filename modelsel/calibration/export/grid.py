@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..._typing import Array
-from ...exceptions import one_line, sentence_list
+from ...exceptions import one_line, sentence_list, write_rounded
 from ...fitting.problem import Problem
 from ...robot.kinematics import forward
 from ..constant_part import bind_configurations, rms_and_max, sample_workspace
@@ -23,6 +23,7 @@ from .grid_options import (
     Held,
     check_joints,
     default_joints,
+    describe_validity,
     find_ranges,
     hold_others,
     list_held,
@@ -63,15 +64,15 @@ def to_grid(c: Calibration, options: GridOptions | None = None) -> Exported:
     )
     said = (
         f"{len(values):,} points, to be interpolated linearly: between them the table is off by {near} "
-        f"{bound:.2g} mm, bounded by its second differences; of {checked:,} places the worst is off by "
-        f"{largest:.2g} mm, and 95 % by no more than {np.percentile(missed, 95):.2g} mm"
+        f"{write_rounded(bound, 2)} mm, bounded by its second differences; of {checked:,} places the worst is off by "
+        f"{write_rounded(largest, 2)} mm, and 95 % by no more than {write_rounded(np.percentile(missed, 95), 2)} mm"
     )
     text = f"# {said}\n{text}"
     apart, bare = _measure_elsewhere(c, options.joints, text)
     others = list_held(c, options.joints, held)
     compared = (
-        f"over all that the calibration has seen the table leaves {apart[0]:.3g} mm rms ({apart[1]:.3g} mm at most); "
-        f"without it the arm is off by {bare[0]:.3g} mm rms ({bare[1]:.3g} mm)"
+        f"over all that the calibration has seen the table leaves {write_rounded(apart[0])} mm rms ({write_rounded(apart[1])} mm at most); "
+        f"without it the arm is off by {write_rounded(bare[0])} mm rms ({write_rounded(bare[1])} mm)"
     )
     notes = (said, compared, remarks[0], *describe_coupling(c))
     errors = ("over all that the calibration has seen", bare[0], apart[0], 0.0)
@@ -240,7 +241,4 @@ def _describe(c: Calibration, options: GridOptions, held: Held) -> list[str]:
         f"{named}; subtract it from the position that is commanded"
     )
     remarks = [whose, *describe_coupling(c)]
-    others = list_held(c, options.joints, held)
-    if others:
-        remarks.append(f"it does not look at {'; '.join(others)}")
-    return remarks
+    return remarks + describe_validity(c, options.joints, held)

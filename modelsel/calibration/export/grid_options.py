@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..._typing import Array
-from ...exceptions import StudyError, suggest
+from ...exceptions import StudyError, sentence_list, suggest
 from ...measurements.reference_temperature import TEMPERATURE
 from ...measurements.state_names import StateKind, is_state_name, state_kind
 from ..command_notes import RANGE_TOLERANCE
@@ -181,20 +181,41 @@ def _is_seen(c: Calibration, name: str, value: float) -> bool:
     return low - slack <= value <= high + slack
 
 
-def list_held(c: Calibration, joints: Sequence[int], held: Held) -> tuple[str, ...]:
-    """List what the table does not look at, with where it is held."""
+def describe_validity(c: Calibration, joints: Sequence[int], held: Held) -> list[str]:
+    """Say where alone a table is valid: at which values of the joints and covariates that it has no
+    column of, and for which motion."""
+    said = []
+    values = [f"{name} = {value}" for name, value in _list_values(c, joints, held)]
+    if values:
+        said.append(f"it is valid only at {sentence_list(values)}")
+    needs = c.needs()
+    if any(name.startswith("approach") for name in needs):
+        said.append("for the direction of approach, the middle of the play is taken")
+    if any(name.startswith("move") for name in needs):
+        said.append("the size of the last move is not taken into account")
+    return said
+
+
+def _list_values(c: Calibration, joints: Sequence[int], held: Held) -> list[tuple[str, str]]:
+    """List the joints, and what else the model needs, that a table holds at one value: name, value."""
     out = []
     for joint, slides in enumerate(c.robot.prismatic, 1):
         if joint in joints:
             continue
         value = float(held.q[joint - 1])
         shown = f"{value:.6g} mm" if slides else f"{np.degrees(value):.6g} deg"
-        out.append(f"joint {joint} away from {shown}")
+        out.append((f"joint {joint}", shown))
     needs = c.needs()
     for name, value in held.covariates.items():
         if name in needs:
-            out.append(f"{name} away from {value:.6g}")
-    kinds = {state_kind(name) for name in needs}
+            out.append((name, f"{value:.6g}"))
+    return out
+
+
+def list_held(c: Calibration, joints: Sequence[int], held: Held) -> tuple[str, ...]:
+    """List what the table does not look at, with where it is held."""
+    out = [f"{name} away from {value}" for name, value in _list_values(c, joints, held)]
+    kinds = {state_kind(name) for name in c.needs()}
     if StateKind.APPROACH in kinds:
         out.append("the direction of approach (the middle of the play is taken)")
     if StateKind.MOVE in kinds:

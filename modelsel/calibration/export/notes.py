@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...exceptions import sentence_list
+from ...exceptions import sentence_list, write_rounded
 from ...measurements.reference_temperature import TEMPERATURE
 from ...mechanisms.causes import Member
 from ...mechanisms.environment import find_references
@@ -81,10 +81,10 @@ def describe_accuracy(c: Calibration, what: str) -> str:
     if found is None:
         return ""
     rows, nominal, own, whole = found
-    better = f", the whole model leaves {whole:.3g} mm"
+    better = f", the whole model leaves {write_rounded(whole)} mm"
     if what == "whole":
         better = ""
-    return f"{rows}, the file leaves {own:.3g} mm rms{better} and the nominal arm {nominal:.3g} mm"
+    return f"{rows}, the file leaves {write_rounded(own)} mm rms{better} and the nominal arm {write_rounded(nominal)} mm"
 
 
 def _describe_origin(c: Calibration, what: str) -> str:

@@ -64,7 +64,7 @@ def _align(robot: Robot) -> Alignment:
             except ValueError as error:
                 reason = str(error)
     raise StudyError(
-        f'"{robot.name}" is not an arm of Universal Robots, counted as its controller counts: '
+        f'"{robot.name}" is not an arm of Universal Robots with the controller\'s joint signs and zeros: '
         f"{reason}. Use `--format urdf` or `--format mdh` for another arm."
     )
 
@@ -102,7 +102,7 @@ def _describe(places: Mapping[str, Array], base: Array) -> tuple[str, ...]:
     remarks = describe_link_places("base", "tool0", places, base)
     remarks.append(
         "the hash is not the controller's: the driver will say that the calibration is not the "
-        "robot's own, which is so"
+        "robot's own; this warning is expected"
     )
     return tuple(remarks)
 
