@@ -318,6 +318,7 @@ def describe_change(change: MechanismChange) -> str:
         return f"{name} {what}: {sizes}."
     if what == "changed":
         return f"The terms of {name} changed, its size did not beyond chance: {sizes}."
+    assert change.seen_mm is not None  # of what was compared
     seen = write_rounded(change.seen_mm, 2)
     return f"{name} did not change beyond chance: {sizes}; a change of {seen} mm would have been detected."
 
@@ -343,17 +344,13 @@ def _describe_single(change: MechanismChange) -> str:
     named, other = CAMPAIGN_NAMES if is_first else CAMPAIGN_NAMES[::-1]
     largest = change.before_mm if is_first else change.after_mm
     size = f"{write_rounded(largest)} mm rms at the target"
-    if change.what in DEFINITE_CHANGES:
-        return (
-            f"{change.name} {change.what}: {size}; the {other} campaign would have named it from "
-            f"{write_rounded(change.seen_mm, 2)} mm on."
-        )
-    verb = "disappeared" if is_first else "appeared"
     limit = f"From where on the {other} would have named it is not known"
     if change.seen_mm is not None:
-        limit = (
-            f"The {other} would have named it only from {write_rounded(change.seen_mm, 2)} mm on"
-        )
+        seen = write_rounded(change.seen_mm, 2)
+        if change.what in DEFINITE_CHANGES:
+            return f"{change.name} {change.what}: {size}; the {other} campaign would have named it from {seen} mm on."
+        limit = f"The {other} would have named it only from {seen} mm on"
+    verb = "disappeared" if is_first else "appeared"
     return (
         f"{change.name} is named in the {named} campaign only, with {size}. {limit}, "
         f"so it cannot be said whether it {verb}."

@@ -13,7 +13,6 @@ from ..mechanisms.causes import Applied, Bump
 from ..mechanisms.terms import LETTERS, Mechanism, Term
 from .candidates import Candidate
 from .credible_sets import FOUND, Entry
-from .curve_waves import find_waves
 from .effects import Effect
 from .fitted_curves import find_waves, measure_heights
 from .stated_probability import describe_level_probability, format_probability, scale_listed

@@ -429,7 +429,7 @@ def test_a_drift_within_the_second_campaign_came_and_is_no_change_of_the_geometr
     drift = np.array([3.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     still = calibrated(rng, geometry, theta)
     moving = calibrated(rng, drifting, np.r_[theta, drift])
-    for pair, what in (((still, moving), "came"), ((moving, still), "went")):
+    for pair, what in (((still, moving), "appeared"), ((moving, still), "disappeared")):
         found = compare_campaigns(*pair)
         (only,) = found.mechanisms
         assert (only.name, only.what) == ("tracker-drift", what)
