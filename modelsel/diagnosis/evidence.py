@@ -153,7 +153,8 @@ class Chance:
         self.share = normalise_strength(seen.strength(products), total)
         self.prior = log_prior.astype(products.dtype)[:, None]
         self.largest = find_largest_shares(seen, self.share)
-        by_size = np.array(list(self.largest.values())).reshape(len(self.largest), -1)
+        draws = self.share.whole.shape[1]
+        by_size = np.array(list(self.largest.values())).reshape(len(self.largest), draws)
         self.bounding = np.concatenate([by_size, self.share.whole[seen.signed]])
         slack = np.full((len(self.bounding) + len(self.share.smooth), 1), BOUND_SLACK)
         # the tail of a sign may grow by a factor of two
@@ -178,6 +179,8 @@ class Chance:
     @cached_property
     def evidence(self) -> Array:
         """The evidence (B,): -inf where no candidate is left."""
+        if not self.largest:
+            return self.first
         best = self.first.copy()
         for ratio, growth in zip(map(float, RATIOS[1:]), self.growth, strict=False):
             needed = np.flatnonzero(growth > best - self.first)

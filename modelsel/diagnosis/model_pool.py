@@ -211,9 +211,11 @@ class Pool:
         return np.asarray(np.where(np.isfinite(least), factors + tail, factors))
 
 
-def gather_pool(search: Search, view: View, chosen: Sequence[int]) -> Pool:
+def gather_pool(search: Search, view: View, chosen: Sequence[int]) -> Pool | None:
     """Gather a pool around the chosen candidates of a view: what may stand beside them or in their
-    place, one for one, one for two, two for one, or a family as a whole."""
+    place, one for one, one for two, two for one, or a family as a whole.
+
+    None where there is nothing: no candidate is left beyond the base."""
     offered = _list_offers(search, view, chosen)
     members = dict.fromkeys(chosen)
     dead = set(search.dead.tolist())
@@ -223,6 +225,8 @@ def gather_pool(search: Search, view: View, chosen: Sequence[int]) -> Pool:
             members.setdefault(g)
         if len(members) == MOST_MEMBERS:
             break
+    if not members:
+        return None
     which = np.array(sorted(members), dtype=np.intp)
     log_prior = search.log_prior[which]
     none_free = np.zeros(len(which), bool)
