@@ -53,7 +53,9 @@ LargestShares = Mapping[float, Array]
 def normalise_strength(strength: Strength, total: Array) -> Strength:
     """Scale a strength to responses of unit length.
 
-    `total` (B,): the responses' sums of squares. Overwrites `strength.whole`."""
+    `total` (B,): the responses' sums of squares; nothing is explained of one of zero. Overwrites
+    `strength.whole`."""
+    total = np.maximum(total, np.finfo(total.dtype).tiny)
     whole = np.divide(strength.whole, total, out=strength.whole)
     np.minimum(whole, 1 - np.finfo(whole.dtype).eps, out=whole)
     return Strength(whole, strength.root / np.sqrt(total), strength.smooth / total)
@@ -323,7 +325,7 @@ def compute_familywise_p(seen: Beyond, response: Response, smallest: Array) -> A
     """Compute (G,) family-wise p-values of every candidate alone.
 
     `smallest`: the sorted smallest p-values of the null."""
-    share = seen.strength(response.column).whole[:, 0] / response.square
+    share = seen.strength(response.column).whole[:, 0] / max(response.square, TINY)
     single = np.where(seen.sizes > 0, _compute_tail(share, seen.sizes, seen.freedom), 1.0)
     as_small = np.searchsorted(smallest, single, side="right")
     return np.asarray((1 + as_small) / (len(smallest) + 1))

@@ -327,7 +327,7 @@ def _build_pool(rest: Rest, log_prior: Array, kind: Index) -> Pool:
         rows=tuple(rows[member] for member in range(count)),
         H=turned @ gram @ turned.T,
         z=turned @ rest.products,
-        square=rest.square,
+        square=max(rest.square, TINY),
         freedom=rest.freedom,
         log_prior=log_prior,
         kind=kind,
