@@ -139,11 +139,11 @@ def _compute_explained(square: Array, responses: Array) -> Array:
 
 
 def compute_detection_limit(
-    diagnosis: Diagnosis, priors: Sequence[float], configurations: int, sigma: float
+    diagnosis: Diagnosis, priors: Sequence[float], rows: int, sigma: float
 ) -> float | None:
     """Compute the displacement of an effect that the scan would find with probability POWER.
 
-    It is the root mean square per row [whitened units of sigma], beyond the model, of an effect of
+    `rows`: the number of rows that were scanned. It is the root mean square per row [whitened units of sigma], beyond the model, of an effect of
     one column.
 
     It is the noncentrality at which the effect's evidence exceeds the bound, with the median prior
@@ -170,7 +170,7 @@ def compute_detection_limit(
         middle = (low + high) / 2
         is_short = 1 - chndtr(critical, 1, middle) < POWER
         low, high = (middle, high) if is_short else (low, middle)
-    return float(sigma * np.sqrt(high / configurations))
+    return float(sigma * np.sqrt(high / rows))
 
 
 def is_subsampled(diagnosis: Diagnosis, split: Split) -> bool:
