@@ -232,8 +232,7 @@ def _find_commented_header(
 def number_columns(rows: Sequence[Sequence[Any]]) -> list[str]:
     """Number the columns of a table without header, as many as its first row has."""
     filled = [row for row in rows if not is_blank_row(row)]
-    width = len(filled[0])
-    numbers = range(1, width + 1)
+    numbers = range(1, len(filled[0]) + 1)
     return [f"column {number}" for number in numbers]
 
 

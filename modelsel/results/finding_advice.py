@@ -139,7 +139,7 @@ WEARING = (
 def advise(record: StudyRecord, finding: FindingRecord) -> Advice:
     """Advise what to do about a finding, and tell what its model is worth on held-out rows."""
     action, how = _choose(record, finding)
-    places = name_places(finding)
+    places = _name_places(finding)
     joint = sentence_list(places) if places else "the joint concerned"
     is_several = len(places) > 1 or joint.startswith("joints")
     verb = "are" if is_several else "is"
@@ -175,7 +175,7 @@ def _choose_by_name(record: StudyRecord, first: EntryRecord, stem: str) -> tuple
     return BY_STEM.get(stem, _UNNAMED)
 
 
-def name_places(finding: FindingRecord) -> list[str]:
+def _name_places(finding: FindingRecord) -> list[str]:
     """Name what a finding moves: the base, then its joints (joint 3, joints 2 and 3), then the target."""
     frames = list_frames(finding)
     count = _count_joints(finding)
