@@ -8,10 +8,14 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Note:
-    """Something the user should know; a code for programs and a sentence for people."""
+    """Something the user should know; a code for programs and a sentence for people.
+
+    `rows`: the rows of the file (0-based) that it concerns, None where it concerns the whole file or
+    none of its rows."""
 
     code: str
     sentence: str
+    rows: tuple[int, ...] | None = None
 
 
 SETUP_MISTAKE, OTHER_ROBOT = "setup-mistake", "other-robot"

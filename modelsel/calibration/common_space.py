@@ -118,7 +118,7 @@ def build_common_space(a: Calibration, b: Calibration) -> CommonSpace:
         placing = build_setup(a.robot, 1, 1, True, False).terms
     terms = tuple(dict.fromkeys([*placing, *a.terms, *b.terms]))
     X = compute_design(problem, terms)[0]
-    rows = X.transpose(0, 1, 2).reshape(-1, len(terms))
+    rows = X.reshape(-1, len(terms))
     identified = identify(reduce(rows, np.zeros(len(rows))))
     estimates = []
     factors = []

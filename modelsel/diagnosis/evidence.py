@@ -53,7 +53,9 @@ LargestShares = Mapping[float, Array]
 def normalise_strength(strength: Strength, total: Array) -> Strength:
     """Scale a strength to responses of unit length.
 
-    `total` (B,): the responses' sums of squares. Overwrites `strength.whole`."""
+    `total` (B,): the responses' sums of squares; nothing is explained of one of zero. Overwrites
+    `strength.whole`."""
+    total = np.maximum(total, np.finfo(total.dtype).tiny)
     whole = np.divide(strength.whole, total, out=strength.whole)
     np.minimum(whole, 1 - np.finfo(whole.dtype).eps, out=whole)
     return Strength(whole, strength.root / np.sqrt(total), strength.smooth / total)
@@ -153,7 +155,8 @@ class Chance:
         self.share = normalise_strength(seen.strength(products), total)
         self.prior = log_prior.astype(products.dtype)[:, None]
         self.largest = find_largest_shares(seen, self.share)
-        by_size = np.array(list(self.largest.values())).reshape(len(self.largest), -1)
+        draws = self.share.whole.shape[1]
+        by_size = np.array(list(self.largest.values())).reshape(len(self.largest), draws)
         self.bounding = np.concatenate([by_size, self.share.whole[seen.signed]])
         slack = np.full((len(self.bounding) + len(self.share.smooth), 1), BOUND_SLACK)
         # the tail of a sign may grow by a factor of two
@@ -178,6 +181,8 @@ class Chance:
     @cached_property
     def evidence(self) -> Array:
         """The evidence (B,): -inf where no candidate is left."""
+        if not self.largest:
+            return self.first
         best = self.first.copy()
         for ratio, growth in zip(map(float, RATIOS[1:]), self.growth, strict=False):
             needed = np.flatnonzero(growth > best - self.first)
@@ -320,7 +325,7 @@ def compute_familywise_p(seen: Beyond, response: Response, smallest: Array) -> A
     """Compute (G,) family-wise p-values of every candidate alone.
 
     `smallest`: the sorted smallest p-values of the null."""
-    share = seen.strength(response.column).whole[:, 0] / response.square
+    share = seen.strength(response.column).whole[:, 0] / max(response.square, TINY)
     single = np.where(seen.sizes > 0, _compute_tail(share, seen.sizes, seen.freedom), 1.0)
     as_small = np.searchsorted(smallest, single, side="right")
     return np.asarray((1 + as_small) / (len(smallest) + 1))

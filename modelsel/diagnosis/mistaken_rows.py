@@ -12,6 +12,7 @@ from .._typing import Array, Index, Mask
 from ..exceptions import DataError, NotEstimable, write_rounded
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
+from ..measurements.measurements import Measurements
 from ..measurements.row_places import Where
 from ..setup.other_robots import describe_improvement
 from ..setup.registration import register
@@ -89,15 +90,33 @@ def _generate_slips(problem: Problem) -> Iterator[Slip]:
 def _build_stale(problem: Problem, rows: Mask) -> Slip:
     """Build the slip of positions that were not measured anew.
 
-    Every row has the readings of the one before."""
+    Every row of the mask has the readings of the row of its target that was measured before it in
+    its group, and its own where there is none."""
     data = problem.data
-    q = np.roll(data.q, 1, axis=0)
+    before = _find_rows_before(data)[rows]
+    own = np.flatnonzero(rows)
+    is_next = (data.row[before] + 1 == data.row[own]) | (before == own)
+    which = "the row before"
+    if not is_next.all():
+        which = "the row of the same target that was measured before"
     return Slip(
-        words="given with the position of the row before",
+        words=f"given with the position of {which}",
         remedy="measure them again",
-        q=q[rows],
+        q=data.q[before],
         position=data.position[rows],
     )
+
+
+def _find_rows_before(data: Measurements) -> Index:
+    """Find of every row (m,) the one of its group and target that was measured before it; itself
+    where it is the first."""
+    sequence = np.lexsort((data.row, data.order, data.target, data.group))
+    earlier, later = sequence[:-1], sequence[1:]
+    is_same = data.group[earlier] == data.group[later]
+    is_same &= data.target[earlier] == data.target[later]
+    before = np.arange(len(data))
+    before[later[is_same]] = earlier[is_same]
+    return before
 
 
 def describe_slips(

@@ -211,9 +211,11 @@ class Pool:
         return np.asarray(np.where(np.isfinite(least), factors + tail, factors))
 
 
-def gather_pool(search: Search, view: View, chosen: Sequence[int]) -> Pool:
+def gather_pool(search: Search, view: View, chosen: Sequence[int]) -> Pool | None:
     """Gather a pool around the chosen candidates of a view: what may stand beside them or in their
-    place, one for one, one for two, two for one, or a family as a whole."""
+    place, one for one, one for two, two for one, or a family as a whole.
+
+    None where there is nothing: no candidate is left beyond the base."""
     offered = _list_offers(search, view, chosen)
     members = dict.fromkeys(chosen)
     dead = set(search.dead.tolist())
@@ -223,6 +225,8 @@ def gather_pool(search: Search, view: View, chosen: Sequence[int]) -> Pool:
             members.setdefault(g)
         if len(members) == MOST_MEMBERS:
             break
+    if not members:
+        return None
     which = np.array(sorted(members), dtype=np.intp)
     log_prior = search.log_prior[which]
     none_free = np.zeros(len(which), bool)
@@ -323,7 +327,7 @@ def _build_pool(rest: Rest, log_prior: Array, kind: Index) -> Pool:
         rows=tuple(rows[member] for member in range(count)),
         H=turned @ gram @ turned.T,
         z=turned @ rest.products,
-        square=rest.square,
+        square=max(rest.square, TINY),
         freedom=rest.freedom,
         log_prior=log_prior,
         kind=kind,

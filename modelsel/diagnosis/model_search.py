@@ -318,6 +318,9 @@ def _place_families(families: Sequence[Family], place: dict[int, int]) -> tuple[
 def visit_models(search: Search, view: View, chosen: Sequence[int]) -> VisitedModels:
     """Search around the chosen effects of a view for sets that are as probable, or more."""
     pool = gather_pool(search, view, chosen)
+    if pool is None:
+        nothing: tuple[int, ...] = ()
+        return VisitedModels((nothing,), np.zeros(1))
     place = {g: p for p, g in enumerate(pool.members)}
     pairs = list_related(search, view, chosen)
     related = tuple((place[g], place[h]) for g, h in pairs)

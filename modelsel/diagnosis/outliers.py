@@ -72,12 +72,8 @@ def find_gross_outliers(problem: Problem, base: Model) -> Mask:
         return np.zeros(rows, bool)
     measured = problem.measured
     inside, size = _concentrate(X, residual, measured, keep)
-    seen = None
-    if measured is not None:
-        seen = measured[inside]
-    trimmed = estimate_scale(size[inside], seen)
     dimension = round(min(coordinates, 3))
-    scale = trimmed / _trimmed_median_ratio(TRIM_SHARE, dimension)
+    scale = _estimate_trimmed_scale(size, inside, measured, dimension)
     flagged = size > GROSS_THRESHOLD * scale
     return _reweight(X, residual, measured, flagged)
 
@@ -113,6 +109,19 @@ def _reweight(X: Array, residual: Array, measured: Mask | None, flagged: Mask) -
     if flagged.mean() > MAX_OUTLIER_SHARE:
         return np.zeros(len(flagged), bool)
     return flagged
+
+
+def _estimate_trimmed_scale(
+    size: Array, inside: Mask, measured: Mask | None, coordinates: int
+) -> float:
+    """Estimate the robust standard deviation of one coordinate from the lengths (m,) of the rows
+    `inside`, which are the smallest."""
+    seen = None
+    if measured is not None:
+        seen = measured[inside]
+    trimmed = estimate_scale(size[inside], seen)
+    share = float(inside.mean())
+    return trimmed / _trimmed_median_ratio(share, coordinates)
 
 
 def _trimmed_median_ratio(share: float, coordinates: int) -> float:

@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from .._linalg import TINY
 from .._typing import Array, Mask
 from .buckets import build_bucket, build_buckets, find_least_share
 from .candidate_columns import Block, find_signed
@@ -88,7 +89,7 @@ def _bound_factors(block: Block, left: Array, response: Response, freedom: int) 
     columns = products[:, :, None]
     solved = np.linalg.solve(scaled, columns)
     explained = np.einsum("nk,nk->n", products, solved[:, :, 0])
-    share = (1 + RIDGE) * explained / response.square
+    share = (1 + RIDGE) * explained / max(response.square, TINY)
     largest = 1 - np.finfo(float).eps
     most = np.clip(share, 0.0, largest)
     ratios = RATIOS[:, None]

@@ -5,7 +5,6 @@ that level off. Where one of them holds, it leaves less open than a free functio
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from itertools import permutations, product
 
@@ -13,8 +12,9 @@ import numpy as np
 
 from .._typing import Array
 from ..fitting.problem import Problem
-from ..mechanisms.causes import Applied, Cause, q, shifted
+from ..mechanisms.causes import Applied, Cause, Named, q, shifted
 from ..mechanisms.terms import Mechanism
+from ..mechanisms.waves import read_wave
 from .arm_shapes import build_pulls, choose_onsets, list_turning
 from .driver_functions import level_off, scale_driver
 from .unregistered import build_cell
@@ -27,7 +27,6 @@ CENTRES = (-0.4, 0.0, 0.4)
 ONSETS = tuple(k / 20 for k in range(2, 19))
 # moments in a saw's tooth at which it may fall back
 FALLS = 128
-WAVE = re.compile(r"(?:sin|cos)\((?:([\d.]+)\*)?q\d+\)")
 
 
 def generate_products(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
@@ -129,10 +128,8 @@ def find_own_wave(found: Mechanism) -> tuple[int, float]:
     counts = []
     for term in found.terms:
         (screw,) = term.screws
-        cause = str(screw.cause)
-        wave = WAVE.fullmatch(cause)
-        if wave is None:
+        wave = read_wave(screw.cause)
+        if wave is None or not isinstance(wave.angle, Named):
             return joint, 0
-        count = float(wave[1] or 1)
-        counts.append(count)
+        counts.append(wave.count)
     return joint, min(counts)

@@ -14,6 +14,7 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..exceptions import count_words
+from ..fitting.design import measure_rounding, whitened
 from ..fitting.noise import Floor
 from ..measurements.measurements import Measurements
 from ..selection.evaluation import Evaluation, Split
@@ -71,9 +72,9 @@ def estimate_predictability(
 
     By a Gaussian process with a squared-exponential kernel (Rasmussen & Williams 2006, eq. 5.12).
 
-    None with fewer than MIN_CONFIGURATIONS configurations."""
+    None with fewer than MIN_CONFIGURATIONS configurations, or where nothing is left."""
     blocks, first, index = np.unique(data.block, return_index=True, return_inverse=True)
-    if len(blocks) < MIN_CONFIGURATIONS:
+    if len(blocks) < MIN_CONFIGURATIONS or not residual.any():
         return None
     count = np.bincount(index)
     mean = np.stack([np.bincount(index, residual[:, a]) / count for a in range(3)], 1)
@@ -138,11 +139,11 @@ def _compute_explained(square: Array, responses: Array) -> Array:
 
 
 def compute_detection_limit(
-    diagnosis: Diagnosis, priors: Sequence[float], configurations: int, sigma: float
+    diagnosis: Diagnosis, priors: Sequence[float], rows: int, sigma: float
 ) -> float | None:
     """Compute the displacement of an effect that the scan would find with probability POWER.
 
-    It is the root mean square per row [whitened units of sigma], beyond the model, of an effect of
+    `rows`: the number of rows that were scanned. It is the root mean square per row [whitened units of sigma], beyond the model, of an effect of
     one column.
 
     It is the noncentrality at which the effect's evidence exceeds the bound, with the median prior
@@ -169,7 +170,7 @@ def compute_detection_limit(
         middle = (low + high) / 2
         is_short = 1 - chndtr(critical, 1, middle) < POWER
         low, high = (middle, high) if is_short else (low, middle)
-    return float(sigma * np.sqrt(high / configurations))
+    return float(sigma * np.sqrt(high / rows))
 
 
 def is_subsampled(diagnosis: Diagnosis, split: Split) -> bool:
@@ -192,6 +193,10 @@ def describe_unexplained(
     if not found or diagnosis.left is None:
         return DetectionLimit(
             "No mechanism may extend the base in this study: nothing was searched."
+        )
+    if _explains_everything(diagnosis, split):
+        return DetectionLimit(
+            "Nothing is left to explain: the model agrees with the measurements to rounding."
         )
     sigma = estimate_floor(chosen, split).coordinate_mm
     priors, rows = [c.prior for c in found], count_rows_seen(diagnosis, split)
@@ -218,6 +223,14 @@ def describe_unexplained(
         f"{format_chance(diagnosis.left_p)}."
     )
     return DetectionLimit(found_nothing + reach + left, limit, limit_mrad)
+
+
+def _explains_everything(diagnosis: Diagnosis, split: Split) -> bool:
+    """Return whether the extended model leaves no more than rounding of the data."""
+    training = split.training
+    residual = whitened(training, diagnosis.fit.residuals(training))
+    size = float(np.linalg.norm(residual))
+    return size <= measure_rounding(training)
 
 
 def _measure_rad_per_mm(evaluation: Evaluation, split: Split) -> float | None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from .._linalg import orthonormalise, orthonormalise_in_place
 from .._typing import Array, Index, Mask
-from ..fitting.design import Model
+from ..fitting.design import Model, measure_rounding
 from ..fitting.least_squares import Fit
 from ..fitting.prior import prior_root
 from ..fitting.problem import Problem
@@ -74,7 +74,7 @@ class View:
 
     Orthonormal Q (N, r) and R (r, r) with A[:, kept] = Q R; all columns A (N, p); of the fit's
     residual, its coordinates `along` (r,) in Q, and its part `residual` (N,) off the model, which the
-    candidates see as `response`. The prior's rows of shrunk terms stand below the rows of the
+    candidates see as `response`; it is zero where no more than rounding is left. The prior's rows of shrunk terms stand below the rows of the
     data. `kept`: the columns that do not depend on others; geometry takes whatever it can, so the
     prior of its usual sizes has no say."""
 
@@ -165,6 +165,8 @@ def _see(problem: Problem, columns: Columns, fitted: Fit, projected: _Projection
     raw = np.concatenate([of_data, of_prior])
     along = Q.T @ raw
     residual = raw - Q @ along
+    if np.linalg.norm(residual) <= measure_rounding(problem):
+        residual = np.zeros_like(residual)
     scan = assemble_scan(columns, Q, projected.inside)
     return View(
         model=fitted.model,

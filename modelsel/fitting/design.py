@@ -23,6 +23,8 @@ from .observation import predict_readings, reading_gradients
 from .problem import Problem
 
 PLACE = {axis: a for a, axis in enumerate(AXES)}
+# share of the reach, and angle [rad], up to which a residual is rounding of the data
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -341,6 +343,18 @@ def whitened(problem: Problem, residual: Array) -> Array:
     values = residual.T.copy()
     in_units = whiten(problem, values)
     return np.asarray(in_units.T)
+
+
+def measure_rounding(problem: Problem) -> float:
+    """Measure the norm of whitened residuals up to which they are rounding of the data.
+
+    Every row is then off by ROUNDING of the reach, and turned by ROUNDING, which no instrument
+    resolves and a fit that has converged may leave."""
+    shape = problem.components, len(problem)
+    residual = np.full(shape, ROUNDING * problem.reach_mm)
+    residual[3:] = ROUNDING
+    in_units = problem.whitening.apply_by_row(residual)
+    return float(np.linalg.norm(in_units))
 
 
 def blocks(

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .._linalg import TINY
 from .._typing import Array, Index
 from ..mechanisms.terms import Term
 from .design import Model, residuals
@@ -91,10 +92,11 @@ class Fit:
 
     @cached_property
     def sigma(self) -> float:
-        """Residual standard deviation of one whitened coordinate."""
+        """Residual standard deviation of one whitened coordinate; above zero for a model that leaves
+        nothing."""
         if self.freedom <= 0:
             return float("nan")
-        variance = self.rss / self.freedom
+        variance = max(self.rss / self.freedom, TINY)
         return float(np.sqrt(variance))
 
     @cached_property

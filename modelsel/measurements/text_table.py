@@ -161,6 +161,8 @@ def _prepare_reading(path: Path, decimal: str | None, headerless: bool) -> _Read
         first = ends[layout.skipped - 1] + 1
         body = rows[layout.skipped :]
     else:
+        if all(map(is_blank_row, rows)):
+            raise _refuse_blank(path.name)
         line, names = _find_commented_header(rows, form, comments)
         if not names and not headerless:
             raise refuse_headerless(path.name)
@@ -230,9 +232,18 @@ def _find_commented_header(
 def number_columns(rows: Sequence[Sequence[Any]]) -> list[str]:
     """Number the columns of a table without header, as many as its first row has."""
     filled = [row for row in rows if not is_blank_row(row)]
-    width = len(filled[0])
-    numbers = range(1, width + 1)
+    numbers = range(1, len(filled[0]) + 1)
     return [f"column {number}" for number in numbers]
+
+
+def _refuse_blank(file: str) -> DataError:
+    """Return the error of a table of nothing but separators and quotes."""
+    return DataError(
+        "no row holds a name or a number, only separators or quotes.",
+        file=file,
+        line=1,
+        remedy="Export the table again: a line of column names, then a row for each measured point.",
+    )
 
 
 def refuse_headerless(file: str) -> DataError:

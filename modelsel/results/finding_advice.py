@@ -4,6 +4,7 @@ It speaks of what moves and never says which part is to blame: that the data do 
 
 from __future__ import annotations
 
+from math import inf
 from typing import NamedTuple
 
 from ..diagnosis.signatures import LEVELS
@@ -138,8 +139,10 @@ WEARING = (
 def advise(record: StudyRecord, finding: FindingRecord) -> Advice:
     """Advise what to do about a finding, and tell what its model is worth on held-out rows."""
     action, how = _choose(record, finding)
-    joint = find_joint(finding)
-    verb = "are" if joint.startswith("joints") else "is"
+    places = _name_places(finding)
+    joint = sentence_list(places) if places else "the joint concerned"
+    is_several = len(places) > 1 or joint.startswith("joints")
+    verb = "are" if is_several else "is"
     sentence = how.format(joint=joint, joints=f"{joint} {verb}")
     return Advice(action, sentence, finding.gain.told)
 
@@ -172,14 +175,28 @@ def _choose_by_name(record: StudyRecord, first: EntryRecord, stem: str) -> tuple
     return BY_STEM.get(stem, _UNNAMED)
 
 
-def find_joint(finding: FindingRecord) -> str:
-    """Return the joints that a finding moves, in words: joint 3, joints 2 and 3."""
+def _name_places(finding: FindingRecord) -> list[str]:
+    """Name what a finding moves: the base, then its joints (joint 3, joints 2 and 3), then the target."""
     frames = list_frames(finding)
-    if not frames:
-        return "the joint concerned"
-    numbers = [str(frame) for frame in frames]
-    word = "joint" if len(numbers) == 1 else "joints"
-    return f"{word} {sentence_list(numbers)}"
+    count = _count_joints(finding)
+    joints = [str(frame) for frame in frames if 1 <= frame <= count]
+    places = []
+    if 0 in frames:
+        places.append("the base")
+    if joints:
+        word = "joint" if len(joints) == 1 else "joints"
+        places.append(f"{word} {sentence_list(joints)}")
+    if any(frame > count for frame in frames):
+        places.append("the target")
+    return places
+
+
+def _count_joints(finding: FindingRecord) -> float:
+    """Count the arm's joints where the finding says how they stand; any number where it does not."""
+    for place in (finding.worst, finding.turning):
+        if place is not None:
+            return len(place.joints_deg)
+    return inf
 
 
 def list_frames(finding: FindingRecord) -> list[int]:

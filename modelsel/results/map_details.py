@@ -19,7 +19,8 @@ from ..diagnosis.error_map import ErrorMap
 from ..diagnosis.scan import compute_basis
 from ..fitting.design import PLACE, blocks, field_of
 from ..fitting.problem import Problem
-from ..mechanisms.causes import Applied, Cause, Combined, Named, Number
+from ..mechanisms.causes import Cause, Named
+from ..mechanisms.waves import find_common_wave
 from ..selection.evaluation import Evaluation
 from .study_run import StudyRun
 
@@ -70,23 +71,10 @@ def _describe_place(frame: int, axis: str, problem: Problem, field: Array) -> Va
 # ---------------------------------------------------------------------------------------------------------------------
 
 
-def find_wave(causes: Sequence[Cause]) -> tuple[Cause, float] | None:
-    """Return (angle, waves per turn of it) where the causes are sine and cosine of one angle, else None."""
-    waves = [cause for cause in causes if isinstance(cause, Applied)]
-    if len(causes) != 2 or {wave.function for wave in waves} != {"sin", "cos"}:
-        return None
-    angle = waves[0].argument
-    if angle != waves[1].argument:
-        return None
-    if isinstance(angle, Combined) and angle.operator == "*" and isinstance(angle.left, Number):
-        return angle.right, angle.left.number
-    return angle, 1.0
-
-
 def describe_column(causes: tuple[Cause, ...], problem: Problem) -> Values:
     """Return one column of the map: a wave by its angle and count (the joint's own readings are in the rows), else
     its values."""
-    wave = find_wave(causes)
+    wave = find_common_wave(causes)
     if wave is None:
         values = [_cause_values(cause, problem) for cause in causes]
         unit = causes[0].unit

@@ -21,12 +21,12 @@ from ..diagnosis.sentences import label_effect
 from ..diagnosis.unregistered import Place
 from ..fitting.design import PLACE, compute_columns
 from ..fitting.problem import Problem
-from ..mechanisms.cause_functions import FUNCTIONS
 from ..mechanisms.causes import Applied, Bump, Cause, Named, find_bump
 from ..mechanisms.terms import Term
+from ..mechanisms.waves import find_common_wave, read_wave
 from .covariate_panel import draw_covariate, find_covariate
 from .finding_records import Finding
-from .map_details import MIN_DISPLACEMENT, find_wave
+from .map_details import MIN_DISPLACEMENT
 from .panel_points import CURVE_POINTS, PanelPoints, select_points
 from .study_run import StudyRun
 
@@ -96,15 +96,15 @@ class _Group:
         variable = self.abscissa.variable
         if self.abscissa.kind == "line":
             return x
+        wave = read_wave(cause)
+        if self.abscissa.kind == "wave" and wave is not None:
+            return wave.evaluate(x)
         if self.abscissa.kind == "step" and isinstance(cause, Applied):
             return np.sign(x)
         if isinstance(variable, Named):
             line = _Line(variable.name, x)
             values = cause.of(line)
             return np.asarray(values)
-        if isinstance(cause, Applied):
-            function = FUNCTIONS[cause.function]
-            return np.asarray(function(x))
         return np.zeros(len(x))
 
 
@@ -188,7 +188,7 @@ def _choose_abscissa(
     if isinstance(cause, Applied) and cause.function == "sign":
         return _Abscissa(cause.argument, "step")
     for sibling in siblings:
-        wave = find_wave((cause, sibling))
+        wave = find_common_wave((cause, sibling))
         if wave is not None:
             angle, count = wave
             return _Abscissa(angle, "wave", count)

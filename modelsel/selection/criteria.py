@@ -6,12 +6,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._linalg import TINY
 from .._typing import Array
 
 
 def _deviance(rss: Array, n: int, sigma: float | None) -> Array:
     if sigma is None:
-        mean_square = rss / n
+        # finite for a model that leaves nothing
+        mean_square = np.maximum(rss / n, TINY)
         deviance = n * np.log(mean_square)
     else:
         deviance = rss / sigma**2
@@ -131,7 +133,8 @@ def log_evidence(
         price = p / 2 * growth
         evidence = explained - price
         return np.asarray(evidence)
-    unexplained = rss / rss_base
+    # 1 where both leave nothing
+    unexplained = (rss + TINY) / (rss_base + TINY)
     freedom = n - rank_base
     room = freedom - p
     price = room / 2 * growth

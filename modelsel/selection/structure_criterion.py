@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from .._typing import Mask
+from ..fitting.design import measure_rounding
 from ..fitting.error_structure import ErrorStructure
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
@@ -20,6 +21,7 @@ def compute_criterion(
     weighed = errors.whiten(problem).take(training)
     residual = fitted.residuals(weighed).T.copy()
     square = float(np.square(weighed.whitening.apply(residual)).sum())
+    square = max(square, measure_rounding(weighed) ** 2)
     N = weighed.coordinates
     estimated = sum(part.known is None for part in errors.shared)
     used = fitted.rows - fitted.freedom + estimated

@@ -31,10 +31,17 @@ class _Labelling(NamedTuple):
     label: Index
 
 
-def describe_swapped_labels(
+class SwappedLabels(NamedTuple):
+    """Targets that have each other's names: a sentence, and the rows of the file (0-based)."""
+
+    sentence: str
+    rows: tuple[int, ...]
+
+
+def find_swapped_labels(
     problem: Problem, use: Mask, registered: bool, per_group: bool = False
-) -> str | None:
-    """Describe in which of the rows `use` (mask) targets have each other's names, with the mean
+) -> SwappedLabels | None:
+    """Find in which of the rows `use` (mask) targets have each other's names, with the mean
     distance before and after; None where the names are as the positions have them.
 
     Where the targets were found from the rows (`registered`), they are found again with every new
@@ -55,7 +62,8 @@ def describe_swapped_labels(
     is_single = is_other.sum() < MIN_ROWS
     if is_single or left > before / MIN_IMPROVEMENT:
         return None
-    return _describe(points, label, before, left)
+    rows = points.data.row[is_other].tolist()
+    return SwappedLabels(_describe(points, label, before, left), tuple(rows))
 
 
 def _find_labels(problem: Problem, before: float, registered: bool, per_group: bool) -> _Labelling:

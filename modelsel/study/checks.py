@@ -37,7 +37,7 @@ from ..selection.evaluation import Evaluation, Split, measure_orientation
 from ..setup.measured_orientations import describe_orientation_mistake
 from ..setup.mistakes import describe_setup_mistake
 from ..setup.other_robots import describe_other_robot, describe_shifted_rows
-from ..setup.target_labels import describe_swapped_labels
+from ..setup.target_labels import find_swapped_labels
 
 Register = bool | Literal["per group"]  # as [robot] register in a study
 
@@ -70,13 +70,14 @@ def check_setup(
     every_row = np.ones(len(problem), bool)
     # asked first: links that are another robot's are no mistake in this one's
     other = describe_other_robot(problem, use, load_builtin_robots)
+    swapped = find_swapped_labels(problem, every_row, registered, per_group)
     sentences = [
         (
             SETUP_MISTAKE,
             describe_setup_mistake(problem, use, registered, per_group, links=other is None),
         ),
         ("orientation-mistake", describe_orientation_mistake(problem, use, registered)),
-        ("labels-swapped", describe_swapped_labels(problem, every_row, registered, per_group)),
+        ("labels-swapped", None if swapped is None else swapped.sentence),
         (OTHER_ROBOT, other),
     ]
     explained = any(sentence for _, sentence in sentences)
@@ -85,7 +86,9 @@ def check_setup(
             (ROWS_MISTAKEN, describe_slip_before_fit(problem, registered, per_group)),
             ("rows-shifted", describe_shifted_rows(problem, every_row)),
         ]
-    return tuple(Note(code, sentence) for code, sentence in sentences if sentence)
+    concerned = {} if swapped is None else {"labels-swapped": swapped.rows}
+    notes = [Note(code, text, concerned.get(code)) for code, text in sentences if text]
+    return tuple(notes)
 
 
 @contextmanager
@@ -112,13 +115,14 @@ def load_builtin_robots() -> dict[str, Robot]:
 
 def drop_known_faults(faults: Sequence[Fault], notes: Sequence[Note]) -> tuple[Fault, ...]:
     """Return the data faults but those that an alarm reports of the same rows."""
-    codes = {note.code for note in notes}
-    unreported = []
-    for fault in faults:
-        alarm = ALARM_OF_FAULT.get(fault.name)
-        if alarm not in codes:
-            unreported.append(fault)
-    return tuple(unreported)
+    return tuple(fault for fault in faults if not any(_reports(note, fault) for note in notes))
+
+
+def _reports(note: Note, fault: Fault) -> bool:
+    """Whether a note is the alarm of a fault's kind, of all its rows."""
+    if note.code != ALARM_OF_FAULT.get(fault.name):
+        return False
+    return note.rows is None or set(fault.rows.tolist()) <= set(note.rows)
 
 
 def check_chosen_model(

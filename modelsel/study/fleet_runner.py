@@ -231,8 +231,8 @@ def _is_finished(task: Task, folder: Path, options: FleetOptions) -> bool:
     return is_sampled or not options.sampling
 
 
-def _read_record(folder: Path) -> dict[str, Any]:
-    path = folder / "result.json"
+def _read_record(folder: Path, file: str = "result.json") -> dict[str, Any]:
+    path = folder / file
     content = path.read_bytes()
     text = content.decode("utf-8")
     record: dict[str, Any] = json.loads(text)
@@ -240,11 +240,11 @@ def _read_record(folder: Path) -> dict[str, Any]:
 
 
 def _read_row(name: str, folder: Path) -> Row:
-    """Return the row of a study from its result.json."""
+    """Return the row of a study from its result.json and the place of its base in details.json."""
     record = _read_record(folder)
     ladder = record["ladder"]
-    nominal, chosen = ladder[0], ladder[-1]
-    base = ladder[1] if len(ladder) > 1 else nominal
+    place = _read_record(folder, "details.json")["base"]
+    nominal, base, chosen = ladder[0], ladder[place], ladder[-1]
     named = [name for name in chosen["mechanisms"] if name not in base["mechanisms"]]
     codes = dict.fromkeys(warning["code"] for warning in record["warnings"])
     sampling = record["sampling"]

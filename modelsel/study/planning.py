@@ -23,6 +23,7 @@ from ..calibration.experiment_design import (
 )
 from ..calibration.plan_pool import Pool, build_pool
 from ..exceptions import StudyError, count_words, write_rounded
+from ..fitting.design import ROUNDING
 from ..measurements.columns import UNITS
 from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
@@ -127,7 +128,8 @@ def choose_configurations(
         calibration.problem(possible),
         [*fitted.terms, *rival_terms],
         fitted.at(),
-        result.run.floor.coordinate_mm,
+        # measurements without noise determine no less than rounding
+        max(result.run.floor.coordinate_mm, ROUNDING * known.reach_mm),
     )
     rival_sets, twins = _separate_twins(candidates, rival_sets)
     purpose = purpose or ("rivals" if rival_sets else "d")

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .._linalg import TINY
 from .._typing import Array
 from ..fitting.batch import Ensemble
 from ..fitting.least_squares import Fit
@@ -163,7 +164,7 @@ def weight_draws(problem: Problem, fitted: Fit, draws: Draws, max_rows: int = MA
     squares = np.square(residual)
     linear = squares.sum(1)
     rows_each = rows / len(part)
-    double_variance = 2 * np.square(draws.sigma)
+    double_variance = np.maximum(2 * np.square(draws.sigma), TINY)
     log_weight = (linear - exact) / double_variance
     log_weight = log_weight * rows_each
     largest = log_weight.max()

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .._linalg import invert_triangle
+from .._linalg import TINY, invert_triangle
 from .._typing import Array, Index
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
@@ -116,7 +116,8 @@ class _HalfSolution:
         scaled = np.linalg.solve(covariance, beta)
         increase = beta @ scaled
         mean = increase / size
-        variance = self.variance
+        # 0 for terms that change nothing, also where nothing is left
+        variance = max(self.variance, TINY)
         f = mean / variance
         return float(f)
 

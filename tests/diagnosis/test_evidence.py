@@ -93,3 +93,21 @@ def test_no_evidence_without_candidates_that_are_left() -> None:
     assert value == -np.inf
     assert np.isneginf(joint).all()
     assert compute_p_value(value, np.zeros(9)) == 1.0
+
+
+def test_no_evidence_in_draws_without_candidates_that_are_left(rng: np.random.Generator) -> None:
+    """A base with a direction for nearly every number absorbs every candidate."""
+    at = drawn("puma760", rng, 20)
+    base = Model((mechanism("geometric", at.robot),))
+    fitted = fit(at, base)
+    found = build_candidates(at, base, every(at.robot))[:30]
+    columns = build_columns(at, found, fitted.at())
+    Q = np.eye(columns.rows)
+    seen = build_scan(columns, Q)
+    assert not seen.by_size
+    nothing = np.zeros((columns.screws.count, DRAWS), np.float32)
+    chance = Chance(seen, np.zeros(len(found)), nothing, np.ones(DRAWS, np.float32))
+    for values in (chance.evidence, chance.below(0.0), chance.take(slice(3, 9)).evidence):
+        assert np.isneginf(values).all()
+    assert (chance.smallest_p == 1).all()
+    assert chance.evidence.shape == chance.smallest_p.shape == (DRAWS,)

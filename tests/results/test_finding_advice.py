@@ -123,9 +123,15 @@ def test_nothing_held_out_is_worth_a_dash_and_places_are_frames(drawn) -> None:
 
 @pytest.mark.parametrize(
     ("frames", "words"),
-    [((3,), "before joint 3 is touched"), ((3, 2), "before joints 2 and 3 are touched")],
+    [
+        ((3,), "before joint 3 is touched"),
+        ((3, 2), "before joints 2 and 3 are touched"),
+        ((7,), "before the target is touched"),
+        ((6, 7), "before joint 6 and the target are touched"),
+        ((0,), "before the base is touched"),
+    ],
 )
-def test_one_joint_is_and_several_are(drawn, frames, words) -> None:
+def test_the_places_of_a_finding_are_named(drawn, frames, words) -> None:
     record = read_source(drawn).record
     finding = record.findings[0]
     entry = finding.first

@@ -33,7 +33,7 @@ from modelsel.setup.measured_orientations import describe_orientation_mistake
 from modelsel.setup.mistakes import describe_setup_mistake
 from modelsel.setup.other_robots import describe_other_robot
 from modelsel.setup.registration import register
-from modelsel.setup.target_labels import describe_swapped_labels
+from modelsel.setup.target_labels import find_swapped_labels
 from modelsel.study.checks import (
     add_alarms_to_errors,
     check_chosen_model,
@@ -557,10 +557,10 @@ def test_swapped_labels_are_said(share, registered, rng) -> None:
     at = bind("ur5", read_measurements(mixed, load_robot("ur5").prismatic), TOOLS["A"])
     at = replace(at, tools=np.array([TOOLS[name] for name in at.data.targets]))
     use = np.ones(len(at), bool)
-    sentence = (
-        describe_swapped_labels(register(at, use, False) if registered else at, use, registered)
-        or ""
-    )
+    swapped = find_swapped_labels(register(at, use, False) if registered else at, use, registered)
+    assert swapped is not None
+    sentence = swapped.sentence
+    assert swapped.rows == tuple(np.flatnonzero(late).tolist()) or share == 0.5
     assert sentence.startswith(
         f"In {late.sum()} of 120 rows targets have each other's names (rows "
     )

@@ -33,7 +33,7 @@ from modelsel.results.storage import WRITES
 from modelsel.robot.files import load_robot
 from modelsel.selection.streaming import Parts, fit_parts, list_parts
 from modelsel.study import fleet_runner as fleets
-from modelsel.study.fleet_runner import FleetOptions, cluster, run_fleet, save_summary
+from modelsel.study.fleet_runner import FleetOptions, _read_row, cluster, run_fleet, save_summary
 from modelsel.study.result import load_result
 from modelsel.study.runner import run_study
 
@@ -298,3 +298,29 @@ def test_what_is_no_address_of_a_scheduler_is_refused_at_once(address) -> None:
 def test_a_secure_scheduler_needs_certificates() -> None:
     with pytest.raises(StudyError, match="tls needs certificates"), cluster(scheduler="tls://h:1"):
         pass
+
+
+def test_the_base_of_an_own_ladder_is_its_rung(tmp_path) -> None:
+    """The ladder's second rung has an effect more than the base, which is the third."""
+    ladder = [
+        {"mechanisms": names, "rank": 30, "held_out": {"mean_mm": mean}}
+        for names, mean in (
+            ([], 1.0),
+            (["geometric", "joint3-twist"], 0.1),
+            (["geometric"], 0.2),
+            (["geometric", "overshoot:4"], 0.05),
+        )
+    ]
+    record = {
+        "ladder": ladder,
+        "warnings": [],
+        "sampling": None,
+        "robot": "puma760",
+        "configurations": {"estimation": 40, "held_out": 20},
+        "noise_floor": {"coordinate_mm": 0.05},
+    }
+    (tmp_path / "result.json").write_text(json.dumps(record))
+    (tmp_path / "details.json").write_text(json.dumps({"base": 2}))
+    row = _read_row("own ladder", tmp_path)
+    assert (row["nominal_mm"], row["base_mm"], row["chosen_mm"]) == (1.0, 0.2, 0.05)
+    assert row["found"] == "overshoot:4"

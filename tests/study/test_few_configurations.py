@@ -1,0 +1,45 @@
+"""Studies of so few configurations that no candidate is left beyond the base."""
+
+from __future__ import annotations
+
+import pytest
+
+from modelsel import Study, run_study, simulate_study
+
+# geometric has 24 parameters that a UR5's positions determine: 9 configurations leave 3 numbers
+FEW = 9
+
+
+def build_study(configurations: int, estimation: int | None, candidates: str | list[str]) -> Study:
+    """A study of a UR5 with an error that the geometry has, simulated."""
+    planned = Study(
+        name="few",
+        measurements={"file": "not-yet.csv"},
+        robot={"name": "ur5", "tool_mm": [30, 0, 100]},
+        simulate={
+            "configurations": configurations,
+            "noise_mm": 0.05,
+            "effect": [{"frame": 3, "axis": "rz", "cause": "1", "size": 1e-3}],
+        },
+    )
+    return Study(
+        name="few",
+        measurements=simulate_study(planned),
+        robot={"name": "ur5", "tool_mm": [30, 0, 100]},
+        model={"base": ["geometric"], "candidates": candidates},
+        split={} if estimation is None else {"estimation": estimation},
+    )
+
+
+@pytest.mark.parametrize(
+    ("configurations", "estimation", "candidates"),
+    [(FEW, None, "all"), (20, FEW, ["approach-backlash:4", "joint3-twist"]), (20, FEW, [])],
+)
+def test_few_configurations_end_in_a_verdict(configurations, estimation, candidates) -> None:
+    study = build_study(configurations, estimation, candidates)
+    result = run_study(study, sampling=False)
+    sentences = " ".join(result.record.verdict)
+    assert "No error beyond the base model was named." in sentences
+    assert "the data are too few for any further effect" in sentences
+    assert not result.record.findings
+    assert result.record.nothing_else.detection_limit_mm is None
