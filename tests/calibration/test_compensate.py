@@ -386,6 +386,10 @@ def test_a_value_of_all_rows_needs_no_column(made, tmp_path) -> None:
     for words, said in (
         (["--at", "humidity=3"], f"looks at: {needed}."),
         (["--at", f"{needed}=warm"], "expected NAME=NUMBER"),
+        (
+            ["--at", f"{needed}=333"],
+            f"--at {needed}=333: expected a number between -273.15 and 200",
+        ),
         (["--at", f"{needed}=1", "--at", f"{needed}=2"], "given twice"),
     ):
         answer = ran(bare, *words)
