@@ -200,6 +200,12 @@ def read_coordinates(table: Table, required: bool = True) -> Array:
     return np.stack([read_quantity(table, axis, POSITION_UNITS, rows) for axis in "xyz"], 1)
 
 
+def find_position_unit(table: Table) -> str:
+    """Find the unit in which positions were given: mm, m or in; mm where none are."""
+    given = [unit for unit in POSITION_UNITS if f"x_{unit}" in table]
+    return "in" if given == ["inch"] else (*given, "mm")[0]
+
+
 def read_column_set(
     table: Table, names: Sequence[str], refuse: str = "", rows: Mask | None = None
 ) -> Array | None:
