@@ -89,7 +89,7 @@ def _describe_past_limits(c: Calibration, data: Measurements) -> list[str]:
 
 def _describe_unknown_approach(c: Calibration, data: Measurements) -> list[str]:
     sentences = []
-    for joint in _joints_of(c, "approach"):
+    for joint in list_joints_of(c, "approach"):
         directions = data.approach[:, joint - 1]
         unknown = directions == 0
         if unknown.any():
@@ -101,7 +101,7 @@ def _describe_unknown_approach(c: Calibration, data: Measurements) -> list[str]:
 def needs_approach(c: Calibration, data: Measurements) -> bool:
     """Whether directions of approach were given with the commands, or the model looks at one."""
     is_given = not takes_approach_from_order(data)
-    joints = _joints_of(c, "approach")
+    joints = list_joints_of(c, "approach")
     return is_given or bool(joints)
 
 
@@ -111,7 +111,7 @@ def takes_approach_from_order(data: Measurements) -> bool:
     return "approach-from-order" in codes
 
 
-def _joints_of(c: Calibration, stem: str) -> list[int]:
+def list_joints_of(c: Calibration, stem: str) -> list[int]:
     """List the joints whose value of a stem ("approach", "move") the model uses."""
     joints = []
     for name in c.needs():
@@ -123,11 +123,11 @@ def _joints_of(c: Calibration, stem: str) -> list[int]:
 
 def describe_order_dependence(c: Calibration, data: Measurements) -> list[str]:
     """Describe which motions that the model uses follow from the order of the targets alone."""
-    approach = _joints_of(c, "approach") if takes_approach_from_order(data) else []
+    approach = list_joints_of(c, "approach") if takes_approach_from_order(data) else []
     sentences = []
     for joints, what, remedy in (
         (approach, "directions of approach", " or give approach columns"),
-        (_joints_of(c, "move"), "sizes of the moves", ""),
+        (list_joints_of(c, "move"), "sizes of the moves", ""),
     ):
         if joints:
             named = sentence_list([str(j) for j in joints])
