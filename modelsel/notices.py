@@ -68,6 +68,7 @@ CODES = {
     HOPELESS_FIT: "the chosen model explains the positions badly",
     # selection and naming
     "candidates-restricted": "the study's list of candidates leaves out registered mechanisms",
+    "candidates-untested": "a listed candidate needs what the measurements do not say",
     "base-worse-than-nominal": "the base model is worse than the nominal one on held-out rows",
     "scan-of-some": "causes were looked for in a part of the estimation rows, drawn by the seed",
     "cv-not-estimable": "a model cannot be estimated without one of the folds; its cv_rms_mm is null",

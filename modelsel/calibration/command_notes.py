@@ -90,7 +90,7 @@ def _describe_past_limits(c: Calibration, data: Measurements) -> list[str]:
 
 def _describe_unknown_approach(c: Calibration, data: Measurements) -> list[str]:
     sentences = []
-    for joint in _joints_of(c, StateKind.APPROACH):
+    for joint in list_joints_of(c, StateKind.APPROACH):
         directions = data.approach[:, joint - 1]
         unknown = directions == 0
         if unknown.any():
@@ -103,11 +103,11 @@ def needs_approach(c: Calibration, data: Measurements) -> bool:
     """Whether directions of approach were given with the commands, or the model looks at one."""
     if not data.approach_from_order:
         return True
-    joints = _joints_of(c, StateKind.APPROACH)
+    joints = list_joints_of(c, StateKind.APPROACH)
     return bool(joints)
 
 
-def _joints_of(c: Calibration, kind: StateKind) -> list[int]:
+def list_joints_of(c: Calibration, kind: StateKind) -> list[int]:
     """List the joints whose state variable of a kind the model uses."""
     joints = []
     for name in c.needs():
@@ -123,11 +123,11 @@ def describe_order_dependence(c: Calibration, data: Measurements) -> list[str]:
     """Describe which motions that the model uses follow from the order of the targets alone."""
     approach = list[int]()
     if data.approach_from_order:
-        approach = _joints_of(c, StateKind.APPROACH)
+        approach = list_joints_of(c, StateKind.APPROACH)
     sentences = []
     for joints, what, remedy in (
         (approach, "directions of approach", " or give approach columns"),
-        (_joints_of(c, StateKind.MOVE), "sizes of the moves", ""),
+        (list_joints_of(c, StateKind.MOVE), "sizes of the moves", ""),
     ):
         if joints:
             named = sentence_list([str(j) for j in joints])

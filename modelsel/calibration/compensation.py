@@ -21,6 +21,7 @@ from ..exceptions import DataError
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..measurements.reader import read_measurements
+from ..measurements.state_names import StateKind
 from ..measurements.table import Source, load_table
 from ..robot.kinematics import Robot, forward
 from ..robot.rigid import rotation_vector
@@ -28,10 +29,11 @@ from .command_notes import (
     describe_extrapolation,
     describe_order_dependence,
     find_past_limits,
+    list_joints_of,
     needs_approach,
 )
 from .large_changes import find_weakest, refuse_large_changes
-from .prediction import compute_pose, compute_sensitivities, to_tracker_frame
+from .prediction import compute_pose, compute_sensitivities, predict, to_tracker_frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,7 +57,8 @@ class Commands:
     (m, 3) in the tracker's frame;
     `before_mm` the error of the nominal command, `left_mm` what the corrected one leaves on the
     calibrated model, `model_mm` the standard uncertainty of that model there (length),
-    `expected_mm` the root of the sum of squares of the two and of the measuring noise; `before_rad`
+    `expected_mm` the root of the sum of squares of the two, of the measuring noise and of half the
+    play where a direction of approach is unknown; `before_rad`
     and `left_rad` the same of wanted orientations, None without, and `model_rad`, None also where the
     study measured no orientations and cannot know it; `beyond` (m, n) commands beyond a
     joint's limits; `weakest` (m,) [rad/mm]: of `find_weakest`."""
@@ -231,7 +234,8 @@ def _summarise_commands(
     before_mm = np.linalg.norm(before[:, :3], axis=1)
     left_mm = np.linalg.norm(left[:, :3], axis=1)
     noise = 3 * c.floor.coordinate_mm**2
-    expected_mm = np.sqrt(left_mm**2 + model_mm**2 + noise)
+    unknown = _compute_unknown_approach(c, there)
+    expected_mm = np.sqrt(left_mm**2 + model_mm**2 + noise + unknown)
     before_rad = left_rad = model_rad = None
     if start.data.rotation is not None:
         before_rad = np.linalg.norm(before[:, 3:], axis=1) / LEVER_MM
@@ -253,6 +257,25 @@ def _summarise_commands(
         model_rad=model_rad,
         beyond=find_past_limits(c, q),
     )
+
+
+def _compute_unknown_approach(c: Calibration, at: Problem) -> Array:
+    """Compute the variance (m,) [mm²] that joints add whose direction of approach is unknown: the
+    target is half of their play to either side."""
+    variance = np.zeros(len(at))
+    for joint in list_joints_of(c, StateKind.APPROACH):
+        unknown = at.data.approach[:, joint - 1] == 0
+        if not unknown.any():
+            continue
+        ends = []
+        for direction in (1.0, -1.0):
+            approach = at.data.approach.copy()
+            approach[unknown, joint - 1] = direction
+            data = replace(at.data, approach=approach)
+            ends.append(predict(c, replace(at, data=data)))
+        half = (ends[0] - ends[1]) / 2
+        variance += np.square(half).sum(1)
+    return variance
 
 
 def correct(

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..exceptions import DataError, StudyError
+from ..measurements.covariates import COVARIATE_LIMITS, MAX_COVARIATE
 from ..measurements.state_names import is_state_name
 from ..measurements.table import Table
 from .calibration import Calibration
@@ -50,5 +51,15 @@ def hold_values(c: Calibration, table: Table, held: Mapping[str, float]) -> Tabl
                 column=name,
                 remedy="Leave one of them out.",
             )
+        _check_value(name, value)
         columns[name] = np.full(len(table), value)
     return replace(table, columns=columns)
+
+
+def _check_value(name: str, value: float) -> None:
+    """Refuse a value that no row of a file may have. Raises StudyError."""
+    least, most = COVARIATE_LIMITS.get(name, (-MAX_COVARIATE, MAX_COVARIATE))
+    if not least <= value <= most:
+        raise StudyError(
+            f"--at {name}={value:g}: expected a number between {least:g} and {most:g}. Correct the value."
+        )

@@ -103,6 +103,7 @@ def plan_command(
     from .._files import write_frame
     from ..measurements.table import DataFile
     from ..mechanisms.registry import with_plugins
+    from ..study.configuration_pool import check_joint_ranges
     from ..study.inputs import find_study_file, list_input_files, read_nominal_robot
     from ..study.named_things import read_whole_study
     from ..study.planning import format_plan, plan_next
@@ -123,7 +124,9 @@ def plan_command(
         pools = [] if pool_file is None else [pool_file]
         check_table_path(out)
         check_output(out, (*list_input_files(read, path), *pools))
-    registry, _ = with_plugins(robot=read_nominal_robot(read, path.parent))
+    robot = read_nominal_robot(read, path.parent)
+    check_joint_ranges(robot, ranges)
+    registry, _ = with_plugins(robot=robot)
     planning = "choosing configurations"
     with show_progress([*list_steps(read, sampling=False), planning]) as say:
         result = run_study(read, path.parent, registry=registry, say=say, sampling=False)

@@ -30,6 +30,9 @@ MIN_IMPROVEMENT = 4.0
 MAX_ROUNDS = 8
 # share of the rows up to which a slip concerns some of them
 MAX_SLIPPED_SHARE = 0.5
+# units that rows may have, in mm, and those that a file may say
+ROW_UNITS = {unit.unit: unit.scale for unit in SCALES} | {"millimetres": 1.0}
+STATED_UNITS = {"mm": "millimetres", "m": "metres", "in": "inches"}
 # smallest scale [mm] of what the rows leave
 MIN_SCALE_MM = 1e-6
 
@@ -55,19 +58,30 @@ class Slip:
         return replace(problem, data=data)
 
 
+@dataclass(frozen=True, eq=False)
+class SlippedRows:
+    """Rows (m,) that one slip explains, and the sentence on them."""
+
+    rows: Mask
+    sentence: str
+
+
 def _generate_slips(problem: Problem) -> Iterator[Slip]:
     """Generate the slips that any row may have."""
     q = problem.data.q
     x = problem.data.position
     turns = ~np.array(problem.robot.prismatic)
-    for unit in SCALES:
-        yield Slip(
-            words=f"in {unit.unit}, not millimetres",
-            remedy=unit.remedy,
-            q=q,
-            position=x * unit.scale,
-            scale=unit.scale,
-        )
+    stated = STATED_UNITS[problem.data.position_unit]
+    for name, scale in ROW_UNITS.items():
+        if name != stated:
+            factor = scale / ROW_UNITS[stated]
+            yield Slip(
+                words=f"in {name}, not {stated}",
+                remedy=_describe_scaling(factor),
+                q=q,
+                position=x * factor,
+                scale=factor,
+            )
     for axis, other_axis, change in list_axis_changes():
         words = f"the wrong sign of {axis}"
         remedy = f"change the sign of {axis}"
@@ -85,6 +99,13 @@ def _generate_slips(problem: Problem) -> Iterator[Slip]:
             q=np.where(turns, q * factor, q),
             position=x,
         )
+
+
+def _describe_scaling(factor: float) -> str:
+    """Describe how positions come to the unit that the file says."""
+    if factor > 1:
+        return f"multiply x, y and z by {factor:.6g}"
+    return f"divide x, y and z by {1 / factor:.6g}"
 
 
 def _build_stale(problem: Problem, rows: Mask) -> Slip:
@@ -126,7 +147,19 @@ def describe_slips(
     usual: float | None = None,
     named: Mask | None = None,
 ) -> tuple[str, ...]:
-    """Describe every slip that explains some of the `rows` (mask).
+    """Describe every slip that explains some of the `rows` (mask), as `explain_rows` finds them."""
+    explained = explain_rows(problem, left, rows, usual, named)
+    return tuple(each.sentence for each in explained)
+
+
+def explain_rows(
+    problem: Problem,
+    left: Residuals,
+    rows: Mask,
+    usual: float | None = None,
+    named: Mask | None = None,
+) -> tuple[SlippedRows, ...]:
+    """Explain some of the `rows` (mask) by slips.
 
     A sentence says how many rows, where, and how well they fit without the slip.
 
@@ -154,7 +187,8 @@ def describe_slips(
     before = compute_lengths(left(selected))
     is_open = before > far
     is_told = np.zeros(len(before), bool)
-    sentences = []
+    places = np.flatnonzero(suspected)
+    found = []
     stale = _build_stale(problem, suspected)
     for slip in (*_generate_slips(selected), stale):
         corrected = slip.correct(selected)
@@ -165,10 +199,12 @@ def describe_slips(
             is_improved = after < before / MIN_IMPROVEMENT
             explained = ~is_told & is_improved & (after < near)
             sentence = _describe(slip, selected, explained, before, after)
-            sentences.append(sentence)
+            slipped = np.zeros(len(data), bool)
+            slipped[places[explained]] = True
+            found.append(SlippedRows(slipped, sentence))
             is_told |= explained
             is_open &= ~explained
-    return tuple(sentences)
+    return tuple(found)
 
 
 def _describe(slip: Slip, problem: Problem, rows: Mask, before: Array, after: Array) -> str:

@@ -187,9 +187,16 @@ def count_rows_seen(diagnosis: Diagnosis, split: Split) -> int:
 
 
 def describe_unexplained(
-    diagnosis: Diagnosis, found: tuple[Candidate, ...], split: Split, chosen: Evaluation
+    diagnosis: Diagnosis,
+    found: tuple[Candidate, ...],
+    split: Split,
+    chosen: Evaluation,
+    reason: str = "",
 ) -> DetectionLimit:
-    """Describe what a further effect would have had to be to be found."""
+    """Describe what a further effect would have had to be to be found; `reason`: why candidates
+    that were asked for are not among those found."""
+    if not found and reason:
+        return DetectionLimit(f"Nothing was searched: {reason}")
     if not found or diagnosis.left is None:
         return DetectionLimit(
             "No mechanism may extend the base in this study: nothing was searched."

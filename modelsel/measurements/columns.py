@@ -28,6 +28,8 @@ UNITS = {"rad": 1.0, "deg": np.pi / 180, "mm": 1.0, "m": 1e3, "in": 25.4, "inch"
 READING_UNITS = {False: ("rad", "deg"), True: ("mm", "m")}
 # units of positions
 POSITION_UNITS = ("mm", "m", "in", "inch")
+# columns of readings and positions, which stand for no other
+QUANTITY_COLUMN = re.compile(rf"(?:q\d+|[xyz])_(?:{'|'.join(UNITS)})")
 # characters of a cell that a message shows
 MAX_SHOWN = 30
 # rad: a reading beyond two turns is none in radians
@@ -177,8 +179,9 @@ def read_quantity(table: Table, stem: str, units: Sequence[str], rows: Mask | No
             column=stem,
             remedy=f"Rename it to {wanted}, or map it {where.mapping(names[0], stem)}.",
         )
+    free = [name for name in table.columns if QUANTITY_COLUMN.fullmatch(name) is None]
     raise where.refuse(
-        f"column {wanted} is missing. {suggest(names[0], list(table.columns))}",
+        f"column {wanted} is missing. {suggest(names[0], free)}".rstrip(),
         remedy=f"If it has another name, map it {where.mapping(names[0], 'NAME')}.",
     )
 
@@ -195,6 +198,12 @@ def read_coordinates(table: Table, required: bool = True) -> Array:
         present = [table.columns[name] for name in sorted(names & set(table.columns))]
         rows = ~np.all([find_blank_cells(cells) for cells in present], axis=0)
     return np.stack([read_quantity(table, axis, POSITION_UNITS, rows) for axis in "xyz"], 1)
+
+
+def find_position_unit(table: Table) -> str:
+    """Find the unit in which positions were given: mm, m or in; mm where none are."""
+    given = [unit for unit in POSITION_UNITS if f"x_{unit}" in table]
+    return "in" if given == ["inch"] else (*given, "mm")[0]
 
 
 def read_column_set(

@@ -16,7 +16,7 @@ from .observation_columns import KIND_COLUMNS
 from .point_times import find_date_column, read_clock
 from .state_names import is_state_name
 from .table import Table
-from .uncausal_columns import describe_uncausal, find_uncausal_columns
+from .uncausal_columns import NO_NAME, describe_uncausal, find_uncausal_columns
 
 # numbers of a covariate that the contract names, and of any other
 MAX_KNOWN_COVARIATE = 1e12
@@ -73,7 +73,7 @@ def _describe_ignored(table: Table, textual: Sequence[str], unusable: Sequence[s
     """Say which columns are ignored; characters of their names that cannot be seen are escaped."""
     notes = []
     if textual:
-        names = ", ".join(map(one_line, textual))
+        names = ", ".join(one_line(name) or NO_NAME for name in textual)
         notes.append(Note("columns-ignored", f"Columns that hold no numbers are ignored: {names}."))
     if unusable:
         listed = ", ".join(_say_why_unusable(table, name) for name in unusable)
@@ -86,7 +86,7 @@ def _say_why_unusable(table: Table, name: str) -> str:
     """Name a numeric column, and why it is no cause."""
     shown = one_line(name)
     if not shown:
-        return "one without a name"
+        return NO_NAME
     if name in FUNCTIONS or is_state_name(name):
         return f"{shown} (a name that modelsel gives to values of its own)"
     if not is_plain_word(name):

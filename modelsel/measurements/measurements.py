@@ -98,6 +98,7 @@ class Measurements:
     where: Where = field(default_factory=Where)
     # rad, deg, mm or m: of the readings as they were given; empty: rad, mm
     units: tuple[str, ...] = ()
+    position_unit: str = "mm"  # mm, m or in: of the positions as they were given
     # °C from which thermal effects are counted, of the whole campaign
     reference_celsius: float = REFERENCE
     coupling: Coupling | None = None  # how motors move the joints; None: each its own

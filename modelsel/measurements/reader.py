@@ -23,6 +23,7 @@ from .column_guesses import propose_columns
 from .columns import (
     READING_UNITS,
     Mask,
+    find_position_unit,
     read_column_set,
     read_coordinates,
     read_names,
@@ -134,7 +135,8 @@ def read_measurements(
         notes.append(Note("coupled-joints", coupling.describe_readings()))
     said = (*table.notes, *missed, *content.notes, *notes, *data.notes)
     where = replace(whole.where, labels=list_row_names(table, split.rows))
-    return replace(data, notes=said, where=where, units=units)
+    unit = find_position_unit(table)
+    return replace(data, notes=said, where=where, units=units, position_unit=unit)
 
 
 def _load_contract_table(

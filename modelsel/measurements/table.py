@@ -259,7 +259,7 @@ def _check_distinct(header: Sequence[str], where: Where) -> None:
     for name in header:
         if list(header).count(name) > 1:
             raise where.refuse(
-                "the name stands twice in the header.",
+                "the name appears twice in the header.",
                 column=name or "(no name)",
                 remedy="Column names must differ.",
             )

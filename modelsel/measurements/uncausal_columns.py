@@ -41,6 +41,8 @@ MIN_COUNTED = 8
 COUNTER_NAMES = frozenset(("no", "nr", "nummer", "lfd. nr", "lfdnr"))
 # X1, y_2: a coordinate of one of several positions
 NUMBERED_AXIS = re.compile(r"([xyz])[ _]?(\d+)$", re.IGNORECASE)
+# what a column without a name is called
+NO_NAME = "one without a name"
 # what is said of the columns of each code
 SENTENCES = {
     "computed-ignored": "Columns that look computed from the measured positions, and so are no "
@@ -91,7 +93,7 @@ def describe_uncausal(found: Mapping[str, Sequence[str]]) -> list[Note]:
     for code, names in found.items():
         if not names:
             continue
-        listed = ", ".join(map(one_line, names))
+        listed = ", ".join(one_line(name) or NO_NAME for name in names)
         sentence = SENTENCES[code].format(listed)
         notes.append(Note(code, sentence))
     return notes

@@ -13,7 +13,8 @@ def explain_restriction(candidates: Sequence[str] | str) -> str:
     """Return what a verdict adds where only certain mechanisms may extend the base; else nothing."""
     if isinstance(candidates, str) or not candidates:
         return ""
-    return f" Only {sentence_list(candidates)} could be named: no other cause was considered, and an error that has one may seem not to repeat."
+    listed = sentence_list(list(dict.fromkeys(candidates)))
+    return f" Only {listed} could be named: no other cause was considered, and an error that has one may seem not to repeat."
 
 
 def explain_unknown_gravity(notes: Sequence[Note]) -> str:
@@ -31,8 +32,9 @@ def restriction_notes(candidates: Sequence[str] | str) -> tuple[Note, ...]:
     """Return the warning about a restricted list of candidates, where a study has one."""
     if isinstance(candidates, str) or not candidates:
         return ()
+    listed = sentence_list(list(dict.fromkeys(candidates)))
     sentence = (
-        f"This study considers {sentence_list(candidates)} and no other cause: their probabilities are relative to "
+        f"This study considers {listed} and no other cause: their probabilities are relative to "
         "this list, and an error that has another cause may be named after one of them. "
         'candidates = "all" in the study file considers every registered mechanism and every cell of the error map.'
     )

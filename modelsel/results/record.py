@@ -85,7 +85,7 @@ def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
         models.gain,
         Noise(run.floor, measure_unrepeated(diagnosis.search.errors, run.floor)),
         named,
-        run.study.model.candidates,
+        diagnosis.candidates,
         diagnosis.nothing_else.sentence,
     )
     gained, named_sentence, remainder = sentences

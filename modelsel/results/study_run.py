@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,7 +45,8 @@ class ModelSearch:
 @dataclass(frozen=True, eq=False)
 class Explanation:
     """What is wrong with the arm: findings, faults of the data, the stepwise `search` that named them, the map of
-    all cells, what else could have been found, and whether anything smooth predicts what is left."""
+    all cells, what else could have been found, whether anything smooth predicts what is left, and which
+    `candidates` of the study could be tested ("all": every one)."""
 
     findings: tuple[Finding, ...]
     faults: tuple[Fault, ...]
@@ -53,6 +54,7 @@ class Explanation:
     error_map: ErrorMap
     nothing_else: DetectionLimit
     predictable: Predictable | None
+    candidates: Sequence[str] | str = "all"
 
 
 @dataclass(frozen=True, eq=False)

@@ -113,7 +113,8 @@ def _find_root(roots: list[str], where: str) -> str:
         raise StudyError(f"{where}: the links form a loop. A serial chain is expected.")
     listed = ", ".join(sorted(roots)[:5])
     raise StudyError(
-        f'{where}: expected one root link, found {len(roots)}: {listed}. Say which: base = "…".'
+        f"{where}: expected one root link, found {len(roots)}: {listed}. Say which: "
+        'base = "…" under [robot] of a study, --base of a command.'
     )
 
 
@@ -168,7 +169,7 @@ def _choose_path(paths: Sequence[list[ET.Element]], moving: int, where: str) -> 
     raise StudyError(
         f"{where}: {len(ends)} chains have {moving} moving joint{plural} each, and none "
         f"is the longest: to {listed}. Say which: "
-        'tip = "…" under [robot] of a study, --tip of check.'
+        'tip = "…" under [robot] of a study, --tip of a command.'
     )
 
 

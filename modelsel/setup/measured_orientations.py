@@ -23,6 +23,8 @@ MIN_CONFIGURATIONS = 10
 GOOD_ANGLE = 0.1
 # a mistake explains the orientations where its correction reduces the median angle by this factor
 MIN_IMPROVEMENT = 4.0
+# share of the rows below which some alone are inverted
+MAX_INVERTED_SHARE = 0.5
 # factor within which mistakes fit as well as the best and are named with it
 EQUAL_FACTOR = 1.5
 # rotation angle [rad] beyond which its axis is not trusted
@@ -75,7 +77,43 @@ def describe_orientation_mistake(problem: Problem, use: Mask, registered: bool) 
         sentence = _describe_best(seen, flange, tracker)
         if sentence is not None:
             return sentence
+    every_row = np.ones(len(problem), bool)
+    every = problem.take(select_most_frequent(problem, every_row))
+    for tracker in trackers:
+        sentence = _describe_inverted_rows(every, tracker)
+        if sentence is not None:
+            return sentence
     return None
+
+
+def _describe_inverted_rows(problem: Problem, tracker: Array | None) -> str | None:
+    """Describe the rows whose orientations alone are inverted, where those of most rows fit; None
+    where there are none."""
+    at = problem.pose(slice(None))
+    flange = at.axes[-1, :3].transpose(2, 1, 0)
+    seen = np.asarray(problem.data.rotation)
+    P = _fit_tracker(seen, flange) if tracker is None else tracker
+    if P is None:
+        return None
+    T, angle = _fit_target(seen, flange, P)
+    is_off = angle > GOOD_ANGLE
+    if is_off.mean() >= MAX_INVERTED_SHARE:
+        return None
+    after = _measure_angles(seen.transpose(0, 2, 1), flange, P, T)
+    is_inverted = is_off & (after < GOOD_ANGLE)
+    count = int(is_inverted.sum())
+    if not count:
+        return None
+    place = problem.data.where.spans(problem.data.row[is_inverted])
+    subject, them = "1 row has an inverted quaternion", "it"
+    if count > 1:
+        subject, them = f"{count} rows have inverted quaternions", "them"
+    degrees_before = np.degrees(np.median(angle[is_inverted]))
+    degrees_after = np.degrees(np.median(after[is_inverted]))
+    return (
+        f"{subject} ({place}): {degrees_after:.2g}° instead of {degrees_before:.3g}° are left of "
+        f"{them} (median) if corrected; {NEGATE} there, or leave {them} out."
+    )
 
 
 def _thin(rows: Index) -> Index:
@@ -158,16 +196,29 @@ def _compute_angle(seen: Array, flange: Array, tracker: Array | None) -> float |
     P = _fit_tracker(seen, flange) if tracker is None else tracker
     if P is None:
         return None
+    _, angle = _fit_target(seen, flange, P)
+    return float(np.median(angle))
+
+
+def _fit_target(seen: Array, flange: Array, P: Array) -> tuple[Array, Array]:
+    """Fit the constant T (3, 3) of P · flange · T robustly; also return the angles (m,) [rad] that it
+    leaves."""
     each = np.einsum("mji,kj,mkl->mil", flange, P, seen)
     weight = np.ones(len(each))
     for _ in range(REWEIGHTINGS):
         mean = np.einsum("m,mij->ij", weight, each)
         T = nearest_rotation(mean)
-        off_mean = np.einsum("ji,mjk->mik", T, each)
-        angle = np.linalg.norm(rotation_vector(off_mean), axis=1)
+        angle = _measure_angles(seen, flange, P, T)
         scale = compute_scale(angle, MIN_SCALE)
         weight = compute_cauchy_weights(angle, scale)
-    return float(np.median(angle))
+    return T, angle
+
+
+def _measure_angles(seen: Array, flange: Array, P: Array, T: Array) -> Array:
+    """Measure the angles (m,) [rad] between seen (m, 3, 3) and P · flange · T."""
+    each = np.einsum("mji,kj,mkl->mil", flange, P, seen)
+    off_mean = np.einsum("ji,mjk->mik", T, each)
+    return np.asarray(np.linalg.norm(rotation_vector(off_mean), axis=1))
 
 
 def _fit_tracker(seen: Array, flange: Array) -> Array | None:

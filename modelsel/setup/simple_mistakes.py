@@ -22,26 +22,24 @@ MAX_REVERSIBLE = 8
 @dataclass(frozen=True)
 class Unit:
     """A unit of positions: `scale` to millimetres; what all of a file's positions then are (`words`)
-    and where to `look`; its name, where some rows alone have it (`unit`), and their `remedy`."""
+    and where to `look`; its name, where some rows alone have it (`unit`)."""
 
     scale: float
     words: str
     look: str
     unit: str
-    remedy: str
 
 
 SCALES = (
-    Unit(1000.0, "are metres", "name them x_m y_m z_m", "metres", "multiply x, y and z by 1000"),
+    Unit(1000.0, "are metres", "name them x_m y_m z_m", "metres"),
     Unit(
         0.001,
         "are a thousandth of what they say",
         "check whether x_m y_m z_m hold millimetres, or the robot file metres",
         "micrometres",
-        "divide x, y and z by 1000",
     ),
-    Unit(25.4, "are inches", "name them x_in y_in z_in", "inches", "multiply x, y and z by 25.4"),
-    Unit(10.0, "are centimetres", "convert them to mm", "centimetres", "multiply x, y and z by 10"),
+    Unit(25.4, "are inches", "name them x_in y_in z_in", "inches"),
+    Unit(10.0, "are centimetres", "convert them to mm", "centimetres"),
 )
 # units that are said to be larger than they are, of all positions: (scale, words, where to look)
 LARGER_UNITS = (

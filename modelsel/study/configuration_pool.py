@@ -41,6 +41,17 @@ def find_joint_ranges(
         stated = joint.limits
         if limits and stated is not None:
             ranges[k] = stated
+    check_joint_ranges(robot, joints)
+    columns = _list_joint_columns(robot)
+    for name, (low, high) in joints.items():
+        k, factor = columns[name]
+        ranges[k] = low * factor, high * factor
+    return ranges
+
+
+def check_joint_ranges(robot: Robot, joints: Mapping[str, tuple[float, float]]) -> None:
+    """Check that ranges are of joints that a robot has, each from a lower to a higher number.
+    Raises StudyError."""
     columns = _list_joint_columns(robot)
     for name, bounds in joints.items():
         if name not in columns:
@@ -55,9 +66,6 @@ def find_joint_ranges(
                 f"{name}: a joint's range goes from a lower to a higher number, found {low:g} to "
                 f"{high:g}."
             )
-        k, factor = columns[name]
-        ranges[k] = low * factor, high * factor
-    return ranges
 
 
 def _list_joint_columns(robot: Robot) -> dict[str, tuple[int, float]]:

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from .._typing import Array, Index, Mask
+from ..diagnosis.mistaken_rows import explain_rows
 from ..diagnosis.outliers import GROSS_THRESHOLD, MAX_OUTLIER_SHARE, find_far_rows
 from ..fitting.design import compute_design, whitened
 from ..fitting.least_squares import Fit
@@ -22,8 +23,8 @@ def exclude_held_out_outliers(split: Split, ladder: Sequence[Evaluation]) -> Spl
     """Mark the held-out rows that are outliers in every model of a ladder but the nominal one.
 
     The rule is fixed on the estimation rows: beyond GROSS robust standard deviations of their
-    residuals, and of what the parameters leave open. None is marked where more than
-    MAX_OUTLIER_SHARE of the rows would be, and more than one.
+    residuals, and of what the parameters leave open. Where more than MAX_OUTLIER_SHARE of the rows
+    would be marked, and more than one, beside those that a slip explains, these alone are.
     """
     held_out = ~split.estimation
     far = held_out
@@ -31,11 +32,24 @@ def exclude_held_out_outliers(split: Split, ladder: Sequence[Evaluation]) -> Spl
         far = _find_far(split, evaluation, far)
     share = MAX_OUTLIER_SHARE * held_out.sum()
     most = max(share, 1.0)
-    count = far.sum()
+    slipped = _find_slipped(split, ladder[-1], far)
+    unexplained = far & ~slipped
+    count = unexplained.sum()
     if count > most:
+        far = slipped
+    if not far.any():
         return split
     outlying = np.asarray(split.outlying | far)
     return replace(split, outlying=outlying)
+
+
+def _find_slipped(split: Split, evaluation: Evaluation, far: Mask) -> Mask:
+    """Find the rows (m,) that a slip explains, of those `far` off: no matter of chance."""
+    slipped = np.zeros(len(far), bool)
+    suspected = far | split.outlying
+    for each in explain_rows(split.problem, evaluation.fit.residuals, suspected):
+        slipped |= each.rows
+    return slipped & far
 
 
 def _find_far(split: Split, evaluation: Evaluation, looked_at: Mask) -> Mask:

@@ -40,6 +40,7 @@ FAR = (
     "The positions are {share} of the length of the arm's links in all from where the robot has "
     "them, and `modelsel study` refuses them: check the robot, the order of the joints, the units and the frame."
 )
+LIMIT_TOLERANCE = 1e-6  # rad or mm: a reading at the limit, as it comes back from degrees
 MIN_MOTION = 1e-6  # rad or mm: a joint with a smaller range does not move
 
 
@@ -87,14 +88,22 @@ def _describe_joints(robot: Robot, data: Measurements) -> list[dict[str, Any]]:
     for j, joint in enumerate(robot.joints):
         low, high = float(data.q[:, j].min()), float(data.q[:, j].max())
         share = None
+        beyond = 0
         if joint.limits is not None:
-            share = (high - low) / (joint.limits[1] - joint.limits[0])
+            least, most = joint.limits
+            inside = min(high, most) - max(low, least)
+            share = max(inside, 0.0) / (most - least)
+            is_below = data.q[:, j] < least - LIMIT_TOLERANCE
+            is_above = data.q[:, j] > most + LIMIT_TOLERANCE
+            beyond = int((is_below | is_above).sum())
         description = {
             "joint": j + 1,
             "low": low,
             "high": high,
             "unit": robot.unit(j + 1),
             "share_of_range": share,
+            "limits": joint.limits,
+            "rows_beyond_limits": beyond,
             "moves": high - low > MIN_MOTION,
         }
         joints.append(description)
@@ -285,6 +294,15 @@ def _format_joint(joint: dict[str, Any]) -> str:
     share = joint["share_of_range"]
     if share is not None:
         text += f", {write_percent(share)} of its range"
+    beyond = joint["rows_beyond_limits"]
+    if beyond:
+        factor = 180 / np.pi if unit == "deg" else 1.0
+        least, most = (limit * factor for limit in joint["limits"])
+        verb = "lies" if beyond == 1 else "lie"
+        text += (
+            f"; {count_words(beyond, 'row')} {verb} beyond its limits, {least:.6g} to {most:.6g} {unit}: "
+            "check the joint's zero, its sense and the robot file"
+        )
     return text
 
 

@@ -89,6 +89,7 @@ from .study_notes import (
     collect_fit_notes,
     collect_held_out_notes,
 )
+from .untested_candidates import find_untested
 
 
 def analyse(
@@ -127,6 +128,7 @@ def _analyse_prepared(
     """
     base = build_model(study, split.problem, registry, study.model.base)
     mechanisms = list_candidates(study, split.problem.robot, registry)
+    untested = find_untested(study.model.candidates, split.problem, mechanisms)
 
     say(OUTLIERS)
     options = choose_options(study, split.problem)
@@ -157,11 +159,14 @@ def _analyse_prepared(
     findings = add_orientation_gains(findings, diagnosis, split, steps, chosen, study.seed)
     within_folds = repeat_in_folds(study, split, base, mechanisms, say)
     noise = choose_noise_floor(split, floor, chosen)
-    detection_limit = describe_unexplained(diagnosis, candidates, split, steps[-1])
+    detection_limit = describe_unexplained(
+        diagnosis, candidates, split, steps[-1], reason=untested.reason
+    )
 
     # every warning is collected here, in the order in which it is reported
     warnings = [
         *notes,
+        *untested.note(),
         *collect_diagnosis_notes(study, split, diagnosis, noise_notes, detection_limit.mm),
         *collect_comparison_notes(comparison, chosen),
         *harmful_base_notes(study.model.base, nominal_errors.gain_of(step_errors[0])),
@@ -187,6 +192,7 @@ def _analyse_prepared(
         error_map=build_error_map(diagnosis, candidates),
         nothing_else=detection_limit,
         predictable=predict_remainder(split, steps[-1], generator(study.seed, "flips")),
+        candidates=untested.select_tested(study.model.candidates),
     )
     run = StudyRun(
         study=study,

@@ -13,7 +13,7 @@ from ..fitting.component_noise import POSITION, ROTATION
 from ..fitting.design import whitened
 from ..fitting.least_squares import Fit
 from ..fitting.noise import Floor
-from ..fitting.noise_check import Lack, describe_lack, lack, name_likeliest_mistake
+from ..fitting.noise_check import NEAR_UNIT, Lack, describe_lack, lack, name_likeliest_mistake
 from ..fitting.problem import Problem
 from ..measurements.columns import MIN_UNCERTAINTY
 from ..notices import Note
@@ -22,6 +22,11 @@ from ..selection.evaluation import Split
 LEFT = "the model leaves"
 # where parts of the errors were found, which a stated uncertainty need not hold
 LEFT_BESIDE_PARTS = "the model leaves beside the parts of the errors that were found"
+# what an instrument's figures are in
+INSTRUMENT_UNITS = (
+    "Most likely one of those that are given is in another unit: range_mm is in millimetres, range_ppm in "
+    "micrometres per metre, angle_urad in microradians, each as one standard deviation."
+)
 
 
 def check_stated_noise(
@@ -143,7 +148,11 @@ def _describe_wrong_statement(split: Split, floor: Floor, mismatch: Lack, left_m
         place = "sx_mm, sy_mm, sz_mm"
     has_parts = _has_parts(split.problem)
     model = LEFT_BESIDE_PARTS if has_parts else LEFT
-    mistake = name_likeliest_mistake(1 / mismatch.factor, place, parts_found=has_parts)
+    ratio = 1 / mismatch.factor
+    mistake = name_likeliest_mistake(ratio, place, parts_found=has_parts)
+    is_unit = not 1 / NEAR_UNIT < ratio < NEAR_UNIT
+    if floor.source == "instrument" and is_unit:
+        mistake = INSTRUMENT_UNITS
     sentences = [describe_lack(place, floor.coordinate_mm, left_mm, mismatch, model=model), mistake]
     if mismatch.refuted:
         sentences.append("The figure is not used: what the model leaves takes its place.")

@@ -386,6 +386,10 @@ def test_a_value_of_all_rows_needs_no_column(made, tmp_path) -> None:
     for words, said in (
         (["--at", "humidity=3"], f"looks at: {needed}."),
         (["--at", f"{needed}=warm"], "expected NAME=NUMBER"),
+        (
+            ["--at", f"{needed}=333"],
+            f"--at {needed}=333: expected a number between -273.15 and 200",
+        ),
         (["--at", f"{needed}=1", "--at", f"{needed}=2"], "given twice"),
     ):
         answer = ran(bare, *words)
@@ -599,3 +603,22 @@ def test_directions_taken_from_the_order_are_said(made) -> None:
         replace(c, model=Model((lagging,)), theta=np.zeros(len(lagging.terms))), data
     )
     assert "joint 2: the sizes of the moves are taken from the order" in said
+
+
+def test_half_the_play_is_expected_where_the_approach_is_unknown(made) -> None:
+    c, at = made
+    data = plan(at, slice(1, 30))
+    known = compensate_commands(c, data)
+    approach = data.approach.copy()
+    approach[:5] = 0
+    found = compensate_commands(c, replace(data, approach=approach))
+    ends = []
+    for direction in (-1.0, 1.0):
+        approach[:5] = direction
+        side = replace(data, q=found.q, approach=approach)
+        ends.append(c.predict(side)[:5])
+    half = np.linalg.norm(ends[0] - ends[1], axis=1) / 2
+    assert (half > 0).all()
+    added = np.sqrt(found.expected_mm[:5] ** 2 - known.expected_mm[:5] ** 2)
+    np.testing.assert_allclose(added, half, rtol=0.05)
+    np.testing.assert_allclose(found.expected_mm[5:], known.expected_mm[5:])

@@ -386,7 +386,7 @@ REFUSED = {
         "column q2_rad or q2_deg is missing",
     ),
     "two units": ([f"{PLAIN},x_m", "0,0,1,2,3,1"], "data.csv", "x_mm and x_m are both there"),
-    "name twice": ([f"{PLAIN},x_mm", "0,0,1,2,3,1"], "column x_mm", "stands twice"),
+    "name twice": ([f"{PLAIN},x_mm", "0,0,1,2,3,1"], "column x_mm", "appears twice"),
     "header alone": ([PLAIN], "line 2", "no rows"),
     "one joint more": (
         [f"{PLAIN},q3_rad", "0,0,1,2,3,0"],

@@ -371,6 +371,20 @@ def test_mistaken_quaternions_are_said(name, rng, tmp_path) -> None:
     assert " The orientation error " in result.record.verdict[1]
 
 
+def test_quaternions_that_are_inverted_in_some_rows_are_said(rng) -> None:
+    data = turned(rng)
+    first = len(data) * 6 // 10
+    names = ["qx", "qy", "qz"]
+    data.loc[first:, names] = -data.loc[first:, names]
+    at = bind("ur5", read_measurements(data, load_robot("ur5").prismatic), (0.0, 0.0, 0.0))
+    use = np.arange(len(at)) % 3 > 0  # rows that are held out are looked at, too
+    sentence = describe_orientation_mistake(register(at, use, False), use, True) or ""
+    # the inverse of half a turn is the turn itself: such a row has nothing to say
+    count = int(sentence.partition(" ")[0])
+    assert 0.85 * (len(data) - first) <= count <= len(data) - first
+    assert f"{count} rows have inverted quaternions (rows {first}" in sentence
+
+
 def test_check_counts_what_is_determined_for_the_target_that_it_finds(rng, tmp_path) -> None:
     """Off the last axis, the last joint's zero moves it; on it, as where none is found, not."""
     data = frame(rng)

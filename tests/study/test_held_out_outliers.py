@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from builders import OFF_AXIS, bind, measured, planted, seeds, study_of
 
-from modelsel.fitting.design import Model
+from modelsel.diagnosis.mistaken_rows import describe_slips
+from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
+from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
@@ -72,3 +75,32 @@ def test_many_bad_shots_are_what_the_model_does_not_know(
     position[rows] += 30 * NOISE
     moved = replace(at, data=replace(at.data, position=position))
     assert left_out(moved)[1] == (sorted(rows.tolist()) if shots == 3 else [])
+
+
+@seeds(1)
+def test_rows_that_a_slip_explains_are_left_out_however_many(rng: np.random.Generator) -> None:
+    at = campaign(rng, 60, 1)
+    rows = 60 + rng.choice(HELD_OUT, 8, replace=False)
+    q = at.data.q.copy()
+    q[rows] = np.radians(q[rows])
+    assert left_out(replace(at, data=replace(at.data, q=q)))[1] == sorted(rows.tolist())
+
+
+@seeds(1)
+def test_rows_in_millimetres_of_a_file_in_metres_are_said_so(rng: np.random.Generator) -> None:
+    at = campaign(rng, 60, 1)
+    position = at.data.position.copy()
+    position[:8] *= 1000
+    data = replace(at.data, position=position, position_unit="m")
+    is_mistaken = np.arange(len(at)) < 8
+    (sentence,) = describe_slips(replace(at, data=data), residuals, is_mistaken)
+    assert "8 rows are in millimetres, not metres" in sentence
+    assert "divide x, y and z by 1000 there" in sentence
+
+
+@pytest.mark.parametrize(("unit", "known"), [("mm", "mm"), ("m", "m"), ("inch", "in")])
+def test_the_unit_of_positions_is_known(unit: str, known: str) -> None:
+    frame = pd.DataFrame({f"q{j}_rad": [0.1, 0.2] for j in range(1, 7)})
+    for axis in "xyz":
+        frame[f"{axis}_{unit}"] = [1.0, 1.1]
+    assert read_measurements(frame, ARM.prismatic).position_unit == known

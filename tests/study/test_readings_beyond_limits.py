@@ -1,0 +1,19 @@
+"""Readings beyond a joint's limits: counted, and no part of the share of its range."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from modelsel.measurements.measurements import build_measurements
+from modelsel.robot.files import load_robot
+from modelsel.study.inspection import format_inspection, inspect_measurements
+
+
+def test_a_share_of_the_range_counts_what_lies_within_the_limits(rng: np.random.Generator) -> None:
+    robot = load_robot("irb120")  # joint 3: -110 to 70 deg
+    q = rng.uniform(-0.5, 0.5, (20, 6))
+    q[0, 2], q[1, 2] = np.radians([-20.0, 100.0])
+    q[2:, 2] = 0.3
+    found = inspect_measurements(robot, build_measurements(q, np.zeros((20, 3))))
+    (line,) = [line for line in format_inspection(found) if line.startswith("Joint 3")]
+    assert "-20.0 to 100.0 deg, 50% of its range; 1 row lies beyond its limits, -110 to 70" in line

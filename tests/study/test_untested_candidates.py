@@ -1,0 +1,58 @@
+"""Candidates that the measurements cannot test, and candidates that are listed twice."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from modelsel import run_study
+from modelsel.config.study_file import parse_study
+from modelsel.fitting.problem import Problem
+from modelsel.measurements.measurements import build_measurements
+from modelsel.mechanisms.registry import build_mechanisms
+from modelsel.results.cautions import explain_restriction, restriction_notes
+from modelsel.robot.files import load_robot
+from modelsel.study.simulation import simulate_points
+from modelsel.study.untested_candidates import find_untested
+
+ROBOT = load_robot("irb120")
+STUDY = (
+    'name = "a"\n[robot]\nname = "irb120"\nregister = true\n[measurements]\nfile = "m.csv"\n'
+    '[split]\nestimation = 40\n[model]\ncandidates = ["thermal-expansion"]\n'
+)
+
+
+def test_a_candidate_that_is_listed_twice_is_told_once() -> None:
+    asked = ["axis-wobble:1", "axis-wobble:1"]
+    told = (explain_restriction(asked), restriction_notes(asked)[0].sentence)
+    for sentence in told:
+        assert sentence.count("axis-wobble:1") == 1
+
+
+def test_candidates_say_what_they_lack(rng: np.random.Generator) -> None:
+    data = build_measurements(rng.uniform(-1, 1, (10, 6)), np.zeros((10, 3)))
+    problem = Problem(ROBOT, data, np.zeros((1, 3)))
+    asked = ["backlash", "thermal-expansion", "backlash"]
+    mechanisms = [m for name in asked for m in build_mechanisms(name, ROBOT)]
+    untested = find_untested(asked, problem, mechanisms)
+    assert "thermal-expansion needs the column temperature_C" in untested.note()[0].sentence
+    assert untested.select_tested(asked) == ["backlash"]
+    assert find_untested("all", problem, mechanisms).note() == ()
+
+
+@pytest.mark.integration
+def test_a_study_whose_only_candidate_lacks_its_column_names_it(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    q = rng.uniform(-1.5, 1.5, (60, 6))
+    at = build_measurements(q, np.zeros((60, 3)))
+    points = simulate_points(ROBOT, np.array([[30.0, 20, 80]]), [], at=at, noise_mm=0.05, rng=rng)
+    points.to_csv(tmp_path / "m.csv", index=False)
+    result = run_study(parse_study(STUDY, "study.toml"), tmp_path, sampling=False)
+    _, named, remainder = result.record.verdict
+    assert "could be named" not in named
+    assert "thermal-expansion needs the column temperature_C" in remainder
+    codes = [warning.code for warning in result.record.warnings]
+    assert "candidates-untested" in codes
