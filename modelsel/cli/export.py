@@ -164,6 +164,6 @@ def _print_export(made: Exported, out: Path) -> None:
             f"{largest:.3g} mm at most. `--format python` writes a function that carries all of it."
         )
     for line in made.table:
-        print_prose(line)
+        click.echo(line)
     for note in made.notes:
         print_prose(f"Note: {note}.")
