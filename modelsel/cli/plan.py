@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,13 +11,18 @@ import click
 from .._choices import PLAN_PURPOSES
 from .._progress import show_progress
 from ..exceptions import count_words
-from ._options import print_json, print_prose, table_option
+from ._options import make_console, print_json, print_prose, table_option
 from ._output_path import OutputPath, check_output, check_table_path
 
 # sizes of effects [mm] that are asked for
 MIN_SIZE_MM, MAX_SIZE_MM = 1e-6, 1e4
 
+# names of the columns of joint readings
+READING = re.compile(r"q\d+_")
+
 if TYPE_CHECKING:
+    import pandas as pd
+
     from ..study.planning import MeasurementPlan
     from ..study.result import Result
 
@@ -139,12 +145,37 @@ def plan_command(
         configurations = table.to_dict("records")
         print_json(_to_dict(planned) | {"configurations": configurations, "more_for_size": more})
         return
-    text = table.to_string(index=False, float_format=lambda v: f"{v:.4f}")
-    click.echo(text if out is None else f"Written: {out}")
+    if out is None:
+        for line in _write_plan(table, make_console().width):
+            click.echo(line)
+    else:
+        print_prose(f"Written: {out}")
     for line in format_plan(planned):
         print_prose(line)
     if size is not None and more is not None:
         print_prose(_describe_size(size, more))
+
+
+def _write_plan(table: pd.DataFrame, width: int) -> list[str]:
+    """Write the configurations, numbered, into tables within a width: readings, directions of
+    approach, and the rest, beside each other where they have room."""
+    from ..report.text_tables import write_numbered_tables
+
+    groups: list[dict[str, list[str]]] = [{}, {}, {}]
+    for name, values in table.items():
+        written = [str(one) if isinstance(one, int) else f"{one:.4f}" for one in values.tolist()]
+        groups[_find_group(str(name))][str(name)] = written
+    lines: list[str] = []
+    for part in write_numbered_tables([group for group in groups if group], width):
+        lines += ["", *part] if lines else part
+    return lines
+
+
+def _find_group(name: str) -> int:
+    """Return which of the tables has a column: readings, approaches, the rest."""
+    if READING.match(name):
+        return 0
+    return 1 if name.startswith("approach") else 2
 
 
 def _describe_size(size: float, more: int) -> str:
