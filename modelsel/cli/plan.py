@@ -109,6 +109,7 @@ def plan_command(
     from .._files import write_frame
     from ..measurements.table import DataFile
     from ..mechanisms.registry import with_plugins
+    from ..report.terminal import WIDTH
     from ..study.inputs import find_study_file, list_input_files, read_nominal_robot
     from ..study.named_things import read_whole_study
     from ..study.planning import format_plan, plan_next
@@ -146,7 +147,7 @@ def plan_command(
         print_json(_to_dict(planned) | {"configurations": configurations, "more_for_size": more})
         return
     if out is None:
-        for line in _write_plan(table, make_console().width):
+        for line in _write_plan(table, make_console(WIDTH).width):
             click.echo(line)
     else:
         print_prose(f"Written: {out}")
