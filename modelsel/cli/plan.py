@@ -109,7 +109,6 @@ def plan_command(
     from .._files import write_frame
     from ..measurements.table import DataFile
     from ..mechanisms.registry import with_plugins
-    from ..report.terminal import WIDTH
     from ..study.inputs import find_study_file, list_input_files, read_nominal_robot
     from ..study.named_things import read_whole_study
     from ..study.planning import format_plan, plan_next
@@ -146,30 +145,38 @@ def plan_command(
         configurations = table.to_dict("records")
         print_json(_to_dict(planned) | {"configurations": configurations, "more_for_size": more})
         return
-    if out is None:
-        for line in _write_plan(table, make_console(WIDTH).width):
-            click.echo(line)
-    else:
-        print_prose(f"Written: {out}")
+    _print_configurations(table, out)
     for line in format_plan(planned):
         print_prose(line)
     if size is not None and more is not None:
         print_prose(_describe_size(size, more))
 
 
-def _write_plan(table: pd.DataFrame, width: int) -> list[str]:
-    """Write the configurations, numbered, into tables within a width: readings, directions of
-    approach, and the rest, beside each other where they have room."""
+def _print_configurations(table: pd.DataFrame, out: Path | None) -> None:
+    """Print where the configurations are written; else the configurations, numbered, as tables that
+    fit the terminal: readings, directions of approach, and the rest, beside each other where they
+    have room."""
+    from ..report.terminal import WIDTH
     from ..report.text_tables import write_numbered_tables
 
+    if out is not None:
+        print_prose(f"Written: {out}")
+        return
     groups: list[dict[str, list[str]]] = [{}, {}, {}]
-    for name, values in table.items():
-        written = [str(one) if isinstance(one, int) else f"{one:.4f}" for one in values.tolist()]
-        groups[_find_group(str(name))][str(name)] = written
-    lines: list[str] = []
-    for part in write_numbered_tables([group for group in groups if group], width):
-        lines += ["", *part] if lines else part
-    return lines
+    for column, values in table.items():
+        name = str(column)
+        group = groups[_find_group(name)]
+        group[name] = list(map(_write_value, values.tolist()))
+    filled = [group for group in groups if group]
+    width = make_console(WIDTH).width
+    tables = write_numbered_tables(filled, width)
+    text = "\n\n".join("\n".join(lines) for lines in tables)
+    click.echo(text)
+
+
+def _write_value(value: float) -> str:
+    """Write a reading or a covariate; a direction is a whole number."""
+    return str(value) if isinstance(value, int) else f"{value:.4f}"
 
 
 def _find_group(name: str) -> int:
