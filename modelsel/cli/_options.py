@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
@@ -201,17 +201,23 @@ def make_console(most: int = LOG_WIDTH) -> Any:
 
 def print_prose(text: str, err: bool = False) -> None:
     """Print sentences: on a terminal within its width, no word broken; a pipe gets them as they are."""
+    for line in fold_prose(text, sys.stderr if err else sys.stdout):
+        click.echo(line, err=err)
+
+
+def fold_prose(text: str, stream: TextIO) -> list[str]:
+    """Fold sentences at the width of a terminal; as they are, a line each, for any other stream."""
     from ..report.text_tables import fold_text
 
-    stream = sys.stderr if err else sys.stdout
     width = shutil.get_terminal_size().columns if stream.isatty() else 0
+    lines = []
     for line in text.splitlines() or [""]:
-        parts = [line]
         if 0 < width < len(line):
             indent = line[: len(line) - len(line.lstrip())]
-            parts = fold_text(line.lstrip(), width, indent)
-        for part in parts:
-            click.echo(part, err=err)
+            lines += fold_text(line.lstrip(), width, indent)
+        else:
+            lines.append(line)
+    return lines
 
 
 def print_written(folder: Path, files: Sequence[Path]) -> None:

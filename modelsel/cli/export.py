@@ -167,7 +167,7 @@ def _print_export(made: Exported, out: Path) -> None:
             f"{write_rounded(largest)} mm at most. `--format python` writes a function that carries all of it."
         )
     for line in made.table:
-        print_prose(line)
+        click.echo(line)
     for note in made.notes:
         shown = LONG_DECIMAL.sub(lambda match: f"{float(match[0]):.4f}", note)
         print_prose(f"Note: {shown}.")

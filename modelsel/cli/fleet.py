@@ -48,7 +48,8 @@ def fleet_command(
     """Run many studies as one job, and fit measurement sets that come in many files."""
     from .._files import check_writable, claim_folder
     from ..config.fleet_file import read_fleet
-    from ..study.fleet_runner import FleetOptions, cluster, run_fleet, save_summary, show_fleet
+    from ..report.terminal_fleet import write_fleet
+    from ..study.fleet_runner import FleetOptions, cluster, run_fleet, save_summary
 
     read = read_fleet(fleet)
     folder = out if out is not None else Path("reports") / fleet.resolve().parent.name
@@ -61,7 +62,8 @@ def fleet_command(
     if as_json:
         print_json({"fleet": read.name, "studies": rows})
     else:
-        show_fleet(rows, make_console())
+        for line in write_fleet(rows, make_console().width):
+            click.echo(line)
         print_written(folder, written)
     worst = max((row["exit"] for row in rows), default=0)
     if worst:

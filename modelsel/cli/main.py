@@ -16,6 +16,7 @@ from typing import Any, TextIO
 import click
 
 from .._version import VERSION
+from ._options import fold_prose, print_prose
 
 for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")  # before numpy loads: the same bytes on any machine
@@ -100,6 +101,15 @@ def _reopen(stream: Any) -> TextIO:
     return io.TextIOWrapper(buffer, encoding=stream.encoding, line_buffering=stream.isatty())
 
 
+def _fold_message(error: click.ClickException) -> click.ClickException:
+    """Fold what a usage error says, which click leaves as it is, at the terminal's width."""
+    begins = "Error: "
+    folded = "\n".join(fold_prose(begins + error.format_message(), sys.stderr))
+    said = folded.removeprefix(begins)
+    error.format_message = lambda: said  # type: ignore[method-assign]
+    return error
+
+
 class _Lazy(click.Group):
     """Finds a command by its name and imports it only then; says errors in one place: one clear
     message, the right exit status, no traceback without --debug."""
@@ -133,7 +143,7 @@ class _Lazy(click.Group):
             if ctx.params.get("debug"):
                 raise
             for line in str(error).splitlines():
-                click.echo(f"modelsel: {line}", err=True)
+                print_prose(f"modelsel: {line}", err=True)
             sys.exit(error.exit_code)
         except KeyboardInterrupt:
             resumes = ctx.invoked_subcommand in RESUMES and "--resume" not in sys.argv
@@ -143,19 +153,19 @@ class _Lazy(click.Group):
         except OSError as error:
             if ctx.params.get("debug"):
                 raise
-            click.echo(
-                f"modelsel: {error.filename or 'the file system'}: {error.strerror or error}.",
-                err=True,
-            )
+            where = error.filename or "the file system"
+            print_prose(f"modelsel: {where}: {error.strerror or error}.", err=True)
             sys.exit(2)
-        except (click.exceptions.Exit, click.ClickException, click.Abort):
+        except click.ClickException as error:
+            raise _fold_message(error) from None
+        except (click.exceptions.Exit, click.Abort):
             raise
         except (
             Exception
         ) as error:  # the last resort: an internal error is said, not thrown at the user
             if ctx.params.get("debug"):
                 raise
-            click.echo(
+            print_prose(
                 f"modelsel: internal error: {type(error).__name__}: {error}. Run again with --debug before the command "
                 "and report what it prints.",
                 err=True,

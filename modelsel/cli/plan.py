@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,13 +11,18 @@ import click
 from .._choices import PLAN_PURPOSES
 from .._progress import show_progress
 from ..exceptions import count_words
-from ._options import json_option, print_json, print_prose, table_option
+from ._options import json_option, make_console, print_json, print_prose, table_option
 from ._output_path import OutputPath, check_output, check_table_path
 
 # sizes of effects [mm] that are asked for
 MIN_SIZE_MM, MAX_SIZE_MM = 1e-6, 1e4
 
+# names of the columns of joint readings
+READING = re.compile(r"q\d+_")
+
 if TYPE_CHECKING:
+    import pandas as pd
+
     from ..study.planning import MeasurementPlan
     from ..study.result import Result
 
@@ -142,12 +148,45 @@ def plan_command(
         configurations = table.to_dict("records")
         print_json(_to_dict(planned) | {"configurations": configurations, "more_for_size": more})
         return
-    text = table.to_string(index=False, float_format=lambda v: f"{v:.4f}")
-    click.echo(text if out is None else f"Written: {out}")
+    _print_configurations(table, out)
     for line in [*format_plan(planned), *_offer_rounds(planned, repeats)]:
         print_prose(line)
     if size is not None and more is not None:
         print_prose(_describe_size(size, more))
+
+
+def _print_configurations(table: pd.DataFrame, out: Path | None) -> None:
+    """Print where the configurations are written; else the configurations, numbered, as tables that
+    fit the terminal: readings, directions of approach, and the rest, beside each other where they
+    have room."""
+    from ..report.terminal import WIDTH
+    from ..report.text_tables import write_numbered_tables
+
+    if out is not None:
+        print_prose(f"Written: {out}")
+        return
+    groups: list[dict[str, list[str]]] = [{}, {}, {}]
+    for column, values in table.items():
+        name = str(column)
+        group = groups[_find_group(name)]
+        group[name] = list(map(_write_value, values.tolist()))
+    filled = [group for group in groups if group]
+    width = make_console(WIDTH).width
+    tables = write_numbered_tables(filled, width)
+    text = "\n\n".join("\n".join(lines) for lines in tables)
+    click.echo(text)
+
+
+def _write_value(value: float) -> str:
+    """Write a reading or a covariate; a direction is a whole number."""
+    return str(value) if isinstance(value, int) else f"{value:.4f}"
+
+
+def _find_group(name: str) -> int:
+    """Return which of the tables has a column: readings, approaches, the rest."""
+    if READING.match(name):
+        return 0
+    return 1 if name.startswith("approach") else 2
 
 
 def _offer_rounds(planned: MeasurementPlan, asked: int | None) -> list[str]:

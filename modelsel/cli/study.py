@@ -13,7 +13,14 @@ import click
 
 from .._progress import show_progress
 from ..exceptions import CHECK_FAILED, count_words
-from ._options import amount_options, choose_amount, make_console, print_json, print_written
+from ._options import (
+    amount_options,
+    choose_amount,
+    make_console,
+    print_json,
+    print_prose,
+    print_written,
+)
 from ._output_path import OutputPath
 
 if TYPE_CHECKING:
@@ -73,7 +80,7 @@ def study_command(
     read = read_whole_study(path)
     registry, broken = with_plugins(robot=read_nominal_robot(read, path.parent))
     for name, why in broken.items():
-        click.echo(f"modelsel: plug-in {name} is left out: {why}", err=True)
+        print_prose(f"modelsel: plug-in {name} is left out: {why}", err=True)
     folder = out if out is not None else Path("reports") / path.resolve().parent.name
     check_writable(folder)
     if dry_run:
@@ -82,7 +89,7 @@ def study_command(
         if as_json:
             print_json(found | {"writes": list(files)})
         else:
-            click.echo(_describe_dry_run(found, folder, files))
+            print_prose(_describe_dry_run(found, folder, files))
         return
     steps = list_steps(read, not no_sampling)
     if not no_report:

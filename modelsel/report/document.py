@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from typing import Any
 
 from .._progress import News, keep_silent
@@ -14,6 +15,8 @@ from ..results.details_schema import DetailsRecord
 from ..results.schema import StudyRecord
 
 Block = dict[str, Any]
+# kinds of blocks that words may introduce
+SHOWN = ("table", "figure", "beside")
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,4 +122,14 @@ def collect_blocks(
         say(News(name, number / len(wanted)))
         write_page = pages[name]
         blocks += write_page(source)
-    return blocks
+    return bind_words(blocks)
+
+
+def bind_words(blocks: Sequence[Block]) -> list[Block]:
+    """Keep the words right before a table or a picture on one page with it, but for the lead of the first page."""
+    bound: list[Block] = []
+    for block, following in zip_longest(blocks, blocks[1:]):
+        is_text = block["kind"] == "text" and block["style"] != "lead"
+        is_shown = following is not None and following["kind"] in SHOWN
+        bound.append(block | {"keep": True} if is_text and is_shown else block)
+    return bound

@@ -10,6 +10,7 @@ from importlib.resources import files
 from string import Template
 from typing import Any
 
+from ..diagnosis.sentences import PREFIXES
 from ..results.details_schema import DetailsRecord
 from ..results.finding_advice import advise
 from ..results.finding_schema import EntryRecord, FindingRecord
@@ -108,6 +109,7 @@ def _page_data(source: Source) -> dict[str, Any]:
         "small": "" if record.small_findings is None else record.small_findings.sentence,
         "figures": [write_figures(finding) for finding in record.findings],
         "worth": f"{WORTH}.",
+        "prefixes": PREFIXES,
         "advice": [_describe_advice(source, finding) for finding in record.findings],
         "listed": [weigh_listed_record(finding) for finding in record.findings],
     }

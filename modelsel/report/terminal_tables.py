@@ -27,7 +27,7 @@ from ..results.study_sentences import (
     round_numbers,
 )
 from ..results.tables import label_ladder
-from .text_tables import Row, fold_text, write_table
+from .text_tables import Row, Span, fold_text, write_table
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -47,7 +47,8 @@ AS_EXPECTED = "as expected"
 CELL_WIDTH = 4
 PLACE_WIDTH = 6
 
-LADDER_HEADS = ("params", "rank", "mean", "worst", "held-out mean", "worst", "CV rms", "AICc")
+LADDER_HEADS = ("params", "rank", "mean", "worst", "mean", "worst", "CV rms", "AICc")
+LADDER_SPANS = (Span("estimation", 2, 3), Span("held-out", 4, 5))
 SUBSET_HEADS = ("rank", "CV rms", "held-out mean", "weight")
 SET_HEADS = ("probability",)
 SIGNIFICANCE_HEADS = (
@@ -89,7 +90,7 @@ def _ladder_table(record: StudyRecord, width: int) -> tuple[str, list[str]]:
         figures = [*counts, *list_errors(rung), format_mm(rung.cv_rms_mm), aicc]
         rows.append(Row(label, figures))
     title = "Ladder: errors in mm, lengths of the residual vectors; params: parameters"
-    return title, write_table("model", LADDER_HEADS, "", rows, width)
+    return title, write_table("model", LADDER_HEADS, "", rows, width, LADDER_SPANS)
 
 
 def _subset_table(record: StudyRecord, width: int) -> tuple[str, list[str], str]:
@@ -138,7 +139,7 @@ def _show_map(whole: ErrorMapRecord, console: Console) -> None:
     columns = _strongest_columns(f)
     title = (
         f"Error map: F of each place and cause alone, beyond the base, for the {len(columns)} strongest causes "
-        "(· < 3, ░ < 10, ▒ < 30, ▓ < 100, █; bold: p < 0.05 over the whole map)"
+        "(· < 3, ░ < 10, ▒ < 30, ▓ < 100, █; blank: not scanned; bold: p < 0.05 over the whole map)"
     )
     letters = ascii_lowercase[: len(columns)]
     heads = "".join(letter.rjust(CELL_WIDTH) for letter in letters)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 from typing import NamedTuple
 
@@ -11,6 +11,8 @@ from typing import NamedTuple
 WIDE_GAP, NARROW_GAP = "  ", " "
 # columns that words have at least
 MIN_ROOM = 12
+# binds the + of a list of names to the name that follows it: no blank of textwrap's
+BOUND = "\N{NO-BREAK SPACE}"
 
 
 class Row(NamedTuple):
@@ -20,6 +22,14 @@ class Row(NamedTuple):
     figures: Sequence[str]
     last: str = ""
     remark: str = ""
+
+
+class Span(NamedTuple):
+    """A head above the heads, a line each, of several columns of figures, from `first` to `last`."""
+
+    words: str
+    first: int
+    last: int
 
 
 class _Layout(NamedTuple):
@@ -55,15 +65,40 @@ def fold_text(text: str, width: int, indent: str = "", hanging: str | None = Non
     )
 
 
+def fold_names(text: str, width: int) -> list[str]:
+    """Wrap names that are joined by + into lines: a line begins with the +, none ends with it."""
+    lines = fold_text(_bind(text), width)
+    return [line.replace(BOUND, " ") for line in lines]
+
+
+def _bind(text: str) -> str:
+    return text.replace(" + ", f" +{BOUND}")
+
+
+def _longest_word(texts: Sequence[str]) -> int:
+    """Return the length of the longest word, with the + before it."""
+    return max((len(word) for text in texts for word in _bind(text).split(" ")), default=0)
+
+
 def write_table(
-    first: str, heads: Sequence[str], last: str, rows: Sequence[Row], width: int
+    first: str,
+    heads: Sequence[str],
+    last: str,
+    rows: Sequence[Row],
+    width: int,
+    spans: Sequence[Span] = (),
 ) -> list[str]:
     """Write a table into lines of at most `width` columns.
 
     first, heads, last: what stands above the words, the figures, the last words; folded at blanks.
+    spans: what stands above several of the heads.
     """
     layout = _choose_layout(first, heads, rows, width)
     lines = _write_head(first, heads, last, layout)
+    if spans and len(lines) == 1:
+        lines.insert(0, "")
+    for span in spans:
+        lines[-2] = _write_span(lines[-2], span, layout)
     rule = "─" * layout.total
     lines.append(rule)
     for row in rows:
@@ -76,11 +111,13 @@ def _choose_layout(first: str, heads: Sequence[str], rows: Sequence[Row], width:
     sizes = [max(len(text) for text in (*head.split(), *figures)) for head, figures in columns]
     words = [first, *(row.words for row in rows)]
     needed = max(len(text) for text in words)
-    longest = max(len(word) for text in words for word in text.split())
-    gap, room = _choose_gap(width - sum(sizes), len(sizes), min(needed, longest + len("+ ")))
-    last = max(len(row.last) for row in rows)
+    longest = max(_longest_word(words), MIN_ROOM)
+    lasts = [row.last for row in rows]
+    last, least = max(map(len, lasts)), max(_longest_word(lasts), MIN_ROOM)
+    wanted = min(needed, longest) + (min(last, least) + len(WIDE_GAP) if last else 0)
+    gap, room = _choose_gap(width - sum(sizes), len(sizes), wanted)
     if last:
-        last = min(last, max(room - longest - len(gap), MIN_ROOM))
+        last = min(last, max(room - longest - len(gap), least))
         room -= last + len(gap)
     return _Layout(max(min(needed, room), MIN_ROOM), sizes, last, gap)
 
@@ -103,16 +140,73 @@ def _write_head(first: str, heads: Sequence[str], last: str, layout: _Layout) ->
     ]
 
 
+def _write_span(above: str, span: Span, layout: _Layout) -> str:
+    """Write a span into the line above its heads, in the middle over them."""
+    before = [layout.first, *layout.figures[: span.first]]
+    sizes = layout.figures[span.first : span.last + 1]
+    start = sum(before) + len(layout.gap) * len(before)
+    room = sum(sizes) + len(layout.gap) * (len(sizes) - 1)
+    line = above.ljust(start + room)
+    return (line[:start] + span.words.center(room) + line[start + room :]).rstrip()
+
+
 def _write_row(row: Row, layout: _Layout, width: int) -> list[str]:
-    words = fold_text(row.words, layout.first)
+    words = fold_names(row.words, layout.first)
     lines: list[str] = []
     if any(len(line) > layout.first for line in words):
         # a word wider than its column has lines of its own
-        lines = fold_text(row.words, width)
+        lines = fold_names(row.words, width)
         words = []
     blank = [""] * len(row.figures)
-    more = fold_text(row.last, layout.last) if row.last else []
+    more = fold_names(row.last, layout.last) if row.last else []
     below = zip_longest(words[1:], more[1:], fillvalue="")
     lines.append(layout.join("".join(words[:1]), row.figures, "".join(more[:1])))
     lines += [layout.join(one, blank, another) for one, another in below]
     return lines + fold_text(row.remark, width, "    ")
+
+
+def write_numbered_tables(
+    groups: Sequence[Mapping[str, Sequence[str]]], width: int
+) -> list[list[str]]:
+    """Write columns of figures, numbered from 1, into as few tables as fit: groups that have no room
+    beside those before them stand in a table below, one that is too wide in several."""
+    parts = [part for group in groups for part in _split_group(group, width)]
+    tables: list[dict[str, Sequence[str]]] = []
+    for part in parts:
+        if tables and _measure_columns(tables[-1] | dict(part)) <= width:
+            tables[-1] |= part
+        else:
+            tables.append(dict(part))
+    return [_write_numbered(table) for table in tables]
+
+
+def _split_group(group: Mapping[str, Sequence[str]], width: int) -> list[dict[str, Sequence[str]]]:
+    """Split columns into runs that fit, each of one column at least."""
+    runs: list[dict[str, Sequence[str]]] = []
+    for name, figures in group.items():
+        if runs and _measure_columns(runs[-1] | {name: figures}) <= width:
+            runs[-1][name] = figures
+        else:
+            runs.append({name: figures})
+    return runs
+
+
+def _measure_columns(columns: Mapping[str, Sequence[str]]) -> int:
+    """Return how wide columns are with their numbers and a blank between them."""
+    numbers = len(str(max(map(len, columns.values()))))
+    return numbers + sum(1 + _measure_column(name, figures) for name, figures in columns.items())
+
+
+def _measure_column(name: str, figures: Sequence[str]) -> int:
+    return max(map(len, [name, *figures]))
+
+
+def _write_numbered(columns: Mapping[str, Sequence[str]]) -> list[str]:
+    count = max(map(len, columns.values()))
+    cells = [["", *map(str, range(1, count + 1))]]
+    cells += [[name, *figures] for name, figures in columns.items()]
+    sizes = [max(map(len, column)) for column in cells]
+    return [
+        " ".join(cell.rjust(size) for cell, size in zip(line, sizes, strict=True))
+        for line in zip(*cells, strict=True)
+    ]

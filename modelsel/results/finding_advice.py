@@ -36,13 +36,11 @@ class Advice(NamedTuple):
 
     @property
     def worth(self) -> str:
-        """The fall of the error in figures, mm without the unit; a dash where undefined."""
+        """The fall of the error in figures with its unit; a dash where undefined."""
         change = self.change
         if change is None:
             return "–"
-        text = format_gain(change.fall)
-        if change.unit != "mm":
-            text = f"{text} {change.unit}"
+        text = f"{format_gain(change.fall)} {change.unit}"
         if change.interval is None:
             return text
         low, high = map(format_gain, change.interval)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
@@ -10,7 +11,7 @@ import numpy as np
 from .._random import generator
 from .._typing import Array
 from ..calibration.calibration import Calibration
-from ..exceptions import StudyError, suggest
+from ..exceptions import StudyError, sentence_list, suggest
 from ..measurements.columns import READING_UNITS, UNITS
 from ..measurements.measurements import Measurements, build_measurements
 from ..robot.kinematics import Robot
@@ -21,6 +22,8 @@ COLLISIONS = (
 )
 SETTABLE = ("payload_kg", "temperature_C")
 TIME = "time_s"
+# columns of a plan that are no conditions
+OWN_COLUMN = re.compile(r"q\d+_(rad|deg|mm|m)|approach\d+|configuration")
 # what rounding may add to a range that is given [deg, rad or mm]
 SLACK = 1e-6
 POOL_SIZE = 2000  # configurations of a pool that is drawn within ranges
@@ -140,6 +143,18 @@ def draw_approaches(data: Measurements, seed: int) -> Measurements:
     drawn = rng.choice([-1.0, 1.0], shape)
     approach = drawn[configuration]
     return replace(data, approach=approach)
+
+
+def describe_conditions(columns: Collection[str]) -> str:
+    """Say what to do with the columns of a plan that are neither readings nor directions; nothing
+    where there are none."""
+    conditions = [name for name in columns if not OWN_COLUMN.fullmatch(name)]
+    if not conditions:
+        return ""
+    return (
+        f"{sentence_list(conditions)}: as in the measured rows. Set what can be set; of what cannot, "
+        "write down the value when you measure, and give that to the study."
+    )
 
 
 def describe_ranges(robot: Robot, limits: bool, joints: Mapping[str, tuple[float, float]]) -> str:

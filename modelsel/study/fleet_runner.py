@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from .._files import claim_folder, csv_bytes, write_atomically
 from .._json import to_json
@@ -39,9 +39,6 @@ from .robot_tables import read_any_robot
 from .runner import run_study
 from .scheduler_address import check_scheduler_address
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
 Row = dict[str, Any]  # of the summary: a value for each of SUMMARY_COLUMNS
 
 SUMMARY_COLUMNS = (
@@ -60,7 +57,6 @@ SUMMARY_COLUMNS = (
     "warnings",
     "why",
 )
-SHOWN_ERRORS = ("nominal", "base", "chosen")  # columns of errors on the terminal
 SCHEDULER_TIMEOUT_S = 20
 
 
@@ -365,30 +361,3 @@ def save_summary(rows: Sequence[Row], out: Path, name: str | None = None) -> lis
         paths.append(out / "summary.pdf")
         write_atomically(paths[2], write_summary(name, rows, out))
     return paths
-
-
-def show_fleet(rows: Sequence[Row], console: Console) -> None:
-    """Print a line per study with its mean held-out errors [mm], then what failed and why."""
-    from rich.table import Table
-    from rich.text import Text
-
-    from ..results.study_sentences import format_mm
-
-    table = Table(title="Mean held-out error [mm]")
-    table.add_column("study", justify="left")
-    table.add_column("configurations", justify="right")
-    for model in SHOWN_ERRORS:
-        table.add_column(model, justify="right")
-    table.add_column("found", justify="left")
-    failed = []
-    for row in rows:
-        if row["state"] != "done":
-            failed.append(row)
-            continue
-        configurations = row["estimation"] + row["held_out"]
-        errors = [format_mm(row[f"{model}_mm"]) for model in SHOWN_ERRORS]
-        named = Text(row["found"] or "–")
-        table.add_row(Text(row["name"]), f"{configurations:,}", *errors, named)
-    console.print(table)
-    for row in failed:
-        console.print(f"{row['name']} failed: {row['why']}", markup=False, emoji=False)

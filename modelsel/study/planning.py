@@ -33,6 +33,7 @@ from ..mechanisms.terms import Term
 from ..robot.kinematics import forward
 from .configuration_pool import (
     COLLISIONS,
+    describe_conditions,
     describe_ranges,
     draw_approaches,
     draw_pool,
@@ -347,6 +348,9 @@ def format_plan(plan: MeasurementPlan) -> list[str]:
     if plan.twins:
         twins = "; ".join(dict.fromkeys(plan.twins))
         lines.append(f"Alike in every configuration of the pool: {twins}.")
+    conditions = describe_conditions(plan.table)
+    if conditions:
+        lines.append(conditions)
     lines.append(_format_indices(plan))
     if plan.learning:
         lines.append(_format_learning(plan))

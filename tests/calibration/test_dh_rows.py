@@ -80,8 +80,8 @@ def test_an_angle_stands_beside_the_same_angle() -> None:
     after = [{"dh": {**joint["dh"]}} for joint in TABLE["joint"]]
     after[5]["dh"]["theta_deg"] = -179.9
     lines = compare_rows(TABLE, {"joint": after})
-    assert "180.0000 | 180.1000" in lines[-1]
-    assert "-400.000 | -400.000" in lines[2]
+    assert [line.split()[-4] for line in lines[-2:]] == ["180.0000", "180.1000"]
+    assert all("-400.000" in line for line in lines[1:3])
 
 
 def test_long_rows_keep_all_their_digits() -> None:
@@ -104,8 +104,20 @@ def test_export_says_nominal_and_calibrated_and_no_sixteen_digits(rng) -> None:
     made = export(c, "hayati")
     assert made.error_mm < 1e-5
     assert tomllib.loads(made.text)["joint"][5]["dh"]["d_mm"] == pytest.approx(-80.0, abs=1.0)
-    assert made.table[1].count("nominal | calibrated") == 5
+    assert made.table[0].split() == ["joint", "theta_deg", "d_mm", "a_mm", "alpha_deg", "beta_deg"]
+    assert [line.split()[0] for line in made.table[1:4]] == ["1", "calibrated", "2"]
     assert all(f"# {line}" in made.text for line in made.table)
     assert not re.search(r"\d\.\d{13,}", made.text)
-    assert "-400.000 | " in made.table[2]
+    assert "nominal" in made.table[1]
+    assert "-400.000" in made.table[1]
     assert any('target "target" on the flange' in note for note in made.notes)
+
+
+def test_rows_beside_the_nominal_ones_fit_a_terminal_of_80_columns() -> None:
+    nominal = {"theta_deg": -179.99, "d_mm": 0.0, "a_mm": -1620.0, "alpha_deg": -90.0}
+    far = {"theta_deg": 180.0, "d_mm": -400230.43, "a_mm": -1612.706, "alpha_deg": -90.0229}
+    rows = [{"dh": nominal}] * 7, [{"dh": {**far, "beta_deg": -0.0023}}] * 7
+    lines = compare_rows(*({"joint": joints} for joints in rows))
+    assert max(map(len, lines)) <= 80
+    assert lines[1].split() == ["1", "nominal", "-179.9900", "0.000", "-1,620.000", "-90.0000", "–"]
+    assert lines[2].split()[:2] == ["calibrated", "-180.0000"]

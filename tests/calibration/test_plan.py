@@ -42,6 +42,7 @@ from modelsel.mechanisms.registry import build_mechanisms, mechanism
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
+from modelsel.study.configuration_pool import describe_conditions
 from modelsel.study.planned_repeats import MAX_POSTURES, TIMES, format_repeats, plan_repeats
 from modelsel.study.planning import format_plan
 from modelsel.study.rival_sentences import describe_rivals, follows_gravity
@@ -594,3 +595,9 @@ def test_clocks_and_counters_are_no_conditions(rng) -> None:
     pool = replace(data, covariates=more)
     kept = keep_conditions(pool, {"q2", "current_A", "time_s"})
     assert set(kept.covariates) == {"payload_kg", "temperature_C", "current_A"}
+
+
+def test_what_to_do_with_conditions_is_said() -> None:
+    assert not describe_conditions(["q1_deg", "q2_mm", "approach1", "configuration"])
+    told = describe_conditions(["q1_deg", "approach1", "payload_kg", "temperature_C"])
+    assert told.startswith("payload_kg and temperature_C: as in the measured rows. Set what can be")

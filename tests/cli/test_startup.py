@@ -5,13 +5,16 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from modelsel.cli._options import print_prose
+from modelsel.cli.main import run_command_line
 
 SAMPLER = """
 import sys
+from pathlib import Path
 from modelsel.cli.study import _import_sampler
 import modelsel.study.runner
 _import_sampler()
@@ -22,6 +25,7 @@ print(norm.ppf(0.5))
 """
 STUDY = """
 import sys
+from pathlib import Path
 import modelsel.cli.study, modelsel.study.runner
 print(sorted({"scipy.stats", "scipy.sparse", "scipy.spatial", "scipy.optimize", "pandas", "emcee",
               "matplotlib", "multiprocessing", "modelsel.report.drawing"} & set(sys.modules)))
@@ -92,3 +96,34 @@ def test_sentences_keep_within_a_terminal_and_are_whole_in_a_pipe(monkeypatch, c
     assert max(map(len, said)) <= 40
     assert " ".join(first) == words
     assert all(line.startswith("  ") for line in second)
+
+
+@pytest.mark.parametrize(
+    ("words", "ends"),
+    [
+        (["export", "nowhere", "--format", "dh", "--out", "a.toml", "--base", "b"], "--urdf FILE."),
+        (["plan", "a folder that is nowhere at all"], ""),
+        (["plan", "x", "--joint", "q2_deg"], "such as q2_deg=-90:45."),
+        (["study", "x", "--colour"], ""),
+    ],
+)
+def test_errors_keep_within_a_terminal(words, ends, monkeypatch, capsys) -> None:
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setenv("COLUMNS", "45")
+    with pytest.raises(SystemExit):
+        run_command_line(words, prog_name="modelsel")
+    said = capsys.readouterr().err
+    assert max(map(len, said.splitlines())) <= 45
+    assert " ".join(said.split()).endswith(ends)
+
+
+def test_a_dry_run_keeps_within_a_terminal(monkeypatch, capsys) -> None:
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: True, raising=False)
+    monkeypatch.setenv("COLUMNS", "80")
+    study = Path(__file__).parents[2] / "studies" / "puma760" / "study.toml"
+    with pytest.raises(SystemExit) as ended:
+        run_command_line(["study", str(study), "--dry-run"], prog_name="modelsel")
+    assert not ended.value.code
+    said = capsys.readouterr().out
+    assert "would be held out" in " ".join(said.split())
+    assert max(map(len, said.splitlines())) <= 80

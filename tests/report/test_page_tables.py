@@ -10,6 +10,7 @@ import pytest
 from browser import chromium, opened, resize
 from report_studies import read_source, source_of, written
 
+from modelsel.diagnosis.sentences import choose_prefix
 from modelsel.report.html import write_page
 from modelsel.results.finding_advice import advise
 from modelsel.results.parameter_table import PARAMETER_COLUMNS, tabulate_calibrated
@@ -124,6 +125,44 @@ def test_findings_say_what_to_do_and_what_it_is_worth(browser, drawn) -> None:
         panel = browser.find_element("id", "panel").text
         assert f"What to do. {advice.sentence}" in panel
         assert "chance alone would do as well" in panel
+
+
+def test_names_on_buttons_break_after_a_hyphen_alone(browser, drawn) -> None:
+    """A word of a finding's name stands in one line."""
+    resize(browser, 900, 900)
+    opened(browser, drawn / "report.html")
+    lines = browser.execute_script(
+        "const [button] = document.querySelectorAll('#findings button'), out = []; "
+        "button.textContent = '1\\u00a0joint-compliance:2'; const range = document.createRange(); "
+        "for (const [from, to] of [[2, 8], [8, 20]]) { range.setStart(button.firstChild, from); "
+        "range.setEnd(button.firstChild, to); out.push(range.getClientRects().length); } return out"
+    )
+    assert lines == [1, 1]
+
+
+def test_pictures_have_the_units_of_the_sentences(browser, drawn) -> None:
+    opened(browser, drawn / "report.html")
+    for size in (5e-8, 5e-5, 2e-4, 1e-3, 0.3, 0.8):
+        factor, unit = browser.execute_script("return scaled('rad', arguments[0])", size)
+        divisor, prefixed = choose_prefix(size, "rad")
+        assert unit == prefixed
+        assert factor == pytest.approx(1 / divisor)
+
+
+def test_causes_below_a_picture_have_four_digits(browser, drawn) -> None:
+    opened(browser, drawn / "report.html")
+    text = browser.execute_script(
+        "return scatter({ x: [0, 1], before: [1, 1], after: [0, 0], curve: [[0, 1], [1, 1]], unit: 'mm', "
+        "against: 'cos(q2+1.570796327)', title: 'Residual' }).textContent"
+    )
+    assert "cos(q2+1.571)" in text
+    assert "1.5707" not in text
+
+
+def test_the_map_s_legend_speaks_of_frames(drawn) -> None:
+    page = (drawn / "report.html").read_text(encoding="utf-8")
+    assert "Orange frame within a cell" in page
+    assert "Orange ring" not in page
 
 
 def test_narrow_cells_say_what_they_are(browser, drawn) -> None:

@@ -10,13 +10,19 @@ import pytest
 from report_studies import read_source
 
 from modelsel.report.figures import parameter_plots
-from modelsel.report.figures.arm import draw_frames, find_room
+from modelsel.report.figures.arm import draw_frames, draw_marked, find_room
 from modelsel.report.figures.ladder import _scale, choose_ticks, draw_ladder
+from modelsel.report.figures.parameter_plots import draw_posterior
 from modelsel.report.figures.space import draw_joints
-from modelsel.report.pages.parameter_uncertainty import write_residuals_page
+from modelsel.report.pages.parameter_uncertainty import (
+    _choose_unit,
+    _format_quantiles,
+    write_residuals_page,
+)
 from modelsel.report.pdf import fill_template
 from modelsel.report.style import shorten, shorten_clause
 from modelsel.results.details_schema import ArmRecord
+from modelsel.results.model_schema import QuantilesRecord, TraceRecord
 from modelsel.results.quantities import format_figure
 
 LEFT = np.array([-1.0, 0.2])
@@ -107,6 +113,62 @@ def test_zone_of_noise_has_room_for_its_words(drawn) -> None:
     record = read_source(drawn).record
     scale = _scale(record.ladder, record.noise_floor)
     assert scale.noise / scale.low >= 3
+
+
+def test_legend_of_the_ladder_covers_no_figure(drawn) -> None:
+    """It stands above all rungs."""
+    record = read_source(drawn).record
+    words = read_words(draw_ladder(record))
+    (legend,) = [y for word, _, y in words if word == "held-out configurations"]
+    errors = [format_figure(rung.held_out.rms_mm) for rung in record.ladder]
+    figures = [y for word, _, y in words if word in errors]
+    assert figures
+    assert legend < min(figures) - 8
+
+
+@pytest.mark.parametrize("high", [0.5, 5.0, 500.0])
+def test_zone_of_noise_is_as_wide_as_its_words_on_any_axis(drawn, high) -> None:
+    record = read_source(drawn).record
+    worst = record.ladder[0].held_out.model_copy(update={"rms_mm": high})
+    rungs = [record.ladder[0].model_copy(update={"held_out": worst}), *record.ladder[1:]]
+    scale = _scale(rungs, record.noise_floor)
+    share = np.log(scale.noise / scale.low) / np.log(scale.high / scale.low)
+    assert share > 0.2
+
+
+def test_numbers_of_frames_stand_clear_of_marks() -> None:
+    origins = [[0, 0, 0], [0, 0, 0], [180, 2, 450], [634, 8, 872], [703, 8, 945], [1184, 14, 494]]
+    origins += [[1184, 14, 494], [1420, 107, 535]]
+    values = {"origins_mm": origins, "axes": [np.eye(3).tolist()] * 8, "slides": [False] * 6}
+    marks = [("11", "one", [2]), ("12", "two", [5])]
+    words = read_words(draw_marked(ArmRecord.model_validate(values), marks))
+    numbers = [(x, y) for word, x, y in words if re.fullmatch("[1-6]( [1-6])*", word)]
+    found = [(x, y) for word, x, y in words if word in ("11", "12")]
+    assert len(numbers) == 4
+    assert all(abs(x - a) > 16 or abs(y - b) > 9 for x, y in numbers for a, b in found)
+
+
+def test_ticks_of_a_small_panel_are_few_and_short() -> None:
+    for low, high in ((41.1, 42.3), (-0.2004, -0.1993), (0.0, 1.0), (-3e-7, 6e-7), (9.2, 10.3)):
+        ticks, labels = parameter_plots.choose_few_ticks(low, high)
+        assert 1 <= len(ticks) == len(labels) <= 3
+        assert all(low <= tick <= high for tick in ticks)
+        shares = [parameter_plots.LETTER_SHARE * len(label) for label in labels]
+        apart = np.diff(ticks) / (high - low)
+        assert all(room >= max(shares) for room in apart)
+
+
+def test_draws_are_in_the_units_of_the_table() -> None:
+    values = {"low": 4.1e-5, "median": 4.15e-5, "high": 4.2e-5}
+    closed = {"closed_form_low": 4.1e-5, "closed_form_high": 4.2e-5, "closed_form_median": 4.1e-5}
+    one = QuantilesRecord.model_validate({"name": "c2", "unit": "rad kg/(N m)", **values, **closed})
+    factor, unit = _choose_unit(one)
+    assert _format_quantiles(one)[-1] == unit == "µrad kg/(N m)"
+    draws = np.linspace(4.1e-5, 4.2e-5, 50)[:, None].tolist()
+    trace = TraceRecord.model_construct(names=["c2"], draws=draws)
+    picture = draw_posterior(trace, {"c2": (factor, unit)}).decode()
+    assert "[µrad kg/(N m)]" in picture
+    assert ">0.0000" not in picture
 
 
 def test_residuals_have_a_heading_of_their_own(drawn) -> None:

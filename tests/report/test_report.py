@@ -23,7 +23,8 @@ from modelsel import read_study
 from modelsel.cli.main import run_command_line
 from modelsel.exceptions import StudyError
 from modelsel.report import drawing
-from modelsel.report.document import collect_blocks, walk_blocks
+from modelsel.report.document import bind_words, collect_blocks, make_table, make_text, walk_blocks
+from modelsel.report.pages.appendix import write_outliers_page
 from modelsel.report.pdf import (
     ReportError,
     _set,
@@ -572,6 +573,30 @@ def test_a_fault_is_told_once_and_its_rows_with_the_outliers(drawn) -> None:
     assert words[0]["items"] == [
         f"Finding 2, fault:tracker-bumped, concerns 2 rows ({source.where.listed([3, 5])})."
     ]
+
+
+def test_notes_are_no_warnings(drawn) -> None:
+    """One word for them in the terminal and in the report; what looks wrong is a warning."""
+    result, details = written(drawn)
+    result["warnings"] = [
+        {"code": "setup-mistake", "sentence": "Something is wrong."},
+        {"code": "counters-ignored", "sentence": "Columns are ignored."},
+    ]
+    blocks = write_outliers_page(source_of(result, details))
+    kinds = [(block.get("text"), block.get("items")) for block in blocks if block["kind"] != "text"]
+    assert kinds[-4:] == [
+        ("Warnings", None),
+        (None, ["Something is wrong."]),
+        ("Notes", None),
+        (None, ["Columns are ignored."]),
+    ]
+    assert kinds[0][0] == "Outliers and notes"
+
+
+def test_words_stay_with_the_table_that_they_introduce() -> None:
+    table = make_table([("a", "left")], [["1"]])
+    blocks = [make_text("lead", "lead"), table, make_text("words"), table, make_text("last")]
+    assert [block.get("keep") for block in bind_words(blocks)] == [False, None, True, None, False]
 
 
 def test_steps_of_the_search_say_what_changed(drawn) -> None:

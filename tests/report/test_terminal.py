@@ -14,8 +14,9 @@ from report_studies import read_source, source_of, written
 from modelsel.cli.main import run_command_line
 from modelsel.report.document import Source
 from modelsel.report.terminal import WIDTH, Amount, show_study
+from modelsel.report.terminal_fleet import write_fleet
 from modelsel.report.terminal_summary import _describe_standing
-from modelsel.report.text_tables import Row, write_table
+from modelsel.report.text_tables import Row, Span, write_numbered_tables, write_table
 from modelsel.results.study_sentences import describe_name_probability
 
 SCREEN = 40
@@ -121,6 +122,56 @@ def test_a_word_wider_than_its_column_has_a_line_of_its_own() -> None:
     lines = write_table("name", ["a long head"], "", rows, 24)
     assert [line.split() for line in lines[-3:]] == [["x" * 30], ["2.0"], ["odd"]]
     assert all(len(line) <= 24 for line in lines if "x" not in line)
+
+
+def test_lines_of_joined_names_begin_with_the_plus() -> None:
+    names = "approach-backlash:3 + encoder-eccentricity:1 + wrist-coupling:5"
+    rows = [Row(names, ["1.0"], names)]
+    for width in (40, 60, 80):
+        lines = write_table("names", ["figure"], "found", rows, width)
+        assert folded(lines).count(" + ") == 4
+        assert not any(line.rstrip().endswith("+") for line in lines)
+
+
+def test_a_span_stands_above_its_heads() -> None:
+    rows = [Row("model", ["0.896", "2.081", "0.800"])]
+    heads = ("mean", "worst", "CV rms")
+    lines = write_table("", heads, "", rows, 40, [Span("estimation", 0, 1)])
+    assert [line.split() for line in lines[:2]] == [["estimation", "CV"], ["mean", "worst", "rms"]]
+    assert lines[0].index("estimation") <= lines[1].index("mean")
+
+
+def test_ladder_says_which_side_its_errors_are_of(drawn) -> None:
+    lines = shown(source_of(*written(drawn)), Amount.EVERYTHING)
+    heads = next(k for k, line in enumerate(lines) if line.startswith("model "))
+    assert {"estimation", "held-out"} <= set(lines[heads - 1].split())
+    assert "blank: not scanned" in folded(lines)
+
+
+def test_columns_that_do_not_fit_stand_in_a_table_below() -> None:
+    readings = {f"q{j}_deg": ["-123.4567", "1.0000"] for j in range(1, 7)}
+    sides = {f"approach{j}": ["-1", "1"] for j in range(1, 7)}
+    rest = {"temperature_C": ["22.0000", "23.0000"]}
+    first, second = write_numbered_tables([readings, sides, rest], 80)
+    assert max(map(len, first + second)) <= 80
+    assert first[0].split() == list(readings)
+    assert second[0].split() == [*sides, *rest]
+    assert [line.split()[0] for line in second[1:]] == ["1", "2"]
+    narrow = write_numbered_tables([readings, sides, rest], 40)
+    assert max(len(line) for table in narrow for line in table) <= 40
+    assert sum(len(table[0].split()) for table in narrow) == 13
+
+
+def test_fleet_cuts_no_name() -> None:
+    found = "encoder-eccentricity:1 + approach-backlash:3 + joint-compliance:2"
+    errors = {"nominal_mm": 1.967, "base_mm": 0.334, "chosen_mm": 0.042}
+    done = {"state": "done", "estimation": 60, "held_out": 1000, "found": found, **errors}
+    failed = {"state": "failed", "name": "broken", "why": "no such column"}
+    lines = write_fleet([{"name": "Zelle 7 nach dem Crash", **done}, failed], 80)
+    assert max(map(len, lines)) <= 80
+    assert {"encoder-eccentricity:1", "approach-backlash:3"} <= set(folded(lines).split())
+    assert not any(line.strip() == "+" for line in lines)
+    assert "broken failed: no such column" in lines
 
 
 def ran(folder: Path, *words: str, status: int = 0) -> str:

@@ -24,7 +24,7 @@ def test_one_line_each_and_its_worth_is_the_fall_of_the_held_out_error(drawn) ->
         assert "\n" not in advice.sentence
         assert "{" not in advice.sentence
         fall = gain.held_out_rms_before_mm - gain.held_out_rms_after_mm
-        assert advice.worth.replace("−", "-").startswith(f"{fall:.3f}")
+        assert advice.worth.replace("−", "-").startswith(f"{fall:.3f} mm")
         assert f"({gain.interval_mm[0]:.3f} to" in advice.worth.replace("−", "-")
 
 

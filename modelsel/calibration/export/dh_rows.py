@@ -83,38 +83,40 @@ def _round(value: float, key: str) -> float:
 
 
 def compare_rows(nominal: Mapping[str, Any], calibrated: Mapping[str, Any]) -> tuple[str, ...]:
-    """Write the rows of two tables side by side, nominal and calibrated, for people to read."""
+    """Write the rows of two tables, each calibrated one below its nominal one, for people to read on
+    a terminal of 80 columns."""
     pairs = [
         (before["dh"], after["dh"])
         for before, after in zip(nominal["joint"], calibrated["joint"], strict=True)
     ]
     keys = [(key, digits) for key, digits in SHOWN if any(key in after for _, after in pairs)]
-    heads = ["joint", *(key for key, _ in keys)]
-    rows = [["", *("nominal | calibrated" for _ in keys)]]
+    lines = [["joint", "", *(key for key, _ in keys)]]
     for number, (before, after) in enumerate(pairs, 1):
-        cells = [_write_pair(before, after, key, digits) for key, digits in keys]
-        rows.append([str(number), *cells])
-    return tuple(_align(heads, rows))
+        old = [_write_value(before.get(key), digits) for key, digits in keys]
+        new = [_write_value(_near(before, after, key), digits) for key, digits in keys]
+        lines += [[str(number), "nominal", *old], ["", "calibrated", *new]]
+    return tuple(_align(lines))
 
 
-def _write_pair(
-    before: Mapping[str, float], after: Mapping[str, float], key: str, digits: int
-) -> str:
+def _near(before: Mapping[str, float], after: Mapping[str, float], key: str) -> float | None:
+    """Return a calibrated number, an angle on the turn of the nominal one."""
     old, new = before.get(key), after.get(key)
     if old is not None and new is not None and key.endswith("_deg"):
-        new = old + _wrap(new - old)
-    return " | ".join(_write_value(value, digits) for value in (old, new))
+        return old + _wrap(new - old)
+    return new
 
 
 def _write_value(value: float | None, digits: int) -> str:
     return NONE if value is None else f"{round(value, digits) + 0.0:,.{digits}f}"
 
 
-def _align(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    """Write rows below their heads, every column as wide as its widest cell, at its right."""
-    columns = list(zip(heads, *rows, strict=True))
-    widths = [max(map(len, column)) for column in columns]
-    return [
-        "  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True))
-        for row in (heads, *rows)
-    ]
+def _align(lines: Sequence[Sequence[str]]) -> list[str]:
+    """Write lines of cells, every column as wide as its widest cell: figures at its right, the words
+    of the second column at its left."""
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    aligned = []
+    for line in lines:
+        cells = [cell.rjust(width) for cell, width in zip(line, widths, strict=True)]
+        cells[1] = line[1].ljust(widths[1])
+        aligned.append("  ".join(cells))
+    return aligned

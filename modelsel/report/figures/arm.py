@@ -31,6 +31,7 @@ AXIS_LENGTH = 0.26  # inch: of half a dashed axis
 NUMBER_OFFSET = 0.18  # inch from a frame to its number
 # inch: the picture's edge, a letter's width, a line's height, half a dot
 EDGE, LETTER, WORD_HEIGHT, DOT = 0.02, 0.075, 0.13, 0.04
+MARK = 0.08  # inch: half a mark
 MARK_STEP = 0.17  # inch from one mark to the next
 LARGEST_LINE = 0.25  # inch between the lines of a list
 TRIAD_COLUMNS, MANY_COLUMNS = 4, 5  # triads in a row; of more than two such rows
@@ -103,6 +104,7 @@ def draw_frames(arm: ArmRecord) -> bytes:
             place = (ARM_WIDTH + (column + 0.5) * width, sheet - (row + 0.45) * height)
             name = "target" if frame == drawing.last else f"frame {frame}"
             _draw_triad(ax, np.array(place), drawing.view @ drawing.axes[frame], name)
+        _write_numbers(ax, drawing)
         return svg(fig, "The arm with its frames")
 
 
@@ -114,7 +116,8 @@ def draw_marked(arm: ArmRecord, marks: Sequence[tuple[str, str, Sequence[int]]])
     with use_style() as sheets:
         fig, ax = _open_sheet(sheets, MARKED_HEIGHT)
         _draw_chain(ax, drawing)
-        _draw_marks(ax, drawing, marks)
+        taken = _draw_marks(ax, drawing, marks)
+        _write_numbers(ax, drawing, taken)
         for line, (number, what, _) in enumerate(marks):
             y = top - step * line
             _draw_mark(ax, (ARM_WIDTH + 0.2, y), number)
@@ -198,12 +201,12 @@ def _draw_chain(ax: Any, drawing: _Drawing) -> None:
         shape = "s" if slides else "o"
         ax.plot(*points[frame], shape, ms=5, mfc="white", mec=INK, mew=1.1, zorder=3)
     ax.plot(*points[drawing.last], "o", ms=4.5, color=INK, zorder=3)
-    _write_numbers(ax, drawing)
 
 
-def _write_numbers(ax: Any, drawing: _Drawing) -> None:
-    """Write the numbers of the frames beside them, away from the arm's middle, where nothing else stands."""
-    written: list[Array] = []
+def _write_numbers(ax: Any, drawing: _Drawing, taken: Sequence[Array] = ()) -> None:
+    """Write the numbers of the frames beside them, away from the arm's middle, where nothing else stands;
+    boxes that are `taken` stay free."""
+    written = list(taken)
     for group in drawing.group_frames():
         names = ["target" if frame == drawing.last else str(frame) for frame in group]
         words = " ".join(names)
@@ -280,8 +283,10 @@ def _draw_hidden(ax: Any, place: Array, colour: str, is_towards: bool) -> None:
 
 def _draw_marks(
     ax: Any, drawing: _Drawing, marks: Sequence[tuple[str, str, Sequence[int]]]
-) -> None:
-    """Ring the frames of every mark, and write the numbers of marks at one point in a row beside it."""
+) -> list[Array]:
+    """Ring the frames of every mark, and write the numbers of marks at one point in a row beside it. Returns
+    the boxes of the numbers."""
+    taken: list[Array] = []
     groups = [[0], *drawing.group_frames(MARKED_TOGETHER)]
     for group in groups:
         place, away = drawing.point_away(group)
@@ -291,7 +296,10 @@ def _draw_marks(
         side = -1.0 if away[0] > 0 else 1.0
         start = place + np.array([0.02 * side, 0.24 if away[1] < 0.5 else -0.24])
         for step, number in enumerate(numbers):
-            _draw_mark(ax, start + np.array([side * MARK_STEP * step, 0.0]), number)
+            centre = start + np.array([side * MARK_STEP * step, 0.0])
+            _draw_mark(ax, centre, number)
+            taken.append(np.stack([centre - MARK, centre + MARK]))
+    return taken
 
 
 def _draw_mark(ax: Any, place: Any, number: str) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ..._typing import Array, Index
 from ...results.details_schema import PanelRecord
+from ...results.study_sentences import round_numbers
 from ..style import (
     AFTER,
     BEFORE,
@@ -190,7 +191,7 @@ def _label_panel(ax: Any, panel: _Panel) -> None:
     ax.set_ylim(-top, top)
     unit = "°" if record.against_unit == "deg" else record.against_unit
     bracket = "" if unit == "1" else f" [{unit}]"
-    ax.set_xlabel(f"{shorten(record.against, LONGEST_AXIS)}{bracket}")
+    ax.set_xlabel(f"{shorten(round_numbers(record.against), LONGEST_AXIS)}{bracket}")
     ax.locator_params(axis="x", nbins=MAX_TICKS)
     title = f"{name_axis(record)} [{panel.unit}]"
     ax.set_title(title, fontsize=7, fontweight="normal", color=INK)

@@ -33,8 +33,10 @@ MAX_RUNGS = 18  # that the ladder's picture can hold
 MAX_CURVES = 6  # that the picture of the errors can hold
 LONGEST_NAME = 44  # letters
 LONGEST_LEGEND = 26  # letters
-# rungs up to which the noise's name stands above them, where no other name and no mark is
+# rungs up to which the noise's name stands upright beside the first of them
 FEW_RUNGS = 4
+# of the axis that the zone of noise has at least, as wide as its name
+NOISE_SHARE = 0.22
 # mm: a smaller error is drawn there, a logarithm has no zero
 SMALLEST_ERROR = 1e-4
 LINE_STYLES = ("-", "--", "-.", ":", (0, (5, 1)), "-")
@@ -99,7 +101,7 @@ def draw_ladder(record: StudyRecord) -> bytes:
         # the nominal model and the base stay
         way = [*way[:2], *way[2 - MAX_RUNGS :]]
     scale = _scale([record.ladder[rung] for rung in way], record.noise_floor)
-    height = min(0.19 * len(way) + 0.72, 2.8)
+    height = min(0.19 * len(way) + 0.86, 2.94)
     with use_style() as sheets:
         fig, ax = sheets.subplots(figsize=(WIDTH, height), layout="constrained")
         ax.set_xscale("log")
@@ -107,6 +109,8 @@ def draw_ladder(record: StudyRecord) -> bytes:
         _draw_noise(ax, scale)
         _draw_rungs(ax, scale)
         _label_ladder(ax, scale, label_way(record, way))
+        # above the rungs, where it covers none of their figures
+        fig.legend(loc="outside upper right", ncols=2, fontsize=7)
         return svg(fig, f"Ladder of models: {record.study}")
 
 
@@ -116,9 +120,11 @@ def _scale(rungs: Sequence[RungRecord], floor: NoiseFloorRecord) -> _Scale:
     is_held_out = bool(np.isfinite(held_out).any())
     noise = _rms_noise(floor)
     errors = np.concatenate([estimation, held_out, [noise]])
+    high = np.nanmax(errors) * 2.2
     # the zone of noise has room for its words
-    lowest = min(np.nanmin(errors) / 1.7, noise / 3.2)
-    low, high = max(lowest, 1e-9), np.nanmax(errors) * 2.2
+    zone = (high / noise) ** (NOISE_SHARE / (1 - NOISE_SHARE)) if noise > 0 else 1.0
+    lowest = min(np.nanmin(errors) / 1.7, noise / max(zone, 3.2))
+    low = max(lowest, 1e-9)
     shown = held_out if is_held_out else estimation
     return _Scale(estimation, shown, is_held_out, noise, float(low), float(high))
 
@@ -138,8 +144,9 @@ def _draw_noise(ax: Any, scale: _Scale) -> None:
     ax.axvline(scale.noise, color="#9A9A9A", lw=0.8)
     ax.text(
         np.sqrt(scale.low * scale.noise),
-        rungs / 2 - 0.5 if is_tall else -0.55,
-        f"noise alone: {format_figure(scale.noise)} mm",
+        # above the last rung, whose marks may stand in the zone
+        rungs / 2 - 0.5 if is_tall else max(rungs / 2 - 1, 0.0),
+        f"noise alone\n{format_figure(scale.noise)} mm",
         rotation=90 if is_tall else 0,
         ha="center",
         va="center",
@@ -173,14 +180,13 @@ def _draw_rungs(ax: Any, scale: _Scale) -> None:
 def _label_ladder(ax: Any, scale: _Scale, labels: Sequence[str]) -> None:
     rungs = len(labels)
     ax.set_yticks(scale.rows, [shorten(label, LONGEST_NAME) for label in labels], color=INK)
-    ax.set_ylim(rungs - 0.5, -0.6 if rungs > FEW_RUNGS else -0.8)
+    ax.set_ylim(rungs - 0.5, -0.6)
     ax.set_xticks(choose_ticks(scale.low, scale.high))
     ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
     ax.xaxis.set_minor_formatter(lambda value, _: "")
     ax.set_xlabel("rms position error [mm], logarithmic")
     ax.tick_params(axis="y", length=0)
     ax.spines["left"].set_visible(False)
-    ax.legend(loc="lower right", fontsize=7)
 
 
 # -- the distribution of the errors

@@ -9,12 +9,13 @@ import numpy as np
 
 from ..._typing import Array
 from ...results.model_schema import CorrelationRecord, TraceRecord
-from ..style import AFTER, BLUE, GREY, HALF_WIDTH, ORANGE, choose_unit, shorten, svg, use_style
+from ..style import AFTER, BLUE, GREY, HALF_WIDTH, ORANGE, shorten, svg, use_style
 
 MAX_DRAWN = 5  # parameters of the posterior's picture
 MAX_MATRIX = 32  # parameters of the correlation's picture
 HEIGHT = 2.75  # inch
 LONGEST_TITLE = 14  # letters
+LETTER_SHARE = 0.09  # of a panel's width, that a letter of a tick's label needs
 LONGEST_LABEL = 9  # letters beside the matrix
 LABEL_COLUMN = 140.0  # points that the labels of a matrix share
 # |r| up to which no mark is drawn
@@ -87,14 +88,15 @@ def _label_matrix(ax: Any, symbols: Sequence[str]) -> None:
 # ------------------------------------------------------------------------------------------------------------------
 
 
-def draw_posterior(trace: TraceRecord, units: Mapping[str, str]) -> bytes:
-    """Draw the informative few parameters pair by pair, with their distributions on the diagonal; `units` by name."""
+def draw_posterior(trace: TraceRecord, units: Mapping[str, tuple[float, str]]) -> bytes:
+    """Draw the informative few parameters pair by pair, with their distributions on the diagonal; `units`:
+    by name, what the values are divided by, and the unit then."""
     draws = np.array(trace.draws, dtype=float)[:, :MAX_DRAWN]
     names = trace.names[:MAX_DRAWN]
-    scaled = [
-        _scale_draws(name, units.get(name, "1"), draws[:, index])
-        for index, name in enumerate(names)
-    ]
+    scaled = []
+    for index, name in enumerate(names):
+        factor, unit = units.get(name, (1.0, ""))
+        scaled.append((_title_draws(name, unit), draws[:, index] / factor))
     count = len(names)
     with use_style() as sheets:
         fig = sheets.figure(figsize=(HALF_WIDTH, HEIGHT), layout="constrained")
@@ -110,13 +112,24 @@ def draw_posterior(trace: TraceRecord, units: Mapping[str, str]) -> bytes:
         return svg(fig, "Posterior")
 
 
-def _scale_draws(name: str, unit: str, draws: Array) -> tuple[str, Array]:
-    """Return a parameter's title with its unit, and its draws in that unit."""
-    stem, slash, divisor = unit.partition("/")
-    factor, shown = choose_unit(stem, float(np.abs(draws).max(initial=0)))
-    whole = f"{shown}{slash}{divisor}"
+def _title_draws(name: str, unit: str) -> str:
+    """Return a parameter's title with its unit below it."""
     title = shorten(name, LONGEST_TITLE)
-    return title if whole == "1" else f"{title}\n[{whole}]", factor * draws
+    return f"{title}\n[{unit}]" if unit else title
+
+
+def choose_few_ticks(low: float, high: float) -> tuple[list[float], list[str]]:
+    """Choose one or two round ticks within an axis, and their labels: two only where both have room."""
+    from matplotlib.ticker import MaxNLocator
+
+    ticks = [float(tick) for tick in MaxNLocator(2).tick_values(low, high) if low <= tick <= high]
+    step = ticks[1] - ticks[0] if len(ticks) > 1 else high - low
+    decimals = max(0, -int(np.floor(np.log10(step) + 1e-9))) if step > 0 else 0
+    labels = [f"{tick:.{decimals}f}".replace("-", "−") for tick in ticks]
+    if len(ticks) > 1 and max(map(len, labels)) * LETTER_SHARE > step / (high - low):
+        middle = len(ticks) // 2
+        return [ticks[middle]], [labels[middle]]
+    return ticks, labels
 
 
 def _draw_histogram(ax: Any, title: str, draws: Array) -> None:
@@ -132,9 +145,9 @@ def _draw_pair(ax: Any, x: Array, y: Array) -> None:
 def _trim_axes(ax: Any, *, is_bottom: bool, is_left: bool) -> None:
     """Leave labels at the bottom and the left of the picture alone."""
     ax.tick_params(labelsize=4.5, length=1.5, pad=1)
-    ax.locator_params(nbins=2)
-    ax.ticklabel_format(axis="both", style="plain", useOffset=False)
-    if not is_bottom:
-        ax.set_xticklabels([])
-    if not is_left:
-        ax.set_yticklabels([])
+    ticks, labels = choose_few_ticks(*ax.get_xlim())
+    ax.set_xticks(ticks, labels if is_bottom else [""] * len(ticks))
+    if is_left:
+        ax.set_yticks(*choose_few_ticks(*ax.get_ylim()))
+    else:
+        ax.set_yticks([])

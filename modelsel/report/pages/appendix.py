@@ -1,7 +1,8 @@
-"""The last pages: outliers and warnings, provenance."""
+"""The last pages: outliers and notes, provenance."""
 
 from __future__ import annotations
 
+from ...notices import ALARMS
 from ...results.schema import StudyRecord
 from ...results.study_sentences import count_rows, describe_outliers
 from ..document import Block, Source, make_heading, make_list, make_table, make_text
@@ -13,15 +14,17 @@ HASH_NAMES = {"data_sha256": "measurements, SHA-256", "study_sha256": "study fil
 
 
 def write_outliers_page(source: Source) -> list[Block]:
-    """Write the rows left out, faults of the data, warnings."""
+    """Write the rows left out, faults of the data, warnings of the set-up, notes."""
     record = source.record
-    blocks = [make_heading("Outliers and warnings"), make_text(_outlier_sentence(source))]
+    blocks = [make_heading("Outliers and notes"), make_text(_outlier_sentence(source))]
     faults = _list_faults(source)
     if faults:
         blocks.append(make_list(faults))
-    if record.warnings:
-        warnings = [warning.sentence for warning in record.warnings]
-        blocks += [make_heading("Warnings", 2), make_list(warnings)]
+    alarms = [one.sentence for one in record.warnings if one.code in ALARMS]
+    notes = [one.sentence for one in record.warnings if one.code not in ALARMS]
+    for title, sentences in (("Warnings", alarms), ("Notes", notes)):
+        if sentences:
+            blocks += [make_heading(title, 2), make_list(sentences)]
     return blocks
 
 

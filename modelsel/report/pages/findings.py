@@ -21,6 +21,7 @@ from ...results.study_sentences import (
     format_gain,
     format_mm,
     label_entries,
+    round_numbers,
     weigh_listed_record,
     write_figures,
     write_levels,
@@ -175,7 +176,9 @@ def _write_residuals(source: Source, number: int, detail: FindingDetailsRecord) 
     if detail.more_panels:
         total = len(panels) + detail.more_panels
         caption += f" The {len(panels)} largest of {total} parts are drawn."
-    axes = "; ".join(f"{name_axis(panel)} against {panel.against}" for panel in panels)
+    axes = "; ".join(
+        f"{name_axis(panel)} against {round_numbers(panel.against)}" for panel in panels
+    )
     words = f"Residual {axes}, without and with {detail.label}."
     draw = partial(draw_panels, panels)
     return source.add_figure(f"finding-{number}", draw, caption.strip(), words)
@@ -258,11 +261,15 @@ def _advise(label: str, first: EntryRecord, rival_label: str, rival: EntryRecord
     remedy = _remedy(set(first.causes) ^ set(rival.causes))
     if remedy is not None:
         return f"{pair} can be told apart when the same configurations are {remedy}."
-    causes = f"{' & '.join(first.causes)} against {' & '.join(rival.causes)}"
+    causes = f"{_join_causes(first)} against {_join_causes(rival)}"
     return (
         f"{pair} have different causes ({causes}): configurations in which these change independently of each other tell "
         "them apart."
     )
+
+
+def _join_causes(entry: EntryRecord) -> str:
+    return " & ".join(map(round_numbers, entry.causes))
 
 
 def _cells(entry: EntryRecord) -> list[tuple[str, str]]:

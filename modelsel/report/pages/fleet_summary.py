@@ -1,5 +1,5 @@
-"""summary.pdf: a fleet on two or three pages: every study in a line, what was found how often, what
-failed, every warning."""
+"""summary.pdf: a fleet on one to three pages: every study in a line, what was found how often, what
+failed, every kind of note."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..._version import VERSION
+from ...notices import ALARMS
 from ...results.study_sentences import format_mm
 from ..document import Block, make_heading, make_table, make_text
 from ..pdf import compile_pdf
@@ -20,9 +21,9 @@ Row = dict[str, Any]
 MAX_STUDIES = 45  # lines of the table; a larger fleet has the others in summary.csv
 MAX_NAMES = 14  # findings that are counted
 MAX_FAILURES = 12  # failures that are listed
-MAX_MENTIONED = 6  # studies named beside a warning or failure
+MAX_MENTIONED = 6  # studies named beside a note or failure
 LONGEST_REASON = 160  # letters of a reason
-LONGEST_WARNING = 400  # letters of a warning, of which each kind stands there once
+LONGEST_NOTE = 400  # letters of a note, of which each kind stands there once
 LONGEST_FINDING = 50  # letters of a finding's name
 LONGEST_STUDY = 30  # letters of a study's name in a list
 LONGEST_HEADER = 70  # letters
@@ -30,7 +31,7 @@ ERROR_COLUMNS = ("nominal_mm", "base_mm", "chosen_mm", "noise_mm")
 
 
 def write_summary(name: str, rows: Sequence[Row], out: Path) -> bytes:
-    """Write the PDF of a fleet's rows, in their order; warnings are read from the studies' folders below `out`. Raises
+    """Write the PDF of a fleet's rows, in their order; notes are read from the studies' folders below `out`. Raises
     ReportError."""
     done = [row for row in rows if row["state"] == "done"]
     failed = [row for row in rows if row["state"] != "done"]
@@ -47,7 +48,7 @@ def write_summary(name: str, rows: Sequence[Row], out: Path) -> bytes:
         make_heading("Study by study"),
         *_write_studies(done),
         *_write_failures(failed),
-        *_write_warnings(done, out),
+        *_write_notes(done, out),
     ]
     content = {
         "title": f"Fleet summary: {name}",
@@ -154,7 +155,7 @@ STUDY_COLUMNS = (
     ("chosen", "right"),
     ("noise", "right"),
     ("found beyond the base", "left"),
-    ("warnings", "left"),
+    ("notes", "left"),
 )
 
 
@@ -164,13 +165,14 @@ def _write_studies(done: Sequence[Row]) -> list[Block]:
         return [make_text("No study was finished.")]
     caption = (
         "Mean error on held-out configurations [mm] of the nominal, the base and the chosen model; noise: of one coordinate "
-        "[mm]. Measured: configurations. Each study's own folder has its report."
+        "[mm]. Measured: configurations. Notes: how many, told below; a warning by its name. Each study's own folder has its report."
     )
     shown = list(done)
     if len(done) > MAX_STUDIES:
         shown = sorted(done, key=lambda row: -(row["chosen_mm"] or 0.0))[:MAX_STUDIES]
         caption += f" Of {len(done)} the {MAX_STUDIES} with the largest error left; all are in summary.csv."
-    widths = [0.55, 0.45, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.6]
+    has_alarms = any(code in ALARMS for row in shown for code in row["warnings"].split(" + "))
+    widths = [0.55, 0.45, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.35 if has_alarms else 0.0]
     return [make_table(STUDY_COLUMNS, [_study_line(row) for row in shown], caption, widths)]
 
 
@@ -182,8 +184,16 @@ def _study_line(row: Row) -> list[str]:
         f"{row['estimation'] + row['held_out']:,}",
         *(format_mm(row[column]) for column in ERROR_COLUMNS),
         row["found"] or nothing,
-        row["warnings"].replace(" + ", ", ") or "–",
+        _count_notes(row),
     ]
+
+
+def _count_notes(row: Row) -> str:
+    """Return the codes of a study's warnings, and how many notes it has."""
+    codes = str(row["warnings"] or "").split(" + ")
+    alarms = [code for code in codes if code in ALARMS]
+    notes = sum(code != "" and code not in ALARMS for code in codes)
+    return ", ".join([*alarms, *([str(notes)] if notes else [])]) or "–"
 
 
 def _write_failures(failed: Sequence[Row]) -> list[Block]:
@@ -203,30 +213,34 @@ def _failure_line(row: Row) -> list[str]:
     return [row["name"], str(row["exit"]), shorten(reason, LONGEST_REASON)]
 
 
-def _write_warnings(done: Sequence[Row], out: Path) -> list[Block]:
-    """Write every kind of warning once, in the words of the first study that has it."""
+def _write_notes(done: Sequence[Row], out: Path) -> list[Block]:
+    """Write every kind of warning, then of note, once, in the words of the first study that has it."""
     sentences: dict[str, str] = {}
     studies: dict[str, dict[str, Row]] = {}
     for row in done:
-        for warning in _read_warnings(row, out):
-            code = warning["code"]
-            sentences.setdefault(code, warning["sentence"])
+        for note in _read_notes(row, out):
+            code = note["code"]
+            sentences.setdefault(code, note["sentence"])
             studies.setdefault(code, {})[row["name"]] = row
-    if not sentences:
-        return []
-    lines = [
-        [code, shorten(sentence, LONGEST_WARNING), _list_studies(list(studies[code].values()))]
-        for code, sentence in sentences.items()
-    ]
-    columns = [("warning", "left"), ("what it says", "left"), ("studies", "left")]
-    caption = "One warning of each kind, in the words of the first study named."
-    return [make_heading("Warnings"), make_table(columns, lines, caption, [0.35, 1.0, 0.5])]
+    blocks: list[Block] = []
+    for title, word in (("Warnings", "warning"), ("Notes", "note")):
+        lines = [
+            [code, shorten(sentence, LONGEST_NOTE), _list_studies(list(studies[code].values()))]
+            for code, sentence in sentences.items()
+            if (code in ALARMS) == (word == "warning")
+        ]
+        if lines:
+            columns = [(word, "left"), ("what it says", "left"), ("studies", "left")]
+            caption = f"One {word} of each kind, in the words of the first study named."
+            table = make_table(columns, lines, caption, [0.35, 1.0, 0.5])
+            blocks += [make_heading(title), table]
+    return blocks
 
 
-def _read_warnings(row: Row, out: Path) -> list[dict[str, str]]:
-    """Return the warnings of a study's result.json; none where it has none."""
+def _read_notes(row: Row, out: Path) -> list[dict[str, str]]:
+    """Return the warnings and notes of a study's result.json; none where it has none."""
     file = out / row["name"] / "result.json"
     if not row["warnings"] or not file.is_file():
         return []
-    warnings: list[dict[str, str]] = json.loads(file.read_text(encoding="utf-8"))["warnings"]
-    return warnings
+    notes: list[dict[str, str]] = json.loads(file.read_text(encoding="utf-8"))["warnings"]
+    return notes

@@ -16,6 +16,7 @@ from ...results.study_sentences import (
     describe_probability,
     format_mm,
     opening_sentences,
+    round_numbers,
 )
 from ..document import (
     Block,
@@ -52,7 +53,7 @@ NAMED_COLUMNS = (
     ("", "right"),
     ("finding", "left"),
     ("what to do", "left"),
-    ("worth, mm rms", "left"),
+    ("worth, rms", "left"),
     ("probability", "left"),
 )
 NAMED_WIDTHS = [0.0, 0.5, 1.0, 0.0, 0.34]
@@ -268,7 +269,7 @@ def write_error_map_page(source: Source) -> list[Block]:
 def _map_words(whole: ErrorMapRecord, columns: list[int]) -> str:
     """Return the map's picture for those who cannot see it."""
     outstanding = [
-        f"frame {place} · {whole.causes[column]}"
+        f"frame {place} · {round_numbers(whole.causes[column])}"
         for row, place in enumerate(whole.places)
         for column in columns
         if errormap.stands_out(whole, row, column)

@@ -158,9 +158,9 @@ def _write_draws(source: Source, sampling: SamplingRecord) -> list[Block]:
     trace = sampling.trace
     if not trace.names or not trace.draws:
         return []
-    units = {one.name: one.unit for one in sampling.quantiles}
+    units = {one.name: _choose_unit(one) for one in sampling.quantiles}
     caption = (
-        "Draws from the posterior of the informative few, in the parameters' own units. A narrow slanting cloud: two "
+        "Draws from the posterior of the informative few. A narrow slanting cloud: two "
         "parameters that the data know only together."
     )
     names = ", ".join(trace.names[: parameter_plots.MAX_DRAWN])
@@ -190,13 +190,23 @@ def _write_quantiles(quantiles: Sequence[QuantilesRecord]) -> list[Block]:
     return [table | {"dense": True}]
 
 
+def _measure_largest(one: QuantilesRecord) -> float:
+    """Return the size of the largest of a parameter's quantiles."""
+    values = [one.low, one.median, one.high, one.closed_form_low, one.closed_form_high]
+    return max((abs(value) for value in values if value is not None), default=0.0)
+
+
+def _choose_unit(one: QuantilesRecord) -> tuple[float, str]:
+    """Return what a parameter's values are divided by, in the table as in the picture, and the unit then."""
+    return choose_prefix(_measure_largest(one), one.unit)
+
+
 def _format_quantiles(one: QuantilesRecord) -> list[str]:
     """Return the five quantiles of a parameter in one unit, to the place that three digits of the widest give; then
     the unit."""
     values = [one.low, one.median, one.high, one.closed_form_low, one.closed_form_high]
-    largest = max((abs(value) for value in values if value is not None), default=0.0)
-    factor, unit = choose_prefix(largest, one.unit)
-    exponent = int(f"{largest / factor:.2e}".partition("e")[2])
+    factor, unit = _choose_unit(one)
+    exponent = int(f"{_measure_largest(one) / factor:.2e}".partition("e")[2])
     decimals = max(2 - exponent, 0)
     figures = ["–" if value is None else f"{value / factor:.{decimals}f}" for value in values]
     signed = [figure.replace("-", "−") for figure in figures]

@@ -1,6 +1,7 @@
 // Puts the page together from the data it carries; nothing is fetched.
 (() => {
   const data = JSON.parse(document.getElementById("data").textContent), { result, details } = data;
+  prefixes.push(...data.prefixes);
   const names = data.names, panel = document.getElementById("panel");
   data.named = new Set(data.cells.map(([i, j]) => `${i},${j}`));
   data.tds = new Map();
@@ -52,8 +53,8 @@
   const findings = document.getElementById("findings");
   if (!result.findings.length) findings.append(el("p", { text: result.nothing_else.sentence }));
   else {
-    const table = el("table", { class: "plain stack" }), rows = el("tbody");
-    table.append(el("thead", {}, el("tr", {}, ...["finding", "what goes wrong, what to do", "worth, mm rms", "verdict"].map((h) => el("th", { scope: "col", text: h })))), rows);
+    const table = el("table", { class: "plain stack named" }), rows = el("tbody");
+    table.append(el("thead", {}, el("tr", {}, ...["finding", "what goes wrong, what to do", "worth, rms", "verdict"].map((h) => el("th", { scope: "col", text: h })))), rows);
     const open = (k) => {
       const button = el("button", { type: "button", text: `${k + 1}\u00a0${details.findings[k].label}` });
       button.addEventListener("click", () => openFinding(k));
@@ -63,7 +64,7 @@
       const f = result.findings[k], what = el("td", { text: f.sentence }), { short, worth } = data.advice[k];
       if (data.figures[k]) what.append(el("p", { class: "quiet", text: data.figures[k] }));
       what.append(el("p", { text: `What to do. ${short}` }));
-      rows.append(el("tr", {}, el("td", {}, open(k)), what, el("td", { "data-head": "worth, mm rms", text: worth }),
+      rows.append(el("tr", {}, el("td", {}, open(k)), what, el("td", { "data-head": "worth, rms", text: worth }),
         el("td", { "data-head": "verdict", text: f.doubtful ? `${f.verdict}, but doubtful` : f.verdict })));
     });
     findings.append(table, el("p", { class: "quiet", text: data.worth }));

@@ -34,8 +34,14 @@ function aligned(value, count = 3) {
   return text === "–" || Math.abs(value) >= 10 ** count || Math.abs(value) < 1e-3 ? text : value.toPrecision(count).replace("-", "−");
 }
 
+// [size, factor, prefix]: an angle below this size has this prefix, as in sentences and in the PDF.
+const prefixes = [];
+
 function scaled(unit, biggest) {
-  if (unit === "rad") return biggest < 1.5e-3 ? [1e6, "µrad"] : biggest < 1.5 ? [1e3, "mrad"] : [1, "rad"];
+  if (unit === "rad") {
+    const [, factor, prefix] = prefixes.find(([size]) => biggest < size) ?? [Infinity, 1, ""];
+    return [1 / factor, `${prefix}rad`];
+  }
   return unit === "mm" && biggest < 0.5 ? [1e3, "µm"] : [1, unit];
 }
 
@@ -50,7 +56,8 @@ function scatter(panel) {
   const width = 460, height = 300, left = 52, right = 10, top = 14, bottom = 42;
   const all = [...panel.before, ...panel.after].map(Math.abs).sort((a, b) => a - b);
   const biggest = all.length ? all[Math.floor(0.98 * (all.length - 1))] : 1;
-  const [factor, unit] = scaled(panel.unit, biggest);
+  const [factor, unit] = scaled(panel.unit, all.length ? all[Math.floor(0.99 * (all.length - 1))] : 1);
+  const cause = rounded(panel.against);
   const most = new Set(panel.x).size <= 6 ? Infinity : 3 * biggest, curved = Math.min(Math.max(0, ...panel.curve[1].map(Math.abs)), most);
   const high = Math.max(biggest * factor * 1.2, curved * factor * 1.05, 1e-12);
   let low = Math.min(...panel.x, ...panel.curve[0]), far = Math.max(...panel.x, ...panel.curve[0]);
@@ -59,14 +66,14 @@ function scatter(panel) {
   const X = (v) => left + (v - x0) / (x1 - x0) * (width - left - right);
   const Y = (v) => top + (1 - (v * factor + high) / (2 * high)) * (height - top - bottom);
   const svg = mark("svg", { viewBox: `0 0 ${width} ${height}`, role: "img" });
-  svg.append(mark("title", {}, `${panel.title} against ${panel.against}: ${panel.x.length} rows, before and after.`));
+  svg.append(mark("title", {}, `${panel.title} against ${cause}: ${panel.x.length} rows, before and after.`));
   for (const t of ticks(-high, high)) {
     svg.append(mark("line", { x1: left, x2: width - right, y1: Y(t / factor), y2: Y(t / factor), stroke: "var(--line)" }));
     svg.append(mark("text", { x: left - 5, y: Y(t / factor) + 4, "text-anchor": "end" }, digits(t)));
   }
   for (const t of ticks(low, far)) svg.append(mark("text", { x: X(t), y: height - bottom + 15, "text-anchor": "middle" }, digits(t)));
   const against = panel.against_unit && panel.against_unit !== "1" ? ` [${panel.against_unit === "deg" ? "°" : panel.against_unit}]` : "";
-  svg.append(mark("text", { x: (left + width) / 2, y: height - 8, "text-anchor": "middle" }, panel.against + against));
+  svg.append(mark("text", { x: (left + width) / 2, y: height - 8, "text-anchor": "middle" }, cause + against));
   svg.append(mark("text", { x: 2, y: 10 }, unit));
   const inside = (v) => Math.abs(v * factor) <= high;
   panel.x.forEach((x, k) => {
