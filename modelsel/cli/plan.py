@@ -106,7 +106,7 @@ def plan_command(
     from ..study.configuration_pool import check_joint_ranges
     from ..study.inputs import find_study_file, list_input_files, read_nominal_robot
     from ..study.named_things import read_whole_study
-    from ..study.planning import format_plan, plan_next
+    from ..study.planning import plan_next
     from ..study.runner import run_study
     from ..study.steps import list_steps
 
@@ -144,6 +144,13 @@ def plan_command(
         return
     text = table.to_string(index=False, float_format=lambda v: f"{v:.4f}")
     click.echo(text if out is None else f"Written: {out}")
+    _print_words(planned, size, more)
+
+
+def _print_words(planned: MeasurementPlan, size: float | None, more: int | None) -> None:
+    """Print what is said of a plan, and of the size [mm] that is asked for."""
+    from ..study.planning import format_plan
+
     for line in format_plan(planned):
         print_prose(line)
     if size is not None and more is not None:
