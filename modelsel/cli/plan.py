@@ -112,7 +112,7 @@ def plan_command(
     from ..study.configuration_pool import check_joint_ranges
     from ..study.inputs import find_study_file, list_input_files, read_nominal_robot
     from ..study.named_things import read_whole_study
-    from ..study.planning import format_plan, plan_next
+    from ..study.planning import plan_next
     from ..study.runner import run_study
     from ..study.steps import list_steps
 
@@ -149,6 +149,16 @@ def plan_command(
         print_json(_to_dict(planned) | {"configurations": configurations, "more_for_size": more})
         return
     _print_configurations(table, out)
+    _print_words(planned, repeats, size, more)
+
+
+def _print_words(
+    planned: MeasurementPlan, repeats: int | None, size: float | None, more: int | None
+) -> None:
+    """Print what is said of a plan, of the rounds of repeats that are asked for, and of a size
+    [mm]."""
+    from ..study.planning import format_plan
+
     for line in [*format_plan(planned), *_offer_rounds(planned, repeats)]:
         print_prose(line)
     if size is not None and more is not None:

@@ -198,6 +198,13 @@ def test_a_stated_floor_far_from_what_is_left_is_said(times, rng, tmp_path) -> N
     )
 
 
+def test_the_units_of_an_instrument_are_told_one_by_one(rng, tmp_path) -> None:
+    stated = "[noise]\nrange_ppm = 6000\nangle_urad = 5000\n"
+    sentence = said(studied(tmp_path, frame(rng), more=stated), "stated-uncertainty")
+    assert "range_ppm in micrometres per metre, angle_urad in microradians" in sentence
+    assert "micrometres stand" not in sentence
+
+
 @pytest.mark.integration
 @pytest.mark.parametrize(
     ("times", "words"),
