@@ -230,20 +230,24 @@ def _summarise_commands(
     there = replace_readings(start, q)
     factors = compute_sensitivities(c, there, c.terms, c.factor)
     model_variance = np.square(factors).sum(2)
-    model_mm = np.sqrt(model_variance[:, :3].sum(1))
+    position_variance = model_variance[:, :3].sum(1)
+    model_mm = np.sqrt(position_variance)
     before_mm = np.linalg.norm(before[:, :3], axis=1)
     left_mm = np.linalg.norm(left[:, :3], axis=1)
     noise = 3 * c.floor.coordinate_mm**2
     unknown = _compute_unknown_approach(c, there)
-    expected_mm = np.sqrt(left_mm**2 + model_mm**2 + noise + unknown)
+    expected_square = left_mm**2 + model_mm**2 + noise + unknown
+    expected_mm = np.sqrt(expected_square)
     before_rad = left_rad = model_rad = None
     if start.data.rotation is not None:
         before_rad = np.linalg.norm(before[:, 3:], axis=1) / LEVER_MM
         left_rad = np.linalg.norm(left[:, 3:], axis=1) / LEVER_MM
         if c.tool_rotations is not None:
-            model_rad = np.sqrt(model_variance[:, 3:].sum(1))
+            turn_variance = model_variance[:, 3:].sum(1)
+            model_rad = np.sqrt(turn_variance)
     commanded = replace(start.data, q=q).readings
     change = commanded - start.data.readings
+    beyond = find_past_limits(c, q)
     return Commands(
         q=commanded,
         change=change,
@@ -255,7 +259,7 @@ def _summarise_commands(
         before_rad=before_rad,
         left_rad=left_rad,
         model_rad=model_rad,
-        beyond=find_past_limits(c, q),
+        beyond=beyond,
     )
 
 
@@ -304,7 +308,8 @@ def correct(
     if missed:
         where = commands.where_left
         verb = "is" if missed == 1 else "are"
-        notes.append(f"{missed:,} of {len(data):,} rows {verb} not reached: see {where}.")
+        total = len(data)
+        notes.append(f"{missed:,} of {total:,} rows {verb} not reached: see {where}.")
     for note in notes:
         warn(note, stacklevel=2)
     figures = commands.figures()

@@ -257,7 +257,8 @@ def rms_and_max(difference: Array) -> tuple[float, float]:
     """Return the root mean square and the largest length of rows (m, 3)."""
     lengths = np.linalg.norm(difference, axis=1)
     squares = np.square(lengths)
-    mean = squares.mean()
-    rms = float(np.sqrt(mean))
+    mean_square = squares.mean()
+    root = np.sqrt(mean_square)
+    rms = float(root)
     largest = float(lengths.max())
     return rms, largest

@@ -119,11 +119,13 @@ def _restore(record: CalibrationRecord) -> Calibration:
     estimable = enumerate(estimate.estimable for estimate in record.estimates)
     values = [estimate.value for estimate in record.estimates]
     tools = [target.tool_mm for target in record.targets]
+    target_names = tuple(target.name for target in record.targets)
+    group_names = tuple(group.name for group in record.groups)
     calibration = Calibration(
         study=record.study,
         robot=_restore_robot(record),
-        targets=tuple(target.name for target in record.targets),
-        groups=tuple(group.name for group in record.groups),
+        targets=target_names,
+        groups=group_names,
         tools=bounded_array(tools),
         tool_rotations=_restore_tool_rotations(record),
         placement=_restore_placement(record),

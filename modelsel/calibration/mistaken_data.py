@@ -43,7 +43,8 @@ def check_near_arm(c: Calibration, at: Problem, residual: Array, free_setup: boo
     reasons = reasons or describe_wrong_setup(at, residual)
     if not reasons and not free_setup and _is_near_registered(c, at):
         return
-    remedy = " ".join(reasons or (UNKNOWN_REASON,))
+    told_reasons = reasons or (UNKNOWN_REASON,)
+    remedy = " ".join(told_reasons)
     raise DataError(what, remedy=remedy)
 
 
@@ -74,8 +75,9 @@ def describe_wrong_rows(
     as an arm that changed."""
 
     def compute_residual(problem: Problem) -> Array:
+        measured = problem.data.position
         predicted = predict(c, problem)
-        return problem.data.position - predicted
+        return measured - predicted
 
     lengths = np.linalg.norm(residual, axis=1)
     median = float(np.median(lengths))

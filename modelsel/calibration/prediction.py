@@ -78,7 +78,9 @@ def compute_sensitivities(
     own = calibration.terms
     theta = calibration.theta
     width = factor.shape[1]
-    shape = (len(problem), problem.components, width)
+    row_count = len(problem)
+    components = problem.components
+    shape = (row_count, components, width)
     moved = np.empty(shape)
     for rows in problem.blocks(BLOCK_ROWS):
         twist = twist_of(problem, own, theta, rows)

@@ -249,7 +249,8 @@ def _find_slips(
     (None)."""
     if beyond is None:
         return describe_wrong_registered_rows(bound)
-    numbers = np.arange(len(residual))
+    row_count = len(residual)
+    numbers = np.arange(row_count)
     rows = np.isin(numbers, beyond)
     return describe_wrong_rows(c, bound, residual, rows, expected)
 

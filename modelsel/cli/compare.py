@@ -53,14 +53,17 @@ def _write_page(before: Path, after: Path, found: Comparison) -> bytes:
     from ..report.comparison_page import Campaign, write_comparison_page
     from ..results.reading import read_records
 
-    folders = [
-        find_report_folder(path) if path.is_dir() else path.parent for path in (before, after)
-    ]
+    folders = []
+    for path in (before, after):
+        folder = find_report_folder(path) if path.is_dir() else path.parent
+        folders.append(folder)
     records = [read_records(folder) for folder in folders]
     names = [record.study for record, _ in records]
-    if names[0] == names[1]:
+    is_same_name = names[0] == names[1]
+    if is_same_name:
         names = [
             f"{folder.resolve().name}: {name}" for folder, name in zip(folders, names, strict=True)
         ]
-    first, second = (Campaign(name, *both) for name, both in zip(names, records, strict=True))
+    named_records = zip(names, records, strict=True)
+    first, second = (Campaign(name, *both) for name, both in named_records)
     return write_comparison_page((first, second), found)

@@ -203,7 +203,8 @@ def _offer_rounds(planned: MeasurementPlan, asked: int | None) -> list[str]:
     """Say which option writes the rounds of repeats that a plan proposes, where none are `asked`."""
     if planned.repeats is None or asked is not None:
         return []
-    return [f"--repeats {planned.repeats.times} writes these rounds, each in another order."]
+    times = planned.repeats.times
+    return [f"--repeats {times} writes these rounds, each in another order."]
 
 
 def _describe_size(size: float, more: int) -> str:

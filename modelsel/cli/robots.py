@@ -16,14 +16,16 @@ def robots_command(name: str | None, as_json: bool) -> None:
     from ..robot.files import builtin_names
     from ..robot.plain_values import robot_card
 
-    named = [read_robot_option(n) for n in ([name] if name else builtin_names())]
+    names = [name] if name else builtin_names()
+    named = [read_robot_option(n) for n in names]
     cards = [robot_card(each.robot) for each in named]
     if as_json:
         print_json({"robots": cards})
         return
     for card in cards:
+        joints = count_words(card["joints"], "joint")
         click.echo(
-            f"{card['name']}: {count_words(card['joints'], 'joint')}, links of {card['links_mm']:,.0f} mm in all. {card['source']}"
+            f"{card['name']}: {joints}, links of {card['links_mm']:,.0f} mm in all. {card['source']}"
         )
         if name:
             for k, joint in enumerate(card["chain"], 1):

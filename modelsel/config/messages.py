@@ -88,7 +88,8 @@ def describe_error(error: Any) -> str:
     value = error["input"]
     if isinstance(value, bool):
         return f"{message}, found {str(value).lower()}"
-    return f"{message}, found {_show(value)!r}"
+    shown = _show(value)
+    return f"{message}, found {shown!r}"
 
 
 def describe_value_problem(error: Any, place: str) -> str | None:

@@ -164,7 +164,8 @@ def _write_findings(campaigns: Pair, comparison: Comparison) -> str:
         said.update(dict.fromkeys(change.labels, words))
     rows = [list(_write_match(campaigns, match, said)) for match in matches]
     heads = ["named in", "first", "second", "change"]
-    return write_html_table(_align(heads, 0), rows, "findings")
+    aligned_heads = _align(heads, 0)
+    return write_html_table(aligned_heads, rows, "findings")
 
 
 def _write_match(campaigns: Pair, match: Match, said: dict[str, str]) -> Iterator[str]:

@@ -38,7 +38,8 @@ class Source:
         """Draw a picture unless it is drawn already, and return its block: a caption that says what to see and a text
         for those who cannot."""
         file = f"{name}.svg"
-        if file not in self.pictures:
+        is_new = file not in self.pictures
+        if is_new:
             self.pictures[file] = draw()
         return {"kind": "figure", "file": file, "caption": caption, "alt": alt}
 

@@ -134,7 +134,8 @@ def draw_summary(
     say(DRAWING)
     blocks = collect_blocks(source, SUMMARY, say=say)
     say(SETTING)
-    write_all(folder, {SUMMARY_FILE: _set_pages(source, blocks, say)})
+    pages = _set_pages(source, blocks, say)
+    write_all(folder, {SUMMARY_FILE: pages})
     return [folder / SUMMARY_FILE]
 
 

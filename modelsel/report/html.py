@@ -96,6 +96,7 @@ def _page_data(source: Source) -> dict[str, Any]:
     """Return what the page's scripts compute with."""
     record, way = source.record, select_way(source.record)
     told, grouped = split_findings(record.findings, record.small_findings)
+    small = record.small_findings
     return {
         "result": slim_record(record),
         "details": source.details.to_dict(),
@@ -106,7 +107,7 @@ def _page_data(source: Source) -> dict[str, Any]:
         "kindred": [find_kindred_cells(record, finding) for finding in record.findings],
         "told": told,
         "grouped": grouped,
-        "small": "" if record.small_findings is None else record.small_findings.sentence,
+        "small": "" if small is None else small.sentence,
         "figures": [write_figures(finding) for finding in record.findings],
         "worth": f"{WORTH}.",
         "prefixes": PREFIXES,

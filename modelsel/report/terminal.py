@@ -170,7 +170,8 @@ def _correlation_sentences(record: StudyRecord) -> list[str]:
     further = count_words(more, "further pair")
     verb = "correlates" if more == 1 else "correlate"
     if more > 0:
-        sentences.append(f"Only together: {further} {verb} above 0.9.")
+        remainder = f"Only together: {further} {verb} above 0.9."
+        sentences.append(remainder)
     return sentences
 
 

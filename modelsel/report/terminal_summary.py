@@ -126,7 +126,8 @@ def _weigh_names(finding: FindingRecord) -> list[str]:
         weights[one.name] = before + weight
     names = []
     for name, weight in weights.items():
-        named = f"{name} ({format_probability(weight)})"
+        probability = format_probability(weight)
+        named = f"{name} ({probability})"
         names.append(named)
     return names
 
@@ -162,7 +163,8 @@ def _describe_sampling(record: StudyRecord) -> str:
     assert sampling is not None
     if not sampling.converged:
         notes = (note.sentence for note in record.warnings if note.code == UNCONVERGED)
-        return next(notes, "The chains that sample the posterior have not converged.")
+        general_note = "The chains that sample the posterior have not converged."
+        return next(notes, general_note)
     count = f"{sampling.effective_samples:,.0f}"
     mixing = f"R-hat {sampling.r_hat:.3f}"
     return f"The posterior was sampled: {count} effective samples, {mixing}."

@@ -118,7 +118,8 @@ def _subset_table(record: StudyRecord, width: int) -> tuple[str, list[str], str]
 def _set_table(record: StudyRecord, width: int) -> tuple[str, list[str], str]:
     rows = []
     models = record.weighed_models
-    for words, model in zip(describe_sets(models), models, strict=True):
+    descriptions = describe_sets(models)
+    for words, model in zip(descriptions, models, strict=True):
         probability = format_weight(model.probability)
         row = Row(words, [probability])
         rows.append(row)

@@ -98,7 +98,8 @@ def write_table(
     if spans and len(lines) == 1:
         lines.insert(0, "")
     for span in spans:
-        lines[-2] = _write_span(lines[-2], span, layout)
+        above = lines[-2]
+        lines[-2] = _write_span(above, span, layout)
     rule = "─" * layout.total
     lines.append(rule)
     for row in rows:

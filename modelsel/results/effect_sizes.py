@@ -76,7 +76,8 @@ def _flatten(displacement: Array, rows: int) -> Array:
     """Return displacements (p, 3, m) of the first rows as columns (3 rows, p)."""
     measured = displacement[:, :, :rows]
     count = len(measured)
-    stacked = measured.reshape(count, 3 * rows)
+    coordinates = 3 * rows
+    stacked = measured.reshape(count, coordinates)
     columns = stacked.T
     return np.asarray(columns)
 

@@ -229,7 +229,10 @@ def find_mm_per_rad(split: Split, chosen: Evaluation, last: Gain) -> float:
     if angles is None:
         return 0.0
     _, angle = angles
-    return _find_left(chosen, last) / angle if angle > 0 else 1 / RAD_PER_MM
+    if angle > 0:
+        left_mm = _find_left(chosen, last)
+        return left_mm / angle
+    return 1 / RAD_PER_MM
 
 
 def bind_effect(effect: Effect, fit: Fit, workspace: Workspace) -> Fitted:

@@ -89,7 +89,8 @@ class _Group:
         twist = np.zeros(len(x))
         for coefficient, cause in self.parts:
             values = self._cause_along(cause, x)
-            twist = twist + coefficient * values
+            part = coefficient * values
+            twist = twist + part
         return twist
 
     def _cause_along(self, cause: Cause, x: Array) -> Array:
@@ -105,7 +106,8 @@ class _Group:
             line = _Line(variable.name, x)
             values = cause.of(line)
             return np.asarray(values)
-        return np.zeros(len(x))
+        count = len(x)
+        return np.zeros(count)
 
 
 def describe_panels(run: StudyRun, problem: Problem, field: Array, rows: Index) -> list[Values]:

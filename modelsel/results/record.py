@@ -79,11 +79,13 @@ def _verdict(run: StudyRun, named: NamedErrors) -> tuple[str, ...]:
     """Return the sentences of the first page."""
     models, diagnosis = run.models, run.diagnosis
     nominal = models.ladder[0]
+    unrepeated = measure_unrepeated(diagnosis.search.errors, run.floor)
+    noise = Noise(run.floor, unrepeated)
     sentences = write_verdict(
         nominal,
         models.chosen,
         models.gain,
-        Noise(run.floor, measure_unrepeated(diagnosis.search.errors, run.floor)),
+        noise,
         named,
         diagnosis.candidates,
         diagnosis.nothing_else.sentence,

@@ -62,7 +62,8 @@ def format_mm(value: float | None) -> str:
     """Return a length [mm] with three decimals, two from 10 mm on; a dash where undefined."""
     if value is None:
         return "–"
-    return f"{value:.3f}" if abs(value) < LARGEST_FINE_MM else f"{value:.2f}"
+    is_fine = abs(value) < LARGEST_FINE_MM
+    return f"{value:.3f}" if is_fine else f"{value:.2f}"
 
 
 def format_gain(value: float) -> str:

@@ -49,7 +49,12 @@ def list_usable(mechanism: Mechanism, fitted: Fitted) -> list[Usable]:
     if measure is None:
         return []
     numbers = measure(mechanism, fitted)
-    return [one for one in numbers if one.unit != "mm" or abs(one.value) >= MIN_DISPLACEMENT]
+    usable = []
+    for one in numbers:
+        is_large = abs(one.value) >= MIN_DISPLACEMENT
+        if one.unit != "mm" or is_large:
+            usable.append(one)
+    return usable
 
 
 def _choose_by_shape(mechanism: Mechanism) -> Measure | None:

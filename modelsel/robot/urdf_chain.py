@@ -156,15 +156,19 @@ def _choose_path(paths: Sequence[list[ET.Element]], moving: int, where: str) -> 
         ends += [path for path in arm if len(path) == furthest]
     places = [_find_end_place(path) for path in ends]
     same_place = np.allclose(places, places[0], rtol=0, atol=1e-9)
-    if same_place and len(arms) == 1:
+    is_one_arm = len(arms) == 1
+    if same_place and is_one_arm:
         return ends[0]
     described = []
     for path in ends:
-        end = child_of(path[-1])
-        joints = ", ".join(list_moving_names(path))
+        last_joint = path[-1]
+        end = child_of(last_joint)
+        joint_names = list_moving_names(path)
+        joints = ", ".join(joint_names)
         described.append(f'"{end}" by {joints}')
     described.sort()
-    listed = "; ".join(described[:MAX_LISTED])
+    shown = described[:MAX_LISTED]
+    listed = "; ".join(shown)
     plural = "s" if moving > 1 else ""
     raise StudyError(
         f"{where}: {len(ends)} chains have {moving} moving joint{plural} each, and none "

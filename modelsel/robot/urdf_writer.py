@@ -64,14 +64,17 @@ def write_urdf(
     for note in notes:
         comment = _make_comment(note)
         root.append(comment)
-    is_upright = robot.gravity is None or robot.gravity == (0.0, 0.0, -1.0)
+    down = (0.0, 0.0, -1.0)
+    is_upright = robot.gravity is None or robot.gravity == down
     if is_upright:
         ET.SubElement(root, "link", name="base")
     else:
         ET.SubElement(root, "link", name="world")
-        up = -np.array(robot.gravity)
+        gravity = np.array(robot.gravity)
+        up = -gravity
         to_upright = align_z(up).T
-        _add_fixed(root, "world", "base", transform(to_upright))
+        base = transform(to_upright)
+        _add_fixed(root, "world", "base", base)
     for k, joint in enumerate(robot.joints, 1):
         _add_joint(root, k, joint)
         _add_link(root, k, joint)

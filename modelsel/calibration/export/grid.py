@@ -241,4 +241,5 @@ def _describe(c: Calibration, options: GridOptions, held: Held) -> list[str]:
         f"{named}; subtract it from the position that is commanded"
     )
     remarks = [whose, *describe_coupling(c)]
-    return remarks + describe_validity(c, options.joints, held)
+    validity = describe_validity(c, options.joints, held)
+    return remarks + validity

@@ -184,7 +184,9 @@ def evaluate_tables(text: str, at: Problem) -> list[tuple[int, str, Array]]:
     """Evaluate every table of a file at the rows of a problem, by linear interpolation: frame,
     axis, correction (m,)."""
     own: dict[str, list[dict[str, str]]] = {}
-    for row in csv.DictReader(io.StringIO(text)):
+    stream = io.StringIO(text)
+    reader = csv.DictReader(stream)
+    for row in reader:
         table = row["table"]
         rows = own.setdefault(table, [])
         rows.append(row)
@@ -204,7 +206,8 @@ def evaluate_tables(text: str, at: Problem) -> list[tuple[int, str, Array]]:
         corrections = [float(row["correction"]) for row in rows]
         shape = [len(points) for points in grid]
         values = np.array(corrections).reshape(shape)
-        found = np.full(len(at), values.flat[0])
+        constant = values.flat[0]
+        found = np.full(len(at), constant)
         if grid:
             found = interpolate(grid, values, state)
         frame = int(first["frame"])

@@ -131,18 +131,20 @@ def _write_mechanisms(mechanisms: Sequence[SignificanceRecord]) -> list[Block]:
 
 def _significance_columns(mechanisms: Sequence[SignificanceRecord]) -> dict[str, list[str]]:
     """Return the figures of every mechanism by column, without columns of dashes alone."""
+    held_out_rms = [
+        f"{format_mm(one.held_out_rms_without_mm)} → {format_mm(one.held_out_rms_mm)}"
+        for one in mechanisms
+    ]
     columns = {
         "mean mm": [format_mm(one.mean_mm) for one in mechanisms],
         "worst mm": [format_mm(one.max_mm) for one in mechanisms],
         "nominal p": [format_p(one.p) for one in mechanisms],
         "log10 evidence": [_signed(one.log10_evidence) for one in mechanisms],
-        "held-out rms mm": [
-            f"{format_mm(one.held_out_rms_without_mm)} → {format_mm(one.held_out_rms_mm)}"
-            for one in mechanisms
-        ],
+        "held-out rms mm": held_out_rms,
         "stable": [format_share(one.stability) for one in mechanisms],
     }
-    return {name: column for name, column in columns.items() if set(column) != {"–"}}
+    dashes_alone = {"–"}
+    return {name: column for name, column in columns.items() if set(column) != dashes_alone}
 
 
 def _signed(value: float | None) -> str:
