@@ -156,7 +156,8 @@ def follow(
         progress = say is None and find_notebook() is None and is_terminal(sys.stderr)
     if progress:
         return show_progress(steps)
-    return nullcontext(keep_silent if say is None else say)
+    listener: Say = keep_silent if say is None else say
+    return nullcontext(listener)
 
 
 def keep_silent(_: str) -> None:

@@ -106,7 +106,8 @@ def check_mechanism(mechanism: Mechanism, robot: Robot, rng: np.random.Generator
     """
     found = find_broken_laws(mechanism, robot, rng)
     sentences = "; ".join(found)
-    require(not found, sentences)
+    is_lawful = not found
+    require(is_lawful, sentences)
 
 
 def draw_size(term: Term, rng: np.random.Generator, share: float = 1.0) -> float:

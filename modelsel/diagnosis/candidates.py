@@ -92,14 +92,16 @@ class Candidate:
         """Its causes in words, joined by a conjunction."""
         mechanism = self.mechanism
         if self.kind is CandidateKind.SHAPE:
-            return f"free({', '.join(sorted(mechanism.names()))})"
+            listed = ", ".join(sorted(mechanism.names()))
+            return f"free({listed})"
         if self.kind is CandidateKind.WAVE_PRODUCT:
             first, second = sorted(mechanism.names())
             return f"waves of {first} times waves of {second}"
         if self.kind in NAMED_IN_WORDS:
             return mechanism.name.split(" ", 2)[2]
         if self.kind is CandidateKind.PERIOD:
-            return f"pattern that repeats on {mechanism.terms[0].screws[0].cause}"
+            repeated = mechanism.terms[0].screws[0].cause
+            return f"pattern that repeats on {repeated}"
         words: list[str] = []
         for term in mechanism.terms:
             for screw in term.screws:

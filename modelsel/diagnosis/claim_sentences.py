@@ -89,7 +89,8 @@ def describe_proven(effect: Effect, doubt: str = "") -> str:
     probability = claimed.probability
     written = format_probability(probability)
     of = f"probability {written} for the {claimed.level}"
-    listed = ", ".join([*_list_sizes(effect), of])
+    sizes = _list_sizes(effect)
+    listed = ", ".join([*sizes, of])
     what = f"{claimed.text} ({listed})"
     if doubt:
         what += f", {doubt}"
@@ -98,7 +99,8 @@ def describe_proven(effect: Effect, doubt: str = "") -> str:
     is_listed = probability < PROVEN
     if kind is not CandidateKind.SHAPE and not is_listed:
         parts.append(_describe_entries(effect))
-    return "; ".join([*parts, *list_cautions(effect)]) + "."
+    cautions = list_cautions(effect)
+    return "; ".join([*parts, *cautions]) + "."
 
 
 def describe_what(effect: Effect) -> str:

@@ -83,14 +83,16 @@ def weigh_own_functions(
     for g in chosen:
         if _is_own_function(search, g):
             displacement = search.compute_displacement(g, view)
-            size[g] = float(np.linalg.norm(displacement))
+            norm = np.linalg.norm(displacement)
+            size[g] = float(norm)
     shares: dict[int, float] = {}
     for g, h in permutations(size, 2):
         if place[g] != place[h]:
             continue
         small = SMALL_BESIDE * size[g]
         if size[h] > small:
-            sure = float(levels[h][shape])
+            level = levels[h][shape]
+            sure = float(level)
             least = shares.get(g, 1.0)
             shares[g] = min(least, sure)
     return shares

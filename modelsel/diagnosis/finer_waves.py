@@ -32,8 +32,9 @@ def generate_finer_waves(problem: Problem, found: Mechanism) -> Iterator[Mechani
     joint, count = find_own_wave(found)
     if not count or len(found.terms) > 2:
         return
-    own = problem.robot.joints[joint - 1]
-    readings = problem.data.q[:, joint - 1]
+    column = joint - 1
+    own = problem.robot.joints[column]
+    readings = problem.data.q[:, column]
     width = float(np.ptp(readings))
     if own.prismatic:
         turn = 2 * np.pi

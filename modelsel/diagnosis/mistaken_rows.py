@@ -184,7 +184,8 @@ def explain_rows(
     near = MATCH_THRESHOLD * max(scale, MIN_SCALE_MM)
     far = MIN_RATIO * near
     selected = problem.take(suspected)
-    before = compute_lengths(left(selected))
+    left_selected = left(selected)
+    before = compute_lengths(left_selected)
     is_open = before > far
     is_told = np.zeros(len(before), bool)
     places = np.flatnonzero(suspected)
@@ -193,11 +194,12 @@ def explain_rows(
     for slip in (*_generate_slips(selected), stale):
         corrected = slip.correct(selected)
         after = compute_lengths(left(corrected))
-        explained = is_open & (after < near)
+        is_near = after < near
+        explained = is_open & is_near
         if explained.any():
             # rows that have the slip where it changes little
             is_improved = after < before / MIN_IMPROVEMENT
-            explained = ~is_told & is_improved & (after < near)
+            explained = ~is_told & is_improved & is_near
             sentence = _describe(slip, selected, explained, before, after)
             slipped = np.zeros(len(data), bool)
             slipped[places[explained]] = True

@@ -63,7 +63,8 @@ class Diagnosis:
         dropped = []
         for step in self.path:
             label = step.removeprefix(DROPPED)
-            if label != step and label not in kept:
+            was_dropped = label != step
+            if was_dropped and label not in kept:
                 dropped.append(label)
         return tuple(dict.fromkeys(dropped))
 

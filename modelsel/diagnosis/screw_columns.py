@@ -94,11 +94,13 @@ class _RowBlock:
             return
         for every, inverse in zip(whole.rows, whole.inverse, strict=True):
             blocks, size = every.shape
-            for piece in split_range(blocks, CACHED_ROWS // size):
+            cached_blocks = CACHED_ROWS // size
+            for piece in split_range(blocks, cached_blocks):
                 own = every[piece]
                 places = np.arange(own.size)
                 there = places.reshape(own.shape)
-                mixing = Mixing((there,), (inverse[piece],))
+                own_inverse = inverse[piece]
+                mixing = Mixing((there,), (own_inverse,))
                 flat = own.reshape(-1)
                 yield flat, mixing
 

@@ -94,7 +94,8 @@ def _name_driver(name: str) -> str:
     variable = parse_state_name(name)
     if variable is None or variable.kind not in WITHOUT_MASSES:
         return name
-    loaded = replace(variable, kind=WITHOUT_MASSES[variable.kind], frame=None)
+    massless_kind = WITHOUT_MASSES[variable.kind]
+    loaded = replace(variable, kind=massless_kind, frame=None)
     return loaded.name
 
 
@@ -108,7 +109,8 @@ def _read_shape(candidate: Candidate) -> Hashable:
         quarters = round(count / QUARTER)
         return candidate.kind, joint, quarters
     if candidate.kind in WITH_PLACE:
-        return candidate.kind, frozenset(candidate.mechanism.names_by_place().items())
+        names_by_place = candidate.mechanism.names_by_place()
+        return candidate.kind, frozenset(names_by_place.items())
     if candidate.but_for_sign:
         return candidate.but_for_sign[0].name
     return _read_cause(candidate) or candidate.screws

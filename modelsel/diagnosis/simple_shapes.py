@@ -91,12 +91,14 @@ def _choose_falls(angles: Array) -> Iterator[float]:
     distinct = np.unique(phases)
     end = distinct[0] + turn
     gaps = np.diff(distinct, append=end)
-    between = distinct + 0.5 * gaps
+    half_gaps = 0.5 * gaps
+    between = distinct + half_gaps
     number = len(between)
     count = min(FALLS, number)
     chosen = np.linspace(0, number - 1, count)
     for place in chosen:
-        fall = between[round(place)]
+        nearest = round(place)
+        fall = between[nearest]
         rounded = f"{fall:.6g}"
         yield float(rounded)
 

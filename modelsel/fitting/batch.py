@@ -109,8 +109,9 @@ class Ensemble:
 
     def _left(self, twist: Twist, D: int) -> Array:
         """Subtract predicted from measured (D, c, m), of the rows as points."""
-        if self._bare is not None:
-            return self._bare._left(twist, D)
+        bare = self._bare
+        if bare is not None:
+            return bare._left(twist, D)
         if self.problem.components == 3:
             return self._positions.residuals(twist, D)
         return self._poses(twist, D)

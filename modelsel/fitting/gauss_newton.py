@@ -61,7 +61,8 @@ class WholeProblem:
         for _ in range(ROUNDS):
             judged = solver.judge(state)
             stays = judged.stays(state, earlier)
-            if stays and state.step_mm < step_mm:
+            is_small_step = state.step_mm < step_mm
+            if stays and is_small_step:
                 if _is_near(solver, state, step_mm):
                     break
                 expanded = _expand_here(solver, state)

@@ -150,7 +150,8 @@ class Rows:
 
     def at(self, theta: Array) -> Slope:
         """Evaluate at parameters theta (p,)."""
-        total = Slope.zero(len(theta))
+        count = len(theta)
+        total = Slope.zero(count)
         for _, part in self.parts():
             slope = part.at(theta, self.space)
             total = total.plus(slope)

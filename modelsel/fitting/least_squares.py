@@ -96,7 +96,8 @@ class Fit:
         nothing."""
         if self.freedom <= 0:
             return float("nan")
-        variance = max(self.rss / self.freedom, TINY)
+        mean_square = self.rss / self.freedom
+        variance = max(mean_square, TINY)
         return float(np.sqrt(variance))
 
     @cached_property

@@ -165,7 +165,8 @@ class SamePointObservation(Observation):
 
     def gradients(self, x: Array) -> tuple[Array, Array]:
         G, E = _zeros(x)
-        for k in range(3):
+        axes = range(3)
+        for k in axes:
             G[k, k] = 1.0
             E[k, k] = -1.0
         return G, E

@@ -74,7 +74,8 @@ def _describe_ignored(table: Table, textual: Sequence[str], unusable: Sequence[s
     notes = []
     if textual:
         names = ", ".join(one_line(name) or NO_NAME for name in textual)
-        notes.append(Note("columns-ignored", f"Columns that hold no numbers are ignored: {names}."))
+        sentence = f"Columns that hold no numbers are ignored: {names}."
+        notes.append(Note("columns-ignored", sentence))
     if unusable:
         listed = ", ".join(_say_why_unusable(table, name) for name in unusable)
         sentence = f"Columns that cannot serve as causes are ignored: {listed}."

@@ -30,7 +30,8 @@ def split_full_names(table: Table) -> Table:
             different = set(parts)
             is_new = name not in columns
             if is_new and len(different) > 1:
-                columns[name] = np.array(parts, dtype=object)
+                new_cells = np.array(parts, dtype=object)
+                columns[name] = new_cells
     return replace(table, columns=columns)
 
 

@@ -246,7 +246,8 @@ class Measurements:
     def __repr__(self) -> str:
         count = len(self)
         rows = count_words(count, "row")
-        configurations = count_words(self.configurations, "configuration")
+        configuration_count = self.configurations
+        configurations = count_words(configuration_count, "configuration")
         target_count = len(self.targets)
         targets = count_words(target_count, "target")
         return f"Measurements: {rows}, {configurations}, {targets}"

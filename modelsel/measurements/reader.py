@@ -246,11 +246,12 @@ def _read_joints(table: Table, prismatic: Sequence[bool]) -> Array:
         if not slides and f"q{j}_rad" in table:
             refuse_degrees(table, j, q)
         columns.append(q)
+    joint_count = len(prismatic)
     for name in table.columns:
         match = JOINT_COLUMN.fullmatch(name)
-        if match and not 1 <= int(match[1]) <= len(prismatic):
+        if match and not 1 <= int(match[1]) <= joint_count:
             table_words = "the file" if table.where.is_file else "it"
-            count = count_words(len(prismatic), "joint")
+            count = count_words(joint_count, "joint")
             raise table.where.refuse(
                 f"{table_words} has a joint q{int(match[1])}, but the robot has {count}.",
                 column=name,

@@ -167,7 +167,8 @@ class Where:
         """Say how to map columns that have other names: contract name -> their own."""
         if self.is_file:
             pairs = ", ".join(f'{wanted} = "{given}"' for wanted, given in columns.items())
-            options = " ".join(_write_options(columns))
+            written = _write_options(columns)
+            options = " ".join(written)
             return (
                 f"in the study file: [measurements] columns = {{ {pairs} }} (for a command without a "
                 f"study file: {options})"

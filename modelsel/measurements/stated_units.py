@@ -29,7 +29,8 @@ def find_stated_unit(comments: Mapping[int, str]) -> tuple[str, int] | None:
         match = UNITS_SAID.match(text)
         if match is None:
             continue
-        words = [word.lower() for word in WORD.findall(match[1])]
+        said = match[1]
+        words = [word.lower() for word in WORD.findall(said)]
         units = {find_unit(word) or LONG_NAMES.get(word, word) for word in words}
         lengths = units & set(LENGTHS)
         if len(lengths) > 1:
@@ -37,7 +38,8 @@ def find_stated_unit(comments: Mapping[int, str]) -> tuple[str, int] | None:
         for unit in lengths:
             found[unit] = line
     pairs = list(found.items())
-    return pairs[0] if len(pairs) == 1 else None
+    is_clear = len(pairs) == 1
+    return pairs[0] if is_clear else None
 
 
 def list_position_units(

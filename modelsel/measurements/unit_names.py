@@ -90,7 +90,8 @@ def refuse_mapped_units(
     where = table.where
     for wanted, given in columns.items():
         stem, _, unit = wanted.rpartition("_")
-        small = given.strip("])} ").lower()
+        unbracketed = given.strip("])} ")
+        small = unbracketed.lower()
         words = re.split(r"[^a-zµμ]+", small)
         said = words[-1]
         units, _ = _units_of(stem, said, prismatic, True)
@@ -99,7 +100,8 @@ def refuse_mapped_units(
             units = {**LENGTHS}
         elif is_joint:
             units = {**ANGLES, **DEGREES}
-        is_wanted = said in (unit, *WORDS) or find_unit(said) == find_unit(unit) == "in"
+        is_inch = find_unit(said) == find_unit(unit) == "in"
+        is_wanted = said in (unit, *WORDS) or is_inch
         if said in units and not is_wanted:
             raise where.refuse(
                 f'it is given for {wanted}, but its name says "{said}", not "{unit}".',

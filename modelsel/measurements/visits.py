@@ -157,9 +157,11 @@ def order_units(unit: Index, progress: Array) -> tuple[Index, Index]:
     """Number units as the arm came to them, the same whatever the rows' order: (every row's unit
     (m,), the first row (u,) of each)."""
     is_present = np.bincount(unit) > 0
-    number = (np.cumsum(is_present) - 1)[unit]
+    place = np.cumsum(is_present) - 1
+    number = place[unit]
     sequence = np.argsort(progress, kind="stable")
-    first_rows = np.empty(int(is_present.sum()), dtype=np.intp)
+    count = int(is_present.sum())
+    first_rows = np.empty(count, dtype=np.intp)
     # from the last row to the first, which is what stays
     backwards = sequence[::-1]
     first_rows[number[backwards]] = backwards

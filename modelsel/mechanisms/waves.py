@@ -61,10 +61,12 @@ def _split_factor(cause: Cause) -> tuple[float, Cause]:
     """Split a cause into the product of its constant factors and the rest."""
     factor = 1.0
     while isinstance(cause, Combined) and cause.operator == "*":
-        if isinstance(cause.left, Number):
-            factor, cause = factor * cause.left.number, cause.right
-        elif isinstance(cause.right, Number):
-            factor, cause = factor * cause.right.number, cause.left
+        left = cause.left
+        right = cause.right
+        if isinstance(left, Number):
+            factor, cause = factor * left.number, right
+        elif isinstance(right, Number):
+            factor, cause = factor * right.number, left
         else:
             break
     return factor, cause

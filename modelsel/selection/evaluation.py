@@ -133,7 +133,8 @@ def evaluate(
         with suppress(NotEstimable):
             validation = cross_validate_fit(rows, fitted, folds)
     residual, left = _measure(split, rows, fitted, folds, validation)
-    length = np.linalg.norm(left[:, :3], axis=1)
+    position_left = left[:, :3]
+    length = np.linalg.norm(position_left, axis=1)
     inside = split.estimation
     outside = ~inside
     outlying = split.outlying

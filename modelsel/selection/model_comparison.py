@@ -141,15 +141,17 @@ def _split(problem: Problem, folds: int, seed: int, estimation: Mask | None) -> 
     inside = np.ones(rows, bool)
     if estimation is not None:
         inside = np.asarray(estimation, bool)
-    if inside.shape != (rows,):
+    shape = inside.shape
+    if shape != (rows,):
         raise ValueError(
-            f"estimation has shape {inside.shape}; expected ({rows},), one truth value per row"
+            f"estimation has shape {shape}; expected ({rows},), one truth value per row"
         )
     data = problem.data.take(inside)
     rng = generator(seed, "folds")
     outlying = np.zeros(rows, bool)
     fold = np.full(rows, -1, dtype=np.intp)
-    fold[inside] = assign_folds(data, folds, rng)
+    estimation_fold = assign_folds(data, folds, rng)
+    fold[inside] = estimation_fold
     return Split(problem, inside, outlying, fold, known_sigma=False)
 
 
@@ -185,10 +187,12 @@ def _influence(length: Array, configuration: Index) -> Array:
     rows = len(length)
     square = np.square(length)
     mean_square = square.mean()
-    rms = float(np.sqrt(mean_square))
+    root = np.sqrt(mean_square)
+    rms = float(root)
     square_sum = np.bincount(unit, square)
     count = np.bincount(unit)
-    expected = count * rms**2
+    expected_square = rms**2
+    expected = count * expected_square
     excess = square_sum - expected
     size = max(rms, TINY)
     divisor = 2 * rows * size

@@ -171,7 +171,8 @@ class _Shortlist:
         gained = self._change(joining, 1.0)
         self.inside[leaving] = False
         self.inside[joining] = True
-        self.ceiling /= 1 - lost
+        remaining = 1 - lost
+        self.ceiling /= remaining
         self.floor /= 1 + gained
         self.swaps += 1
 

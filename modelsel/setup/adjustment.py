@@ -120,9 +120,10 @@ def _take_step(sight: Sight, at: Placed, step: Array) -> Placed:
     """Take a step (p,) of the unknowns of `normal_equations`."""
     G = sight.groups
     T = len(at.tools)
-    first_turn = 6 * G + 3 * T
-    of_groups = step[: 6 * G].reshape(G, 6)
-    of_tools = step[6 * G : first_turn]
+    first_tool = 6 * G
+    first_turn = first_tool + 3 * T
+    of_groups = step[:first_tool].reshape(G, 6)
+    of_tools = step[first_tool:first_turn]
     of_turns = step[first_turn:].reshape(-1, 3)
     turn = of_groups[:, :3]
     shift = of_groups[:, 3:]
@@ -133,7 +134,8 @@ def _take_step(sight: Sight, at: Placed, step: Array) -> Placed:
         turning_points.append(turning_point)
     middle = np.array(turning_points)
     turned_middle = np.einsum("gij,gj->gi", W, middle)
-    R = [nearest_rotation(product) for product in W @ at.R]
+    products = W @ at.R
+    R = [nearest_rotation(product) for product in products]
     turned = at.turned
     if turned is not None and len(of_turns):
         turned = from_rotation_vector(of_turns) @ turned

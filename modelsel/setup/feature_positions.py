@@ -86,9 +86,11 @@ def _find_place(feature: Feature, x: Array, length: Array) -> _Place:
     if feature.position is not None:
         centre = np.array(feature.position)
     if feature.kind == "same-point":
-        return _Place(centre, axes=np.eye(3), length=0.0)
+        unturned = np.eye(3)
+        return _Place(centre, axes=unturned, length=0.0)
     if feature.normal is None:
-        centred = x - x.mean(0)
+        mean = x.mean(0)
+        centred = x - mean
         _, _, directions = np.linalg.svd(centred)
         normal = directions[-1]
     else:

@@ -145,19 +145,22 @@ def _add_offsets(problem: Problem, good: float, arm: Arm, groups: Sequence[list[
     before = np.inf
     misfit = arm.compute_misfit(problem)
     while len(taken) < MAX_PARTS and good < misfit < MIN_FALL * before:
-        links = sum(len(group) > 1 for group in taken)
+        linked = [len(group) > 1 for group in taken]
+        links = sum(linked)
         offered = []
         for group in groups:
             is_link = len(group) > 1
             is_allowed = not is_link or links < MAX_LINKS
-            if is_allowed and group not in taken:
+            is_untaken = group not in taken
+            if is_allowed and is_untaken:
                 offered.append(group)
         if not offered:
             break
         present = [k for group in taken for k in group]
         fitted = []
         for group in offered:
-            extended = fit_offsets(problem, arm, [*present, *group], True)
+            numbers = [*present, *group]
+            extended = fit_offsets(problem, arm, numbers, True)
             fitted.append(extended)
         misfits = [a.compute_misfit(problem) for a in fitted]
         best = int(np.argmin(misfits))

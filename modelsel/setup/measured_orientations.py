@@ -132,7 +132,8 @@ def _describe_best(seen: Array, flange: Array, tracker: Array | None) -> str | N
     before = _compute_angle(seen, flange, tracker)
     if before is None or before < GOOD_ANGLE:
         return None
-    limit = min(GOOD_ANGLE, before / MIN_IMPROVEMENT)
+    improved = before / MIN_IMPROVEMENT
+    limit = min(GOOD_ANGLE, improved)
     guesses = []
     for corrected, words, look in _generate_corrections(seen):
         angle = _compute_angle(corrected, flange, tracker)

@@ -102,10 +102,11 @@ def _describe(problem: Problem, label: Index, before: float, after: float) -> st
         names.append(f'"{data.targets[a]}" is "{other}"')
     count = int(is_other.sum())
     spans = data.where.spans(data.row[is_other])
+    exchanged = sentence_list(names)
     improvement = describe_improvement(before, after)
     return (
         f"In {count:,} of {len(given):,} rows targets have each other's names "
-        f"({spans}): {sentence_list(names)} there. "
+        f"({spans}): {exchanged} there. "
         "With the names changed the positions "
         f"fit {improvement} "
         f"({write_rounded(after, 2)} mm instead of {write_rounded(before)} mm, "

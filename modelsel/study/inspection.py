@@ -86,15 +86,16 @@ def _count_kinds(data: Measurements) -> dict[str, Any]:
 def _describe_joints(robot: Robot, data: Measurements) -> list[dict[str, Any]]:
     joints = []
     for j, joint in enumerate(robot.joints):
-        low, high = float(data.q[:, j].min()), float(data.q[:, j].max())
+        readings = data.q[:, j]
+        low, high = float(readings.min()), float(readings.max())
         share = None
         beyond = 0
         if joint.limits is not None:
             least, most = joint.limits
             inside = min(high, most) - max(low, least)
             share = max(inside, 0.0) / (most - least)
-            is_below = data.q[:, j] < least - LIMIT_TOLERANCE
-            is_above = data.q[:, j] > most + LIMIT_TOLERANCE
+            is_below = readings < least - LIMIT_TOLERANCE
+            is_above = readings > most + LIMIT_TOLERANCE
             beyond = int((is_below | is_above).sum())
         description = {
             "joint": j + 1,

@@ -36,8 +36,10 @@ def refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
         first, wanted = "q1_deg", f"q1_deg to q{robot.n}_deg"
     names = list(table.columns)
     shown = names[:MAX_SHOWN]
-    listed = ", ".join(f'"{name}"' for name in shown)
-    joints = f"{robot.name} has {count_words(robot.n, 'joint')}"
+    quoted = [f'"{name}"' for name in shown]
+    listed = ", ".join(quoted)
+    joint_count = count_words(robot.n, "joint")
+    joints = f"{robot.name} has {joint_count}"
     return where.refuse(
         f"nothing looks like {choice.what}: {joints}, and the columns are {listed}.",
         remedy=f"Say which they are: --column {first}=NAME, and so on ({wanted}).",

@@ -70,6 +70,7 @@ def _list_named(table: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _list_texts(place: str, names: object) -> Iterator[tuple[str, str]]:
-    for name in names if isinstance(names, list) else ():
+    listed = names if isinstance(names, list) else ()
+    for name in listed:
         if isinstance(name, str):
             yield place, name

@@ -165,10 +165,12 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
     if not len(table):
         raise table.where.refuse("a header, but no rows.")
     as_given = table
-    converted = convert_units(table, robot.prismatic, set(given.values()))
-    table, meanings = offer_meanings(converted.table, robot.prismatic, given.values())
+    prismatic = robot.prismatic
+    converted = convert_units(table, prismatic, set(given.values()))
+    table, meanings = offer_meanings(converted.table, prismatic, given.values())
     renamed = rename_columns(table, given)
-    choices = guess_columns(renamed, robot.prismatic, read_joint_names(robot))
+    joint_names = read_joint_names(robot)
+    choices = guess_columns(renamed, prismatic, joint_names)
     for choice in choices:
         if not choice.readings:
             raise refuse_missing(as_given, choice, robot)
@@ -179,7 +181,8 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
     if gears is not None:
         draft = replace(draft, gears=gears).remark(gears.sentence)
     taken = {*draft.columns.values(), *given}
-    optional = guess_optional_columns(rename_columns(draft.measured, given), taken)
+    measured = rename_columns(draft.measured, given)
+    optional = guess_optional_columns(measured, taken)
     draft = replace(draft, optional=tuple(optional))
     return settle_by_arm(draft)
 

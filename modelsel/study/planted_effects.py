@@ -27,9 +27,10 @@ def name_effect(number: int) -> str:
 def list_frame_problems(study: Study, robot: Robot) -> list[str]:
     """List the effects whose frame the robot does not have."""
     last_frame = robot.n + 1
+    numbered_effects = enumerate(study.simulate.effect, 1)
     return [
         f"{name_effect(number)}: frame {effect.frame}, but {robot.name} has frames 1 to {last_frame}."
-        for number, effect in enumerate(study.simulate.effect, 1)
+        for number, effect in numbered_effects
         if effect.frame > last_frame
     ]
 

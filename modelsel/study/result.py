@@ -197,19 +197,21 @@ def load_result(folder: Path | str) -> Result:
 
 def _calibrate(run: StudyRun) -> Calibration:
     """Return a run's chosen model as a calibration, with what its other forms take."""
-    fitted = run.models.chosen.fit
+    chosen = run.models.chosen
+    fitted = chosen.fit
     calibration = calibrate(
         run.study.name,
         run.split,
         fitted,
         run.floor,
-        run.models.chosen.held_out.rms_mm,
+        chosen.held_out.rms_mm,
         bool(run.study.robot.register_),
         run.provenance,
     )
     table = run.study.measurements
     form = FileForm(table.columns, table.sheet, table.decimal, not table.header, table.joined)
     refits = refit_forms(run.split, fitted, run.models.ladder)
-    doubtful = [one.effect.candidate for one in run.diagnosis.findings if one.doubtful]
+    findings = run.diagnosis.findings
+    doubtful = [one.effect.candidate for one in findings if one.doubtful]
     names = tuple(candidate.mechanism.name for candidate in doubtful)
     return replace(calibration, refits=refits, form=form, doubtful=names)

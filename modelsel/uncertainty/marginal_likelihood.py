@@ -108,9 +108,10 @@ class MarginalLikelihood:
         projection (I − QQᵀ) ρ. Weights enter the gradient alone, which is a step of
         expectation-maximisation."""
         basis = self.basis
+        transposed = basis.T
         if self.scales == 1:
             projection = weighted @ basis
-            change = projection @ basis.T
+            change = projection @ transposed
             return np.subtract(residual, change, out=change)
         precision = inverse**2
         gradient = (weighted * precision) @ basis
@@ -118,7 +119,7 @@ class MarginalLikelihood:
         information = self._information(log_s)
         step = np.linalg.solve(information, gradient)
         step = step[:, :, 0]
-        change = step @ basis.T
+        change = step @ transposed
         least = residual - change
         return np.asarray(least)
 

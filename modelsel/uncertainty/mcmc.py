@@ -252,9 +252,11 @@ def propose_independent(
     proposal = mean + step
     held = list(held)
     proposal[:, held] = x[:, held]
-    standard = (x - mean) / spread
+    from_mean = x - mean
+    standard = from_mean / spread
     squares = np.square(drawn)
     squares -= np.square(standard)
     squares[:, held] = 0.0
-    log_factor = 0.5 * squares.sum(1)
+    difference = squares.sum(1)
+    log_factor = 0.5 * difference
     return proposal, log_factor

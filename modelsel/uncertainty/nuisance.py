@@ -67,10 +67,11 @@ def assign_components(problem: Problem, instrument: Instrument | None = None) ->
     mixed = problem.data.gauges is not None
     whitening = problem.whitening
     estimated = whitening.stated is not None
-    if not mixed and not estimated and problem.data.sigma is not None:
+    is_uniform = not mixed and not estimated
+    if is_uniform and problem.data.sigma is not None:
         component = [0, 1, 2]
         names = ["noise in x", "noise in y", "noise in z"]
-    elif not mixed and not estimated and instrument is not None:
+    elif is_uniform and instrument is not None:
         problem = align_with_beam(problem, instrument)
         component = [0, 1, 1]
         names = ["noise along the beam", "noise across the beam"]
