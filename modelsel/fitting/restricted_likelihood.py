@@ -23,9 +23,9 @@ from .shared_errors import Layout, Mixing, SharedError, confine, keep_within
 # of L-BFGS-B: changes of twice the log likelihood, and its slope, at which it ends
 EXACT = {"maxiter": 60, "ftol": 1e-13, "gtol": 1e-5}
 ROUGH = {"maxiter": 20, "ftol": 1e-7, "gtol": 3e-2}
-# times the mean square of ε that a part's is at most, a hundredfold standard deviation: no instrument
+# times the mean square of ε that a part's is at most, thirtyfold the standard deviation: no instrument
 # is without noise, and rows without any would decide everything; of that, from which it has arrived
-LARGEST_SHARE, NEARLY = 1e4, 0.9
+LARGEST_SHARE, NEARLY = 1e3, 0.9
 # times the mean square of ε, from where the maximum is sought, and below which a part is none
 LEAST_SHARE, NO_PART = 3e-7, 3e-5
 
