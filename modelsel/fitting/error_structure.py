@@ -169,7 +169,7 @@ def find_structure(
         chosen, at = _go_on(model, offered, before)
     others: list[Likelihood] = []
     for _ in range(MOST_STEPS):
-        if len(chosen) >= MAX_PARTS or at.is_bounded:
+        if len(chosen) >= MAX_PARTS:
             break
         found, unsure = find_next(at, offered, chosen)
         if found is None:

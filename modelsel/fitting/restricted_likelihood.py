@@ -23,11 +23,11 @@ from .shared_errors import Layout, Mixing, SharedError, confine, keep_within
 # of L-BFGS-B: changes of twice the log likelihood, and its slope, at which it ends
 EXACT = {"maxiter": 60, "ftol": 1e-13, "gtol": 1e-5}
 ROUGH = {"maxiter": 20, "ftol": 1e-7, "gtol": 3e-2}
-# times the mean square of ε that a part's is at most, thirtyfold the standard deviation: no instrument
-# is without noise, and rows without any would decide everything; of that, from which it has arrived
-LARGEST_SHARE, NEARLY = 1e3, 0.9
-# times the mean square of ε, from where the maximum is sought, and below which a part is none
-LEAST_SHARE, NO_PART = 3e-7, 3e-5
+# times the mean square of ε that a part's is at most: no instrument is without noise, and rows
+# without any would decide everything
+LARGEST_SHARE = 30.0
+# of that, where the maximum is sought, and below which a part is none
+LEAST_SHARE, NO_PART = 1e-8, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,17 +68,6 @@ class Likelihood:
     def phi(self) -> float:
         """Variance φ of one coordinate."""
         return _choose_phi(self.parts, self.square, self.model.freedom)
-
-    @property
-    def is_bounded(self) -> bool:
-        """Whether a part is as large as it may be: then what the instrument adds cannot be told."""
-        nearly = NEARLY * LARGEST_SHARE
-        for part in self.parts:
-            unit = _mean_square(part)
-            share = part.variance * unit
-            if part.known is None and share > nearly:
-                return True
-        return False
 
     def solve(self, values: Array) -> Array:
         """Compute P times values (m, c, k)."""
@@ -231,8 +220,8 @@ def maximise_likelihood(
             loss[-1] += model.freedom - at.square / at.phi
         return -at.log, loss / scale
 
-    unit = 1 / np.array([_mean_square(part) for part in every])
-    low, high = np.log(LEAST_SHARE * unit) - start, np.log(LARGEST_SHARE * unit) - start
+    largest = LARGEST_SHARE / np.array([_mean_square(part) for part in every])
+    low, high = np.log(LEAST_SHARE * largest) - start, np.log(largest) - start
     bounds = np.stack([low, high])[:, is_sought]
     if is_known.any():
         bounds = np.column_stack([bounds, [-high[is_known].min(), -low[is_known].max()]])
@@ -242,7 +231,7 @@ def maximise_likelihood(
     )
     ended = best.look(found.x)
     variance = np.array([part.variance for part in ended.parts])
-    is_there = ~is_sought | (variance >= NO_PART * unit)
+    is_there = ~is_sought | (variance >= NO_PART * largest)
     if is_there.all():
         return ended
     there = [part for part, kept in zip(ended.parts, is_there, strict=True) if kept]

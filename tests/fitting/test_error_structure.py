@@ -413,26 +413,3 @@ def test_shared_errors_of_the_same_rows_are_worked_out_once(rng: np.random.Gener
     shared = structure_of(at).whiten(at).whitening.shared
     assert isinstance(shared, SharedErrors)
     assert shared.take(slice(0, 40)) is shared.take(slice(0, 40))
-
-
-@seeds(1, 2)
-def test_a_part_may_be_far_louder_than_the_instrument(rng) -> None:
-    """Errors that targets share, twenty times the instrument's: both are told as they are."""
-    shared = 20 * SIGMA
-    at = campaign(rng, targets=2)
-    at = move_levels(at, at.data.configuration, shared, rng)
-    instrument, configuration = structure_of(at).parts
-    assert configuration.name == "configuration"
-    assert instrument.low / 1.25 < SIGMA < 1.25 * instrument.high
-    assert configuration.low / 1.25 < shared < 1.25 * configuration.high
-
-
-@seeds(1, 2)
-def test_without_noise_of_an_instrument_one_part_is_all(rng) -> None:
-    """Markers of a rigid body: there is no second part, however little the first leaves."""
-    at = campaign(rng, targets=2)
-    exact = np.stack(
-        [forward(ARM, q[None], TOOLS[t])[0] for q, t in zip(at.data.q, at.data.target, strict=True)]
-    )
-    at = move_levels(measured(at, exact), at.data.configuration, 0.1, rng)
-    assert structure_of(at).names == ("configuration",)
