@@ -469,9 +469,9 @@ def test_a_campaign_without_uncertainty_proves_nothing_of_the_other(rng) -> None
     second = calibrated(rng, model, theta)
     exact = replace(second, factor=np.zeros_like(second.factor))
     (only,) = compare_campaigns(first, exact).mechanisms
-    assert (only.what, only.seen_mm) == ("may have come", None)
+    assert (only.what, only.seen_mm) == ("may have appeared", None)
     assert "From where on the first would have named it is not known" in describe_change(only)
-    empty = replace(only, what="may have gone", before_mm=0.0, after_mm=0.0, only_in="first")
+    empty = replace(only, what="may have disappeared", before_mm=0.0, after_mm=0.0, only_in="first")
     assert "is named in the first campaign only, with 0 mm" in describe_change(empty)
 
 

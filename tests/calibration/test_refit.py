@@ -249,7 +249,7 @@ def test_worse_than_nominal_is_said_first(puma, tmp_path) -> None:
     out = CliRunner().invoke(run_command_line, words).output
     assert (
         out.splitlines()[0]
-        == "Warning: this file is worse than the nominal arm: 1.12 mm rms against 1 mm, held out."
+        == "Warning: this file is worse than the nominal arm: 1.12 mm rms against 1.00 mm, held out."
     )
     told = json.loads(CliRunner().invoke(run_command_line, [*words, "--json"]).output)
     assert told["worse_than_nominal"]

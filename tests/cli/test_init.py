@@ -58,7 +58,7 @@ def test_german_excel_to_a_study_that_runs(tmp_path) -> None:
     assert ran.exit_code == 0, ran.output
     said = ran.stdout.splitlines()
     assert said[:6] == [
-        "Robot: ur10, 6 joints, links of 1683 mm in all.",
+        "Robot: ur10, 6 joints, links of 1,683 mm in all.",
         (
             "Messung 3.csv is read as it is: text in Windows-1252, cells separated by semicolons, "
             "decimal commas."
@@ -490,12 +490,12 @@ def test_numbers_that_are_far_off_are_explained() -> None:
     assert ran.exit_code == 0, ran.output
     assert "that is far." in ran.stdout
     assert re.search(
-        r"The positions fit (\d+ times|far) better .* if the positions are inches", ran.stdout
+        r"The positions fit ([\d,]+ times|far) better .* if the positions are inches", ran.stdout
     )
     campaign().to_csv("n.csv", index=False)
     other = invoked("init", "n.csv", "--robot", "ur5", "--yes")
     assert re.search(
-        r'The readings fit robot "ur10" (\d+ times|far) better than "ur5"', other.stdout
+        r'The readings fit robot "ur10" ([\d,]+ times|far) better than "ur5"', other.stdout
     )
 
 
