@@ -51,7 +51,8 @@ def test_a_study_of_few_candidates_says_that_no_other_was_considered(asked: list
     result = run_study(study, STUDY, sampling=False).record.to_dict()
     names = " and ".join(asked)
     assert result["verdict"][1].endswith(
-        f"Only {names} could be named: no other cause was considered."
+        f"Only {names} could be named: no other cause was considered, "
+        "and an error that has one may seem not to repeat."
     )
     warnings = {w["code"]: w["sentence"] for w in result["warnings"]}
     assert warnings["candidates-restricted"].startswith(

@@ -107,7 +107,7 @@ def test_lack_of_fit_is_uniform_where_there_is_none(rng) -> None:
         assert lack_of_fit_notes(found) == ()
     (note,) = lack_of_fit_notes(LackOfFit(0.5, 1 - 1e-5, 0.1, 0.0, 0.0, 0.0))
     assert note.code == "lack-of-fit"
-    assert "of the floor of 0.1 mm per coordinate it leaves 0.0707 mm" in note.sentence
+    assert "of the floor of 0.100 mm per coordinate it leaves 0.0707 mm" in note.sentence
     for found, stated in (
         (LackOfFit(0.5, 1 - 1e-5, 0.1, 0.0, 0.0, 0.0), False),
         (LackOfFit(0.5, 0.99, 0.1, 0.0, 0.0, 0.0), True),

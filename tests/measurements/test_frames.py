@@ -127,7 +127,7 @@ def test_a_frame_is_refused_in_a_file_s_words(case, tmp_path) -> None:
     [
         ({"x_mm": [1]}, "found dict"),
         (bad().rename(columns={"x_mm": 3}), "called 3"),
-        (pd.concat([bad(), bad()[["x_mm"]]], axis=1), "stands twice"),
+        (pd.concat([bad(), bad()[["x_mm"]]], axis=1), "appears twice"),
     ],
 )
 def test_what_is_no_table_is_refused(source, says) -> None:

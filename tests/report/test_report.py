@@ -696,7 +696,7 @@ def test_sections_come_with_their_content(drawn, rng) -> None:
     assert set(full.pictures) == {"frames.svg", "correlation.svg", "posterior.svg"}
     text = plain("".join(texts(pdf)))
     for word in (
-        "gravity-twist1.2342.000<0.001−3.2–→0.50092 %",
+        "gravity-twist1.2342.000<0.001−3.2–→0.50092%",
         "gravity-twist:largerthanusual",
         "p0goeswithp1.",
         "Theclosedformsaysthesame.",

@@ -12,6 +12,7 @@ import pytest
 from report_studies import source_of, terminal_lines, written
 
 from modelsel import Result, read_study, run_study
+from modelsel.diagnosis.sentences import format_angle
 from modelsel.measurements.row_places import Where
 from modelsel.report import drawing
 from modelsel.report.comparison_page import _write_finding
@@ -205,7 +206,10 @@ def test_a_turn_of_the_target_is_told_in_mrad_by_a_study(tmp_path) -> None:
     assert " mrad (95 %: " in finding["turning"]["text"]
     assert not [one for one in finding["usable"] if one["unit"] == "mm"]
     rest = result.record.nothing_else
-    assert f" mm or {rest.detection_limit_mrad:.3g} mrad of orientation rms" in rest.sentence
+    assert (
+        f" mm or {format_angle(1e-3 * rest.detection_limit_mrad)} of orientation rms"
+        in rest.sentence
+    )
     # noise of 0.1 mrad and of 0.02 mm
     ratio = rest.detection_limit_mrad / rest.detection_limit_mm
     assert ratio == pytest.approx(5.0, rel=0.2)

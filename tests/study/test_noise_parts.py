@@ -241,7 +241,9 @@ def test_parts_may_be_looked_for_forbidden_or_fixed(repeated) -> None:
     assert fixed["instrument"][0] < 0.02 < fixed["instrument"][2]
     sentences = [part.sentence for part in result.record.repeatability]
     (said,) = (sentence for sentence in sentences if sentence.startswith("Joint 2"))
-    assert said.startswith("Joint 2 does not repeat better than 80 µrad (as the study gives it): ")
+    assert said.startswith(
+        "Joint 2 does not repeat better than 80.0 µrad (as the study gives it): "
+    )
 
 
 @pytest.mark.integration

@@ -625,7 +625,7 @@ def test_many_rows_are_sampled_reduced_and_said(rng: np.random.Generator) -> Non
     aim = build_log_posterior(data, fitted, BASE, BUILTIN)
     assert not aim.exact
     assert aim.names == (*(label_terms(MODEL)[k] for k in named(fitted)), "noise scale")
-    assert "600 rows are too many" in describe_sampling(aim)
+    assert "of 600 rows, would take too long" in describe_sampling(aim)
 
 
 @pytest.mark.integration
