@@ -17,10 +17,11 @@ from typing import NamedTuple
 import numpy as np
 
 from .._linalg import TINY
-from .._typing import Array, Index, Mask
+from .._typing import Index, Mask
 from .design import compute_design
 from .least_squares import Fit
 from .noise import compute_interval
+from .part_certainty import bound_instrument, count_freedom, measure_certainty
 from .part_trials import LEVEL, change_length, compute_p, find_next
 from .possible_parts import MIN_LEVELS, PossiblePart
 from .problem import Problem
@@ -42,8 +43,6 @@ MAX_ROWS = 2048
 DIGITS = 4
 # largest number of a model's columns that are projected out of the rows
 MANY_COLUMNS = 96
-# factor by which a correlation length is changed, for the derivative by it
-STEP = 1.05
 # largest factor between two variances, relative to the instrument's, that counts as no change
 MAX_CHANGE = 1.3
 
@@ -274,7 +273,7 @@ def _leave_out_weakest(
     chosen: Sequence[PossiblePart], at: Likelihood, exact: bool = True
 ) -> _LeftOut | None:
     """Leave out the least certain part; None where all are certain."""
-    certainty = _measure_certainty(at)
+    certainty = measure_certainty(at)
     k = int(np.argmin(certainty))
     if certainty[k] > CERTAIN:
         return None
@@ -294,22 +293,6 @@ def _match(chosen: Sequence[PossiblePart], at: Likelihood) -> list[PossiblePart]
 def _sort(parts: Sequence[SharedError], offered: Sequence[PossiblePart]) -> list[SharedError]:
     """Sort parts in the order of the candidates, whatever the order in which they were found."""
     return [part for one in offered for part in parts if one.error.is_like(part)]
-
-
-def _measure_certainty(at: Likelihood) -> Array:
-    """Measure (k,) the parts' variances in units of their standard errors; infinite for known ones."""
-    moved = np.concatenate([at.slope(part)[1] for part in at.parts], axis=2)
-    variances = np.array([part.variance for part in at.parts])
-    # the information is of twice the log likelihood
-    certainty = 1 / np.sqrt(_compute_relative_variance(0.5 * at.information(moved), variances))
-    is_known = [part.known is not None for part in at.parts]
-    return np.where(is_known, np.inf, certainty)
-
-
-def _compute_relative_variance(information: Array, variances: Array) -> Array:
-    """Compute (k,) Var(σ²) / σ⁴ of variances from their information (k, k), whatever their units."""
-    relative = information * np.outer(variances, variances)
-    return np.maximum(np.diagonal(np.linalg.pinv(relative)), TINY)
 
 
 # -- how large they are
@@ -334,9 +317,9 @@ def _describe(
     rms = np.sqrt(at_target).tolist()
     instrument = float(np.sqrt(squares[0] / 3))
     scale = float(np.sqrt(at.phi) * instrument)
-    low, high = _bound_instrument([at, *others], instrument)
+    low, high = bound_instrument([at, *others], instrument)
     parts = [ErrorPart("instrument", "mm", scale, low, high, shares[0], rms[0], "what is left")]
-    freedom = _count_freedom(at)
+    freedom = count_freedom(at)
     for k, one in enumerate(chosen, 1):
         scale = float(np.sqrt(variances[k]))
         low, high = compute_interval(scale, freedom[k])
@@ -348,16 +331,6 @@ def _describe(
         for k, part in zip(places, at.parts, strict=True)
     )
     return ErrorStructure(tuple(parts), shared)
-
-
-def _bound_instrument(fits: Sequence[Likelihood], instrument: float) -> tuple[float, float]:
-    """Compute an interval of the instrument's scale that holds its interval of every fit."""
-    ends = []
-    for at in fits:
-        scale = np.sqrt(at.phi) * instrument
-        freedom = _count_freedom(at)
-        ends.append(compute_interval(float(scale), float(freedom[0])))
-    return min(low for low, _ in ends), max(high for _, high in ends)
 
 
 def _round(variance: float) -> float:
@@ -378,23 +351,3 @@ def _square_of_instrument(problem: Problem) -> float:
     information = np.einsum("mji,mjk->mik", matrices, matrices) * whitening.weight**2
     covariance = np.linalg.inv(information)[:, :3, :3]
     return float(np.trace(covariance, axis1=1, axis2=2).mean())
-
-
-def _count_freedom(at: Likelihood) -> Array:
-    """Count (k,) the degrees of freedom of variances, 2 σ⁴ / Var(σ²) (Satterthwaite 1946), with the
-    length of a lasting error as a nuisance parameter; infinite for a known variance."""
-    sought = [part for part in at.parts if part.known is None]
-    ratios = [1.0, *(part.variance for part in sought)]
-    moved = [at.innovations, *(at.slope(part)[1] for part in sought)]
-    for part in sought:
-        if part.time is not None:
-            longer = replace(part, length=part.length * STEP).multiply(at.innovations)
-            moved.append(longer - part.multiply(at.innovations))
-            ratios.append(part.variance / np.log(STEP))
-    stacked = np.concatenate(moved, axis=2)
-    seen = np.einsum("mck,mcl->kl", stacked, at.solve(stacked))
-    relative = _compute_relative_variance(0.5 * seen / at.phi, np.array(ratios))
-    freedom = np.full(1 + len(at.parts), np.inf)
-    is_sought = [True, *(part.known is None for part in at.parts)]
-    freedom[is_sought] = 2 / relative[: 1 + len(sought)]
-    return freedom

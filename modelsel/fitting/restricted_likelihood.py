@@ -23,11 +23,16 @@ from .shared_errors import Layout, Mixing, SharedError, confine, keep_within
 # of L-BFGS-B: changes of twice the log likelihood, and its slope, at which it ends
 EXACT = {"maxiter": 60, "ftol": 1e-13, "gtol": 1e-5}
 ROUGH = {"maxiter": 20, "ftol": 1e-7, "gtol": 3e-2}
-# times the mean square of ε that a part's is at most: no instrument is without noise, and rows
-# without any would decide everything
-LARGEST_SHARE = 30.0
-# of that, where the maximum is sought, and below which a part is none
-LEAST_SHARE, NO_PART = 1e-8, 1e-6
+# times the mean square of ε that a part's is at most: where the parts have as many draws as rows have
+# coordinates, they explain whatever is left, and rows without noise would decide everything
+MOST_OF_ALL = 30.0
+# the same where the parts have at most so many draws for every coordinate
+FEW_DRAWS = 0.7
+MOST_OF_FEW = 1e4
+# share of the most from which a part is at it
+AT_MOST = 0.99
+# the same where the maximum is sought at least, and below which a part is none
+LEAST, NO_PART = 3e-7, 3e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,8 +225,9 @@ def maximise_likelihood(
             loss[-1] += model.freedom - at.square / at.phi
         return -at.log, loss / scale
 
-    largest = LARGEST_SHARE / np.array([_mean_square(part) for part in every])
-    low, high = np.log(LEAST_SHARE * largest) - start, np.log(largest) - start
+    unit = 1 / np.array([_mean_square(part) for part in every])
+    low = np.log(LEAST * unit) - start
+    high = np.log(_choose_most(every) * unit) - start
     bounds = np.stack([low, high])[:, is_sought]
     if is_known.any():
         bounds = np.column_stack([bounds, [-high[is_known].min(), -low[is_known].max()]])
@@ -231,7 +237,7 @@ def maximise_likelihood(
     )
     ended = best.look(found.x)
     variance = np.array([part.variance for part in ended.parts])
-    is_there = ~is_sought | (variance >= NO_PART * largest)
+    is_there = ~is_sought | (variance >= NO_PART * unit)
     if is_there.all():
         return ended
     there = [part for part, kept in zip(ended.parts, is_there, strict=True) if kept]
@@ -248,6 +254,25 @@ def _choose_scale(at: Likelihood, is_sought: Mask) -> Array:
         curvature = information * part.variance**2
         scale.append(np.sqrt(max(curvature, 1.0)))
     return np.array(scale)
+
+
+def _choose_most(parts: Sequence[SharedError]) -> float:
+    """Choose how many times the mean square of ε a part's may be."""
+    if any(part.time is not None for part in parts):
+        return MOST_OF_ALL
+    draws = sum(len(np.unique(part.level)) * part.loading.shape[2] for part in parts)
+    rows, components, _ = parts[0].loading.shape
+    has_few = draws <= FEW_DRAWS * rows * components
+    return MOST_OF_FEW if has_few else MOST_OF_ALL
+
+
+def is_at_most(parts: Sequence[SharedError]) -> bool:
+    """Whether one of the parts is as large as it may be: ε could be smaller then, down to nothing."""
+    sought = [part for part in parts if part.known is None]
+    if not sought:
+        return False
+    largest = max(part.variance * _mean_square(part) for part in sought)
+    return largest > AT_MOST * _choose_most(parts)
 
 
 def _mean_square(part: SharedError) -> float:

@@ -171,7 +171,10 @@ def format_scale(part: ErrorPart | ErrorPartRecord) -> tuple[str, str]:
         round_digits(value / factor, 3 if is_close else 2)
         for value in (part.scale, part.low, part.high)
     ]
-    return f"{figures[0]} {unit}", f"{figures[1]} to {figures[2]} {unit}"
+    interval = (
+        f"{figures[1]} to {figures[2]} {unit}" if part.low else f"at most {figures[2]} {unit}"
+    )
+    return f"{figures[0]} {unit}", interval
 
 
 def _choose_unit(size: float, unit: str) -> tuple[float, str]:

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 
 from modelsel.fitting.possible_parts import PossiblePart, choose_parts
 from modelsel.fitting.restricted_likelihood import (
-    LARGEST_SHARE,
+    MOST_OF_FEW,
     LinearModel,
     evaluate_likelihood,
     maximise_likelihood,
@@ -92,7 +92,7 @@ def test_no_instrument_is_without_noise(model, parts) -> None:
     known = replace(parts[0], known=1e6, variance=1e6)
     at = maximise_likelihood(model, [known])
     assert at.parts[0].variance * np.square(known.loading).sum(2).mean() == pytest.approx(
-        LARGEST_SHARE
+        MOST_OF_FEW
     )
 
 

@@ -162,6 +162,7 @@ def test_a_summary_says_in_full_what_may_be_an_effect() -> None:
         ("mm", (0.0999, 0.05, 0.4), ("100 µm", "50 to 400 µm")),
         ("mm", (0.1, 0.05, 0.4), ("0.10 mm", "0.050 to 0.40 mm")),
         ("mm", (2.0, 0.9, 62.6), ("2.0 mm", "0.90 to 63 mm")),
+        ("mm", (0.02, 0.0, 0.0304), ("20 µm", "at most 30 µm")),
     ],
 )
 def test_a_scale_and_its_interval_have_one_unit_that_reads_well(unit, figures, said) -> None:
