@@ -53,6 +53,7 @@ from .observation_columns import (
     read_quaternions,
     read_uncertainties,
 )
+from .odd_uncertainties import note_odd_uncertainties
 from .orientation_columns import QUATERNION_COLUMNS, convert_orientations
 from .other_units import convert_mapped
 from .row_names import list_row_names
@@ -121,6 +122,7 @@ def read_measurements(
     keep, notes = np.ones(len(table), bool), list[Note]()
     if once:
         keep, notes = _find_distinct_rows(table, content)
+    notes += note_odd_uncertainties(content.sigma, content.sigma_rotation)
     data = _select_rows(content, keep, split.rows, prismatic, coupling, waypoints)
     if content.order is not None:
         standstill = choose_standstill(prismatic)

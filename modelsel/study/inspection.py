@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..exceptions import DataError, NotEstimable, count_words, write_percent, write_rounded
 from ..fitting.design import Model, residuals
 from ..fitting.identifiability import as_drawn, identify
-from ..fitting.noise import from_repeats, from_target_pairs
+from ..fitting.noise import Floor, from_repeats, from_target_pairs
 from ..fitting.prior import fitted_terms
 from ..fitting.problem import Problem
 from ..fitting.reduction import reduce_problem
@@ -112,12 +112,15 @@ def _describe_joints(robot: Robot, data: Measurements) -> list[dict[str, Any]]:
 
 
 def _estimate_noise_floor(data: Measurements) -> dict[str, Any] | None:
-    """Return the noise floor by repeats or target pairs; None without them.
+    """Return the noise floor by repeats or target pairs, else as the data state it; None without all
+    of these.
 
     Nothing says yet whether the instrument stood alike for every group: each is taken by itself."""
     if data.gauges is not None:
         return None
     floor = from_repeats(data, data.group) or from_target_pairs(data)
+    if floor is None and data.sigma is not None:
+        floor = Floor(float(np.sqrt(np.square(data.sigma).mean())), "stated")
     if floor is None:
         return None
     return {"coordinate_mm": floor.coordinate_mm, "source": floor.source}
@@ -311,6 +314,8 @@ def _format_noise_floor(inspection: dict[str, Any]) -> str:
     floor = inspection["noise_floor"]
     if floor:
         size = f"{write_rounded(floor['coordinate_mm'])} mm per coordinate"
+        if floor["source"] == "stated":
+            return f"Noise floor: {size}, as the data state it"
         return f"Noise floor: {size}, from {floor['source']}"
     reason = "" if "kinds" in inspection else " (no repeats, no target pairs)"
     return f"Noise floor: cannot be told from these data alone{reason}"
