@@ -23,6 +23,7 @@ from ..mechanisms.terms import Term
 from .calibration import Calibration
 
 SIGNIFICANCE = 0.05
+SIGNIFICANCE_BESIDE = 0.01  # of a size none of whose terms changed, asked beside all of these
 SMALLEST_P = 0.001  # that is told as a figure
 GEOMETRY_NAMES = ("geometric", SETUP)
 MIN_COSINE = 0.95  # of two motions that are one under two names
@@ -162,7 +163,9 @@ class Motions:
 
 def compare_mechanisms(motions: Motions, moved: set[str]) -> tuple[MechanismChange, ...]:
     """Compare every mechanism but the geometry: those named in one campaign alone, those in both
-    under two names, and those with terms that `moved`."""
+    under two names, and of those in both under one name the ones whose size, or whose terms, `moved`.
+
+    Where many terms share a motion, its size may have changed beyond chance though no term did."""
     before = motions.named(0)
     after = motions.named(1)
     disappeared = []
@@ -170,7 +173,7 @@ def compare_mechanisms(motions: Motions, moved: set[str]) -> tuple[MechanismChan
     for name in before:
         if name not in after:
             disappeared.append(name)
-        elif name in moved:
+        else:
             pairs.append(_Pair(label_mechanism(name), name, name))
     appeared = [name for name in after if name not in before]
     pairs += _match_renamed(motions, disappeared, appeared)
@@ -179,7 +182,10 @@ def compare_mechanisms(motions: Motions, moved: set[str]) -> tuple[MechanismChan
     for pair in pairs:
         is_moved = pair.first in moved
         change = _compare_pair(motions, pair, is_moved, len(pairs))
-        changes.append(change)
+        is_renamed = pair.first != pair.second
+        is_sure = change.p is not None and change.p <= SIGNIFICANCE_BESIDE
+        if is_moved or is_renamed or is_sure:
+            changes.append(change)
         renamed |= {pair.first, pair.second}
     for campaign, names in enumerate((disappeared, appeared)):
         for name in names:
