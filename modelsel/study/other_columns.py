@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .._names import is_plain_word
 from ..exceptions import one_line
 from ..measurements.column_guesses import Reading
 from ..measurements.column_names import parse_column_name
@@ -109,25 +111,37 @@ def _holds_point_names(cells: NDArray[Any]) -> bool:
 
 
 def _list_names(words: str, names: Sequence[str], table: Table | None = None) -> list[str]:
-    """List columns after some words, and of a `table` the cell that keeps one from being numbers;
-    nothing where there are none."""
+    """List columns after some words, and of a `table` what keeps one from being looked at; nothing
+    where there are none."""
     quoted = []
     for name in names:
         shown = one_line(name)
-        reason = "" if table is None else _find_stray_cell(table, name)
+        reason = "" if table is None else _say_why(table, name)
         quoted.append(f'"{shown}"{reason}')
     listed = ", ".join(quoted)
     return [f"{words}: {listed}."] if quoted else []
 
 
-def _find_stray_cell(table: Table, name: str) -> str:
-    """Name the first cell of a column of numbers that is none; empty of a column of words."""
+def _say_why(table: Table, name: str) -> str:
+    """Say what keeps a column of numbers from being looked at as a cause: a cell that is none, or its
+    name; empty of a column of words."""
     cells = table.columns[name]
     values = convert_to_numbers(cells)
     is_number = np.isfinite(values)
     share = is_number.mean()
-    if not MIN_NUMBERS <= share < 1:
+    if share < MIN_NUMBERS:
         return ""
+    if share == 1:
+        return _propose_name(table, name)
     stray = np.flatnonzero(~is_number)
     row = int(stray[0])
     return f" ({describe_cell(table, name, row)})"
+
+
+def _propose_name(table: Table, name: str) -> str:
+    """Propose a name that a formula can hold to a column whose own name is none."""
+    words = re.findall(r"\w+", name)
+    proposed = "_".join(words)
+    if is_plain_word(name) or not is_plain_word(proposed) or proposed in table:
+        return ""
+    return f" (call it {proposed} in the file, and it is looked at as a possible cause)"

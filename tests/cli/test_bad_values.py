@@ -4,6 +4,7 @@ words of the file."""
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -151,6 +152,20 @@ def test_init_says_which_cell_keeps_a_column_from_being_used(tmp_path: Path) -> 
     ran = run("init", tmp_path / "m.csv", "--robot", "ur10", "--yes", "--out", tmp_path / "s")
     assert ran.exit_code == 0, ran.output
     assert 'Not used: "load_kg" ("heavy" in m.csv, line 9).' in ran.stdout
+
+
+def test_init_says_how_a_column_of_numbers_could_be_looked_at(tmp_path: Path) -> None:
+    """Brackets and strokes cannot stand in a formula; under the name that is proposed it is looked at."""
+    robot = load_robot("ur10")
+    frame = measured(robot, 40).assign(**{"Vorschub [mm/min]": np.arange(40) % 7 * 100.0})
+    file, out = tmp_path / "m.csv", tmp_path / "s"
+    frame.to_csv(file, index=False)
+    said = run("init", file, "--robot", "ur10", "--yes", "--out", out).stdout
+    proposed = re.search(r'Not used: "Vorschub \[mm/min\]" \(call it (\w+) in the file', said)
+    assert proposed is not None, said
+    frame.rename(columns={"Vorschub [mm/min]": proposed[1]}).to_csv(file, index=False)
+    said = run("init", file, "--robot", "ur10", "--yes", "--out", tmp_path / "t").stdout
+    assert f'Looked at as possible causes of errors, too: "{proposed[1]}".' in said
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes on Windows")
