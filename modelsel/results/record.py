@@ -26,6 +26,7 @@ from .goodness_of_fit import describe_noise, locate_features, measure_lack_of_fi
 from .placements import locate_placements
 from .reading import SCHEMA
 from .repeatability import describe_errors, measure_unrepeated
+from .rounded_readings import find_rounding
 from .schema import StudyRecord
 from .study_run import Explanation, ModelSearch, StudyRun
 from .verdict import Named, NamedErrors, Noise, complete_verdict, write_verdict
@@ -59,7 +60,7 @@ def _values(run: StudyRun) -> Values:
         "weighed_models": _weighed_models(run),
         "findings": _findings(run, figures),
         "small_findings": describe_small(named, figures),
-        "repeatability": describe_errors(diagnosis.search.errors),
+        "repeatability": describe_errors(diagnosis.search.errors, find_rounding(data)),
         "nothing_else": _nothing_else(run),
         "nested_cv": _nested(models),
         "chosen": _chosen(run),

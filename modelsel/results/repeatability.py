@@ -3,7 +3,8 @@ each is, its share at the target, and what else could look like it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..exceptions import sentence_list, write_rounded
 from ..fitting.error_structure import ErrorPart, ErrorStructure
 from ..fitting.noise import Floor
 from ..fitting.possible_parts import GIVEN
+from .rounded_readings import Rounding
 from .schema import INSTRUMENT, ErrorPartRecord
 from .study_sentences import format_share
 
@@ -22,6 +24,8 @@ JOINT = "joint"
 MAX_MICROMETRES = 0.1
 # ratio of an interval's ends below which two digits would not show it
 CLOSE_ENDS = 1.1
+# factor within which rounding explains how well a joint repeats
+AS_LARGE = 1.2
 # share that rounds to one percent
 MIN_SHARE = 0.005
 # lines of a terminal
@@ -40,6 +44,8 @@ LABELS = {
 
 Values = dict[str, Any]
 
+NOT_ROUNDED: Mapping[str, Rounding] = MappingProxyType({})
+
 
 def measure_unrepeated(errors: ErrorStructure, floor: Floor) -> float:
     """Measure the rms at the target [mm] of the parts that a noise floor does not hold.
@@ -55,8 +61,11 @@ def measure_unrepeated(errors: ErrorStructure, floor: Floor) -> float:
     return float(np.sqrt(sum(squares)))
 
 
-def describe_errors(errors: ErrorStructure) -> list[Values]:
-    """Return result.json's `repeatability`: the parts of what is left, the largest share first."""
+def describe_errors(
+    errors: ErrorStructure, rounding: Mapping[str, Rounding] = NOT_ROUNDED
+) -> list[Values]:
+    """Return result.json's `repeatability`: the parts of what is left, the largest share first;
+    `rounding`: of the readings of joints, by the names of their parts."""
     parts = sorted(errors.parts, key=lambda part: -part.share)
     return [
         {
@@ -68,7 +77,7 @@ def describe_errors(errors: ErrorStructure) -> list[Values]:
             "share": part.share,
             "told_by": part.told_by,
             "instead": list(part.instead),
-            "sentence": _describe_part(part, is_alone=len(parts) == 1),
+            "sentence": _describe_part(part, len(parts) == 1, rounding.get(part.name)),
         }
         for part in parts
     ]
@@ -78,7 +87,7 @@ def describe_errors(errors: ErrorStructure) -> list[Values]:
 # --------------------------------------------------------------------------------------------------------------------
 
 
-def _describe_part(part: ErrorPart, is_alone: bool) -> str:
+def _describe_part(part: ErrorPart, is_alone: bool, rounding: Rounding | None) -> str:
     """Return one part in words: how large it is, what it does, and what else would look like it."""
     size = _describe_scale(part)
     moved = f"{round_digits(part.at_target)} mm"
@@ -94,7 +103,7 @@ def _describe_part(part: ErrorPart, is_alone: bool) -> str:
         )
     if part.name == "lasting":
         return _describe_lasting(part, size, effect)
-    return _describe_joint(part, size, effect)
+    return _describe_joint(part, size, effect) + _explain_by_rounding(part, rounding)
 
 
 def _describe_alone(size: str, moved: str) -> str:
@@ -148,6 +157,15 @@ def _describe_joint(part: ErrorPart, size: str, effect: str) -> str:
         "repeats, but that no candidate describes, would look the same. Measuring some postures again "
         "would tell them apart."
     )
+
+
+def _explain_by_rounding(part: ErrorPart, rounding: Rounding | None) -> str:
+    """Say that a joint repeats no better than its readings are rounded, where these explain it."""
+    if rounding is None or not part.low / AS_LARGE < rounding.scale < part.high * AS_LARGE:
+        return ""
+    factor, unit = _choose_unit(rounding.scale, part.unit)
+    left = f"{round_digits(rounding.scale / factor)} {unit}"
+    return f" Its readings are rounded to {rounding.step}, which alone leaves {left}: give them with more digits."
 
 
 # -- figures

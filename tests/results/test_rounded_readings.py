@@ -1,0 +1,81 @@
+"""Readings that are rounded: the joints are told not to repeat, and that rounding is why."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from error_parts import INSTRUMENT, part
+
+from modelsel import Study, run_study
+from modelsel.fitting.error_structure import ErrorStructure
+from modelsel.measurements.measurements import Measurements
+from modelsel.measurements.reader import read_measurements
+from modelsel.results.repeatability import describe_errors
+from modelsel.results.rounded_readings import find_rounding
+from modelsel.robot.files import load_robot
+from modelsel.robot.kinematics import forward
+
+TENTH = np.radians(0.1) / np.sqrt(12)
+
+
+def campaign(
+    rng: np.random.Generator, step: float, m: int = 120, unit: str = "deg"
+) -> pd.DataFrame:
+    """A UR5 whose joints 1 to 3 [deg, or another unit] are read to a step; the arm is not rounded."""
+    robot = load_robot("ur5")
+    angles = robot.draw(rng, m)
+    position = forward(robot, angles, np.array([30.0, 0.0, 100.0]))
+    position += rng.normal(0, 0.02, position.shape)
+    values = np.degrees(angles) if unit == "deg" else angles
+    if step:
+        values[:, :3] = np.round(values[:, :3] / step) * step
+    columns = {f"q{j + 1}_{unit}": values[:, j] for j in range(robot.n)}
+    columns |= dict(zip(["x_mm", "y_mm", "z_mm"], position.T, strict=True))
+    return pd.DataFrame(columns)
+
+
+def read(frame: pd.DataFrame) -> Measurements:
+    return read_measurements(frame, load_robot("ur5"))
+
+
+@pytest.mark.parametrize(
+    ("step", "unit", "words"),
+    [(0.1, "deg", "0.1°"), (0.5, "deg", "0.5°"), (0.001, "rad", "0.001 rad")],
+)
+def test_the_step_of_readings_is_found(rng: np.random.Generator, step, unit, words) -> None:
+    found = find_rounding(read(campaign(rng, step, unit=unit)))
+    assert list(found) == ["joint 1", "joint 2", "joint 3"]
+    in_radians = np.radians(step) if unit == "deg" else step
+    for one in found.values():
+        assert one.step == words
+        assert one.scale == pytest.approx(in_radians / np.sqrt(12))
+
+
+def test_readings_with_their_digits_and_few_commanded_ones_are_not_rounded(
+    rng: np.random.Generator,
+) -> None:
+    assert find_rounding(read(campaign(rng, 0.0))) == {}
+    few = campaign(rng, 0.0)
+    few["q1_deg"] = np.arange(len(few)) % 10 * 10.0
+    assert find_rounding(read(few)) == {}
+
+
+@pytest.mark.parametrize(("scale", "told"), [(TENTH, True), (0.5 * TENTH, False)])
+def test_rounding_is_the_reason_only_where_it_is_as_large(rng, scale, told) -> None:
+    own = part("joint 2", scale, 0.9 * scale, 1.1 * scale)
+    rounding = find_rounding(read(campaign(rng, 0.1)))
+    described = describe_errors(ErrorStructure((INSTRUMENT, own)), rounding)
+    said = next(one["sentence"] for one in described if one["part"] == "joint 2")
+    reason = "Its readings are rounded to 0.1°, which alone leaves 0.50 mrad: give them with more digits."
+    assert (reason in said) is told
+
+
+@pytest.mark.integration
+def test_a_study_of_rounded_readings_says_why_its_joints_do_not_repeat(rng) -> None:
+    study = Study(
+        name="rounded", measurements=campaign(rng, 0.1), robot={"name": "ur5", "register": True}
+    )
+    said = {one.part: one.sentence for one in run_study(study, sampling=False).record.repeatability}
+    for joint in ("joint 1", "joint 2"):
+        assert "rounded to 0.1°, which alone leaves 0.50 mrad" in said[joint]
