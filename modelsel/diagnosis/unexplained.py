@@ -199,7 +199,7 @@ def describe_unexplained(
         return DetectionLimit(f"Nothing was searched: {reason}")
     if not found or diagnosis.left is None:
         return DetectionLimit(
-            "No mechanism may extend the base in this study: nothing was searched."
+            "No candidate of this study can extend the base: nothing was searched."
         )
     if _explains_everything(diagnosis, split):
         return DetectionLimit(

@@ -243,7 +243,7 @@ def write_error_map_page(source: Source) -> list[Block]:
     record = source.record
     columns = errormap.select_causes(record)
     if not columns:
-        words = "No mechanism may extend the base in this study: nothing was scanned."
+        words = "No candidate of this study can extend the base: nothing was scanned."
         return [make_heading("Error map"), make_text(words)]
     whole = record.error_map
     draw = partial(errormap.draw_error_map, record)

@@ -87,7 +87,7 @@
     choose(chosen);
   };
   if (map.causes.length) fill();
-  else { host.append(el("p", { text: "No mechanism may extend the base in this study: nothing was scanned." })); sorting.disabled = true; }
+  else { host.append(el("p", { text: "No candidate of this study can extend the base: nothing was scanned." })); sorting.disabled = true; }
   sorting.addEventListener("change", fill);
   const waves = columns.filter(wave), counts = [...new Set(waves.map(([c]) => c.wave))].sort((a, b) => a - b);
   if (waves.length) {
