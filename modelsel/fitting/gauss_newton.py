@@ -61,8 +61,8 @@ class WholeProblem:
         for _ in range(ROUNDS):
             judged = solver.judge(state)
             stays = judged.stays(state, earlier)
-            is_small_step = state.step_mm < step_mm
-            if stays and is_small_step:
+            has_arrived = state.step_mm < step_mm or state.damping >= STUCK
+            if stays and has_arrived:
                 if _is_near(solver, state, step_mm):
                     break
                 expanded = _expand_here(solver, state)
@@ -116,19 +116,27 @@ def _step(solver: Solver, state: State, step_mm: float) -> State:
         return _expand_here(solver, there) if is_slow else there
     if not own:
         return _expand_here(solver, state)
+    if _expect_gain(state, delta) <= ROUNDING * state.cost:
+        # the minimum, to rounding: no shorter step can be told from none
+        return replace(state, damping=STUCK, step_mm=max(step, step_mm))
     # overshot: Levenberg-Marquardt from the same point
     damping = max(state.growth * state.damping, LEAST_DAMPING)
     growth = 2 * state.growth
     return replace(state, damping=damping, growth=growth, step_mm=max(step, step_mm))
 
 
+def _expect_gain(state: State, delta: Array) -> float:
+    """Return by how much the expansion expects a step (p,) to lower the cost."""
+    order = list(state.triangle.order)
+    moved = state.factor @ delta[order]
+    return float(2 * state.uphill @ delta - moved @ moved)
+
+
 def _relax_damping(state: State, delta: Array, gained: float) -> float:
     """Return the damping after a step (p,) that lowered the cost by `gained`.
 
     It is reduced where the gain is what the expansion predicted (Nielsen 1999, IMM-REP-1999-05)."""
-    order = list(state.triangle.order)
-    moved = state.factor @ delta[order]
-    expected = float(2 * state.uphill @ delta - moved @ moved)
+    expected = _expect_gain(state, delta)
     is_told = expected > ROUNDING * state.cost
     ratio = max(gained / expected, 0.0) if is_told else 1.0
     damping = state.damping * max(0.1, 1 - (2 * ratio - 1) ** 3)
