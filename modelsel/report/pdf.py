@@ -5,7 +5,8 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from importlib.resources import files
 from importlib.util import find_spec
@@ -26,6 +27,7 @@ BOXES = "LastResort"  # the font that has a box for every letter
 MIN_LAST = 0.4
 # shares of the usual room that are tried, the last with smaller pictures
 ROOMS = ("0.6", "0.5")
+FULL = "1"
 
 
 class ReportError(ModelselError):
@@ -33,11 +35,9 @@ class ReportError(ModelselError):
 
 
 class _Typeset(NamedTuple):
-    """A PDF, the compiler's warnings, how many pages there are, the filled share of the last, and the white
-    before each large picture, as a share of its page."""
+    """How a report is set: how many pages there are, the filled share of the last, and the white before each
+    large picture, as a share of its page."""
 
-    pdf: bytes
-    warnings: list[str]
     pages: int
     last: float
     white: list[float]
@@ -71,30 +71,53 @@ def compile_pdf(
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         _write_inputs(folder, pictures)
-        typeset = partial(_set, folder, content)
-        order, chosen = arrange(sections, typeset)
+        order, chosen = arrange(sections, partial(_set, folder, content))
+        fullest = FULL
         if chosen.pages > 1 and chosen.last < MIN_LAST:
             for room in ROOMS:
-                typeset = partial(_set, folder, content, room=room)
-                _, tight = arrange(order, typeset)
+                tight_order, tight = arrange(order, partial(_set, folder, content, room=room))
                 if tight.pages < chosen.pages:
-                    return tight.pdf, tight.warnings
-        return chosen.pdf, chosen.warnings
+                    order, fullest = tight_order, room
+                    break
+        return _export(folder, content, order, fullest)
 
 
 def _set(
-    folder: Path, content: Mapping[str, Any], sections: Sequence[Section], room: str = "1"
+    folder: Path, content: Mapping[str, Any], sections: Sequence[Section], room: str = FULL
 ) -> _Typeset:
-    """Set the sections in this order, with this share of the usual room between them."""
-    blocks: list[Block] = []
-    for section in sections:
-        blocks += section
-    ordered = {**content, "blocks": blocks}
-    data = json.dumps(ordered, ensure_ascii=False)
-    file = folder / "report.json"
-    file.write_text(data, encoding="utf-8")
-    inputs = {"room": room}
-    return _run_compiler(folder, inputs)
+    """Set the sections in this order, with this share of the usual room between them; writing the PDF would
+    take half as long again."""
+    compiler = _open_compiler(folder, content, sections, room)
+    with _refusing():
+        end = json.loads(compiler.query("<end>", field="value", one=True))
+        white = json.loads(compiler.query("<white>", field="value"))
+    return _Typeset(end["pages"], end["share"], white)
+
+
+def _export(
+    folder: Path, content: Mapping[str, Any], sections: Sequence[Section], room: str
+) -> tuple[bytes, list[str]]:
+    """Set the sections, and return (the PDF, the compiler's warnings)."""
+    compiler = _open_compiler(folder, content, sections, room)
+    with _refusing():
+        pdf, warnings = compiler.compile_with_warnings(
+            format="pdf", pdf_standards="ua-1", timestamp=0
+        )
+    # false is what a reader takes where the key is missing; poppler calls it an error where it is written
+    written = pdf.replace(SUSPECTS, b" " * len(SUSPECTS))
+    return written, [warning.message for warning in warnings]
+
+
+@contextmanager
+def _refusing() -> Iterator[None]:
+    """Raise ReportError with the compiler's own words where it fails."""
+    import typst
+
+    try:
+        yield
+    except typst.TypstError as error:
+        words = f"{error.message} {' '.join(error.hints)}".strip()
+        raise ReportError(f"report.pdf could not be made: {words}") from None
 
 
 def _write_inputs(folder: Path, pictures: Mapping[str, bytes]) -> None:
@@ -104,33 +127,28 @@ def _write_inputs(folder: Path, pictures: Mapping[str, bytes]) -> None:
         (folder / file).write_bytes(picture)
 
 
-def _run_compiler(folder: Path, inputs: Mapping[str, str]) -> _Typeset:
+def _open_compiler(
+    folder: Path, content: Mapping[str, Any], sections: Sequence[Section], room: str
+) -> Any:
+    """Write the sections in this order, and return the compiler of the template with them."""
     import typst
 
+    blocks: list[Block] = []
+    for section in sections:
+        blocks += section
+    ordered = {**content, "blocks": blocks}
+    data = json.dumps(ordered, ensure_ascii=False)
+    (folder / "report.json").write_text(data, encoding="utf-8")
     fonts = typst.Fonts(
         include_system_fonts=False, include_embedded_fonts=False, font_paths=[font_folder()]
     )
-    compiler = typst.Compiler(
+    return typst.Compiler(
         folder / "template.typ",
         root=folder,
         ignore_system_fonts=True,
         font_paths=fonts,
-        sys_inputs=dict(inputs),
+        sys_inputs={"room": room},
     )
-    try:
-        pdf, warnings = compiler.compile_with_warnings(
-            format="pdf", pdf_standards="ua-1", timestamp=0
-        )
-        end = json.loads(compiler.query("<end>", field="value", one=True))
-        white = json.loads(compiler.query("<white>", field="value"))
-    except typst.TypstError as error:
-        words = f"{error.message} {' '.join(error.hints)}".strip()
-        raise ReportError(f"report.pdf could not be made: {words}") from None
-    assert isinstance(pdf, bytes)
-    # false is what a reader takes where the key is missing; poppler calls it an error where it is written
-    pdf = pdf.replace(SUSPECTS, b" " * len(SUSPECTS))
-    said = [warning.message for warning in warnings]
-    return _Typeset(pdf, said, end["pages"], end["share"], white)
 
 
 def find_missing_letters(content: Mapping[str, Any]) -> str:
