@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from .._typing import Array, Mask
-from ..fitting.design import Model, compute_design
+from ..fitting.design import compute_design
 from ..fitting.identifiability import identify
-from ..fitting.least_squares import fit
+from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..fitting.reduction import reduce
 
@@ -54,13 +54,12 @@ def _rescale_lengths(size: Array, measured: Mask | None) -> Array:
     return np.asarray(size * factor)
 
 
-def find_gross_outliers(problem: Problem, base: Model) -> Mask:
-    """Find the rows (m,) far off the base model, whatever systematic error the base leaves in.
+def find_gross_outliers(problem: Problem, fitted: Fit) -> Mask:
+    """Find the rows (m,) far off the base model, fitted to all, whatever systematic error it leaves in.
 
     None is flagged where more than MAX_OUTLIER_SHARE of the rows would be, or where the rows are
     too few to trim."""
-    fitted = fit(problem, base)
-    X, residual = compute_design(problem, base.terms, fitted.at())
+    X, residual = compute_design(problem, fitted.terms, fitted.at())
     representatives = list(fitted.representatives)
     X = X[:, :, representatives]
     rows, _, columns = X.shape

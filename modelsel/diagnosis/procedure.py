@@ -32,6 +32,7 @@ from ..mechanisms.registry import (
 from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Errors, Split, summarise_errors
 from ..selection.splits import assign_folds
+from .base_fits import BaseFits
 from .candidates import Candidate, build_candidates
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
 from .outcome import Diagnosis
@@ -140,7 +141,9 @@ def _alternate(split: Split, inquiry: Inquiry) -> tuple[Split, Diagnosis, tuple[
     Where the extended model shows other outliers than the base did, effects are named once more
     without those. Rows are judged by themselves, whatever errors they share."""
     training = split.problem.take(split.estimation)
-    outlying = find_gross_outliers(training, inquiry.base)
+    fits = BaseFits(inquiry.base)
+    every_row = replace(split, outlying=np.zeros(len(split.outlying), bool))
+    outlying = find_gross_outliers(training, fits.fit(every_row))
     listed = list_parts(split.problem, split.estimation)
     parts = choose_parts(listed, inquiry.options.parts, inquiry.options.fixed_parts)
     for _ in range(MAX_ROUNDS):
@@ -149,11 +152,10 @@ def _alternate(split: Split, inquiry: Inquiry) -> tuple[Split, Diagnosis, tuple[
             split.training, inquiry.base, inquiry.everything, inquiry.cells, inquiry.options
         )
         inquiry.say(f"naming: {len(found)} candidates")
-        weighed, diagnosis = separate(split, inquiry, found, parts)
+        weighed, diagnosis = separate(split, inquiry, found, parts, fits.fit(split))
         again = _find_outliers(training, diagnosis, outlying)
         if outlying.any():
-            unmarked = replace(split, outlying=np.zeros(len(split.outlying), bool))
-            _, with_all = separate(unmarked, inquiry, found, parts)
+            _, with_all = separate(every_row, inquiry, found, parts, fits.fit(every_row))
             again = _reconsider_outliers(training, with_all, outlying, again)
         is_settled = (again == outlying).all()
         if is_settled or again.mean() > MAX_OUTLIER_SHARE:

@@ -72,12 +72,12 @@ class Inquiry(NamedTuple):
         found: tuple[Candidate, ...],
         known: Sequence[Candidate],
         causes: KeptCauses,
+        base_fit: Fit,
     ) -> Search:
         """Prepare the search for effects in a training problem, with the study's random stream of
         naming. `known`: chosen before, of which some may be shapes of an earlier search; `causes`:
-        those of other searches in the same rows."""
+        those of other searches in the same rows; `base_fit`: of the base to these."""
         rng = generator(self.seed, "naming")
-        base_fit = fit(problem, self.base)
         listed = {one.mechanism for one in found}
         shapes = tuple(one for one in known if one.mechanism not in listed)
         memory_mb = self.options.memory_mb
@@ -105,12 +105,14 @@ class _Explanation(NamedTuple):
 
 @dataclass(frozen=True)
 class _Separation:
-    """What a separation works on: the rows, the candidates and the possible parts of the errors."""
+    """What a separation works on: the rows, the candidates, the possible parts of the errors, and the base
+    fitted to the rows as they are stated."""
 
     split: Split
     inquiry: Inquiry
     found: tuple[Candidate, ...]
     parts: tuple[PossiblePart, ...]
+    base_fit: Fit
     causes: KeptCauses = field(default_factory=KeptCauses, repr=False)
 
     def find_parts(
@@ -125,7 +127,10 @@ class _Separation:
     def search(self, given: ErrorStructure, known: tuple[Candidate, ...] = ()) -> _Explanation:
         """Search for effects given parts of the errors, starting from the known effects."""
         weighed = replace(self.split, problem=given.whiten(self.split.problem))
-        prepared = self.inquiry.search(weighed.training, self.found, known, self.causes)
+        training, base_fit = weighed.training, self.base_fit
+        if given.shared:
+            base_fit = fit(training, self.inquiry.base, start=base_fit.theta)
+        prepared = self.inquiry.search(training, self.found, known, self.causes, base_fit)
         explored = explore(prepared, known, self.inquiry.say)
         left = self.find_parts(explored.fitted, before=given)
         criterion = self._judge(explored.chosen, explored.fitted, left)
@@ -136,12 +141,12 @@ class _Separation:
         split = self.split
         return compute_criterion(split.problem, split.used, fitted, left, log_prior)
 
-    def explain(self, base_fit: Fit) -> _Explanation:
+    def explain(self) -> _Explanation:
         """Explain the data by effects and errors; what may be either is decided by the criterion."""
-        sure = self.find_parts(base_fit, DIRECTIONS)
+        sure = self.find_parts(self.base_fit, DIRECTIONS)
         best = self.search(sure)
         if best.left.shared:
-            every = self.find_parts(base_fit, before=sure)
+            every = self.find_parts(self.base_fit, before=sure)
             if every.tells(DIRECTIONS):
                 best = self._improve(best)
                 best = min(best, self.search(every), key=lambda one: one.criterion)
@@ -229,16 +234,19 @@ class _Separation:
 
 
 def separate(
-    split: Split, inquiry: Inquiry, found: tuple[Candidate, ...], parts: tuple[PossiblePart, ...]
+    split: Split,
+    inquiry: Inquiry,
+    found: tuple[Candidate, ...],
+    parts: tuple[PossiblePart, ...],
+    base_fit: Fit,
 ) -> tuple[Split, Diagnosis]:
     """Separate effects from errors that do not repeat, and weigh how much of each effect is proven.
 
-    Returns the split, whitened by the errors that were found, and the diagnosis."""
-    base_fit = fit(split.training, inquiry.base)
+    `base_fit`: of the base to the rows that the split uses. Returns the split, whitened by the errors that were found, and the diagnosis."""
     if not found:
         return split, build_empty(inquiry.base, base_fit)
-    separation = _Separation(split, inquiry, found, parts)
-    best = separation.explain(base_fit)
+    separation = _Separation(split, inquiry, found, parts, base_fit)
+    best = separation.explain()
     diagnosis, errors = prove(conclude(best.explored)), best.left
     if [one.candidate for one in diagnosis.effects] != list(best.explored.chosen):
         errors = separation.find_parts(diagnosis.fit, before=errors)

@@ -24,6 +24,7 @@ from modelsel.diagnosis.separation import Inquiry, _is_in_time, _Separation, _sh
 from modelsel.diagnosis.stepwise import explore
 from modelsel.fitting.design import Model, assemble, whiten
 from modelsel.fitting.error_structure import ErrorStructure
+from modelsel.fitting.least_squares import fit
 from modelsel.fitting.possible_parts import ORDER, list_parts
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
@@ -92,7 +93,8 @@ def test_a_search_goes_on_with_a_shape_that_is_not_listed(rng: np.random.Generat
     listed = build_candidates(problem, base, ())[:50]
     known = (Candidate(shape, CandidateKind.PRODUCT, 1e-3),)
     inquiry = Inquiry(base, (), 1, True, ignore, DEFAULT_OPTIONS)
-    chosen = explore(inquiry.search(problem, listed, known, KeptCauses()), known, ignore).chosen
+    search = inquiry.search(problem, listed, known, KeptCauses(), fit(problem, base))
+    chosen = explore(search, known, ignore).chosen
     assert chosen[: len(known)] == known
 
 
@@ -143,7 +145,9 @@ def test_errors_that_last_are_tried_where_a_drift_has_explained_them_away(
     inquiry = Inquiry(base, everything, 1, True, ignore, DEFAULT_OPTIONS)
     split = study_of(problem, held_out=0)
     found = build_candidates(split.training, base, everything)
-    separation = _Separation(split, inquiry, found, list_parts(problem, split.used))
+    separation = _Separation(
+        split, inquiry, found, list_parts(problem, split.used), fit(split.training, base)
+    )
     drifting = separation.search(ErrorStructure())
     assert any(_is_in_time(one) for one in drifting.explored.chosen)
     hidden = drifting._replace(left=drifting.left.without(ORDER))
@@ -181,7 +185,7 @@ def test_a_search_goes_on_with_the_constant_that_was_found(
     terms = known.mechanism.terms
     at = planted(exact, terms, [term.size[1] for term in terms if term.size], rng, SIGMA)
     inquiry = Inquiry(base, (), 1, True, ignore, DEFAULT_OPTIONS)
-    search = inquiry.search(at, found, (known,), KeptCauses())
+    search = inquiry.search(at, found, (known,), KeptCauses(), fit(at, base))
     explored = explore(search, (known,), ignore)
     assert explored.chosen[0] == known
     assert explored.progress.path[0] == f"+ {known.label}"

@@ -331,9 +331,8 @@ def test_a_wrong_wire_length_is_an_outlier_and_a_wrong_point_too(tmp_path) -> No
     c.rows[70]["length_mm"] += 3.0
     c.rows[11]["y_mm"] += 3.0
     measured = made(c, tmp_path)
-    flagged = find_gross_outliers(
-        prepared(measured, 130).problem, model(measured, "wrist-coupling:5")
-    )
+    at = prepared(measured, 130).problem
+    flagged = find_gross_outliers(at, fit(at, model(measured, "wrist-coupling:5")))
     assert np.flatnonzero(flagged).tolist() == [11, 70]
 
 

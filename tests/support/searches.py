@@ -30,7 +30,7 @@ def search_separated(
     rows = np.ones(len(at), bool)
     split = Split(at, rows, ~rows, np.zeros(len(at), np.intp), known_sigma=False)
     inquiry = Inquiry(base, (), seed, True, ignore, DEFAULT_OPTIONS)
-    _, diagnosis = separate(split, inquiry, found, list_parts(at, rows))
+    _, diagnosis = separate(split, inquiry, found, list_parts(at, rows), fit(at, base))
     return diagnosis
 
 

@@ -1,0 +1,24 @@
+"""The base's fits to the rows of one diagnosis: rounds and searches that use the same rows share one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from ..fitting.design import Model
+from ..fitting.least_squares import Fit, fit
+from ..selection.evaluation import Split
+
+
+@dataclass(frozen=True, eq=False)
+class BaseFits:
+    """Fits of a base to rows as they are stated, by which rows these are."""
+
+    base: Model
+    _known: dict[bytes, Fit] = field(default_factory=dict, repr=False)
+
+    def fit(self, split: Split) -> Fit:
+        """Fit the base to the rows that a split uses. Raises NotEstimable."""
+        rows = split.used.tobytes()
+        if rows not in self._known:
+            self._known[rows] = fit(split.training, self.base)
+        return self._known[rows]
