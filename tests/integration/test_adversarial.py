@@ -154,6 +154,7 @@ def test_an_effect_that_the_geometry_absorbs(rng) -> None:
     assert result.models.chosen.held_out.rms_mm == pytest.approx(NOISE * np.sqrt(3), rel=0.3)
 
 
+@pytest.mark.long
 def test_the_limit_is_kept(rng) -> None:
     """An effect at the detection limit is found as often as promised: 90 %, of 10 at least 5 (fewer
     come with 1.5e-4)."""

@@ -47,7 +47,9 @@ def shown(name: str) -> dict[str, list[float]]:
     }
 
 
-@pytest.mark.parametrize("name", DATA)
+@pytest.mark.parametrize(
+    "name", ["wam-tracker", "tiago-mocap", pytest.param("positioner", marks=pytest.mark.long)]
+)
 def test_study_says_what_its_readme_says(name, monkeypatch) -> None:
     result, said = ran(name, monkeypatch), shown(name)
     base = next(r for r in result.models.ladder if r.names == ("geometric",))
@@ -85,6 +87,7 @@ candidates = "all"
 """
 
 
+@pytest.mark.long
 def test_an_arm_far_off_is_fitted_as_well_under_parts_of_the_noise(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -142,7 +142,7 @@ def test_walkers_start_everywhere(rng: np.random.Generator) -> None:
     assert 1.5 < start[:, :-1].std() < 2.5
 
 
-@pytest.mark.integration
+@pytest.mark.long
 def test_two_steps_keep_their_order(rng: np.random.Generator) -> None:
     """Two moments of one mechanism are not exchanged: no chain would converge on two names for one
     thing."""
