@@ -23,11 +23,13 @@ from .shared_errors import Layout, Mixing, SharedError, confine, keep_within
 # of L-BFGS-B: changes of twice the log likelihood, and its slope, at which it ends
 EXACT = {"maxiter": 60, "ftol": 1e-13, "gtol": 1e-5}
 ROUGH = {"maxiter": 20, "ftol": 1e-7, "gtol": 3e-2}
-# times the mean square of ε that a part's is at most: where the parts have as many draws as rows have
-# coordinates, they explain whatever is left, and rows without noise would decide everything
+# times the mean square of ε that a part's is at most: where the parts have as many draws as the rows of a
+# visit have coordinates, they explain whatever is left, and rows without noise would decide everything
 MOST_OF_ALL = 30.0
-# the same where the parts have at most so many draws for every coordinate
+# the same where the parts have at most so many draws for every coordinate, of which the targets of a
+# visit, on one rigid body, have six at most
 FEW_DRAWS = 0.7
+OF_A_BODY = 6
 MOST_OF_FEW = 1e4
 # share of the most from which a part is at it
 AT_MOST = 0.99
@@ -260,10 +262,19 @@ def _choose_most(parts: Sequence[SharedError]) -> float:
     """Choose how many times the mean square of ε a part's may be."""
     if any(part.time is not None for part in parts):
         return MOST_OF_ALL
-    draws = sum(len(np.unique(part.level)) * part.loading.shape[2] for part in parts)
-    rows, components, _ = parts[0].loading.shape
-    has_few = draws <= FEW_DRAWS * rows * components
+    levels = [len(np.unique(part.level)) for part in parts]
+    draws = sum(count * part.loading.shape[2] for count, part in zip(levels, parts, strict=True))
+    finest = parts[int(np.argmax(levels))]
+    has_few = draws <= FEW_DRAWS * _count_motions(finest)
     return MOST_OF_FEW if has_few else MOST_OF_ALL
+
+
+def _count_motions(part: SharedError) -> int:
+    """Count the numbers that rows of each level can differ in from the model: their coordinates, and those
+    of a rigid body at most, which the targets of a visit are on."""
+    _, components, _ = part.loading.shape
+    _, rows = np.unique(part.level, return_counts=True)
+    return int(np.minimum(rows * components, OF_A_BODY).sum())
 
 
 def is_at_most(parts: Sequence[SharedError]) -> bool:

@@ -5,6 +5,8 @@ in less than one draw of 10,000."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from builders import OFF_AXIS, bind, seeds
@@ -14,6 +16,13 @@ from modelsel.fitting.design import Model
 from modelsel.fitting.error_structure import ErrorStructure, find_structure
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.possible_parts import list_parts
+from modelsel.fitting.restricted_likelihood import (
+    MOST_OF_ALL,
+    MOST_OF_FEW,
+    _choose_most,
+    _count_motions,
+)
+from modelsel.fitting.shared_errors import SharedError
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.files import load_robot
@@ -64,3 +73,14 @@ def test_joints_that_explain_every_coordinate_leave_an_instrument_of_at_most_a_s
     assert len(parts) == 3
     assert instrument.low == 0.0
     assert instrument.high > SIGMA
+
+
+def test_targets_of_one_visit_move_as_one_body(rng: np.random.Generator) -> None:
+    """Three targets have nine coordinates, of which joints and what a visit shares explain six at most."""
+    visit = np.arange(24).repeat(3)
+    joint = SharedError(rng.normal(size=(72, 3, 1)), visit, variance=1.0)
+    shared = SharedError(rng.normal(size=(72, 3, 3)), visit, variance=1.0)
+    assert _count_motions(joint) == 24 * 6
+    assert _choose_most([joint, shared]) == MOST_OF_FEW
+    assert _choose_most([joint, joint, shared]) == MOST_OF_ALL
+    assert _choose_most([replace(joint, time=np.arange(72.0), length=3.0)]) == MOST_OF_ALL
