@@ -30,7 +30,7 @@ TABLE_PURPOSE = (
     "would do as well, over all that was scanned. Only naming makes findings, and the two may differ."
 )
 # the sets of effects that the search has weighed, and what their table is for
-SETS_TITLE = "Sets of effects that explain the data about as well"
+SETS_TITLE = "Sets of effects and their probabilities"
 SETS_PURPOSE = (
     "Probability among all sets that the search weighed around the findings: one effect more or less, one for another, "
     "two for one, one for two. What a finding claims holds in nine tenths of them."
