@@ -1,4 +1,4 @@
-"""The sets of effects that would do, on the page to explore: the table that the PDF has."""
+"""The sets of effects that were weighed, on the page to explore: the table that the PDF has."""
 
 from __future__ import annotations
 
