@@ -1,5 +1,6 @@
-"""Powers of the gravity torque about a joint: a spring that hardens or softens, a contact that
-closes. They are told as what they are, without a cause."""
+"""Functions of the gravity torque about a joint: its powers, as a spring that hardens or softens has
+them, or a contact that closes, and a lost motion that grows with it, as friction does. They are told as
+what they are, without a cause."""
 
 from __future__ import annotations
 
@@ -8,10 +9,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..fitting.problem import Problem
-from ..mechanisms.causes import Applied, Number, torque
+from ..mechanisms.causes import Applied, Cause, Named, Number, torque
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism
-from .unregistered import build_cell
+from ..robot.gravity import find_gravity_joints
+from .unregistered import Place, build_cell
 
 # the power of which an error is looked for everywhere; the others stand beside a finding
 SQUARE = "2"
@@ -19,13 +21,9 @@ SQUARE = "2"
 
 def build_powers(problem: Problem, joint: int) -> dict[str, Mechanism]:
     """Build a joint's motions with powers of its torque over the typical one, by the power."""
-    load = torque(joint)
-    values = problem.state.value(f"torque{joint}")
-    mean = np.abs(values).mean()
-    typical = float(f"{mean:.4g}")
-    if not typical:
+    share = _scale_torque(problem, joint)
+    if share is None:
         return {}
-    share = load / Number(typical, load.unit)
     size = Applied("abs", share)
     root = Applied("root", share)
     powers = {
@@ -42,6 +40,37 @@ def build_powers(problem: Problem, joint: int) -> dict[str, Mechanism]:
         sentence = f"Joint {joint} yields with the gravity torque about it to the power {power}"
         built[power] = build_cell(place, (cause,), words, sentence)
     return built
+
+
+def _scale_torque(problem: Problem, joint: int) -> Cause | None:
+    """A joint's torque over the typical one; None where there is none."""
+    load = torque(joint)
+    values = problem.state.value(f"torque{joint}")
+    mean = np.abs(values).mean()
+    typical = float(f"{mean:.4g}")
+    if not typical:
+        return None
+    return load / Number(typical, load.unit)
+
+
+def generate_loaded(problem: Problem, place: Place, name: str) -> Iterator[Mechanism]:
+    """Generate a joint's motion with the direction that it came from, by its `name`, more or less with the
+    torque about it; none where a place is not the motion of a joint under load."""
+    joint, axis = place
+    robot = problem.robot
+    if joint not in find_gravity_joints(robot) or axis != joint_axis(robot, joint):
+        return
+    share = _scale_torque(problem, joint)
+    if share is None:
+        return
+    direction = Named(name)
+    loaded = direction * Applied("abs", share)
+    words = f"{name} and its product with the size of torque{joint}"
+    sentence = (
+        f"Joint {joint} stops beside its reading by the side that it came from, more or less with the "
+        "gravity torque about it"
+    )
+    yield build_cell(place, (direction, loaded), words, sentence)
 
 
 def generate_powers(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:

@@ -21,7 +21,7 @@ from .candidates import Candidate
 from .driver_functions import level_off, scale_driver
 from .finer_waves import generate_finer_waves
 from .simple_shapes import generate_products, generate_pulls, generate_saws
-from .torque_powers import generate_powers
+from .torque_powers import generate_loaded, generate_powers
 from .unregistered import RARE_WEIGHT, Place, build_bumps, list_places
 
 Drivers = frozenset[str]
@@ -257,14 +257,21 @@ def _generate_shapes(problem: Problem, parts: dict[Place, Drivers]) -> Iterator[
 def _generate_other_drivers(
     problem: Problem, parts: dict[Place, Drivers], drivers: Drivers, names: Sequence[str]
 ) -> Iterator[Mechanism]:
-    """Generate free functions of another driver at the own places, and of an own one times another."""
-    own = next((name for name in sorted(drivers) if _has_shape(problem, name)), None)
+    """Generate free functions of another driver at the own places, and of an own one times another; where
+    the only own one has few values, as a direction has, this times a free function of another, or times
+    a load."""
+    shaped = [name for name in sorted(drivers) if _has_shape(problem, name)]
+    directions = [] if shaped or len(drivers) > 1 else list(drivers)
+    for place, name in product(parts, directions):
+        yield from generate_loaded(problem, place, name)
     for other in names:
         if other in drivers:
             continue
         yield _build(_free(problem, parts, other))
-        if own is not None:
-            yield _build(_free(problem, parts, own, (ONE, scale_driver(problem, other))))
+        if shaped:
+            yield _build(_free(problem, parts, shaped[0], (ONE, scale_driver(problem, other))))
+        for name in directions:
+            yield _build(_free(problem, parts, other, (Named(name),)))
 
 
 def _generate_other_places(

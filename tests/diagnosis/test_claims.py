@@ -92,6 +92,11 @@ UNLISTED: dict[str, tuple[int, Values, set[str]]] = {
     "growth of a step": (3, lambda s: s.progress * np.tanh(4 * s.q[:, 2]), {"q3", "progress"}),
     "pull": (4, lambda s: np.tanh(s.q[:, 3]) * (1 + np.tanh(s.q[:, 0])), {"q4", "q1"}),
     "soft step": (3, lambda s: np.tanh(4 * s.q[:, 2]), {"q3"}),
+    "friction that grows with the load": (
+        2,
+        lambda s: -np.sign(s.move[:, 1]) * np.abs(s.moment(2)[:, 2]),
+        {"approach2", "torque2"},
+    ),
 }
 
 
@@ -188,6 +193,7 @@ def test_a_saw_is_no_joint_that_does_not_repeat(rng: np.random.Generator) -> Non
         ("encoder-scale:4", 4, lambda s: s.q[:, 3]),
         ("gear-eccentricity:3", 3, lambda s: np.sin(s.q[:, 2] + 0.7)),
         ("wrist-coupling:5", 5, lambda s: s.q[:, 3]),
+        ("approach-backlash:3", 3, lambda s: -np.sign(s.move[:, 2])),
     ],
 )
 def test_the_cause_is_claimed_of_what_the_registry_has(
@@ -221,6 +227,24 @@ def small(rng: np.random.Generator) -> Problem:
 def single(place: tuple[int, str], *causes: object, prior: float = 0.01) -> Candidate:
     terms = tuple(Term(f"m{k}", (Screw(*place, c),)) for k, c in enumerate(causes))  # type: ignore[arg-type]
     return Candidate(Mechanism("own", terms), CandidateKind.CELL, prior)
+
+
+@seeds(1)
+def test_a_direction_stands_against_its_products_with_a_load_and_with_functions_of_joints(
+    rng: np.random.Generator,
+) -> None:
+    at_ = small(rng)
+    own = single((3, "rz"), Named("approach3"))
+    drivers = [
+        frozenset(rival.candidate.mechanism.names())
+        for rival in list_rivals(at_, own)
+        if rival.agrees == "place"
+    ]
+    assert frozenset({"approach3", "torque3"}) in drivers
+    assert {frozenset({"approach3", f"q{j}"}) for j in range(1, 7)} <= set(drivers)
+    unloaded = single((1, "rz"), Named("approach1"))
+    names = [rival.candidate.mechanism.names() for rival in list_rivals(at_, unloaded)]
+    assert not any("torque1" in one for one in names)
 
 
 @seeds(1)
