@@ -55,10 +55,12 @@ def _scale_torque(problem: Problem, joint: int) -> Cause | None:
 
 def generate_loaded(problem: Problem, place: Place, name: str) -> Iterator[Mechanism]:
     """Generate a joint's motion with the direction that it came from, by its `name`, more or less with the
-    torque about it; none where a place is not the motion of a joint under load."""
+    torque about it; none for another name, or where a place is not the motion of a joint under load."""
     joint, axis = place
     robot = problem.robot
-    if joint not in find_gravity_joints(robot) or axis != joint_axis(robot, joint):
+    if name != f"approach{joint}" or joint not in find_gravity_joints(robot):
+        return
+    if axis != joint_axis(robot, joint):
         return
     share = _scale_torque(problem, joint)
     if share is None:

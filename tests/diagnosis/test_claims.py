@@ -242,9 +242,12 @@ def test_a_direction_stands_against_its_products_with_a_load_and_with_functions_
     ]
     assert frozenset({"approach3", "torque3"}) in drivers
     assert {frozenset({"approach3", f"q{j}"}) for j in range(1, 7)} <= set(drivers)
-    unloaded = single((1, "rz"), Named("approach1"))
-    names = [rival.candidate.mechanism.names() for rival in list_rivals(at_, unloaded)]
-    assert not any("torque1" in one for one in names)
+    for other in (((1, "rz"), "approach1"), ((3, "rx"), "approach3"), ((3, "rz"), "approach2")):
+        place, name = other
+        names = [
+            one.candidate.mechanism.names() for one in list_rivals(at_, single(place, Named(name)))
+        ]
+        assert not any(f"torque{place[0]}" in one for one in names)
 
 
 @seeds(1)
