@@ -27,7 +27,7 @@ from modelsel.report.document import bind_words, collect_blocks, make_table, mak
 from modelsel.report.pages.appendix import write_outliers_page
 from modelsel.report.pdf import (
     ReportError,
-    _set,
+    _export,
     _write_inputs,
     compile_pdf,
     fill_template,
@@ -238,7 +238,7 @@ def test_lines_do_not_touch_with_less_room(drawn, tmp_path, room) -> None:
     blocks = collect_blocks(source, drawing.PAGES, ["first"])
     content = fill_template(source, blocks)
     _write_inputs(tmp_path, source.pictures)
-    pdf = _set(tmp_path, content, [blocks], room).pdf
+    pdf, _ = _export(tmp_path, content, [blocks], room)
     (page,) = extract_pages(io.BytesIO(pdf))
     lines = [line for box in page for line in (box if hasattr(box, "__iter__") else [])]
     rows = {line.get_text().strip(): line for line in lines if isinstance(line, LTTextLine)}
