@@ -82,7 +82,7 @@ def test_a_planted_mistake_is_named_with_its_numbers(robot, name, rng) -> None:
     assert sentence is not None
     assert words in sentence
     assert re.search(
-        r"fit \d+ times better \([\d.]+ mm instead of \d+ mm, median\) if [^:]+: (check|name|convert) ",
+        r"fit [\d,]+ times better \([\d.]+ mm instead of [\d,.]+ mm, median\) if [^:]+: (check|name|convert) ",
         sentence,
     )
 
