@@ -7,7 +7,12 @@ import json
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from modelsel.report.pages.fleet_summary import write_summary
+
+# pages are read by a package that the unit tests do without
+pytestmark = pytest.mark.integration
 
 NOTES = ("columns-ignored", "approach-from-order", "counters-ignored", "table-differs")
 
