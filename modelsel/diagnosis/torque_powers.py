@@ -13,7 +13,7 @@ from ..mechanisms.causes import Applied, Cause, Named, Number, torque
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism
 from ..robot.gravity import find_gravity_joints
-from .unregistered import Place, build_cell
+from .unregistered import build_cell
 
 # the power of which an error is looked for everywhere; the others stand beside a finding
 SQUARE = "2"
@@ -53,18 +53,16 @@ def _scale_torque(problem: Problem, joint: int) -> Cause | None:
     return load / Number(typical, load.unit)
 
 
-def generate_loaded(problem: Problem, place: Place, name: str) -> Iterator[Mechanism]:
-    """Generate a joint's motion with the direction that it came from, by its `name`, more or less with the
-    torque about it; none for another name, or where a place is not the motion of a joint under load."""
-    joint, axis = place
-    robot = problem.robot
-    if name != f"approach{joint}" or joint not in find_gravity_joints(robot):
-        return
-    if axis != joint_axis(robot, joint):
+def generate_loaded(problem: Problem, joint: int) -> Iterator[Mechanism]:
+    """Generate a joint's motion with the direction that it came from, more or less with the torque about it;
+    none for a joint without load."""
+    if joint not in find_gravity_joints(problem.robot):
         return
     share = _scale_torque(problem, joint)
     if share is None:
         return
+    name = f"approach{joint}"
+    place = joint, joint_axis(problem.robot, joint)
     direction = Named(name)
     loaded = direction * Applied("abs", share)
     words = f"{name} and its product with the size of torque{joint}"

@@ -15,6 +15,7 @@ import numpy as np
 
 from ..fitting.problem import Problem
 from ..mechanisms.causes import ONE, Bump, Cause, Named
+from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism, Screw, Term
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
@@ -258,20 +259,32 @@ def _generate_other_drivers(
     problem: Problem, parts: dict[Place, Drivers], drivers: Drivers, names: Sequence[str]
 ) -> Iterator[Mechanism]:
     """Generate free functions of another driver at the own places, and of an own one times another; where
-    the only own one has few values, as a direction has, this times a free function of another, or times
-    a load."""
+    a joint moves with the direction that it came from, this times a free function of another, or times a
+    load."""
     shaped = [name for name in sorted(drivers) if _has_shape(problem, name)]
-    directions = [] if shaped or len(drivers) > 1 else list(drivers)
-    for place, name in product(parts, directions):
-        yield from generate_loaded(problem, place, name)
+    came_from = _find_moved_joint(problem, parts, drivers)
+    if came_from is not None:
+        yield from generate_loaded(problem, came_from)
     for other in names:
         if other in drivers:
             continue
         yield _build(_free(problem, parts, other))
         if shaped:
             yield _build(_free(problem, parts, shaped[0], (ONE, scale_driver(problem, other))))
-        for name in directions:
-            yield _build(_free(problem, parts, other, (Named(name),)))
+        if came_from is not None:
+            yield _build(_free(problem, parts, other, (Named(f"approach{came_from}"),)))
+
+
+def _find_moved_joint(
+    problem: Problem, parts: dict[Place, Drivers], drivers: Drivers
+) -> int | None:
+    """Find the joint that a finding moves with the direction it came from, if that is all it has."""
+    robot = problem.robot
+    for joint in range(1, robot.n + 1):
+        motion = joint, joint_axis(robot, joint)
+        if drivers == {f"approach{joint}"} and list(parts) == [motion]:
+            return joint
+    return None
 
 
 def _generate_other_places(
