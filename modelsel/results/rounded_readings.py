@@ -23,6 +23,8 @@ SYMBOLS = {"deg": "°", "rad": " rad", "mm": " mm", "m": " m"}
 MULTIPLE = 1e-4
 # different readings from which they are a measurement's, and not a few commanded ones
 FEWEST_READINGS = 20
+# readings that are looked at before all
+FIRST = 100
 
 
 class Rounding(NamedTuple):
@@ -36,7 +38,7 @@ class Rounding(NamedTuple):
 def find_rounding(data: Measurements) -> dict[str, Rounding]:
     """Find the joints whose readings are all multiples of a coarse step: "joint 2" and its rounding.
 
-    None where motors are coupled: the readings are not the joints'."""
+    Empty where motors are coupled: the readings are not the joints'."""
     if data.coupling is not None:
         return {}
     found = {}
@@ -56,11 +58,16 @@ def _choose_unit(data: Measurements, joint: int) -> str:
 
 
 def _find_step(values: Array, steps: tuple[float, ...]) -> float | None:
-    if len(np.unique(values.round(9))) < FEWEST_READINGS:
-        return None
     for step in steps:
-        multiples = values / step
-        apart = np.abs(multiples - multiples.round())
-        if apart.max() < MULTIPLE:
-            return step
+        # of very many readings the first tell most that are no multiples
+        if not _are_multiples(values[:FIRST], step) or not _are_multiples(values, step):
+            continue
+        distinct = len(np.unique(values.round(9)))
+        return step if distinct >= FEWEST_READINGS else None
     return None
+
+
+def _are_multiples(values: Array, step: float) -> bool:
+    multiples = values / step
+    apart = np.abs(multiples - multiples.round())
+    return bool(apart.max() < MULTIPLE)
