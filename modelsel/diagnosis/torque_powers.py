@@ -67,8 +67,8 @@ def generate_loaded(problem: Problem, joint: int) -> Iterator[Mechanism]:
     loaded = direction * Applied("abs", share)
     words = f"{name} and its product with the size of torque{joint}"
     sentence = (
-        f"Joint {joint} stops beside its reading by the side that it came from, more or less with the "
-        "gravity torque about it"
+        f"Joint {joint} stops beside its reading, on a side that depends on where it came from, by more or "
+        "less with the gravity torque about it"
     )
     yield build_cell(place, (direction, loaded), words, sentence)
 

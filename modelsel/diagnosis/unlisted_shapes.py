@@ -261,21 +261,21 @@ def _generate_other_drivers(
     """Generate free functions of another driver at the own places, and of an own one times another; where
     a joint moves with the direction that it came from, this times a free function of another, or times a
     load."""
-    shaped = [name for name in sorted(drivers) if _has_shape(problem, name)]
-    came_from = _find_moved_joint(problem, parts, drivers)
+    own = next((name for name in sorted(drivers) if _has_shape(problem, name)), None)
+    came_from = _find_joint_with_direction(problem, parts, drivers)
     if came_from is not None:
         yield from generate_loaded(problem, came_from)
     for other in names:
         if other in drivers:
             continue
         yield _build(_free(problem, parts, other))
-        if shaped:
-            yield _build(_free(problem, parts, shaped[0], (ONE, scale_driver(problem, other))))
+        if own is not None:
+            yield _build(_free(problem, parts, own, (ONE, scale_driver(problem, other))))
         if came_from is not None:
             yield _build(_free(problem, parts, other, (Named(f"approach{came_from}"),)))
 
 
-def _find_moved_joint(
+def _find_joint_with_direction(
     problem: Problem, parts: dict[Place, Drivers], drivers: Drivers
 ) -> int | None:
     """Find the joint that a finding moves with the direction it came from, if that is all it has."""
