@@ -43,7 +43,7 @@ from modelsel.robot.files import load_robot
 from .cases import EXPLAINS, FRESH, bound, visible
 from .noise import DRAWS, LEVEL, SIGMA, SURE, diagnose_campaign
 from .runner import Job, build_parser, count_most, interval, name_command, run_lines
-from .unlisted_plants import KINDS, Kind, Plant, Truth, find_truth, scale_parts
+from .unlisted_plants import GROUPS, KINDS, Kind, Plant, Truth, find_truth, scale_parts
 
 Array = np.ndarray
 Generator = np.random.Generator
@@ -484,6 +484,12 @@ def tabulate_exact(name: str, studies: Sequence[Study]) -> str:
     return f"{KINDS[name].words}: named {' + '.join(exact)} and nothing else {rate}; said: {said_}"
 
 
+def is_counted(study: Study, group: str) -> bool:
+    """Whether a study is of a group of kinds, and not of those that the catalogue has."""
+    kind = KINDS[study.line]
+    return kind.group == group and not kind.exact
+
+
 def tabulate(studies: Sequence[Study], command: str) -> str:
     """All tables, the command first."""
     done = {name: [s for s in studies if s.line == name] for name in KINDS}
@@ -498,14 +504,10 @@ def tabulate(studies: Sequence[Study], command: str) -> str:
     heads = "".join(f"{head:<23}" for head in HEADS)
     lines = [f"{'planted':<28}{'studies':>7}{'oracle':>7}  {heads}{'error':<19}falsely named"]
     lines += [tabulate_kind(KINDS[name].words, own) for name, own in done.items()]
-    later = [s for name, own in done.items() if KINDS[name].is_later for s in own]
-    planted = [s for s in studies if not KINDS[s.line].exact and s not in later]
+    groups = {group: [s for s in studies if is_counted(s, group)] for group in GROUPS}
+    planted = groups[GROUPS[0]]
     steady = [s for s in planted if not KINDS[s.line].jumps]
-    for words, own in (
-        ("the first thirteen", planted),
-        ("of these, without jumps", steady),
-        ("the last five", later),
-    ):
+    for words, own in {GROUPS[0]: planted, "of these, without jumps": steady, **groups}.items():
         if own:
             lines.append(tabulate_kind(words, own))
     parts = [tabulate_parts(KINDS[name].words, own) for name, own in done.items()]

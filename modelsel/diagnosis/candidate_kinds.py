@@ -18,6 +18,7 @@ class CandidateKind(Enum):
     GROWTH = "function of a joint's own angle that grows along the campaign"
     JUMP = "jump at one angle of a joint"
     RAMP = "step of a joint over a part of its range"
+    BUMP = "error of a joint around one reading"
     POWER = "compliance of a joint that is not in proportion to its torque"
     PERIOD = "pattern of a joint's own angle that repeats on a turn"
     SAW = "joint that errs more and more and falls back, a whole number of times a turn"
@@ -25,6 +26,7 @@ class CandidateKind(Enum):
     PULL = "turn of a joint with its neighbour's reading beyond some angle"
     WOUND = "turn of a joint with its own reading, more or less with another joint's"
     PRODUCT = "turn of a joint with the product of two joints' readings"
+    SOFT_LAG = "lag of a joint behind its last move that levels off"
     SHAPE = "shape that no list has, at the place of a finding or beside it"
 
 
@@ -32,6 +34,8 @@ class CandidateKind(Enum):
 MAP_KINDS = (CandidateKind.CELL, CandidateKind.WAVE, CandidateKind.WAVE_PRODUCT)
 # kinds whose causes have words of their own
 NAMED_IN_WORDS = (
+    CandidateKind.BUMP,
+    CandidateKind.SOFT_LAG,
     CandidateKind.POWER,
     CandidateKind.REACH,
     CandidateKind.PULL,

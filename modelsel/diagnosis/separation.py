@@ -32,6 +32,7 @@ from ..selection.evaluation import Split
 from ..selection.structure_criterion import compute_criterion
 from .candidates import Candidate
 from .conclusion import build_empty, conclude, fit_again, prove
+from .driver_functions import IN_TIME
 from .effects import Effect
 from .kept_causes import KeptCauses
 from .options import DiagnosisOptions
@@ -52,8 +53,6 @@ VERY_STRONG = 10.0
 OF_ANY_SHAPE = 25.0
 # probability of errors that last in an effect's place from which they are told with it
 WORTH_TELLING = 0.01
-# what an effect depends on that errors which last resemble
-IN_TIME = {"progress", "time_s"}
 
 
 class Inquiry(NamedTuple):

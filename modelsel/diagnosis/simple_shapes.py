@@ -1,11 +1,12 @@
 """Simple shapes beside the free functions that stand against a finding: few numbers, many constants.
 
 A wave of a joint may be the first of a saw's; what two drivers do may be a product of two functions
-that level off. Where one of them holds, it leaves less open than a free function."""
+that level off; a joint may lag behind its last move by an amount that levels off. Where one of them holds, it leaves less open than a free function."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import permutations, product
 
 import numpy as np
@@ -13,10 +14,12 @@ import numpy as np
 from .._typing import Array
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Applied, Cause, Named, q, shifted
+from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism
 from ..mechanisms.waves import read_wave
 from .arm_shapes import build_pulls, choose_onsets, list_turning
-from .driver_functions import level_off, scale_driver
+from .driver_functions import STILL, level_off, scale_driver
+from .joint_bumps import describe_reading
 from .unregistered import build_cell
 
 # how far two drivers go beyond the linear part of what levels off, and in the middle of which part
@@ -27,6 +30,14 @@ CENTRES = (-0.4, 0.0, 0.4)
 ONSETS = tuple(k / 20 for k in range(2, 19))
 # moments in a saw's tooth at which it may fall back
 FALLS = 128
+# what has such lags, as far as is known
+BEFORE_SLIDING = (
+    "friction before it slides",
+    "play between soft faces",
+    "a controller's dead band",
+)
+# shares of a joint's moves that are shorter than what a lag takes to level off
+LEVELLED = (0.1, 0.2, 0.35, 0.5, 0.7)
 
 
 def generate_products(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
@@ -118,6 +129,36 @@ def generate_pulls(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
     readings = problem.state.value(driver)
     for onset in choose_onsets(readings, ONSETS):
         yield from build_pulls(joint, others[driver], onset)
+
+
+def generate_soft_lags(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
+    """Generate lags of a joint behind its last move that level off, as friction has them before it
+    slides (Dahl 1968, Aerospace Corp. TOR-0158(3107-18)-1). None for a finding that does not move one
+    joint with its own last move, or with the side that it came from."""
+    places = list(found.names_by_place())
+    joint, _ = places[0]
+    motion = {f"approach{joint}", f"move{joint}"}
+    if not found.names() <= motion or places != [(joint, joint_axis(problem.robot, joint))]:
+        return
+    name = f"move{joint}"
+    units = problem.names()
+    lengths = problem.state.value(name) if name in units else np.zeros(0)
+    travelled = lengths[lengths > STILL]
+    if not len(travelled):
+        return
+    side = Named(f"approach{joint}")
+    move = Named(name, units[name])
+    for distance in np.quantile(travelled, LEVELLED):
+        rounded = float(f"{distance:.6g}")
+        levelled = Applied("tanh", move / rounded)
+        over = describe_reading(problem.robot.joints[joint - 1], rounded)
+        lag = build_cell(
+            place=places[0],
+            causes=(side * levelled,),
+            words=f"a part of the last move that levels off over {over}",
+            sentence=f"Joint {joint} is off its reading by a part of its last move that levels off over {over}",
+        )
+        yield replace(lag, usual_causes=BEFORE_SLIDING)
 
 
 def find_own_wave(found: Mechanism) -> tuple[int, float]:

@@ -23,6 +23,8 @@ FIRST_LEVELS = 2
 # kinds of one shape with a constant: the angle at which something sets in, a power, a number of waves
 WITH_CONSTANT = (
     *WITH_PLACE,
+    CandidateKind.BUMP,
+    CandidateKind.SOFT_LAG,
     CandidateKind.POWER,
     CandidateKind.JOINT_WAVE,
     CandidateKind.SLIDE_WAVE,

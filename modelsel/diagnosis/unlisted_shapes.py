@@ -1,9 +1,10 @@
 """Shapes that no list has, as rivals of a finding: what else could stand where an effect was named.
 
 A rival is a free function of the finding's own drivers at its places, of one driver more or another
-one there, or of its own drivers at another place. All are smooth, with the prior of free functions.
-Together they are as probable beforehand as the finding itself: half of that for an unlisted shape of
-the same drivers, the rest for other drivers and other places."""
+one there, or of its own drivers at another place; or the finding's own shape, changing along the
+campaign. Free functions are smooth, with their usual prior. Together the rivals are as probable
+beforehand as the finding itself: half of that for an unlisted shape of the same drivers, the rest for
+other drivers, of which a fifth for changes along the campaign, and for other places."""
 
 from __future__ import annotations
 
@@ -19,9 +20,11 @@ from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism, Screw, Term
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
+from .changing_shapes import generate_changing
 from .driver_functions import level_off, scale_driver
 from .finer_waves import generate_finer_waves
-from .simple_shapes import generate_products, generate_pulls, generate_saws
+from .joint_bumps import generate_bumps, generate_finer_bumps
+from .simple_shapes import generate_products, generate_pulls, generate_saws, generate_soft_lags
 from .torque_powers import generate_loaded, generate_powers
 from .unregistered import RARE_WEIGHT, Place, build_bumps, list_places
 
@@ -33,12 +36,14 @@ MIN_VALUES = 8
 PROGRESS = Named("progress")
 # places times drivers from which a finding acts in too many ways for one free function
 MAX_PARTS = 6
-# simple shapes of a finding's drivers at its place, of which one kind at most fits them
+# simple shapes of a finding's drivers at its place
 SIMPLE = {
-    CandidateKind.SHAPE: generate_products,
-    CandidateKind.SAW: generate_saws,
-    CandidateKind.PULL: generate_pulls,
-    CandidateKind.POWER: generate_powers,
+    generate_bumps: CandidateKind.BUMP,
+    generate_products: CandidateKind.SHAPE,
+    generate_soft_lags: CandidateKind.SOFT_LAG,
+    generate_saws: CandidateKind.SAW,
+    generate_pulls: CandidateKind.PULL,
+    generate_powers: CandidateKind.POWER,
 }
 # kinds of waves, whose number may lie between those that are looked for
 OF_ANY_NUMBER = (CandidateKind.JOINT_WAVE, CandidateKind.SLIDE_WAVE)
@@ -48,7 +53,7 @@ FACTORS = (scale_driver, level_off)
 FURTHER = 0.1
 # prior probability of all rivals over that of the finding, and how it is divided
 ODDS = 1.0
-SHARES = {"shape": 0.5, "drivers": 0.25, "place": 0.25}
+SHARES = {"shape": 0.5, "drivers": 0.2, "changing": 0.05, "place": 0.25}
 
 
 @dataclass(frozen=True)
@@ -123,6 +128,8 @@ def _list_shapes(
     if any(m in free for m in mechanisms):
         return []
     powers = dict.fromkeys(power for m in mechanisms for power in generate_powers(problem, m))
+    changing = [one for m in mechanisms for one in generate_changing(problem, m)]
+    free += [one for one in changing if one.names() == drivers]
     shapes = [(m, CandidateKind.SHAPE) for m in free]
     return shapes + [(m, CandidateKind.POWER) for m in powers if m not in mechanisms]
 
@@ -138,22 +145,26 @@ def list_rivals(problem: Problem, candidate: Candidate) -> list[Rival]:
     names = _list_drivers(problem)
     own = candidate.mechanism
     free = [m for m in _generate_shapes(problem, parts) if m != own]
-    simple = {
-        kind: [m for m in generate(problem, own) if m != own] for kind, generate in SIMPLE.items()
-    }
+    simple = [
+        (kind, [m for m in generate(problem, own) if m != own]) for generate, kind in SIMPLE.items()
+    ]
     others = list(_generate_other_drivers(problem, parts, drivers, names))
+    changing = list(generate_changing(problem, own))
     elsewhere = list(_generate_other_places(problem, parts, drivers, names))
     prior = ODDS * candidate.prior
-    alike = prior * SHARES["shape"] / (2 if any(simple.values()) else 1)
+    sorts = 1 + sum(bool(mechanisms) for _, mechanisms in simple)
+    alike = prior * SHARES["shape"] / sorts
     return [
         *_weigh(free, "drivers", alike),
         *(
             rival
-            for kind, mechanisms in simple.items()
+            for kind, mechanisms in simple
             for rival in _weigh(mechanisms, "drivers", alike, kind)
         ),
         *_list_finer_waves(problem, candidate),
+        *_list_finer_bumps(problem, candidate),
         *_weigh(others, "place", prior * SHARES["drivers"]),
+        *_weigh(changing, "place", prior * SHARES["changing"]),
         *_weigh(elsewhere, "", prior * SHARES["place"]),
     ]
 
@@ -172,6 +183,14 @@ def _list_finer_waves(problem: Problem, candidate: Candidate) -> Iterator[Rival]
     own = candidate.mechanism
     waves = list(generate_finer_waves(problem, own))
     yield from _weigh(waves, agrees, prior, kind)
+
+
+def _list_finer_bumps(problem: Problem, candidate: Candidate) -> Iterator[Rival]:
+    """List bumps near a found one. Of few readings there, their height, width and shape are one question."""
+    kind = candidate.kind
+    if kind is CandidateKind.BUMP:
+        finer = list(generate_finer_bumps(problem, candidate.mechanism))
+        yield from _weigh(finer, "drivers", candidate.prior, kind)
 
 
 def _weigh(

@@ -9,9 +9,10 @@ Columns = Sequence[tuple[str, str]]
 
 
 def write_paragraph(words: str, style: str = "") -> str:
-    """Write a paragraph of plain words."""
+    """Write a paragraph of plain words; a number and its per cent sign stay together."""
     attribute = f' class="{style}"' if style else ""
-    return f"<p{attribute}>{escape(words)}</p>"
+    together = words.replace(" %", "\N{NO-BREAK SPACE}%")
+    return f"<p{attribute}>{escape(together)}</p>"
 
 
 def write_html_table(columns: Columns, rows: Sequence[Sequence[str]], of: str) -> str:

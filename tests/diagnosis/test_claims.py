@@ -90,6 +90,7 @@ def claims_of(at: Problem) -> list[tuple[Effect, Claim]]:
 
 UNLISTED: dict[str, tuple[int, Values, set[str]]] = {
     "growth of a step": (3, lambda s: s.progress * np.tanh(4 * s.q[:, 2]), {"q3", "progress"}),
+    "creep": (5, lambda s: np.sqrt(s.progress) * s.q[:, 4], {"q5"}),
     "pull": (4, lambda s: np.tanh(s.q[:, 3]) * (1 + np.tanh(s.q[:, 0])), {"q4", "q1"}),
     "soft step": (3, lambda s: np.tanh(4 * s.q[:, 2]), {"q3"}),
     "friction that grows with the load": (
@@ -121,6 +122,10 @@ SHAPES: dict[CandidateKind, Values] = {
     CandidateKind.GROWTH: lambda s: s.progress * np.sin(s.q[:, 2] + 0.4),
     CandidateKind.JUMP: lambda s: (s.q[:, 2] > np.quantile(s.q[:, 2], 0.4)).astype(float),
     CandidateKind.RAMP: lambda s: np.clip(s.q[:, 2] - np.quantile(s.q[:, 2], 0.45), -0.4, 0.4),
+    CandidateKind.BUMP: lambda s: np.exp(-8 * np.square(s.q[:, 2] - np.quantile(s.q[:, 2], 0.45))),
+    CandidateKind.SOFT_LAG: lambda s: (
+        -np.tanh(s.move[:, 2] / np.quantile(np.abs(s.move[:, 2]), 0.3))
+    ),
     CandidateKind.PERIOD: lambda s: np.sin(6 * s.q[:, 2]) + 0.7 * np.sin(12 * s.q[:, 2] + 2.0),
     CandidateKind.SAW: lambda s: np.mod(6 * s.q[:, 2] + 0.9, 2 * np.pi) / np.pi - 1,
     CandidateKind.POWER: lambda s: s.moment(3)[:, 2] * np.abs(s.moment(3)[:, 2]),

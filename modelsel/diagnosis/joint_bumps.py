@@ -1,0 +1,121 @@
+"""Errors that a joint has around one reading: a damaged tooth, a dent of a bearing's race, a cable that
+catches. They are told as what they are, without a cause."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from .._typing import Array
+from ..fitting.problem import Problem
+from ..mechanisms.causes import Applied, Combined, Named, Number, q, shifted
+from ..mechanisms.motors import joint_axis
+from ..mechanisms.terms import Mechanism
+from ..robot.kinematics import Joint, Robot
+from .unregistered import build_cell
+
+# widths that are looked for, at half of the height: of a turning joint [rad], and of a slide as shares
+# of its travel
+TURNS = tuple(float(f"{np.radians(degrees):.6g}") for degrees in (20.0, 40.0))
+TRAVELS = (1 / 16, 1 / 8)
+# half of the width at half of the height over the standard deviation
+HALF = float(np.sqrt(2 * np.log(2)))
+# centres and widths, over those that are looked for, of what stands against another function of a reading
+CENTRES = 24
+OTHERS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8)
+# how far others stand beside a found one, in its widths, and how wide they are
+SHIFTS = tuple(k / 8 for k in range(-4, 5))
+FACTORS = (0.5, 0.6, 0.7, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0)
+# what has such errors, as far as is known
+PARTS = ("damaged tooth or bearing", "cable or hose that catches", "dirt on the encoder's ring")
+
+
+def list_widths(robot: Robot, joint: int, readings: Array) -> tuple[float, ...]:
+    """List the widths that are looked for, at half of the height [rad or mm]."""
+    if not robot.joints[joint - 1].prismatic:
+        return TURNS
+    travel = float(np.ptp(readings))
+    return tuple(float(f"{share * travel:.6g}") for share in TRAVELS)
+
+
+def build_bump(robot: Robot, joint: int, centre: float, width: float) -> Mechanism:
+    """Build a joint's motion by exp(-(q - centre)² / 2σ²), `width` wide [rad or mm] at half its height."""
+    deviation = 0.5 * width / HALF
+    twice = float(f"{2 * deviation * deviation:.6g}")
+    offset = shifted(q(joint, robot.unit(joint)), -centre)
+    cause = Applied("exp", offset * offset / -twice)
+    own = robot.joints[joint - 1]
+    where = describe_reading(own, centre)
+    wide = describe_reading(own, width)
+    bump = build_cell(
+        place=(joint, joint_axis(robot, joint)),
+        causes=(cause,),
+        words=f"a bump around q{joint} = {where}, {wide} wide",
+        sentence=f"Joint {joint} errs around a reading of {where}, over about {wide}",
+    )
+    return replace(bump, usual_causes=PARTS)
+
+
+def generate_bumps(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
+    """Generate bumps that stand against another function of a joint's own reading. None for any other
+    finding, and for a bump."""
+    robot = problem.robot
+    places = list(found.names_by_place())
+    joint, axis = places[0]
+    is_own = found.names() == {f"q{joint}"} and len(places) == 1
+    if not is_own or axis != joint_axis(robot, joint) or _read_bump(found):
+        return
+    readings = problem.data.q[:, joint - 1]
+    shares = (np.arange(CENTRES) + 0.5) / CENTRES
+    narrowest, _ = list_widths(robot, joint, readings)
+    for centre, factor in product(np.quantile(readings, shares), OTHERS):
+        place = float(f"{centre:.6g}")
+        width = float(f"{factor * narrowest:.6g}")
+        yield build_bump(robot, joint, place, width)
+
+
+def generate_finer_bumps(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
+    """Generate bumps near a found one, narrower and wider ones too. None for any other finding."""
+    known = _read_bump(found)
+    if known is None:
+        return
+    joint, centre, width = known
+    for shift, factor in product(SHIFTS, FACTORS):
+        place = float(f"{centre + shift * width:.6g}")
+        wide = float(f"{factor * width:.6g}")
+        finer = build_bump(problem.robot, joint, place, wide)
+        if finer != found:
+            yield finer
+
+
+def _read_bump(found: Mechanism) -> tuple[int, float, float] | None:
+    """Read (joint, centre, width) off what `build_bump` has built; None of anything else."""
+    screw = found.terms[0].screws[0]
+    match screw.cause:
+        case Applied("exp", Combined("/", Combined("*", offset, _), Number(minus_twice))):
+            pass
+        case _:
+            return None
+    match offset:
+        case Combined("-", Named(), Number(centre)):
+            pass
+        case Combined("+", Named(), Number(less)):
+            centre = -less
+        case Named():
+            centre = 0.0
+        case _:
+            return None
+    deviation = np.sqrt(-minus_twice / 2)
+    width = 2 * HALF * deviation
+    return screw.frame, centre, float(width)
+
+
+def describe_reading(joint: Joint, reading: float) -> str:
+    """Describe a joint's reading [rad or mm], in degrees where it turns."""
+    if joint.prismatic:
+        return f"{reading:.4g} mm"
+    degrees = np.degrees(reading)
+    return f"{degrees:.0f}°"

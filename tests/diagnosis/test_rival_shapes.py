@@ -1,0 +1,124 @@
+"""Errors of a joint around one reading, lags that level off, and shapes that change along the campaign."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from builders import drawn, seeds, small_arm
+
+from modelsel.diagnosis.candidate_kinds import CandidateKind
+from modelsel.diagnosis.candidates import Candidate
+from modelsel.diagnosis.changing_shapes import generate_changing
+from modelsel.diagnosis.joint_bumps import build_bump, generate_finer_bumps
+from modelsel.diagnosis.joint_shapes import generate_joint_shapes
+from modelsel.diagnosis.simple_shapes import generate_soft_lags
+from modelsel.diagnosis.unlisted_shapes import list_company, list_rivals
+from modelsel.mechanisms.causes import Named, parse, q
+from modelsel.mechanisms.registry import build_faults, every, mechanism
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.robot.files import load_robot
+
+
+@pytest.mark.parametrize("centre", [0.4, -0.4, 0.0])
+@seeds(1)
+def test_a_bump_is_half_as_high_half_a_width_aside(centre: float, rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 9)
+    width = rng.uniform(0.2, 0.6)
+    q3 = at.data.q[:, 2]
+    q3[:3] = centre, centre + width / 2, centre - width
+    (term,) = build_bump(at.robot, 3, centre, width).terms
+    (screw,) = term.screws
+    values = screw.cause.of(at.state)
+    assert (screw.frame, screw.axis) == (3, "rz")
+    assert values[:3] == pytest.approx([1, 1 / 2, 1 / 16], rel=1e-4)
+    # as an export writes it
+    assert parse(str(screw.cause), {"q3": "rad"}).of(at.state) == pytest.approx(values)
+
+
+@seeds(1)
+def test_bumps_lie_within_the_readings_of_every_joint(rng: np.random.Generator) -> None:
+    at = drawn(small_arm(prismatic=True), rng, 60)
+    bumps = [b for b in generate_joint_shapes(at) if b.kind is CandidateKind.BUMP]
+    joints = [b.mechanism.terms[0].screws[0].frame for b in bumps]
+    assert set(joints) == {1, 2, 3}
+    for joint in (1, 2, 3):
+        own = [b for b, j in zip(bumps, joints, strict=True) if j == joint]
+        # all bumps of a joint weigh as much as one cell
+        assert sum(b.weight for b in own) == pytest.approx(1)
+        for one in own:
+            (screw,) = one.mechanism.terms[0].screws
+            assert screw.cause.of(at.state).max() > 0.3
+    slide = next(b for b, j in zip(bumps, joints, strict=True) if j == 3).mechanism
+    assert slide.sentence.endswith("mm")
+    label = Candidate(slide, CandidateKind.BUMP, 0.1).label
+    assert label.startswith("frame 3 tz · a bump around q3 = ")
+
+
+def test_finer_bumps_are_near_a_found_one() -> None:
+    robot = load_robot("puma760")
+    at = drawn("puma760", np.random.default_rng(1), 20)
+    found = build_bump(robot, 4, -0.3, 0.5)
+    finer = list(generate_finer_bumps(at, found))
+    assert found not in finer
+    assert len(set(finer)) == len(finer) > 50
+    at.data.q[:, 3] = np.linspace(-1.5, 1.5, 20)
+    tops = [
+        float(at.data.q[np.argmax(one.terms[0].screws[0].cause.of(at.state)), 3]) for one in finer
+    ]
+    assert min(tops) < -0.3 < max(tops)
+    assert np.ptp(tops) < 0.8
+    assert list(generate_finer_bumps(at, mechanism("encoder-scale:4", robot))) == []
+
+
+@pytest.mark.parametrize("name", ["approach-backlash:4", "overshoot:4", "settle:4"])
+@seeds(1)
+def test_a_lag_stands_against_lags_that_level_off(name: str, rng: np.random.Generator) -> None:
+    """From a side alone to a share of the move: the steepest is nearly the one, the flattest the other."""
+    at = drawn("puma760", rng, 60)
+    own = mechanism(name, at.robot)
+    lags = list(generate_soft_lags(at, own))
+    side, move = at.state.value("approach4"), at.state.value("move4")
+    values = [lag.terms[0].screws[0].cause.of(at.state) for lag in lags]
+    likeness = [
+        [abs(np.corrcoef(one, like)[0, 1]) for one in values] for like in (side, side * move)
+    ]
+    assert likeness[0][0] > 0.9
+    assert likeness[1][-1] > 0.9
+    assert np.argmax(likeness[0]) == 0
+    assert np.argmax(likeness[1]) == len(lags) - 1
+    assert set(lags) <= {
+        r.candidate.mechanism for r in list_rivals(at, Candidate(own, CandidateKind.MECHANISM, 0.1))
+    }
+
+
+@pytest.mark.parametrize("name", ["encoder-scale:4", "joint-compliance:3", "fault:read-too-early"])
+@seeds(1)
+def test_nothing_else_stands_against_lags_that_level_off(
+    name: str, rng: np.random.Generator
+) -> None:
+    at = drawn("puma760", rng, 20)
+    (own,) = [m for m in (*build_faults(at.robot), *every(at.robot)) if m.name == name][:1]
+    assert list(generate_soft_lags(at, own)) == []
+
+
+@seeds(1)
+def test_a_finding_stands_against_itself_changing_along_the_campaign(
+    rng: np.random.Generator,
+) -> None:
+    at = drawn("puma760", rng, 40)
+    scale = mechanism("encoder-scale:4", at.robot)
+    changing = list(generate_changing(at, scale))
+    assert all(one.names() == {"q4", "time_s"} for one in changing)
+    assert all(one.terms[0].screws == scale.terms[0].screws for one in changing)
+    rivals = list_rivals(at, Candidate(scale, CandidateKind.MECHANISM, 0.1))
+    assert set(changing) <= {rival.candidate.mechanism for rival in rivals}
+    # what depends on time already, and free functions, have other rivals
+    growing = Mechanism("own", (Term("m", (Screw(4, "rz", Named("time_s", "s") * q(4)),)),))
+    assert list(generate_changing(at, growing)) == []
+    assert list(generate_changing(at, mechanism("geometric", at.robot))) == []
+    found = {
+        1: Candidate(scale, CandidateKind.MECHANISM, 0.1),
+        2: Candidate(growing, CandidateKind.GROWTH, 0.1),
+    }
+    (company,) = list_company(at, found)
+    assert set(changing) <= {shape.mechanism for shape in company.shapes}
