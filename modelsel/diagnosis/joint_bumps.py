@@ -9,7 +9,6 @@ from itertools import product
 
 import numpy as np
 
-from .._typing import Array
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Applied, Combined, Named, Number, q, shifted
 from ..mechanisms.motors import joint_axis
@@ -17,13 +16,13 @@ from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Joint, Robot
 from .unregistered import build_cell
 
-# widths that are looked for, at half of the height: of a turning joint [rad], and of a slide as shares
-# of its travel
-TURNS = tuple(float(f"{np.radians(degrees):.6g}") for degrees in (20.0, 40.0))
-TRAVELS = (1 / 16, 1 / 8)
+# width at half of the height that others are counted in: of a turning joint [rad], and of a slide as a
+# share of its travel
+TURN = float(f"{np.radians(20.0):.6g}")
+TRAVEL = 1 / 16
 # half of the width at half of the height over the standard deviation
 HALF = float(np.sqrt(2 * np.log(2)))
-# centres and widths, over those that are looked for, of what stands against another function of a reading
+# how many centres and which widths have what stands against another function of a reading
 CENTRES = 24
 OTHERS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8)
 # how far others stand beside a found one, in its widths, and how wide they are
@@ -31,14 +30,6 @@ SHIFTS = tuple(k / 8 for k in range(-4, 5))
 FACTORS = (0.5, 0.6, 0.7, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0)
 # what has such errors, as far as is known
 PARTS = ("damaged tooth or bearing", "cable or hose that catches", "dirt on the encoder's ring")
-
-
-def list_widths(robot: Robot, joint: int, readings: Array) -> tuple[float, ...]:
-    """List the widths that are looked for, at half of the height [rad or mm]."""
-    if not robot.joints[joint - 1].prismatic:
-        return TURNS
-    travel = float(np.ptp(readings))
-    return tuple(float(f"{share * travel:.6g}") for share in TRAVELS)
 
 
 def build_bump(robot: Robot, joint: int, centre: float, width: float) -> Mechanism:
@@ -70,10 +61,12 @@ def generate_bumps(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
         return
     readings = problem.data.q[:, joint - 1]
     shares = (np.arange(CENTRES) + 0.5) / CENTRES
-    narrowest, _ = list_widths(robot, joint, readings)
+    unit = TURN
+    if robot.joints[joint - 1].prismatic:
+        unit = TRAVEL * float(np.ptp(readings))
     for centre, factor in product(np.quantile(readings, shares), OTHERS):
         place = float(f"{centre:.6g}")
-        width = float(f"{factor * narrowest:.6g}")
+        width = float(f"{factor * unit:.6g}")
         yield build_bump(robot, joint, place, width)
 
 

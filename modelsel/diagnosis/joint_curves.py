@@ -17,6 +17,7 @@ from .._typing import Array, Index, Mask
 from ..fitting.splines import spline
 from .buckets import build_buckets
 from .candidate_columns import Block, Columns, find_signed
+from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .evidence import compute_factors
 from .scan import Beyond, Released, Response, Scan
@@ -49,7 +50,7 @@ class Curve:
     """The candidates of one joint's own angle.
 
     `which` (k,): their indices among all candidates; `free` (k,) marks the free functions among
-    them; `index` (c,): their columns among all `columns`; `slices`: each candidate's own among
+    them, `chained` (k,) those of which a few together may stand for a curve; `index` (c,): their columns among all `columns`; `slices`: each candidate's own among
     those; `blocks`: the candidates by their number of columns; `homes`: where the candidates of each
     block are among all candidates' blocks, (block, rows)."""
 
@@ -57,6 +58,7 @@ class Curve:
     which: Index
     log_prior: Array
     free: Mask
+    chained: Mask
     index: Index
     slices: tuple[Index, ...]
     blocks: tuple[Block, ...]
@@ -163,13 +165,16 @@ def collect_curves(found: Sequence[Candidate], cols: Columns, log_prior: Array) 
         is_free = [spline(found[g].mechanism.terms[0]) is not None for g in indices]
         if not any(is_free):
             continue
-        curves[joint] = build_curve(cols, which, log_prior[which], np.array(is_free))
+        # bumps side by side take any shape, as a free function does, without its price
+        is_bump = np.array([found[g].kind is CandidateKind.BUMP for g in indices])
+        free = np.array(is_free)
+        curves[joint] = build_curve(cols, which, log_prior[which], free, ~free & ~is_bump)
     return curves
 
 
-def build_curve(cols: Columns, which: Index, log_prior: Array, free: Mask) -> Curve:
+def build_curve(cols: Columns, which: Index, log_prior: Array, free: Mask, chained: Mask) -> Curve:
     """Build what candidates `which` (k,) have in common, to weigh them together; `free` (k,) marks
-    the free functions among them."""
+    the free functions among them, `chained` (k,) what may stand for a curve a few together."""
     columns = [cols.slices[g] for g in which]
     index = np.unique(np.concatenate(columns))
     blocks, homes = [], []
@@ -189,6 +194,7 @@ def build_curve(cols: Columns, which: Index, log_prior: Array, free: Mask) -> Cu
         which=which,
         log_prior=log_prior,
         free=free,
+        chained=chained,
         index=index,
         slices=tuple(np.searchsorted(index, own) for own in columns),
         blocks=tuple(blocks),
@@ -252,7 +258,7 @@ def find_better_curve(start: Rest, now: Sequence[int], odds: float) -> list[int]
     curve = start.curve
     present, _ = chain_effects(start.offer(np.isin(curve.which, now)), len(now), at_any_cost=True)
     functions = start.offer(curve.free).score
-    trials = [chain_effects(start.offer(~curve.free), MAX_EFFECTS_PER_CURVE)]
+    trials = [chain_effects(start.offer(curve.chained), MAX_EFFECTS_PER_CURVE)]
     for place in np.flatnonzero(curve.free):
         value = functions[place]
         trials.append((value, [int(curve.which[place])]) if np.isfinite(value) else (0.0, []))

@@ -1,6 +1,6 @@
 """Shapes of single joints that the registry does not have, at the joint's own motion.
 
-An error of its own angle that grows along the campaign, a jump at one angle, a ramp or a bump, a compliance that is
+An error of its own angle that grows along the campaign, a jump at one angle or a ramp, a compliance that is
 not in proportion to the torque, a pattern that repeats on a turn. They are told as what they are, without a cause."""
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ..robot.gravity import find_gravity_joints
 from ..robot.kinematics import Robot
 from .candidate_kinds import CandidateKind
 from .driver_functions import STILL
-from .joint_bumps import build_bump, describe_reading, list_widths
+from .joint_bumps import describe_reading
 from .torque_powers import SQUARE, build_powers
 from .unregistered import Causes, Unregistered, build_cell
 
@@ -31,8 +31,6 @@ MIN_READINGS = 4
 # angles about which a ramp is looked for, and its widths as shares of the joint's range
 RAMPS = 24
 WIDTHS = (0.125, 0.25, 0.5)
-# readings around which an error is looked for
-BUMPS = 48
 # repetitions a turn of a pattern that is no single wave, and its harmonics
 PERIODS = tuple(range(2, 21))
 HARMONICS = 3
@@ -43,7 +41,6 @@ def generate_joint_shapes(problem: Problem) -> Iterator[Unregistered]:
     yield from _generate_growing(problem)
     yield from _generate_jumps(problem)
     yield from _generate_ramps(problem)
-    yield from _generate_bumps(problem)
     yield from _generate_powers(problem)
     yield from _generate_periods(problem.robot)
 
@@ -96,19 +93,6 @@ def _generate_ramps(problem: Problem) -> Iterator[Unregistered]:
             )
             mechanism = _build(robot, j, (ramp,), sentence)
             yield Unregistered(mechanism, CandidateKind.RAMP, weight)
-
-
-def _generate_bumps(problem: Problem) -> Iterator[Unregistered]:
-    """Generate errors that a joint has around one reading: what is damaged or caught there."""
-    robot = problem.robot
-    for j in range(1, robot.n + 1):
-        readings = problem.data.q[:, j - 1]
-        centres = _choose_places(readings, BUMPS)
-        widths = list_widths(robot, j, readings)
-        weight = 1 / max(len(centres) * len(widths), 1)
-        for centre, width in product(centres, widths):
-            bump = build_bump(robot, j, float(centre), width)
-            yield Unregistered(bump, CandidateKind.BUMP, weight)
 
 
 def _choose_places(readings: Array, most: int) -> Array:

@@ -131,7 +131,7 @@ def _weigh(
     alone, and of both, each with its effects."""
     which = np.array(sorted((family.whole, *family.parts)), dtype=np.intp)
     none_free = np.zeros(len(which), bool)
-    curve = build_curve(search.columns, which, search.log_prior[which], none_free)
+    curve = build_curve(search.columns, which, search.log_prior[which], none_free, ~none_free)
     released = view.release(*(search.candidates[g] for g in now))
     start = see_rest(curve, view.scan, view.response, released)
     present = chain_effects(start.offer(np.isin(which, now)), len(now), at_any_cost=True)

@@ -230,7 +230,7 @@ def gather_pool(search: Search, view: View, chosen: Sequence[int]) -> Pool | Non
     which = np.array(sorted(members), dtype=np.intp)
     log_prior = search.log_prior[which]
     none_free = np.zeros(len(which), bool)
-    curve = build_curve(search.columns, which, log_prior, none_free)
+    curve = build_curve(search.columns, which, log_prior, none_free, ~none_free)
     effects = [search.candidates[g] for g in chosen]
     rest = see_rest(curve, view.scan, view.response, view.release(*effects))
     labels = [search.candidates[g].label for g in which]

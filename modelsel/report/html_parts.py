@@ -9,10 +9,9 @@ Columns = Sequence[tuple[str, str]]
 
 
 def write_paragraph(words: str, style: str = "") -> str:
-    """Write a paragraph of plain words; a number and its per cent sign stay together."""
+    """Write a paragraph of plain words."""
     attribute = f' class="{style}"' if style else ""
-    together = words.replace(" %", "\N{NO-BREAK SPACE}%")
-    return f"<p{attribute}>{escape(together)}</p>"
+    return f"<p{attribute}>{escape(words)}</p>"
 
 
 def write_html_table(columns: Columns, rows: Sequence[Sequence[str]], of: str) -> str:

@@ -122,7 +122,6 @@ SHAPES: dict[CandidateKind, Values] = {
     CandidateKind.GROWTH: lambda s: s.progress * np.sin(s.q[:, 2] + 0.4),
     CandidateKind.JUMP: lambda s: (s.q[:, 2] > np.quantile(s.q[:, 2], 0.4)).astype(float),
     CandidateKind.RAMP: lambda s: np.clip(s.q[:, 2] - np.quantile(s.q[:, 2], 0.45), -0.4, 0.4),
-    CandidateKind.BUMP: lambda s: np.exp(-8 * np.square(s.q[:, 2] - np.quantile(s.q[:, 2], 0.45))),
     CandidateKind.SOFT_LAG: lambda s: (
         -np.tanh(s.move[:, 2] / np.quantile(np.abs(s.move[:, 2]), 0.3))
     ),

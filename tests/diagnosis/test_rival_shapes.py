@@ -9,8 +9,7 @@ from builders import drawn, seeds, small_arm
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.changing_shapes import generate_changing
-from modelsel.diagnosis.joint_bumps import build_bump, generate_finer_bumps
-from modelsel.diagnosis.joint_shapes import generate_joint_shapes
+from modelsel.diagnosis.joint_bumps import build_bump, generate_bumps, generate_finer_bumps
 from modelsel.diagnosis.simple_shapes import generate_soft_lags
 from modelsel.diagnosis.unlisted_shapes import list_company, list_rivals
 from modelsel.mechanisms.causes import Named, parse, q
@@ -35,23 +34,28 @@ def test_a_bump_is_half_as_high_half_a_width_aside(centre: float, rng: np.random
     assert parse(str(screw.cause), {"q3": "rad"}).of(at.state) == pytest.approx(values)
 
 
+@pytest.mark.parametrize("joint", [1, 3])
 @seeds(1)
-def test_bumps_lie_within_the_readings_of_every_joint(rng: np.random.Generator) -> None:
+def test_bumps_of_what_was_measured_stand_against_a_joints_own_function(
+    joint: int, rng: np.random.Generator
+) -> None:
     at = drawn(small_arm(prismatic=True), rng, 60)
-    bumps = [b for b in generate_joint_shapes(at) if b.kind is CandidateKind.BUMP]
-    joints = [b.mechanism.terms[0].screws[0].frame for b in bumps]
-    assert set(joints) == {1, 2, 3}
-    for joint in (1, 2, 3):
-        own = [b for b, j in zip(bumps, joints, strict=True) if j == joint]
-        # all bumps of a joint weigh as much as one cell
-        assert sum(b.weight for b in own) == pytest.approx(1)
-        for one in own:
-            (screw,) = one.mechanism.terms[0].screws
-            assert screw.cause.of(at.state).max() > 0.3
-    slide = next(b for b, j in zip(bumps, joints, strict=True) if j == 3).mechanism
-    assert slide.sentence.endswith("mm")
-    label = Candidate(slide, CandidateKind.BUMP, 0.1).label
-    assert label.startswith("frame 3 tz · a bump around q3 = ")
+    axis, unit = ("tz", "mm") if at.robot.joints[joint - 1].prismatic else ("rz", "rad")
+    own = Mechanism("own", (Term("m", (Screw(joint, axis, q(joint, unit)),)),))
+    bumps = list(generate_bumps(at, own))
+    assert len(set(bumps)) == len(bumps) > 100
+    for one in bumps:
+        (screw,) = one.terms[0].screws
+        assert (screw.frame, screw.axis) == (joint, axis)
+        assert screw.cause.of(at.state).max() > 0.1
+    label = Candidate(bumps[0], CandidateKind.BUMP, 0.1).label
+    assert label.startswith(f"frame {joint} {axis} · a bump around q{joint} = ")
+    assert ("mm" in label) == (unit == "mm")
+    rivals = list_rivals(at, Candidate(own, CandidateKind.CELL, 0.1))
+    assert set(bumps) <= {rival.candidate.mechanism for rival in rivals}
+    # of another joint's reading, and beside another bump, there are none
+    other = Mechanism("other", (Term("m", (Screw(joint, axis, q(2)),)),))
+    assert list(generate_bumps(at, other)) == list(generate_bumps(at, bumps[0])) == []
 
 
 def test_finer_bumps_are_near_a_found_one() -> None:
