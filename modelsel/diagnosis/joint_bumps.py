@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 
 from ..fitting.problem import Problem
+from ..fitting.splines import spline
 from ..mechanisms.causes import Applied, Combined, Named, Number, q, shifted
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism
@@ -52,12 +53,14 @@ def build_bump(robot: Robot, joint: int, centre: float, width: float) -> Mechani
 
 def generate_bumps(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
     """Generate bumps that stand against another function of a joint's own reading. None for any other
-    finding, and for a bump."""
+    finding, for a bump, and for a free function, which shows a bump as it is."""
     robot = problem.robot
     places = list(found.names_by_place())
     joint, axis = places[0]
     is_own = found.names() == {f"q{joint}"} and len(places) == 1
-    if not is_own or axis != joint_axis(robot, joint) or _read_bump(found):
+    if not is_own or axis != joint_axis(robot, joint):
+        return
+    if _read_bump(found) or spline(found.terms[0]):
         return
     readings = problem.data.q[:, joint - 1]
     shares = (np.arange(CENTRES) + 0.5) / CENTRES
