@@ -30,7 +30,7 @@ the package come only the robots' drawings. What is true, kind by kind:
 
 The next five came later, when the search was finished. Three of them led to candidates or rivals
 afterwards: products of two readings, errors around one reading (bump), and shapes that change along
-the campaign (creep). The last three came after these; the soft lag then led to a rival. With the dent,
+the campaign (creep). The last three came after these; the soft lag then led to rivals, too. With the dent,
 with what settles, with play that gives way and with the wrist that bends, no candidate and no
 constant was chosen.
 
