@@ -12,6 +12,7 @@ from modelsel.diagnosis.changing_shapes import generate_changing
 from modelsel.diagnosis.joint_bumps import build_bump, generate_bumps, generate_finer_bumps
 from modelsel.diagnosis.simple_shapes import generate_soft_lags
 from modelsel.diagnosis.unlisted_shapes import list_company, list_rivals
+from modelsel.diagnosis.unregistered import build_warming_causes
 from modelsel.mechanisms.causes import Named, parse, q
 from modelsel.mechanisms.registry import build_faults, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
@@ -112,6 +113,7 @@ def test_a_finding_stands_against_itself_changing_along_the_campaign(
     at = drawn("puma760", rng, 40)
     scale = mechanism("encoder-scale:4", at.robot)
     changing = list(generate_changing(at, scale))
+    assert len(changing) == len(build_warming_causes(at)) > 1
     assert all(one.names() == {"q4", "time_s"} for one in changing)
     assert all(one.terms[0].screws == scale.terms[0].screws for one in changing)
     rivals = list_rivals(at, Candidate(scale, CandidateKind.MECHANISM, 0.1))
