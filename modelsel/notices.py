@@ -77,6 +77,7 @@ CODES = {
     "search-unproven": "the best subset found by BIC is not proven to be the best",
     "held-out-against": "held-out rows speak against a finding",
     "held-out-surprise": "held-out errors are larger than cross-validation promises",
+    "held-out-far": "a few held-out rows err far more than any does in cross-validation",
     "map-of-neighbours": "the whole error map is too large; unregistered causes were looked for in part of it",
     "instrument-place": "a finding depends on the distance from an instrument that may stand elsewhere",
     "uneven-noise": "an effect is not named because uneven or shared noise would explain it too",

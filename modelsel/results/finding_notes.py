@@ -13,6 +13,7 @@ from ..diagnosis.sentences import format_length
 from ..diagnosis.stated_probability import format_chance
 from ..exceptions import sentence_list
 from ..fitting.problem import Problem
+from ..measurements.measurements import Measurements
 from ..notices import Note
 from ..selection.evaluation import Evaluation, Split, compare_held_out
 from .finding_records import Finding
@@ -21,6 +22,8 @@ from .finding_records import Finding
 MIN_SURPRISE = 1.25
 # how rarely so by chance, to be said
 MAX_SURPRISE_P = 1e-3
+# how many times the largest error of cross-validation a held-out position errs by, to be said
+FAR = 2.0
 
 
 RANGE = "range_mm"
@@ -66,7 +69,7 @@ def surprise_notes(split: Split, chosen: Evaluation) -> tuple[Note, ...]:
     errors = np.linalg.norm(positions, axis=1)
     times, p = compare_held_out(chosen.crossed, block[split.used], errors, block[held])
     if times < MIN_SURPRISE or p > MAX_SURPRISE_P:
-        return ()
+        return _describe_far(split.problem.data.take(held), errors, chosen.crossed)
     found = format_length(root_mean_square(errors))
     promised = format_length(root_mean_square(chosen.crossed))
     sentence = (
@@ -76,6 +79,25 @@ def surprise_notes(split: Split, chosen: Evaluation) -> tuple[Note, ...]:
         "their absence speak of it: let some such configurations fit the models, too."
     )
     return (Note("held-out-surprise", sentence),)
+
+
+def _describe_far(data: Measurements, errors: Array, crossed: Array) -> tuple[Note, ...]:
+    """Return the warning about the few held-out rows that err by far more than any did in
+    cross-validation, where most err as it promises."""
+    largest = crossed.max()
+    far = np.flatnonzero(errors > FAR * largest)
+    if not len(far):
+        return ()
+    places = data.where.spans(data.row[far])
+    found = format_length(float(errors[far].max()))
+    promised = format_length(float(largest))
+    sentence = (
+        f"Of {len(errors):,} held-out positions {len(far):,} err by up to {found}, where the largest error of "
+        f"cross-validation within the estimation configurations is {promised}: {places}. "
+        "They are bad shots, or the robot errs there in a way that the estimation configurations do not show. "
+        "Measure there again, and let some such configurations fit the models, too."
+    )
+    return (Note("held-out-far", sentence),)
 
 
 def root_mean_square(values: Array) -> float:

@@ -6,6 +6,7 @@ only the held-out rows feel, an effect that the geometry absorbs."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -132,6 +133,27 @@ def test_an_effect_that_only_held_out_rows_feel(rng) -> None:
     assert "held-out-surprise" not in codes[0]
     assert "0.0" in codes[1]["held-out-surprise"]
     assert slipped.models.chosen.held_out.rms_mm > 2 * slipped.models.chosen.estimation.rms_mm
+
+
+def test_an_effect_that_few_held_out_rows_feel(rng) -> None:
+    """Joint 2 has a dent where no estimation row went: most held-out rows err as promised, and those
+    that err most are listed."""
+    body, state, _ = campaign(rng)
+    depth = 2e-3 * np.exp(-np.square((state.q[:, 1] - rng.uniform(-1, 1)) / 0.15))
+    is_held_out = (depth > 1e-5) | (np.arange(90) % 3 == 0)
+    role = np.where(is_held_out, "held-out", "estimation").astype(object)
+    dent = one("dent", "joint 2 has a dent", acting(2, "rz", lambda s: depth), 1.0)
+    calm, dented = (study(body, state, effects, role, rng) for effects in ([], [dent]))
+    codes = [{w.code: w.sentence for w in r.warnings} for r in (calm, dented)]
+    assert not codes[0].keys() & {"held-out-far", "held-out-surprise"}
+    listed = re.search(r" mm: rows? ([^.]+), counted from 0\.", codes[1]["held-out-far"])
+    assert listed is not None
+    told = []
+    for run in listed[1].split(", "):
+        first, _, last = run.partition(" to ")
+        told += range(int(first), int(last or first) + 1)
+    assert depth[told].min() > 1e-4
+    assert depth.argmax() in told
 
 
 def test_an_effect_that_the_geometry_absorbs(rng) -> None:
