@@ -9,12 +9,14 @@ from itertools import product
 
 import numpy as np
 
+from .._typing import Array
 from ..fitting.problem import Problem
 from ..fitting.splines import spline
 from ..mechanisms.causes import Applied, Combined, Named, Number, q, shifted
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Joint, Robot
+from .driver_functions import STILL
 from .unregistered import build_cell
 
 # width at half of the height that others are counted in: of a turning joint [rad], and of a slide as a
@@ -29,6 +31,11 @@ OTHERS = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8)
 # how far others stand beside a found one, in its widths, and how wide they are
 SHIFTS = tuple(k / 8 for k in range(-4, 5))
 FACTORS = (0.5, 0.6, 0.7, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0)
+# widths that are looked for, counted in it, and how far apart their centres stand, in widths
+WIDTHS = (0.6, 1.2, 2.4)
+APART = 1 / 3
+# configurations that a width needs, and that the rest of the range needs
+MIN_INSIDE = 4
 # what has such errors, as far as is known
 PARTS = ("damaged tooth or bearing", "cable or hose that catches", "dirt on the encoder's ring")
 
@@ -51,6 +58,39 @@ def build_bump(robot: Robot, joint: int, centre: float, width: float) -> Mechani
     return replace(bump, usual_causes=PARTS)
 
 
+def generate_likely_bumps(problem: Problem) -> Iterator[tuple[Mechanism, int]]:
+    """Generate the bumps of every joint that are looked for, and how many the joint has: where enough
+    configurations are within their width, and beyond it."""
+    for column, joint in enumerate(problem.robot.joints):
+        readings = np.unique(problem.data.q[:, column])
+        unit = _choose_unit(joint, readings)
+        bumps = [
+            build_bump(problem.robot, column + 1, centre, width)
+            for width in (float(f"{factor * unit:.6g}") for factor in WIDTHS if unit)
+            for centre in _list_centres(readings, width)
+        ]
+        for bump in bumps:
+            yield bump, len(bumps)
+
+
+def _choose_unit(joint: Joint, readings: Array) -> float:
+    """Choose the width that others are counted in [rad or mm]; nought for a joint at rest."""
+    travel = float(np.ptp(readings))
+    if travel <= STILL:
+        return 0.0
+    return TRAVEL * travel if joint.prismatic else TURN
+
+
+def _list_centres(readings: Array, width: float) -> Iterator[float]:
+    """List where bumps of a width may be, by the sorted distinct readings of a joint."""
+    step = APART * width
+    for centre in np.arange(readings[0] + step, readings[-1], step):
+        first, last = np.searchsorted(readings, (centre - width / 2, centre + width / 2))
+        inside = last - first
+        if inside >= MIN_INSIDE and len(readings) - inside >= MIN_INSIDE:
+            yield float(f"{centre:.6g}")
+
+
 def generate_bumps(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
     """Generate bumps that stand against another function of a joint's own reading. None for any other
     finding, for a bump, and for a free function, which shows a bump as it is."""
@@ -64,9 +104,7 @@ def generate_bumps(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
         return
     readings = problem.data.q[:, joint - 1]
     shares = (np.arange(CENTRES) + 0.5) / CENTRES
-    unit = TURN
-    if robot.joints[joint - 1].prismatic:
-        unit = TRAVEL * float(np.ptp(readings))
+    unit = _choose_unit(robot.joints[joint - 1], readings)
     for centre, factor in product(np.quantile(readings, shares), OTHERS):
         place = float(f"{centre:.6g}")
         width = float(f"{factor * unit:.6g}")

@@ -1,6 +1,6 @@
 """Shapes of single joints that the registry does not have, at the joint's own motion.
 
-An error of its own angle that grows along the campaign, a jump at one angle or a ramp, a compliance that is
+An error of its own angle that grows along the campaign, a jump at one angle, a ramp or a bump, a compliance that is
 not in proportion to the torque, a pattern that repeats on a turn. They are told as what they are, without a cause."""
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from ..robot.gravity import find_gravity_joints
 from ..robot.kinematics import Robot
 from .candidate_kinds import CandidateKind
 from .driver_functions import STILL
-from .joint_bumps import describe_reading
+from .joint_bumps import describe_reading, generate_likely_bumps
 from .torque_powers import SQUARE, build_powers
 from .unregistered import Causes, Unregistered, build_cell
 
@@ -41,6 +41,8 @@ def generate_joint_shapes(problem: Problem) -> Iterator[Unregistered]:
     yield from _generate_growing(problem)
     yield from _generate_jumps(problem)
     yield from _generate_ramps(problem)
+    for bump, count in generate_likely_bumps(problem):
+        yield Unregistered(bump, CandidateKind.BUMP, 1 / count)
     yield from _generate_powers(problem)
     yield from _generate_periods(problem.robot)
 

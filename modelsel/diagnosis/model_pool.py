@@ -77,7 +77,7 @@ class Pool:
     `members`: their numbers (P,); H (D, D), z (D,): products of their directions and with the
     response, whose sum of squares is `square` and that has `freedom` coordinates; `rows`: each
     one's directions; `log_prior` (P,): less the price of an effect; `kind` (P,): equal numbers are
-    one mechanism in several joints."""
+    one mechanism in several joints; `single` (P,): of equal numbers above nought a set has one."""
 
     members: tuple[int, ...]
     rows: tuple[Index, ...]
@@ -87,6 +87,7 @@ class Pool:
     freedom: int
     log_prior: Array
     kind: Index
+    single: Index
     groups: tuple[_Group, ...] = field(repr=False)
 
     @cached_property
@@ -180,6 +181,8 @@ class Pool:
         is_kin = np.isin(self.kind, self.kind[list(chosen)])
         gains += self.log_prior + is_kin * KIN
         gains[:, list(chosen)] = -np.inf
+        is_taken = (self.single > 0) & np.isin(self.single, self.single[list(chosen)])
+        gains[:, is_taken] = -np.inf
         best = gains.argmax(0)
         highest = gains[best, np.arange(count)]
         return Gains(highest, RATIOS[best])
@@ -234,7 +237,8 @@ def gather_pool(search: Search, view: View, chosen: Sequence[int]) -> Pool | Non
     effects = [search.candidates[g] for g in chosen]
     rest = see_rest(curve, view.scan, view.response, view.release(*effects))
     labels = [search.candidates[g].label for g in which]
-    return _build_pool(rest, log_prior - search.bound, _number_kinds(labels))
+    kinds = _number_kinds(labels)
+    return _build_pool(rest, log_prior - search.bound, kinds, search.bumped[which])
 
 
 def _number_kinds(labels: Sequence[str]) -> Index:
@@ -298,7 +302,7 @@ def _explain_both(search: Search, view: View, pair: tuple[int, int]) -> list[int
     return [int(g) for g in strongest[has_evidence]]
 
 
-def _build_pool(rest: Rest, log_prior: Array, kind: Index) -> Pool:
+def _build_pool(rest: Rest, log_prior: Array, kind: Index, single: Index) -> Pool:
     """Build the pool from what its candidates are beyond the base."""
     curve = rest.curve
     along = rest.inside @ rest.inside.T
@@ -331,6 +335,7 @@ def _build_pool(rest: Rest, log_prior: Array, kind: Index) -> Pool:
         freedom=rest.freedom,
         log_prior=log_prior,
         kind=kind,
+        single=single,
         groups=tuple(groups),
     )
 

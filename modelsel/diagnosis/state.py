@@ -18,6 +18,7 @@ from ..fitting.gauss_newton import COARSE_MM
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
+from ..mechanisms.terms import Mechanism
 from .acting_screws import keep_acting_screws
 from .candidate_columns import Columns, build_columns, flatten_measured
 from .candidate_kinds import CandidateKind
@@ -103,7 +104,7 @@ class Search:
     def offer(self, more: Sequence[Candidate]) -> Search:
         """Offer further candidates beside the others, with the same null distribution."""
         new = copy(self)
-        for known in ("families", "told", "signatures"):
+        for known in ("families", "bumped", "numbers", "told", "signatures"):
             new.__dict__.pop(known, None)
         new._see(self.candidates + tuple(more), self.first.fitted)
         return new
@@ -112,6 +113,22 @@ class Search:
     def families(self) -> list[Family]:
         """The mechanisms of several joints, with those of their parts."""
         return find_families(self.candidates)
+
+    @cached_property
+    def numbers(self) -> dict[Mechanism, int]:
+        """The candidates' numbers by their mechanisms."""
+        return {one.mechanism: g for g, one in enumerate(self.candidates)}
+
+    @cached_property
+    def bumped(self) -> Index:
+        """The joint (G,) that a candidate lets err around one reading; 0 for any other candidate.
+
+        A few such errors side by side take any shape, so that a model has one of a joint."""
+        joints = [
+            one.mechanism.terms[0].screws[0].frame if one.kind is CandidateKind.BUMP else 0
+            for one in self.candidates
+        ]
+        return np.array(joints, dtype=np.intp)
 
     @cached_property
     def told(self) -> tuple[Candidate, ...]:
@@ -173,7 +190,14 @@ class Search:
         return question.answer(self._exclude(known))
 
     def _exclude(self, known: Sequence[int]) -> Index:
-        return np.union1d(self.dead, np.array(known, dtype=np.intp))
+        taken = np.array(known, dtype=np.intp)
+        bumps = self._list_bumps(self.bumped[taken])
+        return np.concatenate([self.dead, taken, bumps])
+
+    def _list_bumps(self, joints: Index) -> Index:
+        """List the candidates that let some joints err around one reading."""
+        of_these = np.isin(self.bumped, joints[joints > 0])
+        return np.flatnonzero(of_these)
 
     def compute_sign_p(self, view: View, known: Sequence[int], observed: float) -> float:
         """Compute how often the residual's own rows have as much evidence when signs are drawn.
@@ -270,11 +294,20 @@ class Search:
             return answers[g]
         scan, response = self.scan_without(g, view)
         question = ask(scan, self.candidates, response)
-        renamed = rename_effect(question, g, without=self.dead)
+        renamed = rename_effect(question, g, without=self._exclude_beside(g, view))
         evidence = compute_own_evidence(question, renamed, g)
         named = include_candidate(question, renamed, g)
         answers[g] = Renamed(named, evidence)
         return answers[g]
+
+    def _exclude_beside(self, g: int, view: View) -> Index:
+        """List what no name of effect g may be: what the base has, and what another effect rules
+        out."""
+        own = self.candidates[g].mechanism
+        beside = [self.numbers[m] for m in view.model.mechanisms if m in self.numbers and m != own]
+        others = np.array(beside, dtype=np.intp)
+        bumps = self._list_bumps(self.bumped[others])
+        return np.concatenate([self.dead, bumps])
 
     def generate_better_curves(
         self, chosen: Sequence[int], view: View
@@ -310,4 +343,6 @@ class Search:
             first_term = candidate.mechanism.terms[0]
             screw = first_term.screws[0]
             return "joint", screw.frame
+        if self.bumped[g]:
+            return "bump", int(self.bumped[g])
         return "candidate", g
