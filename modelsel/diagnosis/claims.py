@@ -146,7 +146,8 @@ def weigh_alone(search: Search, view: View, g: int) -> tuple[Array, Candidate | 
     of_listed = [float(probability[:count][mask].sum()) for mask in _agree(search, g)]
     of_rivals = [_sum_agreeing(rivals, probability[count:], level) for level in LEVELS]
     levels = np.add(of_listed, of_rivals)
-    if has_contrary_signs(own.mechanism, view.fitted.theta[search.locate_terms(g, view)]):
+    fitted = view.fitted
+    if has_contrary_signs(own.mechanism, fitted.theta[fitted.locate(own.mechanism)]):
         levels[-1] = 0.0
     # what differs in its constant alone is asked last, whatever the priors
     unlike = [k for k, rival in enumerate(rivals) if rival.agrees != "shape"]

@@ -27,7 +27,7 @@ from .model_search import VisitedModels, visit_models
 from .outcome import Diagnosis
 from .reshaping import take_shapes
 from .signatures import SHAPELESS, read_parts
-from .state import LEVEL, Search
+from .state import LEVEL, Search, extend_model
 from .stepwise import Exploration, Remainder, explore_further
 from .views import View
 
@@ -139,13 +139,9 @@ def fit_again(diagnosis: Diagnosis, problem: Problem) -> Diagnosis:
     if not diagnosis.effects:
         return diagnosis
     fitted = fit_shrunk(problem, diagnosis.model, diagnosis.fit, held="all")
-    place = {}
-    for k, term in enumerate(fitted.terms):
-        place[term.key] = k
     effects = []
     for effect in diagnosis.effects:
-        mechanism = effect.candidate.mechanism
-        own = [place[term.key] for term in mechanism.terms]
+        own = fitted.locate(effect.candidate.mechanism)
         refitted = replace(
             effect, estimate=fitted.theta[own], standard_error=fitted.standard_errors[own]
         )
@@ -230,13 +226,15 @@ def _build_diagnosis(explored: Exploration, settled: _Settled) -> Diagnosis:
     view, chosen = settled.view, settled.chosen
     if set(chosen) != set(progress.chosen):
         remainder = _assess_remainder(search, view, chosen)
-    fitted = view.fitted
+    model, fitted = view.model, view.fitted
     if chosen:
-        fitted = fit_shrunk(search.problem, view.model, view.fitted, held="all")
+        # in the order of the effects, by which what follows names the model's mechanisms
+        model = extend_model(search.base, [search.candidates[g] for g in chosen])
+        fitted = fit_shrunk(search.problem, model, fitted, held="all")
     return Diagnosis(
         base=search.base,
         effects=_build_effects(search, view, fitted, settled.p),
-        model=view.model,
+        model=model,
         fit=fitted,
         path=tuple(progress.path),
         left=remainder.strongest,
@@ -337,9 +335,10 @@ def _build_effects(
     cancelled = _find_cancelling(search, list(p), view)
     effects = []
     for g, p_value in p.items():
-        terms = search.locate_terms(g, view)
+        candidate = search.candidates[g]
+        terms = fitted.locate(candidate.mechanism)
         effect = Effect(
-            candidate=search.candidates[g],
+            candidate=candidate,
             named=search.rename(g, view).named,
             p=p_value,
             estimate=fitted.theta[terms],

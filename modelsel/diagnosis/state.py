@@ -161,8 +161,8 @@ class Search:
         """Return whether the fit leaves an effect's size open.
 
         Then a term, or its standard error, is beyond what a small screw can be."""
-        terms = self.locate_terms(g, view)
         fitted = view.fitted
+        terms = fitted.locate(self.candidates[g].mechanism)
         estimate = fitted.theta[terms]
         size = np.abs(estimate)
         error = fitted.standard_errors[terms]
@@ -170,11 +170,6 @@ class Search:
         if (size > most).any():
             return True
         return bool((error > most).any())
-
-    def locate_terms(self, g: int, view: View) -> list[int]:
-        """Locate an effect's terms among those of the model."""
-        position = {term.key: k for k, term in enumerate(view.model.terms)}
-        return [position[term.key] for term in self.candidates[g].mechanism.terms]
 
     def compute_displacement(self, g: int, view: View) -> Array:
         """Compute (N,) what an effect, as fitted, does to the target beyond the base; whitened."""

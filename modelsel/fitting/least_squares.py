@@ -14,7 +14,7 @@ import numpy as np
 
 from .._linalg import TINY
 from .._typing import Array, Index
-from ..mechanisms.terms import Term
+from ..mechanisms.terms import Mechanism, Term
 from .design import Model, residuals
 from .gauss_newton import WholeProblem
 from .identifiability import Identified, solve
@@ -56,6 +56,11 @@ class Fit:
     def terms(self) -> tuple[Term, ...]:
         """The model's terms, in the order of theta."""
         return self.model.terms
+
+    def locate(self, mechanism: Mechanism) -> list[int]:
+        """Locate the terms of one of its mechanisms among the model's."""
+        place = {term.key: k for k, term in enumerate(self.terms)}
+        return [place[term.key] for term in mechanism.terms]
 
     @property
     def rank(self) -> int:

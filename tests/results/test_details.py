@@ -73,6 +73,17 @@ def test_panels_show_the_effect_and_take_it_out(drawn) -> None:
     assert abs(slope["after"]) < 2 * error
 
 
+def test_significance_counts_the_parameters_of_its_own_mechanism(drawn) -> None:
+    result = json.loads((drawn / "result.json").read_text())
+    own: dict[str, list[str]] = {}
+    for parameter in result["parameters"]:
+        symbol = parameter["symbol"].partition(" of ")[0]
+        own.setdefault(parameter["mechanism"], []).append(symbol)
+    rows = {row["mechanism"]: row["parameters"] for row in result["significance"]}
+    assert len(rows) > 4
+    assert rows == own
+
+
 def thermal_panel(at: Problem, residual: Array) -> dict:
     """The panel of a growth of 20 ppm/K that leaves a residual."""
     (growth,) = build_mechanisms("thermal-expansion", at.robot, BUILTIN)
