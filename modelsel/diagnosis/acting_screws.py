@@ -10,29 +10,33 @@ from dataclasses import replace
 
 import numpy as np
 
+from .._typing import Array
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Screw, Term, TermKey
 from .candidate_columns import stack_design
 from .candidates import Candidate
+from .credible_sets import ALIKE
 
-# share of the largest motion by a screw of a term at one frame, below which another does not count
-SMALL = 0.1
+# share of the largest motion by a screw of a term at one frame, below which another does not count:
+# with and without it, the target moves alike
+SMALL = float(np.sqrt(1 / ALIKE**2 - 1))
 
 
 def keep_acting_screws(
-    problem: Problem, found: Sequence[Candidate], at: Linearisation | None
+    problem: Problem, found: Sequence[Candidate], at: Linearisation | None, Q: Array
 ) -> tuple[Candidate, ...]:
     """Return the candidates with those of their screws that move the target.
 
-    Of a term's screws at one frame those are left out that move it by less than a tenth of the one
-    that moves it most, in the root mean square over the rows. `at`: the point of the parameters."""
+    Of a term's screws at one frame those are left out that move it by less than SMALL of the one that
+    moves it most, in the root mean square over the rows, beyond the model with the orthonormal basis
+    Q (N, r): what it absorbs tells nothing of a place. `at`: the point of the parameters."""
     distinct: dict[TermKey, Term] = {}
     for candidate in found:
         for term in candidate.mechanism.terms:
             if len(term.screws) > len({screw.frame for screw in term.screws}):
                 distinct.setdefault(term.key, term)
-    acting = _find_acting(problem, list(distinct.values()), at)
+    acting = _find_acting(problem, list(distinct.values()), at, Q)
     return tuple(_keep(candidate, acting) for candidate in found)
 
 
@@ -47,14 +51,15 @@ def _keep(candidate: Candidate, acting: Mapping[TermKey, tuple[Screw, ...]]) -> 
 
 
 def _find_acting(
-    problem: Problem, terms: Sequence[Term], at: Linearisation | None
+    problem: Problem, terms: Sequence[Term], at: Linearisation | None, Q: Array
 ) -> dict[TermKey, tuple[Screw, ...]]:
     """Find the acting screws of some terms."""
     alone = [Term("", (screw,)) for term in terms for screw in term.screws]
     if not alone:
         return {}
     columns, _ = stack_design(problem, alone, at)
-    sizes = iter(np.linalg.norm(columns, axis=0).tolist())
+    beyond = columns - Q @ (Q.T @ columns)
+    sizes = iter(np.linalg.norm(beyond, axis=0).tolist())
     acting: dict[TermKey, tuple[Screw, ...]] = {}
     for term in terms:
         size = {screw: next(sizes) for screw in term.screws}

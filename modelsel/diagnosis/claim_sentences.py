@@ -113,12 +113,12 @@ def describe_what(effect: Effect) -> str:
 
 def _find_shorter_claim(effect: Effect) -> ClaimedLevel | None:
     """Find the claim of a finding of which the candidate's own sentence would say more; None where
-    that says as much, or says that it is not told apart from others."""
+    that says as much."""
     claimed = describe_claim(effect)
     if claimed is None or claimed.level == "cause":
         return None
     if claimed.probability < PROVEN:
-        return claimed if effect.named.verdict == FOUND else None
+        return claimed
     candidate = effect.candidate
     is_contrary = has_contrary_signs(candidate.mechanism, effect.estimate)
     is_told = {

@@ -36,6 +36,8 @@ WIDTHS = (0.6, 1.2, 2.4)
 APART = 1 / 3
 # configurations that a width needs, and that the rest of the range needs
 MIN_INSIDE = 4
+# most centres of a width
+MOST_CENTRES = 128
 # what has such errors, as far as is known
 PARTS = ("damaged tooth or bearing", "cable or hose that catches", "dirt on the encoder's ring")
 
@@ -47,8 +49,8 @@ def build_bump(robot: Robot, joint: int, centre: float, width: float) -> Mechani
     offset = shifted(q(joint, robot.unit(joint)), -centre)
     cause = Applied("exp", offset * offset / -twice)
     own = robot.joints[joint - 1]
-    where = describe_reading(own, centre)
-    wide = describe_reading(own, width)
+    where = describe_reading(own, centre, width / 10)
+    wide = describe_reading(own, width, width / 10)
     bump = build_cell(
         place=(joint, joint_axis(robot, joint)),
         causes=(cause,),
@@ -61,8 +63,10 @@ def build_bump(robot: Robot, joint: int, centre: float, width: float) -> Mechani
 def generate_likely_bumps(problem: Problem) -> Iterator[tuple[Mechanism, int]]:
     """Generate the bumps of every joint that are looked for, and how many the joint has: where enough
     configurations are within their width, and beyond it."""
+    data = problem.data
+    _, first = np.unique(data.block, return_index=True)
     for column, joint in enumerate(problem.robot.joints):
-        readings = np.unique(problem.data.q[:, column])
+        readings = np.sort(data.q[first, column])
         unit = _choose_unit(joint, readings)
         bumps = [
             build_bump(problem.robot, column + 1, centre, width)
@@ -81,14 +85,19 @@ def _choose_unit(joint: Joint, readings: Array) -> float:
     return TRAVEL * travel if joint.prismatic else TURN
 
 
-def _list_centres(readings: Array, width: float) -> Iterator[float]:
-    """List where bumps of a width may be, by the sorted distinct readings of a joint."""
+def _list_centres(readings: Array, width: float) -> list[float]:
+    """List where bumps of a width may be, by the sorted readings of a joint, one a configuration."""
     step = APART * width
-    for centre in np.arange(readings[0] + step, readings[-1], step):
-        first, last = np.searchsorted(readings, (centre - width / 2, centre + width / 2))
-        inside = last - first
-        if inside >= MIN_INSIDE and len(readings) - inside >= MIN_INSIDE:
-            yield float(f"{centre:.6g}")
+    numbers = np.unique(np.round(readings / step))
+    beside = np.array([-1.0, 0.0, 1.0])
+    centres = np.unique(numbers[:, None] + beside) * step
+    half = width / 2
+    inside = np.searchsorted(readings, centres + half) - np.searchsorted(readings, centres - half)
+    is_told = (inside >= MIN_INSIDE) & (len(readings) - inside >= MIN_INSIDE)
+    told = centres[is_told]
+    count = min(len(told), MOST_CENTRES)
+    chosen = np.linspace(0, max(len(told) - 1, 0), count).round().astype(np.intp)
+    return [float(f"{centre:.6g}") for centre in told[chosen] + 0.0]
 
 
 def generate_bumps(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
@@ -105,6 +114,8 @@ def generate_bumps(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
     readings = problem.data.q[:, joint - 1]
     shares = (np.arange(CENTRES) + 0.5) / CENTRES
     unit = _choose_unit(robot.joints[joint - 1], readings)
+    if not unit:
+        return
     for centre, factor in product(np.quantile(readings, shares), OTHERS):
         place = float(f"{centre:.6g}")
         width = float(f"{factor * unit:.6g}")
@@ -147,9 +158,14 @@ def _read_bump(found: Mechanism) -> tuple[int, float, float] | None:
     return screw.frame, centre, float(width)
 
 
-def describe_reading(joint: Joint, reading: float) -> str:
-    """Describe a joint's reading [rad or mm], in degrees where it turns."""
-    if joint.prismatic:
-        return f"{reading:.4g} mm"
-    degrees = np.degrees(reading)
-    return f"{degrees:.0f}°"
+def describe_reading(joint: Joint, reading: float, step: float | None = None) -> str:
+    """Describe a joint's reading [rad or mm], in degrees where it turns, with digits that tell two of
+    them apart which differ by a `step`."""
+    shown, unit = (reading, " mm") if joint.prismatic else (np.degrees(reading), "°")
+    if step is None:
+        # the least digits that a reading is told with: a degree, or four of a slide's
+        return f"{shown:.4g}{unit}" if joint.prismatic else f"{shown + 0.0:.0f}{unit}"
+    least = step if joint.prismatic else np.degrees(step)
+    digits = max(0, -int(np.floor(np.log10(least))))
+    rounded = round(float(shown), digits) + 0.0
+    return f"{rounded:.{digits}f}{unit}"

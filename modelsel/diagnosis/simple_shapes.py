@@ -138,7 +138,9 @@ def generate_soft_lags(problem: Problem, found: Mechanism) -> Iterator[Mechanism
     places = list(found.names_by_place())
     joint, _ = places[0]
     motion = {f"approach{joint}", f"move{joint}"}
-    if not found.names() <= motion or places != [(joint, joint_axis(problem.robot, joint))]:
+    if joint > problem.robot.n or not found.names() or not found.names() <= motion:
+        return
+    if places != [(joint, joint_axis(problem.robot, joint))]:
         return
     name = f"move{joint}"
     units = problem.names()
@@ -151,7 +153,7 @@ def generate_soft_lags(problem: Problem, found: Mechanism) -> Iterator[Mechanism
     for distance in np.quantile(travelled, LEVELLED):
         rounded = float(f"{distance:.6g}")
         levelled = Applied("tanh", move / rounded)
-        over = describe_reading(problem.robot.joints[joint - 1], rounded)
+        over = describe_reading(problem.robot.joints[joint - 1], rounded, rounded / 10)
         lag = build_cell(
             place=places[0],
             causes=(side * levelled,),

@@ -133,7 +133,8 @@ class Search:
     @cached_property
     def told(self) -> tuple[Candidate, ...]:
         """The candidates without the screws that hardly move the target."""
-        return keep_acting_screws(self.problem, self.candidates, self.first.fitted.at())
+        first = self.first
+        return keep_acting_screws(self.problem, self.candidates, first.fitted.at(), first.Q)
 
     @cached_property
     def signatures(self) -> tuple[Index, ...]:
@@ -177,12 +178,16 @@ class Search:
         moved = view.A.move(np.flatnonzero(own), view.fitted.theta[own])
         return np.asarray(moved - Q @ (Q.T @ moved))
 
-    def name_strongest(self, view: View, known: Sequence[int]) -> CredibleSet:
+    def name_strongest(
+        self, view: View, known: Sequence[int], tried: Sequence[int] = ()
+    ) -> CredibleSet:
         """Name what explains most of the residual.
 
-        `known` candidates have had their turn (what the fit drops of them is no cause)."""
+        `known` candidates have had their turn (what the fit drops of them is no cause); so have those
+        that were `tried` in vain, which rule out no other."""
         question = ask(view.scan, self.candidates, view.response)
-        return question.answer(self._exclude(known))
+        set_aside = np.append(self._exclude(known), np.array(tried, dtype=np.intp))
+        return question.answer(set_aside)
 
     def _exclude(self, known: Sequence[int]) -> Index:
         taken = np.array(known, dtype=np.intp)
@@ -298,11 +303,15 @@ class Search:
     def _exclude_beside(self, g: int, view: View) -> Index:
         """List what no name of effect g may be: what the base has, and what another effect rules
         out."""
-        own = self.candidates[g].mechanism
-        beside = [self.numbers[m] for m in view.model.mechanisms if m in self.numbers and m != own]
-        others = np.array(beside, dtype=np.intp)
-        bumps = self._list_bumps(self.bumped[others])
-        return np.concatenate([self.dead, bumps])
+        bumps = self._list_bumps(self.list_bumped_beside(g, view))
+        return np.concatenate([self.dead, bumps[bumps != g]])
+
+    def list_bumped_beside(self, g: int, view: View) -> Index:
+        """List the joints that effects of a model beside candidate g let err around one reading."""
+        mechanisms = view.model.mechanisms
+        beside = [self.numbers[m] for m in mechanisms if m in self.numbers]
+        joints = [self.bumped[other] for other in beside if other != g and self.bumped[other]]
+        return np.array(joints, dtype=np.intp)
 
     def generate_better_curves(
         self, chosen: Sequence[int], view: View

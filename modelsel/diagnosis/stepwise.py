@@ -146,15 +146,15 @@ def _find_next(search: Search, progress: SearchProgress) -> tuple[Remainder, int
 
 def _find_untried(search: Search, strongest: CredibleSet, progress: SearchProgress) -> int | None:
     """Find the most probable explanation beyond chance whose addition gives a new model."""
-    blocked = list(progress.chosen)
+    in_vain: list[int] = []
     for _ in range(MAX_TRIED):
         if compute_p_value(strongest.evidence, search.null) > LEVEL:
             break
         trial = search.add(progress.chosen, strongest.top)
         if frozenset(trial) not in progress.tried:
             return strongest.top
-        blocked.append(strongest.top)
-        strongest = search.name_strongest(progress.view, blocked)
+        in_vain.append(strongest.top)
+        strongest = search.name_strongest(progress.view, progress.chosen, in_vain)
     return None
 
 

@@ -4,7 +4,8 @@ A rival is a free function of the finding's own drivers at its places, of one dr
 one there, or of its own drivers at another place; or the finding's own shape, changing along the
 campaign. Free functions are smooth, with their usual prior. Together the rivals are as probable
 beforehand as the finding itself: half of that for an unlisted shape of the same drivers, the rest for
-other drivers, of which a fifth for changes along the campaign, and for other places."""
+other drivers, of which a fifth for changes along the campaign, and for other places. To a wave and a
+bump come those with constants near its own, which are one question with it."""
 
 from __future__ import annotations
 
@@ -159,7 +160,7 @@ def list_rivals(problem: Problem, candidate: Candidate) -> list[Rival]:
         *(
             rival
             for kind, mechanisms in simple
-            for rival in _weigh(mechanisms, "drivers", alike, kind)
+            for rival in _weigh(mechanisms, _compare_drivers(mechanisms, drivers), alike, kind)
         ),
         *_list_finer_waves(problem, candidate),
         *_list_finer_bumps(problem, candidate),
@@ -167,6 +168,21 @@ def list_rivals(problem: Problem, candidate: Candidate) -> list[Rival]:
         *_weigh(changing, "place", prior * SHARES["changing"]),
         *_weigh(elsewhere, "", prior * SHARES["place"]),
     ]
+
+
+def _compare_drivers(mechanisms: Sequence[Mechanism], drivers: Drivers) -> str:
+    """Say what shapes agree in with a finding of some drivers: "drivers", or "place" where they have
+    others. A last move says its side, too; a side does not say how far the move was."""
+    own = _leave_out_sides(drivers)
+    agree = all(_leave_out_sides(m.names()) == own for m in mechanisms)
+    return "drivers" if agree else "place"
+
+
+def _leave_out_sides(drivers: Drivers) -> Drivers:
+    """Leave out the sides that a joint comes from where its last move is among the drivers."""
+    moves = {name for name in drivers if name.startswith("move")}
+    sides = {name.replace("move", "approach") for name in moves}
+    return drivers - sides
 
 
 def _list_finer_waves(problem: Problem, candidate: Candidate) -> Iterator[Rival]:

@@ -193,7 +193,7 @@ def _write_finding(campaign: Campaign, k: int) -> str:
         figures.append(
             f"at most {_format(finding.told_turning.mrad)} mrad of the target's orientation"
         )
-    figures.append(f"{finding.verdict}, probability {describe_probability(finding)}")
+    figures.append(f"{finding.told_verdict}, probability {describe_probability(finding)}")
     if finding.doubtful:
         figures.append("doubtful")
     return "".join([*parts, write_paragraph("; ".join(figures), "quiet")])

@@ -106,6 +106,7 @@ def _page_data(source: Source) -> dict[str, Any]:
         "own": [_find_own_cells(record, finding) for finding in record.findings],
         "kindred": [find_kindred_cells(record, finding) for finding in record.findings],
         "told": told,
+        "verdicts": [finding.told_verdict for finding in record.findings],
         "grouped": grouped,
         "small": "" if small is None else small.sentence,
         "figures": [write_figures(finding) for finding in record.findings],

@@ -101,17 +101,17 @@ def _write_finding(finding: FindingRecord, drawn: FindingDetailsRecord, width: i
 def _describe_standing(finding: FindingRecord, label: str) -> str:
     """Describe how probable a finding is and its name, or its rivals."""
     doubt = ", doubtful: the held-out error does not fall with it" if finding.doubtful else ""
+    claim = finding.claim
+    if claim is not None and claim.probability < PROVEN:
+        # what it could be stands above, with the probabilities
+        return f"best described by {label}{doubt}"
     if not finding.is_found:
         rivals = _weigh_names(finding)
         more = len(rivals) - SHOWN_RIVALS + finding.more_entries
         others = [f"{more} more"] if more > 0 else []
         return f"not told apart: {choice_list([*rivals[:SHOWN_RIVALS], *others])}{doubt}"
-    claim = finding.claim
     if claim is None or claim.level == "cause":
         return f"{label}, probability {describe_probability(finding)}{doubt}"
-    # of a place that is not proven, what it could be stands above, with the probabilities
-    if claim.probability < PROVEN:
-        return f"best described by {label}{doubt}"
     named = f"{label} ({describe_name_probability(finding)})"
     return f"probability {format_probability(claim.probability)}{doubt}; best described by {named}"
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from ..diagnosis.signatures import LEVELS
 from ..exceptions import sentence_list
 from ..selection.gain import Change
-from .finding_schema import EntryRecord, FindingRecord
+from .finding_schema import FindingRecord
 from .schema import StudyRecord
 from .study_sentences import format_gain
 
@@ -119,6 +119,10 @@ _CONTRARY = (
     MODEL,
     "the pose says it, so the model corrects it; no play or spring of {joint} explains it",
 )
+_CAUSE_OPEN = (
+    MODEL,
+    "why it does this is not proven, so nothing is adjusted or replaced yet; the model corrects it",
+)
 _INSPECT = (
     REPLACE,
     "what inspection finds worn or loose at {joint}, being larger than usual; until then model it",
@@ -158,14 +162,17 @@ def _choose(record: StudyRecord, finding: FindingRecord) -> tuple[str, str]:
     is_place_alone = claim is not None and claim.level == LEVELS[0]
     if not finding.is_found or is_place_alone:
         return _INSTRUMENT if stem in SET_UP else _RIVALS
-    return _choose_by_name(record, first, stem)
+    return _choose_by_name(record, finding, stem)
 
 
-def _choose_by_name(record: StudyRecord, first: EntryRecord, stem: str) -> tuple[str, str]:
+def _choose_by_name(record: StudyRecord, finding: FindingRecord, stem: str) -> tuple[str, str]:
     """Choose what to do about what the data single out."""
+    first = finding.first
     noted = [one.catalogue for one in record.significance if one.mechanism == first.mechanism]
     if any(CONTRARY in note for note in noted):
         return _CONTRARY
+    if finding.is_name_open and stem not in SET_UP:
+        return _CAUSE_OPEN
     if stem in WEARING and any(LARGE in note for note in noted):
         return _INSPECT
     if stem not in BY_STEM and all(screw.is_free for screw in first.screws):

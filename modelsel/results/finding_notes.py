@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .._typing import Array
+from .._typing import Array, Mask
 from ..diagnosis.candidates import exceeds_cell_limit
 from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.sentences import format_length
@@ -15,15 +15,13 @@ from ..exceptions import sentence_list
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..notices import Note
-from ..selection.evaluation import Evaluation, Split, compare_held_out
+from ..selection.evaluation import Evaluation, Split, compare_held_out, find_far_held_out
 from .finding_records import Finding
 
 # how many times more held-out rows err than promised, to be said
 MIN_SURPRISE = 1.25
 # how rarely so by chance, to be said
 MAX_SURPRISE_P = 1e-3
-# how many times the largest error of cross-validation a held-out position errs by, to be said
-FAR = 2.0
 
 
 RANGE = "range_mm"
@@ -69,7 +67,10 @@ def surprise_notes(split: Split, chosen: Evaluation) -> tuple[Note, ...]:
     errors = np.linalg.norm(positions, axis=1)
     times, p = compare_held_out(chosen.crossed, block[split.used], errors, block[held])
     if times < MIN_SURPRISE or p > MAX_SURPRISE_P:
-        return _describe_far(split.problem.data.take(held), errors, chosen.crossed)
+        crossed_block = block[split.used]
+        far, p = find_far_held_out(chosen.crossed, crossed_block, errors, block[held])
+        data = split.problem.data.take(held)
+        return _describe_far(data, errors, far, chosen.crossed) if p < MAX_SURPRISE_P else ()
     found = format_length(root_mean_square(errors))
     promised = format_length(root_mean_square(chosen.crossed))
     sentence = (
@@ -81,18 +82,14 @@ def surprise_notes(split: Split, chosen: Evaluation) -> tuple[Note, ...]:
     return (Note("held-out-surprise", sentence),)
 
 
-def _describe_far(data: Measurements, errors: Array, crossed: Array) -> tuple[Note, ...]:
+def _describe_far(data: Measurements, errors: Array, far: Mask, crossed: Array) -> tuple[Note, ...]:
     """Return the warning about the few held-out rows that err by far more than any did in
     cross-validation, where most err as it promises."""
-    largest = crossed.max()
-    far = np.flatnonzero(errors > FAR * largest)
-    if not len(far):
-        return ()
     places = data.where.spans(data.row[far])
     found = format_length(float(errors[far].max()))
-    promised = format_length(float(largest))
+    promised = format_length(float(crossed.max()))
     sentence = (
-        f"Of {len(errors):,} held-out positions {len(far):,} err by up to {found}, where the largest error of "
+        f"Of {len(errors):,} held-out positions {far.sum():,} err by up to {found}, where the largest error of "
         f"cross-validation within the estimation configurations is {promised}: {places}. "
         "They are bad shots, or the robot errs there in a way that the estimation configurations do not show. "
         "Measure there again, and let some such configurations fit the models, too."

@@ -15,6 +15,7 @@ from ..diagnosis.claim_sentences import (
     describe_claim,
     describe_levels,
     describe_proven,
+    is_settled,
 )
 from ..diagnosis.credible_sets import Entry
 from ..diagnosis.data_faults import Fault, find_concerned_rows
@@ -44,12 +45,12 @@ class Finding:
     @property
     def sentence(self) -> str:
         """In a metrologist's words: what moves, whether held-out configurations speak against it, and which parts
-        usually do this."""
+        usually do this, where that is proven."""
         words = describe_proven(self.effect, self._doubt)
         if self.against:
             words += f" Held-out configurations speak against it: {self.against}."
         causes = list_usual_causes(self.effect)
-        if causes:
+        if causes and is_settled(self.effect):
             words += f" Usual causes: {', '.join(causes)}."
         return words
 

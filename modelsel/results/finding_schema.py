@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from .._records import Number, Pair, StrictRecord, Text, Whole
+from ..diagnosis.signatures import PROVEN
 from ..selection.gain import Change, build_change
 from .record_types import Axis, Figure, Texts
 
@@ -172,6 +173,10 @@ class ClaimRecord(StrictRecord):
     text: Text
 
 
+# the level after each, which is not proven where the name is not
+NEXT_LEVEL = {"place": "drivers", "drivers": "shape", "shape": "cause"}
+
+
 class FindingRecord(StrictRecord):
     """One decision of the search."""
 
@@ -272,6 +277,26 @@ class FindingRecord(StrictRecord):
     def is_found(self) -> bool:
         """Whether the data single out one name."""
         return self.verdict == "found"
+
+    @property
+    def is_name_open(self) -> bool:
+        """Whether the data leave its name open: where it acts, or why a registered mechanism would."""
+        claim = self.claim
+        if claim is None or self.first.is_fault:
+            return False
+        if claim.probability < PROVEN:
+            return True
+        return self.first.mechanism is not None and claim.level != "cause"
+
+    @property
+    def told_verdict(self) -> str:
+        """The verdict, with what of its name is not proven."""
+        claim = self.claim
+        if claim is None or not self.is_found or not self.is_name_open:
+            return self.verdict
+        if claim.probability < PROVEN:
+            return f"{self.verdict}, not named"
+        return f"{self.verdict}, {NEXT_LEVEL[claim.level]} not proven"
 
     @property
     def level_probabilities(self) -> list[float]:

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Sequence
 from math import copysign
 
+from ..diagnosis.signatures import PROVEN
 from ..diagnosis.stated_probability import (
     describe_level_probability,
     find_named_level,
@@ -33,7 +34,7 @@ TABLE_PURPOSE = (
 SETS_TITLE = "Sets of effects and their probabilities"
 SETS_PURPOSE = (
     "Probability among all sets that the search weighed around the findings: one effect more or less, one for another, "
-    "two for one, one for two. What a finding claims holds in nine tenths of them."
+    "two for one, one for two. What a finding claims with 0.9 or more holds in as many of them."
 )
 # what figures that take the names as given do not say
 NOMINAL_CAVEAT = "take the names as given: the search is not repeated for them; the p of a finding is that of the whole search."
@@ -246,6 +247,9 @@ def write_finding_line(finding: FindingRecord) -> str:
     if finding.first.is_fault:
         return finding.sentence
     verdict = "Found" if finding.is_found else "Not told apart"
+    claim = finding.claim
+    if finding.is_found and claim is not None and claim.probability < PROVEN:
+        verdict += ", not named"
     if finding.doubtful:
         verdict += ", but doubtful" if finding.is_found else ", and doubtful"
     return f"{verdict}: {finding.sentence} {write_levels(finding)}".rstrip()
@@ -265,6 +269,8 @@ def list_figures(finding: FindingRecord) -> list[str]:
         else:
             figures.append(one.text)
         previous = one.unit
+    if figures and finding.is_name_open:
+        figures[0] = f"if it is {finding.first.name}: {figures[0]}"
     if turning is not None:
         figures.append(turning.text)
     if worst is not None:

@@ -272,7 +272,7 @@ def _notebook_findings(record: StudyRecord) -> str:
         rows.append(
             [
                 escape(finding.first.name),
-                escape(f"{finding.verdict}{doubt}"),
+                escape(f"{finding.told_verdict}{doubt}"),
                 format_probability(finding.alike),
                 escape(finding.sentence),
             ]

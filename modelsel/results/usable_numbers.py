@@ -22,7 +22,7 @@ from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
 from .compliance_numbers import measure_base_tilt, measure_wind_up
 from .map_details import MIN_DISPLACEMENT
-from .quantities import ARC_SECONDS, Usable, express
+from .quantities import ARC_SECONDS, Usable, express, format_figure
 from .workspace import Fitted, Range
 
 SHIFTS = slice(0, 3)
@@ -104,7 +104,8 @@ def _measure_play(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
         yield express(words, whole, "mm")
         return
     turn = whole.scale(ARC_SECONDS)
-    step = "" if words == SIDES else f"of {words} from side to side"
+    seconds = f"{format_figure(turn.value)} arc seconds"
+    step = "" if words == SIDES else f"of {words} from side to side, or {seconds}"
     yield express(words, turn, "arcsec", step)
     lever = _find_wrist_lever(fitted, screw.frame)
     moved = whole.scale(lever.mm)

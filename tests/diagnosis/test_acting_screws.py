@@ -35,6 +35,11 @@ def draw_problem(robot: str, rng: np.random.Generator, m: int = 60) -> tuple[Pro
     return Problem(load_robot(robot), build_measurements(state.q, exact), body.tool[None]), state
 
 
+def see_nothing(problem: Problem) -> np.ndarray:
+    """The basis of a model without parameters."""
+    return np.zeros((3 * len(problem), 0))
+
+
 def list_places(candidate: Candidate) -> set[tuple[int, str]]:
     return {
         (screw.frame, screw.axis) for term in candidate.mechanism.terms for screw in term.screws
@@ -49,7 +54,7 @@ def name(name: str, problem: Problem) -> Candidate:
 def test_a_link_that_bends_acts_at_the_next_joint(rng: np.random.Generator) -> None:
     problem, _ = draw_problem("puma760", rng)
     bending, yielding = name("link-bending:2", problem), name("joint-compliance:3", problem)
-    told = keep_acting_screws(problem, [bending, yielding], None)
+    told = keep_acting_screws(problem, [bending, yielding], None, see_nothing(problem))
     assert list_places(told[0]) == {(3, "rz")}
     assert told[1] == yielding
     place, drivers, shape, cause = read_signatures(told)
@@ -68,7 +73,7 @@ def test_all_joints_that_lag_are_told(rng: np.random.Generator) -> None:
     """The wrist hardly moves the target, beside the shoulder: it lags, too."""
     problem, _ = draw_problem("puma760", rng)
     faults = [Candidate(one, CandidateKind.MECHANISM, 0.1) for one in build_faults(problem.robot)]
-    assert keep_acting_screws(problem, faults, None) == tuple(faults)
+    assert keep_acting_screws(problem, faults, None, see_nothing(problem)) == tuple(faults)
 
 
 def test_what_moves_it_as_much_stays(rng: np.random.Generator) -> None:
@@ -82,7 +87,7 @@ def test_what_moves_it_as_much_stays(rng: np.random.Generator) -> None:
         Candidate(Mechanism(term.symbol, (term,)), CandidateKind.CELL, 0.1)
         for term in (both, uneven, just)
     ]
-    told = keep_acting_screws(problem, found, None)
+    told = keep_acting_screws(problem, found, None, see_nothing(problem))
     assert list_places(told[0]) == {(4, "tx"), (4, "ty")}
     assert list_places(told[1]) == {(4, "tx")}
     assert list_places(told[2]) == {(4, "tx"), (4, "ty")}

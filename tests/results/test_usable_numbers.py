@@ -73,7 +73,7 @@ def test_play_is_the_whole_step_and_its_millimetres_are_those_of_the_wrist() -> 
     largest = np.linalg.norm(wrist, axis=0).max()
     assert got["play at the wrist"] == (pytest.approx(largest, rel=1e-4), "mm")
     turn, moved = (one.text for one in list_usable(one, effect))
-    assert turn.endswith("of play from side to side")
+    assert turn.endswith("of play from side to side, or 41.3 arc seconds")
     assert moved.endswith("at the wrist at most, from side to side")
 
 

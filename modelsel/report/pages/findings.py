@@ -128,7 +128,8 @@ def name_finding(finding: FindingRecord, detail: FindingDetailsRecord) -> str:
 def _write_finding(
     source: Source, number: int, finding: FindingRecord, detail: FindingDetailsRecord
 ) -> list[Block]:
-    title = f"Finding {number}: {name_finding(finding, detail)}"
+    lead = "best described by " if finding.is_name_open else ""
+    title = f"Finding {number}: {lead}{name_finding(finding, detail)}"
     words = [
         make_text(f"{finding.sentence} {write_figures(finding)}".strip()),
         make_text(describe_advice(source.record, finding)),
@@ -197,7 +198,9 @@ def describe_proof(finding: FindingRecord, where: Where) -> str:
 def _describe_verdict(finding: FindingRecord, where: Where) -> str:
     """Return p-value, gain and rows in one line."""
     chance = f"{format_chance(finding.p_value)} over the whole search"
-    parts = [f"Verdict: {finding.verdict}; chance alone would do as well with probability {chance}"]
+    parts = [
+        f"Verdict: {finding.told_verdict}; chance alone would do as well with probability {chance}"
+    ]
     gain = finding.gain
     changes = [one for one in (gain.of_position, gain.of_orientation) if one is not None]
     if changes:
