@@ -130,7 +130,7 @@ def weigh_alone(search: Search, view: View, g: int) -> tuple[Array, Candidate | 
     rival that is clearly more probable, or the explanation on whose place and drivers most agree."""
     own = search.candidates[g]
     taken = search.list_bumped_beside(g, view)
-    rivals = [one for one in list_rivals(search.problem, own) if not _is_taken(one, taken)]
+    rivals = [one for one in list_rivals(search.problem, own) if not is_taken(one, taken)]
     scan, response = search.scan_without(g, view)
     listed = compute_factors(scan, response)
     named = search.rename(g, view).named
@@ -165,7 +165,7 @@ def weigh_alone(search: Search, view: View, g: int) -> tuple[Array, Candidate | 
     return levels, find_constant((*search.candidates, *others), g, evidence)
 
 
-def _is_taken(rival: Rival, joints: Index) -> bool:
+def is_taken(rival: Rival, joints: Index) -> bool:
     """Whether a rival would be another error around one reading of a joint that has one."""
     candidate = rival.candidate
     if candidate.kind is not CandidateKind.BUMP:

@@ -11,6 +11,7 @@ from ..exceptions import write_percent, write_rounded
 from ..measurements.state_names import StateKind, parse_state_name
 from ..mechanisms.causes import Applied, Bump
 from ..mechanisms.terms import LETTERS, Mechanism, Term
+from .after_selection import NORMAL, AfterSelection
 from .candidates import Candidate
 from .credible_sets import FOUND, Entry
 from .effects import Effect
@@ -30,6 +31,8 @@ USUAL_SIZE = {"mm": 10.0, "rad": 0.02}
 MOTIONS = {"t": "shifts along", "r": "turns about"}
 # factor, allowing for the search, above which an effect is about as large as it is estimated
 LARGE_SHARE = 0.9
+# share of an effect by which its interval, allowing for the search, reaches further down
+WIDER = 0.1
 # alternatives that a sentence names
 NAMED_RIVALS = 3
 
@@ -244,7 +247,7 @@ def list_cautions(effect: Effect) -> list[str]:
             )
         cautions += _generate_size_cautions(term, float(value), float(error))
     after = effect.after_selection
-    if after is not None and after.factor < LARGE_SHARE:
+    if after is not None and _differs_after_selection(effect, after):
         cautions.append(
             f"allowing for the search, its size is {100 * after.low:.0f} to {write_percent(after.high)} of this (95 %)"
         )
@@ -257,6 +260,13 @@ def list_cautions(effect: Effect) -> list[str]:
             "either does alone: the data do not determine the size of each"
         )
     return cautions
+
+
+def _differs_after_selection(effect: Effect, after: AfterSelection) -> bool:
+    """Whether the search makes an effect smaller, or its interval reach further down."""
+    strength = float(np.linalg.norm(effect.estimate / effect.standard_error))
+    plain_low = 1 - NORMAL / strength
+    return after.factor < LARGE_SHARE or after.low < plain_low - WIDER
 
 
 def _generate_sign_cautions(effect: Effect) -> Iterator[str]:

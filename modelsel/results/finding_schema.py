@@ -235,7 +235,8 @@ class FindingRecord(StrictRecord):
     )
     usual_causes: Texts = Field(
         default_factory=list,
-        description="parts that usually cause this; the data cannot tell which",
+        description="parts that usually cause what its name says; the data cannot tell which. Sentences list "
+        "them where the name is proven",
     )
     matters: bool = Field(
         True,

@@ -13,10 +13,12 @@ from searches import search_independent
 from modelsel._typing import Array
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.claims import is_taken
 from modelsel.diagnosis.joint_bumps import generate_likely_bumps
 from modelsel.diagnosis.joint_curves import find_own_joint
 from modelsel.diagnosis.model_pool import gather_pool
 from modelsel.diagnosis.state import Search
+from modelsel.diagnosis.unlisted_shapes import list_rivals
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
@@ -108,3 +110,42 @@ def test_a_model_has_one_bump_of_a_joint(rng: np.random.Generator) -> None:
     assert np.isneginf(gains.value[place[second]])
     _, gains = pool.weigh({place[elsewhere]: 1e3})
     assert np.isfinite(gains.value[[place[first], place[second]]]).all()
+
+
+def test_repeats_are_one_configuration_and_centres_are_limited(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 12)
+    often = at.take(np.repeat(np.arange(12), 5))
+    q = often.data.q + rng.normal(0, 1e-8, often.data.q.shape)
+    again = replace(often, data=replace(often.data, q=q))
+    once = [bump for bump, _ in generate_likely_bumps(at)]
+    assert len(list(generate_likely_bumps(again))) <= len(once)
+    # a reading that is far off, as a slip of the pen
+    wide = drawn("puma760", rng, 60)
+    wide.data.q[0, 2] = 1e5
+    assert len(list(generate_likely_bumps(wide))) < 3 * 128 * wide.robot.n
+
+
+def test_what_was_tried_in_vain_rules_out_no_neighbour(rng: np.random.Generator) -> None:
+    search = prepare(drawn("puma760", rng, 80), rng)
+    first, second = rng.choice(np.flatnonzero(search.bumped == 2), 2, replace=False).tolist()
+    log_probability = search.name_strongest(search.first, (), (first,)).log_probability
+    assert np.isneginf(log_probability[first])
+    assert np.isfinite(log_probability[second])
+
+
+def test_beside_a_bump_no_other_one_stands_against_a_finding(rng: np.random.Generator) -> None:
+    """The wave of joint 2 has bumps of joint 2 as rivals, but where a bump of it is in the model."""
+    search = prepare(drawn("puma760", rng, 80), rng)
+    numbers = {one.label: g for g, one in enumerate(search.candidates)}
+    wave = numbers["encoder-eccentricity:2"]
+    bump = int(rng.choice(np.flatnonzero(search.bumped == 2)))
+    view = search.fit_model([wave, bump], None)
+    assert search.list_bumped_beside(wave, view).tolist() == [2]
+    assert search.list_bumped_beside(bump, view).tolist() == []
+    named = search.rename(bump, view).named
+    assert np.isfinite(named.log_probability[bump])
+    rivals = list_rivals(search.problem, search.candidates[wave])
+    bumps = [one for one in rivals if one.candidate.kind is CandidateKind.BUMP]
+    assert bumps
+    assert all(is_taken(one, np.array([2])) for one in bumps)
+    assert not any(is_taken(one, np.array([3])) for one in rivals)

@@ -13,7 +13,7 @@ from modelsel.diagnosis.joint_bumps import build_bump, generate_bumps, generate_
 from modelsel.diagnosis.simple_shapes import generate_soft_lags
 from modelsel.diagnosis.unlisted_shapes import list_company, list_rivals
 from modelsel.diagnosis.unregistered import build_warming_causes
-from modelsel.mechanisms.causes import Named, parse, q
+from modelsel.mechanisms.causes import ONE, Named, parse, q
 from modelsel.mechanisms.registry import build_faults, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load_robot
@@ -128,3 +128,35 @@ def test_a_finding_stands_against_itself_changing_along_the_campaign(
     }
     (company,) = list_company(at, found)
     assert set(changing) <= {shape.mechanism for shape in company.shapes}
+
+
+@pytest.mark.parametrize(
+    ("name", "agrees"), [("approach-backlash:4", "place"), ("settle:4", "drivers")]
+)
+@seeds(1)
+def test_a_side_says_less_than_the_last_move(
+    name: str, agrees: str, rng: np.random.Generator
+) -> None:
+    """Of a joint that lags by how far it moved, "the side that it came from" is not what it depends
+    on."""
+    at = drawn("puma760", rng, 40)
+    found = Candidate(mechanism(name, at.robot), CandidateKind.MECHANISM, 0.1)
+    rivals = list_rivals(at, found)
+    lags = {r.agrees for r in rivals if r.candidate.kind is CandidateKind.SOFT_LAG}
+    assert lags == {agrees}
+
+
+@seeds(1)
+def test_a_constant_is_no_lag(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 20)
+    for frame in (3, at.robot.n + 1):
+        constant = Mechanism("c", (Term("c", (Screw(frame, "rz", ONE),)),))
+        assert list(generate_soft_lags(at, constant)) == []
+
+
+def test_constants_that_differ_have_names_that_differ() -> None:
+    robot = load_robot("puma760")
+    names = {build_bump(robot, 3, k * 0.002, 0.02).name for k in range(-20, 21)}
+    assert len(names) == 41
+    assert not any("-0°" in name or "-0.0°" in name for name in names)
+    assert build_bump(robot, 3, 0.366519, 0.349066).name == "3 rz a bump around q3 = 21°, 20° wide"

@@ -17,7 +17,13 @@ from modelsel.diagnosis.stated_probability import (
 from modelsel.report.document import collect_blocks
 from modelsel.report.drawing import PAGES
 from modelsel.report.terminal_summary import _describe_standing
-from modelsel.results.study_sentences import describe_probability, write_levels
+from modelsel.results.finding_advice import advise
+from modelsel.results.study_sentences import (
+    describe_probability,
+    write_figures,
+    write_finding_line,
+    write_levels,
+)
 
 
 @pytest.mark.parametrize(
@@ -91,3 +97,31 @@ def test_all_outputs_tell_the_same_probabilities(drawn) -> None:
     assert ladder in text
     name = finding.first.name
     assert f"with its probability: {name} 0.88" in text or len(finding.credible_set) == 1
+
+
+@pytest.mark.parametrize(
+    ("level", "probability", "verdict"),
+    [
+        ("cause", 0.97, "found"),
+        ("shape", 0.95, "found, cause not proven"),
+        ("drivers", 0.95, "found, shape not proven"),
+        ("place", 0.95, "found, drivers not proven"),
+        ("place", 0.4, "found, not named"),
+    ],
+)
+def test_what_hangs_on_a_name_waits_for_it(drawn, level, probability, verdict) -> None:
+    """The verdict says what is not proven; numbers and advice of a mechanism say "if"."""
+    record = read_source(drawn).record
+    whole = next(one for one in record.findings if one.first.name == "encoder-eccentricity:1")
+    claim = whole.claim.model_copy(update={"level": level, "probability": probability})
+    finding = whole.model_copy(update={"claim": claim})
+    assert finding.told_verdict == verdict
+    is_proven = verdict == "found"
+    assert finding.is_name_open is not is_proven
+    figures = write_figures(finding)
+    assert figures.startswith("If it is encoder-eccentricity:1: ") is not is_proven
+    assert (advise(record, finding).sentence == advise(record, whole).sentence) is is_proven
+    assert write_finding_line(finding).startswith("Found, not named") is (probability < 0.9)
+    unnamed = finding.first.model_copy(update={"mechanism": None})
+    without_name = finding.model_copy(update={"credible_set": [unnamed]})
+    assert without_name.is_name_open is (probability < 0.9)

@@ -16,7 +16,7 @@ from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.causes import q, sin
 from modelsel.mechanisms.registry import mechanism
 from modelsel.selection import gain, moments, splits
-from modelsel.selection.evaluation import compare_held_out
+from modelsel.selection.evaluation import FAR, compare_held_out, find_far_held_out
 from modelsel.selection.moments import (
     Coordinates,
     LinearRows,
@@ -138,3 +138,33 @@ def test_exchanges_update_what_they_would_work_out(rng, monkeypatch) -> None:
     monkeypatch.setattr(splits, "MAX_UPDATES", 1)
     anew = splits.split_configurations(data, 60, turns, np.random.default_rng(2))
     assert np.array_equal(chosen, anew)
+
+
+@seeds(31)
+@pytest.mark.parametrize(("estimation", "held_out"), [(20, 80), (60, 30), (30, 600)])
+def test_far_held_out_rows_are_rare_under_heavy_tails(
+    estimation: int, held_out: int, rng: np.random.Generator
+) -> None:
+    """Student's t with three degrees of freedom on both sides: far ones are told in few studies."""
+    told = 0
+    for _ in range(2000):
+        errors = np.linalg.norm(rng.standard_t(3, (estimation + held_out, 3)), axis=1)
+        blocks = np.arange(len(errors))
+        before, after = errors[:estimation], errors[estimation:]
+        far, p = find_far_held_out(before, blocks[:estimation], after, blocks[estimation:])
+        assert (far == (after > FAR * before.max())).all()
+        told += p < 1e-3
+    assert told / 2000 < 5e-3
+
+
+def test_few_configurations_and_rounding_tell_nothing_of_far_rows(rng: np.random.Generator) -> None:
+    near, far = rng.uniform(0.1, 0.2, 40), rng.uniform(1.0, 2.0, 6)
+    blocks = np.arange(40)
+    mask, p = find_far_held_out(near, blocks, np.append(near, far), np.arange(46))
+    assert p < 1e-5
+    assert np.flatnonzero(mask).tolist() == list(range(40, 46))
+    # one posture measured six times is one configuration
+    same = np.append(blocks, np.full(6, 40))
+    assert find_far_held_out(near, blocks, np.append(near, far), same)[1] > 1e-2
+    assert find_far_held_out(near, blocks, far[:4], blocks[:4])[1] == 1
+    assert find_far_held_out(near * 1e-12, blocks, far * 1e-9, blocks[:6])[1] == 1
