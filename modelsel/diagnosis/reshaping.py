@@ -8,6 +8,9 @@ from ..fitting.least_squares import Fit
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .claims import find_moved_joint, weigh_alone
+from .evidence import compute_p_value
+from .pair_waves import list_pair_waves
+from .state import LEVEL
 from .stepwise import Exploration, explore_further
 
 # effects by their numbers, and what tells them better
@@ -29,6 +32,31 @@ def improve_shapes(explored: Exploration, joints: Collection[int]) -> Exploratio
     if not better:
         return explored
     return take_shapes(explored, progress.chosen, progress.view.fitted, better)
+
+
+def offer_pair_waves(explored: Exploration, joints: Collection[int]) -> Exploration:
+    """Go on with waves of two readings at some joints, where one of these is the strongest explanation
+    of what is left, beyond chance."""
+    search, progress = explored.search, explored.progress
+    known = {candidate.mechanism for candidate in search.candidates}
+    waves = [
+        wave
+        for joint in sorted(joints)
+        for wave in list_pair_waves(search.problem, search.candidates, joint)
+        if wave.mechanism not in known
+    ]
+    if not waves:
+        return explored
+    offered = search.offer(waves)
+    start, chosen = progress.view.fitted, list(progress.chosen)
+    view = offered.try_fit(chosen, start) if chosen else offered.first
+    if view is None:
+        return explored
+    strongest = offered.name_strongest(view, chosen)
+    is_wave = strongest.top >= len(search.candidates)
+    if not is_wave or compute_p_value(strongest.evidence, search.null) > LEVEL:
+        return explored
+    return explore_further(offered, chosen, start, list(progress.path)) or explored
 
 
 def _is_second_bump(candidate: Candidate, others: Sequence[Candidate]) -> bool:

@@ -37,7 +37,7 @@ from .effects import Effect
 from .kept_causes import KeptCauses
 from .options import DiagnosisOptions
 from .outcome import Diagnosis
-from .reshaping import improve_shapes
+from .reshaping import improve_shapes, offer_pair_waves
 from .state import Search, extend_model
 from .stepwise import Exploration, explore
 
@@ -208,10 +208,13 @@ class _Separation:
         return replace(diagnosis, effects=tuple(_share_with_lasting(one, share) for one in effects))
 
     def _improve(self, one: _Explanation) -> _Explanation:
-        """Replace the effects of joints that seem not to repeat by the shapes that explain them best."""
+        """Replace the effects of joints that seem not to repeat by the shapes that explain them best,
+        and look for waves of two readings there."""
         names = {f"joint {j}": j for j in range(1, self.split.problem.robot.n + 1)}
         joints = [names[name] for name in one.left.names if name in names]
         explored = improve_shapes(one.explored, joints)
+        if self.inquiry.cells:
+            explored = offer_pair_waves(explored, joints)
         if explored is one.explored:
             return one
         left = self.find_parts(explored.fitted, before=one.left)

@@ -186,6 +186,7 @@ def _entry(entry: Entry, effect: Effect, problem: Problem) -> Values:
         "probability": entry.probability,
         "screws": list_screws(entry.candidate, estimate, problem),
         "alike": entry.alike,
+        "label": entry.candidate.label,
     }
 
 

@@ -41,6 +41,7 @@ class EntryRecord(StrictRecord):
     probability: Number
     screws: list[ScrewRecord]
     alike: bool
+    label: Text | None = None
 
     @property
     def is_fault(self) -> bool:
@@ -54,9 +55,11 @@ class EntryRecord(StrictRecord):
 
     @property
     def name(self) -> str:
-        """The registered name, or the cell: frame 6 ty · q4."""
+        """The registered name, or place and cause: frame 6 ty · q4."""
         if self.mechanism:
             return self.mechanism
+        if self.label:
+            return self.label
         if not self.screws:
             return "an unnamed effect"
         first = self.screws[0]
@@ -193,7 +196,7 @@ class FindingRecord(StrictRecord):
     credible_set: Annotated[list[EntryRecord], Field(min_length=1)] = Field(
         description="explanations, the most probable first, until their probabilities add up to 0.95 or "
         "20 entries are listed: `mechanism` (null for a cell of the error map), "
-        "`probability`, `alike` (moves the target as the first one does), `screws` (`frame "
+        "`label` (its name in words), `probability`, `alike` (moves the target as the first one does), `screws` (`frame "
         "axis cause`, and `values` at every estimation row if the cause is a free function or "
         "uses a name that is neither a joint reading nor a column of the file)"
     )

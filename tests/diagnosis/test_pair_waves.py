@@ -1,0 +1,57 @@
+"""Waves of two joints' readings together are found where a joint would else be said not to repeat."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from builders import drawn, measured, seeds
+from searches import search_separated
+
+from modelsel.diagnosis.candidate_kinds import CandidateKind
+from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.pair_waves import COUNTS, generate_pair_waves, list_pair_waves
+from modelsel.fitting.design import Model
+from modelsel.mechanisms.registry import every, mechanism
+from modelsel.robot.kinematics import forward
+
+SIGMA = 0.03
+
+
+@seeds(1)
+def test_waves_of_two_readings_are_offered_at_a_joint(rng: np.random.Generator) -> None:
+    at = drawn("puma760", rng, 30)
+    waves = list(generate_pair_waves(at, 3))
+    assert len(set(waves)) == 15 * len(COUNTS)
+    base = Model((mechanism("geometric", at.robot),))
+    found = build_candidates(at, base, every(at.robot))
+    # none that the map has, and together rarer than a cell
+    terms = {frozenset(term.key for term in one.mechanism.terms) for one in found}
+    assert not terms & {frozenset(term.key for term in wave.terms) for wave in waves}
+    listed = list_pair_waves(at, found, 3)
+    cell = max(one.prior for one in found if one.kind is CandidateKind.CELL)
+    assert sum(one.prior for one in listed) == pytest.approx(15 * 0.1 * cell)
+    assert list_pair_waves(at, [], 3) == []
+    q2, q3 = at.data.q[:, 1], at.data.q[:, 2]
+    (own,) = [one for one in waves if str(one.terms[0].screws[0].cause) == "sin(2*q2-3*q3)"]
+    sine, cosine = (term.screws[0].cause.of(at.state) for term in own.terms)
+    assert sine == pytest.approx(np.sin(2 * q2 - 3 * q3))
+    assert cosine == pytest.approx(np.cos(2 * q2 - 3 * q3))
+
+
+@pytest.mark.integration
+@seeds(2, 3)
+def test_a_joint_that_turns_with_two_readings_is_no_joint_that_does_not_repeat(
+    rng: np.random.Generator,
+) -> None:
+    at = drawn("puma760", rng, 100)
+    m, n = COUNTS[int(rng.integers(len(COUNTS)))]
+    q = at.data.q.copy()
+    q[:, 2] += 5e-4 * np.sin(m * q[:, 1] + n * q[:, 2] + rng.uniform(0, 2 * np.pi))
+    shift = forward(at.robot, q, at.tools[0]) - forward(at.robot, at.data.q, at.tools[0])
+    bent = measured(at, at.data.position + shift + rng.normal(0, SIGMA, shift.shape))
+    base = Model((mechanism("geometric", at.robot),))
+    found = search_separated(bent, base, build_candidates(bent, base, every(at.robot)))
+    (effect,) = found.effects
+    told = effect.candidate.mechanism
+    assert told.names_by_place() == {(3, "rz"): {"q2", "q3"}}, found.path
+    assert not [name for name in found.errors.names if name.startswith("joint")]
