@@ -33,9 +33,10 @@ the package come only the robots' drawings. What is true, kind by kind:
 The next five came later, when the search was finished. Three of them led to candidates or rivals
 afterwards: products of two readings, errors around one reading (bump), and shapes that change along
 the campaign (creep). Three more came after these; the soft lag then led to rivals, and the dent, told
-as bumps are, was looked at when these became candidates. The last two came after that. With them,
-with what settles, with play that gives way and with the wrist that bends, no candidate and no
-constant was chosen.
+as bumps are, was looked at when these became candidates. The last two came after that; the
+difference led to waves of two readings at a joint that seems not to repeat. With the sway, with what
+settles, with play that gives way and with the wrist that bends, no candidate and no constant was
+chosen.
 
 Random stiction is an error that does not repeat. To say that the joint does not repeat is to tell its
 place, by `repeatability` of the result as by a finding of its mean.

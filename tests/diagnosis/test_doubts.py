@@ -165,6 +165,8 @@ def test_a_finding_that_held_out_rows_speak_against(interval, said, monkeypatch)
     monkeypatch.setattr(
         "modelsel.results.finding_records.list_usual_causes", lambda _: ("gear", "key")
     )
+    is_proven = True
+    monkeypatch.setattr("modelsel.results.finding_records.is_settled", lambda _: is_proven)
     finding = Finding(effect, Gain(0.1, 0.12, interval))
     assert finding.doubtful
     doubt = (
@@ -178,6 +180,8 @@ def test_a_finding_that_held_out_rows_speak_against(interval, said, monkeypatch)
         "speak against it: their error grows by 0.0100 mm to 0.0300 mm rms" in finding.sentence
     ) == said
     assert [n.code for n in opposed_finding_notes([finding])] == ["held-out-against"] * said
+    is_proven = False
+    assert "Usual causes" not in finding.sentence
 
 
 @pytest.mark.parametrize(

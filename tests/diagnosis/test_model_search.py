@@ -74,6 +74,7 @@ def draw_pool(
         freedom=COORDINATES,
         log_prior=rng.uniform(-8, -2, 5),
         kind=np.array([0, 1, 0, 3, 4]),
+        single=np.zeros(5, np.intp),
         groups=tuple(groups),
     )
     return pool, Z, response
