@@ -171,7 +171,7 @@ def _choose_by_name(record: StudyRecord, finding: FindingRecord, stem: str) -> t
     noted = [one.catalogue for one in record.significance if one.mechanism == first.mechanism]
     if any(CONTRARY in note for note in noted):
         return _CONTRARY
-    if finding.is_name_open and stem not in SET_UP:
+    if finding.is_name_open and stem and stem not in SET_UP:
         return _CAUSE_OPEN
     if stem in WEARING and any(LARGE in note for note in noted):
         return _INSPECT

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from .._records import Number, Pair, StrictRecord, Text, Whole
 from ..diagnosis.signatures import PROVEN
+from ..diagnosis.stated_probability import find_named_level
 from ..selection.gain import Change, build_change
 from .record_types import Axis, Figure, Texts
 
@@ -284,13 +285,12 @@ class FindingRecord(StrictRecord):
 
     @property
     def is_name_open(self) -> bool:
-        """Whether the data leave its name open: where it acts, or why a registered mechanism would."""
-        claim = self.claim
-        if claim is None or self.first.is_fault:
+        """Whether the data leave its name open: the level that it says is not proven."""
+        levels = self.level_probabilities
+        if not levels or self.first.is_fault:
             return False
-        if claim.probability < PROVEN:
-            return True
-        return self.first.mechanism is not None and claim.level != "cause"
+        named = find_named_level(levels)
+        return levels[named] < PROVEN
 
     @property
     def told_verdict(self) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from report_studies import read_source
 
-from modelsel.diagnosis.signatures import PROVEN
+from modelsel.diagnosis.signatures import LEVELS, PROVEN
 from modelsel.diagnosis.stated_probability import (
     describe_level_probability,
     find_named_level,
@@ -113,8 +113,7 @@ def test_what_hangs_on_a_name_waits_for_it(drawn, level, probability, verdict) -
     """The verdict says what is not proven; numbers and advice of a mechanism say "if"."""
     record = read_source(drawn).record
     whole = next(one for one in record.findings if one.first.name == "encoder-eccentricity:1")
-    claim = whole.claim.model_copy(update={"level": level, "probability": probability})
-    finding = whole.model_copy(update={"claim": claim})
+    finding = claiming(whole, level, probability)
     assert finding.told_verdict == verdict
     is_proven = verdict == "found"
     assert finding.is_name_open is not is_proven
@@ -122,6 +121,24 @@ def test_what_hangs_on_a_name_waits_for_it(drawn, level, probability, verdict) -
     assert figures.startswith("If it is encoder-eccentricity:1: ") is not is_proven
     assert (advise(record, finding).sentence == advise(record, whole).sentence) is is_proven
     assert write_finding_line(finding).startswith("Found, not named") is (probability < 0.9)
-    unnamed = finding.first.model_copy(update={"mechanism": None})
-    without_name = finding.model_copy(update={"credible_set": [unnamed]})
-    assert without_name.is_name_open is (probability < 0.9)
+
+
+def claiming(finding, level: str, probability: float):
+    """A finding that claims a level, and no deeper one."""
+    depth = LEVELS.index(level)
+    deeper = min(probability, 0.5)
+    levels = [
+        one.model_copy(update={"probability": probability if k <= depth else deeper})
+        for k, one in enumerate(finding.levels)
+    ]
+    return finding.model_copy(update={"levels": levels, "claim": levels[depth]})
+
+
+def test_a_name_that_says_no_cause_is_open_only_if_its_own_level_is(drawn) -> None:
+    """Play with the opposite sign is a step whose shape is proven: its numbers hang on no name."""
+    record = read_source(drawn).record
+    against = next(one for one in record.findings if one.first.name == "backlash:3")
+    assert against.levels[3].probability == 0
+    assert not against.is_name_open
+    assert "f it is" not in write_figures(against)
+    assert against.told_verdict == "found"
