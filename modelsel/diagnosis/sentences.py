@@ -264,7 +264,9 @@ def list_cautions(effect: Effect) -> list[str]:
 
 def _differs_after_selection(effect: Effect, after: AfterSelection) -> bool:
     """Whether the search makes an effect smaller, or its interval reach further down."""
-    strength = float(np.linalg.norm(effect.estimate / effect.standard_error))
+    is_known = effect.standard_error > 0
+    sizes = effect.estimate[is_known] / effect.standard_error[is_known]
+    strength = max(float(np.linalg.norm(sizes)), NORMAL)
     plain_low = 1 - NORMAL / strength
     return after.factor < LARGE_SHARE or after.low < plain_low - WIDER
 
