@@ -10,6 +10,7 @@ from hidden_arm import State, arm, measured
 from hidden_effects import at, together
 
 from modelsel.diagnosis.acting_screws import SMALL, keep_acting_screws
+from modelsel.diagnosis.candidate_columns import stack_design
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.claim_sentences import name_places
@@ -74,6 +75,19 @@ def test_all_joints_that_lag_are_told(rng: np.random.Generator) -> None:
     problem, _ = draw_problem("puma760", rng)
     faults = [Candidate(one, CandidateKind.MECHANISM, 0.1) for one in build_faults(problem.robot)]
     assert keep_acting_screws(problem, faults, None, see_nothing(problem)) == tuple(faults)
+
+
+def test_what_the_model_absorbs_is_no_place(rng: np.random.Generator) -> None:
+    """Of two screws that move the target as much, one is absorbed: the candidate acts by the other."""
+    problem, _ = draw_problem("ur10e", rng)
+    screws = [Screw(4, axis, q(2)) for axis in ("tx", "ty")]
+    absorbed, _ = stack_design(problem, [Term("absorbed", (screws[1],))], None)
+    Q = absorbed / np.linalg.norm(absorbed)
+    both = Candidate(Mechanism("b", (Term("b", tuple(screws)),)), CandidateKind.CELL, 0.1)
+    (whole,) = keep_acting_screws(problem, [both], None, see_nothing(problem))
+    (told,) = keep_acting_screws(problem, [both], None, Q)
+    assert list_places(whole) == {(4, "tx"), (4, "ty")}
+    assert list_places(told) == {(4, "tx")}
 
 
 def test_what_moves_it_as_much_stays(rng: np.random.Generator) -> None:
