@@ -70,6 +70,16 @@ class Candidate:
         return find_fault_kind(self.mechanism)
 
     @property
+    def bumped_joint(self) -> int:
+        """The joint that it lets err around one reading; 0 for any other explanation.
+
+        A few such errors side by side take any shape, so that a model has one of a joint."""
+        if self.kind is not CandidateKind.BUMP:
+            return 0
+        first_term = self.mechanism.terms[0]
+        return first_term.screws[0].frame
+
+    @property
     def screws(self) -> Screws:
         """Its terms' screws, without their order."""
         return collect_screws(self.mechanism)

@@ -14,11 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._typing import Array, Index
+from .._typing import Array
 from ..fitting.problem import Problem
 from ..mechanisms.motors import joint_axis
 from .candidate_columns import build_columns
-from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .effects import Claim, find_level
 from .evidence import MIN_LOG_ODDS, compute_factors, sum_evidence
@@ -130,7 +129,8 @@ def weigh_alone(search: Search, view: View, g: int) -> tuple[Array, Candidate | 
     rival that is clearly more probable, or the explanation on whose place and drivers most agree."""
     own = search.candidates[g]
     taken = search.list_bumped_beside(g, view)
-    rivals = [one for one in list_rivals(search.problem, own) if not is_taken(one, taken)]
+    every = list_rivals(search.problem, own)
+    rivals = [one for one in every if one.candidate.bumped_joint not in taken]
     scan, response = search.scan_without(g, view)
     listed = compute_factors(scan, response)
     named = search.rename(g, view).named
@@ -163,14 +163,6 @@ def weigh_alone(search: Search, view: View, g: int) -> tuple[Array, Candidate | 
     evidence = np.full_like(logs, -np.inf)
     np.subtract(logs, log_prior, out=evidence, where=known)
     return levels, find_constant((*search.candidates, *others), g, evidence)
-
-
-def is_taken(rival: Rival, joints: Index) -> bool:
-    """Whether a rival would be another error around one reading of a joint that has one."""
-    candidate = rival.candidate
-    if candidate.kind is not CandidateKind.BUMP:
-        return False
-    return candidate.mechanism.terms[0].screws[0].frame in joints
 
 
 def _agree(search: Search, g: int) -> list[Array]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 from ..fitting.least_squares import Fit
-from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .claims import find_moved_joint, weigh_alone
 from .evidence import compute_p_value
@@ -59,15 +58,6 @@ def offer_pair_waves(explored: Exploration, joints: Collection[int]) -> Explorat
     return explore_further(offered, chosen, start, list(progress.path)) or explored
 
 
-def _is_second_bump(candidate: Candidate, others: Sequence[Candidate]) -> bool:
-    """Whether a shape is an error around one reading of a joint that has one already."""
-    if candidate.kind is not CandidateKind.BUMP:
-        return False
-    names = candidate.mechanism.names()
-    bumps = [one for one in others if one.kind is CandidateKind.BUMP]
-    return any(one.mechanism.names() == names for one in bumps)
-
-
 def take_shapes(
     explored: Exploration, chosen: Sequence[int], start: Fit, better: Sequence[Better]
 ) -> Exploration:
@@ -80,8 +70,9 @@ def take_shapes(
     place = {candidate.mechanism: g for g, candidate in enumerate(candidates)}
     added: list[int] = []
     for members, candidate in better:
-        others = [candidates[g] for g in (*left, *added) if g not in members]
-        if not set(members) <= set(left) or _is_second_bump(candidate, others):
+        others = (candidates[g] for g in (*left, *added) if g not in members)
+        bumped = {other.bumped_joint for other in others} - {0}
+        if not set(members) <= set(left) or candidate.bumped_joint in bumped:
             continue
         given_up = " & ".join(candidates[g].label for g in members)
         path.append(f"{given_up} -> {candidate.label}")

@@ -121,14 +121,8 @@ class Search:
 
     @cached_property
     def bumped(self) -> Index:
-        """The joint (G,) that a candidate lets err around one reading; 0 for any other candidate.
-
-        A few such errors side by side take any shape, so that a model has one of a joint."""
-        joints = [
-            one.mechanism.terms[0].screws[0].frame if one.kind is CandidateKind.BUMP else 0
-            for one in self.candidates
-        ]
-        return np.array(joints, dtype=np.intp)
+        """The joint (G,) that every candidate lets err around one reading, 0 for none."""
+        return np.array([one.bumped_joint for one in self.candidates], dtype=np.intp)
 
     @cached_property
     def told(self) -> tuple[Candidate, ...]:

@@ -13,7 +13,6 @@ from searches import search_independent
 from modelsel._typing import Array
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import build_candidates
-from modelsel.diagnosis.claims import is_taken
 from modelsel.diagnosis.joint_bumps import generate_likely_bumps
 from modelsel.diagnosis.joint_curves import find_own_joint
 from modelsel.diagnosis.model_pool import gather_pool
@@ -147,5 +146,5 @@ def test_beside_a_bump_no_other_one_stands_against_a_finding(rng: np.random.Gene
     rivals = list_rivals(search.problem, search.candidates[wave])
     bumps = [one for one in rivals if one.candidate.kind is CandidateKind.BUMP]
     assert bumps
-    assert all(is_taken(one, np.array([2])) for one in bumps)
-    assert not any(is_taken(one, np.array([3])) for one in rivals)
+    assert {one.candidate.bumped_joint for one in bumps} == {2}
+    assert {one.candidate.bumped_joint for one in rivals} == {0, 2}
