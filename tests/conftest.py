@@ -20,7 +20,7 @@ from modelsel.cli.main import run_command_line
 
 # A test's stage is that of its folder, else `unit`; what needs a whole study or a browser is
 # `integration`; a mark on a test or a file takes the place of both.
-STAGES = ("unit", "integration", "docs", "long")
+STAGES = ("unit", "integration", "docs", "slow", "long")
 COSTLY_FIXTURES = {"drawn", "browser"}
 TESTS = Path(__file__).parent
 
@@ -32,26 +32,24 @@ settings.load_profile("modelsel")
 def pytest_addoption(parser: pytest.Parser) -> None:
     group = parser.getgroup("modelsel")
     group.addoption(
-        "--long-sample",
-        type=float,
-        default=1.0,
-        metavar="SHARE",
-        help="run this share of the long stage, drawn by --long-seed",
+        "--share",
+        action="append",
+        default=[],
+        metavar="STAGE=SHARE",
+        help="run this share of a stage, such as slow=0.1, drawn by --draw",
     )
-    group.addoption("--long-seed", type=int, default=0, metavar="N")
+    group.addoption("--draw", type=int, default=0, metavar="N", help="seed of the draw")
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Give every test its stage, and keep a drawn share of the long ones."""
+    """Give every test its stage, and keep a drawn share of the stages that are asked for in part."""
     for item in items:
         if not any(item.get_closest_marker(stage) for stage in STAGES):
             item.add_marker(default_stage(item))
-    share, seed = config.getoption("long_sample"), config.getoption("long_seed")
-    if share >= 1:
-        return
+    shares, seed = shares_of(config), config.getoption("draw")
     dropped = [
-        item for item in items if stage_of(item) == "long" and uniform(seed, item.nodeid) >= share
+        item for item in items if uniform(seed, item.nodeid) >= shares.get(stage_of(item), 1.0)
     ]
     config.hook.pytest_deselected(items=dropped)
     kept = set(items) - set(dropped)
@@ -59,8 +57,20 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 
 
 def pytest_report_header(config: pytest.Config) -> str | None:
-    share, seed = config.getoption("long_sample"), config.getoption("long_seed")
-    return f"long stage: --long-sample={share} --long-seed={seed}" if share < 1 else None
+    shares = config.getoption("share")
+    seed = config.getoption("draw")
+    return f"stages in part: {', '.join(shares)}, --draw={seed}" if shares else None
+
+
+def shares_of(config: pytest.Config) -> dict[str, float]:
+    """The shares of the stages that are asked for in part."""
+    shares = {}
+    for asked in config.getoption("share"):
+        stage, _, share = asked.partition("=")
+        if stage not in STAGES:
+            raise pytest.UsageError(f"--share {asked}: stages are {', '.join(STAGES)}")
+        shares[stage] = float(share)
+    return shares
 
 
 def default_stage(item: pytest.Item) -> str:

@@ -5,10 +5,9 @@ map may replace some; the rest is fitted exactly, and each effect gets the claim
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -39,19 +38,6 @@ MAX_TAKEN_BACK = 2
 MAX_CANCELLED = 0.5
 
 
-class _Settled(NamedTuple):
-    """The effects that a search keeps, the largest first, with their p-values, and the view of their
-    model."""
-
-    p: dict[int, float]
-    view: View
-
-    @property
-    def chosen(self) -> list[int]:
-        """The candidates that stay."""
-        return list(self.p)
-
-
 def build_empty(base: Model, base_fit: Fit) -> Diagnosis:
     """Build the diagnosis without candidates: nothing may extend the base."""
     nothing = np.zeros(0)
@@ -71,65 +57,90 @@ def build_empty(base: Model, base_fit: Fit) -> Diagnosis:
 
 @dataclass(frozen=True, eq=False)
 class Conclusion:
-    """A search, and the effects that it keeps."""
+    """A search, and what it keeps: the `chosen` effects, the largest first, and the view of their model.
+
+    `p`: their p-values under every null distribution, once they are confirmed; `known`: the sets of
+    effects around them, where they were weighed before."""
 
     explored: Exploration
-    settled: _Settled
+    chosen: list[int]
+    view: View
+    p: dict[int, float] = field(default_factory=dict)
+    known: VisitedModels | None = None
 
     @property
     def mechanisms(self) -> frozenset[Mechanism]:
         """The mechanisms of the effects that it keeps."""
         candidates = self.explored.search.candidates
-        return frozenset(candidates[g].mechanism for g in self.settled.chosen)
+        return frozenset(candidates[g].mechanism for g in self.chosen)
 
     @cached_property
     def diagnosis(self) -> Diagnosis:
         """The diagnosis before claims are weighed; of most searches nobody asks for it."""
-        return _build_diagnosis(self.explored, self.settled)
+        return _build_diagnosis(self)
 
     @cached_property
     def visited(self) -> VisitedModels:
         """The sets of effects around what stays, weighed."""
-        return visit_models(self.explored.search, self.settled.view, self.settled.chosen)
+        return self.known or visit_models(self.explored.search, self.view, self.chosen)
 
 
 def conclude(explored: Exploration) -> Conclusion:
     """Drop what the full model does not need."""
-    return Conclusion(explored, _settle(explored))
+    search, progress = explored.search, explored.progress
+    chosen, view = prune_effects(search, progress.chosen, progress.view, progress.path)
+    return Conclusion(explored, _sort_by_size(search, chosen, view), view)
+
+
+def confirm(concluded: Conclusion) -> Conclusion:
+    """Confirm every effect given the others, under every null distribution."""
+    search, path = concluded.explored.search, concluded.explored.progress.path
+    p, view = _confirm_effects(search, concluded.chosen, concluded.view, path)
+    is_same = p.keys() == set(concluded.chosen)
+    known = concluded.visited if is_same else None
+    return Conclusion(concluded.explored, _sort_by_size(search, p, view), view, p, known)
 
 
 def prove(concluded: Conclusion) -> Diagnosis:
     """Weigh how much of every effect is proven.
 
-    Effects are taken back where another set of them is more probable. Where a shape that no list has
-    explains effects better, the search goes on with it, until that leads back to effects which it
-    had before."""
-    concluded = _take_back(concluded)
+    Effects are taken back where another set of them is more probable, and confirmed. Where a shape
+    that no list has explains effects better, the search goes on with it, until that leads back to
+    effects which it had before."""
+    concluded = _settle(concluded)
     weighed = _weigh(concluded)
     seen = {concluded.mechanisms}
     for _ in range(MAX_OFFERS):
         if not weighed.better:
             break
-        further = _take_back(_take_shapes(concluded, weighed))
+        further = _settle(_take_shapes(concluded, weighed))
         if further.mechanisms in seen:
             break
         seen.add(further.mechanisms)
         concluded = further
         weighed = _weigh(concluded)
-    search, chosen = concluded.explored.search, concluded.settled.chosen
+    search = concluded.explored.search
     return replace(
         concluded.diagnosis,
         effects=_claim(concluded, weighed),
-        map_p=search.compute_map_p(concluded.settled.view),
-        models=concluded.visited.tell(search.candidates, chosen),
+        map_p=search.compute_map_p(concluded.view),
+        models=concluded.visited.tell(search.candidates, concluded.chosen),
     )
+
+
+def _settle(concluded: Conclusion) -> Conclusion:
+    """Take effects back, and confirm the others; once more where some were not confirmed."""
+    taken = _take_back(concluded)
+    confirmed = confirm(taken)
+    if len(confirmed.chosen) == len(taken.chosen):
+        return confirmed
+    return confirm(_take_back(confirmed))
 
 
 def _take_shapes(concluded: Conclusion, weighed: Weighed) -> Conclusion:
     """Put shapes that explain effects better in their place, and continue the search with these."""
-    settled = concluded.settled
-    start = settled.view.fitted
-    return conclude(take_shapes(concluded.explored, settled.chosen, start, weighed.better))
+    start = concluded.view.fitted
+    return conclude(take_shapes(concluded.explored, concluded.chosen, start, weighed.better))
 
 
 def fit_again(diagnosis: Diagnosis, problem: Problem) -> Diagnosis:
@@ -152,8 +163,7 @@ def fit_again(diagnosis: Diagnosis, problem: Problem) -> Diagnosis:
 def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:
     """Claim of every effect the levels that hold both against its rivals, given the other effects,
     and over the sets of effects that were weighed."""
-    search = concluded.explored.search
-    chosen = concluded.settled.chosen
+    search, chosen = concluded.explored.search, concluded.chosen
     effects = concluded.diagnosis.effects
     visited = concluded.visited
     members = visited.members.union(chosen)
@@ -172,16 +182,16 @@ def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:
 def _take_back(concluded: Conclusion) -> Conclusion:
     """Put a set of effects in the place of the chosen ones, if it is clearly more probable."""
     for _ in range(MAX_TAKEN_BACK):
-        explored, settled = concluded.explored, concluded.settled
-        better = concluded.visited.find_better(settled.chosen, MIN_LOG_ODDS)
+        explored, now = concluded.explored, concluded.chosen
+        better = concluded.visited.find_better(now, MIN_LOG_ODDS)
         if better is None:
             break
-        before = _join_others(explored.search, settled.chosen, better)
-        after = _join_others(explored.search, better, settled.chosen)
+        before = _join_others(explored.search, now, better)
+        after = _join_others(explored.search, better, now)
         path = [*explored.progress.path, f"{before} -> {after}"]
-        start = settled.view.fitted
+        start = concluded.view.fitted
         # what stays keeps its order
-        chosen = [g for g in settled.chosen if g in better]
+        chosen = [g for g in now if g in better]
         chosen += [g for g in better if g not in chosen]
         further = explore_further(explored.search, chosen, start, path)
         if further is None:
@@ -197,33 +207,23 @@ def _join_others(search: Search, members: Sequence[int], others: Sequence[int]) 
 
 
 def _weigh(concluded: Conclusion) -> Weighed:
-    settled = concluded.settled
-    return weigh_claims(concluded.explored.search, settled.view, settled.chosen)
+    return weigh_claims(concluded.explored.search, concluded.view, concluded.chosen)
 
 
-def _settle(explored: Exploration) -> _Settled:
-    """Drop the effects that the full model does not need, and confirm the others."""
-    search, progress = explored.search, explored.progress
-    chosen, view = prune_effects(search, progress.chosen, progress.view, progress.path)
-    p, view = _confirm_effects(search, chosen, view, progress.path)
-    return _Settled(_sort_by_size(search, p, view), view)
-
-
-def _sort_by_size(search: Search, p: dict[int, float], view: View) -> dict[int, float]:
+def _sort_by_size(search: Search, chosen: Iterable[int], view: View) -> list[int]:
     """Sort effects by how far they move the target beyond the base, so that every step of the ladder
     stands on what is larger."""
     size = {}
-    for g in p:
+    for g in chosen:
         moved = search.compute_displacement(g, view)
         size[g] = float(np.linalg.norm(moved))
-    largest_first = sorted(p, key=lambda g: -size[g])
-    return {g: p[g] for g in largest_first}
+    return sorted(size, key=lambda g: -size[g])
 
 
-def _build_diagnosis(explored: Exploration, settled: _Settled) -> Diagnosis:
+def _build_diagnosis(concluded: Conclusion) -> Diagnosis:
     """Fit the model exactly, and put the diagnosis together."""
+    explored, view, chosen = concluded.explored, concluded.view, concluded.chosen
     search, progress, remainder = explored.search, explored.progress, explored.remainder
-    view, chosen = settled.view, settled.chosen
     if set(chosen) != set(progress.chosen):
         remainder = _assess_remainder(search, view, chosen)
     model, fitted = view.model, view.fitted
@@ -233,7 +233,7 @@ def _build_diagnosis(explored: Exploration, settled: _Settled) -> Diagnosis:
         fitted = fit_shrunk(search.problem, model, fitted, held="all")
     return Diagnosis(
         base=search.base,
-        effects=_build_effects(search, view, fitted, settled.p),
+        effects=_build_effects(concluded, fitted),
         model=model,
         fit=fitted,
         path=tuple(progress.path),
@@ -329,18 +329,17 @@ def _assess_remainder(search: Search, view: View, chosen: Sequence[int]) -> Rema
     return Remainder(strongest, p)
 
 
-def _build_effects(
-    search: Search, view: View, fitted: Fit, p: dict[int, float]
-) -> tuple[Effect, ...]:
-    cancelled = _find_cancelling(search, list(p), view)
+def _build_effects(concluded: Conclusion, fitted: Fit) -> tuple[Effect, ...]:
+    search, view, chosen = concluded.explored.search, concluded.view, concluded.chosen
+    cancelled = _find_cancelling(search, chosen, view)
     effects = []
-    for g, p_value in p.items():
+    for g in chosen:
         candidate = search.candidates[g]
         terms = fitted.locate(candidate.mechanism)
         effect = Effect(
             candidate=candidate,
             named=search.rename(g, view).named,
-            p=p_value,
+            p=concluded.p[g],
             estimate=fitted.theta[terms],
             standard_error=fitted.standard_errors[terms],
             cancels=cancelled.get(g),

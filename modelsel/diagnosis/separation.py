@@ -148,7 +148,9 @@ class _Separation:
             every = self.find_parts(self.base_fit, before=sure)
             if every.tells(DIRECTIONS):
                 best = self._improve(best)
-                best = min(best, self.search(every), key=lambda one: one.criterion)
+                best = min(
+                    best, self.search(every, best.explored.chosen), key=lambda one: one.criterion
+                )
         best = self._go_on(best)
         if not best.left.tells(ORDER):
             best = self._try_lasting(best)

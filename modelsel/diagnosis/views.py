@@ -251,16 +251,19 @@ class Views:
     def _multiply(self, keys: Sequence[TermKey], along: Array, R: Array) -> Array:
         """Multiply all candidates by the base's basis and by what some terms add, which are
         Q along + Q_new R: (C, r + k), filled piece by piece."""
+        from scipy.linalg.blas import dtrsm
+
         inside = self.first.scan.inside
         count, size = inside.shape
         products = np.empty((count, size + len(keys)))
         products[:, :size] = inside
         added = products[:, size:]
-        for number, key in enumerate(keys):
-            _, added[:, number] = self._known[key]
+        of_keys = [self._known[key][1] for key in keys]
         for rows in split_range(count, PIECE):
-            beyond = added[rows] - inside[rows] @ along
-            added[rows] = _divide(beyond, R)
+            beyond = np.array([own[rows] for own in of_keys])
+            beyond -= along.T @ inside[rows].T
+            # by columns, as it stands: beyond R⁻¹ needs no copy
+            added[rows] = dtrsm(1.0, R, beyond.T, side=1, overwrite_b=1)
         return products
 
     def _learn(self, new: Sequence[TermKey]) -> None:
@@ -309,11 +312,3 @@ def _stack_triangles(first: Array, across: Array, last: Array) -> Array:
     bottom = [below, last]
     both = [top, bottom]
     return np.block(both)
-
-
-def _divide(matrix: Array, triangle: Array) -> Array:
-    """Compute a matrix (C, k) times the inverse of an upper triangle (k, k)."""
-    from scipy.linalg import solve_triangular
-
-    solved = solve_triangular(triangle, matrix.T, trans="T", check_finite=False)
-    return np.asarray(solved.T)

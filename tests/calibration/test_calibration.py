@@ -132,7 +132,7 @@ def test_refusals(rng) -> None:
         load_calibration("nowhere")
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_same_bytes(result) -> None:
     again = run_study(read_study(PUMA / "study.toml"), PUMA, sampling=False)
     assert calibration_text(result.calibration) == calibration_text(again.calibration)

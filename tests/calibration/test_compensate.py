@@ -258,7 +258,7 @@ def engine_error(landed: np.ndarray, wanted: np.ndarray) -> float:
     return float(np.sqrt(np.square(landed - wanted).mean()))
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_arm_in_an_engine_lands_within_the_noise(tmp_path) -> None:
     """Masses and springs in a rigid-body engine, play that the last motion decides, ripple of a
     gear, a warm link's zero."""

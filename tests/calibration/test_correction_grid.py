@@ -153,6 +153,7 @@ def test_the_range_that_is_said_is_taken(made) -> None:
     np.testing.assert_allclose(axis[[0, -1]], [low, high], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_joints_that_never_moved_are_none_of_its_own(made) -> None:
     still = dict(made.ranges) | {"q2": (-1.0, -1.0)}
     found = export(replace(made, ranges=still), "grid")

@@ -93,7 +93,7 @@ def calibrated(
     )
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_false_alarms_are_as_rare_as_promised(rng) -> None:
     """p is uniform where nothing changed, registered or not, with the parameters' own uncertainty
     in it (20 configurations)."""
@@ -186,6 +186,7 @@ def test_the_factor_is_that_of_the_figures_beside_it(rng) -> None:
     assert f"a factor of {found.factor:.2f} (p" in said
 
 
+@pytest.mark.slow
 def test_louder_noise_is_no_change(rng) -> None:
     """Three times the noise has no pattern; a change has, beside it or alone."""
     model, theta = truth()
@@ -313,6 +314,7 @@ def test_rows_in_metres_are_no_drift(changed_by, rng) -> None:
     assert "(p < 1e-12)" in told(new, moved)[0]
 
 
+@pytest.mark.slow
 def test_data_that_cannot_be_of_the_arm_are_refused(rng) -> None:
     """Further from the arm than a quarter of its reach, registered or not: the mistake is named, and
     no drift is told."""

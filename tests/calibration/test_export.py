@@ -362,6 +362,7 @@ def test_study_names_base_and_tip(tmp_path) -> None:
         read_robot(tmp_path / "robot.toml", "rail")
 
 
+@pytest.mark.slow
 def test_check_takes_a_chain(tmp_path, rng) -> None:
     (tmp_path / "rig.urdf").write_text(rig())
     rows = "\n".join(",".join(map(str, rng.uniform(-1, 1, 5))) for _ in range(12))

@@ -154,7 +154,7 @@ def test_probability_is_the_rate_of_naming(names, rng) -> None:
         )
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_ten_chosen_separate_what_forty_drawn_do(rng) -> None:
     """The figure to reach: over eight pairs of rivals, told by formula; and named at that rate in
     simulated data."""
@@ -278,7 +278,7 @@ size = 1.1e-4
 """
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_command(tmp_path, rng) -> None:
     (tmp_path / "study.toml").write_text(STUDY)
     runner = CliRunner()

@@ -124,6 +124,7 @@ def test_a_load_has_a_mass() -> None:
         read_measurements(frame, robot)
 
 
+@pytest.mark.slow
 def test_check_says_what_study_would_refuse(tmp_path: Path) -> None:
     """Positions that do not move at all are no arm's."""
     robot = load_robot("ur10")

@@ -48,7 +48,7 @@ def test_help_loads_no_command() -> None:
     assert ran.stdout.endswith("[]\n")
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_an_output_without_greek_letters_loses_no_more_than_them(tmp_path) -> None:
     """A log or a terminal of another encoding: no internal error; JSON is UTF-8 all the same."""
 

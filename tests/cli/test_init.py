@@ -274,7 +274,7 @@ def test_the_arm_tells_what_grad_is(size, words, place) -> None:
     assert Path("m/measurements.csv").exists() == (words != "degrees")
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_grad_that_no_arm_tells_is_asked() -> None:
     frame = campaign()
     frame[["X", "Y", "Z"]] = frame[["X", "Y", "Z"]].to_numpy()[::-1]
@@ -480,7 +480,7 @@ def test_positions_that_no_instrument_gives_are_told() -> None:
     assert "These positions look computed" in ran.stdout
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_numbers_that_are_far_off_are_explained() -> None:
     """As the set-up check of a study would: another unit, another built-in robot."""
     frame = campaign()
@@ -525,7 +525,7 @@ def test_a_unit_that_contradicts_the_numbers_is_told_with_both_readings(unit, by
     assert not Path("s").exists()
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mark", "size", "said"),
     [("[cm]", 1.0, "millimetres and not centimetres"), ("[mm]", 1 / 25.4, "are inches")],
@@ -556,7 +556,7 @@ def test_a_wide_campaign_in_its_unit_is_read() -> None:
         np.testing.assert_allclose(data.position, frame[["X", "Y", "Z"]], atol=1e-9)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_targets_and_pool_have_the_names_of_the_study() -> None:
     """J1 to J6 with decimal commas: as under the contract's names, in degrees, to the last digit."""
     frame = campaign()
@@ -594,7 +594,7 @@ def test_targets_and_pool_have_the_names_of_the_study() -> None:
     assert planned.exit_code == 0, planned.output
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_a_file_of_the_form_of_the_study_goes_into_check_and_validate() -> None:
     """The calibration knows the columns and the decimal comma; nothing is mapped by hand."""
     frame = campaign()

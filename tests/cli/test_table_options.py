@@ -68,7 +68,7 @@ COMMANDS = {
 }
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_sheet_and_decimal_mark(folder, monkeypatch, command: str) -> None:
     monkeypatch.chdir(folder)

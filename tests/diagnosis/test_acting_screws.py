@@ -107,7 +107,7 @@ def test_what_moves_it_as_much_stays(rng: np.random.Generator) -> None:
     assert list_places(told[2]) == {(4, "tx"), (4, "ty")}
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2, 3)
 def test_a_joint_that_yields_is_told_whatever_yields_there(rng: np.random.Generator) -> None:
     """Whether the gear or the link before it gives way is not told apart, joint 3 is."""

@@ -98,6 +98,7 @@ def test_a_joint_is_pulled_by_its_neighbours_where_data_are_on_either_side(
     assert all("q2" not in one.mechanism.names() for one in pulled)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("jitter", [0.0, 1e-5])
 def test_a_joint_that_stands_still_has_no_shapes_of_its_readings(
     jitter: float, rng: np.random.Generator
@@ -223,7 +224,7 @@ def test_simple_rivals_have_half_of_what_other_shapes_have(
     assert free > 0
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_a_base_that_sags_is_told_as_the_base(robot: str, rng: np.random.Generator) -> None:

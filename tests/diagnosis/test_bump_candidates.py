@@ -62,7 +62,7 @@ def test_bumps_are_looked_for_where_configurations_tell_of_them(rng: np.random.G
     assert not any("q3" in bump.names() for bump, _ in generate_likely_bumps(stands))
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(21, 22, 23)
 def test_a_dent_of_a_joint_is_found_where_it_is(rng: np.random.Generator) -> None:
     """A cosine's hump, which no candidate is."""

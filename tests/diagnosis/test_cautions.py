@@ -39,7 +39,7 @@ OPEN = "the data do not determine the size of k: its standard error is larger th
 # ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize("asked", [["gravity-twist"], ["joint-compliance:5", "backlash:3"]])
 def test_a_study_of_few_candidates_says_that_no_other_was_considered(asked: list[str]) -> None:
     """The model may end up holding every candidate; nothing is left that chance could be drawn
@@ -163,6 +163,7 @@ def test_an_effect_whose_size_is_open_is_told_with_no_wild_number(rng: np.random
     )
 
 
+@pytest.mark.slow
 def test_nothing_that_is_named_is_larger_than_a_small_screw(rng: np.random.Generator) -> None:
     readings = ARM.draw(rng, 60)
     position = forward(ARM, readings, TOOL)

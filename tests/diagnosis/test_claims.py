@@ -101,7 +101,7 @@ UNLISTED: dict[str, tuple[int, Values, set[str]]] = {
 }
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 @pytest.mark.parametrize("kind", UNLISTED)
 def test_no_cause_is_claimed_of_what_no_list_has(kind: str, rng: np.random.Generator) -> None:
@@ -132,7 +132,7 @@ SHAPES: dict[CandidateKind, Values] = {
 }
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 @pytest.mark.parametrize("kind", SHAPES)
 def test_a_shape_without_a_cause_is_told_as_what_it_is(
@@ -156,7 +156,7 @@ def test_two_proportional_errors_of_a_joint_are_no_product(rng: np.random.Genera
     assert told == {"wrist-coupling:5", "encoder-scale:5"}
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2, 3)
 def test_a_wave_of_any_number_is_one_wave(rng: np.random.Generator) -> None:
     """Between the numbers that are looked for: it was told with the nearest of them, beside a second
@@ -172,7 +172,7 @@ def test_a_wave_of_any_number_is_one_wave(rng: np.random.Generator) -> None:
     assert own == pytest.approx(count, abs=0.06)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2, 3)
 def test_a_saw_is_no_joint_that_does_not_repeat(rng: np.random.Generator) -> None:
     """Of few configurations a wave holds too little of a saw to be preferred."""

@@ -74,7 +74,7 @@ def test_a_shape_of_one_joint_is_one_free_function(
     assert [n.partition(" ")[0] for n in about] == [f"free(q{joint})"], (joint, centre, found.path)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(4, 5, 6)
 def test_two_waves_of_one_joint_stay_two_waves(rng: np.random.Generator) -> None:
     at = drawn("puma760", rng, 200)
@@ -83,6 +83,7 @@ def test_two_waves_of_one_joint_stay_two_waves(rng: np.random.Generator) -> None
     assert sorted(names(found)) == ["encoder-eccentricity:4", "gear-eccentricity:4"], found.path
 
 
+@pytest.mark.slow
 @seeds(7, 8)
 def test_a_number_of_waves_between_whole_ones_is_told(rng: np.random.Generator) -> None:
     at = drawn("puma760", rng, 150)
@@ -137,6 +138,7 @@ def test_steps_in_time_are_offered_once_between_two_configurations(
     assert sum(c.prior for c in found) == pytest.approx(1)
 
 
+@pytest.mark.slow
 @seeds(13, 14, 15, 16)
 def test_no_finding_is_listed_that_chance_would_explain(rng: np.random.Generator) -> None:
     at = drawn("puma760", rng, 60)

@@ -32,6 +32,7 @@ def coupled(rng: np.random.Generator, m: int = 90) -> Problem:
     return measured(at, position + NOISE_MM * rng.standard_normal(position.shape))
 
 
+@pytest.mark.slow
 def test_a_planted_effect_is_found_by_its_name(rng) -> None:
     diagnosis = diagnose(coupled(rng))
     effect, finding = diagnosis.effects[0], diagnosis.findings[0]

@@ -66,7 +66,7 @@ def weighed(at: Problem) -> Split:
 # ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_lack_of_fit_is_uniform_where_there_is_none(rng) -> None:
     """Of a stated floor and of repeats; and where the noise is 1.3 times the floor it is said, with
     how much more."""

@@ -19,7 +19,7 @@ from modelsel.diagnosis import conclusion
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.claims import Weighed
-from modelsel.diagnosis.conclusion import Conclusion, conclude, prove
+from modelsel.diagnosis.conclusion import Conclusion, conclude, confirm, prove
 from modelsel.diagnosis.evidence import MIN_LOG_ODDS
 from modelsel.diagnosis.mechanism_families import count_kin
 from modelsel.diagnosis.model_pool import Pool, _Group
@@ -156,7 +156,7 @@ def search_lags(rng: np.random.Generator) -> tuple[Search, list[int], list[int]]
     return search, planted, mistaken
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2, 3)
 def test_a_mistaken_set_gives_way_to_what_was_planted(rng: np.random.Generator) -> None:
     search, planted, mistaken = search_lags(rng)
@@ -168,11 +168,11 @@ def test_a_mistaken_set_gives_way_to_what_was_planted(rng: np.random.Generator) 
     # a further joint that lags is likely enough to be tried: chance explains it
     further = explore_further(search, list(better), view.fitted, [])
     assert further is not None
-    told = conclude(further).diagnosis.effects
+    told = confirm(conclude(further)).diagnosis.effects
     assert {effect.candidate for effect in told} == {search.candidates[g] for g in planted}
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1)
 def test_a_diagnosis_tells_the_sets_that_were_weighed(rng: np.random.Generator) -> None:
     search, planted, _ = search_lags(rng)
@@ -244,6 +244,7 @@ def test_only_the_same_mechanism_in_another_joint_is_kin() -> None:
 # -- shapes that are offered
 
 
+@pytest.mark.slow
 def test_a_shape_that_leads_back_is_not_offered_again(
     monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
 ) -> None:

@@ -38,7 +38,7 @@ def test_waves_of_two_readings_are_offered_at_a_joint(rng: np.random.Generator) 
     assert cosine == pytest.approx(np.cos(2 * q2 - 3 * q3))
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(2, 3)
 def test_a_joint_that_turns_with_two_readings_is_no_joint_that_does_not_repeat(
     rng: np.random.Generator,

@@ -60,7 +60,7 @@ def list_words(told: Diagnosis) -> set[str]:
     return {name for effect in told.effects for name in effect.candidate.mechanism.names()}
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 def test_a_base_that_settles_is_an_effect(rng: np.random.Generator) -> None:
     told = diagnose(observe(rng, settles=14 * SIGMA, fading=0.0), seed=1)
@@ -68,7 +68,7 @@ def test_a_base_that_settles_is_an_effect(rng: np.random.Generator) -> None:
     assert "lasting" not in told.errors.names
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 def test_errors_that_fade_are_none(rng: np.random.Generator) -> None:
     told = diagnose(observe(rng, settles=0.0, fading=2 * SIGMA), seed=1)
@@ -76,7 +76,7 @@ def test_errors_that_fade_are_none(rng: np.random.Generator) -> None:
     assert "lasting" in told.errors.names
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1)
 def test_a_small_drift_is_named_beside_errors_that_last(rng: np.random.Generator) -> None:
     told = diagnose(observe(rng, settles=3 * SIGMA, fading=0.0), seed=1)

@@ -301,7 +301,7 @@ def test_a_target_that_was_moved_is_a_step_at_the_target_and_its_size_the_whole_
     assert effect.standard_error.max() < 0.05
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_a_step_of_the_tracker_is_the_whole_move(rng: np.random.Generator) -> None:
     q = ARM.draw(rng, 100)
     move = np.array([0.5, -0.3, 0.4])

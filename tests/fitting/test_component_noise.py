@@ -70,6 +70,7 @@ candidates = ["encoder-eccentricity", "gear-eccentricity"]
 """
 
 
+@pytest.mark.slow
 @seeds(4, 5)
 @pytest.mark.parametrize("rad", [5e-5, 1e-3])
 def test_an_effect_that_hid_the_noise_leaves_no_part(rng: np.random.Generator, rad: float) -> None:

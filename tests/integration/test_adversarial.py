@@ -120,6 +120,7 @@ def test_a_cause_that_runs_with_another(rng) -> None:
         assert max(said.values()) < 0.95
 
 
+@pytest.mark.slow
 def test_an_effect_that_only_held_out_rows_feel(rng) -> None:
     """Joint 2 slips once the held-out rows begin: nothing of it can be named, and the surprise is
     said."""
@@ -135,6 +136,7 @@ def test_an_effect_that_only_held_out_rows_feel(rng) -> None:
     assert slipped.models.chosen.held_out.rms_mm > 2 * slipped.models.chosen.estimation.rms_mm
 
 
+@pytest.mark.slow
 def test_an_effect_that_few_held_out_rows_feel(rng) -> None:
     """Joint 2 has a dent where no estimation row went: most held-out rows err as promised, and those
     that err most are listed."""

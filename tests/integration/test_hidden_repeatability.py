@@ -92,6 +92,7 @@ def too_many(hits: int, of: int, rate: float) -> bool:
     return hits > 0 and float(bdtrc(hits - 1, of, rate)) < CHANCE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_the_joint_is_named_with_its_size(studies: dict[str, list[Hidden]], layout: str) -> None:
     for study in studies[layout]:

@@ -212,6 +212,7 @@ def of_snake(n: int, m: int, rng: np.random.Generator) -> Problem:
     return planted(at, one(5, "rz", sin(2.0 * q(5))).terms, np.array([1e-3]), rng, SIGMA)
 
 
+@pytest.mark.slow
 def test_sixty_joints_and_two_hundred_mechanisms(rng) -> None:
     at = of_snake(60, 150, rng)
     base = Model((mechanism("geometric", at.robot),))

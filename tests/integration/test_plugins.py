@@ -86,6 +86,7 @@ def installed(tmp_path_factory) -> Path:
     return here
 
 
+@pytest.mark.slow
 def test_an_outside_package_is_built_installed_and_found(installed) -> None:
     shown = command("mechanisms", "hose-twist", cwd=installed, path=installed / "site")
     assert shown.stdout.startswith("hose-twist: The hose pack twists joint 4"), shown.stderr

@@ -47,6 +47,7 @@ def shown(name: str) -> dict[str, list[float]]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["wam-tracker", "tiago-mocap", pytest.param("positioner", marks=pytest.mark.long)]
 )

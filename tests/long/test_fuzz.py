@@ -26,7 +26,8 @@ from fuzz_words import SAME, Mutant
 
 from modelsel.exceptions import NotEstimable
 
-MUTANTS = {FIRST: 2000, LATER: 150}
+# mutants of a part, and parts, each of a stream of its own
+MUTANTS, PARTS = {FIRST: 500, LATER: 150}, {FIRST: 4, LATER: 1}
 COMMANDS = 50
 SHARE_COMPUTED = (
     0.08  # of the mutants that can be read and need not be: the others stop after the checks
@@ -54,9 +55,15 @@ def fuzz(tmp_path, monkeypatch) -> Fuzzer:
 
 
 @pytest.mark.parametrize(
-    "kinds", MUTANTS, ids=["what-people-write", "what-is-left-and-read-beside"]
+    ("kinds", "part"),
+    [
+        pytest.param(kinds, part, id=f"{words}-{part}")
+        for kinds, words in ((FIRST, "what-people-write"), (LATER, "what-is-left-and-read-beside"))
+        for part in range(PARTS[kinds])
+    ],
 )
-def test_mutants(fuzz, kinds) -> None:
+def test_mutants(fuzz, kinds, part) -> None:
+    fuzz.rng = np.random.default_rng([seed_of(), part])
     state = fuzz.rng.bit_generator.state
     for _ in range(MUTANTS[kinds]):
         fuzz.one(str(fuzz.rng.choice(kinds, p=shares(kinds))))

@@ -476,7 +476,7 @@ def test_labels_of_the_split(tmp_path) -> None:
         read_labels(path, "rolle")
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scale", "robot", "words"),
     [

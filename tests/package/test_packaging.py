@@ -49,7 +49,7 @@ def built(tree: Path, out: Path, epoch: str) -> dict[str, str]:
     return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(out.iterdir())}
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_the_same_bytes_twice(tmp_path) -> None:
     """Two copies of the tree, laid out in another order, hours apart."""
     files = tracked()

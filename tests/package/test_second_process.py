@@ -21,7 +21,7 @@ def test_results_come_in_order_however_large() -> None:
         assert [collect() for collect in results] == [LARGE(), WORK(), 3]
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_who_asks_never_waits() -> None:
     """Neither while the other is busy nor because a pipe holds less than what is sent."""
     with second_process(2) as second:

@@ -16,6 +16,7 @@ from modelsel.report.drawing import (
 )
 
 
+@pytest.mark.slow
 def test_sampling_changes_no_picture_of_the_pages_drawn_before_it(drawn) -> None:
     source = read_source(drawn)
     assert source.record.sampling is not None
@@ -33,6 +34,7 @@ def test_sampling_changes_no_picture_of_the_pages_drawn_before_it(drawn) -> None
     assert {*SAMPLED_PAGES, *UNSAMPLED_PAGES} == set(PAGES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cores", [1, 2])
 def test_the_same_bytes_whoever_draws(drawn, tmp_path, cores) -> None:
     source = read_source(drawn)

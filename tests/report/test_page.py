@@ -106,6 +106,7 @@ def test_points_of_a_cell_are_the_python_s(page, drawn) -> None:
     assert got["after"] == pytest.approx(panel.after, abs=3e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", ["frame 1 rz", "frame 2 rz", "frame 7 tx"])
 def test_every_kind_of_cell_opens(page, place) -> None:
     """Waves, pairs, single causes, ripples: a picture with finite numbers, no word on the

@@ -86,6 +86,7 @@ def test_files_are_there_and_small(drawn) -> None:
     assert (drawn / "details.json").stat().st_size < 2e6
 
 
+@pytest.mark.slow
 def test_tagged_titled_every_figure_with_a_text(drawn) -> None:
     from pypdf import PdfReader
 
@@ -132,6 +133,7 @@ def fonts_of(page: dict) -> list:
     return out
 
 
+@pytest.mark.slow
 def test_first_page_stands_alone(drawn) -> None:
     """Its sentences are those of result.json; so is every number outside the picture."""
     result, first = json.loads((drawn / "result.json").read_text()), pages(drawn)[0]
@@ -161,6 +163,7 @@ def test_numbers_of_the_ladder_are_the_result_s(drawn) -> None:
         assert row in text
 
 
+@pytest.mark.slow
 def test_what_the_table_of_subsets_is_for_is_said_with_it(drawn) -> None:
     """It may add names where nothing else was found: in the PDF, and below the table on a
     terminal."""
@@ -194,6 +197,7 @@ def measure_rests(file: Path | io.BytesIO) -> list[float]:
     return left
 
 
+@pytest.mark.slow
 def test_nine_pages_at_most_and_none_half_empty(drawn) -> None:
     """Of the PUMA: below the last line of a page, a fifth of it is left at most; of the last, three fifths."""
     left = measure_rests(drawn / "report.pdf")
@@ -202,6 +206,7 @@ def test_nine_pages_at_most_and_none_half_empty(drawn) -> None:
     assert left[-1] < 0.6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "count", [0, 1, 3, *(pytest.param(count, marks=pytest.mark.long) for count in (2, 4, 5))]
 )
@@ -293,6 +298,7 @@ def within_margins(file: Path | io.BytesIO) -> None:
         assert max(c.y1 for c in found) < A4[1] - 20
 
 
+@pytest.mark.slow
 def test_nothing_runs_off_the_page(drawn) -> None:
     within_margins(drawn / "report.pdf")
 
@@ -324,6 +330,7 @@ def test_letters_that_no_font_has_are_told(drawn, tmp_path) -> None:
     assert note.startswith("report.pdf has no letters for 机器人 and")
 
 
+@pytest.mark.slow
 def test_same_bytes_anywhere(drawn, tmp_path) -> None:
     for name in ("result.json", "details.json"):
         shutil.copy(drawn / name, tmp_path)
@@ -335,6 +342,7 @@ def test_same_bytes_anywhere(drawn, tmp_path) -> None:
         assert (tmp_path / name).read_bytes() == (drawn / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_study_writes_the_same_details_again(drawn, tmp_path) -> None:
     again = CliRunner().invoke(
         run_command_line, ["study", str(PUMA / "study.toml"), "--out", str(tmp_path), "--no-report"]
@@ -424,6 +432,7 @@ def test_words_of_the_data_are_not_markup(drawn) -> None:
     assert plain(name) in plain(texts(pdf)[0])
 
 
+@pytest.mark.slow
 def test_long_names_keep_their_place(drawn) -> None:
     """The first page stays one, a finding stands on one, and nothing stands outside the margins."""
     result, details = written(drawn)
@@ -451,7 +460,7 @@ def test_long_names_keep_their_place(drawn) -> None:
     within_margins(io.BytesIO(pdf))
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_failure_leaves_the_result(monkeypatch, tmp_path) -> None:
     def broken(*_: object) -> None:
         raise ReportError("the compiler is ill")
@@ -514,7 +523,7 @@ LITTLE = {
 }
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize("case", LITTLE)
 def test_sound_with_little_to_draw(case, tmp_path) -> None:
     folder = small(tmp_path, **LITTLE[case])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from report_studies import read_source, source_of, written
 
 from modelsel.report import drawing
@@ -42,6 +43,7 @@ def test_the_temperature_where_it_was_measured_and_changes(drawn) -> None:
     assert len(list_drivers(source_of(result, details).details)) == 8
 
 
+@pytest.mark.slow
 def test_files_of_an_earlier_version_are_drawn_without(drawn) -> None:
     """No order, no move, no frames, no meanings: less is drawn, nothing fails."""
     result, details = written(drawn)

@@ -195,7 +195,7 @@ def study_turned(tmp_path: Path, mrad: float, seed: int) -> Result:
     return run_study(read_study(tmp_path / "study.toml"), tmp_path, sampling=False)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_a_turn_of_the_target_is_told_in_mrad_by_a_study(tmp_path) -> None:
     result = study_turned(tmp_path, 3.0, seed=3)
     finding = json.loads(result.to_json())["findings"][0]
@@ -215,7 +215,7 @@ def test_a_turn_of_the_target_is_told_in_mrad_by_a_study(tmp_path) -> None:
     assert ratio == pytest.approx(5.0, rel=0.2)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_a_true_turn_is_not_doubtful_where_the_position_error_does_not_fall(tmp_path) -> None:
     result = study_turned(tmp_path, 0.4, seed=6)
     finding = json.loads(result.to_json())["findings"][0]

@@ -134,6 +134,7 @@ def test_posture_is_the_arm_at_its_worst(drawn) -> None:
         assert {(p["frame"], p["axis"]) for p in posture["places"]} == places
 
 
+@pytest.mark.slow
 def test_slopes_of_the_map_are_those_of_a_fit(drawn) -> None:
     """A cell's slope is the first step of least squares with the base and that cell."""
     study = read_study(PUMA / "study.toml")

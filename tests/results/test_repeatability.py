@@ -304,7 +304,7 @@ PLANTED = {
 }
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_a_joint_that_does_not_repeat_is_in_the_budget_and_no_finding() -> None:
     """Joint, noise and size are drawn: noise from 2 to 20 µm, and twice to five times as much at a
     lever of half a metre. A finding by chance in one study of twenty is one in three of ten in one
@@ -331,7 +331,7 @@ def test_a_joint_that_does_not_repeat_is_in_the_budget_and_no_finding() -> None:
     assert named <= 2
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", PLANTED, ids="-".join)
 def test_every_part_that_rows_share_is_told_and_its_interval_holds(kind) -> None:
     """Of 95 % intervals, eight of ten or more hold in all but one such test of a hundred."""

@@ -170,7 +170,7 @@ def test_when_every_candidate_is_in_nothing_is_left_to_name(frame) -> None:
     assert "by chance with probability 1." in said
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_the_chosen_model_says_its_free_functions_as_fitted(rng) -> None:
     """A soft step of joint 3 and a wave beside it, found as one free function, at every row."""
     step = Applied("tanh", float(rng.uniform(3.0, 5.0)) * q(3)) + 0.7 * cos(3.3 * q(3))
@@ -272,6 +272,7 @@ def test_what_is_saved_comes_back(result, tmp_path) -> None:
     assert files(tmp_path / "b") == files(tmp_path / "a")
 
 
+@pytest.mark.slow
 def test_report_of_a_loaded_result_is_the_fresh_one_s(result, drawn, tmp_path) -> None:
     """Byte for byte: of a result in memory, and of a whole study as the command leaves it, sampling
     and all."""

@@ -71,7 +71,7 @@ def test_rounding_is_the_reason_only_where_it_is_as_large(rng, scale, told) -> N
     assert (reason in said) is told
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_a_study_of_rounded_readings_says_why_its_joints_do_not_repeat(rng) -> None:
     study = Study(
         name="rounded", measurements=campaign(rng, 0.1), robot={"name": "ur5", "register": True}

@@ -138,7 +138,7 @@ def codes(result: Result) -> set[str]:
 # ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 @pytest.mark.parametrize("robot", ["ur5", "puma760", "iiwa14"])
 def test_clean_studies_raise_none(robot, rng, tmp_path) -> None:
@@ -186,6 +186,7 @@ def test_stated_uncertainties_are_held_against_what_is_left(stated, words, rng, 
     assert not result.split.known_sigma
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("times", [2.4, 0.1])
 def test_a_stated_floor_far_from_what_is_left_is_said(times, rng, tmp_path) -> None:
     sentence = said(
@@ -198,6 +199,7 @@ def test_a_stated_floor_far_from_what_is_left_is_said(times, rng, tmp_path) -> N
     )
 
 
+@pytest.mark.slow
 def test_the_units_of_an_instrument_are_told_one_by_one(rng, tmp_path) -> None:
     stated = "[noise]\nrange_ppm = 6000\nangle_urad = 5000\n"
     sentence = said(studied(tmp_path, frame(rng), more=stated), "stated-uncertainty")
@@ -205,7 +207,7 @@ def test_the_units_of_an_instrument_are_told_one_by_one(rng, tmp_path) -> None:
     assert "micrometres stand" not in sentence
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("times", "words"),
     [
@@ -364,7 +366,7 @@ ORIENTATIONS = {
 }
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ORIENTATIONS)
 def test_mistaken_quaternions_are_said(name, rng, tmp_path) -> None:
     change, words = ORIENTATIONS[name]
@@ -413,6 +415,7 @@ def test_check_says_it_too(rng, tmp_path) -> None:
     assert "Check the orientations: The orientations fit " in ran.output
 
 
+@pytest.mark.slow
 def test_orientations_as_they_are(rng, tmp_path) -> None:
     result = studied(tmp_path, turned(rng))
     assert codes(result) == set()
@@ -430,6 +433,7 @@ def test_orientations_as_they_are(rng, tmp_path) -> None:
 # -------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_wrong_robot_is_said(rng, tmp_path) -> None:
     """UR5e data with the UR10e's file."""
     result = studied(tmp_path, frame(rng, 80, "ur5e"), "ur10e")
@@ -457,7 +461,7 @@ def test_a_robot_file_with_a_built_in_name_is_held_against_that_robot(rng) -> No
 SET_UP = {"setup-mistake", "other-robot", "beyond-tolerance"}
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize(("degrees", "code"), [(17.0, "setup-mistake"), (2.0, "beyond-tolerance")])
 def test_one_cause_is_one_alarm(degrees, code, rng, tmp_path) -> None:
     """A zero that is off: said as such where it is large, and the parameter that makes up for it is
@@ -474,6 +478,7 @@ def test_one_cause_is_one_alarm(degrees, code, rng, tmp_path) -> None:
         assert " ± " in sentence
 
 
+@pytest.mark.slow
 def test_another_robots_links_are_no_mistake_in_this_ones(rng, tmp_path) -> None:
     """A robot file with one long link: the built-in robot that fits is said, and the link is not.
     Without that robot it is."""
@@ -492,7 +497,7 @@ def test_another_robots_links_are_no_mistake_in_this_ones(rng, tmp_path) -> None
     assert describe_setup_mistake(placed, use, True, links=False) is None
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_a_fit_without_hope_says_so_first(rng, tmp_path) -> None:
     """30 mm of anything: first line of the verdict, and nothing drowns in a noise that is
     misfit."""
@@ -517,6 +522,7 @@ def test_a_fit_without_hope_says_so_first(rng, tmp_path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_detection_limit_far_below_what_is_left_is_no_comfort(rng, tmp_path) -> None:
     """0.024 mm beside 0.2 mm left, where noise leaves less: said; where the noise is what is left,
     not."""
@@ -535,7 +541,7 @@ def test_a_detection_limit_far_below_what_is_left_is_no_comfort(rng, tmp_path) -
     assert check_chosen_model(result.split, result.models.chosen, known, left / 2, (), False) == ()
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize("by", [1, -2])
 def test_rows_that_went_with_the_next_are_said(by, rng, tmp_path) -> None:
     """A slow path, its positions joined to readings a row off."""
@@ -590,6 +596,7 @@ def test_swapped_labels_are_said(share, registered, rng) -> None:
     assert '"A" is "B" and "B" is "A" there' in sentence
 
 
+@pytest.mark.slow
 def test_swapped_labels_of_a_study(rng, tmp_path) -> None:
     data = frame(rng, 60, targets=("A", "B"))
     late = np.arange(120) >= 72
@@ -602,7 +609,7 @@ def test_swapped_labels_of_a_study(rng, tmp_path) -> None:
     assert "what the warnings say about the targets" in result.record.verdict[0]
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 3)
 def test_few_swapped_labels_are_said_once(rng, tmp_path) -> None:
     """As an alarm, which says of the same rows what to correct, or as a fault where too few for
@@ -623,6 +630,7 @@ def test_few_swapped_labels_are_said_once(rng, tmp_path) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_rows_in_the_wrong_order_are_said_once(rng, tmp_path) -> None:
     """Three rows whose positions went round: a fault with a name, and not two of them with the
     position of the row before."""
@@ -644,7 +652,7 @@ SLIPS: dict[str, tuple[Callable[[Array], Array], str]] = {
 }
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "share"),
     [("metres", 0.1), ("inches", 0.1), ("axes", 0.1), ("metres", 0.25), ("sign", 0.25)],
@@ -690,6 +698,7 @@ def test_a_position_of_the_row_before(rng, tmp_path) -> None:
 # ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_targets_of_held_out_rows_alone(rng, tmp_path) -> None:
     data = frame(rng, 80, targets=("A", "B"))
     role = np.where(data.configuration < 60, "estimation", "held-out")
@@ -758,6 +767,7 @@ def test_validate_does_not_believe_a_stated_uncertainty(rng, tmp_path) -> None:
         assert "divide floor_mm or sx_mm, sy_mm, sz_mm of its study by 1000" in text or not drifted
 
 
+@pytest.mark.slow
 def test_validate_says_what_is_mistaken_in_the_new_data(rng, tmp_path) -> None:
     data = frame(rng, 120)
     new = data.iloc[60:].reset_index(drop=True)
@@ -778,6 +788,7 @@ def test_validate_says_what_is_mistaken_in_the_new_data(rng, tmp_path) -> None:
     assert text.startswith("Check the data: 20 rows are in metres")
 
 
+@pytest.mark.slow
 def test_validate_finds_a_new_target_where_it_registers(rng, tmp_path) -> None:
     """It advised --register, and refused with it."""
     data = frame(rng, 120, targets=("A", "B"))
@@ -795,6 +806,7 @@ def test_validate_finds_a_new_target_where_it_registers(rng, tmp_path) -> None:
     assert "--register" in ran.output
 
 
+@pytest.mark.slow
 def test_several_targets_are_not_taken_for_the_one_that_was_calibrated(rng, tmp_path) -> None:
     """Their rows were judged at one place: a calibration that holds had drifted by 28 mm."""
     data = frame(rng, 160, targets=("A", "B"))

@@ -135,6 +135,7 @@ def test_a_tool_that_is_off_is_no_mistake_of_a_joint(rng) -> None:
     assert not re.search(r"joint|q\d", sentence)
 
 
+@pytest.mark.slow
 @pytest.mark.long
 @seeds(1, 2)
 @pytest.mark.parametrize("registered", [True, False])
@@ -218,7 +219,7 @@ def test_the_studies_raise_no_alarm_and_their_mistakes_are_found(name, monkeypat
     assert "if joint 3 turns the other way: check the sign of q3 and the robot file's axis" in found
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_it_is_told_first_and_nothing_is_changed(rng, tmp_path) -> None:
     """In check, in a dry run, on the first line of a study; the study itself takes the data as they
     stand."""

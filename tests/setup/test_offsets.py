@@ -76,7 +76,7 @@ def test_a_link_that_the_table_has_wrong(name, rng) -> None:
     assert float(found[1]) == pytest.approx(194, abs=3)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize("rest", [(3,), (2, 3)])
 def test_joints_at_rest_that_were_written_as_0(rest, rng) -> None:
     at = drawn_arm("iiwa14", rng, 60)

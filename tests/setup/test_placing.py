@@ -246,7 +246,7 @@ def test_tiago_is_registered_to_the_least_that_its_table_leaves() -> None:
     assert rms(found) == pytest.approx(60.44, abs=0.01)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_all_points_at_one_place_are_refused(rng) -> None:
     robot = load_robot("ur5")
     data = build_measurements(

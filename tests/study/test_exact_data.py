@@ -33,6 +33,7 @@ def study_exact(effects: list[dict[str, object]], candidates: str | list[str]) -
         return run_study(study, sampling=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("candidates", ["all", []])
 def test_a_perfect_arm_leaves_nothing(candidates) -> None:
     result = study_exact([], candidates)

@@ -93,7 +93,7 @@ def test_uncertainties_are_those_of_the_camera(q: np.ndarray) -> None:
     np.testing.assert_allclose(data.sigma_rotation[0], away.std(0), rtol=0.06)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_hidden_error_is_named_and_camera_found(q: np.ndarray) -> None:
     rng = np.random.default_rng(2)
     off = q.copy()

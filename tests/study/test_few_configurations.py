@@ -31,6 +31,7 @@ def build_study(configurations: int, estimation: int | None, candidates: str | l
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("configurations", "estimation", "candidates"),
     [(FEW, None, "all"), (20, FEW, ["approach-backlash:4", "joint3-twist"]), (20, FEW, [])],

@@ -101,6 +101,7 @@ def opened(file: Path) -> Any:
     return PdfReader(file)
 
 
+@pytest.mark.slow
 def test_fleet_on_two_workers(folder) -> None:
     """One worker is killed at work; one study fails; the others are as alone; a second run takes up
     what is there."""

@@ -223,7 +223,7 @@ def parts_of(result) -> dict[str, tuple[float, float, float]]:
     return {part.name: (part.low, part.scale, part.high) for part in errors.parts}
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_parts_may_be_looked_for_forbidden_or_fixed(repeated) -> None:
     free = parts_of(found(repeated))
     assert list(free) == ["instrument", "joint 2", "joint 4"]
@@ -246,7 +246,7 @@ def test_parts_may_be_looked_for_forbidden_or_fixed(repeated) -> None:
     )
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_a_part_that_the_data_cannot_tell_is_noted_and_left_out(repeated) -> None:
     result = found(repeated, parts=["joint 2", "group"], fixed={"group": 0.1})
     assert list(parts_of(result)) == ["instrument", "joint 2"]
@@ -260,7 +260,7 @@ def test_a_part_that_the_data_cannot_tell_is_noted_and_left_out(repeated) -> Non
     assert "it takes 20 configurations; 18 estimate" in note.sentence
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [10.0, 0.1])
 @pytest.mark.parametrize("planted", [True, False])
 def test_stated_uncertainties_are_held_against_the_instrument(
@@ -287,7 +287,7 @@ def test_stated_uncertainties_are_held_against_the_instrument(
     assert ("how well the arm itself repeats" in said) == (factor < 1 and not planted)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize("part", ["lasting", "posture", "configuration", "group"])
 def test_repeats_are_the_pure_error_whatever_rows_share(tmp_path, part) -> None:
     """The lack-of-fit test of a model that lacks nothing finds the instrument's noise and nothing

@@ -381,7 +381,7 @@ def product(s: State) -> np.ndarray:
     return s.covariates["acc_x_g"] * s.covariates["pressure_bar"]
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_a_hidden_product_of_two_columns_is_named() -> None:
     own = {"causes": list(BESIDE), "as": "products", "prior": 0.1}
     result = run_study(ask(measure(product, 1.2e-4), own))
@@ -408,7 +408,7 @@ def test_a_hidden_pair_of_columns_is_one_finding() -> None:
     assert estimate == pytest.approx([2e-4, 4e-4], rel=0.25)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_a_named_product_in_the_base_leaves_the_noise_and_predicts() -> None:
     hose = {
         "causes": ["acc_x_g", "pressure_bar"],

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from modelsel.measurements.measurements import build_measurements
 from modelsel.robot.files import load_robot
 from modelsel.study.inspection import format_inspection, inspect_measurements
 
 
+@pytest.mark.slow
 def test_a_share_of_the_range_counts_what_lies_within_the_limits(rng: np.random.Generator) -> None:
     robot = load_robot("irb120")  # joint 3: -110 to 70 deg
     q = rng.uniform(-0.5, 0.5, (20, 6))

@@ -203,6 +203,7 @@ def simulated(robot: Robot, rng: np.random.Generator) -> pd.DataFrame:
     return pd.DataFrame(columns | dict(zip("XYZ", points.T, strict=True)))
 
 
+@pytest.mark.slow
 def test_init_writes_the_robot_file_and_study_runs_it(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     write(tmp_path, "ur.csv", UR10)

@@ -27,7 +27,7 @@ def study() -> Study:
     )
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_every_step_is_told_in_order(study) -> None:
     said: list[str] = []
     run_study(study, say=said.append, sampling=False)
@@ -44,6 +44,7 @@ def test_every_step_is_told_in_order(study) -> None:
     )
 
 
+@pytest.mark.slow
 def test_what_was_added_and_did_not_stay_is_told(study) -> None:
     """Every line on an effect is true of the findings in the end."""
     said: list[str] = []
@@ -57,7 +58,7 @@ def test_what_was_added_and_did_not_stay_is_told(study) -> None:
     assert bool(dropped) == bool(result.diagnosis.search.dropped)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_progress_is_shown_when_asked(study, capsys) -> None:
     run_study(study, sampling=False)
     assert capsys.readouterr().err == ""

@@ -96,7 +96,7 @@ def dense(problem: Problem, fitted: Fit, moments: Array, ratio: float) -> Array:
     return np.array(out)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_moment_of_a_weak_step_is_the_dense_formula(rng: np.random.Generator) -> None:
     """Prior size as the evidence has it, moments as often as the formula says."""
     problem, fitted = weak(rng)

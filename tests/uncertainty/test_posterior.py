@@ -187,7 +187,7 @@ def test_weights_find_the_curved_posterior() -> None:
 STUDIES, DRAWS, BINS = 2000, 99, 20
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_calibrated_by_simulation(rng: np.random.Generator) -> None:
     """2,000 studies: ranks of the planted values among weighted draws are uniform, and 95 %
     intervals cover 95 ± 1 %."""

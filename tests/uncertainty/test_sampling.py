@@ -243,7 +243,7 @@ def stepped(at: float) -> Model:
     return Model((*BASE.mechanisms, tracker_step(ARM, at)))
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_the_moment_of_a_step_is_sampled(rng: np.random.Generator) -> None:
     """tracker-step's constant is scanned in steps of 0.025; the chain finds it between two
     configurations."""
@@ -519,7 +519,7 @@ def invoke(
     return done.exit_code, done.output
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_interrupted_study_resumes(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -560,6 +560,7 @@ def test_interrupted_study_resumes(
     assert not (folder / "out" / ".modelsel").exists()
 
 
+@pytest.mark.slow
 def test_unconverged_chain_is_not_quoted(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     command = ("study", str(folder), "--out", str(folder / "out"))
     status, output = invoke(monkeypatch, *command, max_steps=60)
@@ -574,7 +575,7 @@ def test_unconverged_chain_is_not_quoted(folder: Path, monkeypatch: pytest.Monke
     assert "unconverged" in [w["code"] for w in result["warnings"]]
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_over_all_and_without(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`over = "all"` samples every parameter; --no-sampling none, and the tables stay."""
     (folder / "study.toml").write_text(STUDY + '[sampling]\nover = "all"\n')
@@ -628,7 +629,7 @@ def test_many_rows_are_sampled_reduced_and_said(rng: np.random.Generator) -> Non
     assert "of 600 rows, would take too long" in describe_sampling(aim)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sigma", "orientation", "targets", "sliding"])
 def test_odd_data_are_sampled(rng: np.random.Generator, kind: str) -> None:
     """Noise scales per axis or of the orientations come back near what was simulated; outliers stay
