@@ -210,6 +210,7 @@ def test_a_robot_file_and_a_sheet_go_into_the_folder(tmp_path) -> None:
     assert invoked("study", "new", "--dry-run").exit_code == 0
 
 
+@pytest.mark.integration
 def test_another_robot_is_told_by_its_misfit() -> None:
     campaign().to_csv("m.csv", index=False)
     ran = invoked("init", "m.csv", "--robot", "ur5", "--yes")
@@ -252,6 +253,7 @@ def test_other_units_are_converted_and_said() -> None:
     assert invoked("study", "m", "--dry-run").exit_code == 0
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("size", "words"), [(1.0, "degrees"), (1 / 0.9, "gon"), (np.pi / 180, "radians")]
 )

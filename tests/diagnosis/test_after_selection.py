@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from modelsel.diagnosis.after_selection import allow_for_search, find_limit
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("terms", [1, 2, 5])
 @pytest.mark.parametrize("size", [0.6, 1.0, 1.6])
 def test_of_what_is_found_the_interval_holds_the_truth(

@@ -99,6 +99,7 @@ def test_a_number_of_waves_between_whole_ones_is_told(rng: np.random.Generator) 
     assert told == pytest.approx(count, abs=3 * error), (count, found.path)
 
 
+@pytest.mark.integration
 @seeds(9, 10)
 def test_a_warm_up_is_told_from_a_drift(rng: np.random.Generator) -> None:
     at = drawn("puma760", rng, 120)
@@ -110,6 +111,7 @@ def test_a_warm_up_is_told_from_a_drift(rng: np.random.Generator) -> None:
     )
 
 
+@pytest.mark.integration
 @seeds(11, 12)
 def test_a_product_of_two_joints_is_one_cell(rng: np.random.Generator) -> None:
     at = drawn("puma760", rng, 120)
@@ -207,6 +209,7 @@ def test_a_name_that_its_own_set_does_not_hold_is_said_not_to_be_told_apart(
     assert told.entries[-1].probability < 1e-6
 
 
+@pytest.mark.integration
 @seeds(17, 18)
 def test_a_joint_that_turns_about_its_own_target_is_not_the_cause(rng: np.random.Generator) -> None:
     """With the target a hair off the last axis, a turn of that joint has the right shape and would

@@ -66,6 +66,7 @@ def test_beside_a_weak_effect_everything_may_matter(rng: np.random.Generator) ->
     np.testing.assert_array_equal(factors, full)
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("size", [1e-5, 1e-4, 1e-3])
 def test_no_factor_exceeds_its_bound(
     rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, size: float

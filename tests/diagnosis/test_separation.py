@@ -98,6 +98,7 @@ def test_a_search_goes_on_with_a_shape_that_is_not_listed(rng: np.random.Generat
     assert chosen[: len(known)] == known
 
 
+@pytest.mark.integration
 @seeds(1, 2)
 def test_what_was_found_is_fitted_with_the_weights_of_the_errors_it_leaves(
     rng: np.random.Generator,
@@ -172,6 +173,7 @@ def test_what_an_effect_in_time_claims_is_shared_with_errors_that_last() -> None
     assert "errors that last" not in "; ".join(list_cautions(effect))
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("name", ["gear-ripple:4", "tracker-step", "target-step"])
 def test_a_search_goes_on_with_the_constant_that_was_found(
     name: str, rng: np.random.Generator

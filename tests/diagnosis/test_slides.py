@@ -61,6 +61,7 @@ def said(
     return diagnose_split(study_of(at), BASE, every(ARM), 1, cells=True)[1].effects
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("error", "across", "names", "words"),
     [

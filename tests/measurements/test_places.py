@@ -57,6 +57,7 @@ def spoilt(tmp_path, kind: str, rng: np.random.Generator) -> tuple[object, np.nd
     return tmp_path / "data.csv", bad, f"lines {', '.join(map(str, lines))}"
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("kind", ["frame", "parquet", "csv", "csv with line breaks in cells"])
 def test_rows_are_called_as_their_user_counts(kind, rng, tmp_path) -> None:
     """A fault of the data, from reading to the last message: terminal, result, report of the run

@@ -211,6 +211,7 @@ def test_a_step_of_the_target_is_its_whole_shift() -> None:
     assert numbers(step, fitted(step, 0.3, 0.4, 0.0)) == {"shift": (pytest.approx(0.5), "mm")}
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize("name", builtin_names())
 def test_every_mechanism_has_numbers_in_known_units_and_words_without_a_part(name: str) -> None:
     arm = load_robot(name)

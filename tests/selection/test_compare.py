@@ -96,6 +96,7 @@ class Table:
             )
 
 
+@pytest.mark.integration
 @pytest.mark.parametrize(
     ("rng", "size"),
     [(1, 1.0), (2, 1.0), (3, 1.0), (1, 0.0), (5, 0.0)],
@@ -121,6 +122,7 @@ def test_choice_where_aic_and_bic_fail(size, rng) -> None:
     )
 
 
+@pytest.mark.integration
 @seeds(1, 2)
 def test_table(rng) -> None:
     """Rows are measured one linear step from the base's fit, which the exact fit bears out; the
@@ -148,6 +150,7 @@ def test_table(rng) -> None:
     assert marked.held_out.rms_mm == pytest.approx(SIGMA * np.sqrt(3), rel=0.25)
 
 
+@pytest.mark.integration
 @seeds(1, 2)
 @pytest.mark.parametrize("known", [True, False])
 def test_one_definition_of_every_criterion(known, rng) -> None:

@@ -226,6 +226,7 @@ def test_a_little_outside_is_a_note_and_no_alarm(times, words, rng, tmp_path) ->
     assert f"F = {found['f']:.3g}" in said(result, "lack-of-fit")
 
 
+@pytest.mark.integration
 def test_a_figure_far_off_is_no_lack_of_fit_besides(rng, tmp_path) -> None:
     assert codes(
         studied(tmp_path, frame(rng, 120), more=f"[noise]\nfloor_mm = {NOISE / 10}\n")
@@ -245,6 +246,7 @@ def test_the_range_holds_what_chance_gives(rng) -> None:
     assert "degrees stand where radians" in name_likeliest_mistake(57.0, "x", "rad")
 
 
+@pytest.mark.integration
 def test_markers_of_one_rigid_body_show_no_noise(rng, tmp_path) -> None:
     """Their distance is kept to the last digit, and no floor is taken from it; rounded to a
     micrometre, it is refuted."""
@@ -673,6 +675,7 @@ def test_rows_set_aside_are_said_for_what_they_are(name, share, rng, tmp_path) -
     assert sentence.startswith(f"{len(rows)} rows are {words} (lines {rows[0] + 2}")
 
 
+@pytest.mark.integration
 def test_a_wild_number_is_no_slip(rng, tmp_path) -> None:
     """A kilometre away after the correction, too."""
     data = frame(rng, 80)
