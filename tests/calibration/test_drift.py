@@ -365,7 +365,7 @@ def test_estimated_noise_is_no_certainty(rng) -> None:
 # -------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_nothing_changed(rng) -> None:
     model, theta = truth()
     alarms = sum(
@@ -499,7 +499,7 @@ def test_a_campaign_without_uncertainty_proves_nothing_of_the_other(rng) -> None
     assert "is named in the first campaign only, with 0 mm" in describe_change(empty)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_what_is_named_once_or_twice_is_told_as_far_as_the_evidence_goes(rng) -> None:
     """The same effect under two names did not change, however its two sizes differ; a faint one,
     named in a long campaign alone, may have been there before; and how large a change would have

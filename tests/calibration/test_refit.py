@@ -145,7 +145,7 @@ def warm_study(folder: Path, low: float, high: float, nominal_at: float, seed: i
     return run_study(parse_study(STUDY, "study.toml"), folder, sampling=False)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize(("low", "high", "counted"), [(18.0, 36.0, 20), (22.0, 32.0, 27)])
 def test_an_arm_that_is_nominal_at_27_degrees(low, high, counted, tmp_path) -> None:
     result = warm_study(tmp_path, low, high, 27.0)
@@ -283,7 +283,7 @@ def test_damaged_refits_are_refused(change, says, puma) -> None:
         parse_calibration(json.dumps(record))
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_a_registered_geometry_is_as_good_as_it_says(tmp_path) -> None:
     """The tracker stands anywhere: the file's arm, put where the calibration has it, errs by what
     is said."""

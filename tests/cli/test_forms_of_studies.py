@@ -54,6 +54,7 @@ def write(path: Path, frame: pd.DataFrame, form: str) -> None:
         frame.dropna().to_csv(path, index=False, header=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["units", "gon and cm", "no header"])
 def test_files_of_the_form_of_the_first(form, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
@@ -92,6 +93,7 @@ def test_files_of_the_form_of_the_first(form, tmp_path, monkeypatch) -> None:
     assert np.abs(at - seen)[measured].max() < 1.0
 
 
+@pytest.mark.slow
 def test_measured_rows_without_a_position_are_commands_too(tmp_path, monkeypatch) -> None:
     """Where a wanted position is empty, it is where the nominal robot has the target."""
     monkeypatch.chdir(tmp_path)

@@ -46,7 +46,7 @@ def _here(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_german_excel_to_a_study_that_runs(tmp_path) -> None:
     """Semicolons, decimal commas, Windows-1252; a robot by another spelling; no option but --yes."""
     frame = campaign()
@@ -210,7 +210,7 @@ def test_a_robot_file_and_a_sheet_go_into_the_folder(tmp_path) -> None:
     assert invoked("study", "new", "--dry-run").exit_code == 0
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_another_robot_is_told_by_its_misfit() -> None:
     campaign().to_csv("m.csv", index=False)
     ran = invoked("init", "m.csv", "--robot", "ur5", "--yes")

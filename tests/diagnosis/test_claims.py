@@ -145,7 +145,7 @@ def test_a_shape_without_a_cause_is_told_as_what_it_is(
     assert claim.level in ("drivers", "shape")
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2, 3)
 def test_two_proportional_errors_of_a_joint_are_no_product(rng: np.random.Generator) -> None:
     """The product of two readings was told, which holds either by itself, with a size of zero."""
@@ -189,7 +189,7 @@ def test_a_saw_is_no_joint_that_does_not_repeat(rng: np.random.Generator) -> Non
     assert set(effect.candidate.mechanism.names_by_place()) == {(joint, "rz")}
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 @pytest.mark.parametrize(
     ("name", "joint", "values"),
@@ -208,7 +208,7 @@ def test_the_cause_is_claimed_of_what_the_registry_has(
     assert [claim.level for claim in own] == ["cause"]
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2, 3)
 def test_joints_that_lag_are_named_one_by_one(rng: np.random.Generator) -> None:
     shares = rng.uniform(0.4, 1.0, 3)

@@ -49,7 +49,7 @@ def names(diagnosis: Diagnosis) -> list[str]:
     return [e.candidate.mechanism.name for e in diagnosis.effects]
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2, 3)
 @pytest.mark.parametrize(
     "shape",
@@ -99,7 +99,7 @@ def test_a_number_of_waves_between_whole_ones_is_told(rng: np.random.Generator) 
     assert told == pytest.approx(count, abs=3 * error), (count, found.path)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(9, 10)
 def test_a_warm_up_is_told_from_a_drift(rng: np.random.Generator) -> None:
     at = drawn("puma760", rng, 120)
@@ -111,7 +111,7 @@ def test_a_warm_up_is_told_from_a_drift(rng: np.random.Generator) -> None:
     )
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(11, 12)
 def test_a_product_of_two_joints_is_one_cell(rng: np.random.Generator) -> None:
     at = drawn("puma760", rng, 120)

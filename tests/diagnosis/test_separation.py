@@ -98,7 +98,7 @@ def test_a_search_goes_on_with_a_shape_that_is_not_listed(rng: np.random.Generat
     assert chosen[: len(known)] == known
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 def test_what_was_found_is_fitted_with_the_weights_of_the_errors_it_leaves(
     rng: np.random.Generator,
@@ -133,7 +133,7 @@ def test_what_was_found_is_fitted_with_the_weights_of_the_errors_it_leaves(
         np.testing.assert_array_equal(effect.estimate, told.fit.theta[own])
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 def test_errors_that_last_are_tried_where_a_drift_has_explained_them_away(
     rng: np.random.Generator,

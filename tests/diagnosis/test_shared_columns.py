@@ -62,7 +62,7 @@ def write_out(at: Problem, candidate: Candidate) -> Array:
     return at.whitening.mix(columns).reshape(len(columns), -1).T
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [visits, lasting])
 @pytest.mark.parametrize("stated", [False, True])
 @seeds(1, 2)
@@ -83,7 +83,7 @@ def test_products_grams_and_columns_are_those_written_out(
         np.testing.assert_allclose(gram, X.T @ X, atol=1e-9 * size**2 * len(X))
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 def test_the_scan_is_that_of_generalised_least_squares(rng: np.random.Generator) -> None:
     """What a candidate of free sign explains alone, beyond the base."""

@@ -283,7 +283,7 @@ def test_play_yields_to_gravity_as_a_spring_does(name: str) -> None:
 # -----------------------------------------------------------------------------------
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2)
 def test_a_target_that_was_moved_is_a_step_at_the_target_and_its_size_the_whole_move(
     rng: np.random.Generator,

@@ -79,6 +79,7 @@ def entries(result: Result) -> dict[str, float]:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("angle", "truth"), [(1.0, "gear-eccentricity:3"), (2.0, "encoder-eccentricity:3")]
 )
@@ -103,6 +104,7 @@ def test_causes_that_differ_where_no_configuration_went(angle, truth, rng) -> No
     assert unsure or "would move the target in the same way" in rivals.sentence, rivals.sentence
 
 
+@pytest.mark.slow
 def test_a_cause_that_runs_with_another(rng) -> None:
     """A motor's current that follows the temperature to 0.999: whichever is the cause, both are
     named."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import secrets
 from dataclasses import dataclass, replace
+from functools import cache
 from zlib import crc32
 
 import numpy as np
@@ -82,9 +83,10 @@ def hide(layout: str, number: int) -> Hidden:
     return Hidden(words, joint, scale, told, offered)
 
 
-@pytest.fixture(scope="module")
-def studies() -> dict[str, list[Hidden]]:
-    return {layout: [hide(layout, k) for k in range(STUDIES)] for layout in LAYOUTS}
+@cache
+def hide_all(layout: str) -> list[Hidden]:
+    """The studies of a layout; several tests look at them."""
+    return [hide(layout, k) for k in range(STUDIES)]
 
 
 def too_many(hits: int, of: int, rate: float) -> bool:
@@ -94,8 +96,8 @@ def too_many(hits: int, of: int, rate: float) -> bool:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_the_joint_is_named_with_its_size(studies: dict[str, list[Hidden]], layout: str) -> None:
-    for study in studies[layout]:
+def test_the_joint_is_named_with_its_size(layout: str) -> None:
+    for study in hide_all(layout):
         found = {part.name: part for part in study.told.errors.parts}
         assert f"joint {study.joint}" in found, study.case
         part = found[f"joint {study.joint}"]
@@ -104,8 +106,9 @@ def test_the_joint_is_named_with_its_size(studies: dict[str, list[Hidden]], layo
         assert instrument.low / 1.25 < NOISE < instrument.high * 1.25, study.case
 
 
-def test_nothing_is_made_up_beside_it(studies: dict[str, list[Hidden]]) -> None:
-    every = [study for own in studies.values() for study in own]
+@pytest.mark.slow
+def test_nothing_is_made_up_beside_it() -> None:
+    every = [study for layout in LAYOUTS for study in hide_all(layout)]
     named = [study.case for study in every if study.told.effects]
     assert not too_many(len(named), len(every), OF_A_STUDY), "\n".join(named)
     more = [study.case for study in every if len(study.told.errors.names) > 1]

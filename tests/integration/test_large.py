@@ -55,6 +55,7 @@ def test_naming_sees_a_share_and_says_so(rng, tmp_path) -> None:
     assert set(np.flatnonzero(result.split.outlying)) == {11, 250}
 
 
+@pytest.mark.slow
 def test_rungs_are_the_minimum_of_all_rows(rng, tmp_path, monkeypatch) -> None:
     """Of a study that names on a sample and fits very many rows from one, too."""
     campaign(rng, tmp_path)

@@ -47,10 +47,8 @@ def shown(name: str) -> dict[str, list[float]]:
     }
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", ["wam-tracker", "tiago-mocap", pytest.param("positioner", marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["wam-tracker", "tiago-mocap", "positioner"])
 def test_study_says_what_its_readme_says(name, monkeypatch) -> None:
     result, said = ran(name, monkeypatch), shown(name)
     base = next(r for r in result.models.ladder if r.names == ("geometric",))

@@ -200,7 +200,7 @@ def test_no_file_to_read(target, study, tmp_path) -> None:
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_no_terminal(study, tmp_path) -> None:
     """Every stream closed, and an output nobody reads: the files are written."""
     for k, ending in enumerate(("<&- >&- 2>&-", "| true")):

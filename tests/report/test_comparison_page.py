@@ -109,7 +109,7 @@ def test_findings_of_both_and_of_one_alone(reports, page) -> None:
     assert "approach-backlash:1 appeared" in rows[1][3]
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [1400, 420])
 def test_page_reads_at_both_widths_and_asks_for_nothing(page, width) -> None:
     with chromium(prefers_color_scheme="light") as driver:

@@ -119,6 +119,7 @@ def read_widths(page, selector: str, within: str) -> list[float]:
     return page.execute_script(script, selector, within)
 
 
+@pytest.mark.slow
 def test_page_draws_shares_and_intervals(browser, drawn, tmp_path) -> None:
     parts = records(*many(6), HARDLY_KNOWN)
     (tmp_path / "report.html").write_bytes(write_page(with_parts(drawn, parts)))

@@ -122,6 +122,7 @@ def browser():
         yield driver
 
 
+@pytest.mark.slow
 def test_the_page_opens_what_it_groups(browser, drawn, tmp_path) -> None:
     from browser import opened
 

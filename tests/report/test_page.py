@@ -182,6 +182,7 @@ def luminance(colour: str) -> float:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_contrast_in_both_schemes(drawn, scheme) -> None:
     """Text against the page: 4.5 to 1 at least (WCAG 2.1, 1.4.3)."""

@@ -108,6 +108,7 @@ def test_campaign_stands_in_the_head(drawn) -> None:
     assert said in sub(r"<[^>]+>", "", head)
 
 
+@pytest.mark.slow
 def test_findings_say_what_to_do_and_what_it_is_worth(browser, drawn) -> None:
     source = read_source(drawn)
     opened(browser, drawn / "report.html")

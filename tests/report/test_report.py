@@ -152,6 +152,7 @@ def test_first_page_stands_alone(drawn) -> None:
     assert not [c for c in captions if re.search(r"\d", c)]
 
 
+@pytest.mark.slow
 def test_numbers_of_the_ladder_are_the_result_s(drawn) -> None:
     result, text = json.loads((drawn / "result.json").read_text()), plain("".join(pages(drawn)))
     for rung in result["ladder"]:
@@ -267,6 +268,7 @@ def test_words_are_found_as_they_are_written(drawn) -> None:
         assert parameter["symbol"] in second
 
 
+@pytest.mark.slow
 def test_one_measure_of_error_in_text_and_pictures(drawn) -> None:
     """Errors are root mean squares wherever one figure stands for many; a mean error stands nowhere."""
     source = read_source(drawn)
@@ -303,6 +305,7 @@ def test_nothing_runs_off_the_page(drawn) -> None:
     within_margins(drawn / "report.pdf")
 
 
+@pytest.mark.slow
 def test_names_without_blanks_do_not_run_off_the_page(drawn) -> None:
     """The study's, the operator's, and those of targets in the table of parameters."""
     result, details = written(drawn)
@@ -420,6 +423,7 @@ def test_refuses_in_one_sentence(drawn, tmp_path, change, said) -> None:
     assert len(done.output.strip().splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_words_of_the_data_are_not_markup(drawn) -> None:
     """A study's name may hold what typst would read as a command."""
     result, details = written(drawn)

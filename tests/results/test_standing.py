@@ -53,7 +53,7 @@ def near(found: BaseRecord, placed: str) -> None:
     np.testing.assert_allclose(found.rpy_deg, np.degrees(turns), atol=0.02)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_registered_once(rng, tmp_path) -> None:
     """In result.json, on the terminal, in the PDF and on the page; the report is drawn from the
     files alone."""

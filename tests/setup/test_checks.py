@@ -158,7 +158,7 @@ def test_clean_studies_raise_none(robot, rng, tmp_path) -> None:
 # ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stated", "words"),
     [
@@ -246,7 +246,7 @@ def test_the_range_holds_what_chance_gives(rng) -> None:
     assert "degrees stand where radians" in name_likeliest_mistake(57.0, "x", "rad")
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_markers_of_one_rigid_body_show_no_noise(rng, tmp_path) -> None:
     """Their distance is kept to the last digit, and no floor is taken from it; rounded to a
     micrometre, it is refuted."""
@@ -675,7 +675,7 @@ def test_rows_set_aside_are_said_for_what_they_are(name, share, rng, tmp_path) -
     assert sentence.startswith(f"{len(rows)} rows are {words} (lines {rows[0] + 2}")
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_a_wild_number_is_no_slip(rng, tmp_path) -> None:
     """A kilometre away after the correction, too."""
     data = frame(rng, 80)

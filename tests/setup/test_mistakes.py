@@ -103,7 +103,7 @@ def test_in_the_robots_own_frame(name, rng) -> None:
     assert words in (said(arm(rng, "ur5", registered=False), change, False) or "")
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_what_the_study_says_of_tool_and_frame(rng) -> None:
     """A tool left out, a tracker that is not the base, and that with a joint's sense."""
     at = arm(rng, "ur5", registered=False)

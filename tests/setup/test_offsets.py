@@ -45,7 +45,7 @@ def test_one_zero_in_the_robots_own_frame(rng) -> None:
     ) == pytest.approx(-17, abs=0.5)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5", "iiwa14"])
 def test_two_zeros(name, rng) -> None:
     by = np.zeros(len(drawn_arm(name, rng, 1).data.q[0]))

@@ -136,7 +136,7 @@ def along_a_line(rng: np.random.Generator, robot: Robot, turned: bool, bow: floa
             return out
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @seeds(1, 2, 3)
 @pytest.mark.parametrize("turned", [True, False])
 @pytest.mark.parametrize("error", [0.0, 1.0])

@@ -396,7 +396,7 @@ def test_a_hidden_product_of_two_columns_is_named() -> None:
     assert "frame 3 rz · acc_x_g*pressure_bar" not in list_labels(without)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_a_hidden_pair_of_columns_is_one_finding() -> None:
     def tilt(s: State) -> np.ndarray:
         return s.covariates["acc_x_g"] + 2 * s.covariates["acc_y_g"]
@@ -428,7 +428,7 @@ def test_a_named_product_in_the_base_leaves_the_noise_and_predicts() -> None:
     assert geometric.models.chosen.held_out.rms_mm > 4 * left
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_a_product_with_a_function_of_a_joint_is_named() -> None:
     def swing(s: State) -> np.ndarray:
         return s.covariates["pressure_bar"] * np.cos(s.q[:, 1])

@@ -114,7 +114,7 @@ def test_moment_of_a_weak_step_is_the_dense_formula(rng: np.random.Generator) ->
     assert off.max() < 4 * 0.5 / np.sqrt(chain.effective[-1]) + 0.01, off
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_a_weak_step_converges(rng: np.random.Generator) -> None:
     """With a tail, too, as a study samples it; without a prior on the step's size walkers were lost
     beyond the ends, where the step moves nothing: 16,000 steps of autocorrelation."""

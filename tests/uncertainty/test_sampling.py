@@ -213,7 +213,7 @@ def test_tail_with_a_coefficient_integrated_out(rng: np.random.Generator, nu: fl
     assert np.allclose(found - found[0], np.array(expected) - expected[0], atol=0.03)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_tail_is_found(rng: np.random.Generator) -> None:
     """Noise with 3 degrees of freedom is told from normal noise."""
     at = drawn(ARM, rng, 80)
@@ -387,7 +387,7 @@ class Broken:
             raise KeyboardInterrupt
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 @pytest.mark.parametrize("after", [1, 3, 4])
 def test_resumed_chain_is_the_unbroken_one(problem: Problem, after: int) -> None:
     fitted = fit(problem, MODEL)

@@ -151,7 +151,7 @@ def test_what_is_lost_without_a_mechanism(split: Split, rng: np.random.Generator
     assert sizes == sorted(sizes, reverse=True)
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_stability_tells_effects_from_none(rng: np.random.Generator) -> None:
     """A strong effect stays in every half, an absent one in about 5 % of them over many studies."""
     model = Model(
@@ -294,7 +294,7 @@ def test_three_answers_agree_or_are_flagged(rng: np.random.Generator) -> None:
     assert flagged[-1].symbol in note_differences(flagged)[0].sentence
 
 
-@pytest.mark.integration
+@pytest.mark.slow
 def test_intervals_where_the_noise_grows(rng: np.random.Generator) -> None:
     """Noise that grows with what drives the last parameter: least squares' interval holds it far
     too seldom, the reported one as often as it says; its F test finds it far too often, the
