@@ -29,14 +29,16 @@ the package come only the robots' drawings. What is true, kind by kind:
 | soft lag: θj - c tanh(3 times its last move) | joint j | its last move | settle:j, approach-backlash:j: it is something of both |
 | sway: base along x, y or z by c sin(2πt + φ) | base | time | none |
 | difference: θ3 + c sin(2(q2 - q3) + φ) | joint 3 | q2, q3 | none |
+| warm: θj + c times how far it moved lately, a running mean of abs(last move) over a tenth of the campaign | joint j | its last moves, time | none |
+| drag: θj + c y, y drawn along by qj once it is w ahead, w 0.6 to 1.5 rad (a play operator) | joint j | qj, its last move | approach-backlash:j: of long moves it is play |
 
 The next five came later, when the search was finished. Three of them led to candidates or rivals
 afterwards: products of two readings, errors around one reading (bump), and shapes that change along
 the campaign (creep). Three more came after these; the soft lag then led to rivals, and the dent, told
-as bumps are, was looked at when these became candidates. The last two came after that; the
-difference led to waves of two readings at a joint that seems not to repeat. With the sway, with what
-settles, with play that gives way and with the wrist that bends, no candidate and no constant was
-chosen.
+as bumps are, was looked at when these became candidates. The last four came after that: the
+difference led to waves of two readings at a joint that seems not to repeat, the sway to slow waves
+along the campaign; what warms and what drags came last. With these two, with what settles, with play
+that gives way and with the wrist that bends, no candidate and no constant was chosen.
 
 Random stiction is an error that does not repeat. To say that the joint does not repeat is to tell its
 place, by `repeatability` of the result as by a finding of its mean.
@@ -65,6 +67,8 @@ SIZES, LAGS = (1.0, 8.0), (4.0, 8.0)
 STICKS = 1 / 3
 # width of a bump [rad]
 BUMP = 0.2
+# share of the campaign over which a joint keeps its warmth
+WARMS_FOR = 0.1
 # share of a value's variance that goes with a driver: from which it must be named, and may be
 NEEDED, ALLOWED = 0.2, 0.01
 
@@ -97,7 +101,7 @@ class Plant:
 
 Draw = Callable[[Generator, Arm], Plant]
 # kinds in the order in which they came to the benchmark
-GROUPS = ("the first thirteen", "the next five", "three more", "the last two")
+GROUPS = ("the first thirteen", "the next five", "three more", "the last four")
 
 
 @dataclass(frozen=True)
@@ -345,6 +349,41 @@ def draw_difference(rng: Generator, arm: Arm) -> Plant:
     return Plant("joint 3 turns with q2 - q3", (differ,), joints=True)
 
 
+def draw_warm(rng: Generator, arm: Arm) -> Plant:
+    j = draw_joint(rng, arm)
+
+    def warmth(s: State) -> Array:
+        kept = np.exp(-1 / (WARMS_FOR * s.m))
+        warm, level = np.zeros(s.m), 0.0
+        for row, moved in enumerate(np.abs(s.move[:, j - 1])):
+            level = kept * level + (1 - kept) * moved
+            warm[row] = level
+        return warm
+
+    optional = frozenset(("time", f"move{j}"))
+    return Plant(f"joint {j} warms with its motion", (turn(j, warmth),), optional=optional)
+
+
+def draw_drag(rng: Generator, arm: Arm) -> Plant:
+    j, width = draw_joint(rng, arm), rng.uniform(0.6, 1.5)
+
+    def dragged(s: State) -> Array:
+        q = s.q[:, j - 1]
+        y = np.empty(s.m)
+        y[0] = q[0]
+        for row in range(1, s.m):
+            y[row] = np.clip(y[row - 1], q[row] - width, q[row] + width)
+        return y - q
+
+    optional = frozenset((f"move{j}", f"q{j}"))
+    return Plant(
+        f"joint {j} drags {width:.2f} rad",
+        (turn(j, dragged),),
+        stems=frozenset(("approach-backlash",)),
+        optional=optional,
+    )
+
+
 KINDS: Mapping[str, Kind] = {
     "spring": Kind("spring, c|tau|^1.5", draw_spring),
     "cable": Kind("cable pull, tanh(q4, q1)", draw_cable),
@@ -372,6 +411,8 @@ KINDS: Mapping[str, Kind] = {
     "soft-lag": Kind("soft lag, tanh(3 moves)", draw_soft_lag, group=GROUPS[2]),
     "sway": Kind("base sways, sin(2 pi t)", draw_sway, group=GROUPS[3]),
     "difference": Kind("sin 2(q2 - q3) at joint 3", draw_difference, group=GROUPS[3]),
+    "warm": Kind("joint that its motion warms", draw_warm, group=GROUPS[3]),
+    "drag": Kind("cable that is drawn along", draw_drag, group=GROUPS[3]),
 }
 
 

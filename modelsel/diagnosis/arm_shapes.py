@@ -18,8 +18,9 @@ from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .candidate_kinds import CandidateKind
+from .distinct_places import Place
 from .driver_functions import STILL, level_off
-from .unregistered import Place, Unregistered, build_cell
+from .unregistered import Unregistered, build_cell
 
 # joints of an arm
 FEWEST_JOINTS = 3

@@ -16,6 +16,7 @@ class CandidateKind(Enum):
     SLIDE_WAVE = "wave of a slide's own reading"
     FREE_FUNCTION = "free function of a joint's own angle"
     GROWTH = "function of a joint's own angle that grows along the campaign"
+    TIME_WAVE = "slow wave along the campaign"
     JUMP = "jump at one angle of a joint"
     RAMP = "step of a joint over a part of its range"
     BUMP = "error of a joint around one reading"
@@ -34,6 +35,7 @@ class CandidateKind(Enum):
 MAP_KINDS = (CandidateKind.CELL, CandidateKind.WAVE, CandidateKind.WAVE_PRODUCT)
 # kinds whose causes have words of their own
 NAMED_IN_WORDS = (
+    CandidateKind.TIME_WAVE,
     CandidateKind.BUMP,
     CandidateKind.SOFT_LAG,
     CandidateKind.POWER,

@@ -30,7 +30,13 @@ from .options import DEFAULT_OPTIONS, DiagnosisOptions
 from .own_candidates import OwnCandidates, Screws, select_beyond
 from .prior_weights import choose_weight
 from .scanned_constants import drop_equal_constants
-from .unregistered import Unregistered, build_cell_causes, generate_unregistered, list_places
+from .time_waves import generate_time_waves
+from .unregistered import (
+    Unregistered,
+    build_cell_causes,
+    generate_unregistered,
+    list_distinct_places,
+)
 
 # share of the prior probability that the registered mechanisms have together
 REGISTERED = 0.6
@@ -128,7 +134,7 @@ def collect_screws(mechanism: Mechanism) -> Screws:
 
 def exceeds_cell_limit(problem: Problem, options: DiagnosisOptions = DEFAULT_OPTIONS) -> bool:
     """Return whether the whole error map would have more than `max_cells` cells."""
-    places = list_places(problem)
+    places = list_distinct_places(problem)
     causes = build_cell_causes(problem)
     cells = len(places) * len(causes)
     return cells > options.max_cells
@@ -156,6 +162,7 @@ def build_candidates(
         within = exceeds_cell_limit(problem, options)
         offered = chain(
             generate_unregistered(problem, adjacent_only=within),
+            generate_time_waves(problem),
             generate_joint_shapes(problem),
             generate_arm_shapes(problem),
         )

@@ -13,8 +13,9 @@ from ..mechanisms.terms import Mechanism
 from ..robot.rigid import AXES
 from .candidate_kinds import MAP_KINDS
 from .candidates import Candidate
+from .distinct_places import Place
 from .outcome import Diagnosis
-from .unregistered import Causes, Place
+from .unregistered import Causes
 
 
 @dataclass(frozen=True, eq=False)

@@ -39,8 +39,14 @@ WITHOUT_MASSES = {
 }
 # names of one move that no measurement tells apart: a bump and a step of the tracker
 SAME_MOVE = {FaultKind.TRACKER_BUMPED.label: "tracker-step"}
-# kinds of one shape, whatever the reading at which it sets in
-WITH_PLACE = (CandidateKind.JUMP, CandidateKind.RAMP, CandidateKind.SAW, CandidateKind.PULL)
+# kinds of one shape, whatever the reading at which it sets in, or the number of slow waves
+WITH_PLACE = (
+    CandidateKind.JUMP,
+    CandidateKind.RAMP,
+    CandidateKind.SAW,
+    CandidateKind.PULL,
+    CandidateKind.TIME_WAVE,
+)
 
 
 def read_signatures(found: Sequence[Candidate]) -> tuple[Index, ...]:
@@ -100,8 +106,8 @@ def _name_driver(name: str) -> str:
 
 
 def _read_shape(candidate: Candidate) -> Hashable:
-    """Of a registered mechanism the name, whatever its constant; of a jump the place alone;
-    waves of about one number are the same."""
+    """Of a registered mechanism the name, whatever its constant; of a jump and a slow wave the place
+    alone; waves of about one number are the same."""
     if candidate.kind in SHAPELESS:
         return None
     if candidate.kind is CandidateKind.JOINT_WAVE:

@@ -28,6 +28,7 @@ WITH_CONSTANT = (
     CandidateKind.POWER,
     CandidateKind.JOINT_WAVE,
     CandidateKind.SLIDE_WAVE,
+    CandidateKind.TIME_WAVE,
 )
 # log evidence by which a constant is not likelier than another
 SAME = 0.1

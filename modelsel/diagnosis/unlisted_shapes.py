@@ -22,12 +22,14 @@ from ..mechanisms.terms import Mechanism, Screw, Term
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .changing_shapes import generate_changing
+from .distinct_places import Place
 from .driver_functions import level_off, scale_driver
 from .finer_waves import generate_finer_waves
 from .joint_bumps import generate_bumps, generate_finer_bumps
 from .simple_shapes import generate_products, generate_pulls, generate_saws, generate_soft_lags
+from .time_waves import generate_finer_time_waves
 from .torque_powers import generate_loaded, generate_powers
-from .unregistered import RARE_WEIGHT, Place, build_bumps, list_places
+from .unregistered import RARE_WEIGHT, build_bumps, list_distinct_places
 
 Drivers = frozenset[str]
 
@@ -47,7 +49,7 @@ SIMPLE = {
     generate_powers: CandidateKind.POWER,
 }
 # kinds of waves, whose number may lie between those that are looked for
-OF_ANY_NUMBER = (CandidateKind.JOINT_WAVE, CandidateKind.SLIDE_WAVE)
+OF_ANY_NUMBER = (CandidateKind.JOINT_WAVE, CandidateKind.SLIDE_WAVE, CandidateKind.TIME_WAVE)
 # how a free function of one driver may change with another one
 FACTORS = (scale_driver, level_off)
 # prior probability of a further listed finding at a place, where one is
@@ -196,8 +198,10 @@ def _list_finer_waves(problem: Problem, candidate: Candidate) -> Iterator[Rival]
         prior *= RARE_WEIGHT
     if kind not in OF_ANY_NUMBER:
         return
-    own = candidate.mechanism
-    waves = list(generate_finer_waves(problem, own))
+    generate = generate_finer_waves
+    if kind is CandidateKind.TIME_WAVE:
+        generate = generate_finer_time_waves
+    waves = list(generate(problem, candidate.mechanism))
     yield from _weigh(waves, agrees, prior, kind)
 
 
@@ -326,7 +330,7 @@ def _generate_other_places(
     problem: Problem, parts: dict[Place, Drivers], drivers: Drivers, names: Sequence[str]
 ) -> Iterator[Mechanism]:
     """Generate free functions of each own driver at every other place."""
-    for place in list_places(problem):
+    for place in list_distinct_places(problem):
         if place in parts:
             continue
         for name in sorted(drivers):

@@ -18,15 +18,15 @@ from ..measurements.reference_temperature import TEMPERATURE
 from ..measurements.state_names import parse_state_name
 from ..mechanisms.causes import Applied, Bump, Cause, Named, cos, q, sign, sin, torque
 from ..mechanisms.drives import RIPPLING_PARTS, WAVES, wave_terms
-from ..mechanisms.environment import temperature_rise
+from ..mechanisms.environment import PROGRESS, temperature_rise
 from ..mechanisms.gravity_effects import forearm_lever, upper_arm_lever
 from ..mechanisms.terms import Mechanism, Screw, Term
 from ..robot.gravity import find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .candidate_kinds import CandidateKind
+from .distinct_places import Place, find_frames
 
-Place = tuple[int, str]
 Causes = tuple[Cause, ...]
 
 # knot distances of free functions [rad]
@@ -83,6 +83,12 @@ def list_places(problem: Problem) -> tuple[Place, ...]:
         target_axes = AXES[:3]
     places += [(target, axis) for axis in target_axes]
     return tuple(places)
+
+
+def list_distinct_places(problem: Problem) -> tuple[Place, ...]:
+    """List the places where a screw can show, each motion of the target once."""
+    distinct = find_frames(problem.robot)
+    return tuple(place for place in list_places(problem) if place in distinct)
 
 
 def build_cell_causes(problem: Problem) -> tuple[Causes, ...]:
@@ -165,24 +171,28 @@ def build_warming_causes(problem: Problem) -> Causes:
     """List drift and exponential warm-up.
 
     They follow the clock where the data have one, else the place in the order of motion."""
-    covariates = problem.data.covariates
-    if "time_s" not in covariates:
-        progress = Named("progress")
-        warm_ups = [Applied("exp", progress / -share) for share in WARM_UP_SHARES]
-        return (progress, *warm_ups)
-    time = covariates["time_s"]
-    start = float(time.min())
-    duration = float(np.ptp(time))
+    clock, duration = read_clock(problem)
     if not duration:
         return ()
+    constants = [float(f"{share * duration:.6g}") for share in WARM_UP_SHARES]
+    warm_ups = [Applied("exp", clock / -constant) for constant in constants]
+    drift = (clock,) if clock == PROGRESS else ()
+    return (*drift, *warm_ups)
+
+
+def read_clock(problem: Problem) -> tuple[Cause, float]:
+    """Read what tells the time since the campaign began, and how long that was.
+
+    It is the clock where the data have one, else the place in the order of motion."""
+    covariates = problem.data.covariates
+    if "time_s" not in covariates:
+        return PROGRESS, 1.0
+    time = covariates["time_s"]
+    start = float(time.min())
     clock: Cause = Named("time_s", "s")
     if start:
         clock = clock - start
-    causes = []
-    for share in WARM_UP_SHARES:
-        constant = float(f"{share * duration:.6g}")
-        causes.append(Applied("exp", clock / -constant))
-    return tuple(causes)
+    return clock, float(np.ptp(time))
 
 
 def _causes_of_covariates(problem: Problem) -> Iterator[Causes]:
@@ -208,10 +218,10 @@ def _generate_cells(problem: Problem, adjacent_only: bool) -> Iterator[Unregiste
     for causes in build_cell_causes(problem):
         words = " & ".join(map(str, causes))
         columns.append((causes, words, _classify(causes), _find_joints(causes)))
-    for place in list_places(problem):
-        frame, _ = place
+    for place in list_distinct_places(problem):
+        frames = find_frames(problem.robot)[place]
         for causes, words, kind, joints in columns:
-            if adjacent_only and not _is_adjacent(frame, joints):
+            if adjacent_only and not any(_is_adjacent(frame, joints) for frame in frames):
                 continue
             cell = build_cell(place, causes, words)
             yield Unregistered(cell, kind, weight=1.0)

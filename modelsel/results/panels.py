@@ -17,8 +17,8 @@ import numpy as np
 from .._typing import Array, Index
 from ..diagnosis.claim_sentences import describe_what
 from ..diagnosis.data_faults import Fault
+from ..diagnosis.distinct_places import Place
 from ..diagnosis.sentences import label_effect
-from ..diagnosis.unregistered import Place
 from ..fitting.design import PLACE, compute_columns
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Applied, Bump, Cause, Named, find_bump

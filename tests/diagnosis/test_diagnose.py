@@ -81,9 +81,9 @@ def test_every_candidate_has_its_kind(rng) -> None:
     found = build_candidates(at, Model((mechanism("geometric", at.robot),)), offered)
     labels = {kind: {c.label for c in found if c.kind is kind} for kind in CandidateKind}
     assert {"wrist-coupling:5", "fault:read-too-early"} <= labels[CandidateKind.MECHANISM]
-    assert "frame 5 tx · q4" in labels[CandidateKind.CELL]
-    assert "frame 5 tx · sin(q4) & cos(q4)" in labels[CandidateKind.WAVE]
-    assert "frame 5 tx · waves of q3 times waves of q4" in labels[CandidateKind.WAVE_PRODUCT]
+    assert "frame 4 tz · q4" in labels[CandidateKind.CELL]
+    assert "frame 4 tz · sin(q4) & cos(q4)" in labels[CandidateKind.WAVE]
+    assert "frame 4 tz · waves of q3 times waves of q4" in labels[CandidateKind.WAVE_PRODUCT]
     assert "free(q4)" in labels[CandidateKind.FREE_FUNCTION]
     assert any(label.startswith("frame 4 rz") for label in labels[CandidateKind.JOINT_WAVE])
     assert not labels[CandidateKind.SLIDE_WAVE]

@@ -77,12 +77,13 @@ def test_errors_that_fade_are_none(rng: np.random.Generator) -> None:
 
 
 @pytest.mark.slow
-@seeds(1)
+@seeds(2, 3)
 def test_a_small_drift_is_named_beside_errors_that_last(rng: np.random.Generator) -> None:
     told = diagnose(observe(rng, settles=3 * SIGMA, fading=0.0), seed=1)
     assert "progress" not in list_words(told)
+    in_words = ("progress", "along the campaign")
     (lasting,) = [part for part in told.errors.parts if part.name == "lasting"]
-    assert any("progress" in label for label in lasting.instead), told.errors.names
+    assert any(word in label for label in lasting.instead for word in in_words), told.errors.names
 
 
 def test_a_search_goes_on_with_a_shape_that_is_not_listed(rng: np.random.Generator) -> None:
