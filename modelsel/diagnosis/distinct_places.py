@@ -30,8 +30,8 @@ ONE_MOTION = 0.9999
 
 @lru_cache(maxsize=16)
 def find_frames(robot: Robot) -> dict[Place, tuple[int, ...]]:
-    """Find the frames (first, ...) at which every distinct place (frame, axis) of an arm has its
-    like, its own among them.
+    """Find the frames at which every distinct place (frame, axis) of an arm has its like, its own
+    among them.
 
     Of places that move alike the motion of a joint stands for all, else that of the first frame."""
     places = [(frame, axis) for frame in range(1, robot.n + 2) for axis in AXES]
@@ -45,7 +45,7 @@ def find_frames(robot: Robot) -> dict[Place, tuple[int, ...]]:
             continue
         same = [other for other in np.flatnonzero(alike[k]).tolist() if other not in taken]
         taken.update(same)
-        frames[places[k]] = tuple(places[other][0] for other in same)
+        frames[places[k]] = tuple(sorted({places[other][0] for other in same}))
     return {place: frames[place] for place in places if place in frames}
 
 
@@ -61,7 +61,10 @@ def _compare(robot: Robot) -> Mask:
     size = np.linalg.norm(motions, axis=1, keepdims=True)
     # a turn about the target's own place moves nothing
     unit = motions / np.maximum(size, TINY)
-    return np.asarray(np.abs(unit @ unit.T) > ONE_MOTION)
+    alike = np.abs(unit @ unit.T) > ONE_MOTION
+    # what moves nothing is like itself, too
+    np.fill_diagonal(alike, True)
+    return np.asarray(alike)
 
 
 def _compute_field(robot: Robot, q: Array, target: Array) -> Array:

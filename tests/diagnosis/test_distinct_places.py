@@ -25,6 +25,7 @@ def test_the_motions_of_joints_stay(name: str) -> None:
     # a shift along the first joint's axis is the same after it has turned
     assert frames[1, "tz"] == (1, 2)
     assert (2, "ty") not in frames
+    assert all(place[0] in own for place, own in frames.items())
     assert find_frames(robot) is frames
 
 
