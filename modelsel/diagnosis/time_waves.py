@@ -14,7 +14,7 @@ from ..mechanisms.terms import Mechanism, Screw, Term
 from ..mechanisms.waves import find_common_wave
 from .candidate_kinds import CandidateKind
 from .distinct_places import Place
-from .unregistered import Unregistered, list_distinct_places, read_clock
+from .unregistered import Unregistered, list_distinct_places, choose_clock
 
 # waves over the whole campaign that are looked for, how far these are apart, and the steps between
 # them once one is found
@@ -27,7 +27,7 @@ DIGITS = 2
 def generate_time_waves(problem: Problem) -> Iterator[Unregistered]:
     """Generate slow waves along the campaign at every place; those of a place weigh as much as a
     cell."""
-    clock, duration = read_clock(problem)
+    clock, duration = choose_clock(problem)
     if not duration:
         return
     weight = 1 / len(COUNTS)
@@ -39,7 +39,7 @@ def generate_time_waves(problem: Problem) -> Iterator[Unregistered]:
 
 def generate_finer_time_waves(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
     """Generate slow waves whose numbers lie between those of a found one's neighbours."""
-    clock, duration = read_clock(problem)
+    clock, duration = choose_clock(problem)
     wave = find_common_wave([term.screws[0].cause for term in found.terms])
     places = list(found.names_by_place())
     if wave is None or wave[0] != clock or len(places) != 1 or not duration:

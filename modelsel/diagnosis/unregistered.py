@@ -171,7 +171,7 @@ def build_warming_causes(problem: Problem) -> Causes:
     """List drift and exponential warm-up.
 
     They follow the clock where the data have one, else the place in the order of motion."""
-    clock, duration = read_clock(problem)
+    clock, duration = choose_clock(problem)
     if not duration:
         return ()
     constants = [float(f"{share * duration:.6g}") for share in WARM_UP_SHARES]
@@ -180,8 +180,8 @@ def build_warming_causes(problem: Problem) -> Causes:
     return (*drift, *warm_ups)
 
 
-def read_clock(problem: Problem) -> tuple[Cause, float]:
-    """Read what tells the time since the campaign began, and how long that was.
+def choose_clock(problem: Problem) -> tuple[Cause, float]:
+    """Choose what tells the time since the campaign began, and how long that was.
 
     It is the clock where the data have one, else the place in the order of motion."""
     covariates = problem.data.covariates
