@@ -14,7 +14,7 @@ from ..mechanisms.terms import Mechanism, Screw, Term
 from ..mechanisms.waves import find_common_wave
 from .candidate_kinds import CandidateKind
 from .distinct_places import Place
-from .unregistered import Unregistered, list_distinct_places, choose_clock
+from .unregistered import Unregistered, choose_clock, list_distinct_places
 
 # waves over the whole campaign that are looked for, how far these are apart, and the steps between
 # them once one is found
