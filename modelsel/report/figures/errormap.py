@@ -78,7 +78,7 @@ def draw_error_map(record: StudyRecord) -> bytes:
     f = _to_array(whole.f)[:, columns]
     p = _to_array(whole.p_family_wise)[:, columns]
     with use_style() as sheets:
-        height = max(0.12 * len(f) + 1.5, 2.8)
+        height = max(0.146 * len(f) + 1.5, 2.8)
         fig, ax = sheets.subplots(figsize=(WIDTH, height), layout="constrained")
         mesh = _draw_shades(ax, f)
         _mark_outstanding(ax, f, p)
