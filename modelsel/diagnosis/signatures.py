@@ -39,8 +39,8 @@ WITHOUT_MASSES = {
 }
 # names of one move that no measurement tells apart: a bump and a step of the tracker
 SAME_MOVE = {FaultKind.TRACKER_BUMPED.label: "tracker-step"}
-# kinds of one shape, whatever the reading at which it sets in, or the number of slow waves
-WITH_PLACE = (
+# kinds of one shape, whatever its constant: the reading at which it sets in, the number of slow waves
+OF_ONE_SHAPE = (
     CandidateKind.JUMP,
     CandidateKind.RAMP,
     CandidateKind.SAW,
@@ -114,7 +114,7 @@ def _read_shape(candidate: Candidate) -> Hashable:
         joint, count = find_own_wave(candidate.mechanism)
         quarters = round(count / QUARTER)
         return candidate.kind, joint, quarters
-    if candidate.kind in WITH_PLACE:
+    if candidate.kind in OF_ONE_SHAPE:
         names_by_place = candidate.mechanism.names_by_place()
         return candidate.kind, frozenset(names_by_place.items())
     if candidate.but_for_sign:

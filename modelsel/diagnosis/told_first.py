@@ -16,19 +16,18 @@ import numpy as np
 from .._typing import Array, Index
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
-from .signatures import WITH_PLACE, read_drivers
+from .signatures import OF_ONE_SHAPE, read_drivers
 
 # levels that are told first: place and drivers
 FIRST_LEVELS = 2
 # kinds of one shape with a constant: the angle at which something sets in, a power, a number of waves
 WITH_CONSTANT = (
-    *WITH_PLACE,
+    *OF_ONE_SHAPE,
     CandidateKind.BUMP,
     CandidateKind.SOFT_LAG,
     CandidateKind.POWER,
     CandidateKind.JOINT_WAVE,
     CandidateKind.SLIDE_WAVE,
-    CandidateKind.TIME_WAVE,
 )
 # log evidence by which a constant is not likelier than another
 SAME = 0.1

@@ -198,10 +198,8 @@ def _list_finer_waves(problem: Problem, candidate: Candidate) -> Iterator[Rival]
         prior *= RARE_WEIGHT
     if kind not in OF_ANY_NUMBER:
         return
-    generate = generate_finer_waves
-    if kind is CandidateKind.TIME_WAVE:
-        generate = generate_finer_time_waves
-    waves = list(generate(problem, candidate.mechanism))
+    own = candidate.mechanism
+    waves = [*generate_finer_waves(problem, own), *generate_finer_time_waves(problem, own)]
     yield from _weigh(waves, agrees, prior, kind)
 
 

@@ -12,7 +12,7 @@ from ..config.covariate_table import CovariateTable, list_words
 from ..config.study_file import Study
 from ..diagnosis.own_candidates import OwnCandidates
 from ..diagnosis.sentences import MOTIONS
-from ..diagnosis.unregistered import Causes, build_cell, list_places
+from ..diagnosis.unregistered import Causes, build_cell, list_distinct_places, list_places
 from ..exceptions import StudyError, sentence_list
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
@@ -204,7 +204,7 @@ def _generate_mechanisms(
     columns = problem.data.covariates.keys()
     combined = _combine(table, causes, columns)
     combined_causes = list(combined)
-    places = list_places(problem)
+    places = list_distinct_places(problem)
     if table.frame is not None and table.axis is not None:
         only = (table.frame, str(table.axis))
         places = (only,)
