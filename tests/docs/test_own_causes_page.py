@@ -20,7 +20,8 @@ from modelsel.study.runner import rehearse_study
 PAGE = ROOT / "docs" / "how-to" / "own-causes.md"
 TEXT = PAGE.read_text(encoding="utf-8")
 WHOLE, BASE, OUTCOMES = [tomllib.loads(block) for block in fenced("toml", TEXT)]
-PLACES = 6 * 6 + 3
+# seven of an arm's places move every target as another one does
+PLACES = 6 * 6 + 3 - 7
 
 pytestmark = pytest.mark.docs
 
