@@ -8,6 +8,8 @@ counts when its singular value exceeds `RANK_TOLERANCE`: far above rounding in d
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,8 @@ RANK_TOLERANCE = 1e-9
 TINY = 1e-300
 # how far QᵀQ may be from the identity for one step of Cholesky to make it so to rounding
 NEARLY_ORTHONORMAL = 1e-3
+# values that are multiplied row by row together
+TOGETHER = 16
 
 
 def unit_columns(matrix: Array) -> Array:
@@ -119,6 +123,25 @@ def project_out(matrix: Array, basis: Array) -> Array:
     share = basis.T @ matrix
     inside: Array = basis @ share
     return matrix - inside
+
+
+def multiply_by_row(matrices: Array, values: Array) -> Array:
+    """Multiply values (..., c, m) row by row by matrices (m, d, c): (..., d, m).
+
+    In the order of a sum by einsum, to the same bits, on a few values at a time that stay in cache."""
+    *leading, c, m = values.shape
+    d = matrices.shape[1]
+    count = math.prod(leading)
+    flat = values.reshape(count, c, m)
+    factors = np.ascontiguousarray(matrices.transpose(1, 2, 0))
+    out = np.empty((count, d, m))
+    for start in range(0, count, TOGETHER):
+        own = flat[start : start + TOGETHER]
+        total = out[start : start + TOGETHER]
+        np.multiply(own[:, None, 0], factors[:, 0], out=total)
+        for k in range(1, c):
+            total += own[:, None, k] * factors[:, k]
+    return out.reshape(*leading, d, m)
 
 
 def connected_components(count: int, pairs: NDArray[np.intp]) -> Index:

@@ -51,6 +51,11 @@ class Block:
     most: Array
     root: Array | None = None
 
+    @property
+    def key(self) -> tuple[int, bool]:
+        """The number of columns, and whether the candidates are free functions."""
+        return self.index.shape[1], self.root is not None
+
     @cached_property
     def unit(self) -> Array:
         """The inverse lengths (n, k) of the columns, 0 for one that moves nothing."""
@@ -145,10 +150,12 @@ def build_columns(
     at: Linearisation | None = None,
     memory_mb: float = DEFAULT_OPTIONS.memory_mb,
     known: KeptCauses | None = None,
+    before: Columns | None = None,
 ) -> Columns:
     """Build the columns of every candidate at a point of the parameters (None: the nominal one).
 
-    `known`: the causes of other columns at the same rows."""
+    `known`: the causes of other columns at the same rows; `before`: the columns of the first of these
+    candidates, at the same point and rows."""
     mechanisms = [candidate.mechanism for candidate in found]
     terms: dict[TermKey, Term] = {}
     for mechanism in mechanisms:
@@ -163,12 +170,16 @@ def build_columns(
         signs.append(np.array(mechanism.signs, dtype=float))
     screws = build_screw_columns(problem, distinct, at, memory_mb, known)
     most = _compute_largest(screws, distinct, problem)
-    blocks_ = tuple(_build_blocks(mechanisms, screws, slices, most))
+    blocks_ = tuple(_build_blocks(mechanisms, screws, slices, most, before))
     return Columns(screws, place, tuple(slices), blocks_, tuple(signs))
 
 
 def _build_blocks(
-    mechanisms: Sequence[Mechanism], screws: ScrewColumns, slices: Sequence[Index], most: Array
+    mechanisms: Sequence[Mechanism],
+    screws: ScrewColumns,
+    slices: Sequence[Index],
+    most: Array,
+    before: Columns | None,
 ) -> Iterator[Block]:
     """Build a block of every number of columns, free functions apart."""
     keys = []
@@ -176,19 +187,24 @@ def _build_blocks(
         first_term = mechanism.terms[0]
         is_smooth = spline(first_term) is not None
         keys.append((len(columns), is_smooth))
+    known = {} if before is None else {block.key: block for block in before.grams}
     for size, is_smooth in sorted(set(keys)):
         members = [g for g, key in enumerate(keys) if key == (size, is_smooth)]
         which = np.array(members, dtype=np.intp)
         index = np.stack([slices[g] for g in members])
-        gram = _compute_grams(screws, index)
+        # candidates that were there before come first, in the same order
+        same = known.get((size, is_smooth))
+        count = 0 if same is None else len(same.which)
+        gram = _compute_grams(screws, index[count:])
         root = None
         if is_smooth:
-            roots = []
             norms = np.einsum("nkk->nk", gram)
-            for g, norm in zip(members, norms, strict=True):
-                terms = mechanisms[g].terms
-                roots.append(_compute_root(terms, norm))
-            root = np.stack(roots)
+            own = zip(members[count:], norms, strict=True)
+            roots = [_compute_root(mechanisms[g].terms, norm) for g, norm in own]
+            root = np.array(roots).reshape(gram.shape)
+        if same is not None:
+            gram = np.concatenate([same.gram, gram])
+            root = None if root is None else np.concatenate([same.root, root])
         yield Block(which=which, index=index, gram=gram, most=most[index], root=root)
 
 

@@ -8,7 +8,7 @@ explain what several listed ones approximate. A finding claims the deepest level
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import permutations
 from typing import NamedTuple
 
@@ -17,12 +17,11 @@ import numpy as np
 from .._typing import Array
 from ..fitting.problem import Problem
 from ..mechanisms.motors import joint_axis
-from .candidate_columns import build_columns
 from .candidates import Candidate
+from .contenders import Contenders, gather_contenders
 from .effects import Claim, find_level
 from .evidence import MIN_LOG_ODDS, compute_factors, sum_evidence
 from .mechanism_families import weigh_families
-from .scan import build_scan, build_scan_without
 from .sentences import has_contrary_signs
 from .signatures import LEVELS
 from .state import Search
@@ -51,16 +50,19 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
     effects = {g: search.candidates[g] for g in chosen}
     levels: dict[int, Array] = {}
     better: list[tuple[tuple[int, ...], Candidate]] = []
+    rivals = {g: list_rivals_beside(search, view, g) for g in chosen}
+    company = list_company(search.problem, effects)
+    contenders = _gather_all(search, view, rivals.values(), company)
     for g in chosen:
-        levels[g], shape = weigh_alone(search, view, g)
+        levels[g], shape = weigh_alone(search, g, rivals[g], contenders)
         if shape is not None:
             better.append(((g,), shape))
     for g, share in weigh_families(search, chosen, view).items():
         levels[g] = levels[g] * share
     for g, share in weigh_families(search, chosen, view, one_place=True).items():
         levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
-    for group in list_company(search.problem, effects):
-        share, shape = _weigh_together(search, view, group)
+    for group in company:
+        share, shape = _weigh_together(search, group, contenders)
         for g in group.members:
             levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
         if shape is not None:
@@ -68,6 +70,15 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
     for g, share in weigh_own_functions(search, view, chosen, levels).items():
         levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
     return Weighed(levels, better)
+
+
+def _gather_all(
+    search: Search, view: View, rivals: Iterable[Sequence[Rival]], company: Sequence[Company]
+) -> Contenders:
+    """Gather the rivals of all effects, and what stands in the place of several of them."""
+    alone = [rival.candidate for own in rivals for rival in own]
+    together = [one for group in company for one in (group.listed, *group.shapes)]
+    return gather_contenders(search, view, [*alone, *together])
 
 
 def weigh_own_functions(
@@ -109,28 +120,23 @@ def _is_own_function(search: Search, g: int) -> bool:
     return drivers == own
 
 
-def _see_beside(
-    search: Search, view: View, effects: Sequence[Candidate], others: Sequence[Candidate]
-) -> Array:
-    """Compute (ratios, A) log Bayes factors of candidates that are not among those of the search,
-    where effects are taken out."""
-    columns = build_columns(search.problem, tuple(others), view.fitted.at(), search.memory_mb)
-    scan = build_scan(columns, view.Q)
-    released = view.release(*effects)
-    without = build_scan_without(scan, released.directions)
-    response = released.see(scan.see(view.residual), without.back)
-    return compute_factors(without, response)
+def list_rivals_beside(search: Search, view: View, g: int) -> list[Rival]:
+    """List the rivals of an effect, without those that another effect rules out."""
+    taken = search.list_bumped_beside(g, view)
+    every = list_rivals(search.problem, search.candidates[g])
+    return [one for one in every if one.candidate.bumped_joint not in taken]
 
 
-def weigh_alone(search: Search, view: View, g: int) -> tuple[Array, Candidate | None]:
-    """Weigh an effect against its credible set and its rivals.
+def weigh_alone(
+    search: Search, g: int, rivals: Sequence[Rival], contenders: Contenders
+) -> tuple[Array, Candidate | None]:
+    """Weigh an effect of a model against its credible set and its rivals, which are among the
+    contenders.
 
     Returns the probability (4,) of each level, and what should be told instead, if anything: the
     rival that is clearly more probable, or the explanation on whose place and drivers most agree."""
     own = search.candidates[g]
-    taken = search.list_bumped_beside(g, view)
-    every = list_rivals(search.problem, own)
-    rivals = [one for one in every if one.candidate.bumped_joint not in taken]
+    view = contenders.view
     scan, response = search.scan_without(g, view)
     listed = compute_factors(scan, response)
     named = search.rename(g, view).named
@@ -138,7 +144,7 @@ def weigh_alone(search: Search, view: View, g: int) -> tuple[Array, Candidate | 
     others = [rival.candidate for rival in rivals]
     joint = listed
     if others:
-        joint = np.hstack([listed, _see_beside(search, view, [own], others)])
+        joint = np.hstack([listed, contenders.weigh([own], others)])
         log_prior = np.append(log_prior, np.log([other.prior for other in others]))
     value, logs = sum_evidence(joint, log_prior)
     if not np.isfinite(value):
@@ -185,13 +191,15 @@ def _sum_agreeing(rivals: Sequence[Rival], probability: Array, level: str) -> fl
     return float(total)
 
 
-def _weigh_together(search: Search, view: View, group: Company) -> tuple[float, Candidate | None]:
+def _weigh_together(
+    search: Search, group: Company, contenders: Contenders
+) -> tuple[float, Candidate | None]:
     """Weigh several findings of one place against one shape that no list has.
 
     Returns the probability of the listed ones, and the shape if it is clearly more probable."""
     which = [group.listed, *group.shapes]
     effects = [search.candidates[g] for g in group.members]
-    factors = _see_beside(search, view, effects, which)
+    factors = contenders.weigh(effects, which)
     value, logs = sum_evidence(factors, np.log([candidate.prior for candidate in which]))
     if not np.isfinite(value):
         return 1.0, None

@@ -154,14 +154,16 @@ def _judge(entries: Sequence[Entry]) -> str:
     return NOT_TOLD_APART
 
 
-def ask(seen: Scan, candidates: Sequence[Candidate], response: Response) -> Question:
+def ask(
+    seen: Scan, candidates: Sequence[Candidate], log_prior: Array, response: Response
+) -> Question:
     """Ask what explains a response that the model's basis has been projected off."""
     return Question(
         scan=seen,
         candidates=candidates,
         response=response,
         factors=compute_factors(seen, response),
-        log_prior=np.log([c.prior for c in candidates]),
+        log_prior=log_prior,
     )
 
 

@@ -83,15 +83,16 @@ class Rest:
     """What candidates of a curve are beyond a model.
 
     `blocks`: the candidates that are offered, `lefts`: their Gram matrices there. Products of all
-    columns beyond the model are those of the curve less those along `inside` (c, r), plus those
-    along `back` (c, d). `products` (c,): with a response whose sum of squares is `square`;
-    `freedom`: coordinates beyond the model."""
+    columns beyond the model are those of the curve less those along `inside` (c, r) and `absorbed`
+    (c, a), plus those along `back` (c, d). `products` (c,): with a response whose sum of squares is
+    `square`; `freedom`: coordinates beyond the model."""
 
     curve: Curve
     blocks: tuple[Block, ...]
     lefts: tuple[Array, ...]
     inside: Array
     back: Array
+    absorbed: Array
     products: Array
     square: float
     freedom: int
@@ -120,6 +121,7 @@ class Rest:
         own = self.curve.slices[member]
         products = self.curve.multiply(member)
         left = products - self.inside @ self.inside[own].T
+        left -= self.absorbed @ self.absorbed[own].T
         left += self.back @ self.back[own].T
         W = _whiten_all(left[own], np.diag(products[own]))
         shared = left @ W.T
@@ -133,7 +135,7 @@ class Rest:
         return replace(
             rest,
             lefts=tuple(lefts),
-            inside=np.column_stack([self.inside, shared]),
+            absorbed=np.column_stack([self.absorbed, shared]),
             products=self.products - shared @ explained,
             square=max(left_over, ROUNDING * self.square),
             freedom=self.freedom - len(W),
@@ -222,6 +224,7 @@ def see_rest(curve: Curve, scan: Scan, response: Response, released: Released) -
         lefts=tuple(lefts),
         inside=inside,
         back=back,
+        absorbed=np.zeros((len(inside), 0)),
         products=products,
         square=square,
         freedom=scan.freedom,

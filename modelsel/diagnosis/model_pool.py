@@ -14,29 +14,20 @@ built alike."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import combinations, zip_longest
 from typing import NamedTuple
 
 import numpy as np
 
-from .._linalg import TINY, invert_triangle
-from .._typing import Array, Index
+from .._linalg import TINY
+from .._typing import Array, Index, Mask
 from .buckets import Bucket, build_buckets
-from .evidence import RATIOS, compute_factors, sum_evidence
-from .joint_curves import Rest, build_curve, see_rest
-from .mechanism_families import KIN, find_stem
-from .scan import build_scan_without
-from .state import Search
-from .views import View
+from .evidence import RATIOS
+from .joint_curves import Rest
+from .mechanism_families import KIN
 
-# members of a pool, and columns up to which a candidate that is not chosen may join it
-MOST_MEMBERS, MOST_COLUMNS = 160, 40
-# pairs of effects that one explanation may replace, explanations of each, and the cosine of their
-# displacements from which they are such a pair
-MOST_PAIRS, EACH_PAIR, RELATED = 12, 12, 0.3
 # share of a residual that no set may exceed
 WHOLE = 1 - 1e-12
 
@@ -53,6 +44,13 @@ class _Group(NamedTuple):
     terms: Array | None
     free: Array
 
+    def take(self, members: Mask) -> _Group:
+        """Return some of the members (n,)."""
+        if members.all():
+            return self
+        terms = None if self.terms is None else self.terms[members]
+        return _Group(self.which[members], self.rows[members], terms, self.free[members])
+
 
 class _Spectrum(NamedTuple):
     """What the members of a group are beyond a set: the eigenvalues (n, k) and eigenvectors (n, k,
@@ -61,6 +59,22 @@ class _Spectrum(NamedTuple):
     value: Array
     vector: Array
     coordinates: Array
+
+
+class _FittedSet(NamedTuple):
+    """A fitted set of members, of m directions.
+
+    `along` (m, D), `response` (m,): what all directions, and the response, have in the set, in
+    orthonormal coordinates; `left`: what it leaves of the response; `price`: of its freedom, in log
+    evidence; `mean` (s,), `spread` (m, s): the estimates of its directions that have a sign, and the
+    roots of their covariance, column by column."""
+
+    along: Array
+    response: Array
+    left: float
+    price: float
+    mean: Array
+    spread: Array
 
 
 class Gains(NamedTuple):
@@ -107,26 +121,55 @@ class Pool:
     def weigh(self, ratios: dict[int, float]) -> tuple[float, Gains]:
         """Compute the log posterior of a set of members with their ratios, up to a constant, and
         what each member more would add to it."""
+        chosen = sorted(ratios)
+        fitted = self._fit(chosen, ratios)
+        gain = -self.freedom / 2 * np.log(fitted.left / self.square)
+        value = gain - fitted.price + self._sum_priors(chosen)
+        value += self._weigh_signs(chosen, fitted)
+        return float(value), self._weigh_others(chosen, fitted)
+
+    def _fit(self, chosen: Sequence[int], ratios: dict[int, float]) -> _FittedSet:
+        """Fit a set of members with their ratios."""
         from scipy.linalg import solve_triangular
 
-        chosen = sorted(ratios)
         own = [row for p in chosen for row in self.rows[p]]
         variance = [ratios[p] for p in chosen for _ in self.rows[p]]
         root = np.asarray(np.sqrt(variance), float)
         H = root[:, None] * self.H[own]
-        whole = np.eye(len(own)) + H[:, own] * root
-        L = np.linalg.cholesky(whole)
-        z = root * self.z[own]
-        both = solve_triangular(L, np.column_stack([H, z]), lower=True, check_finite=False)
-        along, response = both[:, :-1], both[:, -1]
-        explained = float(response @ response)
-        left = max(self.square - explained, TINY * self.square)
-        price = np.log(np.diag(L)).sum()
-        gain = -self.freedom / 2 * np.log(left / self.square)
-        value = gain - price + self._sum_priors(chosen)
-        value += self._weigh_signs(chosen, L, root, response, left)
-        beyond = self.z - along.T @ response
-        return float(value), self._weigh_others(along, beyond, left, chosen)
+        inner = np.eye(len(own)) + H[:, own] * root
+        L = np.linalg.cholesky(inner)
+        is_other = np.ones(len(self.H), bool)
+        is_other[own] = False
+        # of the set's own directions only those with a sign are asked for one by one
+        signed = self._list_signed(chosen)
+        units = np.eye(len(own))[:, signed]
+        response = root * self.z[own]
+        right = np.column_stack([response, units, H[:, is_other]])
+        solved = solve_triangular(L, right, lower=True, check_finite=False)
+        turned, spread, rest = np.split(solved, [1, 1 + len(signed)], axis=1)
+        along = np.zeros_like(H)
+        along[:, is_other] = rest
+        explained = np.square(turned).sum()
+        mean = solve_triangular(L, turned[:, 0], lower=True, trans="T", check_finite=False)
+        return _FittedSet(
+            along=along,
+            response=turned[:, 0],
+            left=max(self.square - float(explained), TINY * self.square),
+            price=float(np.log(np.diag(L)).sum()),
+            mean=(root * mean)[signed],
+            spread=root[signed] * spread,
+        )
+
+    def _list_signed(self, chosen: Sequence[int]) -> list[int]:
+        """List the directions of the members of a set that have a sign, among all of the set's."""
+        signed: list[int] = []
+        start = 0
+        for p in chosen:
+            end = start + len(self.rows[p])
+            if p in self.sides:
+                signed += range(start, end)
+            start = end
+        return signed
 
     def _sum_priors(self, chosen: Sequence[int]) -> float:
         """Sum the log priors of a set: a mechanism that one joint has is likelier in another."""
@@ -134,41 +177,38 @@ class Pool:
         repeated = len(kinds) - len(np.unique(kinds))
         return float(self.log_prior[chosen].sum() + repeated * KIN)
 
-    def _weigh_signs(
-        self, chosen: Sequence[int], L: Array, root: Array, response: Array, left: float
-    ) -> float:
-        """Sum the log factors of the signs that the members of a set have.
-
-        `root` (m,): roots of the ratios; L (m, m): Cholesky factor of I + R½ H R½; `response` (m,):
-        L⁻¹ R½ z; `left`: what the set leaves of the response."""
-        if not any(p in self.sides for p in chosen):
-            return 0.0
+    def _weigh_signs(self, chosen: Sequence[int], fitted: _FittedSet) -> float:
+        """Sum the log factors of the signs that the members of a set have."""
         from scipy.special import log_ndtr
 
-        inverse = invert_triangle(L)
-        mean = root * (inverse.T @ response)
-        spread = root[:, None] * inverse.T
-        sigma = np.sqrt(left / self.freedom)
+        mean, spread = fitted.mean, fitted.spread
+        sigma = np.sqrt(fitted.left / self.freedom)
         total, start = 0.0, 0
         for p in chosen:
+            if p not in self.sides:
+                continue
             own = slice(start, start + len(self.rows[p]))
             start = own.stop
-            if p in self.sides:
-                terms, free = self.sides[p]
-                size = terms @ mean[own]
-                error = np.linalg.norm(terms @ spread[own], axis=1)
-                standardised = size / np.maximum(sigma * error, TINY)
-                least = (standardised + free).min()
-                total += float(np.log(2) + log_ndtr(least))
+            terms, free = self.sides[p]
+            size = terms @ mean[own]
+            error = np.linalg.norm(spread[:, own] @ terms.T, axis=0)
+            standardised = size / np.maximum(sigma * error, TINY)
+            least = (standardised + free).min()
+            total += float(np.log(2) + log_ndtr(least))
         return total
 
-    def _weigh_others(
-        self, along: Array, beyond: Array, left: float, chosen: Sequence[int]
-    ) -> Gains:
-        """Compute what each member adds beyond a set with directions `along` (m, D)."""
+    def _weigh_others(self, chosen: Sequence[int], fitted: _FittedSet) -> Gains:
+        """Compute what each member adds beyond a set."""
+        along = fitted.along
+        beyond = self.z - along.T @ fitted.response
         count = len(self.members)
         gains = np.full((len(RATIOS), count), -np.inf)
-        for group in self.groups:
+        is_offered = (self.single == 0) | ~np.isin(self.single, self.single[list(chosen)])
+        is_offered[list(chosen)] = False
+        for whole in self.groups:
+            group = whole.take(is_offered[whole.which])
+            if not len(group.which):
+                continue
             rows = group.rows
             part = np.moveaxis(along[:, rows], 0, 2)
             inside = np.matmul(part, part.swapaxes(1, 2))
@@ -177,12 +217,9 @@ class Pool:
             products = beyond[rows][:, None]
             coordinates = np.matmul(products, vector)[:, 0]
             spectrum = _Spectrum(np.maximum(value, 0.0), vector, coordinates)
-            gains[:, group.which] = self._weigh_group(group, spectrum, left)
+            gains[:, group.which] = self._weigh_group(group, spectrum, fitted.left)
         is_kin = np.isin(self.kind, self.kind[list(chosen)])
         gains += self.log_prior + is_kin * KIN
-        gains[:, list(chosen)] = -np.inf
-        is_taken = (self.single > 0) & np.isin(self.single, self.single[list(chosen)])
-        gains[:, is_taken] = -np.inf
         best = gains.argmax(0)
         highest = gains[best, np.arange(count)]
         return Gains(highest, RATIOS[best])
@@ -214,96 +251,8 @@ class Pool:
         return np.asarray(np.where(np.isfinite(least), factors + tail, factors))
 
 
-def gather_pool(search: Search, view: View, chosen: Sequence[int]) -> Pool | None:
-    """Gather a pool around the chosen candidates of a view: what may stand beside them or in their
-    place, one for one, one for two, two for one, or a family as a whole.
-
-    None where there is nothing: no candidate is left beyond the base."""
-    offered = _list_offers(search, view, chosen)
-    members = dict.fromkeys(chosen)
-    dead = set(search.dead.tolist())
-    for g in _interleave(offered):
-        columns = len(search.columns.slices[g])
-        if columns <= MOST_COLUMNS and g not in dead:
-            members.setdefault(g)
-        if len(members) == MOST_MEMBERS:
-            break
-    if not members:
-        return None
-    which = np.array(sorted(members), dtype=np.intp)
-    log_prior = search.log_prior[which]
-    none_free = np.zeros(len(which), bool)
-    curve = build_curve(search.columns, which, log_prior, none_free, ~none_free)
-    effects = [search.candidates[g] for g in chosen]
-    rest = see_rest(curve, view.scan, view.response, view.release(*effects))
-    labels = [search.candidates[g].label for g in which]
-    kinds = _number_kinds(labels)
-    return _build_pool(rest, log_prior - search.bound, kinds, search.bumped[which])
-
-
-def _number_kinds(labels: Sequence[str]) -> Index:
-    """Number (P,) the mechanisms that candidates are, whatever their joints."""
-    stems = [find_stem(label) for label in labels]
-    first = {stem: number for number, stem in reversed(list(enumerate(stems)))}
-    return np.array([first[stem] for stem in stems], dtype=np.intp)
-
-
-def _list_offers(search: Search, view: View, chosen: Sequence[int]) -> list[list[int]]:
-    """List what is offered, by its reason: the rivals of each effect, what is strongest in the rest,
-    the families of the effects, and what would explain two of them at once."""
-    named = [search.rename(g, view).named for g in chosen]
-    strongest = search.name_strongest(view, chosen)
-    offered = [[entry.place for entry in one.entries] for one in (*named, strongest)]
-    for family in search.families:
-        whole = [family.whole, *family.parts]
-        if not set(whole).isdisjoint(chosen):
-            offered.append(whole)
-    pairs = list_related(search, view, chosen)
-    offered += [_explain_both(search, view, pair) for pair in pairs]
-    return offered
-
-
-def _interleave(offered: Sequence[Sequence[int]]) -> Iterator[int]:
-    """Generate the first of every list, then the second of every one, and so on."""
-    for rank in zip_longest(*offered):
-        for g in rank:
-            if g is not None:
-                yield g
-
-
-def list_related(search: Search, view: View, chosen: Sequence[int]) -> list[tuple[int, int]]:
-    """List the pairs of effects that one explanation might replace, the most alike first: those
-    that move the target alike, or against each other."""
-    units = []
-    for g in chosen:
-        moved = search.compute_displacement(g, view)
-        size = max(float(np.linalg.norm(moved)), TINY)
-        units.append(moved / size)
-    pairs = []
-    for (g, first), (h, second) in combinations(zip(chosen, units, strict=True), 2):
-        cosine = abs(float(first @ second))
-        if cosine > RELATED:
-            pairs.append((-cosine, g, h))
-    pairs.sort()
-    return [(g, h) for _, g, h in pairs[:MOST_PAIRS]]
-
-
-def _explain_both(search: Search, view: View, pair: tuple[int, int]) -> list[int]:
-    """List what explains most of two effects together."""
-    effects = [search.candidates[g] for g in pair]
-    released = view.release(*effects)
-    scan = build_scan_without(view.scan, released.directions)
-    response = released.see(view.response, scan.back)
-    factors = compute_factors(scan, response)
-    _, log_probability = sum_evidence(factors, search.log_prior)
-    order = np.argsort(-log_probability, kind="stable")
-    strongest = order[:EACH_PAIR]
-    has_evidence = np.isfinite(log_probability[strongest])
-    return [int(g) for g in strongest[has_evidence]]
-
-
-def _build_pool(rest: Rest, log_prior: Array, kind: Index, single: Index) -> Pool:
-    """Build the pool from what its candidates are beyond the base."""
+def assemble_pool(rest: Rest, log_prior: Array, kind: Index, single: Index) -> Pool:
+    """Assemble the pool from what its candidates are beyond the base."""
     curve = rest.curve
     along = rest.inside @ rest.inside.T
     returned = rest.back @ rest.back.T

@@ -17,7 +17,8 @@ import numpy as np
 from .._typing import Array, Index
 from .candidates import Candidate
 from .mechanism_families import Family
-from .model_pool import Gains, Pool, gather_pool, list_related
+from .model_pool import Gains, Pool
+from .pool_members import gather_pool, list_related
 from .signatures import Parts
 from .state import Search
 from .views import View

@@ -24,8 +24,8 @@ MIN_CHANGE = 0.1
 class _Standing(NamedTuple):
     """Where an effect stands given the others.
 
-    `evidence`: the log evidence for it; `better`: the candidate that should stand in its place:
-    itself, a better name, or None if chance explains it."""
+    `evidence`: the log evidence for it, infinite for one that has not moved; `better`: the candidate
+    that should stand in its place: itself, a better name, or None if chance explains it."""
 
     evidence: float
     better: int | None
@@ -130,8 +130,9 @@ def _find_change(
         return _Change(
             effect=g, trial=trial, words=_describe_change(search, chosen, trial, g, better)
         )
+    moved = [g for g in chosen if standing[g].evidence < np.inf]
     together = (
-        search.generate_better_curves(chosen, view),
+        search.generate_better_curves(chosen, view, moved),
         generate_better_families(search, chosen, view),
     )
     for trial, words in chain.from_iterable(together):

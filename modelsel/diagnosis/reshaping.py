@@ -6,7 +6,8 @@ from collections.abc import Collection, Sequence
 
 from ..fitting.least_squares import Fit
 from .candidates import Candidate
-from .claims import find_moved_joint, weigh_alone
+from .claims import find_moved_joint, list_rivals_beside, weigh_alone
+from .contenders import gather_contenders
 from .evidence import compute_p_value
 from .pair_waves import list_pair_waves
 from .state import LEVEL
@@ -21,11 +22,17 @@ def improve_shapes(explored: Exploration, joints: Collection[int]) -> Exploratio
 
     What a nearly right shape leaves resembles a joint that does not repeat."""
     search, progress = explored.search, explored.progress
+    view = progress.view
     better: list[Better] = []
-    for g in progress.chosen:
-        if find_moved_joint(search.problem, search.candidates[g]) not in joints:
-            continue
-        _, shape = weigh_alone(search, progress.view, g)
+    rivals = {
+        g: list_rivals_beside(search, view, g)
+        for g in progress.chosen
+        if find_moved_joint(search.problem, search.candidates[g]) in joints
+    }
+    every = [rival.candidate for own in rivals.values() for rival in own]
+    contenders = gather_contenders(search, view, every)
+    for g, own in rivals.items():
+        _, shape = weigh_alone(search, g, own, contenders)
         if shape is not None:
             better.append(((g,), shape))
     if not better:

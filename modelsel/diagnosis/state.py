@@ -14,7 +14,7 @@ import numpy as np
 from .._typing import Array, Index
 from ..exceptions import NotEstimable
 from ..fitting.design import Model
-from ..fitting.gauss_newton import COARSE_MM
+from ..fitting.iteration import COARSE_MM
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
@@ -87,11 +87,14 @@ class Search:
         self.null, self.smallest_p = draw_null(self.first.scan, self.log_prior, null_draws, rng)
         self.bound = float(np.quantile(self.null, 1 - LEVEL))
 
-    def _see(self, candidates: tuple[Candidate, ...], base_fit: Fit) -> None:
-        """Compute the columns of the candidates and the view of the base."""
+    def _see(
+        self, candidates: tuple[Candidate, ...], base_fit: Fit, before: Columns | None = None
+    ) -> None:
+        """Compute the columns of the candidates and the view of the base; `before`: the columns of
+        the first of them."""
         self.candidates = candidates
         self.columns: Columns = build_columns(
-            self.problem, candidates, base_fit.at(), self.memory_mb, self.causes
+            self.problem, candidates, base_fit.at(), self.memory_mb, self.causes, before
         )
         self.log_prior = np.log([c.prior for c in candidates])
         self.curves = collect_curves(candidates, self.columns, self.log_prior)
@@ -106,7 +109,7 @@ class Search:
         new = copy(self)
         for known in ("families", "bumped", "numbers", "told", "signatures"):
             new.__dict__.pop(known, None)
-        new._see(self.candidates + tuple(more), self.first.fitted)
+        new._see(self.candidates + tuple(more), self.first.fitted, self.columns)
         return new
 
     @cached_property
@@ -179,7 +182,7 @@ class Search:
 
         `known` candidates have had their turn (what the fit drops of them is no cause); so have those
         that were `tried` in vain, which rule out no other."""
-        question = ask(view.scan, self.candidates, view.response)
+        question = ask(view.scan, self.candidates, self.log_prior, view.response)
         set_aside = np.append(self._exclude(known), np.array(tried, dtype=np.intp))
         return question.answer(set_aside)
 
@@ -287,7 +290,7 @@ class Search:
         if g in answers:
             return answers[g]
         scan, response = self.scan_without(g, view)
-        question = ask(scan, self.candidates, response)
+        question = ask(scan, self.candidates, self.log_prior, response)
         renamed = rename_effect(question, g, without=self._exclude_beside(g, view))
         evidence = compute_own_evidence(question, renamed, g)
         named = include_candidate(question, renamed, g)
@@ -308,14 +311,15 @@ class Search:
         return np.array(joints, dtype=np.intp)
 
     def generate_better_curves(
-        self, chosen: Sequence[int], view: View
+        self, chosen: Sequence[int], view: View, moved: Sequence[int]
     ) -> Iterator[tuple[list[int], str]]:
-        """Generate models in which a joint's own-angle effects are explained better together.
+        """Generate models in which a joint's own-angle effects are explained better together, of
+        joints that have one of the effects which `moved`.
 
         Yields the chosen candidates, and what changed in words."""
         for curve in self.curves.values():
             now = [g for g in chosen if g in curve.which]
-            if not now:
+            if not np.isin(now, moved).any():
                 continue
             effects = [self.candidates[g] for g in now]
             start = see_rest(curve, view.scan, view.response, view.release(*effects))

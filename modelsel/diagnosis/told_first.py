@@ -64,7 +64,8 @@ def find_constant(found: Sequence[Candidate], g: int, evidence: Array) -> Candid
     the priors; it takes over the prior. None where candidate g has it, or has no constant. The masses
     that make a mechanism's torque, declared or unknown, are such a constant."""
     own = found[g]
-    alike = [k for k, other in enumerate(found) if _differs_in_constant(own, other)]
+    of_kind = [k for k, other in enumerate(found) if other.kind is own.kind]
+    alike = [k for k in of_kind if _differs_in_constant(own, found[k])]
     best = max(alike, key=lambda k: evidence[k], default=g)
     if evidence[best] <= evidence[g] + SAME:
         return None
@@ -72,9 +73,10 @@ def find_constant(found: Sequence[Candidate], g: int, evidence: Array) -> Candid
 
 
 def _differs_in_constant(own: Candidate, other: Candidate) -> bool:
-    """Return whether a candidate is one of the same shape, or mechanism, with another constant."""
+    """Return whether a candidate of the same kind is one of the same shape, or mechanism, with another
+    constant."""
     if own.kind in WITH_CONSTANT:
-        return other.kind is own.kind and read_drivers(other) == read_drivers(own)
+        return read_drivers(other) == read_drivers(own)
     if own.registered_name is None or other.registered_name != own.registered_name:
         return False
     return other.mechanism.names() != own.mechanism.names()

@@ -15,7 +15,7 @@ import numpy as np
 from .._typing import Array
 from .expansion import Expansion
 from .identifiability import Identified
-from .iteration import SLOW, Before, State, compute_direction, extrapolate
+from .iteration import COARSE_MM, SLOW, Before, State, compute_direction, extrapolate
 from .linearisation import Linearisation
 from .prior import Shrinkage, WeakPrior
 from .problem import Problem
@@ -24,7 +24,6 @@ from .solver import ROUNDS, STUCK, Solver
 
 ROUNDING = 1e-9  # of the cost: smaller gains may be rounding
 LEAST_DAMPING = 1e-9  # of a column's square
-COARSE_MM = 1e-2  # step at which intermediate fits have converged
 # all rows together: as far does the triangle change by nothing that counts, in the last fit and in
 # intermediate ones
 NEAR_MM, NEAR_COARSE_MM = 1e-5, 1.0

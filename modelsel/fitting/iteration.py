@@ -16,6 +16,8 @@ from .prior import Shrinkage, WeakPrior
 
 SLOW = 0.2  # of the last step: a longer one asks for a triangle at the point reached
 LAST = 1e-5  # of the step asked for: with a triangle at hand, more steps cost little
+COARSE_MM = 1e-2  # step at which intermediate fits have converged
+LAST_COARSE = 1e-2  # of the step asked for, in intermediate fits
 
 
 class Far(NamedTuple):
@@ -93,8 +95,10 @@ class State:
         if self.damping:
             return False
         as_far_as_can_be = self.own and self.share > SLOW
-        longest = step_mm if as_far_as_can_be else LAST * step_mm
-        return self.step_mm < longest
+        if as_far_as_can_be:
+            return self.step_mm < step_mm
+        share = LAST if step_mm < COARSE_MM else LAST_COARSE
+        return self.step_mm < share * step_mm
 
 
 def extrapolate(state: State, delta: Array) -> Array:

@@ -6,9 +6,9 @@ is fitted; `finish` reduces the rows at the solution."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -18,11 +18,11 @@ from ..mechanisms.terms import Mechanism, Term
 from .design import Model, residuals
 from .gauss_newton import WholeProblem
 from .identifiability import Identified, solve
-from .iteration import State
+from .iteration import COARSE_MM, State
 from .linearisation import Linearisation
 from .prior import Shrinkage, WeakPrior, fitted_terms, prior_root, prior_rows, with_prior
 from .problem import Problem
-from .reduction import Reduction, Source
+from .reduction import Reduction, Source, reduce_problem
 from .sampled import SAMPLE_STEP_MM, SampledRows, draw_sample, takes_sample
 from .solver import ITERATIONS, Held, Solver
 
@@ -37,8 +37,9 @@ class Fit:
     `theta` (p,): estimates in the terms' units, zero where a term is fixed; `found`: which terms are
     fitted and which are fixed, as judged at the solution; `factor` (p, fitted terms) with covariance =
     sigma² factor factorᵀ; `rss`, `rows`: residual sum of squares and number of whitened coordinates;
-    `step_mm`: the last step; `reduction`: linearised at theta; `precision` (p,) of shrunk terms;
-    `weak`: the prior on what the data hardly determine."""
+    `step_mm`: the last step; `reduced`: the rows, linearised at theta, or what reduces them when they
+    are asked for; `precision` (p,) of shrunk terms; `weak`: the prior on what the data hardly
+    determine."""
 
     model: Model
     theta: Array
@@ -48,9 +49,16 @@ class Fit:
     rows: int
     iterations: int
     step_mm: float
-    reduction: Reduction = field(repr=False)
+    reduced: Reduction | Callable[[], Reduction] = field(repr=False)
     precision: Array | None = field(default=None, repr=False)
     weak: WeakPrior = field(default_factory=WeakPrior, repr=False)
+
+    @cached_property
+    def reduction(self) -> Reduction:
+        """The rows, linearised at theta and reduced."""
+        if isinstance(self.reduced, Reduction):
+            return self.reduced
+        return self.reduced()
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -79,10 +87,8 @@ class Fit:
         """Rows minus what the fit has used: the fitted terms, or the trace of the hat matrix where
         a prior holds some."""
         kept = list(self.found.kept)
-        if self.prior is None:
-            return float(self.rows - len(kept))
-        hat_root = self.reduction.R[:-1, kept] @ self.factor[kept]
-        return float(self.rows - np.square(hat_root).sum())
+        held = self.root[:, kept] @ self.factor[kept]
+        return float(self.rows - len(kept) + np.square(held).sum())
 
     @property
     def by_prior(self) -> int:
@@ -263,7 +269,12 @@ def go_on(solver: Solver, state: State, iterations: int, step_mm: float) -> Stat
 
 
 def finish(solver: Solver, state: State, step_mm: float) -> Fit:
-    """Confirm the end of an iteration, and return the fit there."""
+    """Confirm the end of an iteration, and return the fit there.
+
+    Of an intermediate fit the rows are not reduced: its uncertainty is that of the triangle that the
+    last step was computed from."""
+    if step_mm >= COARSE_MM and isinstance(solver.strategy, WholeProblem):
+        return _finish_coarse(solver, state)
     state, reduction = solver.strategy.conclude(solver, state, step_mm)
     model, theta, kept = solver.model, state.theta, state.found.kept
     full = with_prior(reduction, state.root, theta)
@@ -277,6 +288,31 @@ def finish(solver: Solver, state: State, step_mm: float) -> Fit:
         state.iterations,
         state.step_mm,
         reduction,
+        state.shrinkage.precision,
+        state.weak,
+    )
+
+
+def _finish_coarse(solver: Solver, state: State) -> Fit:
+    from scipy.linalg import solve_triangular
+
+    theta = state.theta
+    terms = solver.model.terms
+    order = list(state.triangle.order)
+    count = len(order)
+    factor = np.zeros((len(theta), count))
+    factor[order] = solve_triangular(state.factor, np.eye(count), check_finite=False)
+    reduce = partial(reduce_problem, solver.problem, terms, Linearisation(terms, theta))
+    return Fit(
+        solver.model,
+        theta,
+        state.found,
+        factor,
+        state.slope.squares,
+        solver.count,
+        state.iterations,
+        state.step_mm,
+        reduce,
         state.shrinkage.precision,
         state.weak,
     )

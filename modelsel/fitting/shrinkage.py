@@ -13,7 +13,8 @@ from .._linalg import TINY, invert_root
 from .._typing import Array, Index
 from ..mechanisms.terms import TermKey
 from .design import Model
-from .iteration import State
+from .gauss_newton import WholeProblem
+from .iteration import COARSE_MM, State
 from .least_squares import STEP_MM, Fit, begin, finish, fit, go_on, sampled_solver, solver_of
 from .problem import Problem
 from .sampled import SAMPLE_STEP_MM, draw_sample, takes_sample
@@ -247,10 +248,14 @@ def fit_shrunk(
         solver = sampled_solver(problem, sample, start, held, fold_of)
     else:
         solver = solver_of(problem, model, precision, held)
-    state = begin(
-        solver, np.zeros(len(precision)) if theta is None else theta, precision, ITERATIONS, step_mm
-    )
-    state = weigh_groups(solver, state, groups, precision, step_mm)
+    # precisions need no more than an intermediate fit
+    is_whole = isinstance(solver.strategy, WholeProblem)
+    rough_mm = max(step_mm, COARSE_MM) if is_whole else step_mm
+    first = np.zeros(len(precision)) if theta is None else theta
+    state = begin(solver, first, precision, ITERATIONS, rough_mm)
+    state = weigh_groups(solver, state, groups, precision, rough_mm)
+    if step_mm < rough_mm:
+        state = go_on(solver, state, ITERATIONS, step_mm)
     return finish(solver, state, step_mm)
 
 

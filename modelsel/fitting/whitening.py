@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from .._linalg import multiply_by_row
 from .._typing import Array, Rows
 from .shared_errors import SharedErrors
 
@@ -49,7 +50,7 @@ class Whitening:
             values *= self.weight
         if self.matrices is None:
             return values
-        return np.asarray(np.einsum("mij,...jm->...im", self.matrices, values))
+        return multiply_by_row(self.matrices, values)
 
     def mix(self, values: Array) -> Array:
         """Return values (..., c, m) that are whitened row by row, the rows made independent; they

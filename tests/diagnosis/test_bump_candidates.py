@@ -15,7 +15,7 @@ from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.joint_bumps import generate_likely_bumps
 from modelsel.diagnosis.joint_curves import find_own_joint
-from modelsel.diagnosis.model_pool import gather_pool
+from modelsel.diagnosis.pool_members import gather_pool
 from modelsel.diagnosis.state import Search
 from modelsel.diagnosis.unlisted_shapes import list_rivals
 from modelsel.fitting.design import Model

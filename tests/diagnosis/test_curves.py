@@ -196,7 +196,8 @@ def test_a_name_that_its_own_set_does_not_hold_is_said_not_to_be_told_apart(
     X, r = stack_design(turned(at, 4, 1e-3 * np.sin(at.data.q[:, 3]), rng), base.terms, fitted.at())
     seen = build_scan(build_columns(at, found, fitted.at()), compute_basis(X))
     y = seen.see(r - seen.Q @ (seen.Q.T @ r))
-    question = ask(seen, found, y)
+    log_prior = np.log([one.prior for one in found])
+    question = ask(seen, found, log_prior, y)
     plain = question.answer(None)
     assert (plain.entries[0].candidate.mechanism.name, plain.verdict) == (
         "gear-eccentricity:4",
