@@ -32,19 +32,27 @@ def keep_acting_screws(
     moves it most, in the root mean square over the rows, beyond the model with the orthonormal basis
     Q (N, r): what it absorbs tells nothing of a place. `at`: the point of the parameters."""
     distinct: dict[TermKey, Term] = {}
-    for candidate in found:
-        for term in candidate.mechanism.terms:
-            if len(term.screws) > len({screw.frame for screw in term.screws}):
-                distinct.setdefault(term.key, term)
+    several: list[int] = []
+    for number, candidate in enumerate(found):
+        own = [term for term in candidate.mechanism.terms if _has_several_at_one(term)]
+        if own:
+            several.append(number)
+            distinct |= {term.key: term for term in own}
     acting = _find_acting(problem, list(distinct.values()), at, Q)
-    return tuple(_keep(candidate, acting) for candidate in found)
+    kept = list(found)
+    for number in several:
+        kept[number] = _keep(found[number], acting)
+    return tuple(kept)
+
+
+def _has_several_at_one(term: Term) -> bool:
+    """Return whether a term has several screws at one frame."""
+    count = len(term.screws)
+    return count > 1 and count > len({screw.frame for screw in term.screws})
 
 
 def _keep(candidate: Candidate, acting: Mapping[TermKey, tuple[Screw, ...]]) -> Candidate:
     mechanism = candidate.mechanism
-    keys = {term.key for term in mechanism.terms}
-    if keys.isdisjoint(acting):
-        return candidate
     terms = [replace(term, screws=acting.get(term.key, term.screws)) for term in mechanism.terms]
     shorter = replace(mechanism, terms=tuple(terms))
     return replace(candidate, mechanism=shorter)

@@ -74,8 +74,8 @@ def _list_variances(at: Likelihood) -> Array:
     """List the variances (m, c, c) of the rows' innovations P y: the blocks of P on its diagonal."""
     m, c, _ = at.innovations.shape
     variances = np.tile(np.eye(c), (m, 1, 1))
-    if at.mixing is not None:
-        for rows, precision in zip(at.mixing.rows, at.mixing.precisions, strict=True):
+    if at.precision is not None:
+        for rows, precision in zip(at.precision.rows, at.precision.blocks, strict=True):
             blocks, k = rows.shape
             shape = blocks, k, c, k, c
             by_row = precision.reshape(shape)

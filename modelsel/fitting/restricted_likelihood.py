@@ -18,7 +18,7 @@ from scipy.linalg import solve_triangular
 
 from .._linalg import TINY
 from .._typing import Array, Mask
-from .shared_errors import Layout, Mixing, SharedError, confine, keep_within
+from .shared_errors import Layout, Precision, SharedError, confine, keep_within
 
 # of L-BFGS-B: changes of twice the log likelihood, and its slope, at which it ends
 EXACT = {"maxiter": 60, "ftol": 1e-13, "gtol": 1e-5}
@@ -65,7 +65,7 @@ class Likelihood:
     model: LinearModel
     parts: tuple[SharedError, ...]
     layout: Layout
-    mixing: Mixing | None
+    precision: Precision | None
     square: float
     log: float
     innovations: Array
@@ -78,7 +78,7 @@ class Likelihood:
 
     def solve(self, values: Array) -> Array:
         """Compute P times values (m, c, k)."""
-        solved = values if self.mixing is None else self.mixing.solve(values)
+        solved = values if self.precision is None else self.precision.multiply(values)
         inside = np.einsum("mcp,mck->pk", self.directions, values)
         return np.asarray(solved - np.einsum("mcp,pk->mck", self.directions, inside))
 
@@ -101,10 +101,10 @@ class Likelihood:
     def _trace(self, part: SharedError, number: int | None) -> float:
         """Compute the trace of P V; `number`: of the part among those that are there."""
         taken = part.measure(self.directions)
-        if self.mixing is None:
+        if self.precision is None:
             return float(np.square(part.loading).sum()) - taken
         total = 0.0
-        blocks = zip(self.mixing.rows, self.mixing.precisions, strict=True)
+        blocks = zip(self.precision.rows, self.precision.blocks, strict=True)
         for k, (rows, precision) in enumerate(blocks):
             spread = part.spread(rows) if number is None else self.layout.spreads[k][number]
             total += float(np.vdot(precision, spread))
@@ -122,14 +122,12 @@ def evaluate_likelihood(
     """Compute the restricted likelihood of parts at their variances; `layout`: of these parts."""
     parts = tuple(parts)
     layout = layout or lay_out(parts)
-    mixing, log_determinant = None, 0.0
+    precision, log_determinant = None, 0.0
     solved = model.stacked
     if parts:
-        mixing = layout.mix([part.variance for part in parts])
-        solved = mixing.solve(solved)
-        log_determinant = -2 * sum(
-            float(np.log(np.diagonal(inverse, 0, 1, 2)).sum()) for inverse in mixing.inverse
-        )
+        precision = layout.invert([part.variance for part in parts])
+        solved = precision.multiply(solved)
+        log_determinant = precision.log_determinant
     p = len(model.columns)
     flat = solved.reshape(-1, p + 1)
     gram = model.stacked.reshape(-1, p + 1).T @ flat
@@ -147,7 +145,7 @@ def evaluate_likelihood(
         model=model,
         parts=parts,
         layout=layout,
-        mixing=mixing,
+        precision=precision,
         square=square,
         log=freedom * float(1 - np.log(phi * freedom)) - square / phi - log_determinant,
         innovations=innovations.reshape(*rows, 1),
@@ -194,11 +192,12 @@ def maximise_likelihood(
     Parts that are `held` keep theirs; where parts are of known variance, φ is sought in their
     place. A part whose variance ends at nought is none of the result's. Unless `exact`, twice the
     log likelihood is within some hundredths of its maximum."""
-    from scipy.optimize import minimize
-
     every = [*held, *parts]
     if not parts:
         return evaluate_likelihood(model, every)
+    # a seventh of a second, which studies without such parts need not spend
+    from scipy.optimize import minimize
+
     layout = lay_out(every)
     start = np.log([part.variance for part in every])
     is_known = np.array([part.known is not None for part in every])

@@ -14,9 +14,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from scipy.linalg.lapack import dtrtri
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
 
 from .._linalg import connected_components
 from .._typing import Array, Index, Rows
@@ -157,20 +159,6 @@ class Mixing:
             _scatter(values, rows, independent)
         return values
 
-    @cached_property
-    def precisions(self) -> tuple[Array, ...]:
-        """The inverse (B, k·c, k·c) of the covariance of every block's rows."""
-        return tuple(np.matmul(one.transpose(0, 2, 1), one) for one in self.inverse)
-
-    def solve(self, values: Array) -> Array:
-        """Multiply values (m, c, p) by the inverse of the rows' covariance."""
-        solved = np.empty_like(values)
-        for rows, precision in zip(self.rows, self.precisions, strict=True):
-            own = values[rows].reshape(*precision.shape[:2], -1)
-            weighed = np.matmul(precision, own)
-            solved[rows] = weighed.reshape(*rows.shape, *values.shape[1:])
-        return solved
-
     def apply_transposed(self, values: Array) -> Array:
         """Multiply values (..., c, m) by the transpose; they are overwritten."""
         for rows, inverse in zip(self.rows, self.inverse, strict=True):
@@ -199,19 +187,39 @@ def _scatter(values: Array, rows: Index, own: Array) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
-    """Where the rows of some parts stand, whatever the parts' variances: for every number k of rows
-    in a block, the rows (B, k) and what every part of unit variance spreads them, (B, k·c, k·c)."""
+class Precision:
+    """The inverse of the rows' covariance: for every number k of rows in a block, the rows (B, k) and
+    `blocks` (B, k·c, k·c); the `log_determinant` of the covariance."""
 
     rows: tuple[Index, ...]
-    spreads: tuple[tuple[Array, ...], ...]
+    blocks: tuple[Array, ...]
+    log_determinant: float
+
+    def multiply(self, values: Array) -> Array:
+        """Multiply values (m, c, p)."""
+        product = np.empty_like(values)
+        for rows, own in zip(self.rows, self.blocks, strict=True):
+            picked = values[rows].reshape(*own.shape[:2], -1)
+            weighed = np.matmul(own, picked)
+            product[rows] = weighed.reshape(*rows.shape, *values.shape[1:])
+        return product
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where the rows of some parts stand, whatever the parts' variances: for every number k of rows
+    in a block, the rows (B, k) and what every part of unit variance spreads them, (P, B, k·c,
+    k·c)."""
+
+    rows: tuple[Index, ...]
+    spreads: tuple[Array, ...]
     parts: tuple[SharedError, ...]
 
     @staticmethod
     def of(parts: Sequence[SharedError]) -> Layout:
         """Lay out the rows of parts."""
         rows = list_blocks(parts)
-        spreads = tuple(tuple(part.spread(own) for part in parts) for own in rows)
+        spreads = tuple(np.stack([part.spread(own) for part in parts]) for own in rows)
         return Layout(rows, spreads, tuple(parts))
 
     def mix(self, variances: Sequence[float]) -> Mixing:
@@ -225,20 +233,53 @@ class Layout:
             inverses.append(inverse)
         return Mixing(self.rows, tuple(inverses))
 
+    def invert(self, variances: Sequence[float]) -> Precision:
+        """Invert the rows' covariance, the parts having these variances."""
+        blocks, total = [], 0.0
+        for own in self.spreads:
+            inverse, log_determinant = _invert(_combine(variances, own))
+            blocks.append(inverse)
+            total += log_determinant
+        return Precision(self.rows, tuple(blocks), total)
+
 
 def mix(parts: Sequence[SharedError]) -> Mixing:
     """Compute what makes rows independent that share errors."""
     return Layout.of(parts).mix([part.variance for part in parts])
 
 
-def _combine(variances: Sequence[float], spreads: Sequence[Array]) -> Array:
-    """Combine spreads (B, n, n) of unit variance to covariances, with one for every row itself."""
-    total = variances[0] * spreads[0]
+def _combine(variances: Sequence[float], spreads: Array) -> Array:
+    """Combine spreads (P, B, n, n) of unit variance to covariances, with one for every row itself."""
+    total = np.tensordot(np.array(variances), spreads, 1)
     np.einsum("bii->bi", total)[...] += 1.0
-    term = np.empty_like(total)
-    for variance, spread in zip(variances[1:], spreads[1:], strict=True):
-        total += np.multiply(spread, variance, out=term)
     return np.asarray(total)
+
+
+def _invert(matrices: Array) -> tuple[Array, float]:
+    """Invert positive matrices (B, n, n): (their inverses, the sum of the logarithms of their
+    determinants)."""
+    size = matrices.shape[1]
+    if size <= SMALL:
+        lower = np.linalg.cholesky(matrices)
+        half = np.linalg.inv(lower)
+        inverse = np.matmul(half.transpose(0, 2, 1), half)
+        return np.asarray(inverse), _sum_logs(lower)
+    inverse = np.empty_like(matrices)
+    total = 0.0
+    for one, out in zip(matrices, inverse, strict=True):
+        factor, info = dpotrf(one, lower=1)
+        if info:
+            raise np.linalg.LinAlgError("a covariance of rows is not positive")
+        total += _sum_logs(factor[None])
+        solved, _ = dpotri(factor, lower=1, overwrite_c=1)
+        np.add(solved, np.tril(solved, -1).T, out=out)
+    return inverse, total
+
+
+def _sum_logs(lower: NDArray[Any]) -> float:
+    """Sum twice the logarithms of the diagonals of triangles (B, n, n)."""
+    diagonal = np.diagonal(lower, 0, 1, 2)
+    return 2 * float(np.log(diagonal).sum())
 
 
 def _invert_lower(lower: Array) -> Array:

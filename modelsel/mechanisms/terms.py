@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from .._hashing import cache_hash
 from .._names import MAX_TEXT_LENGTH, find_hidden_character, find_name_problem
@@ -194,11 +195,15 @@ class Mechanism:
 
     def names(self) -> frozenset[str]:
         """Return the names its causes need from the state."""
-        return frozenset[str]().union(*self.names_by_place().values())
+        return frozenset[str]().union(*self._names_by_place.values())
 
     def names_by_place(self) -> dict[tuple[int, str], frozenset[str]]:
         """Return the places (frame, axis) where it acts, each with the names its causes need
         there."""
+        return dict(self._names_by_place)
+
+    @cached_property
+    def _names_by_place(self) -> dict[tuple[int, str], frozenset[str]]:
         names: dict[tuple[int, str], frozenset[str]] = {}
         for term in self.terms:
             for screw in term.screws:
