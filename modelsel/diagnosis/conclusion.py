@@ -22,13 +22,14 @@ from .after_selection import AfterSelection, allow_for_search, find_limit
 from .claims import Weighed, build_claim, weigh_claims
 from .effects import DROPPED, Effect
 from .evidence import MIN_LOG_ODDS, compute_p_value, compute_single_f
-from .model_search import VisitedModels, visit_models
+from .model_search import visit_models, weigh_models
 from .outcome import Diagnosis
 from .reshaping import take_shapes
 from .signatures import SHAPELESS, read_parts
 from .state import LEVEL, Search, extend_model
 from .stepwise import Exploration, Remainder, explore_further
 from .views import View
+from .weighed_models import VisitedModels
 
 # times that shapes which no list has are offered
 MAX_OFFERS = 4
@@ -81,8 +82,13 @@ class Conclusion:
 
     @cached_property
     def visited(self) -> VisitedModels:
-        """The sets of effects around what stays, weighed."""
+        """The sets of effects around what stays, as many as a better one may be found among."""
         return self.known or visit_models(self.explored.search, self.view, self.chosen)
+
+    @cached_property
+    def weighed(self) -> VisitedModels:
+        """The same, as many as claims may be weighed by."""
+        return weigh_models(self.explored.search, self.view, self.chosen)
 
 
 def conclude(explored: Exploration) -> Conclusion:
@@ -124,7 +130,7 @@ def prove(concluded: Conclusion) -> Diagnosis:
         concluded.diagnosis,
         effects=_claim(concluded, weighed),
         map_p=search.compute_map_p(concluded.view),
-        models=concluded.visited.tell(search.candidates, concluded.chosen),
+        models=concluded.weighed.tell(search.candidates, concluded.chosen),
     )
 
 
@@ -165,7 +171,7 @@ def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:
     and over the sets of effects that were weighed."""
     search, chosen = concluded.explored.search, concluded.chosen
     effects = concluded.diagnosis.effects
-    visited = concluded.visited
+    visited = concluded.weighed
     members = visited.members.union(chosen)
     parts = {g: read_parts(search.candidates[g], search.told[g]) for g in members}
     included = visited.include(chosen, search.signatures, parts)

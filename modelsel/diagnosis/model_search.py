@@ -8,153 +8,33 @@ were weighed, every level of an effect's claim has an inclusion probability."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from .._typing import Array, Index
-from .candidates import Candidate
+from .._linalg import TINY
+from .._typing import Array
 from .mechanism_families import Family
 from .model_pool import Gains, Pool
+from .model_sampler import Members, Ratios, sample_models
 from .pool_members import gather_pool, list_related
-from .signatures import Parts
 from .state import Search
 from .views import View
+from .weighed_models import VisitedModels
 
-# largest number of sets for which every addition of one effect is weighed
-MOST_WEIGHED = 300
+# sets for which every addition of one effect is weighed: to find a better set; to weigh claims, where
+# the number is doubled until no inclusion probability changes by more than SETTLED; and by the sampler,
+# where that is not so
+FOR_A_BETTER, FOR_CLAIMS, BY_SAMPLING = 150, 600, 1200
+SETTLED = 0.02
 # differences of log posterior to the best set from which a set is forgotten, or not visited
 FORGOTTEN, UNLIKELY = 12.0, 5.0
 # explanations that are tried first where two are put in the place of one
 FIRST_OF_TWO = 3
-# most probable sets that are reported
-TOLD = 5
-
-Members = frozenset[int]
-Ratios = dict[int, float]
-
-
-@dataclass(frozen=True)
-class WeighedModel:
-    """A set of effects, its probability among all that were weighed, and whether it is the chosen one."""
-
-    effects: tuple[Candidate, ...]
-    probability: float
-    chosen: bool
-
-
-class VisitedModels(NamedTuple):
-    """The sets that a search has weighed, by their candidates' numbers, the most probable first,
-    with their log posteriors up to a constant."""
-
-    sets: tuple[tuple[int, ...], ...]
-    log_posterior: Array
-
-    @property
-    def probability(self) -> Array:
-        """The probability of every set among them."""
-        highest = self.log_posterior.max()
-        weight = np.exp(self.log_posterior - highest)
-        total = weight.sum()
-        return np.asarray(weight / total)
-
-    def find_better(self, chosen: Sequence[int], odds: float) -> tuple[int, ...] | None:
-        """Find the most probable set that replaces some of the chosen effects, if its log odds against
-        the chosen set exceed `odds`.
-
-        Sets that only add or only drop effects do not count: the stepwise search has tested these,
-        under more than one null distribution."""
-        now = frozenset(chosen)
-        own = self.sets.index(tuple(sorted(now)))
-        least = self.log_posterior[own] + odds
-        for one, value in zip(self.sets, self.log_posterior, strict=True):
-            if value <= least:
-                break
-            removed = len(now.difference(one))
-            added = len(one) + removed - len(now)
-            if removed and 0 < added <= removed + 1:
-                return one
-        return None
-
-    @property
-    def members(self) -> frozenset[int]:
-        """The candidates that are in one of the sets."""
-        return frozenset[int]().union(*self.sets)
-
-    def include(
-        self, chosen: Sequence[int], signatures: Sequence[Index], parts: Mapping[int, Parts]
-    ) -> dict[int, Array]:
-        """Compute the inclusion probability of every level of each chosen effect's claim.
-
-        That is the total probability of the sets which agree with the effect at that level.
-        `signatures`: what every candidate says at each level, as numbers; `parts`: the same part by
-        part, of each member of a set. Sets without anything in the effect's place count, too: chance
-        may explain what is hardly significant."""
-        weight = self.probability
-        included: dict[int, Array] = {}
-        for g in chosen:
-            levels = np.zeros(len(signatures))
-            for level, known in enumerate(signatures):
-                told = []
-                for one in self.sets:
-                    said = _says_as_much(known, g, one, chosen)
-                    told.append(said or _say_together(parts, level, g, one, chosen))
-                levels[level] = weight[told].sum()
-            included[g] = levels
-        return included
-
-    def tell(self, found: Sequence[Candidate], chosen: Sequence[int]) -> tuple[WeighedModel, ...]:
-        """List the most probable sets and the chosen one; sets of the same names count as one."""
-        now = _join_labels(found, chosen)
-        first: dict[tuple[str, ...], tuple[int, ...]] = {}
-        total: dict[tuple[str, ...], float] = {}
-        for one, probability in zip(self.sets, self.probability, strict=True):
-            names = _join_labels(found, one)
-            first.setdefault(names, one)
-            total[names] = total.get(names, 0.0) + float(probability)
-        ranked = sorted(total, key=lambda names: -total[names])
-        told = ranked[:TOLD]
-        if now not in told:
-            told[-1] = now
-        models = []
-        for names in told:
-            effects = tuple(found[g] for g in first[names])
-            model = WeighedModel(effects, total[names], names == now)
-            models.append(model)
-        return tuple(models)
-
-
-def _says_as_much(known: Index, g: int, members: Sequence[int], chosen: Sequence[int]) -> bool:
-    """Whether a set has candidate g, or as many effects that say the same as the chosen ones do."""
-    if g in members:
-        return True
-    said = known[list(members)] == known[g]
-    needed = known[list(chosen)] == known[g]
-    return bool(said.sum() >= needed.sum())
-
-
-def _say_together(
-    parts: Mapping[int, Parts], level: int, g: int, members: Sequence[int], chosen: Sequence[int]
-) -> bool:
-    """Whether those members that are not chosen say together what candidate g says: the twists of
-    joints 2 and 3, each by itself, turn the same joints as the twist of both."""
-    own = parts[g][level]
-    together: set[Hashable] = set()
-    for member in members:
-        if member in chosen:
-            continue
-        said = parts[member][level]
-        if said <= own:
-            together |= said
-    return together == own
-
-
-def _join_labels(found: Sequence[Candidate], members: Sequence[int]) -> tuple[str, ...]:
-    labels = [found[g].label for g in members]
-    labels.sort()
-    return tuple(labels)
+# the empty set alone, where there are no candidates
+NOTHING = VisitedModels(((),), np.zeros(1))
 
 
 class _Weighed(NamedTuple):
@@ -177,20 +57,41 @@ class _Walk:
     weighed: dict[Members, _Weighed] = field(default_factory=dict)
     best: float = -np.inf
 
-    def walk(self, start: Members) -> None:
-        """Visit sets drawn by their probability, until no likely set is left."""
-        ratios = self._settle(start)
+    def walk(self, start: Members, most: int) -> bool:
+        """Visit sets drawn by their probability, until no likely set is left, or so many are weighed
+        that twice as many would hardly change anything, `most` of them at most; returns whether it
+        ended before that."""
+        ratios = self.settle(start)
         self._add_to(ratios)
         visited: set[Members] = set()
         following: Members | None = start
+        enough = FOR_A_BETTER
+        before = np.zeros(len(self.pool.members))
         while following is not None:
             visited.add(following)
             self._visit(following)
-            if len(self.weighed) >= MOST_WEIGHED:
-                break
+            if len(self.weighed) >= enough:
+                included = self._include()
+                if np.abs(included - before).max() <= SETTLED:
+                    break
+                if enough >= most:
+                    return False
+                enough *= 2
+                before = included
             following = self._draw(visited)
+        return True
 
-    def _settle(self, members: Members) -> Ratios:
+    def _include(self) -> Array:
+        """Compute the inclusion probability (P,) of every member of the pool."""
+        included = np.zeros(len(self.pool.members))
+        total = 0.0
+        for members, (value, _) in self.known.items():
+            weight = np.exp(value - self.best)
+            included[list(members)] += weight
+            total += weight
+        return included / total
+
+    def settle(self, members: Members) -> Ratios:
         """Find each effect's best variance ratio: first as it is added, the strongest first, then given
         all others."""
         ratios: Ratios = {}
@@ -285,14 +186,18 @@ class _Walk:
         kept = []
         for members, (value, _) in self.known.items():
             if value > self.best - FORGOTTEN or members == start:
-                candidates = [self.pool.members[p] for p in members]
-                candidates.sort()
-                kept.append((-value, tuple(candidates)))
+                kept.append((-value, self.name(members)))
         kept.sort()
         costs = [cost for cost, _ in kept]
         sets = tuple(candidates for _, candidates in kept)
         log_posterior = -np.array(costs)
         return VisitedModels(sets, log_posterior)
+
+    def name(self, members: Members) -> tuple[int, ...]:
+        """Name a set by its candidates' numbers, in order."""
+        candidates = [self.pool.members[p] for p in members]
+        candidates.sort()
+        return tuple(candidates)
 
 
 def _leave_out(ratios: Ratios, *members: int) -> Ratios:
@@ -318,16 +223,41 @@ def _place_families(families: Sequence[Family], place: dict[int, int]) -> tuple[
 
 def visit_models(search: Search, view: View, chosen: Sequence[int]) -> VisitedModels:
     """Search around the chosen effects of a view for sets that are as probable, or more."""
+    walk, start = _begin(search, view, chosen)
+    if walk is None:
+        return NOTHING
+    walk.walk(start, FOR_A_BETTER)
+    return walk.collect(start)
+
+
+def weigh_models(search: Search, view: View, chosen: Sequence[int]) -> VisitedModels:
+    """Weigh the sets around the chosen effects of a view, as many as claims need: one by one, or
+    sampled where these are too many."""
+    walk, start = _begin(search, view, chosen)
+    if walk is None:
+        return NOTHING
+    if walk.walk(start, FOR_CLAIMS):
+        return walk.collect(start)
+    _, ratios = walk.known[start]
+    sampled = dict(sample_models(walk.pool, ratios, walk.rng, BY_SAMPLING))
+    sampled.setdefault(start, TINY)
+    weighed = [(-np.log(p), walk.name(members)) for members, p in sampled.items()]
+    weighed.sort()
+    log_posterior = -np.array([cost for cost, _ in weighed])
+    return VisitedModels(tuple(members for _, members in weighed), log_posterior)
+
+
+def _begin(
+    search: Search, view: View, chosen: Sequence[int]
+) -> tuple[_Walk, Members] | tuple[None, Members]:
+    """Begin a walk at the chosen effects of a view; None where there are no candidates."""
     pool = gather_pool(search, view, chosen)
     if pool is None:
-        nothing: tuple[int, ...] = ()
-        return VisitedModels((nothing,), np.zeros(1))
+        return None, frozenset()
     place = {g: p for p, g in enumerate(pool.members)}
     pairs = list_related(search, view, chosen)
     related = tuple((place[g], place[h]) for g, h in pairs)
     (rng,) = search.rng.spawn(1)
     families = _place_families(search.families, place)
-    walk = _Walk(pool, related, families, rng)
     start = frozenset(place[g] for g in chosen)
-    walk.walk(start)
-    return walk.collect(start)
+    return _Walk(pool, related, families, rng), start

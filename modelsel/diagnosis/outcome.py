@@ -13,9 +13,9 @@ from ..fitting.least_squares import Fit
 from .candidates import Candidate
 from .credible_sets import CredibleSet
 from .effects import DROPPED, Effect
-from .model_search import WeighedModel
 from .sentences import describe_effect
 from .stated_probability import format_chance
+from .weighed_models import WeighedModel
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -3,7 +3,8 @@ planted, and what is told of an effect is what holds in most sets."""
 
 from __future__ import annotations
 
-from itertools import combinations, pairwise
+from collections.abc import Mapping
+from itertools import combinations, pairwise, product
 
 import numpy as np
 import pytest
@@ -23,10 +24,12 @@ from modelsel.diagnosis.conclusion import Conclusion, conclude, confirm, prove
 from modelsel.diagnosis.evidence import MIN_LOG_ODDS
 from modelsel.diagnosis.mechanism_families import count_kin
 from modelsel.diagnosis.model_pool import Pool, _Group
-from modelsel.diagnosis.model_search import VisitedModels, visit_models
+from modelsel.diagnosis.model_sampler import sample_models
+from modelsel.diagnosis.model_search import BY_SAMPLING, FOR_CLAIMS, _Walk, visit_models
 from modelsel.diagnosis.signatures import Parts, read_parts, read_signatures
 from modelsel.diagnosis.state import Search
 from modelsel.diagnosis.stepwise import explore, explore_further
+from modelsel.diagnosis.weighed_models import VisitedModels
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
@@ -154,6 +157,91 @@ def search_lags(rng: np.random.Generator) -> tuple[Search, list[int], list[int]]
     planted = [place[f"settle:{j}"] for j in (1, 2, 3)]
     mistaken = [place[name] for name in ("fault:read-too-early", "settle:4", "settle:5")]
     return search, planted, mistaken
+
+
+def draw_alike(rng: np.random.Generator, pairs: int) -> Pool:
+    """A pool of pairs that hardly differ, one of each in the response."""
+    count = 2 * pairs
+    first = np.linalg.qr(rng.standard_normal((COORDINATES, pairs)))[0]
+    second = first + 0.1 * rng.standard_normal(first.shape) / np.sqrt(COORDINATES)
+    Z = np.hstack([first, second / np.linalg.norm(second, axis=0)])
+    response = first @ rng.uniform(8.0, 12.0, pairs) + rng.standard_normal(COORDINATES)
+    which = np.arange(count)
+    group = _Group(which, which[:, None], None, np.full((count, 1), np.inf))
+    return Pool(
+        members=tuple(range(count)),
+        rows=tuple(which[:, None]),
+        H=Z.T @ Z,
+        z=Z.T @ response,
+        square=float(response @ response),
+        freedom=COORDINATES,
+        log_prior=np.full(count, -3.0),
+        kind=which,
+        single=np.zeros(count, np.intp),
+        groups=(group,),
+    )
+
+
+def include(weights: Mapping[frozenset[int], float], count: int) -> Array:
+    """The probability of every member, from those of the sets."""
+    included = np.zeros(count)
+    for members, weight in weights.items():
+        included[list(members)] += weight
+    return included
+
+
+@seeds(1, 2, 3)
+def test_sampled_sets_are_as_probable_as_all_sets_say(rng: np.random.Generator) -> None:
+    pairs = 4
+    pool = draw_alike(rng, pairs)
+    start = _Walk(pool, (), (), rng).settle(frozenset(range(pairs)))
+    ratio = float(np.median(list(start.values())))
+    values = {}
+    for size in range(2 * pairs + 1):
+        for members in combinations(range(2 * pairs), size):
+            values[frozenset(members)] = pool.weigh(dict.fromkeys(members, ratio))[0]
+    highest = max(values.values())
+    weights = {members: np.exp(value - highest) for members, value in values.items()}
+    total = sum(weights.values())
+    exact = include(weights, 2 * pairs) / total
+    sampled = include(sample_models(pool, start, rng, 3000), 2 * pairs)
+    assert np.abs(sampled - exact).max() < 0.06
+
+
+@seeds(1, 2, 3)
+def test_of_many_sets_those_near_the_first_are_not_told_as_likelier(
+    rng: np.random.Generator,
+) -> None:
+    """Of fourteen pairs, 16,384 sets with one of each explain about as much."""
+    pairs = 14
+    pool = draw_alike(rng, pairs)
+    first = frozenset(range(pairs))
+    walk = _Walk(pool, (), (), rng)
+    ratios = walk.settle(first)
+    sets = np.array(list(product((0, pairs), repeat=pairs))) + np.arange(pairs)
+    H = pool.H[sets[:, :, None], sets[:, None, :]]
+    ratio = float(np.median(list(ratios.values())))
+    inner = H + np.eye(pairs) / ratio
+    z = pool.z[sets]
+    explained = (z * np.linalg.solve(inner, z[:, :, None])[:, :, 0]).sum(1)
+    value = -0.5 * np.linalg.slogdet(inner)[1]
+    value -= pool.freedom / 2 * np.log1p(-explained / pool.square)
+    weight = np.exp(value - value.max())
+    expected = np.array([weight[(sets == p).any(1)].sum() for p in range(2 * pairs)]) / weight.sum()
+    assert not walk.walk(first, FOR_CLAIMS)
+    walked = np.abs(walk._include() - expected).mean()
+    sampled = include(sample_models(pool, ratios, rng, BY_SAMPLING), 2 * pairs)
+    assert np.abs(sampled - expected).mean() < walked / 2
+
+
+def test_no_more_sets_are_weighed_where_none_that_is_likely_is_left(
+    rng: np.random.Generator,
+) -> None:
+    pool, _, _ = draw_pool(rng)
+    walk = _Walk(pool, (), (), rng)
+    assert walk.walk(frozenset(), FOR_CLAIMS)
+    # all sets of five members
+    assert len(walk.weighed) <= 2**5
 
 
 @pytest.mark.slow
