@@ -294,6 +294,7 @@ def finish(solver: Solver, state: State, step_mm: float) -> Fit:
 
 
 def _finish_coarse(solver: Solver, state: State) -> Fit:
+    """Return an intermediate fit; its rows are reduced when they are asked for."""
     from scipy.linalg import solve_triangular
 
     theta = state.theta
