@@ -200,7 +200,8 @@ def credible() -> tuple[bytes, str]:
     rows = []
     for m in counts:
         view = look(measured(m, effect(truth, 1.5e-6), 30))
-        rows.append(ask(view.seen, view.found, view.rest).answer(None))
+        log_prior = np.log([one.prior for one in view.found])
+        rows.append(ask(view.seen, view.found, log_prior, view.rest).answer(None))
     with use_style() as plt:
         fig, ax = plt.subplots(figsize=(6.5, 1.8), layout="constrained")
         for y, named in enumerate(rows):
