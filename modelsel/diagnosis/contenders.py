@@ -6,7 +6,7 @@ those of all effects are built together, once."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -14,12 +14,10 @@ import numpy as np
 
 from .._typing import Array
 from ..mechanisms.terms import Mechanism
-from .buckets import build_buckets
 from .candidate_columns import Columns, build_columns
 from .candidates import Candidate
-from .evidence import compute_factors
 from .joint_curves import build_curve, see_rest
-from .scan import Beyond, Response, Scan, build_scan
+from .scan import Response, Scan, build_scan
 from .state import Search
 from .views import View
 
@@ -57,10 +55,9 @@ class Contenders:
         some = build_curve(columns, which, nothing, none_free, ~none_free)
         released = self.view.release(*effects)
         rest = see_rest(some, scan, response, released)
-        buckets, sizes = build_buckets(rest.blocks, rest.lefts, len(which))
+        # as many as a scan beyond the smaller model has, beside which these are weighed
         freedom = rest.freedom + released.directions.shape[1]
-        beyond = Beyond(some.signs, some.signed, buckets, sizes, freedom)
-        factors = compute_factors(beyond, Response(rest.products, rest.square))
+        factors = replace(rest, freedom=freedom).factors
         return np.asarray(factors[:, place])
 
     @cached_property

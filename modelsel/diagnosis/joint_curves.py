@@ -98,13 +98,17 @@ class Rest:
     freedom: int
 
     @cached_property
-    def score(self) -> Array:
-        """Log prior + log Bayes factor (k,) of every candidate alone, -inf where it is not offered."""
+    def factors(self) -> Array:
+        """Log Bayes factors (ratios, k) of every candidate alone, -inf where it is not offered."""
         curve = self.curve
         buckets, sizes = build_buckets(self.blocks, self.lefts, len(curve.which))
         seen = Beyond(curve.signs, curve.signed, buckets, sizes, self.freedom)
-        factors = compute_factors(seen, Response(self.products, self.square))
-        return np.asarray(curve.log_prior + factors.max(0))
+        return compute_factors(seen, Response(self.products, self.square))
+
+    @cached_property
+    def score(self) -> Array:
+        """Log prior + log Bayes factor (k,) of every candidate alone, -inf where it is not offered."""
+        return np.asarray(self.curve.log_prior + self.factors.max(0))
 
     def offer(self, members: Mask) -> Rest:
         """Offer those of the candidates that are among the members (k,)."""

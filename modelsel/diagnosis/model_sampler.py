@@ -31,16 +31,15 @@ Ratios = dict[int, float]
 
 @dataclass
 class _Sampler:
-    """Where the sampler stands: the members in their places, None in those that are free, and the
-    variance ratios of these members.
+    """Where the sampler stands: the members in their places, each with its variance ratio, None in
+    those that are free.
 
     `known`: what each member would add to a set; `weight`: how probable the sets were, summed over the
     draws."""
 
     pool: Pool
     rng: np.random.Generator
-    places: list[int | None]
-    ratios: Ratios
+    places: list[tuple[int, float] | None]
     known: dict[frozenset[tuple[int, float]], Gains] = field(default_factory=dict)
     weight: dict[Members, float] = field(default_factory=dict)
 
@@ -48,11 +47,11 @@ class _Sampler:
         """Draw anew what stands in every place, in a random order."""
         count = len(self.places)
         for place in self.rng.permutation(count).tolist():
-            own = self.places[place]
-            others = {p: ratio for p, ratio in self.ratios.items() if p != own}
-            self._draw(place, others, counts)
+            beside = [*self.places[:place], *self.places[place + 1 :]]
+            others = dict(own for own in beside if own is not None)
+            self.places[place] = self._draw(others, counts)
 
-    def _draw(self, place: int, others: Ratios, counts: bool) -> None:
+    def _draw(self, others: Ratios, counts: bool) -> tuple[int, float] | None:
         """Draw what stands in a place beside the others."""
         gains = self._weigh(others)
         free = len(self.places) - len(others)
@@ -63,10 +62,7 @@ class _Sampler:
             self._count(others, probability)
         nothing = len(probability) - 1
         drawn = int(self.rng.choice(len(probability), p=probability))
-        self.places[place] = None if drawn == nothing else drawn
-        self.ratios = dict(others)
-        if drawn != nothing:
-            self.ratios[drawn] = float(gains.ratio[drawn])
+        return None if drawn == nothing else (drawn, float(gains.ratio[drawn]))
 
     def _weigh(self, others: Ratios) -> Gains:
         key = frozenset(others.items())
@@ -91,8 +87,7 @@ def sample_models(
     """Sample sets of a pool's members, from one with its variance ratios: how probable each is.
 
     For about `most` sets what each member would add to them is weighed."""
-    places: list[int | None] = [*start, *[None] * FREE_PLACES]
-    sampler = _Sampler(pool, rng, places, dict(start))
+    sampler = _Sampler(pool, rng, [*start.items(), *[None] * FREE_PLACES])
     for number in range(MOST_ROUNDS):
         if len(sampler.known) >= most:
             break

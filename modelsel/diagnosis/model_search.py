@@ -4,7 +4,7 @@ Unlike that search, it may take effects back. All neighbours of a visited set ar
 evidence: one effect more, one less, one for another, two for one, one for two, a family's parts for
 the whole. The next set is drawn by posterior probability from those not visited yet (shotgun
 stochastic search: Hans, Dobra & West 2007, J. Am. Stat. Assoc. 102:507). Averaged over all sets that
-were weighed, every level of an effect's claim has an inclusion probability."""
+were weighed, or sampled where they are too many, every level of an effect's claim has an inclusion probability."""
 
 from __future__ import annotations
 

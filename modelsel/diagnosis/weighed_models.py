@@ -18,7 +18,7 @@ TOLD = 5
 
 @dataclass(frozen=True)
 class WeighedModel:
-    """A set of effects, its probability among all that were weighed, and whether it is the chosen one."""
+    """A set of effects, its probability among all of them, and whether it is the chosen one."""
 
     effects: tuple[Candidate, ...]
     probability: float
@@ -26,7 +26,7 @@ class WeighedModel:
 
 
 class VisitedModels(NamedTuple):
-    """The sets that a search has weighed, by their candidates' numbers, the most probable first,
+    """The sets that a search has weighed or sampled, by their candidates' numbers, the most probable first,
     with their log posteriors up to a constant."""
 
     sets: tuple[tuple[int, ...], ...]
