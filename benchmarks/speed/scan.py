@@ -12,7 +12,7 @@ from itertools import islice
 
 import numpy as np
 
-from modelsel.diagnosis.candidate_columns import Columns, build_columns
+from modelsel.diagnosis.candidate_columns import build_columns
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.evidence import compute_factors, compute_p_value, draw_null, sum_evidence
@@ -60,7 +60,7 @@ def run() -> dict[str, float]:
     def alone() -> tuple[Scan, float]:
         """What the loop does: every group's own evidence, without a null."""
         gram = np.matmul(whole, whole.swapaxes(1, 2))
-        cols = Columns(given.screws, given.slices, (replace(block, gram=gram),), given.signs)
+        cols = replace(given, grams=(replace(block, gram=gram),))
         Q = compute_basis(base)
         seen = build_scan(cols, Q)
         response = seen.see(y - Q @ (Q.T @ y))
