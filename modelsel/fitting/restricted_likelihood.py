@@ -198,10 +198,15 @@ def maximise_likelihood(
     # a seventh of a second, which studies without such parts need not spend
     from scipy.optimize import minimize
 
-    layout = lay_out(every)
-    start = np.log([part.variance for part in every])
     is_known = np.array([part.known is not None for part in every])
     is_sought = ~is_known & (np.arange(len(every)) >= len(held))
+    unit = 1 / np.array([_mean_square(part) for part in every])
+    least, most = LEAST * unit, _choose_most(every) * unit
+    # where a model leaves next to nothing, a variance that is guessed from it can be beyond all bounds
+    guessed = np.array([part.variance for part in every])
+    every = _set_variances(every, np.where(is_sought, np.clip(guessed, least, most), guessed))
+    layout = lay_out(every)
+    start = np.log([part.variance for part in every])
     first = evaluate_likelihood(model, every, layout)
     scale = _choose_scale(first, is_sought)
     # what the logarithms of the variances go by: their own, and that of φ where some are known
@@ -226,9 +231,8 @@ def maximise_likelihood(
             loss[-1] += model.freedom - at.square / at.phi
         return -at.log, loss / scale
 
-    unit = 1 / np.array([_mean_square(part) for part in every])
-    low = np.log(LEAST * unit) - start
-    high = np.log(_choose_most(every) * unit) - start
+    low = np.log(least) - start
+    high = np.log(most) - start
     bounds = np.stack([low, high])[:, is_sought]
     if is_known.any():
         bounds = np.column_stack([bounds, [-high[is_known].min(), -low[is_known].max()]])
