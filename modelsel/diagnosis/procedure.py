@@ -44,6 +44,7 @@ from .outliers import (
     find_gross_outliers,
 )
 from .separation import Inquiry, separate
+from .session_steps import place_steps
 
 # rounds of outliers and names in turn
 MAX_ROUNDS = 3
@@ -145,11 +146,12 @@ def _alternate(split: Split, inquiry: Inquiry) -> tuple[Split, Diagnosis, tuple[
     every_row = replace(split, outlying=np.zeros(len(split.outlying), bool))
     outlying = find_gross_outliers(training, fits.fit(every_row))
     listed = list_parts(split.problem, split.estimation)
+    everything = place_steps(split.problem, split.estimation, inquiry.everything)
     parts = choose_parts(listed, inquiry.options.parts, inquiry.options.fixed_parts)
     for _ in range(MAX_ROUNDS):
         split = replace(split, outlying=_expand_mask(split.estimation, outlying))
         found = build_candidates(
-            split.training, inquiry.base, inquiry.everything, inquiry.cells, inquiry.options
+            split.training, inquiry.base, everything, inquiry.cells, inquiry.options
         )
         inquiry.say(f"naming: {len(found)} candidates")
         weighed, diagnosis = separate(split, inquiry, found, parts, fits.fit(split))
