@@ -7,25 +7,24 @@ too: it holds either reading by itself, for which two effects of that joint are 
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from .._typing import Mask
 from ..mechanisms.terms import Mechanism, Screw
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .evidence import MIN_LOG_ODDS
-from .joint_curves import build_curve, chain_effects, see_rest
+from .joint_curves import build_curve, see_rest
+from .kin import number_kinds
+from .model_pool import Pool, assemble_pool
 from .own_candidates import Screws
 
 if TYPE_CHECKING:
     from .state import Search
     from .views import View
-
-# log of how much likelier a mechanism is in a joint where another joint has it
-KIN = float(np.log(20))
 
 
 class Family(NamedTuple):
@@ -127,46 +126,40 @@ def _find_better(
 def _weigh(
     search: Search, family: Family, now: Sequence[int], view: View
 ) -> tuple[float, list[tuple[float, list[int]]]]:
-    """Weigh a family: the log evidence of its effects `now`, and that of the whole alone, of parts
-    alone, and of both, each with its effects."""
+    """Weigh a family: the log posterior of its effects `now`, and that of the whole alone, of parts
+    alone, and of both, each with its effects.
+
+    The evidence of each set is joint, as in a model search: where effects are added one after the
+    other, several of one size seem as likely as their sum, for which one number is enough."""
     which = np.array(sorted((family.whole, *family.parts)), dtype=np.intp)
+    labels = [search.candidates[g].label for g in which]
+    log_prior = search.log_prior[which]
     none_free = np.zeros(len(which), bool)
-    curve = build_curve(search.columns, which, search.log_prior[which], none_free, ~none_free)
+    curve = build_curve(search.columns, which, log_prior, none_free, ~none_free)
     released = view.release(*(search.candidates[g] for g in now))
     start = see_rest(curve, view.scan, view.response, released)
-    present = chain_effects(start.offer(np.isin(which, now)), len(now), at_any_cost=True)
+    none_single = np.zeros(len(which), np.intp)
+    pool = assemble_pool(start, log_prior - search.bound, number_kinds(labels), none_single)
     is_whole = which == family.whole
-    trials = [
-        chain_effects(start.offer(is_whole), 1),
-        chain_effects(start.offer(~is_whole), len(family.parts)),
-        chain_effects(start, len(which)),
-    ]
-    (value, _), *others = (_add_kin(search, *trial) for trial in (present, *trials))
-    return value, others
+    every = np.ones(len(which), bool)
+    trials = [_weigh_set(pool, _choose(pool, offered)) for offered in (is_whole, ~is_whole, every)]
+    present, _ = _weigh_set(pool, np.searchsorted(which, now).tolist())
+    return present, trials
 
 
-def _add_kin(search: Search, value: float, members: list[int]) -> tuple[float, list[int]]:
-    """Add to the log evidence of some effects that a mechanism of one joint makes that of another
-    joint likelier: joints are built alike."""
-    labels = []
-    for g in set(members):
-        candidate = search.candidates[g]
-        labels.append(candidate.label)
-    likelier = KIN * count_kin(labels)
-    return value + likelier, members
+def _choose(pool: Pool, offered: Mask) -> list[int]:
+    """Choose members (P,) of a pool that are offered, the likeliest first, as long as one adds."""
+    ratios: dict[int, float] = {}
+    while True:
+        _, gains = pool.weigh(ratios)
+        value = np.where(offered, gains.value, -np.inf)
+        best = int(value.argmax())
+        if not value[best] > 0:
+            return list(ratios)
+        ratios[best] = float(gains.ratio[best])
 
 
-def count_kin(labels: Iterable[str]) -> int:
-    """Count the labels that name a mechanism which another one before has in another joint."""
-    stems = []
-    for label in labels:
-        stem = find_stem(label)
-        stems.append(stem)
-    kinds = set(stems)
-    return len(stems) - len(kinds)
-
-
-def find_stem(label: str) -> str:
-    """Find the name of a mechanism without its joint."""
-    joint = r":\d+$"
-    return re.sub(joint, "", label)
+def _weigh_set(pool: Pool, members: Sequence[int]) -> tuple[float, list[int]]:
+    """Compute the log posterior of a set of a pool's members, with their candidates."""
+    value, _ = pool.weigh(pool.settle(frozenset(members)))
+    return value, [pool.members[p] for p in members]

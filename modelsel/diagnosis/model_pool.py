@@ -26,7 +26,7 @@ from .._typing import Array, Index, Mask
 from .buckets import Bucket, build_buckets
 from .evidence import RATIOS
 from .joint_curves import Rest
-from .mechanism_families import KIN
+from .kin import KIN
 
 # share of a residual that no set may exceed
 WHOLE = 1 - 1e-12
@@ -127,6 +127,22 @@ class Pool:
         value = gain - fitted.price + self._sum_priors(chosen)
         value += self._weigh_signs(chosen, fitted)
         return float(value), self._weigh_others(chosen, fitted)
+
+    def settle(self, members: frozenset[int]) -> dict[int, float]:
+        """Find each effect's best variance ratio: first as it is added, the strongest first, then given
+        all others."""
+        ratios: dict[int, float] = {}
+        while len(ratios) < len(members):
+            _, gains = self.weigh(ratios)
+            left = sorted(members - ratios.keys())
+            most = np.argmax(gains.value[left])
+            strongest = left[int(most)]
+            ratios[strongest] = float(gains.ratio[strongest])
+        for member in sorted(members):
+            others = {p: ratio for p, ratio in ratios.items() if p != member}
+            _, gains = self.weigh(others)
+            ratios[member] = float(gains.ratio[member])
+        return ratios
 
     def _fit(self, chosen: Sequence[int], ratios: dict[int, float]) -> _FittedSet:
         """Fit a set of members with their ratios."""

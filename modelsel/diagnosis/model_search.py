@@ -61,7 +61,7 @@ class _Walk:
         """Visit sets drawn by their probability, until no likely set is left, or so many are weighed
         that twice as many would hardly change anything, `most` of them at most; returns whether it
         ended before that."""
-        ratios = self.settle(start)
+        ratios = self.pool.settle(start)
         self._add_to(ratios)
         visited: set[Members] = set()
         following: Members | None = start
@@ -90,22 +90,6 @@ class _Walk:
             included[list(members)] += weight
             total += weight
         return included / total
-
-    def settle(self, members: Members) -> Ratios:
-        """Find each effect's best variance ratio: first as it is added, the strongest first, then given
-        all others."""
-        ratios: Ratios = {}
-        while len(ratios) < len(members):
-            _, gains = self.pool.weigh(ratios)
-            left = sorted(members - ratios.keys())
-            most = np.argmax(gains.value[left])
-            strongest = left[int(most)]
-            ratios[strongest] = float(gains.ratio[strongest])
-        for member in sorted(members):
-            others = _leave_out(ratios, member)
-            _, gains = self.pool.weigh(others)
-            ratios[member] = float(gains.ratio[member])
-        return ratios
 
     def _visit(self, members: Members) -> None:
         """Weigh all neighbours of a set."""

@@ -8,10 +8,9 @@ from itertools import combinations, zip_longest
 import numpy as np
 
 from .._linalg import TINY
-from .._typing import Index
 from .evidence import compute_factors, sum_evidence
 from .joint_curves import build_curve, see_rest
-from .mechanism_families import find_stem
+from .kin import number_kinds
 from .model_pool import Pool, assemble_pool
 from .scan import build_scan_without
 from .state import Search
@@ -47,15 +46,8 @@ def gather_pool(search: Search, view: View, chosen: Sequence[int]) -> Pool | Non
     effects = [search.candidates[g] for g in chosen]
     rest = see_rest(curve, view.scan, view.response, view.release(*effects))
     labels = [search.candidates[g].label for g in which]
-    kinds = _number_kinds(labels)
+    kinds = number_kinds(labels)
     return assemble_pool(rest, log_prior - search.bound, kinds, search.bumped[which])
-
-
-def _number_kinds(labels: Sequence[str]) -> Index:
-    """Number (P,) the mechanisms that candidates are, whatever their joints."""
-    stems = [find_stem(label) for label in labels]
-    first = {stem: number for number, stem in reversed(list(enumerate(stems)))}
-    return np.array([first[stem] for stem in stems], dtype=np.intp)
 
 
 def _list_offers(search: Search, view: View, chosen: Sequence[int]) -> list[list[int]]:

@@ -22,7 +22,7 @@ from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.claims import Weighed
 from modelsel.diagnosis.conclusion import Conclusion, conclude, confirm, prove
 from modelsel.diagnosis.evidence import MIN_LOG_ODDS
-from modelsel.diagnosis.mechanism_families import count_kin
+from modelsel.diagnosis.kin import count_kin
 from modelsel.diagnosis.model_pool import Pool, _Group
 from modelsel.diagnosis.model_sampler import sample_models
 from modelsel.diagnosis.model_search import BY_SAMPLING, FOR_CLAIMS, _Walk, visit_models
@@ -194,7 +194,7 @@ def include(weights: Mapping[frozenset[int], float], count: int) -> Array:
 def test_sampled_sets_are_as_probable_as_all_sets_say(rng: np.random.Generator) -> None:
     pairs = 4
     pool = draw_alike(rng, pairs)
-    start = _Walk(pool, (), (), rng).settle(frozenset(range(pairs)))
+    start = pool.settle(frozenset(range(pairs)))
     ratio = float(np.median(list(start.values())))
     values = {}
     for size in range(2 * pairs + 1):
@@ -217,7 +217,7 @@ def test_of_many_sets_those_near_the_first_are_not_told_as_likelier(
     pool = draw_alike(rng, pairs)
     first = frozenset(range(pairs))
     walk = _Walk(pool, (), (), rng)
-    ratios = walk.settle(first)
+    ratios = walk.pool.settle(first)
     sets = np.array(list(product((0, pairs), repeat=pairs))) + np.arange(pairs)
     H = pool.H[sets[:, :, None], sets[:, None, :]]
     ratio = float(np.median(list(ratios.values())))
