@@ -189,7 +189,13 @@ def _generate_products(problem: Problem) -> Iterator[Unregistered]:
         yield Unregistered(cell, CandidateKind.PRODUCT, weight)
 
 
+def find_still_readings(problem: Problem) -> frozenset[str]:
+    """Find the names of the joints' readings that stayed the same in the campaign: "q4"."""
+    widths = np.ptp(problem.data.q, axis=0)
+    return frozenset(f"q{j}" for j, width in enumerate(widths.tolist(), 1) if width <= STILL)
+
+
 def _list_moving(problem: Problem) -> list[int]:
     """List the turning joints that did not stand still in the campaign."""
-    widths = np.ptp(problem.data.q, axis=0)
-    return [j for j in list_turning(problem.robot) if widths[j - 1] > STILL]
+    still = find_still_readings(problem)
+    return [j for j in list_turning(problem.robot) if f"q{j}" not in still]

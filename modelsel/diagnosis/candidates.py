@@ -22,7 +22,7 @@ from ..fitting.design import Model
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism
 from ..selection.comparison import MAX_CANDIDATES
-from .arm_shapes import generate_arm_shapes
+from .arm_shapes import find_still_readings, generate_arm_shapes
 from .candidate_kinds import NAMED_IN_WORDS, CandidateKind
 from .data_faults import FaultKind, find_fault_kind
 from .joint_shapes import generate_joint_shapes
@@ -166,7 +166,7 @@ def build_candidates(
             generate_joint_shapes(problem),
             generate_arm_shapes(problem),
         )
-        unregistered |= _select_new(offered, base, taken)
+        unregistered |= _select_new(offered, base, taken, find_still_readings(problem))
     registered += [
         m for group in own if group.named and group.prior is None for m in group.mechanisms
     ]
@@ -247,15 +247,17 @@ def _allow_one_sign(mechanisms: Sequence[Mechanism]) -> bool:
 
 
 def _select_new(
-    offered: Iterable[Unregistered], base: Model, taken: set[Screws]
+    offered: Iterable[Unregistered], base: Model, taken: set[Screws], still: frozenset[str]
 ) -> dict[Screws, Unregistered]:
-    """Select the explanations that neither the base nor an earlier one (nor `taken`) has."""
+    """Select the explanations that neither the base nor an earlier one (nor `taken`) has, and that need
+    no reading of a joint which stood still."""
     present = {term.key for term in base.terms}
     new: dict[Screws, Unregistered] = {}
     for explanation in offered:
         screws = collect_screws(explanation.mechanism)
         is_new = screws not in taken and not screws <= present
-        if is_new:
+        # with a constant reading beside it, a wave of one joint would have several names
+        if is_new and still.isdisjoint(explanation.mechanism.names()):
             new.setdefault(screws, explanation)
     return new
 

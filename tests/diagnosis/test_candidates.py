@@ -1,4 +1,5 @@
-"""Candidates: of constants that do the same on the data, one is left, and nothing of them is kept."""
+"""Candidates: of constants that do the same on the data, one is left, and nothing of them is kept; a
+joint that stands still gives no reading."""
 
 from __future__ import annotations
 
@@ -43,3 +44,16 @@ def test_of_constants_that_do_the_same_the_middle_one_is_left() -> None:
     expected = [offered[k] for k in (1, 3, 5, 6, 7, 8)]
     assert [candidate.mechanism for candidate in found] == expected
     assert not problem.state._causes
+
+
+def test_no_candidate_needs_the_reading_of_a_joint_that_stands_still(
+    rng: np.random.Generator,
+) -> None:
+    """A wave of q1 + q4 is one of q1 there, by another name."""
+    still = int(rng.integers(1, ARM.n + 1))
+    q = ARM.draw(rng, 50)
+    q[:, still - 1] = 0.3 + rng.normal(0, 1e-5, 50)
+    at = Problem(ARM, build_measurements(q, forward(ARM, q, TOOL)), TOOL[None])
+    named = {name for one in build_candidates(at, Model(()), ()) for name in one.mechanism.names()}
+    readings = {f"q{j}" for j in range(1, ARM.n + 1)}
+    assert named & readings == readings - {f"q{still}"}
