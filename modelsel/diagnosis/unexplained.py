@@ -205,6 +205,13 @@ def describe_unexplained(
         return DetectionLimit(
             "Nothing is left to explain: the model agrees with the measurements to rounding."
         )
+    found_nothing = f"Nothing {'else ' if diagnosis.effects else ''}was found"
+    postures = _count_saturating(diagnosis, split)
+    if postures:
+        return DetectionLimit(
+            f"{found_nothing}, and nothing could be: the model fits its {postures} postures whatever is measured "
+            "there; let more postures fit the models."
+        )
     sigma = estimate_floor(chosen, split).coordinate_mm
     priors, rows = [c.prior for c in found], count_rows_seen(diagnosis, split)
     limit = compute_detection_limit(diagnosis, priors, rows, sigma)
@@ -214,7 +221,6 @@ def describe_unexplained(
         limit_mrad = 1e3 * rad_per_mm * limit
     if diagnosis.left_p <= LEVEL:
         return DetectionLimit(_describe_stop(diagnosis), limit, limit_mrad)
-    found_nothing = f"Nothing {'else ' if diagnosis.effects else ''}was found; "
     if limit is None:
         reach = "the data are too few for any further effect to be found, however large."
     else:
@@ -229,7 +235,7 @@ def describe_unexplained(
         " The strongest remaining candidate would occur by chance with probability "
         f"{format_chance(diagnosis.left_p)}."
     )
-    return DetectionLimit(found_nothing + reach + left, limit, limit_mrad)
+    return DetectionLimit(f"{found_nothing}; {reach}{left}", limit, limit_mrad)
 
 
 def _explains_everything(diagnosis: Diagnosis, split: Split) -> bool:
@@ -238,6 +244,20 @@ def _explains_everything(diagnosis: Diagnosis, split: Split) -> bool:
     residual = whitened(training, diagnosis.fit.residuals(training))
     size = float(np.linalg.norm(residual))
     return size <= measure_rounding(training)
+
+
+def _count_saturating(diagnosis: Diagnosis, split: Split) -> int:
+    """Count the postures, measured again and again, that the extended model is fitted to, where it has
+    about as many parameters as these have coordinates; else 0."""
+    training = split.training
+    data = training.data
+    postures = len(np.unique(data.block))
+    if not training.only_points or postures == len(np.unique(data.configuration)):
+        return 0
+    positions = np.unique(np.stack([data.block, data.target]), axis=1)
+    coordinates = positions.shape[1] * training.components
+    beyond = coordinates - len(diagnosis.fit.representatives)
+    return postures if beyond < training.components else 0
 
 
 def _measure_rad_per_mm(evaluation: Evaluation, split: Split) -> float | None:
