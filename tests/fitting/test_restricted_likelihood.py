@@ -83,6 +83,15 @@ def test_dyestuff() -> None:
     )
 
 
+def test_a_guess_beyond_all_bounds_ends_where_another_one_does() -> None:
+    """What leaves next to nothing guesses variances of no measurement."""
+    data = read("dyestuff")
+    y = np.array(data["yield"], float)
+    X = np.ones((len(y), 1))
+    got = estimates(model_of(X, y), [part_of(data["batch"], variance=1e25)])
+    np.testing.assert_allclose(got, [1764.05, 2451.25], atol=0.05)
+
+
 def test_penicillin_whose_effects_are_crossed() -> None:
     data = read("penicillin")
     y = np.array(data["diameter"], float)
