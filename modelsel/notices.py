@@ -80,6 +80,7 @@ CODES = {
     "held-out-far": "a few held-out rows err far more than any does in cross-validation",
     "map-of-neighbours": "the whole error map is too large; unregistered causes were looked for in part of it",
     "instrument-place": "a finding depends on the distance from an instrument that may stand elsewhere",
+    "confounded": "a finding depends on a column that went with the sessions or with time",
     "uneven-noise": "an effect is not named because uneven or shared noise would explain it too",
     "lack-of-fit": "the chosen model leaves clearly more, or less, than the noise floor",
     "limit-below-left": "more is left than the noise explains, in a form no single cause has",

@@ -35,7 +35,7 @@ def place_steps(
     cannot tell from a step there give way to it.
 
     Sessions are the groups of the measurements, where they follow one another."""
-    moments = list(_list_changes(problem.data))
+    moments = list(list_changes(problem.data))
     placed = list(mechanisms)
     if not moments:
         return tuple(placed)
@@ -55,7 +55,7 @@ def place_steps(
     return tuple(placed)
 
 
-def _list_changes(data: Measurements) -> Iterator[tuple[float, str]]:
+def list_changes(data: Measurements) -> Iterator[tuple[float, str]]:
     """List the moments of the campaign where a group ends and another begins, with the latter's name."""
     groups = np.unique(data.group).tolist()
     ranges = []
@@ -65,10 +65,10 @@ def _list_changes(data: Measurements) -> Iterator[tuple[float, str]]:
     ranges.sort()
     for (_, end, _), (start, _, group) in pairwise(ranges):
         if end < start:
-            yield _round_between(end, start), data.groups[group]
+            yield round_between(end, start), data.groups[group]
 
 
-def _round_between(low: float, high: float) -> float:
+def round_between(low: float, high: float) -> float:
     """Round the middle of two numbers to the fewest digits that leave it between them."""
     middle = (low + high) / 2
     for digits in range(FEWEST_DIGITS, MOST_DIGITS):

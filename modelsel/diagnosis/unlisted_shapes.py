@@ -5,7 +5,8 @@ one there, or of its own drivers at another place; or the finding's own shape, c
 campaign. Free functions are smooth, with their usual prior. Together the rivals are as probable
 beforehand as the finding itself: half of that for an unlisted shape of the same drivers, the rest for
 other drivers, of which a fifth for changes along the campaign, and for other places. To a wave and a
-bump come those with constants near its own, which are one question with it."""
+bump come those with constants near its own, which are one question with it; to a covariate what else
+changed when it did."""
 
 from __future__ import annotations
 
@@ -22,6 +23,7 @@ from ..mechanisms.terms import Mechanism, Screw, Term
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .changing_shapes import generate_changing
+from .confounded_covariates import generate_confounded
 from .distinct_places import Place
 from .driver_functions import level_off, scale_driver
 from .finer_waves import generate_finer_waves
@@ -169,7 +171,16 @@ def list_rivals(problem: Problem, candidate: Candidate) -> list[Rival]:
         *_weigh(others, "place", prior * SHARES["drivers"]),
         *_weigh(changing, "place", prior * SHARES["changing"]),
         *_weigh(elsewhere, "", prior * SHARES["place"]),
+        *_list_confounded(problem, candidate),
     ]
+
+
+def _list_confounded(problem: Problem, candidate: Candidate) -> Iterator[Rival]:
+    """List what else changed when a finding's covariate did: together as probable as the finding."""
+    sorts = list(generate_confounded(problem, candidate.mechanism))
+    for mechanisms in sorts:
+        share = candidate.prior / len(sorts)
+        yield from _weigh(mechanisms, "place", share, CandidateKind.CELL)
 
 
 def _compare_drivers(mechanisms: Sequence[Mechanism], drivers: Drivers) -> str:

@@ -8,8 +8,10 @@ import numpy as np
 
 from .._typing import Array, Mask
 from ..diagnosis.candidates import exceeds_cell_limit
+from ..diagnosis.confounded_covariates import find_confounded
 from ..diagnosis.outcome import Diagnosis
 from ..diagnosis.sentences import format_length
+from ..diagnosis.signatures import LEVELS, PROVEN
 from ..diagnosis.stated_probability import format_chance
 from ..exceptions import sentence_list
 from ..fitting.problem import Problem
@@ -128,3 +130,26 @@ def instrument_notes(problem: Problem, diagnosis: Diagnosis) -> tuple[Note, ...]
         "by tracker_mm under [noise]."
     )
     return (Note("instrument-place", sentence),)
+
+
+def confounded_notes(problem: Problem, diagnosis: Diagnosis) -> tuple[Note, ...]:
+    """Say of a finding that depends on a covariate which went with the sessions, or with time, that the
+    covariate is not proven, and what would tell."""
+    level = LEVELS.index("drivers")
+    columns = dict.fromkeys(
+        column
+        for effect in diagnosis.effects
+        if effect.claim is None or effect.claim.levels[level] < PROVEN
+        if (column := find_confounded(problem, effect.candidate.mechanism)) is not None
+    )
+    if len(problem.data.groups) > 1:
+        words = (
+            "went with the groups: whatever else changed between them, such as a joint that was set anew, would look "
+            "the same. To tell them apart, measure at other values within a group."
+        )
+    else:
+        words = (
+            "went with the course of the campaign: whatever else changed in time, such as a joint that creeps, would "
+            "look the same. To tell them apart, measure at an earlier value again."
+        )
+    return tuple(Note("confounded", f"{column} {words}") for column in columns)

@@ -14,6 +14,7 @@ from ..fitting.noise import Floor
 from ..notices import Note
 from ..results.cautions import restriction_notes
 from ..results.finding_notes import (
+    confounded_notes,
     instrument_notes,
     opposed_finding_notes,
     partial_map_notes,
@@ -48,6 +49,7 @@ def collect_diagnosis_notes(
     notes += check_stated_orientation_noise(split, diagnosis.fit)
     notes += uneven_noise_notes(diagnosis)
     notes += instrument_notes(split.problem, diagnosis)
+    notes += confounded_notes(split.problem, diagnosis)
     if searches_cells(study):
         notes += partial_map_notes(split.problem)
     return notes

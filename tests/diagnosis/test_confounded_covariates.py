@@ -1,0 +1,112 @@
+"""A covariate that went with the sessions or with time is no proven driver; one that went its own way
+is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from builders import OFF_AXIS, bind
+from exact import flanges_of
+from searches import search_separated
+
+from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.confounded_covariates import (
+    find_confounded,
+    generate_confounded,
+    substitute,
+)
+from modelsel.diagnosis.signatures import LEVELS, PROVEN
+from modelsel.fitting.design import Model
+from modelsel.fitting.problem import Problem
+from modelsel.measurements.measurements import build_measurements
+from modelsel.mechanisms.causes import Named, cos, q
+from modelsel.mechanisms.environment import temperature_rise
+from modelsel.mechanisms.registry import every, mechanism
+from modelsel.robot.files import load_robot
+
+ARM = load_robot("ur5e")
+ROWS = 100
+ZERO = 3  # the joint whose zero moves
+
+
+def measure(
+    warm: np.ndarray, moved: np.ndarray, sessions: int, rng: np.random.Generator
+) -> Problem:
+    """Positions of an arm of which one joint's zero moves by so many rad (m,), by the exact chain."""
+    q_read = ARM.draw(rng, ROWS)
+    stands = q_read.copy()
+    stands[:, ZERO - 1] += moved
+    flange = flanges_of(ARM, stands)
+    position = flange[:, :3, 3] + flange[:, :3, :3] @ np.array(OFF_AXIS)
+    position += rng.normal(0, 0.03, position.shape)
+    groups = [f"session {k}" for k in np.arange(ROWS) * sessions // ROWS]
+    covariates = {"temperature_C": warm}
+    return bind(ARM, build_measurements(q_read, position, group=groups, covariates=covariates))
+
+
+def twice(low: float, high: float) -> np.ndarray:
+    """A value that is another one in the second half."""
+    return np.repeat([low, high], ROWS // 2)
+
+
+@pytest.mark.unit
+def test_another_course_takes_a_covariates_place() -> None:
+    course = Named("progress")
+    assert str(substitute(temperature_rise(20.0) * cos(q(2)), "temperature_C", course)) == (
+        "progress*cos(q2)"
+    )
+    assert str(substitute(cos(2.0 * Named("load")), "load", course)) == "cos(2*progress)"
+    assert substitute(q(2), "load", course) == q(2)
+
+
+@pytest.mark.unit
+def test_what_goes_its_own_way_has_no_such_rivals(rng: np.random.Generator) -> None:
+    at = measure(rng.uniform(18, 30, ROWS), np.zeros(ROWS), 2, rng)
+    thermal = mechanism(f"thermal-zero:{ZERO}", ARM)
+    assert find_confounded(at, thermal) is None
+    assert not list(generate_confounded(at, thermal))
+
+
+@pytest.mark.unit
+def test_steps_between_sessions_are_rivals(rng: np.random.Generator) -> None:
+    at = measure(twice(21, 27), np.zeros(ROWS), 2, rng)
+    thermal = mechanism(f"thermal-zero:{ZERO}", ARM)
+    assert find_confounded(at, thermal) == "temperature_C"
+    (stepping,), *_ = generate_confounded(at, thermal)
+    cause = stepping.terms[0].screws[0].cause
+    np.testing.assert_array_equal(cause.of(at.state), at.data.group)
+    assert (
+        stepping.sentence
+        == f'The zero of joint {ZERO} is another one from the group "session 1" on.'
+    )
+
+
+def plant(course: str, rng: np.random.Generator) -> Problem:
+    """A zero that moves between the sessions, with time, or with a temperature of its own course."""
+    size = float(rng.uniform(3e-4, 5e-4))
+    time = np.linspace(0, 1, ROWS)
+    if course == "sessions":
+        return measure(twice(21, 27), twice(0, size), 2, rng)
+    if course == "time":
+        return measure(21 + 6 * time + rng.normal(0, 0.02, ROWS), size * time, 1, rng)
+    warm = rng.uniform(21, 27, ROWS)
+    return measure(warm, size * (warm - 21) / 6, 2, rng)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("course", "proven"), [("sessions", 0), ("time", 0), ("its own", 4)])
+def test_a_temperature_is_proven_where_it_went_its_own_way(
+    course: str, proven: int, rng: np.random.Generator
+) -> None:
+    """In none of five campaigns, or in four at least: one of them may have a rival by chance."""
+    base = Model((mechanism("geometric", ARM),))
+    told = []
+    for _ in range(5):
+        at = plant(course, rng)
+        found = build_candidates(at, base, every(ARM))
+        (effect,) = search_separated(at, base, found).effects
+        assert effect.claim is not None
+        assert effect.claim.levels[LEVELS.index("place")] >= PROVEN
+        told.append(effect.claim.levels[LEVELS.index("drivers")] >= PROVEN)
+    assert sum(told) >= proven
+    assert proven or not any(told)
