@@ -29,6 +29,8 @@ COLUMNS = {
     "temperature_C": "the temperature",
     "time_s": "the course of the campaign",
 }
+# causes that a shape is told with; a mechanism that has more is told by its name
+MOST_DRIVERS = 6
 # names of rivals that a place which is not proven is told with
 NAMED_RIVALS = 3
 # probability of what is not named beside them, above which that is said
@@ -258,6 +260,8 @@ def _describe_shape(effect: Effect) -> str:
     causes = candidate.causes(" and ")
     if candidate.kind is CandidateKind.FREE_FUNCTION:
         return f"{name_places(effect)} by a free function of its own angle"
+    if candidate.registered and len(candidate.mechanism.names()) > MOST_DRIVERS:
+        return f"{name_places(effect)} as {candidate.label} describes, but with other signs"
     return f"{name_places(effect)} with {causes}"
 
 

@@ -17,12 +17,14 @@ import numpy as np
 from .._typing import Array
 from ..fitting.problem import Problem
 from ..mechanisms.motors import joint_axis
+from ..mechanisms.terms import Mechanism
 from .candidates import Candidate
 from .contenders import Contenders, gather_contenders
 from .effects import Claim, find_level
 from .evidence import MIN_LOG_ODDS, compute_factors, sum_evidence
 from .mechanism_families import weigh_families
 from .sentences import has_contrary_signs
+from .sign_constraints import find_contrary_terms
 from .signatures import LEVELS
 from .state import Search
 from .told_first import find_agreed, find_constant
@@ -154,8 +156,7 @@ def weigh_alone(
     of_listed = [float(probability[:count][mask].sum()) for mask in _agree(search, g)]
     of_rivals = [_sum_agreeing(rivals, probability[count:], level) for level in LEVELS]
     levels = np.add(of_listed, of_rivals)
-    fitted = view.fitted
-    if has_contrary_signs(own.mechanism, fitted.theta[fitted.locate(own.mechanism)]):
+    if _is_contrary(own.mechanism, view):
         levels[-1] = 0.0
     # what differs in its constant alone is asked last, whatever the priors
     unlike = [k for k, rival in enumerate(rivals) if rival.agrees != "shape"]
@@ -169,6 +170,18 @@ def weigh_alone(
     evidence = np.full_like(logs, -np.inf)
     np.subtract(logs, log_prior, out=evidence, where=known)
     return levels, find_constant((*search.candidates, *others), g, evidence)
+
+
+def _is_contrary(mechanism: Mechanism, view: View) -> bool:
+    """Whether a mechanism is fitted with a sign that is not its own."""
+    fitted = view.fitted
+    terms = fitted.locate(mechanism)
+    estimate = fitted.theta[terms]
+    if has_contrary_signs(mechanism, estimate):
+        return True
+    error = fitted.standard_errors[terms]
+    contrary = find_contrary_terms(mechanism, estimate, error)
+    return bool(contrary.any())
 
 
 def _agree(search: Search, g: int) -> list[Array]:

@@ -28,6 +28,8 @@ from .unregistered import build_warming_causes, choose_clock
 CONFOUNDED = 0.7
 # terms of a finding, and steps, at most
 MOST_TERMS, MOST_STEPS = 8, 6
+# power of the course of the campaign that a covariate may go with
+MOST_POWER = 3
 # share of a covariate's range by which it jumps
 JUMP = 0.4
 
@@ -36,16 +38,21 @@ def generate_confounded(problem: Problem, found: Mechanism) -> Iterator[list[Mec
     """Generate a finding's terms with what else changed in the place of its covariate, by sorts: steps
     between sessions; time; warming up. None where it has no covariate, or one that went its own way."""
     name = find_confounded(problem, found)
-    if name is None or len(found.terms) > MOST_TERMS:
+    count = len(found.terms)
+    if name is None or count > MOST_TERMS:
         return
     moments = _list_moments(problem.data, name)
     if moments:
-        (stepping,) = _put(found, name, [[step_after(moment) for moment, _ in moments]])
-        yield [replace(stepping, sentence=_tell_steps(problem, stepping, moments))]
+        steps = [step_after(moment) for moment, _ in moments]
+        stepping = _put(found, name, steps)
+        told = _tell_steps(problem, stepping, moments)
+        yield [replace(stepping, sentence=told)]
     clock, duration = choose_clock(problem)
     if duration:
-        yield _put(found, name, [[clock]])
-    yield _put(found, name, [[warming] for warming in build_warming_causes(problem)])
+        in_time = _put(found, name, [clock])
+        yield [in_time]
+    warming = build_warming_causes(problem)
+    yield [_put(found, name, [course]) for course in warming]
 
 
 def find_confounded(problem: Problem, found: Mechanism) -> str | None:
@@ -61,26 +68,43 @@ def find_confounded(problem: Problem, found: Mechanism) -> str | None:
 def _list_moments(data: Measurements, name: str) -> list[tuple[float, str]]:
     """List the moments where sessions meet, or else those where a covariate jumps, each with what begins
     there in words; none of many."""
-    moments = [(moment, f'from the group "{group}" on') for moment, group in list_changes(data)]
+    moments = []
+    for moment, group in list_changes(data):
+        told = f'from the group "{group}" on'
+        moments.append((moment, told))
     if not moments:
-        order = np.argsort(data.progress, kind="stable")
-        values, progress = data.covariates[name][order], data.progress[order]
-        for k in np.flatnonzero(np.abs(np.diff(values)) > JUMP * np.ptp(values)):
-            moment = round_between(progress[k], progress[k + 1])
-            moments.append((moment, f"after {write_percent(moment, 1)} of the campaign"))
-    return moments if len(moments) <= MOST_STEPS else []
+        moments = list(_list_jumps(data, name))
+    if len(moments) > MOST_STEPS:
+        return []
+    return moments
+
+
+def _list_jumps(data: Measurements, name: str) -> Iterator[tuple[float, str]]:
+    """List the moments where a covariate jumps, in words, too."""
+    order = np.argsort(data.progress, kind="stable")
+    progress = data.progress[order]
+    values = data.covariates[name][order]
+    least = JUMP * np.ptp(values)
+    size = np.abs(np.diff(values))
+    for k in np.flatnonzero(size > least):
+        before, after = progress[k : k + 2]
+        moment = round_between(before, after)
+        share = write_percent(moment, 1)
+        yield moment, f"after {share} of the campaign"
 
 
 def _tell_steps(problem: Problem, stepping: Mechanism, moments: Sequence[tuple[float, str]]) -> str:
     """Tell steps of one joint's reading; of any other place their formula does."""
-    robot = problem.robot
-    screws = [screw for term in stepping.terms for screw in term.screws]
-    places = {(screw.frame, screw.axis) for screw in screws}
-    joints = [j for j in range(1, robot.n + 1) if {(j, joint_axis(robot, j))} == places]
-    if not joints or stepping.names() != {"progress"}:
+    places = list(stepping.names_by_place())
+    frame, axis = places[0]
+    is_one = len(places) == 1 and frame <= problem.robot.n
+    is_joint = is_one and axis == joint_axis(problem.robot, frame)
+    if not is_joint or stepping.names() != {"progress"}:
         return ""
-    when = moments[0][1] if len(moments) == 1 else "in every session"
-    return f"The zero of joint {joints[0]} is another one {when}."
+    when = "in every session"
+    if len(moments) == 1:
+        _, when = moments[0]
+    return f"The zero of joint {frame} is another one {when}."
 
 
 def _measure_confounded(data: Measurements, name: str) -> float:
@@ -90,28 +114,32 @@ def _measure_confounded(data: Measurements, name: str) -> float:
     size = float(values @ values)
     if not size:
         return 0.0
-    progress = data.progress
-    groups = data.group[:, None] == np.unique(data.group)
-    columns = np.column_stack([np.ones(len(values)), progress, progress**2, progress**3, groups])
-    fitted = columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
-    left = values - fitted
-    return 1 - float(left @ left) / size
+    powers = np.arange(MOST_POWER + 1)
+    course = data.progress[:, None] ** powers
+    groups = np.unique(data.group)
+    sessions = data.group[:, None] == groups
+    columns = np.column_stack([course, sessions])
+    coefficients, *_ = np.linalg.lstsq(columns, values, rcond=None)
+    left = values - columns @ coefficients
+    share_left = float(left @ left) / size
+    return 1 - share_left
 
 
-def _put(found: Mechanism, name: str, courses: Sequence[Sequence[Cause]]) -> list[Mechanism]:
-    """Put every one of some courses, functions with coefficients of their own, in a covariate's place."""
-    built = []
-    for course in courses:
-        terms = []
-        for number, term in enumerate(found.terms, 1):
-            for part, function in enumerate(course, 1):
-                screws = [
-                    replace(s, cause=substitute(s.cause, name, function)) for s in term.screws
-                ]
-                terms.append(Term(f"a{number}{part}", tuple(screws)))
-        acts = dict.fromkeys(f"{s.frame} {s.axis} {s.cause}" for t in terms for s in t.screws)
-        built.append(Mechanism("; ".join(acts), tuple(terms)))
-    return built
+def _put(found: Mechanism, name: str, course: Sequence[Cause]) -> Mechanism:
+    """Put functions with coefficients of their own in a covariate's place."""
+    terms = []
+    acts: dict[str, None] = {}
+    for number, term in enumerate(found.terms, 1):
+        for part, function in enumerate(course, 1):
+            screws = []
+            for screw in term.screws:
+                cause = substitute(screw.cause, name, function)
+                screws.append(replace(screw, cause=cause))
+                acts[f"{screw.frame} {screw.axis} {cause}"] = None
+            put = Term(f"a{number}{part}", tuple(screws))
+            terms.append(put)
+    words = "; ".join(acts)
+    return Mechanism(words, tuple(terms))
 
 
 def substitute(cause: Cause, name: str, value: Cause) -> Cause:
@@ -123,8 +151,10 @@ def substitute(cause: Cause, name: str, value: Cause) -> Cause:
         case Combined("+" | "-", Named(own), Number()) if own == name:
             return value
         case Combined(_, left, right):
-            left, right = (substitute(part, name, value) for part in (left, right))
+            left = substitute(left, name, value)
+            right = substitute(right, name, value)
             return replace(cause, left=left, right=right)
         case Applied(_, argument):
-            return replace(cause, argument=substitute(argument, name, value))
+            argument = substitute(argument, name, value)
+            return replace(cause, argument=argument)
     return cause

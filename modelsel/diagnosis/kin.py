@@ -15,15 +15,23 @@ KIN = float(np.log(20))
 
 def number_kinds(labels: Sequence[str]) -> Index:
     """Number (P,) the mechanisms that candidates are, whatever their joints."""
-    stems = [find_stem(label) for label in labels]
-    first = {stem: number for number, stem in reversed(list(enumerate(stems)))}
-    return np.array([first[stem] for stem in stems], dtype=np.intp)
+    number: dict[str, int] = {}
+    kinds = []
+    for label in labels:
+        stem = find_stem(label)
+        kind = number.setdefault(stem, len(number))
+        kinds.append(kind)
+    return np.array(kinds, dtype=np.intp)
 
 
 def count_kin(labels: Iterable[str]) -> int:
     """Count the labels that name a mechanism which another one before has in another joint."""
-    stems = [find_stem(label) for label in labels]
-    return len(stems) - len(set(stems))
+    stems = []
+    for label in labels:
+        stem = find_stem(label)
+        stems.append(stem)
+    kinds = set(stems)
+    return len(stems) - len(kinds)
 
 
 def find_stem(label: str) -> str:

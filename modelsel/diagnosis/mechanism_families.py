@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .._typing import Mask
+from .._typing import Index, Mask
 from ..mechanisms.terms import Mechanism, Screw
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
@@ -132,19 +132,30 @@ def _weigh(
     The evidence of each set is joint, as in a model search: where effects are added one after the
     other, several of one size seem as likely as their sum, for which one number is enough."""
     which = np.array(sorted((family.whole, *family.parts)), dtype=np.intp)
+    pool = _gather(search, which, now, view)
+    is_whole = which == family.whole
+    every = np.ones(len(which), bool)
+    trials = []
+    for offered in (is_whole, ~is_whole, every):
+        best = _choose(pool, offered)
+        trials.append(_weigh_set(pool, best))
+    places = np.searchsorted(which, now)
+    present, _ = _weigh_set(pool, places.tolist())
+    return present, trials
+
+
+def _gather(search: Search, which: Index, now: Sequence[int], view: View) -> Pool:
+    """Gather candidates in a pool, beyond a view's model without some of its effects."""
+    effects = [search.candidates[g] for g in now]
     labels = [search.candidates[g].label for g in which]
     log_prior = search.log_prior[which]
     none_free = np.zeros(len(which), bool)
-    curve = build_curve(search.columns, which, log_prior, none_free, ~none_free)
-    released = view.release(*(search.candidates[g] for g in now))
-    start = see_rest(curve, view.scan, view.response, released)
     none_single = np.zeros(len(which), np.intp)
-    pool = assemble_pool(start, log_prior - search.bound, number_kinds(labels), none_single)
-    is_whole = which == family.whole
-    every = np.ones(len(which), bool)
-    trials = [_weigh_set(pool, _choose(pool, offered)) for offered in (is_whole, ~is_whole, every)]
-    present, _ = _weigh_set(pool, np.searchsorted(which, now).tolist())
-    return present, trials
+    curve = build_curve(search.columns, which, log_prior, none_free, ~none_free)
+    released = view.release(*effects)
+    start = see_rest(curve, view.scan, view.response, released)
+    kinds = number_kinds(labels)
+    return assemble_pool(start, log_prior - search.bound, kinds, none_single)
 
 
 def _choose(pool: Pool, offered: Mask) -> list[int]:
@@ -161,5 +172,7 @@ def _choose(pool: Pool, offered: Mask) -> list[int]:
 
 def _weigh_set(pool: Pool, members: Sequence[int]) -> tuple[float, list[int]]:
     """Compute the log posterior of a set of a pool's members, with their candidates."""
-    value, _ = pool.weigh(pool.settle(frozenset(members)))
-    return value, [pool.members[p] for p in members]
+    ratios = pool.settle(frozenset(members))
+    value, _ = pool.weigh(ratios)
+    candidates = [pool.members[p] for p in members]
+    return value, candidates

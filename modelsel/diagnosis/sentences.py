@@ -16,6 +16,7 @@ from .candidates import Candidate
 from .credible_sets import FOUND, Entry
 from .effects import Effect
 from .fitted_curves import find_waves, measure_heights
+from .sign_constraints import find_contrary_terms
 from .stated_probability import describe_level_probability, format_probability, scale_listed
 
 # sizes [rad] below which an angle has the next smaller unit
@@ -235,12 +236,12 @@ def list_cautions(effect: Effect) -> list[str]:
     cautions = list(_generate_sign_cautions(effect))
     mechanism = effect.candidate.mechanism
     # which the sentence says
-    is_contrary = has_contrary_signs(mechanism, effect.estimate)
-    for term, value, error in zip(
-        mechanism.terms, effect.estimate, effect.standard_error, strict=True
+    is_told = has_contrary_signs(mechanism, effect.estimate)
+    contrary = find_contrary_terms(mechanism, effect.estimate, effect.standard_error)
+    for term, value, error, is_contrary in zip(
+        mechanism.terms, effect.estimate, effect.standard_error, contrary, strict=True
     ):
-        is_forbidden = term.sign and not mechanism.contrary and not is_contrary
-        if is_forbidden and value * term.sign < -2 * error:
+        if is_contrary and not is_told:
             cautions.append(
                 f"the sign of {term.symbol} is opposite to what physics predicts, so another cause "
                 "is likely"

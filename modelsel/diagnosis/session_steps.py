@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from .._typing import Mask
+from .._typing import Array, Mask
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..mechanisms import environment
@@ -40,28 +40,37 @@ def place_steps(
     if not moments:
         return tuple(placed)
     progress = problem.data.progress[estimation]
-    for name in sorted({m.name for m in mechanisms} & STEPS.keys()):
-        scanned = {STEPS[name](problem.robot, at): at for at in environment.STEPS}
+    names = {m.name for m in mechanisms}
+    for name in sorted(names & STEPS.keys()):
         for moment, group in moments:
-            before = (progress < moment).sum()
-            same = [
-                m
-                for m, at in scanned.items()
-                if (progress < at).sum() == before and not np.isin(at, progress)
-            ]
+            same = _list_same(problem.robot, name, moment, progress)
             placed = [m for m in placed if m not in same]
             step = STEPS[name](problem.robot, moment)
-            placed.append(replace(step, sentence=_tell_group(step.sentence, group)))
+            told = _tell_group(step.sentence, group)
+            placed.append(replace(step, sentence=told))
     return tuple(placed)
+
+
+def _list_same(robot: Robot, name: str, moment: float, progress: Array) -> list[Mechanism]:
+    """List the scanned steps of a name that rows with some progress (m,) cannot tell from a moment's."""
+    before = progress < moment
+    same = []
+    for at in environment.STEPS:
+        own = progress < at
+        if (own == before).all() and at not in progress:
+            step = STEPS[name](robot, at)
+            same.append(step)
+    return same
 
 
 def list_changes(data: Measurements) -> Iterator[tuple[float, str]]:
     """List the moments of the campaign where a group ends and another begins, with the latter's name."""
-    groups = np.unique(data.group).tolist()
     ranges = []
-    for group in groups:
+    for group in np.unique(data.group):
         own = data.progress[data.group == group]
-        ranges.append((float(own.min()), float(own.max()), group))
+        first = float(own.min())
+        last = float(own.max())
+        ranges.append((first, last, int(group)))
     ranges.sort()
     for (_, end, _), (start, _, group) in pairwise(ranges):
         if end < start:

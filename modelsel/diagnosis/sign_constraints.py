@@ -7,7 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._typing import Array, Index
+from .._linalg import TINY
+from .._typing import Array, Index, Mask
+from ..mechanisms.terms import Mechanism
+
+# how often chance may give one of a mechanism's terms the wrong sign by so many standard errors
+WRONG_BY_CHANCE = 0.025
 
 
 class Sides(NamedTuple):
@@ -45,3 +50,19 @@ def compute_least_of_sign(z: Array, side: Sides) -> Array:
     `z` (n, k, B): the bucket's Zᵀr; the result has its precision."""
     terms = np.matmul(side.projection.astype(z.dtype), z[side.place])
     return np.asarray((terms + side.unsigned.astype(z.dtype)).min(1))
+
+
+def find_contrary_terms(mechanism: Mechanism, estimate: Array, error: Array) -> Mask:
+    """Find the terms (k,) of the sign that physics forbids, beyond what chance gives one of them by
+    their standard errors.
+
+    None of a mechanism that has a sentence for that sign."""
+    from scipy.special import ndtr
+
+    signs = np.array([term.sign for term in mechanism.terms])
+    signed = np.count_nonzero(signs)
+    if mechanism.contrary or not signed:
+        return np.zeros(len(signs), bool)
+    standardised = signs * estimate / np.maximum(error, TINY)
+    by_chance = signed * ndtr(standardised)
+    return np.asarray((signs != 0) & (by_chance < WRONG_BY_CHANCE))

@@ -252,12 +252,17 @@ def _count_saturating(diagnosis: Diagnosis, split: Split) -> int:
     training = split.training
     data = training.data
     postures = len(np.unique(data.block))
-    if not training.only_points or postures == len(np.unique(data.configuration)):
+    visits = len(np.unique(data.configuration))
+    if not training.only_points or postures == visits:
         return 0
-    positions = np.unique(np.stack([data.block, data.target]), axis=1)
-    coordinates = positions.shape[1] * training.components
-    beyond = coordinates - len(diagnosis.fit.representatives)
-    return postures if beyond < training.components else 0
+    labels = np.stack([data.block, data.target])
+    _, positions = np.unique(labels, axis=1).shape
+    coordinates = positions * training.components
+    parameters = len(diagnosis.fit.representatives)
+    beyond = coordinates - parameters
+    if beyond >= training.components:
+        return 0
+    return postures
 
 
 def _measure_rad_per_mm(evaluation: Evaluation, split: Split) -> float | None:

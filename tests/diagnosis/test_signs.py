@@ -10,8 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from builders import bind, drawn, measured, seeds, small_arm, study_of
+from builders import bind, drawn, measured, planted, seeds, small_arm, study_of
 from scipy.integrate import quad
+from searches import search_separated
 
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
 from modelsel.diagnosis.candidate_kinds import CandidateKind
@@ -22,6 +23,8 @@ from modelsel.diagnosis.evidence import compute_log_bayes_factors, normalise_str
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.scan import Scan, build_scan, compute_basis
 from modelsel.diagnosis.sentences import describe_effect, label_effect, list_usual_causes
+from modelsel.diagnosis.sign_constraints import find_contrary_terms
+from modelsel.diagnosis.signatures import PROVEN
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
@@ -335,3 +338,39 @@ def test_units_that_are_no_shares_still_differ() -> None:
     cause = mechanism("settle:1", ARM).terms[0].screws[0].cause
     with pytest.raises(ValueError, match="different units"):
         _ = Term("bad", (Screw(1, "rz", cause), Screw(1, "tz", cause))).unit
+
+
+def test_one_term_of_several_with_a_forbidden_sign_is_told(rng: np.random.Generator) -> None:
+    """Beyond what chance gives one of so many terms; a mechanism of one term needs less."""
+    arm = load_robot("ur5e")
+    bending = next(one for one in build_mechanisms("link-bending:1", arm) if len(one.terms) > 2)
+    terms = len(bending.terms)
+    error = rng.uniform(1e-6, 1e-5, terms)
+    wrong = int(rng.integers(terms))
+    estimate = 2 * error
+    estimate[wrong] = -3.2 * error[wrong]
+    assert find_contrary_terms(bending, estimate, error).nonzero()[0].tolist() == [wrong]
+    estimate[wrong] = -2.1 * error[wrong]
+    assert not find_contrary_terms(bending, estimate, error).any()
+    alone = mechanism("payload-deflection:2", arm)
+    assert find_contrary_terms(alone, np.array([-2.1]), np.ones(1)).all()
+    assert not find_contrary_terms(alone, np.array([-1.8]), np.ones(1)).any()
+
+
+@pytest.mark.integration
+def test_a_cause_of_a_forbidden_sign_is_not_proven(rng: np.random.Generator) -> None:
+    """However much likelier it is than what else was weighed."""
+    arm = load_robot("ur5e")
+    bending = next(one for one in build_mechanisms("link-bending:1", arm) if len(one.terms) > 2)
+    base = Model((mechanism("geometric", arm),))
+    levels = []
+    for sign in (1, -1):
+        size = np.full(len(bending.terms), 2e-5)
+        size[0] *= 5 * sign
+        at = planted(drawn(arm, rng, 80), bending.terms, size, rng, 0.03)
+        found = build_candidates(at, base, [bending], cells=False)
+        (effect,) = search_separated(at, base, found).effects
+        assert effect.claim is not None
+        levels.append(effect.claim.levels[-1])
+    assert levels[0] > PROVEN
+    assert levels[1] == 0.0
