@@ -7,7 +7,6 @@ reading as well is second order and left to the iteration."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
@@ -30,8 +29,8 @@ from .command_notes import (
     describe_order_dependence,
     find_past_limits,
     list_joints_of,
-    needs_approach,
 )
+from .commands_table import build_commands_table, find_carried_columns
 from .large_changes import find_weakest, refuse_large_changes
 from .prediction import compute_pose, compute_sensitivities, predict, to_tracker_frame
 
@@ -48,7 +47,6 @@ SETTLED_MM = 1e-7  # a row that is nearer is left alone
 # what a radian of a wanted orientation weighs against a mm, and a slide's mm against a radian
 LEVER_MM = 100.0
 MAX_CORRECTION = (10e-3, 20.0)  # rad, mm: a correction beyond is more likely a mistake
-UNITS_PER_READING = {"rad": 1.0, "deg": 180 / np.pi, "mm": 1.0, "m": 1e-3}  # from rad or mm
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,7 +311,8 @@ def correct(
     for note in notes:
         warn(note, stacklevel=2)
     figures = commands.figures()
-    return build_commands_table(c, data, commands.q, commands.wanted, figures)
+    form = find_carried_columns(c, table, mapping)
+    return build_commands_table(c, data, commands.q, commands.wanted, figures, form)
 
 
 def note_commands(c: Calibration, commands: Commands, data: Measurements) -> list[str]:
@@ -351,26 +350,6 @@ def read_planned(c: Calibration, source: Source | Array) -> Measurements:
     loaded = load_table(table)
     mapping = c.form.map_columns(loaded, {})
     return read_measurements(loaded, c.robot, mapping, positions=False, once=False)
-
-
-def build_commands_table(
-    c: Calibration, data: Measurements, q: Array, x: Array, more: Mapping[str, Array]
-) -> pd.DataFrame:
-    """Tabulate commands q (m, n) and positions x (m, 3) in the form of a measurements file, the
-    commands in the units of the planned ones, with `more` columns."""
-    import pandas as pd
-
-    units = data.units or [c.robot.unit(j) for j in range(1, c.robot.n + 1)]
-    columns: dict[str, object] = {
-        f"q{j}_{unit}": q[:, j - 1] * UNITS_PER_READING[unit] for j, unit in enumerate(units, 1)
-    }
-    columns |= dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
-    columns["target"] = np.array(data.targets)[data.target]
-    if needs_approach(c, data):
-        directions = data.approach.T.astype(int)
-        for j, column in enumerate(directions, 1):
-            columns[f"approach{j}"] = column
-    return pd.DataFrame({**columns, **data.covariates, **more})
 
 
 def describe_limit_violations(commands: Commands) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from .._typing import Array
 from ..fitting.design import compute_columns, field_of, residuals, twist_of
 from ..fitting.problem import Problem
+from ..measurements.measurements import Measurements
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Pose
 
@@ -42,6 +44,22 @@ def predict(calibration: Calibration, problem: Problem) -> Array:
     pose = compute_pose(problem, terms, theta)
     points = pose.target.T
     return to_tracker_frame(problem, points)
+
+
+def predict_poses(calibration: Calibration, data: Measurements) -> Measurements:
+    """Return planned rows where the calibrated robot has the target: its positions, and its
+    orientations where the rows have any, or the study measured some."""
+    if data.rotation is None and calibration.tool_rotations is not None:
+        identities = np.tile(np.eye(3), (len(data), 1, 1))
+        data = replace(data, rotation=identities)
+    problem = calibration.problem(data)
+    pose = compute_pose(problem, calibration.terms, calibration.theta)
+    position = to_tracker_frame(problem, pose.target.T)
+    if data.rotation is None:
+        return replace(data, position=position)
+    rotations = problem.placement[0][problem.data.group]
+    turned = np.einsum("mij,jkm->mik", rotations, pose.rotation)
+    return replace(data, position=position, rotation=turned)
 
 
 def measure_turn(calibration: Calibration, problem: Problem) -> float | None:

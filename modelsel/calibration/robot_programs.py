@@ -17,6 +17,7 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import StudyError
+from .point_names import MAX_TEXT, make_distinct, write_as_text, write_as_words
 
 # all that a comment may hold; none of it ends one, or means anything to an editor
 PLAIN = re.compile(r"[^A-Za-z0-9 .,:+=()_-]+")
@@ -29,21 +30,36 @@ RESERVED = re.compile(
     r"|then|to|trap|true|until|var|wait|while|with|xor|p\d+",
     re.IGNORECASE,
 )
+# words of RAPID besides, and those that its program uses, which no point may be called
+RESERVED_POINTS = re.compile(
+    RESERVED.pattern.removesuffix(r"|p\d+")
+    + r"|alias|backward|connect|div|endfunc|endrecord|endtest|endtrap|endwhile|from|inout|nostepin|noview"
+    r"|raise|readonly|retry|sysmodule|task|trynext|undo|viewonly|moveabsj|jointtarget|v50|tool0|noeoffs",
+    re.IGNORECASE,
+)
+MAX_LS_NAME = 16  # characters of a position's name
+MAX_RAPID_NAME = 32
 
 
 @dataclass(frozen=True)
 class Program:
     """Commands to write: `values` (m, n) in degrees and mm, which joints slide, what to say of
-    them in comments."""
+    them in comments, and the names `points` of their rows, empty where they have none."""
 
     name: str
     values: Array
     slides: tuple[bool, ...]
     comments: tuple[str, ...]
+    points: tuple[str, ...] = ()
 
     def rows(self, digits: int) -> list[list[str]]:
         """Return the numbers as text of so many decimals."""
         return [[f"{value:.{digits}f}" for value in row] for row in self.values.tolist()]
+
+    def name_points(self, longest: int = MAX_TEXT) -> list[str]:
+        """Return the points' names as plain text."""
+        names = self.points or ("",) * len(self.values)
+        return write_as_text(names, longest)
 
 
 @dataclass(frozen=True)
@@ -61,10 +77,15 @@ class Language:
 
 
 def write_program(
-    form: str, path: Path, q: Array, slides: Sequence[bool], comments: Sequence[str]
+    form: str,
+    path: Path,
+    q: Array,
+    slides: Sequence[bool],
+    comments: Sequence[str],
+    points: Sequence[str] = (),
 ) -> str:
-    """Write commands q (m, n) [rad, mm] as a program that is called as its file is. Raises
-    StudyError where the language has no such name, or no such joints."""
+    """Write commands q (m, n) [rad, mm] as a program that is called as its file is, its `points`
+    under their names where they have any. Raises StudyError where the language has no such name, or no such joints."""
     language = LANGUAGES[form]
     name = path.stem
     _check_name(language, path)
@@ -73,7 +94,7 @@ def write_program(
     for comment in comments:
         plain += _plain_lines(comment, MAX_COMMENT)
     values = _to_unit(language, q, slides)
-    program = Program(name, values, tuple(slides), tuple(plain))
+    program = Program(name, values, tuple(slides), tuple(plain), tuple(points))
     return language.write(program)
 
 
@@ -148,9 +169,10 @@ def _write_urscript(program: Program) -> str:
     lines += [f"  # {comment}" for comment in program.comments]
     language = LANGUAGES["urscript"]
     rows = program.rows(language.digits)
-    for values in rows:
+    for name, values in zip(program.name_points(), rows, strict=True):
         listed = ", ".join(values)
-        lines.append(f"  movej([{listed}], a=0.5, v=0.25)")
+        remark = f"  # {name}" if name else ""
+        lines.append(f"  movej([{listed}], a=0.5, v=0.25){remark}")
     lines.append("end")
     text = "\n".join(lines)
     return text + "\n"
@@ -161,9 +183,11 @@ def _write_krl(program: Program) -> str:
     lines = ["&ACCESS RVP", "&REL 1", f"DEF {program.name}( )"]
     lines += [f"; {comment}" for comment in program.comments]
     lines += [";FOLD INI", "BAS (#INITMOV,0 )", ";ENDFOLD (INI)", "BAS (#VEL_PTP,10 )"]
-    for values in program.rows(LANGUAGES["krl"].digits):
+    rows = program.rows(LANGUAGES["krl"].digits)
+    for name, values in zip(program.name_points(), rows, strict=True):
         axes = [f"A{k} {value}" for k, value in enumerate(values, 1)]
-        lines.append(f"PTP {{{','.join(axes)}}}")
+        remark = f" ; {name}" if name else ""
+        lines.append(f"PTP {{{','.join(axes)}}}{remark}")
     lines.append("END")
     return "\r\n".join(lines) + "\r\n"
 
@@ -175,14 +199,23 @@ def _write_rapid(program: Program) -> str:
     lines += [f"  ! {comment}" for comment in program.comments]
     rows = program.rows(LANGUAGES["rapid"].digits)
     external = ",".join(["9E9"] * 6)
-    for k, values in enumerate(rows, 1):
+    points = _name_rapid_points(program)
+    for point, values in zip(points, rows, strict=True):
         axes = ",".join(values + ["0"] * (6 - len(values)))
-        lines.append(f"  CONST jointtarget p{k}:=[[{axes}],[{external}]];")
+        lines.append(f"  CONST jointtarget {point}:=[[{axes}],[{external}]];")
     lines.append(f"  PROC run_{program.name}()")
-    for k, _ in enumerate(rows, 1):
-        lines.append(f"    MoveAbsJ p{k}\\NoEOffs,v50,fine,tool0;")
+    lines += [f"    MoveAbsJ {point}\\NoEOffs,v50,fine,tool0;" for point in points]
     lines += ["  ENDPROC", "ENDMODULE"]
     return "\r\n".join(lines) + "\r\n"
+
+
+def _name_rapid_points(program: Program) -> list[str]:
+    """Name a program's points by words of the language; none is called as the program is."""
+    own = f"|{program.name}|run_{program.name}"
+    reserved = re.compile(RESERVED_POINTS.pattern + own, re.IGNORECASE)
+    names = program.points or ("",) * len(program.values)
+    words = write_as_words(names, MAX_RAPID_NAME, reserved)
+    return make_distinct(words, "p", MAX_RAPID_NAME)
 
 
 def _write_ls(program: Program) -> str:
@@ -194,13 +227,16 @@ def _write_ls(program: Program) -> str:
         body += [f"  !{line}" for line in textwrap.wrap(comment, 30)]
     body += ["  UFRAME_NUM=0", "  UTOOL_NUM=1"]
     rows = program.rows(LANGUAGES["ls"].digits)
-    body += [f"J P[{k}] 10% FINE" for k, _ in enumerate(rows, 1)]
+    names = program.name_points(MAX_LS_NAME)
+    points = [f"{k}:{name}" if name else f"{k}" for k, name in enumerate(names, 1)]
+    body += [f"J P[{point}] 10% FINE" for point in points]
     lines = [f"/PROG  {program.name.upper()}", "/ATTR", 'COMMENT\t\t= "modelsel";']
     lines += [f"LINE_COUNT\t= {len(body)};", "DEFAULT_GROUP\t= 1,*,*,*,*;", "/MN"]
     lines += [f"{k:4d}:{line}    ;" for k, line in enumerate(body, 1)]
     lines.append("/POS")
-    for k, values in enumerate(rows, 1):
-        lines += [f"P[{k}]{{", "   GP1:", "\tUF : 0, UT : 1,\t"]
+    for k, (name, values) in enumerate(zip(names, rows, strict=True), 1):
+        point = f'{k}:"{name}"' if name else f"{k}"
+        lines += [f"P[{point}]{{", "   GP1:", "\tUF : 0, UT : 1,\t"]
         lines += _format_ls_joints(values, program.slides)
         lines.append("};")
     lines.append("/END")
@@ -243,9 +279,11 @@ for name, joints in TARGETS:
 def _write_robodk(program: Program) -> str:
     """Write a script for RoboDK's Python API that adds a joint target a command: degrees and mm."""
     rows = []
-    for k, values in enumerate(program.rows(LANGUAGES["robodk"].digits), 1):
+    names = make_distinct(program.name_points(), f"{program.name}_")
+    digits = LANGUAGES["robodk"].digits
+    for name, values in zip(names, program.rows(digits), strict=True):
         listed = ", ".join(values)
-        rows.append(f'    ("{program.name}_{k}", [{listed}]),')
+        rows.append(f'    ("{name}", [{listed}]),')
     comments = "\n".join(program.comments)
     return ROBODK.format(comments=comments, rows="\n".join(rows))
 

@@ -18,7 +18,10 @@ from ._options import column_option, json_option, print_json, print_prose, table
 from ._output_path import OutputPath, check_output, check_table_path
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from ..calibration.calibration import Calibration
+    from ..calibration.commands_table import CarriedColumns
     from ..calibration.compensation import Commands
     from ..measurements.measurements import Measurements
 
@@ -92,8 +95,11 @@ def compensate_command(
     table has commands in the units in which they were given; a program
     has the units of its language, slow moves, and is called as its file is."""
     from .._files import write_frame
-    from ..calibration.command_notes import describe_extrapolation, describe_order_dependence
-    from ..calibration.compensation import build_commands_table
+    from ..calibration.commands_table import (
+        build_commands_table,
+        find_carried_columns,
+        list_point_names,
+    )
     from ..calibration.held_values import hold_values, read_held_values
     from ..calibration.loading import load_calibration
     from ..measurements.reader import read_measurements
@@ -106,28 +112,29 @@ def compensate_command(
     check_output(out, (result, targets, *(() if log is None else (log.path,))))
     c = load_calibration(result)
     later = load_later(c, c.form.open(targets, sheet, decimal), log, columns).matched()
-    values = read_held_values(at)
-    held = hold_values(c, later.table, values)
+    held = hold_values(c, later.table, read_held_values(at))
     data = read_measurements(held, c.robot, later.columns, positions=False, once=False)
+    carried = find_carried_columns(c, held, later.columns)
     commands: Commands | None = None
     skipped: list[str] = []
     if forward:
-        notes = [*describe_extrapolation(c, data), *describe_order_dependence(c, data)]
-        table = build_commands_table(c, data, data.readings, c.predict(data), {})
+        table, notes = _tabulate_real(c, data, carried)
     else:
         found = _correct(c, data, bound, targets.name)
         commands, data, notes, skipped = found
-        table = build_commands_table(c, data, commands.q, commands.wanted, commands.figures())
-    notes += later.note_own(c)
+        figures = commands.figures()
+        table = build_commands_table(c, data, commands.q, commands.wanted, figures, carried)
+        notes += later.note_own(c)
     if commands is None or form == "csv":
         write_frame(table, out, "%.10g")
     else:
         _check_commands(commands, data, skipped, written=False)
-        notes += _write_program(c, data, commands, form, out, notes)
+        points = list_point_names(data, carried)
+        notes += _write_program(c, data, commands, form, out, notes, points)
     if as_json:
-        figures = {} if commands is None else _figures(commands)
+        totals = {} if commands is None else _figures(commands)
         said = {"written": out.name, "rows": len(data), "warnings": notes, "left_out": skipped}
-        print_json(said | figures)
+        print_json(said | totals)
     else:
         slides = np.array(c.robot.prismatic)
         gain = "" if commands is None else _sentence(commands, slides)
@@ -135,6 +142,21 @@ def compensate_command(
         print_prose("\n".join([*later.said, written, *(f"Note: {note}" for note in notes)]))
     if commands is not None:
         _check_commands(commands, data, skipped)
+
+
+def _tabulate_real(
+    c: Calibration, data: Measurements, carried: CarriedColumns
+) -> tuple[pd.DataFrame, list[str]]:
+    """Tabulate where the real target is at planned commands, and note what the answer rests on."""
+    from ..calibration.command_notes import describe_extrapolation, describe_order_dependence
+    from ..calibration.commands_table import build_commands_table
+    from ..calibration.prediction import predict_poses
+
+    extrapolated = describe_extrapolation(c, data)
+    ordered = describe_order_dependence(c, data)
+    real = predict_poses(c, data)
+    table = build_commands_table(c, real, data.readings, real.position, {}, carried)
+    return table, [*extrapolated, *ordered]
 
 
 def _correct(
@@ -175,8 +197,9 @@ def _write_program(
     form: str,
     out: Path,
     notes: Sequence[str],
+    points: Sequence[str],
 ) -> list[str]:
-    """Write the commands as a program, and note what its decimals cost. Raises StudyError."""
+    """Write the commands as a program, its points under their names, and note what its decimals cost. Raises StudyError."""
     from .._files import write_atomically
     from ..calibration.compensation import REACHED_MM
     from ..calibration.prediction import predict
@@ -191,7 +214,7 @@ def _write_program(
         "Moves are slow and stop at every point. Check the path before the arm runs it.",
     ]
     slides = c.robot.prismatic
-    text = write_program(form, out, commands.q, slides, comments)
+    text = write_program(form, out, commands.q, slides, comments, points)
     write_atomically(out, text.encode("ascii"))
     at = [
         predict(c, c.problem(replace(data, q=angles_of(c.robot.coupling, q))))

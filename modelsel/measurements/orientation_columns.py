@@ -3,13 +3,14 @@ convention, in place of the quaternion qw qx qy qz."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .._typing import Array
-from ..robot.rigid import from_rotation_vector, rotation_matrix, to_quaternion
+from ..robot.rigid import from_rotation_vector, rotation_matrix, rotation_vector, to_quaternion
 from .columns import UNITS, find_blank_cells, read_numbers
 from .table import Table
 
@@ -40,6 +41,19 @@ class Convention:
         for axis, k in zip(self.axes, self.sequence, strict=True):
             R = R @ rotation_matrix(axis, angles[:, k])
         return np.asarray(R)
+
+    def read_angles(self, R: Array) -> Array:
+        """Convert rotations (m, 3, 3) to angles (m, 3) [rad], in the order of `columns`: what
+        `rotate` takes. Where two axes fall together, one of their angles is 0."""
+        from scipy.spatial.transform import Rotation
+
+        if self.axes is None:
+            return rotation_vector(R)
+        turned = "".join("XYZ"[axis] for axis in self.axes)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Gimbal lock")
+            angles = Rotation.from_matrix(R).as_euler(turned)
+        return np.asarray(angles[:, np.argsort(self.sequence)])
 
 
 FIRST_TO_LAST, LAST_TO_FIRST = (0, 1, 2), (2, 1, 0)
@@ -103,8 +117,7 @@ def convert_orientations(table: Table) -> Table:
     present = [name for name in ORIENTATION_COLUMNS if name in table]
     if not present:
         return table
-    convention = next(each for each in CONVENTIONS if present[0].rpartition("_")[0] in each.columns)
-    unit = present[0].rpartition("_")[2]
+    convention, unit = _parse_orientation_column(present[0])
     names = [f"{name}_{unit}" for name in convention.columns]
     _refuse_mixtures(table, names, present)
     rows = _find_oriented_rows(table, names)
@@ -114,6 +127,31 @@ def convert_orientations(table: Table) -> Table:
     columns = {name: cells for name, cells in table.columns.items() if name not in names}
     columns |= {name: quaternion[:, k] for k, name in enumerate(QUATERNION_COLUMNS)}
     return replace(table, columns=columns)
+
+
+def _parse_orientation_column(name: str) -> tuple[Convention, str]:
+    """Return the convention of a column, and its unit."""
+    angle, _, unit = name.rpartition("_")
+    return next(each for each in CONVENTIONS if angle in each.columns), unit
+
+
+def choose_orientation_names(names: Collection[str]) -> tuple[str, ...]:
+    """Find the columns that say orientations among names: those of the quaternion where no other
+    convention's are there."""
+    present = [name for name in ORIENTATION_COLUMNS if name in names]
+    if not present:
+        return QUATERNION_COLUMNS
+    convention, unit = _parse_orientation_column(present[0])
+    return tuple(f"{name}_{unit}" for name in convention.columns)
+
+
+def write_orientations(R: Array, names: Sequence[str]) -> dict[str, Array]:
+    """Write orientations (m, 3, 3) as columns of these names, of `choose_orientation_names`."""
+    if names == QUATERNION_COLUMNS:
+        return dict(zip(names, to_quaternion(R).T, strict=True))
+    convention, unit = _parse_orientation_column(names[0])
+    angles = convention.read_angles(R) / UNITS[unit]
+    return dict(zip(names, angles.T, strict=True))
 
 
 def _refuse_mixtures(table: Table, names: Sequence[str], present: Sequence[str]) -> None:

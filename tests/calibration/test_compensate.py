@@ -16,9 +16,9 @@ from wide_calibration import wide
 
 from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.command_notes import describe_extrapolation, describe_order_dependence
+from modelsel.calibration.commands_table import build_commands_table
 from modelsel.calibration.compensation import (
     MAX_CORRECTION,
-    build_commands_table,
     compensate_commands,
     correct,
     predict_nominal,
