@@ -43,6 +43,7 @@ CODES = {
     "board-seen": "poses of a board seen from the hand are turned into poses of the camera",
     "orders-equal": "rows of a group have the same order, but other joint readings",
     "approach-from-order": "directions of approach are taken from the order of motion",
+    "approach-against-order": "directions of approach are not those of the order of motion",
     # preparing the study
     "gravity-unknown": "the robot file gives no direction of gravity; mechanisms that need it are left out",
     "cause-constant": "a cause of the study's own has one value in all rows",

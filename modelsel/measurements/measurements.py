@@ -329,7 +329,9 @@ def build_measurements(
         sigma=sigma,
         rotation=None if orientation is None else orientation.rotation,
         sigma_rotation=None if orientation is None else orientation.sigma,
-        notes=describe_motion(motion.flicker, prismatic, approach is None),
+        notes=describe_motion(
+            motion, prismatic, None if approach is None else np.asarray(approach)
+        ),
         prismatic=tuple(prismatic),
         reference_celsius=choose_reference(covariates),
         coupling=coupling,

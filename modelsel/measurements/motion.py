@@ -13,7 +13,10 @@ from ..robot.coupling import Coupling, readings_of
 from .resting_joints import describe_resting_joints
 from .visits import derive_motion, number_keys, number_visits
 
-APPROACH_FROM_ORDER = "approach-from-order"  # the code of its note
+# codes of notes
+APPROACH_FROM_ORDER, APPROACH_AGAINST_ORDER = "approach-from-order", "approach-against-order"
+# directions from which it is told that so large a share of them is not that of the order
+MIN_DIRECTIONS, MAX_OTHER_SHARE = 20, 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,14 +106,19 @@ def _join(
 
 
 def describe_motion(
-    flicker: Array, prismatic: Sequence[bool], is_derived: bool
+    motion: Motion, prismatic: Sequence[bool], given: Array | None
 ) -> tuple[Note, ...]:
-    """Say what was taken from the order of motion."""
+    """Say what was taken from the order of motion, and where directions that are `given` (m, n) are
+    not those of this order."""
     notes = []
+    flicker = motion.flicker
     resting = describe_resting_joints(flicker, prismatic)
     if resting is not None:
         notes.append(Note("joint-rests", resting))
-    if is_derived:
+    contradiction = "" if given is None else _describe_contradiction(motion.approach, given)
+    if contradiction:
+        notes.append(Note(APPROACH_AGAINST_ORDER, contradiction))
+    if given is None:
         notes.append(
             Note(
                 APPROACH_FROM_ORDER,
@@ -119,3 +127,23 @@ def describe_motion(
             )
         )
     return tuple(notes)
+
+
+def _describe_contradiction(derived: Array, given: Array) -> str:
+    """Say that directions of approach are not those of the order of motion; nothing where they
+    mostly are, and where each joint always comes from one side, as an arm does that is sent past
+    its goal on purpose."""
+    varies = (given > 0).any(0) & (given < 0).any(0)
+    is_known = (given != 0) & (derived != 0) & varies
+    known = int(is_known.sum())
+    if known < MIN_DIRECTIONS:
+        return ""
+    is_other = is_known & (given != derived)
+    share = is_other.sum() / known
+    if share < MAX_OTHER_SHARE:
+        return ""
+    return (
+        f"The approach columns are not what the order of the rows makes of them in {100 * share:.0f} % of "
+        "the motions. They are taken as they are, which is right if the arm came into each row that "
+        "way on purpose. If it went straight from row to row, leave them out."
+    )

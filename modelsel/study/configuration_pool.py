@@ -24,6 +24,7 @@ SETTABLE = ("payload_kg", "temperature_C")
 TIME = "time_s"
 # columns of a plan that are no conditions
 OWN_COLUMN = re.compile(r"q\d+_(rad|deg|mm|m)|approach\d+|configuration")
+APPROACH_COLUMN = re.compile(r"approach\d+")
 # what rounding may add to a range that is given [deg, rad or mm]
 SLACK = 1e-6
 POOL_SIZE = 2000  # configurations of a pool that is drawn within ranges
@@ -143,6 +144,23 @@ def draw_approaches(data: Measurements, seed: int) -> Measurements:
     drawn = rng.choice([-1.0, 1.0], shape)
     approach = drawn[configuration]
     return replace(data, approach=approach)
+
+
+def leave_out_approaches(columns: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the columns of a plan without directions of approach."""
+    return {n: values for n, values in columns.items() if not APPROACH_COLUMN.fullmatch(n)}
+
+
+def describe_approaches(columns: Collection[str]) -> str:
+    """Say that the directions of approach of a plan are instructions; nothing where it has none."""
+    names = [name for name in columns if APPROACH_COLUMN.fullmatch(name)]
+    if not names:
+        return ""
+    return (
+        f"{names[0]} … {names[-1]} are instructions: come into each configuration with every joint "
+        "moving that way (1: its reading grows). Where the arm goes straight from row to row, leave "
+        "these columns out of the file that the study reads: the order of the rows says otherwise."
+    )
 
 
 def describe_conditions(columns: Collection[str]) -> str:

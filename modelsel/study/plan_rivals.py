@@ -6,6 +6,7 @@ import numpy as np
 
 from ..calibration.experiment_design import MAX_RIVALS, Rivals
 from ..diagnosis.effects import Effect
+from ..measurements.state_names import StateKind, parse_state_name
 from ..mechanisms.terms import Term
 from .result import Result
 
@@ -55,6 +56,16 @@ def list_used_names(result: Result) -> frozenset[str]:
                 for screw in term.screws:
                     names |= screw.cause.names()
     return frozenset(names)
+
+
+def depends_on_approach(result: Result) -> bool:
+    """Whether the chosen model, a rival of one of its findings, or a candidate of the study depends
+    on the direction from which a joint came."""
+    names = set(list_used_names(result))
+    for candidate in result.diagnosis.search.offered:
+        names |= candidate.mechanism.names()
+    variables = [parse_state_name(name) for name in names]
+    return any(v is not None and v.kind is StateKind.APPROACH for v in variables)
 
 
 def _list_other_terms(result: Result, effect: Effect) -> tuple[Term, ...]:

@@ -33,15 +33,17 @@ from ..mechanisms.terms import Term
 from ..robot.kinematics import forward
 from .configuration_pool import (
     COLLISIONS,
+    describe_approaches,
     describe_conditions,
     describe_ranges,
     draw_approaches,
     draw_pool,
     find_joint_ranges,
     keep_conditions,
+    leave_out_approaches,
     repeat_for_targets,
 )
-from .plan_rivals import find_rivals, list_used_names
+from .plan_rivals import depends_on_approach, find_rivals, list_used_names
 from .planned_repeats import RepeatPlan, add_rounds, format_repeats, plan_repeats
 from .result import Result
 from .rival_sentences import describe_rivals, follows_gravity
@@ -325,6 +327,8 @@ def plan_next(
     chosen = _take_configurations(possible, plan.rows)
     again = _plan_repeats(result, calibration, chosen, repeats)
     table = plan.table
+    if not depends_on_approach(result):
+        table = leave_out_approaches(table)
     if repeats is not None and again is not None:
         table = add_rounds(table, again, generator(seed, "rounds"))
     return replace(plan, within=within, repeats=again, table=table)
@@ -348,9 +352,8 @@ def format_plan(plan: MeasurementPlan) -> list[str]:
     if plan.twins:
         twins = "; ".join(dict.fromkeys(plan.twins))
         lines.append(f"Alike in every configuration of the pool: {twins}.")
-    conditions = describe_conditions(plan.table)
-    if conditions:
-        lines.append(conditions)
+    columns = [describe_approaches(plan.table), describe_conditions(plan.table)]
+    lines += [sentence for sentence in columns if sentence]
     lines.append(_format_indices(plan))
     if plan.learning:
         lines.append(_format_learning(plan))

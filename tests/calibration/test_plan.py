@@ -309,7 +309,8 @@ def test_command(tmp_path, rng) -> None:
         assert run("plan", tmp_path, "--joint", wrong).exit_code == 2
     chosen = pd.read_csv(tmp_path / "next.csv")
     assert len(chosen) == 4
-    assert set(np.unique(chosen[[f"approach{j}" for j in range(1, 7)]])) <= {-1, 1}
+    # no candidate of this study looks at a direction of approach
+    assert "approach1" not in chosen
     pd.DataFrame({f"q{j}_deg": rng.uniform(-90, 90, 40) for j in range(1, 7)}).to_csv(
         tmp_path / "pool.csv", index=False
     )
@@ -504,6 +505,22 @@ def test_a_pool_of_few_configurations_is_told(fitted) -> None:
         plan_next(fitted, 8, pool=pool)
     )
     assert "The pool has" not in repr(plan_next(fitted, 5, pool=pool))
+
+
+def test_directions_are_planned_where_a_candidate_looks_at_them(fitted) -> None:
+    """They are instructions then, which the order of the rows does not follow, and that is said."""
+    plain = plan_next(fitted, 5)
+    assert "approach1" not in plain.to_frame()
+    assert "approach1" not in repr(plain)
+    study = STUDY.replace("[model]", "[model]\nbase = []").replace(
+        '"gear-ecc', '"approach-backlash", "gear-ecc'
+    )
+    read = parse_study(study, "study.toml")
+    found = study_run(read.with_measurements(simulate_study(read)), sampling=False)
+    planned = plan_next(found, 5)
+    names = [f"approach{j}" for j in range(1, 7)]
+    assert set(np.unique(planned.to_frame()[names])) == {-1, 1}
+    assert "approach1 … approach6 are instructions" in repr(planned)
 
 
 @pytest.mark.parametrize(

@@ -280,6 +280,21 @@ def test_given_approach_stays(tmp_path) -> None:
     assert not {"approach1", "approach2"} & set(data.covariates)
 
 
+def test_directions_against_the_order_are_said(rng) -> None:
+    """Drawn ones are; those of the order, and an arm that always comes from one side, are not."""
+    q = rng.uniform(-2, 2, (40, 2))
+    position = np.zeros((40, 3))
+    derived = build_measurements(q, position).approach
+    drawn_ones = rng.choice([-1.0, 1.0], q.shape)
+    data = build_measurements(q, position, approach=drawn_ones)
+    share = 100 * np.mean((drawn_ones != derived)[1:])
+    (said,) = [note.sentence for note in data.notes if note.code == "approach-against-order"]
+    assert f"order of the rows makes of them in {share:.0f} % of the motions" in said
+    for given in (derived, np.ones(q.shape), np.zeros(q.shape)):
+        data = build_measurements(q, position, approach=given)
+        assert not data.notes
+
+
 def test_configuration_column_joins_rows() -> None:
     data = build_measurements(
         np.array([[0.0, 0], [1, 0], [0, 0]]), np.zeros((3, 3)), configuration=[7, 3, 7]
