@@ -334,10 +334,10 @@ def _describe_followed(change: MechanismChange) -> str:
     compared."""
     before = write_rounded(change.before_mm)
     after = write_rounded(change.after_mm)
-    named = f"{change.name} is named in both campaigns, with {before} and {after} mm"
+    named = f"{change.name} is in the models of both campaigns, with {before} and {after} mm"
     if change.only_in is not None:
         size = before if change.only_in == CAMPAIGN_NAMES[0] else after
-        named = f"{change.name} is named in the {change.only_in} campaign only, with {size} mm"
+        named = f"{change.name} is in the model of the {change.only_in} campaign only, with {size} mm"
     return (
         f"{named} rms at the target. The geometry, which both have fitted, would move it in the same "
         "way, so the two campaigns cannot be compared in it."
@@ -358,6 +358,6 @@ def _describe_single(change: MechanismChange) -> str:
         limit = f"The {other} would have named it only from {seen} mm on"
     verb = "disappeared" if is_first else "appeared"
     return (
-        f"{change.name} is named in the {named} campaign only, with {size}. {limit}, "
+        f"{change.name} is in the model of the {named} campaign only, with {size}. {limit}, "
         f"so it cannot be said whether it {verb}."
     )

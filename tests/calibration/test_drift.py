@@ -481,7 +481,7 @@ def test_what_the_geometry_follows_cannot_be_compared(rng) -> None:
         (only,) = found.mechanisms
         assert (only.what, only.seen_mm, only.only_in) == ("cannot be compared", None, campaign)
         told = describe_comparison(found)[0]
-        assert told.startswith(f"new-stand is named in the {campaign} campaign only, with ")
+        assert told.startswith(f"new-stand is in the model of the {campaign} campaign only, with ")
         assert f"{same} cannot be compared in it." in told
 
 
@@ -496,7 +496,7 @@ def test_a_campaign_without_uncertainty_proves_nothing_of_the_other(rng) -> None
     assert (only.what, only.seen_mm) == ("may have appeared", None)
     assert "From where on the first would have named it is not known" in describe_change(only)
     empty = replace(only, what="may have disappeared", before_mm=0.0, after_mm=0.0, only_in="first")
-    assert "is named in the first campaign only, with 0 mm" in describe_change(empty)
+    assert "is in the model of the first campaign only, with 0 mm" in describe_change(empty)
 
 
 @pytest.mark.slow
