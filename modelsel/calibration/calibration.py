@@ -185,7 +185,7 @@ class Calibration:
                 remedy="Leave out the rows of other kinds, or make a study of the file.",
             )
         check_targets(data, self.targets)
-        if self._groups_differ():
+        if self.groups_differ():
             check_groups(data, self.groups)
         bound_data = replace(
             data,
@@ -211,7 +211,7 @@ class Calibration:
             )
         return replace(problem, data=completed)
 
-    def _groups_differ(self) -> bool:
+    def groups_differ(self) -> bool:
         """Whether the calibration knows its groups apart: by placement, or by a term of one."""
         for term in self.terms:
             for screw in term.screws:

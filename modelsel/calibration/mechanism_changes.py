@@ -337,7 +337,9 @@ def _describe_followed(change: MechanismChange) -> str:
     named = f"{change.name} is in the models of both campaigns, with {before} and {after} mm"
     if change.only_in is not None:
         size = before if change.only_in == CAMPAIGN_NAMES[0] else after
-        named = f"{change.name} is in the model of the {change.only_in} campaign only, with {size} mm"
+        named = (
+            f"{change.name} is in the model of the {change.only_in} campaign only, with {size} mm"
+        )
     return (
         f"{named} rms at the target. The geometry, which both have fitted, would move it in the same "
         "way, so the two campaigns cannot be compared in it."

@@ -3,6 +3,7 @@ robots from a URDF."""
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import tomllib
@@ -25,6 +26,7 @@ from modelsel.calibration.constant_part import (
     split_parts,
 )
 from modelsel.calibration.export import FORMS, export
+from modelsel.calibration.export.python import read_module_data
 from modelsel.calibration.prediction import predict
 from modelsel.cli.main import run_command_line
 from modelsel.config.study_file import parse_study
@@ -65,6 +67,14 @@ def test_round_trip(form, made) -> None:
         assert found.left_out_mm[1] >= found.left_out_mm[0] > 0.01
     else:
         assert not said
+
+
+def test_a_file_of_the_whole_model_names_its_group(made) -> None:
+    """Where groups have frames of their own; else none is named."""
+    alone = replace(made, placement=tuple(part[:1] for part in made.placement), groups=("all",))
+    for c, group in ((made, "mon"), (alone, None)):
+        assert json.loads(export(c, "json").text)["group"] == group
+        assert read_module_data(export(c, "python").text)["group"] == group
 
 
 def test_table_interpolates(made) -> None:

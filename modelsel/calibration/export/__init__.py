@@ -43,7 +43,7 @@ from .lookup import (
     evaluate_tables,
     write_tables,
 )
-from .notes import describe_coupling, list_notes
+from .notes import describe_coupling, find_group, list_notes
 from .python import to_python
 from .ur_calibration import to_ur_calibration
 
@@ -152,6 +152,7 @@ def to_json(c: Calibration, notes: Sequence[str] = ()) -> Exported:
         "kind": "corrections",
         "study": c.study,
         "robot": c.robot.name,
+        "group": find_group(c),
         "axes": list(AXES),
         "says": "H of a frame = constant entries + Σ estimate × cause; Trans(tx, ty, tz) Rx Ry Rz, mm and rad",
         "constant": {name: constant_entries(c, t).tolist() for t, name in enumerate(c.targets)},

@@ -6,11 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from ...exceptions import sentence_list, write_rounded
 from ...measurements.reference_temperature import TEMPERATURE
-from ...mechanisms.causes import Member
 from ...mechanisms.environment import find_references
 from ..refitting import select_carried
 
@@ -33,15 +30,15 @@ def list_notes(c: Calibration, what: str, geometry: bool) -> tuple[str, ...]:
     if TEMPERATURE in c.needs():
         temperature = _describe_temperature(c, what)
         out.append(temperature)
-    causes = {screw.cause for term in c.terms for screw in term.screws}
-    groups = range(len(c.groups))
-    members = [Member("group", g) in causes for g in groups]
-    translations = c.placement[1]
-    extents = np.ptp(translations, axis=0)
-    if extents.any() or any(members):
-        first = c.groups[0]
-        out.append(f'the placement of the tracker is that of group "{first}"')
+    group = find_group(c)
+    if group is not None:
+        out.append(f'the placement of the tracker is that of group "{group}"')
     return tuple(out)
+
+
+def find_group(c: Calibration) -> str | None:
+    """Find the group whose tracker's frame a file has: the first; None where they have one frame."""
+    return c.groups[0] if c.groups_differ() else None
 
 
 def describe_coupling(c: Calibration) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ from ...mechanisms.causes import Applied, Bump, Cause, Combined, Named, Number
 from ..constant_part import constant_entries, split_parts
 from ..prediction import compute_pose, to_tracker_frame
 from .form import Exported, measure_export
+from .notes import find_group
 from .standalone import predict_both
 
 if TYPE_CHECKING:
@@ -106,6 +107,7 @@ def module_data(c: Calibration) -> dict[str, Any]:
     return {
         "study": c.study,
         "robot": c.robot.name,
+        "group": find_group(c),
         "needs": list_inputs(c),
         "targets": list(c.targets),
         "prismatic": list(c.robot.prismatic),
