@@ -5,19 +5,20 @@ from __future__ import annotations
 import click
 
 from ..exceptions import count_words
-from ._options import json_option, print_json, read_robot_option
+from ._options import dh_option, json_option, print_json, read_robot_option
 
 
 @click.command("robots")
 @click.argument("name", required=False)
+@dh_option
 @json_option
-def robots_command(name: str | None, as_json: bool) -> None:
+def robots_command(name: str | None, convention: str | None, as_json: bool) -> None:
     """The built-in nominal robots, each with its source; of NAME, or a robot file, its chain."""
     from ..robot.files import builtin_names
     from ..robot.plain_values import robot_card
 
     names = [name] if name else builtin_names()
-    named = [read_robot_option(n) for n in names]
+    named = [read_robot_option(n, convention=convention) for n in names]
     cards = [robot_card(each.robot) for each in named]
     if as_json:
         print_json({"robots": cards})

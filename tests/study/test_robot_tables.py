@@ -62,6 +62,17 @@ def write(folder, name: str, text: str):
     return path
 
 
+def test_robots_takes_the_convention_that_its_message_asks_for(tmp_path) -> None:
+    rows = "joint,theta,d,a,alpha\n1,0,100,0,90\n2,0,0,400,0\n3,0,0,300,0\n"
+    table = str(write(tmp_path, "dh.csv", rows))
+    runner = CliRunner()
+    refused = runner.invoke(run_command_line, ["robots", table])
+    assert (refused.exit_code, "--dh standard or --dh modified" in refused.output) == (2, True)
+    shown = runner.invoke(run_command_line, ["robots", table, "--dh", "modified"])
+    assert shown.exit_code == 0, shown.output
+    assert "modified DH (Craig), as given" in shown.output
+
+
 def test_table_of_universal_robots_is_standard(tmp_path) -> None:
     robot, text, said = read_robot_table(write(tmp_path, "ur10.csv", UR10))
     assert said == (
