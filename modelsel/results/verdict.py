@@ -169,7 +169,9 @@ def _describe_named(every: NamedErrors, extends: bool) -> str:
         effect = _describe_small_effect(every)
         sentences.append(f"{write_number(len(small))} {which} {effect}.")
     if not extends:
-        sentences.append("The study adds none of them to the model.")
+        is_one = len(every.each) == 1
+        added = "does not add it" if is_one else "adds none of them"
+        sentences.append(f"The study {added} to the model.")
     return " ".join(sentences)
 
 
