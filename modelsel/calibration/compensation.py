@@ -355,8 +355,12 @@ def read_planned(c: Calibration, source: Source | Array) -> Measurements:
 def describe_limit_violations(commands: Commands) -> list[str]:
     """Describe which corrected commands are beyond their joint's limits."""
     counts = commands.beyond.sum(0).tolist()
-    return [
-        f"joint {j}: {count:,} of {len(commands.q):,} corrected commands lie beyond its limits."
-        for j, count in enumerate(counts, 1)
-        if count
-    ]
+    total = len(commands.q)
+    sentences = []
+    for j, count in enumerate(counts, 1):
+        verb = "lies" if count == 1 else "lie"
+        if count:
+            sentences.append(
+                f"joint {j}: {count:,} of {total:,} corrected commands {verb} beyond its limits."
+            )
+    return sentences

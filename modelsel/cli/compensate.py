@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from ..calibration.compensation import Commands
     from ..measurements.measurements import Measurements
 
+# of an angle that is told: what is smaller is rounding
+LEAST_MRAD = 1e-6
+
 
 def _check_bound(
     context: click.Context, option: click.Parameter, bound: tuple[float, float]
@@ -321,6 +324,7 @@ def _describe_orientations(commands: Commands) -> str:
         return ""
     before = 1e3 * commands.before_rad
     left = 1e3 * commands.left_rad
+    mean_left, most_left = (_write_angle(value) for value in (left.mean(), left.max()))
     known = "; how well the model knows them cannot be told, since its study measured none"
     if commands.model_rad is not None:
         uncertainty = 1e3 * commands.model_rad
@@ -328,6 +332,13 @@ def _describe_orientations(commands: Commands) -> str:
             f", to which the model's own uncertainty adds {write_rounded(uncertainty.mean())} mrad"
         )
     return (
-        f" Orientations are off by {write_rounded(before.mean())} mrad on average without it; with it, {write_rounded(left.mean())} mrad on "
-        f"average and {write_rounded(left.max())} mrad at most are left{known}."
+        f" Orientations are off by {write_rounded(before.mean())} mrad on average without it; with it, {mean_left} on "
+        f"average and {most_left} at most are left{known}."
     )
+
+
+def _write_angle(mrad: float) -> str:
+    """Write an angle; one that is nothing but rounding as a bound."""
+    if mrad < LEAST_MRAD:
+        return f"less than {LEAST_MRAD:f} mrad"
+    return f"{write_rounded(mrad)} mrad"

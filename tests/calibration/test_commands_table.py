@@ -24,6 +24,7 @@ from modelsel.measurements.orientation_columns import (
     choose_orientation_names,
     write_orientations,
 )
+from modelsel.measurements.table import hash_source
 from modelsel.robot.rigid import from_rotation_vector
 
 ROWS = np.r_[70:80, 81:96]  # at 80 the model jumps
@@ -75,6 +76,27 @@ def test_commands_are_read_back_with_their_groups_points_and_orientations(cell, 
     place = ["x_mm", "y_mm", "z_mm"]
     np.testing.assert_allclose(landed[place], plan[place], rtol=0, atol=1e-3)
     np.testing.assert_allclose(landed[KUKA], plan[KUKA], rtol=0, atol=1e-3)
+
+
+def test_what_is_left_of_orientations_is_no_rounding(cell, tmp_path) -> None:
+    """Digits of a millionth of a milliradian say nothing of an arm."""
+    words = ["compensate", cell, cell / "plan.csv", "--out", tmp_path / "out.csv", "--bound"]
+    ran = CliRunner().invoke(run_command_line, [*map(str, words), "1000", "1000"])
+    left = pd.read_csv(tmp_path / "out.csv")["orientation_left_mrad"]
+    assert left.mean() < 1e-6
+    assert "with it, less than 0.000001 mrad on average" in " ".join(ran.output.split())
+
+
+def test_forward_wants_nothing_of_the_measurements_that_made_the_calibration(
+    made, cell, tmp_path
+) -> None:
+    plan = cell / "plan.csv"
+    own = replace(made[0], provenance={"data_sha256": hash_source(plan)})
+    (tmp_path / "calibration.json").write_text(calibration_text(own))
+    words = ["compensate", tmp_path, plan, "--out", tmp_path / "out.csv", "--bound", "1000", "1000"]
+    for more, is_said in (([], True), (["--forward"], False)):
+        ran = CliRunner().invoke(run_command_line, [*map(str, words), *more])
+        assert ("these are the measurements that made the calibration" in ran.output) == is_said
 
 
 def test_forward_says_where_the_target_points(made) -> None:

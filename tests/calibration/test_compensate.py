@@ -464,6 +464,7 @@ def test_a_corrected_command_beyond_a_limit_is_said(made, tmp_path) -> None:
     np.testing.assert_array_equal(found.beyond[:, 1], stuck)
     assert not found.beyond[:, [0, 2, 3, 4, 5]].any()
     assert describe_extrapolation(c, data) == []
+    assert stuck.sum() == 1
     (tmp_path / "calibration.json").write_text(calibration_text(c))
     data.to_frame().drop(columns=["configuration", "order"]).to_csv(
         tmp_path / "plan.csv", index=False
@@ -477,11 +478,11 @@ def test_a_corrected_command_beyond_a_limit_is_said(made, tmp_path) -> None:
     ]
     ran = CliRunner().invoke(run_command_line, words)
     assert ran.exit_code == 5
-    assert f"joint 2: {stuck.sum()} of 29 corrected commands lie beyond its limits" in ran.output
+    assert "joint 2: 1 of 29 corrected commands lies beyond its limits" in ran.output
     assert f"line {', '.join(str(row + 2) for row in np.flatnonzero(stuck))})" in ran.output
     assert (tmp_path / "out.csv").exists()
     assert CliRunner().invoke(run_command_line, [*words, "--forward"]).exit_code == 0
-    with pytest.warns(UserWarning, match="corrected commands lie beyond its limits"):
+    with pytest.warns(UserWarning, match="corrected commands lies beyond its limits"):
         correct(c, data.to_frame().drop(columns=["configuration", "order"]))
 
 
