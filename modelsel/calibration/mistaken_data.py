@@ -63,7 +63,9 @@ def describe_wrong_setup(at: Problem, residual: Array) -> tuple[str, ...]:
         mistake = describe_shifted_rows(at, every_row)
     if mistake is None:
         return ()
-    return (mistake,)
+    first, rest = mistake[0], mistake[1:]
+    # its figures are of another set-up than the calibrated one
+    return (f"Wherever the tracker and the target are, {first.lower()}{rest}",)
 
 
 def describe_wrong_rows(

@@ -212,7 +212,7 @@ def _describe(before: float, found: Sequence[Explanation], also: str = "") -> st
 
 
 def _format_length(value: float) -> str:
-    digits = ".0f" if value >= 100 else ".2g"
+    digits = ",.0f" if value >= 100 else ".2g"
     number = format(value, digits)
     return f"{number} mm"
 

@@ -328,7 +328,9 @@ def test_data_that_cannot_be_of_the_arm_are_refused(rng) -> None:
         ):
             judge(c, turned, free_setup)
         with pytest.raises(
-            DataError, match=r"quarter of the length of the arm's links.* are (in )?metres"
+            DataError,
+            match=r"quarter of the length of the arm's links.* Wherever the tracker and the target are, "
+            r"the positions fit .* \([\d.]+ mm instead of [\d,]+ mm, median\) .* are (in )?metres",
         ):
             judge(c, replace(new, position=metres), free_setup)
     shuffled = replace(new, position=rng.permutation(new.position))
