@@ -15,6 +15,7 @@ from .identifiability import Identified, identify, solve
 from .least_squares import Fit, cost, factor_of
 from .prior import WeakPrior, prior_root, weak_prior, with_prior
 from .reduction import Reduction
+from .solver import MORE_ROWS
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +62,7 @@ def one_step(model: Model, base: Fit, here: Reduction, weight: float) -> Step:
     if here.rows <= len(kept) - base.weak.held:
         raise NotEstimable(
             f"{here.rows} measured coordinates cannot determine the {len(kept) - base.weak.held} parameters of "
-            f"{' + '.join(model.names)}: measure more configurations."
+            f"{' + '.join(model.names)}: {MORE_ROWS}"
         )
     weak = base.weak.placed(place)
     if weak.rows is not None:

@@ -31,6 +31,8 @@ from .reduction import Reduction, Source, reduce_problem
 
 Held = Literal["nothing", "geometry", "all"]
 ITERATIONS = 60
+# what to do where the data have too few coordinates
+MORE_ROWS = "measure more configurations or, where some are held out, let more estimate ([split] estimation)."
 STUCK = 1e8  # damping at which no step lowers the cost: the minimum, to rounding
 ROUNDS = 30  # of judging again what is fitted, where the fit has gone
 QUIET_MM = 1e-6  # no measurement is better
@@ -291,7 +293,7 @@ class Solver:
         if rows <= rank and state.shrinkage.precision is None:
             raise NotEstimable(
                 f"{rows} measured coordinates cannot determine the {rank} estimable parameters of "
-                f"{names}: measure more configurations.",
+                f"{names}: {MORE_ROWS}",
                 parameters=[t.symbol for t in self.model.terms],
             )
         if settled and state.step_mm > 1e3 * step_mm and state.damping < STUCK:

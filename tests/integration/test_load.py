@@ -76,6 +76,7 @@ def told(folder: Path, table: pd.DataFrame, status: int) -> str:
         (1, False, "one set of joint readings"),
         (2, False, "6 measured coordinates cannot determine"),
         (40, True, "one set of joint readings"),
+        (8, False, "or, where some are held out, let more estimate ([split] estimation)"),
         (8, False, "24 measured coordinates cannot determine the 24"),
     ],
 )
