@@ -115,3 +115,13 @@ def unguard_cell(cell: str) -> str:
         return cell
     bare = cell.lstrip("'")
     return cell[1:] if FORMULA.match(bare) else cell
+
+
+def check_listed_once(names: list[str]) -> list[str]:
+    """Return names, none of which is listed twice. Raises ValueError for one that is."""
+    seen = set[str]()
+    for name in names:
+        if name in seen:
+            raise ValueError(f'lists "{name}" twice; keep one')
+        seen.add(name)
+    return names

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_serializer, model_validator
 from pydantic import SerializerFunctionWrapHandler as Plain
 
-from .._names import as_name
+from .._names import as_name, check_listed_once
 from .._part_names import check_part_names, check_planted_names
 from .._typing import LARGEST
 from ..measurements.table import hash_source
@@ -235,13 +235,13 @@ class SplitTable(_Table):
 class ModelTable(_Table):
     """[model]: the base, the mechanisms that may extend it, and the ladder to report."""
 
-    base: list[str] = Field(
+    base: Annotated[list[str], AfterValidator(check_listed_once)] = Field(
         default=["geometric"], description="Mechanisms that are always in the model."
     )
     candidates: Literal["all"] | list[str] = Field(
         default="all", description="Mechanisms that may extend the base; []: fit the base alone."
     )
-    ladder: list[list[str]] = Field(
+    ladder: list[Annotated[list[str], AfterValidator(check_listed_once)]] = Field(
         default=[], description="Models to report in addition to the chosen one."
     )
 

@@ -39,6 +39,18 @@ def run(*words: str | Path) -> Result:
         ("tool_mm = [1, 1e300, 2]", "m.csv", "", "tool_mm.2: expected less than or equal to 1000"),
         (f"tool_mm = [1, {10**305}, 2]", "m.csv", "", " digits'"),
         ("tool_mm = [1, 2]", "m.csv", "", "tool_mm: expected exactly 3 values, found"),
+        (
+            "register = true",
+            "m.csv",
+            '[model]\nbase = ["a", "a"]',
+            'model.base: lists "a" twice; keep one',
+        ),
+        (
+            "register = true",
+            "m.csv",
+            '[model]\nladder = [["a"], ["b", "b"]]',
+            'ladder.2: lists "b" twice',
+        ),
         ("tool_mm = true", "m.csv", "", "tool_mm: expected a list, found true"),
         ("register = true", "a\\u0000b", "", "file: expected text without line breaks"),
         ("register = true", "a" * 5000, "", "file: expected at most 4000 characters"),
