@@ -32,9 +32,13 @@ def check_tree(root: ET.Element, where: str) -> None:
     links = {link.get("name") for link in root.findall("link")}
     problems = list[str]()
     hanging = set[str]()
+    names = set[str]()
     for joint in root.findall("joint"):
         name = joint.get("name")
         place = f'{where}: joint "{name}"'
+        if name is not None and name in names:
+            problems.append(f"{place}: another joint has this name, too. Rename one of them.")
+        names.add(name or "")
         for problem in _find_end_problems(joint, links):
             problems.append(f"{place}: {problem}")
         child = child_of(joint)

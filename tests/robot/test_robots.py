@@ -389,6 +389,10 @@ PAIR = (
     '<parent link="a"/><child link="b"/></joint></robot>'
 )
 BACK = '<joint name="ba" type="fixed"><parent link="b"/><child link="a"/></joint></robot>'
+TWINS = PAIR.format(kind="revolute").replace(
+    "</robot>",
+    '<link name="c"/><joint name="ab" type="revolute"><parent link="b"/><child link="c"/></joint></robot>',
+)
 RING = PAIR.format(kind="revolute").replace("</robot>", BACK)
 
 
@@ -414,6 +418,7 @@ def test_all_problems_of_a_robot_file_at_once() -> None:
         ("d.urdf", '<!DOCTYPE x [<!ENTITY e "e">]><robot/>', "refused"),
         ("e.urdf", '<robot name="e"><link name="a"/></robot>', "root link"),
         ("f.urdf", PAIR.format(kind="rotary"), 'Joint "ab" has type "rotary"; revolute, cont'),
+        ("h.urdf", TWINS, 'joint "ab": another joint has this name, too. Rename one of them.'),
         ("g.urdf", RING, "the links form a loop"),
     ],
 )
