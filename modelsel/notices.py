@@ -63,6 +63,7 @@ CODES = {
     OTHER_ROBOT: "another built-in robot explains the positions better",
     "rows-shifted": "positions belong to the readings of neighbouring rows",
     ROWS_MISTAKEN: "a simple mistake in the data explains the rows from some row on",
+    "noise-stated-twice": "the noise is stated by the file, by a floor or by an instrument's figures: the first of these is used",
     "stated-uncertainty": "the model leaves another noise than the stated uncertainties",
     "floor-unlike": "the model leaves much more noise than repeats or target pairs show",
     "beyond-tolerance": "the parameters are larger than an assembled arm's",

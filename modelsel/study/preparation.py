@@ -42,6 +42,7 @@ from .row_selection import (
     drop_unknown_targets,
     warn_of_equal_weights,
 )
+from .stated_noise import note_overlooked_noise
 
 Mask = NDArray[np.bool_]
 
@@ -75,6 +76,7 @@ def prepare(
     _check_plausible(study, problem, setup_notes)
 
     problem, floor = weigh(problem, read_instrument(study.noise), study.noise.floor_mm)
+    notes += note_overlooked_noise(study.noise, data)
     is_stated = study.robot.gravity is not None or not study.robot.register_
     notes += note_gravity(robot, problem, is_stated)
     notes += note_constant_causes(study, problem)

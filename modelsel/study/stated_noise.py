@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..exceptions import write_rounded
+from ..config.study_tables import NoiseTable
+from ..exceptions import sentence_list, write_rounded
 from ..fitting.component_noise import POSITION, ROTATION
 from ..fitting.design import whitened
 from ..fitting.least_squares import Fit
@@ -16,6 +17,7 @@ from ..fitting.noise import Floor
 from ..fitting.noise_check import NEAR_UNIT, Lack, describe_lack, lack, name_likeliest_mistake
 from ..fitting.problem import Problem
 from ..measurements.columns import MIN_UNCERTAINTY
+from ..measurements.measurements import Measurements
 from ..notices import Note
 from ..selection.evaluation import Split
 
@@ -57,6 +59,24 @@ def check_stated_noise(
         unweighted = replace(split, known_sigma=False)
         return unweighted, None, (note,)
     return split, floor, (note,)
+
+
+def note_overlooked_noise(noise: NoiseTable, data: Measurements) -> list[Note]:
+    """Note which statement of the noise counts, where there are several."""
+    statements = {
+        "the uncertainties in the file": data.sigma is not None,
+        "floor_mm": noise.floor_mm is not None,
+        "range_mm, range_ppm and angle_urad": noise.instrument,
+    }
+    given = [words for words, is_given in statements.items() if is_given]
+    if len(given) < 2:
+        return []
+    first, *others = given
+    overlooked = sentence_list(others)
+    sentence = (
+        f"The noise is stated more than once: it is taken from {first}, not from {overlooked}."
+    )
+    return [Note("noise-stated-twice", sentence)]
 
 
 def check_stated_orientation_noise(split: Split, fitted: Fit) -> tuple[Note, ...]:

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from modelsel._typing import Array
 from modelsel.cli.main import run_command_line
+from modelsel.config.study_tables import NoiseTable
 from modelsel.exceptions import DataError, NotEstimable
 from modelsel.fitting.noise import Floor, from_target_pairs
 from modelsel.fitting.noise_check import lack, name_likeliest_mistake
@@ -42,6 +43,7 @@ from modelsel.study.checks import (
 )
 from modelsel.study.result import Result
 from modelsel.study.runner import rehearse_study, run_study
+from modelsel.study.stated_noise import note_overlooked_noise
 
 NOISE = 0.05
 TOOLS = {"A": (40.0, -25.0, 100.0), "B": (-30.0, 40.0, 80.0)}
@@ -851,3 +853,25 @@ def test_drawn_scenes_have_no_slips(rng) -> None:
         assert (
             describe_slips(replace(at, data=replace(at.data, position=x)), residuals, gross) == ()
         )
+
+
+def test_noise_that_is_stated_more_than_once_is_said(rng) -> None:
+    """What stands in the file goes first, then the floor, then the instrument."""
+    q = rng.uniform(-1, 1, (4, 6))
+    bare, stated = (build_measurements(q, q[:, :3], sigma=sigma) for sigma in (None, q[:, :3] ** 2))
+    floor, instrument = {"floor_mm": 0.1}, {"range_mm": 0.02}
+    for data, table, words in (
+        (bare, floor, ""),
+        (bare, instrument, ""),
+        (stated, {}, ""),
+        (bare, floor | instrument, "from floor_mm, not from range_mm, range_ppm and angle_urad."),
+        (stated, floor, "from the uncertainties in the file, not from floor_mm."),
+        (
+            stated,
+            floor | instrument,
+            "from the uncertainties in the file, not from floor_mm and ra",
+        ),
+    ):
+        notes = note_overlooked_noise(NoiseTable(**table), data)
+        assert [note.code for note in notes] == ["noise-stated-twice"] * bool(words)
+        assert all(words in note.sentence for note in notes)
