@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from .._typing import Array
 from ..exceptions import one_line
 from ..notices import Note
-from .column_names import AXES, COMMANDED, MEASURED, ColumnName, parse_column_name
+from .column_names import AXES, COMMANDED, MEASURED, OTHER_QUANTITIES, ColumnName, parse_column_name
 from .columns import convert_to_numbers
 from .contract_columns import JOINT_COLUMN
 from .orientation_guesses import find_orientation_columns, find_unnamed_quaternion
+from .other_positions import find_other_positions
 from .table import Table
 
 DEVIATION_WORDS = frozenset[str]().union(
@@ -69,15 +70,20 @@ def find_uncausal_columns(table: Table, taken: Collection[str]) -> dict[str, lis
     names = [parse_column_name(name, table.units.get(name)) for name in free]
     orientations = find_orientation_columns(table, names)
     quaternion = find_unnamed_quaternion(table, free)
+    joints = sum(JOINT_COLUMN.fullmatch(name) is not None for name in columns)
     found = {
         "computed-ignored": _find_deviations(names),
-        "commanded-ignored": _find_commanded(names),
+        "commanded-ignored": _find_commanded(names) + _find_commanded_joints(names, joints),
         "uncertainties-ignored": find_uncertainties(names),
         "positions-ignored": _find_positions(names),
         "orientations-ignored": orientations,
         "quaternion-ignored": quaternion,
         "counters-ignored": _find_counters(table, free),
     }
+    named = set[str]().union(*found.values())
+    found["positions-ignored"] += find_other_positions(
+        table, [name for name in free if name not in named]
+    )
     numeric = [name for name in free if _holds_numbers(table, name)]
     distinct = dict[str, list[str]]()
     for code, listed in found.items():
@@ -119,6 +125,19 @@ def _find_commanded(names: Sequence[ColumnName]) -> list[str]:
         if is_coordinate and name.is_commanded:
             commanded.append(name.given)
     return commanded
+
+
+def _find_commanded_joints(names: Sequence[ColumnName], joints: int) -> list[str]:
+    """Find commanded readings, one for each of so many joints."""
+    families = dict[tuple[str, frozenset[str]], list[str]]()
+    for name in names:
+        is_joint = name.quantity == "joint" and name.number is not None
+        is_other = name.words & OTHER_QUANTITIES
+        if is_joint and name.is_commanded and not is_other:
+            family = families.setdefault((name.stem, name.words), [])
+            family.append(name.given)
+    complete = [family for family in families.values() if len(family) >= joints]
+    return [name for family in complete for name in family]
 
 
 def _find_positions(names: Sequence[ColumnName]) -> list[str]:

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from modelsel.measurements.reader import read_measurements
+from modelsel.robot.rigid import rotation_matrix
 
 pytestmark = pytest.mark.unit
 ROWS = 12
@@ -56,6 +57,40 @@ def test_another_position_is_no_cause(names) -> None:
     assert said["positions-ignored"].endswith(f": {', '.join(names)}.")
     causes, _ = read(**{names[0]: noise(0)})
     assert causes == {names[0]}
+
+
+def test_a_position_of_any_name_is_no_cause() -> None:
+    """A second reflector beside the first, and the controller's own position, in metres."""
+    rows = frame()
+    position = rows[["x_mm", "y_mm", "z_mm"]].to_numpy()
+    turned = position @ rotation_matrix(2, 0.7) + [2000, 300, -400]
+    beside = dict(zip(("B_X", "B_Y", "B_Z"), (turned + 90 * noise(3)[:, None]).T, strict=True))
+    names = [f"actual_TCP_pose_{k}" for k in range(3)]
+    controller = dict(zip(names, position.T / 1000, strict=True))
+    heat = {f"temp_{k}": noise(k) for k in range(3)}
+    causes, said = read(**beside, **heat, **controller)
+    assert causes == set(heat)
+    assert said["positions-ignored"].endswith(f": {', '.join([*beside, *controller])}.")
+
+
+def test_what_grows_as_the_arm_goes_along_a_line_stays_a_cause() -> None:
+    """Three temperatures rise with the position on a line, and are no position."""
+    rising = np.linspace(0, 1, ROWS)
+    rows = frame(**{f"temp_{k}": 20 + (k + 1) * rising for k in range(3)})
+    for k, axis in enumerate("xyz"):
+        rows[f"{axis}_mm"] = 400 * (k + 1) * rising + noise(k)
+    data = read_measurements(rows, [False])
+    assert set(data.covariates) == {"temp_0", "temp_1", "temp_2"}
+
+
+@pytest.mark.parametrize("name", ["J{}_cmd", "target_q_{}", "A{} soll [deg]"])
+def test_commanded_readings_are_no_causes(name) -> None:
+    names = [name.format(k) for k in (1, 2)]
+    rows = frame(**{each: noise(k) for k, each in enumerate(names)}, q2_rad=noise(7))
+    data = read_measurements(rows, [False, False])
+    assert not data.covariates
+    said = {note.code: note.sentence for note in data.notes}
+    assert said["commanded-ignored"].endswith(f": {', '.join(names)}.")
 
 
 def test_other_columns_stay_causes() -> None:

@@ -1,0 +1,72 @@
+"""Positions beside the measured one, by their values: of a second reflector, or as the controller
+computes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .._typing import Array
+from .column_names import AXES
+from .columns import POSITION_UNITS, convert_to_numbers
+from .table import Table
+
+# rows from which columns may be said to follow the position
+MIN_ROWS = 8
+# mean square left of columns that follow it, by a frame and a scale, to theirs about their mean
+MAX_LEFT = 0.05
+# second spread of a position to its first, at least: along a line, anything that grows follows it
+MIN_SPREAD = 0.05
+
+
+def find_other_positions(table: Table, names: Sequence[str]) -> list[str]:
+    """Find three columns next to each other, among these, that are the measured position in another
+    frame or unit, or one beside it on the flange. The table has the contract's names."""
+    measured = _read_measured(table)
+    if measured is None:
+        return []
+    is_measured = np.isfinite(measured).all(1)
+    measured = measured[is_measured]
+    columns = {name: convert_to_numbers(table.columns[name])[is_measured] for name in names}
+    numeric = [name for name, values in columns.items() if np.isfinite(values).all()]
+    found = list[str]()
+    for k in range(len(numeric) - 2):
+        three = numeric[k : k + 3]
+        is_free = set(three).isdisjoint(found)
+        if is_free and _follows(np.stack([columns[name] for name in three], 1), measured):
+            found += three
+    return found
+
+
+def _read_measured(table: Table) -> Array | None:
+    """Read the measured position (m, 3), in whatever unit; None where a coordinate has no column."""
+    columns = []
+    for axis in AXES:
+        given = [f"{axis}_{unit}" for unit in POSITION_UNITS if f"{axis}_{unit}" in table]
+        if not given:
+            return None
+        columns.append(convert_to_numbers(table.columns[given[0]]))
+    return np.stack(columns, 1)
+
+
+def _follows(position: Array, measured: Array) -> bool:
+    """Whether a position (m, 3) is the measured one, rotated, shifted and scaled, up to a small
+    part (Umeyama 1991)."""
+    if len(position) < MIN_ROWS:
+        return False
+    a = measured - measured.mean(0)
+    b = position - position.mean(0)
+    if not (_fills_a_plane(a) and _fills_a_plane(b)):
+        return False
+    u, sizes, v = np.linalg.svd(a.T @ b)
+    sizes[-1] *= np.sign(np.linalg.det(u @ v))
+    explained = sizes.sum() ** 2 / np.square(a).sum()
+    total = np.square(b).sum()
+    return bool(total - explained <= MAX_LEFT * total)
+
+
+def _fills_a_plane(centred: Array) -> bool:
+    """Whether points (m, 3) about their mean are not all the same, nor along a line."""
+    first, second, _ = np.linalg.svd(centred, compute_uv=False)
+    return bool(first > 0 and second >= MIN_SPREAD * first)
