@@ -36,13 +36,14 @@ COORDINATES = ("x", "y", "z")
 @dataclass(frozen=True, eq=False)
 class Join:
     """A way to join: rows of the points and, as many, of the log; in words; rows of the points that
-    are `repeated` shots of others."""
+    are `repeated` shots of others; `key`: the log's column of names."""
 
     way: str
     points: Index
     log: Index
     words: str
     repeated: tuple[int, ...] = ()
+    key: str = ""
 
     def is_like(self, other: Join) -> bool:
         """Whether two ways join the same rows."""
@@ -194,7 +195,7 @@ def _join_by_name(points: Table, log: Table) -> Join | str:
                 is_enough = len(rows) >= least
                 if is_enough and distinct > most:
                     words = f'by name ("{name}" = "{other}")'
-                    best = Join("name", rows, partners, words, repeated)
+                    best = Join("name", rows, partners, words, repeated, other)
                     most = distinct
         if best is not None:
             return best

@@ -22,6 +22,8 @@ TIME_WORDS = frozenset[str]().union(
 DATE_WORDS = frozenset(("date", "datum", "day"))
 # seconds since 1970 from which a number is a time of the calendar
 MIN_EPOCH = 1e8
+# from here on it is in milliseconds, or in a smaller unit
+MAX_EPOCH = 1e11
 CLOCK = re.compile(r"\b\d{1,2}:\d{2}")
 DATE = re.compile(r"\d+[-./]\d+[-./]\d+")
 # a date that begins with its day or its month: which of them, it does not say
@@ -76,6 +78,24 @@ def find_common_seconds(points: Table, log: Table) -> Array | None:
         return None
     first = times.seconds.min()
     return np.asarray(np.round(times.seconds - first, 6), float)
+
+
+def holds_epoch(cells: NDArray[Any]) -> bool:
+    """Whether all cells are seconds since 1970."""
+    values = convert_to_numbers(cells)
+    if not len(values):
+        return False
+    return bool(values.min() > MIN_EPOCH and values.max() < MAX_EPOCH)
+
+
+def list_clock_columns(table: Table) -> list[str]:
+    """List the column of a table's times where these are numbers that never go back."""
+    times = find_times(table)
+    if times is None:
+        return []
+    is_numeric = np.isfinite(convert_to_numbers(table.columns[times.column])).all()
+    goes_back = (np.diff(times.seconds) < 0).any()
+    return [times.column] if is_numeric and not goes_back else []
 
 
 def are_clock_times(cells: Iterable[Any]) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..exceptions import DataError, write_rounded
+from ..measurements.columns import convert_to_numbers
 from ..measurements.file_form import FileForm
 from ..measurements.full_names import split_full_names
 from ..measurements.headerless_columns import name_columns
@@ -23,7 +24,7 @@ from ..measurements.joining import (
     refuse_join,
     refuse_swapped,
 )
-from ..measurements.point_times import find_common_seconds, find_times
+from ..measurements.point_times import find_common_seconds, find_times, list_clock_columns
 from ..measurements.table import DataFile, Table, load_table
 from ..robot.kinematics import Robot
 from .new_study import MAX_REACH_SHARE, MIN_IMPROVEMENT, StudyDraft, draft_study, measure_misfit
@@ -121,11 +122,28 @@ def _draft_join(
     are of several reflectors."""
     matched = join_tables(points, log, join)
     reflectors = find_reflectors(matched, np.sort(join.log))
-    joined = add_waypoints(matched, points, log, join)
+    whole = add_waypoints(matched, points, log, join)
+    used = _list_joining_columns(points, log, join) - {*given.values(), "time_s"}
+    columns = {name: cells for name, cells in whole.columns.items() if name not in used}
+    joined = replace(whole, columns=columns)
     if reflectors is None or "target" in given or "target" in joined:
         return draft_study(joined, robot, given)
     draft = draft_study(joined, robot, {**given, "target": reflectors})
     return draft.remark(f'"{reflectors}" tells the reflectors of one configuration apart.')
+
+
+def _list_joining_columns(points: Table, log: Table, join: Join) -> set[str]:
+    """List the columns of numbers that the join has used, which are no causes: the names in the
+    log, and the times that `time_s` is made of."""
+    used = set[str]()
+    if join.key and join.key not in points:
+        values = convert_to_numbers(log.columns[join.key])
+        if np.isfinite(values).all():
+            used.add(join.key)
+    is_timed = find_common_seconds(points, log) is not None
+    if is_timed and "time_s" not in points and "time_s" not in log:
+        used.update(list_clock_columns(points), list_clock_columns(log))
+    return used
 
 
 def _drop_equal(joins: Mapping[str, Join]) -> dict[str, Join]:

@@ -660,6 +660,16 @@ def test_temperatures_and_times_in_other_units_are_converted(
     np.testing.assert_allclose(data.covariates[wanted][[0, -1]], ends, atol=1e-9)
 
 
+@pytest.mark.parametrize(("name", "size"), [("timestamp", 1), ("Time", 1), ("timestamp_ms", 1000)])
+def test_seconds_since_1970_are_the_time(name, size) -> None:
+    frame = campaign()
+    frame[name] = (1741773000 + 30 * np.arange(40)) * size
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert f'Also: "{name}" as time_s (0 to 1170 s from the first row on).' in ran.stdout
+    assert "possible causes" not in ran.stdout
+
+
 def _columns() -> dict[str, str]:
     text = Path("m/study.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)["measurements"]["columns"]

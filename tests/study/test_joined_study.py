@@ -4,6 +4,7 @@ partner is said."""
 from __future__ import annotations
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -527,3 +528,26 @@ def test_times_that_are_used_are_not_said_to_be_unused(tmp_path) -> None:
     assert '"time" of the points is time_s, from the first point on.' in ran.stdout
     unused = [line for line in ran.stdout.splitlines() if line.startswith("Not used")]
     assert not any('"Time"' in line or '"time"' in line for line in unused)
+
+
+def test_numbers_and_times_that_joined_are_no_causes(tmp_path) -> None:
+    """A number of the point in the log, in another order; then seconds since 1970 in both files."""
+    q, x = campaign()
+    order = np.random.default_rng(3).permutation(ROWS)
+    readings = [f"{k + 1},{numbers(q[k], ',')}" for k in order]
+    head = ",".join(["pt", *(f"J{k}" for k in range(1, 7))])
+    written(tmp_path, spatial_analyzer(NAMES), "\n".join([head, *readings]) + "\n")
+    ran = invoked()
+    assert '= "pt"): 40 of 40 points.' in ran.stdout
+    assert "possible causes" not in ran.stdout
+    seconds = 1743724195.0 + np.cumsum(np.random.default_rng(4).uniform(8, 40, ROWS))
+    points = [f"{numbers(x[k], ',')},{seconds[k]:.3f}" for k in range(ROWS)]
+    readings = [f"{seconds[k]:.3f},{numbers(q[k], ',')}" for k in range(ROWS)]
+    points = ["X,Y,Z,stamp", *points]
+    written(tmp_path, "\n".join(points), "\n".join([head.replace("pt", "timestamp"), *readings]))
+    shutil.rmtree("s")
+    ran = invoked()
+    assert '"stamp" of the points is time_s, from the first point on.' in ran.stdout
+    assert "possible causes" not in ran.stdout
+    data = read_measurements(tmp_path / "s" / "measurements.csv", load_robot("ur10"))
+    assert set(data.covariates) == {"time_s"}
