@@ -15,7 +15,14 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import DataError, one_line, sentence_list
-from .column_names import AXES, OTHER_QUANTITIES, WEAK_JOINT_WORDS, ColumnName, parse_column_name
+from .column_names import (
+    AXES,
+    OTHER_QUANTITIES,
+    TURN_WORDS,
+    WEAK_JOINT_WORDS,
+    ColumnName,
+    parse_column_name,
+)
 from .columns import POSITION_UNITS, READING_UNITS, convert_to_numbers
 from .joint_names import find_named_joints
 from .table import Table
@@ -238,7 +245,7 @@ def _read_position_columns(table: Table, names: Sequence[ColumnName]) -> tuple[R
     """List the readings of columns that are called x, y and z."""
     families: dict[Family, dict[str, ColumnName]] = defaultdict(dict)
     for name in names:
-        is_other = name.words & OTHER_QUANTITIES
+        is_other = name.words & (OTHER_QUANTITIES | TURN_WORDS)
         axis = name.quantity
         if axis in AXES and not is_other:
             family = families[name.stem, name.words]

@@ -76,6 +76,10 @@ OTHER_QUANTITIES = frozenset[str]().union(
         "max",
     ),
 )
+# words of x, y, z that are an orientation's
+TURN_WORDS = frozenset[str]().union(
+    ("quat", "quaternion", "q", "orientation", "orient", "ori", "rotation", "rot")
+)
 TEMPERATURE_WORDS = frozenset(("temp", "temperature", "temperatur"))
 CELSIUS_WORDS = TEMPERATURE_WORDS | {"t"}
 JOINT_WORDS = frozenset[str]().union(

@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from .column_guesses import Choice, Reading
-from .column_names import COMMANDED, MEASURED, ColumnName, parse_column_name
+from .column_names import AXES, COMMANDED, MEASURED, TURN_WORDS, ColumnName, parse_column_name
 from .columns import convert_to_numbers
 from .orientation_columns import CONVENTIONS, MAX_ANGLE_RAD, QUATERNION_COLUMNS, Convention
 from .table import Table
@@ -45,7 +45,7 @@ def guess_orientation(table: Table, taken: Collection[str], robot: str) -> Choic
         for name in table.columns
         if name not in taken
     ]
-    readings = list[Reading]()
+    readings = _read_quaternion(table, names)
     for letters, conventions in LETTERS.items():
         columns = _find_columns(table, names, letters)
         if columns is not None:
@@ -76,17 +76,59 @@ def find_orientation_columns(table: Table, names: Sequence[ColumnName]) -> list[
 
 
 def find_unnamed_quaternion(table: Table, names: Collection[str]) -> list[str]:
-    """Find four columns q1 to q4 that are numbers of length one in every row."""
+    """Find four columns, q1 to q4 or the w, x, y, z of an orientation, that are numbers of length
+    one in every row."""
     called = {name.lower(): name for name in names}
-    wanted = set(UNNAMED_QUATERNION)
-    if not len(table) or not wanted <= set(called):
+    numbered = [called[name] for name in UNNAMED_QUATERNION if name in called]
+    lettered = _find_lettered_quaternion(table, [parse_column_name(name) for name in names])
+    return lettered or (numbered if _are_unit_quaternions(table, numbered) else [])
+
+
+def _read_quaternion(table: Table, names: Sequence[ColumnName]) -> list[Reading]:
+    """Read the w, x, y, z of an orientation, as ROS calls them; nothing where there are none."""
+    given = _find_lettered_quaternion(table, names)
+    if not given:
         return []
-    given = [called[name] for name in UNNAMED_QUATERNION]
+    columns = dict(zip(QUATERNION_COLUMNS, given, strict=True))
+    listed = " ".join(given)
+    return [Reading(columns, f'"{listed}" as the unit quaternion {" ".join(QUATERNION_COLUMNS)}')]
+
+
+def _find_lettered_quaternion(table: Table, names: Sequence[ColumnName]) -> list[str]:
+    """Find the columns w, x, y, z of an orientation: pose.orientation.w, quat_w."""
+    families = dict[frozenset[str], dict[str, str]]()
+    for name in names:
+        letter, others = _split_letter(name)
+        if letter and others & TURN_WORDS:
+            family = families.setdefault(others, {})
+            family[letter] = name.given
+    for family in families.values():
+        given = [family[letter] for letter in ("w", *AXES) if letter in family]
+        if _are_unit_quaternions(table, given):
+            return given
+    return []
+
+
+def _split_letter(name: ColumnName) -> tuple[str, frozenset[str]]:
+    """Split a name into (w, x, y or z, the other words); no letter where it has none."""
+    if name.quantity in AXES:
+        return str(name.quantity), name.words
+    for word in ("w", *QUATERNION_COLUMNS):
+        if word in name.words:
+            others = name.words - {word}
+            return word[-1], others if word == "w" else others | {"q"}
+    return "", name.words
+
+
+def _are_unit_quaternions(table: Table, given: Sequence[str]) -> bool:
+    """Whether four columns are numbers of length one in every row."""
+    if not len(table) or len(given) != len(QUATERNION_COLUMNS):
+        return False
     columns = [convert_to_numbers(table.columns[name]) for name in given]
     length = np.linalg.norm(columns, axis=0)
     error = np.abs(length - 1)
     is_unit = error <= MAX_LENGTH_ERROR
-    return given if is_unit.all() else []
+    return bool(is_unit.all())
 
 
 def _find_columns(

@@ -321,7 +321,8 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
         first, *_ = choice.readings
         what = choice.what.capitalize()
         lines.append(f"{what}: {first.sentence}.")
-    lines += describe_quaternions(draft.contract_table(), data)
+    if not any("qw" in choice.readings[0].columns for choice in draft.choices):
+        lines += describe_quaternions(draft.contract_table(), data)
     lines += describe_optional(draft.optional, data)
     counts = [count_words(len(data), "row"), count_words(data.configurations, "configuration")]
     targets = len(data.targets)

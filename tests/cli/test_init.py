@@ -429,6 +429,29 @@ def test_the_arm_tells_the_convention(order, letters, expected) -> None:
     assert invoked("study", "m", "--dry-run").exit_code == 0
 
 
+@pytest.mark.parametrize("name", ["pose.orientation.{}", "quat_{}", "Q{} [actual]"])
+@pytest.mark.parametrize("turned", [True, False])
+def test_the_quaternion_of_a_pose_is_the_orientation(turned, name) -> None:
+    """As ROS calls it, x before w; it is no position, and no cause where it is the controller's."""
+    from scipy.spatial.transform import Rotation
+
+    frame = poses("vector", turned)
+    angles = np.radians(frame[["1", "2", "3"]].to_numpy())
+    names = [name.format(letter) for letter in "xyzw"]
+    turns = pd.DataFrame(Rotation.from_rotvec(angles).as_quat().round(7), columns=names)
+    frame = frame.drop(columns=["1", "2", "3"]).join(turns)
+    frame.rename(columns={axis: f"pose.position.{axis}" for axis in "XYZ"}).to_csv("m.csv")
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes", "--json")
+    assert ran.exit_code == 0, ran.output
+    told = json.loads(ran.stdout)
+    mapped = dict(zip(("qx", "qy", "qz", "qw"), names, strict=True))
+    assert (mapped.items() <= told["columns"].items()) == turned
+    said = " ".join(told["said"])
+    assert said.count("The orientation: ") == turned
+    assert "possible causes" not in said
+    assert invoked("study", "m", "--dry-run").exit_code == 0
+
+
 @pytest.mark.parametrize("names", ["A B C", "Winkel_A Winkel_B Winkel_C"])
 def test_the_angle_c_with_degrees_below_it_is_no_temperature(names, tmp_path) -> None:
     """KUKA's A B C with a row of units of degree signs, through init and study."""
