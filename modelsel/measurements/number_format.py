@@ -25,11 +25,11 @@ def is_number(cell: Any) -> bool:
         return False
     if isinstance(cell, (int, float)):
         return True
-    text = _clean_number(cell)
+    text = clean_number(cell)
     return any(form.fullmatch(text) for form in FORMS)
 
 
-def _clean_number(cell: Any) -> str:
+def clean_number(cell: Any) -> str:
     """Return a text cell without blanks around it, its minus a plain one; "" for any other cell."""
     if not isinstance(cell, str):
         return ""
@@ -43,7 +43,7 @@ def find_decimal_mark(cells: Iterable[Any]) -> str | None:
     Cells that contradict each other have a point: the commas among them are refused later."""
     commas, points, doubtful = 0, 0, 0
     for cell in cells:
-        text = _clean_number(cell)
+        text = clean_number(cell)
         grouped = OTHER_GROUPS.fullmatch(text)
         if grouped:
             text = GROUP_MARKS.sub("", text)
@@ -70,7 +70,7 @@ def convert_number_text(cell: Any, decimal: str) -> Any:
     as it is."""
     if not isinstance(cell, str):
         return cell
-    text = _clean_number(cell)
+    text = clean_number(cell)
     if OTHER_GROUPS.fullmatch(text):
         text = GROUP_MARKS.sub("", text)
     has_comma = decimal == ","
@@ -102,22 +102,30 @@ def needs_conversion(cells: Sequence[Any]) -> bool:
 
 def _has_groups_and_point(cell: Any) -> bool:
     """Whether a cell has commas between groups of three digits, and a decimal point after them."""
-    text = _clean_number(cell)
+    text = clean_number(cell)
     has_point = "." in text
     has_commas = "," in text
     is_grouped = COMMA_GROUPS.fullmatch(text) is not None
     return is_grouped and has_commas and has_point
 
 
-def describe_odd_numbers(cells: Iterable[Any], decimal: str) -> str:
+def describe_odd_numbers(cells: Sequence[Any], decimal: str) -> str:
     """Say how the numbers of cells with this decimal mark differ from Python's."""
-    if decimal == ",":
+    if decimal == "," and any("," in clean_number(cell) for cell in cells):
         return "decimal commas"
+    if decimal == "," and any(map(_is_point_group, cells)):
+        return "thousands in groups of digits"
     for cell in filter(is_odd_number, cells):
-        text = _clean_number(cell)
+        text = clean_number(cell)
         if not PLAIN.fullmatch(text):
             return "thousands in groups of digits"
     return "long minus signs (U+2212)"
+
+
+def _is_point_group(cell: Any) -> bool:
+    """Whether a cell has points between groups of three digits, by a decimal comma."""
+    text = clean_number(cell)
+    return POINT_GROUPS.fullmatch(text) is not None
 
 
 def is_odd_number(cell: Any) -> bool:

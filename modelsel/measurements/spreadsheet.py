@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..exceptions import DataError, suggest
+from .decimal_marks import choose_decimal_mark
 from .number_format import (
     convert_number_text,
     describe_odd_numbers,
@@ -23,14 +24,7 @@ from .number_format import (
 from .row_places import Where
 from .spreadsheet_formulas import FORMULA_REMEDY, find_valueless_cells, is_formula
 from .table_layout import find_layout, is_blank_row
-from .text_table import (
-    MAX_LISTED,
-    Grid,
-    check_file,
-    choose_decimal_mark,
-    describe_lines,
-    refuse_headerless,
-)
+from .text_table import MAX_LISTED, Grid, check_file, describe_lines, refuse_headerless
 
 SPREADSHEET_SUFFIXES = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
 # what a sheet must hold to be a table of measurements
@@ -83,7 +77,7 @@ def _describe_texts(odd: Sequence[tuple[int, Any]], decimal: str) -> list[str]:
     for number, _ in odd:
         if number not in rows:
             rows.append(number)
-    style = describe_odd_numbers((cell for _, cell in odd), decimal)
+    style = describe_odd_numbers([cell for _, cell in odd], decimal)
     shown = ", ".join(map(str, rows[:MAX_LISTED]))
     if len(rows) > MAX_LISTED:
         shown += " …"

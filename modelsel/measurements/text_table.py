@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 
 from .._text import find_read_problem
 from ..exceptions import DataError, count_words, one_line
-from .number_format import (
-    convert_number_text,
-    describe_odd_numbers,
-    find_decimal_mark,
-    is_number,
-    is_odd_number,
-    needs_conversion,
+from .decimal_marks import (
+    choose_decimal_mark,
+    find_doubtful_point,
+    has_groups,
+    refuse_doubtful_mark,
 )
+from .number_format import convert_number_text, describe_odd_numbers, is_number, needs_conversion
 from .row_places import Where
 from .stated_units import find_stated_unit
 from .table_layout import Layout, advise_on_width, find_layout, is_blank_row, is_remark
@@ -171,7 +170,10 @@ def _prepare_reading(path: Path, decimal: str | None, headerless: bool) -> _Read
     layout = replace(layout, header=line)
     cells = [cell for row in body for cell in row]
     numbers = ""
-    if needs_conversion(cells):
+    doubtful = find_doubtful_point(body)
+    if doubtful is not None and decimal is None:
+        raise refuse_doubtful_mark(path.name, doubtful)
+    if needs_conversion(cells) or has_groups(cells, doubtful, decimal):
         decimal = decimal or choose_decimal_mark(path.name, cells)
         numbers = describe_odd_numbers(cells, decimal)
     padded = _find_padding(body, len(layout.names))
@@ -186,27 +188,6 @@ def _find_padding(body: Sequence[Sequence[str]], width: int) -> int:
         return width
     is_padded = all(is_blank_row(row[width:]) for row in body)
     return longest if is_padded else width
-
-
-def choose_decimal_mark(file: str, cells: Sequence[Any]) -> str:
-    """Choose the decimal mark of the cells of a table. Raises DataError where both are possible."""
-    decimal = find_decimal_mark(cells)
-    if decimal is None:
-        example = next(filter(is_odd_number, cells))
-        raise refuse_doubtful_commas(file, example)
-    return decimal
-
-
-def refuse_doubtful_commas(file: str, example: Any) -> DataError:
-    """Return the error of a file whose commas may be decimal marks or part groups of digits."""
-    text = str(example).strip()
-    return DataError(
-        f'"{text}" may be {text.replace(",", ".")} (a decimal comma) or {text.replace(",", "")} '
-        "(a comma between thousands), and all numbers of the file leave it open.",
-        file=file,
-        remedy='Say which in the study file: [measurements] decimal = "," or decimal = "." '
-        "(on the command line: --decimal comma or --decimal point).",
-    )
 
 
 def _find_commented_header(

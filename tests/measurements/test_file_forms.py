@@ -224,6 +224,37 @@ def test_doubtful_commas_are_refused_with_both_readings(tmp_path) -> None:
     assert large.position[0].tolist() == [111111.0, 222222.0, 333333.0]
 
 
+def whole(text: str) -> str:
+    """Whole numbers, but for one cell."""
+    rng = np.random.default_rng(2)
+    rows = rng.integers(-170, 900, (40, 6)).tolist()
+    rows[7][3] = text
+    return "\n".join(";".join(map(str, row)) for row in [NAMES[1:], *rows]) + "\n"
+
+
+def test_a_point_among_whole_numbers_is_refused_with_both_readings(tmp_path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text(whole("1.019"))
+    with pytest.raises(DataError, match=r'"1\.019" may be 1\.019 .* or 1019 \(a point between'):
+        read(path)
+    assert read(DataFile(path, decimal=".")).position[7, 0] == 1.019
+    data = read(DataFile(path, decimal=","))
+    assert data.position[7, 0] == 1019
+    assert "thousands in groups of digits" in data.notes[0].sentence
+    path.write_text(whole("1.5"))
+    assert read(path).position[7, 0] == 1.5
+    path.write_text(";".join(NAMES[1:]) + "\n1;2;3;1.019;1.020;1.021\n4;5;6;1.022;1.023;1.024\n")
+    assert read(path).position[1, 0] == 1.022
+
+
+def test_a_comma_among_points_is_told_with_both_readings(tmp_path) -> None:
+    path = tmp_path / "m.csv"
+    path.write_text(whole("1,019").replace("\n", ";0.5\n").replace("z_mm;0.5", "z_mm;a"))
+    with pytest.raises(DataError, match=r"line 9, column x_mm: .* 1019 .* or 1\.019 \("):
+        read(path)
+    assert read(DataFile(path, decimal=".")).position[7, 0] == 1019
+
+
 def test_the_study_file_says_which(tmp_path) -> None:
     (tmp_path / "m.csv").write_text(doubtful())
     study = parse_study(
