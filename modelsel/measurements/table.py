@@ -20,6 +20,7 @@ from ..notices import Note
 from .row_places import Where
 from .spreadsheet import SPREADSHEET_SUFFIXES, load_spreadsheet
 from .stated_units import list_position_units, name_unit
+from .summary_rows import drop_summary_rows
 from .table_layout import is_blank_row
 from .text_table import check_file, load_text_table
 
@@ -154,6 +155,7 @@ def _load_grid(file: DataFile) -> Table:
         grid = load_spreadsheet(path, file.sheet, file.decimal)
     else:
         grid = load_text_table(path, file.decimal, file.headerless)
+    grid = drop_summary_rows(grid)
     names = [name.strip() for name in grid.names]
     kept = [k for k, name in enumerate(names) if name or not is_blank_row(grid.columns[k].tolist())]
     _check_distinct([names[k] for k in kept], grid.where)

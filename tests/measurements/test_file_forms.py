@@ -533,3 +533,37 @@ def test_formats_of_other_programs_are_named_with_what_to_give(tmp_path, name, w
     assert remedy in sentence
     with pytest.raises(StudyError, match=f"{name}: this is .*Give the name of a built-in robot"):
         load_robot(str(file))
+
+
+def test_rows_that_sum_up_the_others_are_left_out_and_said(tmp_path) -> None:
+    """Below the rows, with an empty line before them or not, in a text file and a workbook."""
+    from openpyxl import Workbook
+
+    rows = [[str(k + 1), *map(str, row)] for k, row in enumerate(numbers())]
+    means = np.mean(numbers(), axis=0).tolist()
+    below = [["Mittelwert", *map(str, means)], ["Std. Dev.", *map(str, means)]]
+    table = [["Pose", *NAMES[1:]], *rows, [""] * 7, *below]
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join(map(";".join, table)))
+    data = read(path)
+    assert len(data) == ROWS
+    said = data.notes[0].sentence
+    assert 'lines 11 to 12 sum up the others and are left out ("Mittelwert", "Std. Dev.")' in said
+    book = Workbook()
+    for row in table[:-1]:
+        book.active.append(row)
+    book.save(tmp_path / "m.xlsx")
+    data = read(tmp_path / "m.xlsx")
+    assert len(data) == ROWS
+    assert 'row 11 sums up the others and is left out ("Mittelwert")' in data.notes[0].sentence
+
+
+@pytest.mark.parametrize("names", [("Anna", "Max"), ("Max", "Max"), ("Max", "Anna")])
+def test_a_person_called_max_sums_up_nothing(names, tmp_path) -> None:
+    above, last = names
+    rows = [[above, *map(str, row)] for row in numbers()]
+    rows[3][0] = "Max"
+    rows[-1][0] = last
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join(map(",".join, [["Operator", *NAMES[1:]], *rows])))
+    assert len(read(path)) == ROWS
