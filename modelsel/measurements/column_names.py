@@ -84,7 +84,21 @@ TEMPERATURE_WORDS = frozenset(("temp", "temperature", "temperatur"))
 CELSIUS_WORDS = TEMPERATURE_WORDS | {"t"}
 JOINT_WORDS = frozenset[str]().union(
     ("q", "j", "a", "t", "th", "theta", "θ", "joint", "joints", "axis", "ax", "achse", "axe"),
-    ("axes", "gelenk", "jt", "rax", "jnt", "eje", "asse", "angle", "winkel", "enc", "motor"),
+    (
+        "axes",
+        "gelenk",
+        "gelenke",
+        "achsen",
+        "jt",
+        "rax",
+        "jnt",
+        "eje",
+        "asse",
+        "angle",
+        "winkel",
+        "enc",
+        "motor",
+    ),
 )
 # joints that Universal Robots' drivers call by name, from the base on
 NAMED_JOINTS = {

@@ -259,10 +259,15 @@ def count_row_groups(path: Path) -> tuple[int, ...]:
 
 def _check_distinct(header: Sequence[str], where: Where) -> None:
     for name in header:
+        if not name and list(header).count(name) > 1:
+            raise where.refuse(
+                "several columns have no name in the header.",
+                remedy="Write a name above each of them, in one row just above the numbers.",
+            )
         if list(header).count(name) > 1:
             raise where.refuse(
                 "the name appears twice in the header.",
-                column=name or "(no name)",
+                column=name,
                 remedy="Column names must differ.",
             )
 

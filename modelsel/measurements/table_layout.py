@@ -25,6 +25,8 @@ WORD = re.compile(r"[^\W\d_]{2,}")
 MIN_REMARK_WORDS = 3
 # share of a data row's cells that a header fills
 MIN_HEADER_SHARE = 0.7
+# joints that a header numbers, and words beside them, at least
+MIN_NUMBERED = 3
 
 
 @dataclass(frozen=True)
@@ -99,6 +101,8 @@ def _find_header(rows: Sequence[Row]) -> int | None:
     counts = Counter(_count_filled(rows[k]) for k in filled)
     usual = max(counts, key=lambda width: (counts[width], width), default=0)
     first = next((k for k in filled if _is_data_row(rows[k], usual)), None)
+    if first is not None and _numbers_its_columns(rows[first:]):
+        return first
     if first is None:
         widest = [k for k in filled if _count_filled(rows[k]) == usual]
         return widest[0] if widest else None
@@ -118,6 +122,21 @@ def _is_data_row(row: Row, usual: int) -> bool:
     return count >= 0.6 * usual and numbers >= max(2, count / 3)
 
 
+def _numbers_its_columns(rows: Sequence[Row]) -> bool:
+    """Whether the first row is a header that numbers the joints below a cell that spans them: Nr 1
+    2 3 4 5 6 X Y Z, its other cells words above numbers."""
+    header, *below = rows
+    numbers = [_as_text(cell) for cell in header if is_number(cell)]
+    is_counted = numbers == [str(k + 1) for k in range(len(numbers))]
+    data = next((row for row in below if not is_blank_row(row) and not _is_unit_row(row)), None)
+    if len(numbers) < MIN_NUMBERED or not is_counted or data is None:
+        return False
+    pairs = list(zip(header, data, strict=False))
+    words = [value for name, value in pairs if _as_text(name) and not is_number(name)]
+    are_numbers = sum(map(is_number, words))
+    return are_numbers >= MIN_NUMBERED
+
+
 def _is_unit_row(row: Row) -> bool:
     cells = [_as_text(cell) for cell in row if _as_text(cell)]
     has_unit = any(not NO_UNIT.fullmatch(cell) for cell in cells)
@@ -126,7 +145,7 @@ def _is_unit_row(row: Row) -> bool:
 
 def _complete_names(names: Sequence[str], above: Row) -> list[str]:
     """Complete names of two rows: a cell that spans several columns stands before names that occur
-    twice, and for those that are empty."""
+    twice or are numbers, and for those that are empty."""
     filled, last = list[str](), ""
     for cell in above:
         last = _as_text(cell) or last
@@ -135,7 +154,7 @@ def _complete_names(names: Sequence[str], above: Row) -> list[str]:
     alone = [_as_text(cell) for cell in above] + [""] * len(names)
     complete = []
     for k, name in enumerate(names):
-        is_twice = bool(name) and list(names).count(name) > 1
+        is_twice = bool(name) and (list(names).count(name) > 1 or is_number(name))
         longer = f"{filled[k]} {name}".strip() if is_twice else name
         complete.append(longer or alone[k])
     return complete

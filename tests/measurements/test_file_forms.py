@@ -567,3 +567,30 @@ def test_a_person_called_max_sums_up_nothing(names, tmp_path) -> None:
     path = tmp_path / "m.csv"
     path.write_text("\n".join(map(",".join, [["Operator", *NAMES[1:]], *rows])))
     assert len(read(path)) == ROWS
+
+
+def test_joints_that_a_header_only_numbers(tmp_path) -> None:
+    """Below a cell that spans them, with a row of units, as people lay out a sheet."""
+    from openpyxl import Workbook
+
+    book = Workbook()
+    book.active.append(["Kalibrierung Zelle 4"])
+    book.active.append(["Pose", "Gelenke", None, None, "Position"])
+    book.active.append(["Nr", "1", "2", "3", "X", "Y", "Z"])
+    book.active.append([None, *["°"] * 3, *["mm"] * 3])
+    for k, row in enumerate(numbers()):
+        book.active.append([k + 1, *row])
+    book.save(tmp_path / "m.xlsx")
+    mapping = {f"q{k}_deg": f"Gelenke {k}" for k in (1, 2, 3)}
+    mapping |= {f"{axis.lower()}_mm": axis for axis in "XYZ"}
+    data = read_measurements(tmp_path / "m.xlsx", (False,) * 3, mapping)
+    assert np.allclose(np.degrees(data.q), np.array(numbers())[:, :3])
+    (tmp_path / "m.csv").write_text("1,2,3\n1,2,3\n4,5,6\n")
+    with pytest.raises(DataError, match="no header"):
+        read(tmp_path / "m.csv")
+
+
+def test_columns_without_names_are_told(tmp_path) -> None:
+    (tmp_path / "m.csv").write_text("q1_deg,,\n1,2,3\n4,5,6\n")
+    with pytest.raises(DataError, match=r"several columns have no name .* just above the numbers"):
+        read(tmp_path / "m.csv")
