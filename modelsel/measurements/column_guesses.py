@@ -23,7 +23,7 @@ from .column_names import (
     ColumnName,
     parse_column_name,
 )
-from .columns import POSITION_UNITS, READING_UNITS, convert_to_numbers
+from .columns import POSITION_UNITS, READING_UNITS, convert_to_numbers, read_numbers
 from .joint_names import find_named_joints
 from .table import Table
 
@@ -87,6 +87,28 @@ def guess_columns(
         choice = Choice("the position", readings)
         choices.append(choice)
     return choices
+
+
+def find_spoilt_cell(
+    table: Table, choice: Choice, prismatic: Sequence[bool], joint_names: Sequence[str] = ()
+) -> DataError | None:
+    """Return the error of the first cell that is no number, where nothing fits a choice only since
+    the cells of the columns with the right names are none; else None."""
+    if choice.readings or not len(table):
+        return None
+    columns = {
+        name: cells if _is_numeric(table, name) else np.arange(len(table), dtype=float)
+        for name, cells in table.columns.items()
+    }
+    filled = replace(table, columns=columns)
+    for other in guess_columns(filled, prismatic, joint_names):
+        if other.what == choice.what and other.readings:
+            for name in other.readings[0].columns.values():
+                try:
+                    read_numbers(table, name)
+                except DataError as error:
+                    return error
+    return None
 
 
 def list_missing_joints(table: Table, prismatic: Sequence[bool]) -> list[int]:
@@ -313,6 +335,10 @@ def propose_columns(
     if lacking < 2:
         return None
     choices = guess_columns(table, prismatic, joint_names)
+    for choice in choices:
+        spoilt = find_spoilt_cell(table, choice, prismatic, joint_names)
+        if spoilt is not None:
+            return spoilt
     if not any(choice.readings for choice in choices):
         return None
     sentences = [_describe_choice(choice) for choice in choices]

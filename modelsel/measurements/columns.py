@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from .._names import find_name_problem, quote_name, unguard_cell
 from .._typing import LARGEST, Array
 from ..exceptions import one_line, suggest
-from .number_format import COMMA_GROUPS
+from .spoilt_numbers import advise_on_number
 from .spreadsheet_formulas import FORMULA_REMEDY, is_formula
 from .table import Table
 
-DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 # mm or rad: the least standard uncertainty
 MIN_UNCERTAINTY = 1e-9
 # by which a quaternion's length may differ from one: digits cut off
@@ -100,30 +99,16 @@ def _refuse_wrong_cells(
     if is_empty:
         content = "an empty cell"
     expected = "a finite number"
-    remedy = "Correct the cell or remove the row."
+    remedy = advise_on_number(cell) or "Correct the cell or remove the row."
     low, high = bounds
     if np.isfinite(values[row]):
         expected += f" between {low:g} and {high:g}"
     if len(wrong) > 1:
         content += f" ({len(wrong)} such cells)"
-    if DECIMAL_COMMA.fullmatch(cell.strip()):
-        remedy += _explain_comma(cell.strip())
     if is_formula(cell):
         remedy = FORMULA_REMEDY
     raise table.where.refuse(
         f"expected {expected}, found {content}.", row=row, column=name, remedy=remedy
-    )
-
-
-def _explain_comma(text: str) -> str:
-    """Say what to do with a comma in a number, which may be one between thousands."""
-    if not COMMA_GROUPS.fullmatch(text):
-        return " Numbers need a decimal point, not a comma."
-    plain = text.replace(",", ".")
-    whole = text.replace(",", "")
-    return (
-        f' "{text}" may be {whole} (a comma between thousands; --decimal point reads it so) or '
-        f"{plain} (a decimal comma, where the others have a point)."
     )
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Sequence
+from itertools import groupby
 
-from ..exceptions import DataError, count_words, one_line
-from ..measurements.column_guesses import Choice
+from ..exceptions import DataError, count_words, one_line, sentence_list
+from ..measurements.column_guesses import Choice, find_spoilt_cell
 from ..measurements.column_names import AXES, ColumnName, parse_column_name
 from ..measurements.table import Table
 from ..robot.kinematics import Robot
+from ..robot.urdf import read_joint_names
 
 # columns that a message names
 MAX_SHOWN = 20
@@ -25,6 +27,9 @@ SPHERICAL = (
 
 def refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
     """Return the error of a file in which nothing looks like joint readings, or like a position."""
+    spoilt = find_spoilt_cell(table, choice, robot.prismatic, read_joint_names(robot))
+    if spoilt is not None:
+        return spoilt
     known = _explain_columns(table, choice.what)
     if known is not None:
         what, remedy = known
@@ -33,7 +38,7 @@ def refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
     where = table.where
     first, wanted = "x_mm", "x_mm, y_mm and z_mm"
     if is_joints:
-        first, wanted = "q1_deg", f"q1_deg to q{robot.n}_deg"
+        first, wanted = _name_readings(robot.prismatic)
     names = list(table.columns)
     shown = names[:MAX_SHOWN]
     quoted = [f'"{name}"' for name in shown]
@@ -44,6 +49,16 @@ def refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
         f"nothing looks like {choice.what}: {joints}, and the columns are {listed}.",
         remedy=f"Say which they are: --column {first}=NAME, and so on ({wanted}).",
     )
+
+
+def _name_readings(prismatic: Sequence[bool]) -> tuple[str, str]:
+    """Name the contract's columns of all joints: (the first, all of them)."""
+    names = [f"q{j}_{'mm' if slides else 'deg'}" for j, slides in enumerate(prismatic, 1)]
+    runs = list[str]()
+    for _, run in groupby(names, key=lambda name: name.rpartition("_")[2]):
+        first, *others = run
+        runs.append(f"{first} to {others[-1]}" if others else first)
+    return names[0], sentence_list(runs)
 
 
 def _explain_columns(table: Table, what: str) -> tuple[str, str] | None:

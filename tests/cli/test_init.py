@@ -747,6 +747,46 @@ def test_what_stands_in_place_of_a_position_is_said(names) -> None:
     assert OTHER_COLUMNS[names] in ran.stderr
 
 
+SPOILT = {
+    "{}°": 'found "1.5°" (40 such cells). Write the number alone: 1.5. Its unit',
+    "{} deg": "Write the number alone: 1.5.",
+    "({})": "Write a minus before a negative number: -1.5.",
+    "{}-": "Write a minus before a negative number: -1.5.",
+    "{}D+00": "Write the exponent with an E: 1.5E+00.",
+    "12°30'{}": "Write the angles in decimal degrees.",
+    "oops": 'found "oops" (40 such cells). Correct the cell',
+}
+
+
+@pytest.mark.parametrize("written", SPOILT)
+def test_cells_that_are_no_numbers_are_told_where_the_names_are_right(written) -> None:
+    """Of joints and of coordinates; by `init`, and by a command that only reads the file."""
+    for first in ("J1", "X"):
+        frame = campaign()
+        columns = [name for name in frame if (name[0] == "J") == (first == "J1")]
+        frame[columns] = frame[columns].astype(object)
+        frame.loc[:, columns] = written.format(1.5)
+        frame.to_csv("m.csv", index=False)
+        for words in (("init", "m.csv", "--yes"), ("check", "m.csv")):
+            ran = invoked(*words, "--robot", "ur10")
+            assert ran.exit_code == 3
+            assert f"m.csv, line 2, column {first}: expected a finite number" in ran.stderr
+            assert SPOILT[written] in ran.stderr
+
+
+def test_a_sliding_joint_is_asked_for_in_mm() -> None:
+    frame = campaign().rename(columns={f"J{k}": f"axle{k}" for k in range(1, 7)})
+    frame.to_csv("m.csv", index=False)
+    joints = ['kind = "prismatic"', *[""] * 5]
+    robot = "".join(
+        f"[[joint]]\nxyz_mm = [100, 0, 0]\naxis = [0, 0, 1]\n{kind}\n" for kind in joints
+    )
+    Path("arm.toml").write_text(f'name = "gantry"\nsource = "a test"\n{robot}')
+    ran = invoked("init", "m.csv", "--robot", "arm.toml", "--yes")
+    assert ran.exit_code == 3
+    assert "--column q1_mm=NAME, and so on (q1_mm and q2_deg to q6_deg)" in ran.stderr
+
+
 PROGRAMS = {
     "p.mod": (
         "MODULE Poses\n  CONST jointtarget p1:=[[1,2,3,4,5,6]];\nENDMODULE\n",
