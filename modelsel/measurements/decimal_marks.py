@@ -52,14 +52,15 @@ def find_doubtful_point(rows: Sequence[Sequence[Any]]) -> str | None:
     wholes = dict[int, int]()
     grouped = dict[int, list[str]]()
     for row in rows:
-        for k, cell in enumerate(row):
-            text = clean_number(cell)
+        texts = map(clean_number, row)
+        for k, text in enumerate(texts):
+            has_mark = "." in text or "," in text
             if WHOLE.fullmatch(text):
                 wholes[k] = wholes.get(k, 0) + 1
             elif POINT_GROUPS.fullmatch(text) and "," not in text:
                 found = grouped.setdefault(k, [])
                 found.append(text)
-            elif {".", ","} & set(text) and is_number(text):
+            elif has_mark and is_number(text):
                 return None
     for k, found in grouped.items():
         count = wholes.get(k, 0)

@@ -151,9 +151,12 @@ def _find_time(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:
     """Find columns of seconds, or another unit of time, that never go back; without a unit, seconds
     since 1970."""
     found = _find_number(table, names, TIME_WORDS, "s")
-    for name in names:
-        if name.words & CLOCK_WORDS and name.unit is None:
-            found += [name] if holds_epoch(table.columns[name.given]) else []
+    bare = [name for name in names if name.unit is None]
+    for name in bare:
+        cells = table.columns[name.given]
+        is_called = name.words & CLOCK_WORDS
+        if is_called and holds_epoch(cells):
+            found.append(name)
     found += _find_converted(table, names, TIME_WORDS, SECONDS)
     return [
         name

@@ -91,7 +91,9 @@ def _read_quaternion(table: Table, names: Sequence[ColumnName]) -> list[Reading]
         return []
     columns = dict(zip(QUATERNION_COLUMNS, given, strict=True))
     listed = " ".join(given)
-    return [Reading(columns, f'"{listed}" as the unit quaternion {" ".join(QUATERNION_COLUMNS)}')]
+    wanted = " ".join(QUATERNION_COLUMNS)
+    reading = Reading(columns, f'"{listed}" as the unit quaternion {wanted}')
+    return [reading]
 
 
 def _find_lettered_quaternion(table: Table, names: Sequence[ColumnName]) -> list[str]:
@@ -99,11 +101,13 @@ def _find_lettered_quaternion(table: Table, names: Sequence[ColumnName]) -> list
     families = dict[frozenset[str], dict[str, str]]()
     for name in names:
         letter, others = _split_letter(name)
-        if letter and others & TURN_WORDS:
+        is_turn = others & TURN_WORDS
+        if letter and is_turn:
             family = families.setdefault(others, {})
             family[letter] = name.given
     for family in families.values():
-        given = [family[letter] for letter in ("w", *AXES) if letter in family]
+        letters = ("w", *AXES)
+        given = [family[letter] for letter in letters if letter in family]
         if _are_unit_quaternions(table, given):
             return given
     return []

@@ -31,10 +31,12 @@ def find_other_positions(table: Table, names: Sequence[str]) -> list[str]:
     columns = {name: convert_to_numbers(table.columns[name])[is_measured] for name in names}
     numeric = [name for name, values in columns.items() if np.isfinite(values).all()]
     found = list[str]()
-    for k in range(len(numeric) - 2):
+    last = len(numeric) - len(AXES)
+    for k in range(last + 1):
         three = numeric[k : k + 3]
         is_free = set(three).isdisjoint(found)
-        if is_free and _follows(np.stack([columns[name] for name in three], 1), measured):
+        position = np.stack([columns[name] for name in three], 1)
+        if is_free and _follows(position, measured):
             found += three
     return found
 
@@ -43,10 +45,13 @@ def _read_measured(table: Table) -> Array | None:
     """Read the measured position (m, 3), in whatever unit; None where a coordinate has no column."""
     columns = []
     for axis in AXES:
-        given = [f"{axis}_{unit}" for unit in POSITION_UNITS if f"{axis}_{unit}" in table]
+        wanted = [f"{axis}_{unit}" for unit in POSITION_UNITS]
+        given = [name for name in wanted if name in table]
         if not given:
             return None
-        columns.append(convert_to_numbers(table.columns[given[0]]))
+        cells = table.columns[given[0]]
+        values = convert_to_numbers(cells)
+        columns.append(values)
     return np.stack(columns, 1)
 
 
@@ -55,18 +60,27 @@ def _follows(position: Array, measured: Array) -> bool:
     part (Umeyama 1991)."""
     if len(position) < MIN_ROWS:
         return False
-    a = measured - measured.mean(0)
-    b = position - position.mean(0)
+    middle = measured.mean(0)
+    a = measured - middle
+    other_middle = position.mean(0)
+    b = position - other_middle
     if not (_fills_a_plane(a) and _fills_a_plane(b)):
         return False
     u, sizes, v = np.linalg.svd(a.T @ b)
-    sizes[-1] *= np.sign(np.linalg.det(u @ v))
-    explained = sizes.sum() ** 2 / np.square(a).sum()
+    rotation = u @ v
+    handedness = np.linalg.det(rotation)
+    sizes[-1] *= np.sign(handedness)
+    explained = sizes.sum() ** 2
+    explained /= np.square(a).sum()
     total = np.square(b).sum()
-    return bool(total - explained <= MAX_LEFT * total)
+    left = total - explained
+    return bool(left <= MAX_LEFT * total)
 
 
 def _fills_a_plane(centred: Array) -> bool:
     """Whether points (m, 3) about their mean are not all the same, nor along a line."""
-    first, second, _ = np.linalg.svd(centred, compute_uv=False)
-    return bool(first > 0 and second >= MIN_SPREAD * first)
+    sizes = np.linalg.svd(centred, compute_uv=False)
+    first, second, _ = sizes
+    least = MIN_SPREAD * first
+    is_spread = first > 0
+    return bool(is_spread and second >= least)

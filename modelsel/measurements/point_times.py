@@ -85,7 +85,9 @@ def holds_epoch(cells: NDArray[Any]) -> bool:
     values = convert_to_numbers(cells)
     if not len(values):
         return False
-    return bool(values.min() > MIN_EPOCH and values.max() < MAX_EPOCH)
+    first = values.min()
+    last = values.max()
+    return bool(first > MIN_EPOCH and last < MAX_EPOCH)
 
 
 def list_clock_columns(table: Table) -> list[str]:
@@ -93,9 +95,14 @@ def list_clock_columns(table: Table) -> list[str]:
     times = find_times(table)
     if times is None:
         return []
-    is_numeric = np.isfinite(convert_to_numbers(table.columns[times.column])).all()
-    goes_back = (np.diff(times.seconds) < 0).any()
-    return [times.column] if is_numeric and not goes_back else []
+    column = times.column
+    values = convert_to_numbers(table.columns[column])
+    is_number = np.isfinite(values)
+    steps = np.diff(times.seconds)
+    goes_back = steps < 0
+    if goes_back.any() or not is_number.all():
+        return []
+    return [column]
 
 
 def are_clock_times(cells: Iterable[Any]) -> bool:

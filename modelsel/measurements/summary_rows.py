@@ -44,17 +44,19 @@ def drop_summary_rows(grid: Grid) -> Grid:
     labels = _find_summaries(grid.columns)
     if not labels:
         return grid
-    count = len(grid.columns[0])
-    first = count - len(labels)
+    every = np.arange(len(grid.columns[0]))
+    first = len(every) - len(labels)
     where = grid.where
-    listed = where.spans(np.arange(first, count))
-    verb = "sums" if len(labels) == 1 else "sum"
-    left = "is" if len(labels) == 1 else "are"
+    listed = where.spans(every[first:])
+    is_one = len(labels) == 1
+    verb = "sums" if is_one else "sum"
+    left = "is" if is_one else "are"
     quoted = ", ".join(f'"{one_line(label)}"' for label in labels)
-    said = f"{listed} {verb} up the others and {left} left out ({quoted})"
+    sentence = f"{listed} {verb} up the others and {left} left out ({quoted})"
+    said = [*grid.said, sentence]
     columns = [cells[:first] for cells in grid.columns]
-    rows = np.arange(first)
-    return replace(grid, columns=columns, where=where.take(rows), said=[*grid.said, said])
+    kept = where.take(every[:first])
+    return replace(grid, columns=columns, where=kept, said=said)
 
 
 def _find_summaries(columns: Sequence[NDArray[Any]]) -> list[str]:
@@ -63,22 +65,27 @@ def _find_summaries(columns: Sequence[NDArray[Any]]) -> list[str]:
     None where a word stands in a row above as well: there it is somebody's, or a point's, name."""
     count = len(columns[0]) if columns else 0
     labels = list[str]()
-    place = 0
+    at = 0
     for row in range(count - 1, -1, -1):
         cells = [column[row] for column in columns]
         filled = [k for k, cell in enumerate(cells) if not is_blank_row([cell])]
-        is_summary = len(filled) > 1 and _shorten(cells[filled[0]]) in SUMMARY_WORDS
-        if not is_summary or not any(is_number(cells[k]) for k in filled[1:]):
+        if not filled:
+            break
+        place, *others = filled
+        label = str(cells[place])
+        has_numbers = any(is_number(cells[k]) for k in others)
+        if not has_numbers or _shorten(label) not in SUMMARY_WORDS:
             break
         if len(labels) == MAX_SUMMARY_ROWS:
             return []
-        labels.insert(0, str(cells[filled[0]]).strip())
-        place = filled[0]
+        at = place
+        labels.insert(0, label.strip())
     words = {_shorten(label) for label in labels}
     first = count - len(labels)
     if not labels or not first or len(words) < len(labels):
         return []
-    above = map(_shorten, columns[place][:first].tolist())
+    cells_above = columns[at][:first]
+    above = map(_shorten, cells_above.tolist())
     return [] if any(word in words for word in above) else labels
 
 

@@ -127,14 +127,17 @@ def _numbers_its_columns(rows: Sequence[Row]) -> bool:
     2 3 4 5 6 X Y Z, its other cells words above numbers."""
     header, *below = rows
     numbers = [_as_text(cell) for cell in header if is_number(cell)]
-    is_counted = numbers == [str(k + 1) for k in range(len(numbers))]
-    data = next((row for row in below if not is_blank_row(row) and not _is_unit_row(row)), None)
-    if len(numbers) < MIN_NUMBERED or not is_counted or data is None:
+    count = len(numbers)
+    expected = [str(k + 1) for k in range(count)]
+    filled = [row for row in below if not is_blank_row(row)]
+    data = [row for row in filled if not _is_unit_row(row)]
+    if count < MIN_NUMBERED or numbers != expected or not data:
         return False
-    pairs = list(zip(header, data, strict=False))
-    words = [value for name, value in pairs if _as_text(name) and not is_number(name)]
-    are_numbers = sum(map(is_number, words))
-    return are_numbers >= MIN_NUMBERED
+    named = 0
+    for name, value in zip(header, data[0], strict=False):
+        is_word = bool(_as_text(name)) and not is_number(name)
+        named += is_word and is_number(value)
+    return named >= MIN_NUMBERED
 
 
 def _is_unit_row(row: Row) -> bool:

@@ -70,10 +70,11 @@ def find_uncausal_columns(table: Table, taken: Collection[str]) -> dict[str, lis
     names = [parse_column_name(name, table.units.get(name)) for name in free]
     orientations = find_orientation_columns(table, names)
     quaternion = find_unnamed_quaternion(table, free)
-    joints = sum(JOINT_COLUMN.fullmatch(name) is not None for name in columns)
+    joints = [name for name in columns if JOINT_COLUMN.fullmatch(name)]
+    commanded = _find_commanded_joints(names, len(joints))
     found = {
         "computed-ignored": _find_deviations(names),
-        "commanded-ignored": _find_commanded(names) + _find_commanded_joints(names, joints),
+        "commanded-ignored": [*_find_commanded(names), *commanded],
         "uncertainties-ignored": find_uncertainties(names),
         "positions-ignored": _find_positions(names),
         "orientations-ignored": orientations,
@@ -81,9 +82,8 @@ def find_uncausal_columns(table: Table, taken: Collection[str]) -> dict[str, lis
         "counters-ignored": _find_counters(table, free),
     }
     named = set[str]().union(*found.values())
-    found["positions-ignored"] += find_other_positions(
-        table, [name for name in free if name not in named]
-    )
+    unnamed = [name for name in free if name not in named]
+    found["positions-ignored"] += find_other_positions(table, unnamed)
     numeric = [name for name in free if _holds_numbers(table, name)]
     distinct = dict[str, list[str]]()
     for code, listed in found.items():
@@ -131,13 +131,19 @@ def _find_commanded_joints(names: Sequence[ColumnName], joints: int) -> list[str
     """Find commanded readings, one for each of so many joints."""
     families = dict[tuple[str, frozenset[str]], list[str]]()
     for name in names:
-        is_joint = name.quantity == "joint" and name.number is not None
+        is_joint = name.quantity == "joint"
         is_other = name.words & OTHER_QUANTITIES
-        if is_joint and name.is_commanded and not is_other:
-            family = families.setdefault((name.stem, name.words), [])
-            family.append(name.given)
-    complete = [family for family in families.values() if len(family) >= joints]
-    return [name for family in complete for name in family]
+        if is_other or not is_joint or not name.is_commanded:
+            continue
+        key = name.stem, name.words
+        family = families.setdefault(key, [])
+        family.append(name.given)
+    commanded = list[str]()
+    for family in families.values():
+        count = len(family)
+        if count >= joints:
+            commanded += family
+    return commanded
 
 
 def _find_positions(names: Sequence[ColumnName]) -> list[str]:

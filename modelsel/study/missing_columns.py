@@ -53,12 +53,23 @@ def refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
 
 def _name_readings(prismatic: Sequence[bool]) -> tuple[str, str]:
     """Name the contract's columns of all joints: (the first, all of them)."""
-    names = [f"q{j}_{'mm' if slides else 'deg'}" for j, slides in enumerate(prismatic, 1)]
+    names = list[str]()
+    for j, slides in enumerate(prismatic, 1):
+        unit = "mm" if slides else "deg"
+        names.append(f"q{j}_{unit}")
     runs = list[str]()
-    for _, run in groupby(names, key=lambda name: name.rpartition("_")[2]):
+    for _, run in groupby(names, key=_find_unit):
         first, *others = run
-        runs.append(f"{first} to {others[-1]}" if others else first)
+        if others:
+            first = f"{first} to {others[-1]}"
+        runs.append(first)
     return names[0], sentence_list(runs)
+
+
+def _find_unit(name: str) -> str:
+    """Find the unit in a contract's name."""
+    _, _, unit = name.rpartition("_")
+    return unit
 
 
 def _explain_columns(table: Table, what: str) -> tuple[str, str] | None:
