@@ -25,6 +25,7 @@ from .column_names import (
 )
 from .columns import POSITION_UNITS, READING_UNITS, convert_to_numbers, read_numbers
 from .joint_names import find_named_joints
+from .other_units import convert_units
 from .table import Table
 
 # rad: readings beyond it are degrees; below it, and above the next, they are radians
@@ -334,7 +335,10 @@ def propose_columns(
     lacking += sum(map(partial(_lacks_axis, table), AXES))
     if lacking < 2:
         return None
-    choices = guess_columns(table, prismatic, joint_names)
+    converted = convert_units(table, prismatic, ())
+    originals = converted.originals
+    guesses = guess_columns(converted.table, prismatic, joint_names)
+    choices = [name_originals(choice, originals) for choice in guesses]
     for choice in choices:
         spoilt = find_spoilt_cell(table, choice, prismatic, joint_names)
         if spoilt is not None:
@@ -342,13 +346,31 @@ def propose_columns(
     if not any(choice.readings for choice in choices):
         return None
     sentences = [_describe_choice(choice) for choice in choices]
-    mapping = merge_columns([choice.readings[0] for choice in choices if choice.readings])
+    guessed = merge_columns([choice.readings[0] for choice in choices if choice.readings])
+    mapping = {wanted: originals.get(name, name) for wanted, name in guessed.items()}
     where = table.where
     what = f"{lacking} columns do not have the names of a measurements file."
     remedy = f"{' '.join(sentences)} Map them {where.mapping_all(mapping)}."
     if where.is_file:
         remedy += f" modelsel init {shlex.quote(where.file)} --robot NAME writes a study that does."
     return where.refuse(what, remedy=remedy)
+
+
+def name_originals(choice: Choice, originals: Mapping[str, str]) -> Choice:
+    """Say the readings of a choice by the names that converted columns have in the file."""
+    readings = list[Reading]()
+    for reading in choice.readings:
+        words = reading.words
+        for renamed, own in originals.items():
+            as_renamed = _quote(renamed)
+            as_own = _quote(own)
+            words = words.replace(as_renamed, as_own)
+        if words != reading.words:
+            words += ", converted"
+        renamed_reading = replace(reading, words=words)
+        readings.append(renamed_reading)
+    whole = tuple(readings)
+    return replace(choice, readings=whole)
 
 
 def merge_columns(readings: Sequence[Reading]) -> dict[str, str]:

@@ -106,7 +106,7 @@ def refuse_mapped_units(
             raise where.refuse(
                 f'it is given for {wanted}, but its name says "{said}", not "{unit}".',
                 column=given,
-                remedy=f"Map the contract's name of that unit; where there is none, convert it to {unit}.",
+                remedy=f"Map it to the name with that unit, where there is one; else convert it to {unit}.",
             )
         _refuse_unit_below(table, wanted, given)
     mapped = set(columns.values())
@@ -125,14 +125,14 @@ def _refuse_unit_below(table: Table, wanted: str, given: str) -> None:
         raise table.where.refuse(
             f'it is read as {wanted}, but the line of units says "{below}".',
             column=given,
-            remedy=f"Map the contract's name of that unit; where there is none, convert it to {unit}.",
+            remedy=f"Map it to the name with that unit, where there is one; else convert it to {unit}.",
         )
 
 
 def _refused(table: Table, name: str, right: str, factor: str) -> DataError:
     if factor == "1":
         return table.where.refuse(
-            f'the column is called "{right}" in the contract: under this name it would be ignored.',
+            f'a measurements file calls this column "{right}": under this name it would be ignored.',
             column=name,
             remedy=f"Rename it to {right}, or to something else if that is not what it holds.",
         )

@@ -27,7 +27,8 @@ from ..measurements.joining import (
 from ..measurements.point_times import find_common_seconds, find_times, list_clock_columns
 from ..measurements.table import DataFile, Table, load_table
 from ..robot.kinematics import Robot
-from .new_study import MAX_REACH_SHARE, MIN_IMPROVEMENT, StudyDraft, draft_study, measure_misfit
+from .new_study import MIN_IMPROVEMENT, StudyDraft, draft_study
+from .nominal_misfit import MAX_REACH_SHARE, measure_misfit
 
 # seconds that the times of a point and of its readings may differ
 MAX_GAP_S = 0.5
@@ -137,12 +138,16 @@ def _list_joining_columns(points: Table, log: Table, join: Join) -> set[str]:
     log, and the times that `time_s` is made of."""
     used = set[str]()
     if join.key and join.key not in points:
-        values = convert_to_numbers(log.columns[join.key])
-        if np.isfinite(values).all():
+        names = log.columns[join.key]
+        values = convert_to_numbers(names)
+        is_number = np.isfinite(values)
+        if is_number.all():
             used.add(join.key)
     is_timed = find_common_seconds(points, log) is not None
-    if is_timed and "time_s" not in points and "time_s" not in log:
-        used.update(list_clock_columns(points), list_clock_columns(log))
+    is_there = "time_s" in points or "time_s" in log
+    if is_timed and not is_there:
+        used.update(list_clock_columns(points))
+        used.update(list_clock_columns(log))
     return used
 
 

@@ -8,16 +8,14 @@ from itertools import chain, product
 
 import numpy as np
 
-from ..exceptions import (
-    DataError,
-    ModelselError,
-    NotEstimable,
-    choice_list,
-    count_words,
-    write_rounded,
+from ..exceptions import ModelselError, choice_list, count_words, write_rounded
+from ..measurements.column_guesses import (
+    Choice,
+    Reading,
+    guess_columns,
+    merge_columns,
+    name_originals,
 )
-from ..fitting.problem import Problem
-from ..measurements.column_guesses import Choice, Reading, guess_columns, merge_columns
 from ..measurements.contract_columns import list_contract_names
 from ..measurements.gear_ratios import GearRatios, find_gear_ratios
 from ..measurements.grad_columns import JOINTS, Meaning, keep_meaning, name_meanings, offer_meanings
@@ -34,27 +32,23 @@ from ..measurements.uncausal_columns import SENTENCES as UNCAUSAL
 from ..measurements.uncausal_columns import find_uncausal_columns
 from ..robot.kinematics import Robot
 from ..robot.urdf import read_joint_names
-from ..setup.other_robots import compute_registered_misfit, sample_positions
-from ..setup.registration import register
-from .checks import check_setup
 from .missing_columns import refuse_missing
+from .nominal_misfit import MAX_REACH_SHARE, describe_misfit, measure_misfit
 from .orientation_reading import settle_orientation
 from .other_columns import describe_optional, describe_other_columns, describe_quaternions
 
 # readings of the columns that are tried on the arm
 MAX_TRIED = 16
-# a reading is the right one where the nominal arm fits to this share of its reach and so much
-# better than by any other
-MAX_REACH_SHARE = 0.02
+# a reading is the right one where the nominal arm fits so much better than by any other
 MIN_IMPROVEMENT = 4.0
-# a smaller median misfit [mm] is not one of measurements
-MIN_MISFIT_MM = 0.003
 # configurations from which a part of them is held out, and how many at most
 MIN_SPLIT = 30
 HELD_OUT_SHARE = 0.4
 MAX_HELD_OUT = 40
 # what reading does to rows, units and columns; commanded ones are listed here
-TOLD_NOTES = {"missed-rows", "units-converted", *UNCAUSAL} - {"commanded-ignored"}
+TOLD_NOTES = {"missed-rows", "coordinates-equal", "units-converted", *UNCAUSAL} - {
+    "commanded-ignored"
+}
 
 
 @dataclass(frozen=True)
@@ -174,7 +168,8 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
     for choice in choices:
         if not choice.readings:
             raise refuse_missing(as_given, choice, robot)
-    named = name_meanings(choices, meanings)
+    own = [name_originals(choice, converted.originals) for choice in choices]
+    named = name_meanings(own, meanings)
     draft = StudyDraft(
         robot, source, table, given, named, originals=converted.originals, meanings=meanings
     )
@@ -290,19 +285,6 @@ def _try_readings(draft: StudyDraft, readings: Sequence[Reading]) -> float:
     return float("inf") if misfit is None else misfit
 
 
-def measure_misfit(robot: Robot, data: Measurements) -> float | None:
-    """Compute the median distance [mm] of measured positions from the nominal arm, tracker and
-    target found from them; None where there are too few configurations."""
-    try:
-        no_tools = np.zeros((len(data.targets), 3))
-        problem = Problem(robot, data, no_tools)
-        all_rows = np.ones(len(data), bool)
-        sample = sample_positions(problem, all_rows)
-    except (DataError, NotEstimable):
-        return None
-    return None if sample is None else compute_registered_misfit(sample)
-
-
 # -- what is said and written
 # --------------------------------------------------------------------------------------------
 
@@ -329,45 +311,12 @@ def describe_draft(draft: StudyDraft, data: Measurements) -> list[str]:
     if targets > 1:
         counts.append(count_words(targets, "target"))
     lines.append(f"{', '.join(counts)}.")
-    lines += _describe_misfit(robot, data)
+    lines += describe_misfit(robot, data)
     lines.append(_describe_split(data))
     lines += [note.sentence for note in data.notes if note.code in TOLD_NOTES]
     taken = {*draft.columns.values(), *draft.originals}
     lines += describe_other_columns(draft.measured, taken, data, draft.list_uncausal())
     return [*lines, *draft.remarks]
-
-
-def _describe_misfit(robot: Robot, data: Measurements) -> list[str]:
-    misfit = measure_misfit(robot, data)
-    if misfit is None or not np.isfinite(misfit):
-        return ["Too few configurations to try the nominal arm on."]
-    said = f"Tracker and target found from the rows, the nominal arm fits to {write_rounded(misfit)} mm"
-    if misfit < MIN_MISFIT_MM:
-        said += " (median): no arm is measured so well. These positions look computed, by the "
-        return [said + "controller or a simulation; a calibration needs measured ones."]
-    if misfit <= MAX_REACH_SHARE * robot.reach:
-        return [f"{said} (median)."]
-    said += " (median): that is far."
-    explained = _explain_misfit(robot, data)
-    if explained:
-        return [said, *explained]
-    said += " Check the robot, the order of the joints and the units; "
-    return [said + "modelsel check looks for the likeliest mistake."]
-
-
-def _explain_misfit(robot: Robot, data: Measurements) -> list[str]:
-    """Say which mistake of the set-up, or which other robot, explains positions that are far from
-    the nominal arm, as `modelsel study` would."""
-    targets, rows = len(data.targets), len(data)
-    no_tools = np.zeros((targets, 3))
-    every_row = np.ones(rows, bool)
-    problem = Problem(robot, data, no_tools)
-    try:
-        registered = register(problem, every_row, per_group=False)
-    except (DataError, NotEstimable):
-        return []
-    notes = check_setup(registered, every_row, registered=True, per_group=False)
-    return [note.sentence for note in notes]
 
 
 def count_estimation(data: Measurements) -> int | None:

@@ -787,6 +787,31 @@ def test_a_sliding_joint_is_asked_for_in_mm() -> None:
     assert "--column q1_mm=NAME, and so on (q1_mm and q2_deg to q6_deg)" in ran.stderr
 
 
+def test_why_the_nominal_arm_is_not_tried() -> None:
+    frame = campaign()
+    frame.iloc[:, :5] = frame.iloc[0, :5].to_numpy()
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert "on these configurations: only joint 6 moves, which does not tell where" in ran.stdout
+    campaign(8).to_csv("n.csv", index=False)
+    ran = invoked("init", "n.csv", "--robot", "ur10", "--yes")
+    assert "Too few configurations to try the nominal arm on." in ran.stdout
+
+
+def test_converted_columns_keep_their_names_in_sentences() -> None:
+    frame = campaign()
+    frame[["X", "Y", "Z"]] /= 10
+    frame.rename(columns={axis: f"{axis}_cm" for axis in "XYZ"}).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert 'The position: "X_cm", "Y_cm" and "Z_cm" in mm, converted.' in ran.stdout
+    ran = invoked("check", "m.csv", "--robot", "ur10")
+    assert 'The position looks like "X_cm", "Y_cm" and "Z_cm" in mm, converted.' in ran.stderr
+    assert "--column z_mm=Z_cm)" in ran.stderr
+    mapped = [f"--column=q{k}_deg=J{k}" for k in range(1, 7)]
+    mapped += [f"--column={axis.lower()}_mm={axis}_cm" for axis in "XYZ"]
+    assert invoked("check", "m.csv", "--robot", "ur10", *mapped).exit_code == 0
+
+
 PROGRAMS = {
     "p.mod": (
         "MODULE Poses\n  CONST jointtarget p1:=[[1,2,3,4,5,6]];\nENDMODULE\n",

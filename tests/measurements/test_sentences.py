@@ -46,6 +46,14 @@ def test_a_name_that_appears_twice(tmp_path: Path) -> None:
         load_table(file)
 
 
+def test_another_spelling_is_told_in_words_that_people_know() -> None:
+    frame = pd.DataFrame({f"q{j}_deg": [10.0, 20.0] for j in range(1, 7)})
+    frame[["x_mm", "y_mm", "z_mm", "temperature_c"]] = [[1.0, 2, 3, 20], [4, 5, 6, 21]]
+    with pytest.raises(DataError, match='calls this column "temperature_C"') as caught:
+        read_measurements(frame, load_robot("irb120"))
+    assert "contract" not in str(caught.value)
+
+
 @pytest.mark.parametrize(("text", "option"), [(TWO_ROOTS, "--base"), (TWO_TIPS, "--tip")])
 def test_every_command_has_the_option_that_chooses_a_chain(text: str, option: str) -> None:
     with pytest.raises(StudyError, match=f"{option} of a command"):
