@@ -25,7 +25,7 @@ ROWS_MISTAKEN, HOPELESS_FIT = "rows-mistaken", "hopeless-fit"
 CODES = {
     # reading the measurements
     "file-format": "how the file is written, where that is not CSV with commas and points",
-    "columns-ignored": "text columns that the contract does not name are ignored",
+    "columns-ignored": "text columns that a measurements file does not have are ignored",
     "counters-ignored": "columns that only count the rows are ignored",
     "computed-ignored": "columns that were computed from the measured positions are ignored",
     "commanded-ignored": "commanded positions are ignored",
@@ -36,6 +36,7 @@ CODES = {
     "covariates-ignored": "numeric columns that cannot serve as causes are ignored",
     "units-converted": "columns in units that a measurements file does not have (cm, gon, mrad) are converted",
     "missed-rows": "rows without a position are left out; their readings count as places that the arm went to",
+    "coordinates-equal": "a few rows have one number for all three coordinates, as programs write for a missed shot",
     "duplicate-rows": "rows that repeat another cell for cell are counted once",
     "copied-rows": "rows that copy a measurement under another number are counted once",
     "joint-rests": "readings of a joint at rest flicker; that is not taken for motion",

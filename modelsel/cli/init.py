@@ -91,7 +91,7 @@ def init_command(
 
     setup = StatedSetup(tool, aligned, gravity)
     _check_setup(setup)
-    folder = out if out is not None else Path(file.stem)
+    folder = out if out is not None else _name_folder(file)
     check_new(folder)
     named = read_robot_option(robot, base, tip, arguments, convention)
     arm = setup.place(named.robot)
@@ -120,7 +120,22 @@ def init_command(
         )
         return
     click.echo(f"Written: {', '.join(map(str, written))}")
-    click.echo(f"Next: modelsel study {shlex.quote(str(folder))}")
+    place = str(folder)
+    if place.startswith("-"):
+        place = f"./{place}"  # else it is taken for an option
+    click.echo(f"Next: modelsel study {shlex.quote(place)}")
+
+
+def _name_folder(file: Path) -> Path:
+    """Name the study's folder like its file, without the ending. Raises StudyError where that is a
+    file's name."""
+    folder = Path(file.stem)
+    if folder.is_file():
+        raise StudyError(
+            f"{folder}: the study's folder would have this name, which is a file's. Give another "
+            "folder with --out."
+        )
+    return folder
 
 
 def _check_setup(setup: StatedSetup) -> None:

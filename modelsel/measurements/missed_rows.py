@@ -40,6 +40,8 @@ NOT_MEASURED = frozenset[str]().union(
 )
 # rows whose remarks are said
 MAX_REMARKS = 3
+# share of the rows, at most, whose equal coordinates are none
+MAX_EQUAL_SHARE = 0.2
 AXES = ("x", "y", "z")
 
 
@@ -93,8 +95,9 @@ def read_waypoints(
     or order are missing too say nothing of the motion. Without a group a row is of that of the next
     measured row, without a configuration one of its own."""
     table = split.missed
+    said = _note_equal_coordinates(split.kept)
     if table is None:
-        return None, []
+        return None, said
     q, is_known = _read_readings(table, prismatic)
     order = convert_to_numbers(table.columns["order"]) if "order" in table else None
     if order is not None:
@@ -107,7 +110,32 @@ def read_waypoints(
         _read_labels(split, "configuration", is_known, None),
         None if order is None else order[is_known],
     )
-    return waypoints, [_describe_missed(split, table, is_known)]
+    missed = _describe_missed(split, table, is_known)
+    return waypoints, [missed, *said]
+
+
+def _note_equal_coordinates(table: Table) -> list[Note]:
+    """Note the few rows with one number for x, y and z, as 0 or -999 of a missed shot."""
+    names = _find_coordinates(table)
+    if not names or not len(table):
+        return []
+    x, y, z = (convert_to_numbers(table.columns[name]) for name in names)
+    is_equal = x == y
+    is_equal &= y == z
+    rows = np.flatnonzero(is_equal)
+    if not 0 < len(rows) <= MAX_EQUAL_SHARE * len(table):
+        return []
+    different = np.unique(x[rows])
+    shown = different[:MAX_REMARKS]
+    values = ", ".join(f"{value:g}" for value in shown)
+    have = "has" if len(rows) == 1 else "have"
+    listed = table.where.listed(rows)
+    sentence = (
+        f"{listed.capitalize()} {have} one number for x, y and z ({values}): no "
+        "position, if a program writes it for a missed shot. Leave these cells empty, or remove the row."
+    )
+    note = Note("coordinates-equal", sentence)
+    return [note]
 
 
 def _read_labels(

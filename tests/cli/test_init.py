@@ -812,6 +812,28 @@ def test_converted_columns_keep_their_names_in_sentences() -> None:
     assert invoked("check", "m.csv", "--robot", "ur10", *mapped).exit_code == 0
 
 
+def test_folders_that_are_named_like_files(tmp_path) -> None:
+    campaign().to_csv("data", index=False)
+    campaign().to_csv("-x.csv", index=False)
+    ran = invoked("init", "data", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 2
+    assert "data: the study's folder would have this name, which is a file's." in ran.stderr
+    ran = invoked("init", "./-x.csv", "--robot", "ur10", "--yes")
+    assert ran.stdout.splitlines()[-1] == "Next: modelsel study ./-x"
+    assert (tmp_path / "-x" / "study.toml").is_file()
+
+
+@pytest.mark.parametrize("value", [0, -999])
+def test_one_number_for_all_coordinates_is_told(value) -> None:
+    frame = campaign()
+    frame.loc[[4, 9], ["X", "Y", "Z"]] = value
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    said = f"Lines 6, 11 have one number for x, y and z ({value}): no position, if"
+    assert said in ran.stdout
+    assert f"Note: {said}" in invoked("check", "m").stdout
+
+
 PROGRAMS = {
     "p.mod": (
         "MODULE Poses\n  CONST jointtarget p1:=[[1,2,3,4,5,6]];\nENDMODULE\n",
