@@ -7,13 +7,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from .._typing import Array
+from .._typing import Array, Index
 from .column_names import AXES
 from .columns import POSITION_UNITS, convert_to_numbers
 from .table import Table
 
 # rows from which columns may be said to follow the position
 MIN_ROWS = 8
+# rows that are compared, spread over all
+MAX_ROWS = 2000
 # mean square left of columns that follow it, by a frame and a scale, to theirs about their mean
 MAX_LEFT = 0.05
 # second spread of a position to its first, at least: along a line, anything that grows follows it
@@ -23,13 +25,23 @@ MIN_SPREAD = 0.05
 def find_other_positions(table: Table, names: Sequence[str]) -> list[str]:
     """Find three columns next to each other, among these, that are the measured position in another
     frame or unit, or one beside it on the flange. The table has the contract's names."""
-    measured = _read_measured(table)
+    count = len(table)
+    spread = np.linspace(0, count - 1, min(count, MAX_ROWS))
+    rows = spread.astype(int)
+    measured = _read_measured(table, rows)
     if measured is None:
         return []
     is_measured = np.isfinite(measured).all(1)
     measured = measured[is_measured]
-    columns = {name: convert_to_numbers(table.columns[name])[is_measured] for name in names}
-    numeric = [name for name, values in columns.items() if np.isfinite(values).all()]
+    rows = rows[is_measured]
+    columns = dict[str, Array]()
+    for name in names:
+        cells = table.columns[name][rows]
+        values = convert_to_numbers(cells)
+        is_number = np.isfinite(values)
+        if is_number.all():
+            columns[name] = values
+    numeric = list(columns)
     found = list[str]()
     last = len(numeric) - len(AXES)
     for k in range(last + 1):
@@ -41,15 +53,16 @@ def find_other_positions(table: Table, names: Sequence[str]) -> list[str]:
     return found
 
 
-def _read_measured(table: Table) -> Array | None:
-    """Read the measured position (m, 3), in whatever unit; None where a coordinate has no column."""
+def _read_measured(table: Table, rows: Index) -> Array | None:
+    """Read the measured position (m, 3) of some rows, in whatever unit; None where a coordinate has
+    no column."""
     columns = []
     for axis in AXES:
         wanted = [f"{axis}_{unit}" for unit in POSITION_UNITS]
         given = [name for name in wanted if name in table]
         if not given:
             return None
-        cells = table.columns[given[0]]
+        cells = table.columns[given[0]][rows]
         values = convert_to_numbers(cells)
         columns.append(values)
     return np.stack(columns, 1)
