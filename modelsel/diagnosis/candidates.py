@@ -254,10 +254,12 @@ def _select_new(
     present = {term.key for term in base.terms}
     new: dict[Screws, Unregistered] = {}
     for explanation in offered:
-        screws = collect_screws(explanation.mechanism)
+        mechanism = explanation.mechanism
+        screws = collect_screws(mechanism)
         is_new = screws not in taken and not screws <= present
+        names = mechanism.names()
         # with a constant reading beside it, a wave of one joint would have several names
-        if is_new and still.isdisjoint(explanation.mechanism.names()):
+        if is_new and still.isdisjoint(names):
             new.setdefault(screws, explanation)
     return new
 

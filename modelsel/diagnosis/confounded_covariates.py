@@ -51,8 +51,11 @@ def generate_confounded(problem: Problem, found: Mechanism) -> Iterator[list[Mec
     if duration:
         in_time = _put(found, name, [clock])
         yield [in_time]
-    warming = build_warming_causes(problem)
-    yield [_put(found, name, [course]) for course in warming]
+    warmed = []
+    for course in build_warming_causes(problem):
+        warming = _put(found, name, [course])
+        warmed.append(warming)
+    yield warmed
 
 
 def find_confounded(problem: Problem, found: Mechanism) -> str | None:

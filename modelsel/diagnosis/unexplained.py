@@ -251,8 +251,10 @@ def _count_saturating(diagnosis: Diagnosis, split: Split) -> int:
     about as many parameters as these have coordinates; else 0."""
     training = split.training
     data = training.data
-    postures = len(np.unique(data.block))
-    visits = len(np.unique(data.configuration))
+    blocks = np.unique(data.block)
+    postures = len(blocks)
+    configurations = np.unique(data.configuration)
+    visits = len(configurations)
     if not training.only_points or postures == visits:
         return 0
     labels = np.stack([data.block, data.target])

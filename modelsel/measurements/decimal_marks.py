@@ -64,7 +64,8 @@ def find_doubtful_point(rows: Sequence[Sequence[Any]]) -> str | None:
                 return None
     for k, found in grouped.items():
         count = wholes.get(k, 0)
-        if count >= max(1, MIN_ODD_SHARE * len(found)):
+        needed = MIN_ODD_SHARE * len(found)
+        if count >= max(1, needed):
             return found[0]
     return None
 

@@ -117,13 +117,14 @@ def read_waypoints(
 def _note_equal_coordinates(table: Table) -> list[Note]:
     """Note the few rows with one number for x, y and z, as 0 or -999 of a missed shot."""
     names = _find_coordinates(table)
-    if not names or not len(table):
+    count = len(table)
+    if not names or not count:
         return []
     x, y, z = (convert_to_numbers(table.columns[name]) for name in names)
     is_equal = x == y
     is_equal &= y == z
     rows = np.flatnonzero(is_equal)
-    if not 0 < len(rows) <= MAX_EQUAL_SHARE * len(table):
+    if not 0 < len(rows) <= MAX_EQUAL_SHARE * count:
         return []
     different = np.unique(x[rows])
     shown = different[:MAX_REMARKS]

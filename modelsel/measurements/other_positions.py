@@ -34,7 +34,7 @@ def find_other_positions(table: Table, names: Sequence[str]) -> list[str]:
     is_measured = np.isfinite(measured).all(1)
     measured = measured[is_measured]
     rows = rows[is_measured]
-    columns = dict[str, Array]()
+    columns: dict[str, Array] = {}
     for name in names:
         cells = table.columns[name][rows]
         values = convert_to_numbers(cells)

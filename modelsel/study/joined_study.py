@@ -146,8 +146,9 @@ def _list_joining_columns(points: Table, log: Table, join: Join) -> set[str]:
     is_timed = find_common_seconds(points, log) is not None
     is_there = "time_s" in points or "time_s" in log
     if is_timed and not is_there:
-        used.update(list_clock_columns(points))
-        used.update(list_clock_columns(log))
+        for table in (points, log):
+            clocks = list_clock_columns(table)
+            used.update(clocks)
     return used
 
 
