@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 
 from .._typing import Array
@@ -241,6 +243,31 @@ def tracker_scale(robot: Robot) -> Mechanism:
             "instrument's scale",
             "air temperature and pressure given to it",
             "arm that is warm",
+        ),
+    )
+
+
+def tracker_axes(robot: Robot) -> Mechanism:
+    """The instrument's axes have scales of their own, and are not square: what a symmetric matrix does
+    to every position. What all lengths have in common, an arm of longer links has, too."""
+    seen = _seen(robot)
+    size = (1e-7, 2e-3)
+    stretched = [Term(f"e{axis[1]}", (Screw(1, axis, cause),), size) for axis, cause in seen]
+    skewed = []
+    for (first, along_first), (second, along_second) in combinations(seen, 2):
+        screws = (Screw(1, first, along_second), Screw(1, second, along_first))
+        skew = Term(f"g{first[1]}{second[1]}", screws, size)
+        skewed.append(skew)
+    return Mechanism(
+        "tracker-axes",
+        (*stretched, *skewed),
+        "The instrument's axes are not square, or have scales of their own.",
+        "x = (1 + E) x, E symmetric",
+        "ISO 10360-2, coordinate measuring machines: squareness and scales of the axes",
+        usual_causes=(
+            "camera's calibration",
+            "squareness or scales of the measuring machine",
+            "frame built from wrong reference points",
         ),
     )
 

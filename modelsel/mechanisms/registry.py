@@ -92,6 +92,7 @@ BUILTIN: Registry = {
         environment.target_step, lambda robot: environment.STEPS, range=(0.0, 1.0)
     ),
     "tracker-scale": environment.tracker_scale,
+    "tracker-axes": environment.tracker_axes,
     "refraction": environment.refraction,
 }
 

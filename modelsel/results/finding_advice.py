@@ -16,7 +16,14 @@ from .study_sentences import format_gain
 
 MODEL, ADJUST, MEASURE, REPLACE = "Model", "Adjust", "Measure", "Replace"
 # effects of the instrument, its set-up or the target: nothing of them belongs in a controller
-SET_UP = ("tracker-drift", "tracker-step", "tracker-scale", "refraction", "target-step")
+SET_UP = (
+    "tracker-drift",
+    "tracker-step",
+    "tracker-scale",
+    "tracker-axes",
+    "refraction",
+    "target-step",
+)
 LARGE = "larger than usual"
 CONTRARY = "has the other sign"
 
@@ -103,6 +110,7 @@ BY_STEM = {
     "tracker-drift": _INSTRUMENT,
     "tracker-step": _INSTRUMENT,
     "tracker-scale": _INSTRUMENT,
+    "tracker-axes": _INSTRUMENT,
     "refraction": _INSTRUMENT,
 }
 _FAULT = (MEASURE, "the rows that it concerns again, or correct them in the file")
