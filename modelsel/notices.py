@@ -49,6 +49,7 @@ CODES = {
     "gravity-unknown": "the robot file gives no direction of gravity; mechanisms that need it are left out",
     "cause-constant": "a cause of the study's own has one value in all rows",
     "gravity-upwards": "the robot's gravity points along +z of the measurements' frame",
+    "gravity-elsewhere": "joints wind up as if gravity had another direction",
     "nothing-held-out": "every configuration estimates, none is held out",
     "other-session": "groups without an estimation configuration; drift is taken at the campaign's middle",
     "target-unseen": "held-out rows of a target without estimation rows are left out",
@@ -106,12 +107,13 @@ ALARMS = {
     "beyond-tolerance": "Check the robot",
     "instrument-place": "Check the instrument",
     "gravity-upwards": "Check the direction of gravity",
+    "gravity-elsewhere": "Check the direction of gravity",
     HOPELESS_FIT: "Check the fit",
 }
 # faults of the data, each with the alarm that says as much
 ALARM_OF_FAULT = {"swapped-reflectors": "labels-swapped", "row-order": "rows-shifted"}
 # alarms that do not explain why a fit is bad
-NOISE_CODES = {"stated-uncertainty", "floor-unlike", "gravity-upwards"}
+NOISE_CODES = {"stated-uncertainty", "floor-unlike", "gravity-upwards", "gravity-elsewhere"}
 
 
 def list_alarms(notes: Sequence[Note]) -> list[str]:

@@ -7,10 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..exceptions import sentence_list, write_percent
+from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..notices import Note
 from ..robot.kinematics import Robot
+from ..setup.other_gravity import find_other_gravity
 
+UPWARDS = "gravity-upwards"
 # from the z axis of the measurements' frame, within which gravity is said to point along it
 NEAR_ANGLE = np.radians(10.0)
 # of a direction's components: closer to 0 or 1 they are written as these
@@ -30,7 +34,7 @@ def note_gravity(robot: Robot, problem: Problem, is_stated: bool) -> list[Note]:
             )
         ]
     upwards = None if is_stated else describe_upward_gravity(robot, problem)
-    return [] if upwards is None else [Note("gravity-upwards", upwards)]
+    return [] if upwards is None else [Note(UPWARDS, upwards)]
 
 
 def describe_upward_gravity(robot: Robot, problem: Problem) -> str | None:
@@ -52,6 +56,30 @@ def describe_upward_gravity(robot: Robot, problem: Problem) -> str | None:
         f"the study file (modelsel init: --gravity {down.strip('[]').replace(',', '')}). If it points "
         f"down, write gravity = {given} there to confirm it. Mechanisms of weight are wrong otherwise."
     )
+
+
+def note_other_gravity(
+    problem: Problem, fitted: Fit, notes: Sequence[Note], is_stated: bool
+) -> list[Note]:
+    """Return the warning that joints wind up as if gravity had another direction, beside a fitted base;
+    nothing where the study states it (`is_stated`), or where the `notes` question it already."""
+    if is_stated or any(note.code == UPWARDS for note in notes):
+        return []
+    other = find_other_gravity(problem, fitted)
+    if other is None:
+        return []
+    direction = write_direction(other.direction)
+    given = write_direction(problem.robot.gravity or ())
+    share = write_percent(other.left)
+    numbers = sentence_list([str(joint) for joint in other.joints])
+    joints = f"Joint {numbers} winds up" if len(other.joints) == 1 else f"Joints {numbers} wind up"
+    sentence = (
+        f"{joints} as if gravity were {direction} in the robot's base frame, not {given}: with the former, compliance "
+        f"leaves {share} of the error that it leaves with the latter. If the robot stands like that, "
+        f"write gravity = {direction} under [robot] in the study file; if it does not, write gravity = {given} "
+        "there to confirm it. Findings that depend on gravity are wrong otherwise."
+    )
+    return [Note("gravity-elsewhere", sentence)]
 
 
 def write_direction(direction: Sequence[float] | np.ndarray) -> str:

@@ -55,6 +55,7 @@ from ..uncertainty.summary import (
     sample_confidence,
 )
 from .checks import add_alarms_to_errors, check_chosen_model, drop_known_faults
+from .gravity_direction import note_other_gravity
 from .held_out_gains import judge_beside_others, measure_findings, resample_held_out
 from .held_out_outliers import exclude_held_out_outliers
 from .inputs import list_candidates
@@ -163,9 +164,11 @@ def _analyse_prepared(
         diagnosis, candidates, split, steps[-1], reason=untested.reason
     )
 
+    is_stated = study.robot.gravity is not None
     # every warning is collected here, in the order in which it is reported
     warnings = [
         *notes,
+        *note_other_gravity(split.training.as_stated(), steps[0].fit, notes, is_stated),
         *untested.note(),
         *collect_diagnosis_notes(study, split, diagnosis, noise_notes, detection_limit.mm),
         *collect_comparison_notes(comparison, chosen),
