@@ -13,6 +13,7 @@ from .._random import generator
 from .._typing import Array
 from ..diagnosis.effects import Effect
 from ..diagnosis.sentences import format_angle, format_length
+from ..diagnosis.signatures import SHAPELESS
 from ..exceptions import sentence_list
 from ..fitting.least_squares import Fit
 from ..fitting.noise import RAD_PER_MM
@@ -245,7 +246,8 @@ def bind_effect(effect: Effect, fit: Fit, workspace: Workspace) -> Fitted:
     if all(key in place for key in keys):
         own = [place[key] for key in keys]
         covariance = scale_covariance(fit.covariance[np.ix_(own, own)], effect.standard_error)
-    return Fitted(terms, effect.estimate, covariance, workspace)
+    reaches = effect.candidate.kind not in SHAPELESS
+    return Fitted(terms, effect.estimate, covariance, workspace, reaches)
 
 
 def scale_covariance(covariance: Array, errors: Array) -> Array:

@@ -138,12 +138,16 @@ def _draw_readings(problem: Problem, measured: Array, rng: np.random.Generator) 
 
 @dataclass(frozen=True, eq=False)
 class Fitted:
-    """An effect in the workspace: its terms, their estimate (k,) and its covariance (k, k)."""
+    """An effect in the workspace: its terms, their estimate (k,) and its covariance (k, k).
+
+    `reaches`: whether it is told of what was not measured, too; a shape that the data alone drew is
+    not."""
 
     terms: tuple[Term, ...]
     estimate: Array
     covariance: Array
     workspace: Workspace
+    reaches: bool = True
     _columns: list[Array] = field(default_factory=list, repr=False)
 
     @property
@@ -196,7 +200,7 @@ class Fitted:
 
     def find_worst(self) -> int:
         """Find the row at which the target moves most."""
-        return find_longest(self.moved())
+        return find_longest(self._told(self.moved()))
 
     def turned_at(self, row: int) -> Range:
         """Return how far the target turns at a row [rad]."""
@@ -204,7 +208,14 @@ class Fitted:
 
     def find_worst_turn(self) -> int:
         """Find the row at which the target turns most."""
-        return find_longest(self.turned())
+        return find_longest(self._told(self.turned()))
+
+    def _told(self, vectors: Array) -> Array:
+        """Leave out of vectors (3, m) the rows that it is not told of."""
+        if self.reaches:
+            return vectors
+        measured = self.workspace.measured
+        return vectors[:, :measured]
 
 
 def find_longest(vectors: Array) -> int:

@@ -376,3 +376,22 @@ def test_what_only_turns_the_target_matters_by_how_far_it_turns_it() -> None:
     assert sizes.rms_rad[-1] == pytest.approx(np.sqrt(np.square(left).sum() / rows))
     assert sizes.rms_rad[-1] > 1e-3
     assert measure_sizes(effects, base, 0.01, mm_per_rad=1.0).matters.tolist()[-1] is False
+
+
+def test_a_shape_of_the_data_is_told_where_it_was_measured() -> None:
+    """Beyond, where a joint's limits reach further than the readings, it is nobody's."""
+    rng = np.random.default_rng(5)
+    at = drawn(ARM, rng, 60, TOOL)
+    narrow = at.take(np.flatnonzero(np.abs(at.data.q[:, 1]) < 1.0))
+    workspace = build_workspace(narrow, rng)
+    growing = mechanism("encoder-scale:2", ARM)
+    size = np.array([1e-3]), np.eye(1) * 1e-10
+    everywhere = Fitted(growing.terms, *size, workspace)
+    measured = Fitted(growing.terms, *size, workspace, reaches=False)
+    assert everywhere.find_worst() >= workspace.measured
+    assert measured.find_worst() < workspace.measured
+    assert measured.find_worst_turn() < workspace.measured
+    assert (
+        measured.moved_at(measured.find_worst()).value
+        < everywhere.moved_at(everywhere.find_worst()).value
+    )
