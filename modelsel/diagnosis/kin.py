@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from .._typing import Index
+from ..measurements.visits import number_keys
 
 # log of how much likelier a mechanism is in a joint where another joint has it
 KIN = float(np.log(20))
@@ -15,21 +16,14 @@ KIN = float(np.log(20))
 
 def number_kinds(labels: Sequence[str]) -> Index:
     """Number (P,) the mechanisms that candidates are, whatever their joints."""
-    number: dict[str, int] = {}
-    kinds = []
-    for label in labels:
-        stem = find_stem(label)
-        kind = number.setdefault(stem, len(number))
-        kinds.append(kind)
-    return np.array(kinds, dtype=np.intp)
+    stems = list(map(find_stem, labels))
+    numbers, _ = number_keys(stems)
+    return numbers
 
 
 def count_kin(labels: Iterable[str]) -> int:
     """Count the labels that name a mechanism which another one before has in another joint."""
-    stems = []
-    for label in labels:
-        stem = find_stem(label)
-        stems.append(stem)
+    stems = list(map(find_stem, labels))
     kinds = set(stems)
     return len(stems) - len(kinds)
 
