@@ -190,7 +190,9 @@ def _agree(search: Search, g: int) -> list[Array]:
     agree = np.ones(len(search.candidates), bool)
     for known in search.signatures:
         own = known[g]
-        agree = agree & (known == own) & (own >= 0)
+        says = own >= 0
+        same = known == own
+        agree = agree & same & says
         masks.append(agree)
     return masks
 

@@ -25,7 +25,9 @@ def count_kin(labels: Iterable[str]) -> int:
     """Count the labels that name a mechanism which another one before has in another joint."""
     stems = list(map(find_stem, labels))
     kinds = set(stems)
-    return len(stems) - len(kinds)
+    count = len(stems)
+    alone = len(kinds)
+    return count - alone
 
 
 def find_stem(label: str) -> str:

@@ -329,8 +329,10 @@ def _find_joint_with_direction(
     """Find the joint that a finding moves with the direction it came from, if that is all it has."""
     robot = problem.robot
     for joint in range(1, robot.n + 1):
-        motion = joint, joint_axis(robot, joint)
-        if drivers == {f"approach{joint}"} and list(parts) == [motion]:
+        axis = joint_axis(robot, joint)
+        motion = joint, axis
+        came_from = f"approach{joint}"
+        if drivers == {came_from} and list(parts) == [motion]:
             return joint
     return None
 

@@ -140,11 +140,15 @@ def _turn(wound: Array, direction: Array, left: Array) -> Array:
 
 def _snap(direction: Array) -> Array:
     """Snap a direction to an axis that it is close to."""
-    nearest = np.abs(direction).argmax()
+    size = np.abs(direction)
+    nearest = size.argmax()
     axis = np.zeros(3)
     axis[nearest] = np.sign(direction[nearest])
-    is_close = direction @ axis > np.cos(CLOSE)
-    return axis if is_close else direction
+    limit = np.cos(CLOSE)
+    cosine = direction @ axis
+    if cosine > limit:
+        return axis
+    return direction
 
 
 def _soften(wound: Array, direction: Array, left: Array) -> _Softness:
