@@ -248,11 +248,16 @@ def tracker_scale(robot: Robot) -> Mechanism:
 
 
 def tracker_axes(robot: Robot) -> Mechanism:
-    """The instrument's axes have scales of their own, and are not square: what a symmetric matrix does
-    to every position. What all lengths have in common, an arm of longer links has, too."""
+    """The instrument's axes have scales of their own, and are not square: what a symmetric matrix
+    without a trace does to every position. What all lengths have in common, an arm of longer links
+    has, too."""
     seen = _seen(robot)
     size = (1e-7, 2e-3)
-    stretched = [Term(f"e{axis[1]}", (Screw(1, axis, cause),), size) for axis, cause in seen]
+    *stretching, (last, along_last) = seen
+    shrunk = Screw(1, last, -1.0 * along_last)
+    stretched = [
+        Term(f"e{axis[1]}", (Screw(1, axis, cause), shrunk), size) for axis, cause in stretching
+    ]
     skewed = []
     for (first, along_first), (second, along_second) in combinations(seen, 2):
         screws = (Screw(1, first, along_second), Screw(1, second, along_first))
@@ -262,7 +267,7 @@ def tracker_axes(robot: Robot) -> Mechanism:
         "tracker-axes",
         (*stretched, *skewed),
         "The instrument's axes are not square, or have scales of their own.",
-        "x = (1 + E) x, E symmetric",
+        "x = (1 + E) x, E symmetric, its trace 0",
         "ISO 10360-2, coordinate measuring machines: squareness and scales of the axes",
         usual_causes=(
             "camera's calibration",

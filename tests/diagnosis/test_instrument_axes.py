@@ -38,6 +38,6 @@ def test_an_instrument_that_skews_is_told(name: str, rng: np.random.Generator) -
     told = dict(
         zip((t.symbol for t in effect.candidate.mechanism.terms), effect.estimate, strict=True)
     )
-    stretch = [told["ex"] - told["ez"], told["gxy"], told["gxz"], told["gyz"]]
+    stretch = [2 * told["ex"] + told["ey"], told["gxy"], told["gxz"], told["gyz"]]
     planted = [6e-4, skew[0, 1] / 2, skew[0, 2] / 2, skew[1, 2] / 2]
     np.testing.assert_allclose(stretch, planted, atol=1e-4)
