@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from .._typing import Array
 from ..exceptions import write_percent
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
@@ -30,6 +31,8 @@ CONFOUNDED = 0.7
 MOST_TERMS, MOST_STEPS = 8, 6
 # power of the course of the campaign that a covariate may go with
 MOST_POWER = 3
+# rows of a session, on average, from which its mean says something
+FEWEST_ROWS = 4
 # share of a covariate's range by which it jumps
 JUMP = 0.4
 
@@ -55,7 +58,8 @@ def generate_confounded(problem: Problem, found: Mechanism) -> Iterator[list[Mec
     for course in build_warming_causes(problem):
         warming = _put(found, name, [course])
         warmed.append(warming)
-    yield warmed
+    if warmed:
+        yield warmed
 
 
 def find_confounded(problem: Problem, found: Mechanism) -> str | None:
@@ -113,19 +117,32 @@ def _tell_steps(problem: Problem, stepping: Mechanism, moments: Sequence[tuple[f
 def _measure_confounded(data: Measurements, name: str) -> float:
     """Measure the share of a covariate's variance that sessions and the course of the campaign explain."""
     values = data.covariates[name]
-    values = values - values.mean()
-    size = float(values @ values)
+    deviation = values - values.mean()
+    size = float(deviation @ deviation)
     if not size:
         return 0.0
-    powers = np.arange(MOST_POWER + 1)
+    powers = np.arange(1, MOST_POWER + 1)
     course = data.progress[:, None] ** powers
-    groups = np.unique(data.group)
-    sessions = data.group[:, None] == groups
-    columns = np.column_stack([course, sessions])
-    coefficients, *_ = np.linalg.lstsq(columns, values, rcond=None)
-    left = values - columns @ coefficients
+    own = _leave_sessions(data, values[:, None])[:, 0]
+    columns = _leave_sessions(data, course)
+    coefficients, *_ = np.linalg.lstsq(columns, own, rcond=None)
+    left = own - columns @ coefficients
     share_left = float(left @ left) / size
     return 1 - share_left
+
+
+def _leave_sessions(data: Measurements, columns: Array) -> Array:
+    """Take the mean of its session out of every row of columns (m, k); where there are few rows to a
+    session, that of all."""
+    _, session, count = np.unique(data.group, return_inverse=True, return_counts=True)
+    if len(count) * FEWEST_ROWS > len(session):
+        session = np.zeros_like(session)
+        count = np.array([len(session)])
+    left = np.empty_like(columns)
+    for k, column in enumerate(columns.T):
+        mean = np.bincount(session, column) / count
+        left[:, k] = column - mean[session]
+    return left
 
 
 def _put(found: Mechanism, name: str, course: Sequence[Cause]) -> Mechanism:
