@@ -291,6 +291,20 @@ def _measure_scale(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     yield express("scale", fitted.range_of(np.ones(1)).scale(1e6), "ppm")
 
 
+def _measure_axes(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure how much longer an axis of the instrument counts than the others do, and by how much two
+    are off a right angle."""
+    every = np.eye(len(mechanism.terms))
+    for term, own in zip(mechanism.terms, every, strict=True):
+        size = fitted.range_of(own)
+        axes = term.symbol[1:]
+        if term.symbol.startswith("e"):
+            yield express(f"scale along {axes}", size.scale(1e6), "ppm")
+        else:
+            angle = size.scale(2 * ARC_SECONDS)
+            yield express(f"{axes[0]} and {axes[1]} off a right angle", angle, "arcsec")
+
+
 def _measure_droop(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     yield express("droop of a level flange axis", fitted.range_of(np.ones(1)), "mm")
 
@@ -324,5 +338,6 @@ MEASURES: Mapping[str, Measure] = {
     "tracker-step": _measure_jump,
     "target-step": _measure_jump,
     "tracker-scale": _measure_scale,
+    "tracker-axes": _measure_axes,
     "tool-droop": _measure_droop,
 }

@@ -12,7 +12,7 @@ import numpy as np
 
 from .._linalg import TINY
 from .._typing import Array
-from ..fitting.design import compute_design
+from ..fitting.design import compute_design, measure_rounding
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..mechanisms.compliance import joint_compliance
@@ -68,6 +68,8 @@ def find_other_gravity(problem: Problem, fitted: Fit) -> OtherGravity | None:
         return None
     response = residual.reshape(-1, 1)
     left = _take_out(Q, response)[:, 0]
+    if np.linalg.norm(left) <= measure_rounding(some):
+        return None
     wound = np.stack([_take_out(Q, own) for own in _wind(some, joints, fitted)])
     direction = _snap(_seek(wound, left))
     before = _soften(wound, np.array(assumed), left)
@@ -170,7 +172,7 @@ def _is_better(before: _Softness, after: _Softness, freedom: int) -> bool:
     from scipy.special import fdtrc
 
     gain = max(before.square - after.square, 0.0)
-    variance = after.square / freedom
+    variance = max(after.square / freedom, TINY)
     F = gain / (2 * variance)
     p = fdtrc(2, freedom, F)
     most = MOST_LEFT**2 * before.square

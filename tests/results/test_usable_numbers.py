@@ -395,3 +395,12 @@ def test_a_shape_of_the_data_is_told_where_it_was_measured() -> None:
         measured.moved_at(measured.find_worst()).value
         < everywhere.moved_at(everywhere.find_worst()).value
     )
+
+
+def test_axes_that_are_not_square_are_told_by_their_angles() -> None:
+    one = mechanism("tracker-axes", ARM)
+    size = dict(zip((t.symbol for t in one.terms), (2e-4, 1e-4, 1e-4, 0.0, 2e-4), strict=True))
+    told = numbers(one, fitted(one, *size.values()))
+    assert told["scale along x"] == (pytest.approx(200), "ppm")
+    angle, unit = told["x and y off a right angle"]
+    assert (angle, unit) == (pytest.approx(np.degrees(2 * size["gxy"]) * 3600), "arcsec")
