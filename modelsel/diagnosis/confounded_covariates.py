@@ -75,12 +75,7 @@ def find_confounded(problem: Problem, found: Mechanism) -> str | None:
 def _list_moments(data: Measurements, name: str) -> list[tuple[float, str]]:
     """List the moments where sessions meet, or else those where a covariate jumps, each with what begins
     there in words; none of many."""
-    moments = []
-    for moment, group in list_changes(data):
-        told = f'from the group "{group}" on'
-        moments.append((moment, told))
-    if not moments:
-        moments = list(_list_jumps(data, name))
+    moments = list_changes(data) or list(_list_jumps(data, name))
     if len(moments) > MOST_STEPS:
         return []
     return moments

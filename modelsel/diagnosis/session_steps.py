@@ -6,13 +6,13 @@ the wrong side."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
 from .._typing import Array, Mask
+from ..exceptions import one_line
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..mechanisms import environment
@@ -24,6 +24,8 @@ STEPS: dict[str, Callable[[Robot, float], Mechanism]] = {
     "fault:tracker-bumped": environment.tracker_bumped,
     "target-step": environment.target_step,
 }
+# moments where groups meet, at most: more groups are no sessions
+MOST_CHANGES = 20
 # digits of a moment of the campaign
 FEWEST_DIGITS, MOST_DIGITS = 2, 12
 
@@ -35,18 +37,18 @@ def place_steps(
     cannot tell from a step there give way to it.
 
     Sessions are the groups of the measurements, where they follow one another."""
-    moments = list(list_changes(problem.data))
+    moments = list_changes(problem.data)
     placed = list(mechanisms)
     if not moments:
         return tuple(placed)
     progress = problem.data.progress[estimation]
     names = {m.name for m in mechanisms}
     for name in sorted(names & STEPS.keys()):
-        for moment, group in moments:
+        for moment, begins in moments:
             same = _list_same(problem.robot, name, moment, progress)
             placed = [m for m in placed if m not in same]
             step = STEPS[name](problem.robot, moment)
-            told = _tell_group(step.sentence, group)
+            told = _tell(step.sentence, begins)
             placed.append(replace(step, sentence=told))
     return tuple(placed)
 
@@ -63,18 +65,27 @@ def _list_same(robot: Robot, name: str, moment: float, progress: Array) -> list[
     return same
 
 
-def list_changes(data: Measurements) -> Iterator[tuple[float, str]]:
-    """List the moments of the campaign where a group ends and another begins, with the latter's name."""
-    ranges = []
-    for group in np.unique(data.group):
-        own = data.progress[data.group == group]
-        first = float(own.min())
-        last = float(own.max())
-        ranges.append((first, last, int(group)))
-    ranges.sort()
-    for (_, end, _), (start, _, group) in pairwise(ranges):
-        if end < start:
-            yield round_between(end, start), data.groups[group]
+def list_changes(data: Measurements) -> list[tuple[float, str]]:
+    """List the moments of the campaign before which some groups have ended and after which the others
+    begin, with what begins in words; none of many."""
+    there, group = np.unique(data.group, return_inverse=True)
+    first = np.full(len(there), np.inf)
+    last = np.full(len(there), -np.inf)
+    np.minimum.at(first, group, data.progress)
+    np.maximum.at(last, group, data.progress)
+    order = np.argsort(first, kind="stable")
+    ends = np.maximum.accumulate(last[order])[:-1]
+    starts = first[order][1:]
+    changes = np.flatnonzero(ends < starts)
+    if len(changes) > MOST_CHANGES:
+        return []
+    moments = []
+    for k in changes.tolist():
+        begins = there[order[k + 1]]
+        name = one_line(data.groups[begins])
+        moment = round_between(float(ends[k]), float(starts[k]))
+        moments.append((moment, f'from the group "{name}" on'))
+    return moments
 
 
 def round_between(low: float, high: float) -> float:
@@ -87,7 +98,7 @@ def round_between(low: float, high: float) -> float:
     return middle
 
 
-def _tell_group(sentence: str, group: str) -> str:
-    """Tell from which group on a step stands, in the place of the share of the campaign."""
+def _tell(sentence: str, begins: str) -> str:
+    """Tell from what on a step stands, in the place of the share of the campaign."""
     told, _, _ = sentence.partition(" after ")
-    return f'{told} from the group "{group}" on.'
+    return f"{told} {begins}."

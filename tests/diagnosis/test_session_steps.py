@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from builders import OFF_AXIS, bind
 from exact import flanges_of
 
 from modelsel.diagnosis.procedure import diagnose_split
-from modelsel.diagnosis.session_steps import place_steps
+from modelsel.diagnosis.session_steps import list_changes, place_steps
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
@@ -71,6 +73,24 @@ def test_one_session_has_the_steps_that_are_scanned(rng: np.random.Generator) ->
     faults = build_faults(ROBOT)
     assert place_steps(at, np.ones(60, bool), faults) == faults
     assert {tracker_bumped(ROBOT, at) for at in STEPS} <= set(faults)
+
+
+@pytest.mark.unit
+def test_many_groups_are_no_sessions(rng: np.random.Generator) -> None:
+    """A group for every pose leaves the steps that are scanned."""
+    at = campaign(list(range(60)), 0.0, rng)
+    faults = build_faults(ROBOT)
+    assert place_steps(at, np.ones(60, bool), faults) == faults
+
+
+@pytest.mark.unit
+def test_a_group_that_goes_on_meets_none(rng: np.random.Generator) -> None:
+    """By the clock the first group begins before and ends after the second one."""
+    at = campaign([0] * 20 + [1] * 20 + [2] * 20, 0.0, rng)
+    progress = at.data.progress.copy()
+    progress[19], progress[39] = progress[39], progress[19]
+    mixed = replace(at.data, progress=progress)
+    assert [begins for _, begins in list_changes(mixed)] == ['from the group "station 2" on']
 
 
 @pytest.mark.integration
