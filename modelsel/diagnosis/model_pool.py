@@ -14,7 +14,7 @@ built alike."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
@@ -25,6 +25,7 @@ from .._linalg import TINY
 from .._typing import Array, Index, Mask
 from .buckets import Bucket, build_buckets
 from .evidence import RATIOS
+from .fitted_sets import FittedSet
 from .joint_curves import Rest
 from .kin import KIN
 
@@ -44,10 +45,8 @@ class _Group(NamedTuple):
     terms: Array | None
     free: Array
 
-    def take(self, members: Mask) -> _Group:
-        """Return some of the members (n,)."""
-        if members.all():
-            return self
+    def take(self, members: Index) -> _Group:
+        """Return some of the members, in an order of theirs, also repeatedly."""
         terms = None if self.terms is None else self.terms[members]
         return _Group(self.which[members], self.rows[members], terms, self.free[members])
 
@@ -61,27 +60,18 @@ class _Spectrum(NamedTuple):
     coordinates: Array
 
 
-class _FittedSet(NamedTuple):
-    """A fitted set of members, of m directions.
-
-    `along` (m, D), `response` (m,): what all directions, and the response, have in the set, in
-    orthonormal coordinates; `left`: what it leaves of the response; `price`: of its freedom, in log
-    evidence; `mean` (s,), `spread` (m, s): the estimates of its directions that have a sign, and the
-    roots of their covariance, column by column."""
-
-    along: Array
-    response: Array
-    left: float
-    price: float
-    mean: Array
-    spread: Array
-
-
 class Gains(NamedTuple):
     """What each member (P,) would add to the log posterior of a set, at its best ratio (P,)."""
 
     value: Array
     ratio: Array
+
+
+class Weighed(NamedTuple):
+    """The log posterior of a set, and what each effect more would add."""
+
+    value: float
+    gains: Gains
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,74 +108,62 @@ class Pool:
                     sides[member] = group.terms[row], free
         return sides
 
-    def weigh(self, ratios: dict[int, float]) -> tuple[float, Gains]:
-        """Compute the log posterior of a set of members with their ratios, up to a constant, and
-        what each member more would add to it."""
-        chosen = sorted(ratios)
-        fitted = self._fit(chosen, ratios)
+    @cached_property
+    def are_kin(self) -> Mask:
+        """Whether (P, P) members are one mechanism in several joints."""
+        return np.equal.outer(self.kind, self.kind)
+
+    @cached_property
+    def exclude(self) -> Mask:
+        """Whether (P, P) a set has one of two members only."""
+        return np.equal.outer(self.single, self.single) & (self.single > 0)
+
+    @cached_property
+    def nothing(self) -> FittedSet:
+        """The empty set, beyond which everything is what it is beyond the base."""
+        none = np.zeros((len(self.z), 0))
+        return FittedSet(self.rows, {}, self.H, none, np.zeros(0), self.z, self.square, 0.0)
+
+    def weigh(self, ratios: Mapping[int, float], near: FittedSet | None = None) -> Weighed:
+        """Weigh one set of members: see `weigh_together`."""
+        return self.weigh_together([ratios], near)[0]
+
+    def weigh_together(
+        self, sets: Sequence[Mapping[int, float]], near: FittedSet | None = None
+    ) -> list[Weighed]:
+        """Compute the log posteriors of sets of members with their ratios, up to a constant, and what
+        each member more would add to them. `near`: a set that differs little from all of them."""
+        start = near or self.nothing
+        fitted = [start.change_into(ratios) for ratios in sets]
+        gains = self._weigh_others(fitted)
+        return [
+            Weighed(self._weigh_one(one), more) for one, more in zip(fitted, gains, strict=True)
+        ]
+
+    def _weigh_one(self, fitted: FittedSet) -> float:
+        """Compute the log posterior of a set."""
         gain = -self.freedom / 2 * np.log(fitted.left / self.square)
-        value = gain - fitted.price + self._sum_priors(chosen)
-        value += self._weigh_signs(chosen, fitted)
-        return float(value), self._weigh_others(chosen, fitted)
+        value = gain - fitted.price + self._sum_priors(fitted.members)
+        return float(value + self._weigh_signs(fitted))
 
     def settle(self, members: frozenset[int]) -> dict[int, float]:
         """Find each effect's best variance ratio: first as it is added, the strongest first, then given
         all others."""
         ratios: dict[int, float] = {}
+        near = self.nothing
         while len(ratios) < len(members):
-            _, gains = self.weigh(ratios)
+            near = near.change_into(ratios)
+            _, gains = self.weigh(ratios, near)
             left = sorted(members - ratios.keys())
             most = np.argmax(gains.value[left])
             strongest = left[int(most)]
             ratios[strongest] = float(gains.ratio[strongest])
         for member in sorted(members):
             others = {p: ratio for p, ratio in ratios.items() if p != member}
-            _, gains = self.weigh(others)
+            near = near.change_into(others)
+            _, gains = self.weigh(others, near)
             ratios[member] = float(gains.ratio[member])
         return ratios
-
-    def _fit(self, chosen: Sequence[int], ratios: dict[int, float]) -> _FittedSet:
-        """Fit a set of members with their ratios."""
-        from scipy.linalg import solve_triangular
-
-        own = [row for p in chosen for row in self.rows[p]]
-        variance = [ratios[p] for p in chosen for _ in self.rows[p]]
-        root = np.asarray(np.sqrt(variance), float)
-        H = root[:, None] * self.H[own]
-        inner = np.eye(len(own)) + H[:, own] * root
-        L = np.linalg.cholesky(inner)
-        is_other = np.ones(len(self.H), bool)
-        is_other[own] = False
-        # of the set's own directions only those with a sign are asked for one by one
-        signed = self._list_signed(chosen)
-        units = np.eye(len(own))[:, signed]
-        response = root * self.z[own]
-        right = np.column_stack([response, units, H[:, is_other]])
-        solved = solve_triangular(L, right, lower=True, check_finite=False)
-        turned, spread, rest = np.split(solved, [1, 1 + len(signed)], axis=1)
-        along = np.zeros_like(H)
-        along[:, is_other] = rest
-        explained = np.square(turned).sum()
-        mean = solve_triangular(L, turned[:, 0], lower=True, trans="T", check_finite=False)
-        return _FittedSet(
-            along=along,
-            response=turned[:, 0],
-            left=max(self.square - float(explained), TINY * self.square),
-            price=float(np.log(np.diag(L)).sum()),
-            mean=(root * mean)[signed],
-            spread=root[signed] * spread,
-        )
-
-    def _list_signed(self, chosen: Sequence[int]) -> list[int]:
-        """List the directions of the members of a set that have a sign, among all of the set's."""
-        signed: list[int] = []
-        start = 0
-        for p in chosen:
-            end = start + len(self.rows[p])
-            if p in self.sides:
-                signed += range(start, end)
-            start = end
-        return signed
 
     def _sum_priors(self, chosen: Sequence[int]) -> float:
         """Sum the log priors of a set: a mechanism that one joint has is likelier in another."""
@@ -193,56 +171,57 @@ class Pool:
         repeated = len(kinds) - len(np.unique(kinds))
         return float(self.log_prior[chosen].sum() + repeated * KIN)
 
-    def _weigh_signs(self, chosen: Sequence[int], fitted: _FittedSet) -> float:
+    def _weigh_signs(self, fitted: FittedSet) -> float:
         """Sum the log factors of the signs that the members of a set have."""
         from scipy.special import log_ndtr
 
-        mean, spread = fitted.mean, fitted.spread
         sigma = np.sqrt(fitted.left / self.freedom)
-        total, start = 0.0, 0
-        for p in chosen:
+        total = 0.0
+        for p in fitted.members:
             if p not in self.sides:
                 continue
-            own = slice(start, start + len(self.rows[p]))
-            start = own.stop
+            own, ratio = self.rows[p], fitted.ratios[p]
             terms, free = self.sides[p]
-            size = terms @ mean[own]
-            error = np.linalg.norm(spread[:, own] @ terms.T, axis=0)
+            size = terms @ (ratio * fitted.z[own])
+            # the covariance of its directions, ratio (1 - ratio ZᵀΣ⁻¹Z)
+            beyond = fitted.take_blocks(own[None])[0]
+            covariance = ratio * (np.eye(len(own)) - ratio * beyond)
+            error = np.sqrt(np.maximum(np.diag(terms @ covariance @ terms.T), 0.0))
             standardised = size / np.maximum(sigma * error, TINY)
             least = (standardised + free).min()
             total += float(np.log(2) + log_ndtr(least))
         return total
 
-    def _weigh_others(self, chosen: Sequence[int], fitted: _FittedSet) -> Gains:
-        """Compute what each member adds beyond a set."""
-        along = fitted.along
-        beyond = self.z - along.T @ fitted.response
+    def _weigh_others(self, sets: Sequence[FittedSet]) -> list[Gains]:
+        """Compute what each member adds beyond each of some sets."""
         count = len(self.members)
-        gains = np.full((len(RATIOS), count), -np.inf)
-        is_offered = (self.single == 0) | ~np.isin(self.single, self.single[list(chosen)])
-        is_offered[list(chosen)] = False
-        for whole in self.groups:
-            group = whole.take(is_offered[whole.which])
-            if not len(group.which):
+        gains = np.full((len(RATIOS), len(sets), count), -np.inf)
+        is_offered = np.array([self._offer(one.members) for one in sets]).reshape(len(sets), count)
+        left = np.array([one.left for one in sets])
+        for group in self.groups:
+            taken = is_offered[:, group.which]
+            number, place = np.nonzero(taken)
+            if not len(number):
                 continue
-            rows = group.rows
-            part = np.moveaxis(along[:, rows], 0, 2)
-            inside = np.matmul(part, part.swapaxes(1, 2))
-            square = self.H[rows[:, :, None], rows[:, None, :]]
-            value, vector = np.linalg.eigh(square - inside)
-            products = beyond[rows][:, None]
-            coordinates = np.matmul(products, vector)[:, 0]
-            spectrum = _Spectrum(np.maximum(value, 0.0), vector, coordinates)
-            gains[:, group.which] = self._weigh_group(group, spectrum, fitted.left)
-        is_kin = np.isin(self.kind, self.kind[list(chosen)])
-        gains += self.log_prior + is_kin * KIN
+            spectrum = _see_beyond(group.rows, sets, taken)
+            which = group.which[place]
+            gains[:, number, which] = self._weigh_group(group.take(place), spectrum, left[number])
+        of_kin = [self.are_kin[:, one.members].any(1) for one in sets]
+        gains += self.log_prior + np.reshape(of_kin, (len(sets), count)) * KIN
         best = gains.argmax(0)
-        highest = gains[best, np.arange(count)]
-        return Gains(highest, RATIOS[best])
+        highest = np.take_along_axis(gains, best[None], 0)[0]
+        ratio = RATIOS[best]
+        return [Gains(*one) for one in zip(highest, ratio, strict=True)]
 
-    def _weigh_group(self, group: _Group, spectrum: _Spectrum, left: float) -> Array:
-        """Compute (ratios, n) log Bayes factors of the members of a group, beyond a set that leaves
-        so much of the response."""
+    def _offer(self, chosen: Sequence[int]) -> Mask:
+        """Mask (P,) of what may be added to a set."""
+        is_offered: Mask = np.logical_not(self.exclude[:, chosen].any(1))
+        is_offered[chosen] = False
+        return is_offered
+
+    def _weigh_group(self, group: _Group, spectrum: _Spectrum, left: Array) -> Array:
+        """Compute (ratios, n) log Bayes factors of members of a group, each beyond a set that leaves so
+        much (n,) of the response."""
         value, vector, coordinates = spectrum
         ratio = RATIOS[:, None, None]
         grown = 1 + ratio * value
@@ -265,6 +244,20 @@ class Pool:
         least = (mean / error + group.free).min(2)
         tail = np.log(2) + log_ndtr(least)
         return np.asarray(np.where(np.isfinite(least), factors + tail, factors))
+
+
+def _see_beyond(rows: Index, sets: Sequence[FittedSet], taken: Mask) -> _Spectrum:
+    """See what members of directions (n, k) are beyond each of some sets, those that are `taken`
+    (sets, n), one set after the other."""
+    matrices = np.concatenate(
+        [one.take_blocks(rows, own) for one, own in zip(sets, taken, strict=True)]
+    )
+    products = np.concatenate([one.z[rows[own]] for one, own in zip(sets, taken, strict=True)])
+    if rows.shape[1] == 1:
+        return _Spectrum(np.maximum(matrices[:, :, 0], 0.0), np.ones_like(matrices), products)
+    value, vector = np.linalg.eigh(matrices)
+    coordinates = np.matmul(products[:, None], vector)[:, 0]
+    return _Spectrum(np.maximum(value, 0.0), vector, coordinates)
 
 
 def assemble_pool(rest: Rest, log_prior: Array, kind: Index, single: Index) -> Pool:

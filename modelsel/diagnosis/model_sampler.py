@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .._typing import Array, Index
+from .fitted_sets import FittedSet
 from .model_pool import Gains, Pool
 
 # places beyond those that a chosen set fills, and rounds of all places: the first of them do not count,
@@ -34,18 +35,22 @@ class _Sampler:
     """Where the sampler stands: the members in their places, each with its variance ratio, None in
     those that are free.
 
-    `known`: what each member would add to a set; `weight`: how probable the sets were, summed over the
+    `near`: the set that was weighed last; `known`: what each member would add to a set; `weight`: how probable the sets were, summed over the
     draws."""
 
     pool: Pool
     rng: np.random.Generator
     places: list[tuple[int, float] | None]
+    near: FittedSet
     known: dict[frozenset[tuple[int, float]], Gains] = field(default_factory=dict)
     weight: dict[Members, float] = field(default_factory=dict)
 
     def go_round(self, counts: bool) -> None:
         """Draw anew what stands in every place, in a random order."""
         count = len(self.places)
+        # from the pool's own products, so that rounding does not add up
+        now = dict(own for own in self.places if own is not None)
+        self.near = self.pool.nothing.change_into(now).gather()
         for place in self.rng.permutation(count).tolist():
             beside = [*self.places[:place], *self.places[place + 1 :]]
             others = dict(own for own in beside if own is not None)
@@ -67,7 +72,8 @@ class _Sampler:
     def _weigh(self, others: Ratios) -> Gains:
         key = frozenset(others.items())
         if key not in self.known:
-            _, self.known[key] = self.pool.weigh(others)
+            self.near = self.near.change_into(others)
+            _, self.known[key] = self.pool.weigh(others, self.near)
         return self.known[key]
 
     def _count(self, others: Ratios, probability: Array) -> None:
@@ -87,7 +93,7 @@ def sample_models(
     """Sample sets of a pool's members, from one with its variance ratios: how probable each is.
 
     For about `most` sets what each member would add to them is weighed."""
-    sampler = _Sampler(pool, rng, [*start.items(), *[None] * FREE_PLACES])
+    sampler = _Sampler(pool, rng, [*start.items(), *[None] * FREE_PLACES], pool.nothing)
     for number in range(MOST_ROUNDS):
         if len(sampler.known) >= most:
             break

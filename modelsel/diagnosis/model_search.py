@@ -10,14 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 
 from .._linalg import TINY
 from .._typing import Array
+from .fitted_sets import FittedSet
 from .mechanism_families import Family
-from .model_pool import Gains, Pool
+from .model_pool import Gains, Pool, Weighed
 from .model_sampler import Members, Ratios, sample_models
 from .pool_members import gather_pool, list_related
 from .state import Search
@@ -37,25 +37,21 @@ FIRST_OF_TWO = 3
 NOTHING = VisitedModels(((),), np.zeros(1))
 
 
-class _Weighed(NamedTuple):
-    """The log posterior of a set, and what each effect more would add."""
-
-    value: float
-    gains: Gains
-
-
 @dataclass
 class _Walk:
     """The state of a search: the log posterior and variance ratios of all sets that are known, and
-    the sets for which every addition was weighed."""
+    the sets for which every addition was weighed; `ahead`: of those whose turn has not come; `near`:
+    the set whose neighbours are weighed."""
 
     pool: Pool
     related: tuple[tuple[int, int], ...]
     families: tuple[Family, ...]
     rng: np.random.Generator
     known: dict[Members, tuple[float, Ratios]] = field(default_factory=dict)
-    weighed: dict[Members, _Weighed] = field(default_factory=dict)
+    weighed: dict[Members, Weighed] = field(default_factory=dict)
+    ahead: dict[Members, Weighed] = field(default_factory=dict)
     best: float = -np.inf
+    near: FittedSet | None = None
 
     def walk(self, start: Members, most: int) -> bool:
         """Visit sets drawn by their probability, until no likely set is left, or so many are weighed
@@ -94,24 +90,38 @@ class _Walk:
     def _visit(self, members: Members) -> None:
         """Weigh all neighbours of a set."""
         _, ratios = self.known[members]
-        self._add_to(ratios)
-        for member in sorted(members):
-            others = _leave_out(ratios, member)
-            rest = self._add_to(others)
-            gains = rest.gains
-            for first in _find_strongest(gains, member):
-                ratio = float(gains.ratio[first])
-                with_first = {**others, first: ratio}
-                self._add_to(with_first)
-        for pair in self.related:
-            first, second = pair
-            if members.issuperset(pair):
-                others = _leave_out(ratios, first, second)
-                self._add_to(others)
+        self.near = self.pool.nothing.change_into(ratios).gather()
+        for one in self._list_neighbours(ratios):
+            self._add_to(one)
         for family in self.families:
             if family.whole in members:
                 others = _leave_out(ratios, family.whole, *family.parts)
                 self._add_parts(others, family.parts)
+
+    def _list_neighbours(self, ratios: Ratios) -> list[Ratios]:
+        """List a set and what stands around it, weighed together: one effect less, another one in its
+        place, one for two."""
+        members = sorted(ratios)
+        smaller = [_leave_out(ratios, member) for member in members]
+        weighed = self._weigh_ahead([ratios, *smaller])
+        neighbours = [ratios]
+        for member, others, (_, gains) in zip(members, smaller, weighed[1:], strict=True):
+            first = _find_strongest(gains, member)
+            neighbours += [others, *({**others, p: float(gains.ratio[p])} for p in first)]
+        pairs = [pair for pair in self.related if ratios.keys() >= set(pair)]
+        neighbours += [_leave_out(ratios, *pair) for pair in pairs]
+        self._weigh_ahead(neighbours)
+        return neighbours
+
+    def _weigh_ahead(self, sets: Sequence[Ratios]) -> list[Weighed]:
+        """Weigh some sets together, those that are not known."""
+        new = {frozenset(one): one for one in sets}
+        for known in (self.weighed, self.ahead):
+            new = {key: one for key, one in new.items() if key not in known}
+        weighed = self.pool.weigh_together(list(new.values()), self.near)
+        self.ahead |= dict(zip(new, weighed, strict=True))
+        keys = [frozenset(one) for one in sets]
+        return [self.weighed.get(key) or self.ahead[key] for key in keys]
 
     def _add_parts(self, ratios: Ratios, parts: Sequence[int]) -> None:
         """Add the parts of a family one after the other, the strongest first, while they add."""
@@ -125,13 +135,13 @@ class _Walk:
             ratio = float(gains.ratio[strongest])
             ratios = {**ratios, strongest: ratio}
 
-    def _add_to(self, ratios: Ratios) -> _Weighed:
+    def _add_to(self, ratios: Ratios) -> Weighed:
         """Weigh a set and every set with one effect more."""
         members = frozenset(ratios)
         if members in self.weighed:
             return self.weighed[members]
-        value, gains = self.pool.weigh(ratios)
-        weighed = _Weighed(value, gains)
+        weighed = self.ahead.pop(members, None) or self.pool.weigh(ratios, self.near)
+        value, gains = weighed
         self.weighed[members] = weighed
         self._record(value, ratios)
         values = value + gains.value
