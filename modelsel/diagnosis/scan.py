@@ -282,7 +282,9 @@ class SmallerModel(NamedTuple):
 
 def give_back(seen: Scan, directions: Array) -> SmallerModel:
     """Give directions (r, d) of a model back to the candidates."""
-    back = seen.inside @ directions
+    # what was added last has no part in what stood before it
+    first = int(directions.any(1).argmax()) if directions.any() else 0
+    back = seen.inside[:, first:] @ directions[first:]
     lefts = []
     for bucket in seen.buckets:
         own = back[bucket.block.index]
