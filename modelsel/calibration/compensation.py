@@ -302,7 +302,8 @@ def correct(
     refuse_large_changes(c, commands, data, bound, file)
     notes = note_commands(c, commands, data)
     is_missed = ~commands.reached
-    missed = int(is_missed.sum())
+    count = is_missed.sum()
+    missed = int(count)
     if missed:
         where = commands.where_left
         verb = "is" if missed == 1 else "are"

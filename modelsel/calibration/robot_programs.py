@@ -94,7 +94,9 @@ def write_program(
     for comment in comments:
         plain += _plain_lines(comment, MAX_COMMENT)
     values = _to_unit(language, q, slides)
-    program = Program(name, values, tuple(slides), tuple(plain), tuple(points))
+    lines = tuple(plain)
+    named = tuple(points)
+    program = Program(name, values, tuple(slides), lines, named)
     return language.write(program)
 
 

@@ -20,7 +20,9 @@ MOST_TERMS = 4
 def generate_changing(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
     """Generate a finding's shape with that shape times what grows evenly, or settles, along the
     campaign. None for a finding that depends on that already."""
-    if len(found.terms) > MOST_TERMS or found.names() & IN_TIME:
+    drivers = found.names()
+    count = len(found.terms)
+    if count > MOST_TERMS or drivers & IN_TIME:
         return
     for course in build_warming_causes(problem):
         yield _change(found, course)

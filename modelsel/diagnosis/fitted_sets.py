@@ -7,7 +7,9 @@ are put in, and R the roots of their ratios,
 
     L Lᵀ = I - s R H R,   W = H R L⁻ᵀ,   y = L⁻¹ R z:   H + s W Wᵀ,   z + s W y,   rᵀΣ⁻¹r + s yᵀy
 
-(Woodbury). So the neighbours of a set cost no more than their few directions."""
+(Woodbury). So the neighbours of a set cost no more than their few directions. Taking out an effect
+that the data determine well costs digits, as many as its ratio has twice: of a ratio of 1e5 about six are
+left, and putting it in again brings the others back."""
 
 from __future__ import annotations
 
@@ -73,8 +75,12 @@ class FittedSet:
 
     def gather(self) -> FittedSet:
         """Gather all changes in H, from which many sets may be reached."""
-        H = self.H + (self.more * self.signs) @ self.more.T
-        return replace(self, H=H, more=self.more[:, :0], signs=self.signs[:0])
+        more = self.more
+        signed = more * self.signs
+        H = self.H + signed @ more.T
+        none = more[:, :0]
+        no_signs = self.signs[:0]
+        return replace(self, H=H, more=none, signs=no_signs)
 
     def _change(
         self, members: Sequence[int], ratios: Mapping[int, float], sign: float
@@ -104,5 +110,8 @@ class FittedSet:
 
     def _take_columns(self, own: Index) -> Array:
         """Take some columns (D, k) of the products beyond the set."""
-        changes = (self.more * self.signs) @ self.more[own].T
-        return np.asarray(self.H[:, own] + changes)
+        more = self.more
+        signed = more * self.signs
+        changes = signed @ more[own].T
+        columns = self.H[:, own]
+        return np.asarray(columns + changes)

@@ -129,8 +129,10 @@ def generate_finer_bumps(problem: Problem, found: Mechanism) -> Iterator[Mechani
         return
     joint, centre, width = known
     for shift, factor in product(SHIFTS, FACTORS):
-        place = float(f"{centre + shift * width:.6g}")
-        wide = float(f"{factor * width:.6g}")
+        moved = centre + shift * width
+        wider = factor * width
+        place = float(f"{moved:.6g}")
+        wide = float(f"{wider:.6g}")
         finer = build_bump(problem.robot, joint, place, wide)
         if finer != found:
             yield finer

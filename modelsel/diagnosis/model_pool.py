@@ -111,18 +111,25 @@ class Pool:
     @cached_property
     def are_kin(self) -> Mask:
         """Whether (P, P) members are one mechanism in several joints."""
-        return np.equal.outer(self.kind, self.kind)
+        kind = self.kind
+        same: Mask = kind[:, None] == kind
+        return same
 
     @cached_property
     def exclude(self) -> Mask:
         """Whether (P, P) a set has one of two members only."""
-        return np.equal.outer(self.single, self.single) & (self.single > 0)
+        single = self.single
+        same: Mask = single[:, None] == single
+        same &= single > 0
+        return same
 
     @cached_property
     def nothing(self) -> FittedSet:
         """The empty set, beyond which everything is what it is beyond the base."""
-        none = np.zeros((len(self.z), 0))
-        return FittedSet(self.rows, {}, self.H, none, np.zeros(0), self.z, self.square, 0.0)
+        shape = len(self.z), 0
+        more = np.zeros(shape)
+        signs = np.zeros(0)
+        return FittedSet(self.rows, {}, self.H, more, signs, self.z, self.square, 0.0)
 
     def weigh(self, ratios: Mapping[int, float], near: FittedSet | None = None) -> Weighed:
         """Weigh one set of members: see `weigh_together`."""
@@ -136,15 +143,20 @@ class Pool:
         start = near or self.nothing
         fitted = [start.change_into(ratios) for ratios in sets]
         gains = self._weigh_others(fitted)
-        return [
-            Weighed(self._weigh_one(one), more) for one, more in zip(fitted, gains, strict=True)
-        ]
+        weighed = []
+        for one, more in zip(fitted, gains, strict=True):
+            value = self._weigh_one(one)
+            weighed.append(Weighed(value, more))
+        return weighed
 
     def _weigh_one(self, fitted: FittedSet) -> float:
         """Compute the log posterior of a set."""
-        gain = -self.freedom / 2 * np.log(fitted.left / self.square)
-        value = gain - fitted.price + self._sum_priors(fitted.members)
-        return float(value + self._weigh_signs(fitted))
+        share = fitted.left / self.square
+        gain = -self.freedom / 2 * np.log(share)
+        priors = self._sum_priors(fitted.members)
+        signs = self._weigh_signs(fitted)
+        value = gain - fitted.price + priors + signs
+        return float(value)
 
     def settle(self, members: frozenset[int]) -> dict[int, float]:
         """Find each effect's best variance ratio: first as it is added, the strongest first, then given
@@ -215,7 +227,8 @@ class Pool:
 
     def _offer(self, chosen: Sequence[int]) -> Mask:
         """Mask (P,) of what may be added to a set."""
-        is_offered: Mask = np.logical_not(self.exclude[:, chosen].any(1))
+        excluded = self.exclude[:, chosen]
+        is_offered: Mask = ~np.any(excluded, axis=1)
         is_offered[chosen] = False
         return is_offered
 

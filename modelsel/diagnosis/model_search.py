@@ -79,11 +79,14 @@ class _Walk:
 
     def _include(self) -> Array:
         """Compute the inclusion probability (P,) of every member of the pool."""
-        included = np.zeros(len(self.pool.members))
+        count = len(self.pool.members)
+        included = np.zeros(count)
         total = 0.0
         for members, (value, _) in self.known.items():
-            weight = np.exp(value - self.best)
-            included[list(members)] += weight
+            above = value - self.best
+            weight = np.exp(above)
+            places = list(members)
+            included[places] += weight
             total += weight
         return included / total
 
@@ -189,7 +192,8 @@ class _Walk:
 
     def name(self, members: Members) -> tuple[int, ...]:
         """Name a set by its candidates' numbers, in order."""
-        candidates = [self.pool.members[p] for p in members]
+        known = self.pool.members
+        candidates = [known[p] for p in members]
         candidates.sort()
         return tuple(candidates)
 

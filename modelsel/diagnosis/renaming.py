@@ -127,9 +127,8 @@ def _find_change(
         trial = _replace(search, chosen, g, better)
         if frozenset(trial) in visited:
             continue
-        return _Change(
-            effect=g, trial=trial, words=_describe_change(search, chosen, trial, g, better)
-        )
+        words = _describe_change(search, chosen, trial, g, better)
+        return _Change(effect=g, trial=trial, words=words)
     moved = [g for g in chosen if standing[g].evidence < np.inf]
     together = (
         search.generate_better_curves(chosen, view, moved),

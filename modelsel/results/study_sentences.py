@@ -252,7 +252,9 @@ def write_finding_line(finding: FindingRecord) -> str:
         verdict += ", not named"
     if finding.doubtful:
         verdict += ", but doubtful" if finding.is_found else ", and doubtful"
-    return f"{verdict}: {finding.sentence} {write_levels(finding)}".rstrip()
+    levels = write_levels(finding)
+    line = f"{verdict}: {finding.sentence} {levels}"
+    return line.rstrip()
 
 
 def list_figures(finding: FindingRecord) -> list[str]:
@@ -260,7 +262,8 @@ def list_figures(finding: FindingRecord) -> list[str]:
     that is told; none of a fault of single rows."""
     worst, turning = finding.worst, finding.told_turning
     # the worst says of its figure where that is, too
-    usable = [one for one in finding.usable if worst is None or one.value != worst.mm]
+    every = finding.usable
+    usable = [one for one in every if worst is None or one.value != worst.mm]
     figures: list[str] = []
     previous = ""
     for one in usable:

@@ -171,7 +171,8 @@ def _is_better(before: _Softness, after: _Softness, freedom: int) -> bool:
     """Whether a direction leaves clearly less: two numbers more explain it, and two joints ask for it."""
     from scipy.special import fdtrc
 
-    gain = max(before.square - after.square, 0.0)
+    less = before.square - after.square
+    gain = max(less, 0.0)
     variance = max(after.square / freedom, TINY)
     F = gain / (2 * variance)
     p = fdtrc(2, freedom, F)

@@ -43,7 +43,8 @@ def collect_diagnosis_notes(
     """
     notes: list[Note] = []
     if is_subsampled(diagnosis, split):
-        notes.append(_note_sample(diagnosis, split, smallest_mm))
+        note = _note_sample(diagnosis, split, smallest_mm)
+        notes.append(note)
     notes += restriction_notes(study.model.candidates)
     notes += noise_notes
     notes += check_stated_orientation_noise(split, diagnosis.fit)

@@ -110,6 +110,42 @@ def test_a_set_is_weighed_by_its_whole_covariance(rng: np.random.Generator) -> N
                 assert gains.value[g] == pytest.approx(expected, abs=1e-8)
 
 
+def draw_ratios(rng: np.random.Generator) -> dict[int, float]:
+    """Some of the five members, with their ratios."""
+    members = np.flatnonzero(rng.random(5) < 0.5).tolist()
+    return {g: float(10 ** rng.uniform(0.5, 5)) for g in members}
+
+
+@seeds(1, 2, 3)
+def test_a_set_is_weighed_alike_from_the_one_beside_it(rng: np.random.Generator) -> None:
+    signs = rng.choice([-1.0, 1.0], 3)
+    pool, _, _ = draw_pool(rng, signs)
+    for _ in range(20):
+        ratios = draw_ratios(rng)
+        near = pool.nothing.change_into(ratios).gather()
+        others = {**ratios, int(rng.integers(5)): 1e3}
+        others.pop(int(rng.integers(5)), None)
+        sets = [ratios, others]
+        for one, (nearly, more) in zip(sets, pool.weigh_together(sets, near), strict=True):
+            value, gains = pool.weigh(one)
+            # taking an effect of ratio 1e5 out costs ten digits
+            assert nearly == pytest.approx(value, abs=1e-5)
+            assert more.value == pytest.approx(gains.value, abs=1e-5)
+
+
+@seeds(1, 2, 3)
+def test_many_changes_leave_a_set_what_it_is(rng: np.random.Generator) -> None:
+    pool, Z, response = draw_pool(rng)
+    near = pool.nothing
+    for _ in range(60):  # more than are kept apart
+        ratios = draw_ratios(rng)
+        near = near.change_into(ratios)
+    C = np.eye(COORDINATES) + sum((r * Z[g] @ Z[g].T for g, r in ratios.items()), np.zeros(()))
+    assert near.left == pytest.approx(response @ np.linalg.solve(C, response), rel=1e-4)
+    assert near.price == pytest.approx(0.5 * np.linalg.slogdet(C)[1], abs=1e-4)
+    assert near.z == pytest.approx(np.hstack(Z).T @ np.linalg.solve(C, response), abs=1e-4)
+
+
 @seeds(1, 2)
 def test_a_sign_takes_its_share_of_what_an_effect_may_be(rng: np.random.Generator) -> None:
     state = rng.bit_generator.state
