@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from math import sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,8 @@ NO_COLUMN = 1e-30
 # that are kept for the next question, which mostly concerns the same candidates
 EXPANDED_NUMBERS = 1_000_000
 KEPT_NUMBERS = 2_000_000
+# layouts of columns that are remembered
+REMEMBERED = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,37 +158,56 @@ def build_columns(
 
     `known`: the causes of other columns at the same rows; `before`: the columns of the first of these
     candidates, at the same point and rows."""
-    mechanisms = [candidate.mechanism for candidate in found]
+    mechanisms = tuple(candidate.mechanism for candidate in found)
+    layout = _lay_out(mechanisms)
+    terms = layout.terms
+    screws = build_screw_columns(problem, terms, at, memory_mb, known)
+    most = _compute_largest(screws, terms, problem)
+    blocks_ = tuple(_build_blocks(layout, mechanisms, screws, most, before))
+    return Columns(screws, layout.place, layout.slices, blocks_, layout.signs)
+
+
+class _Layout(NamedTuple):
+    """Where the columns of some mechanisms stand, at whatever point and rows: the distinct `terms`,
+    and `place`, `slices`, `signs` as in `Columns`; `keys`: the number of every mechanism's columns,
+    and whether it is a free function."""
+
+    terms: tuple[Term, ...]
+    place: dict[TermKey, int]
+    slices: tuple[Index, ...]
+    signs: tuple[Array, ...]
+    keys: tuple[tuple[int, bool], ...]
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _lay_out(mechanisms: tuple[Mechanism, ...]) -> _Layout:
+    """Lay out the columns; the searches of one study mostly ask for the same."""
     terms: dict[TermKey, Term] = {}
     for mechanism in mechanisms:
         for term in mechanism.terms:
             terms.setdefault(term.key, term)
     distinct = order_terms(tuple(terms.values()))
     place = {term.key: k for k, term in enumerate(distinct)}
-    slices, signs = [], []
+    slices, signs, keys = [], [], []
     for mechanism in mechanisms:
-        places = [place[term.key] for term in mechanism.terms]
+        own = mechanism.terms
+        places = [place[term.key] for term in own]
         slices.append(np.array(places, dtype=np.intp))
         signs.append(np.array(mechanism.signs, dtype=float))
-    screws = build_screw_columns(problem, distinct, at, memory_mb, known)
-    most = _compute_largest(screws, distinct, problem)
-    blocks_ = tuple(_build_blocks(mechanisms, screws, slices, most, before))
-    return Columns(screws, place, tuple(slices), blocks_, tuple(signs))
+        is_smooth = spline(own[0]) is not None
+        keys.append((len(own), is_smooth))
+    return _Layout(tuple(distinct), place, tuple(slices), tuple(signs), tuple(keys))
 
 
 def _build_blocks(
+    layout: _Layout,
     mechanisms: Sequence[Mechanism],
     screws: ScrewColumns,
-    slices: Sequence[Index],
     most: Array,
     before: Columns | None,
 ) -> Iterator[Block]:
     """Build a block of every number of columns, free functions apart."""
-    keys = []
-    for columns, mechanism in zip(slices, mechanisms, strict=True):
-        first_term = mechanism.terms[0]
-        is_smooth = spline(first_term) is not None
-        keys.append((len(columns), is_smooth))
+    keys, slices = layout.keys, layout.slices
     known = {} if before is None else {block.key: block for block in before.grams}
     for size, is_smooth in sorted(set(keys)):
         members = [g for g, key in enumerate(keys) if key == (size, is_smooth)]
