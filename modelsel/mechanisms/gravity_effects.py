@@ -3,6 +3,9 @@ base."""
 
 from __future__ import annotations
 
+import numpy as np
+
+from .._typing import Array
 from ..robot.gravity import ArmPair, find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
@@ -14,8 +17,15 @@ from .terms import Mechanism, Screw, Term
 PAPER = "Chen & Chao 1987, positioning error analysis of robots with rotary joints, Eq. 6-7"
 TWIST = (2e-5, 1e-2)  # rad at full lever: 10 N m … 1 kN m over 1e5 … 1e6 N m/rad
 BACKLASH = (2e-5, 2e-3)  # rad
+# rad to either side, and directions of the edges [degrees], which are at right angles
+ROCKING = (2e-6, 5e-3)
+EDGES = tuple(5.0 * k for k in range(18))
+# parts that usually make a base rock
+ROCKING_BASE = ("loose anchor bolts", "foot that does not stand", "base plate that is not flat")
 # parts that usually make a base tilt
 YIELDING_BASE = ("floor or pedestal", "anchor bolts", "bearing of joint 1")
+UNITS = np.eye(3)
+NAMES = "xyz"
 
 
 def upper_arm_lever(pair: ArmPair) -> Cause:
@@ -111,15 +121,15 @@ def backlash(robot: Robot, joint: int) -> Mechanism:
     )
 
 
-def base_screws(robot: Robot, axis: int, cause: Cause) -> tuple[Screw, ...]:
-    """Build the screws of frame 1 that together turn the arm about axis 0, 1, 2 of frame 0 through
-    its origin, by the cause."""
+def base_screws(robot: Robot, direction: Array, cause: Cause) -> tuple[Screw, ...]:
+    """Build the screws of frame 1 that together turn the arm about a direction (3,) of frame 0
+    through its origin, by the cause."""
     before = robot.joints[0].before
     R = before[:3, :3]
-    x, y, z = before[:3, 3]
-    levers = [(0, -z, y), (z, 0, -x), (-y, x, 0)]
-    turn = R.T[:, axis]
-    shift = R.T @ levers[axis]
+    turn = R.T @ direction
+    origin = before[:3, 3]
+    lever = np.cross(direction, origin)
+    shift = R.T @ lever
     numbers = list[tuple[str, Number]]()
     for place, angle in zip(AXES[3:], turn, strict=True):
         if abs(angle) > 1e-12:
@@ -140,23 +150,99 @@ def base_screws(robot: Robot, axis: int, cause: Cause) -> tuple[Screw, ...]:
     return tuple(screws)
 
 
+def _list_level_axes(robot: Robot) -> list[int]:
+    """List the axes 0, 1, 2 of frame 0 about which weight has a moment."""
+    gravity = robot.gravity or (0, 0, 0)
+    level = []
+    for axis, share in enumerate(gravity):
+        if abs(share) < 0.999:
+            level.append(axis)
+    return level
+
+
+def _base_moment(axis: int) -> Cause:
+    """Return the moment of the arm's weight about axis 0, 1, 2 of frame 0."""
+    name = NAMES[axis]
+    return Named(f"moment_{name}", "N m")
+
+
 def base_tilt(robot: Robot) -> Mechanism | None:
     """The foundation yields to the arm's moment about the two horizontal axes of frame 0."""
     if not find_gravity_joints(robot):
         return None
-    terms = tuple(
-        Term(f"k{name}", base_screws(robot, axis, Named(f"moment_{name}", "N m")), (1e-8, 1e-4), 1)
-        for axis, name in enumerate("xyz")
-        if abs((robot.gravity or (0, 0, 0))[axis]) < 0.999
-    )
+    terms = []
+    for axis in _list_level_axes(robot):
+        moment = _base_moment(axis)
+        screws = base_screws(robot, UNITS[axis], moment)
+        symbol = f"k{NAMES[axis]}"
+        term = Term(symbol, screws, (1e-8, 1e-4), 1)
+        terms.append(term)
     return Mechanism(
         "base-tilt",
-        terms,
+        tuple(terms),
         "The base tilts in proportion to the moment of the arm's weight.",
         "rotation of frame 0 = k · moment of the weight about it",
         "Whitney, Lozinski & Rourke 1986",
         usual_causes=YIELDING_BASE,
     )
+
+
+def list_edges(robot: Robot) -> tuple[float, ...]:
+    """List the directions [degrees] of a base's edges that rocking is scanned over; none where
+    gravity loads no joint."""
+    return EDGES if find_gravity_joints(robot) else ()
+
+
+def base_rocking(robot: Robot, degrees: float) -> Mechanism:
+    """A base that is not held fast lies on one of two sides about each of two horizontal edges at
+    right angles, as the arm's weight tips it; the direction of the edges is scanned, from the first
+    horizontal axis of frame 0."""
+    first, second, *_ = _list_level_axes(robot)
+    edges = _list_edges_across(degrees)
+    terms = []
+    for number, (share, other_share) in enumerate(edges, 1):
+        direction = share * UNITS[first] + other_share * UNITS[second]
+        one = _base_moment(first)
+        other = _base_moment(second)
+        moment = _add_shares(share, one, other_share, other)
+        screws = base_screws(robot, direction, sign(moment))
+        term = Term(f"r{number}", screws, ROCKING, 1)
+        terms.append(term)
+    name = NAMES[first]
+    words = f"edges along {name} and {NAMES[second]}"
+    if degrees:
+        right = degrees + 90
+        words = f"edges at {degrees:g}° and {right:g}° to {name}"
+    return Mechanism(
+        "base-rocking",
+        tuple(terms),
+        f"The base rocks about {words}: it tips over where the moment of the arm's weight about "
+        "them changes sign.",
+        "rotation of frame 0 about an edge = r · sign of the moment of the weight about it",
+        "a body on two supports; Whitney, Lozinski & Rourke 1986, for a base that yields",
+        usual_causes=ROCKING_BASE,
+    )
+
+
+def _list_edges_across(degrees: float) -> tuple[tuple[float, float], tuple[float, float]]:
+    """List the shares of two axes in each of two edges at right angles."""
+    if degrees == 0:
+        return (1.0, 0.0), (0.0, 1.0)
+    angle = np.radians(degrees)
+    cosine = float(np.cos(angle))
+    sine = float(np.sin(angle))
+    return (cosine, sine), (-sine, cosine)
+
+
+def _add_shares(share: float, one: Cause, other_share: float, other: Cause) -> Cause:
+    """Add shares of two causes; one with none is left out."""
+    if other_share == 0:
+        return one
+    if share == 0:
+        return other
+    own = share * one
+    rest = other_share * other
+    return own + rest
 
 
 def payload_tilt(robot: Robot) -> Mechanism | None:
@@ -181,7 +267,7 @@ def payload_tilt(robot: Robot) -> Mechanism | None:
         if is_vertical:
             continue
         moment = levers[0] if len(levers) == 1 else levers[0] + levers[1]
-        screws = base_screws(robot, axis, payload * moment)
+        screws = base_screws(robot, UNITS[axis], payload * moment)
         symbol = f"p{'xyz'[axis]}"
         terms.append(Term(symbol, screws, size, 1))
     return Mechanism(

@@ -64,6 +64,7 @@ BUILTIN: Registry = {
     "backlash": PerJoint(gravity_effects.backlash, motors.find_gravity_motors),
     "wrist-coupling": PerJoint(drives.wrist_coupling, drives.wrist_joints),
     "base-tilt": gravity_effects.base_tilt,
+    "base-rocking": Scanned(gravity_effects.base_rocking, gravity_effects.list_edges),
     "gear-eccentricity": PerJoint(drives.gear_eccentricity, drives.revolute_joints),
     "encoder-eccentricity": PerJoint(drives.encoder_eccentricity, drives.revolute_joints),
     "encoder-scale": PerJoint(drives.encoder_scale, drives.all_joints),

@@ -96,6 +96,7 @@ BY_STEM = {
     "tool-droop": _LOAD,
     "counterbalance": (ADJUST, "the balance of the arm where it can be set, else model it"),
     "base-tilt": (ADJUST, "make what the base stands on firmer where it can be, else model it"),
+    "base-rocking": (ADJUST, "hold the base fast on what it stands on, and measure again"),
     "backlash": (
         ADJUST,
         "take up the play of {joint} if it can be; until then the model follows it by the pose",

@@ -22,7 +22,7 @@ from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
 from .compliance_numbers import measure_base_tilt, measure_wind_up
 from .map_details import MIN_DISPLACEMENT
-from .quantities import ARC_SECONDS, Usable, express, format_figure
+from .quantities import ARC_SECONDS, MILLI, Usable, express, format_figure
 from .workspace import Fitted, Range
 
 SHIFTS = slice(0, 3)
@@ -152,6 +152,23 @@ def _find_lever(fitted: Fitted, frame: int) -> float:
     """Find how far the target moves at most per rad about a frame's z axis [mm]."""
     moved = fitted.workspace.field[frame - 1, PLACE["rz"], :3]
     return float(np.linalg.norm(moved, axis=0).max())
+
+
+def _measure_rocking(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure how far the base tips about each edge from side to side, and what both do at the
+    target."""
+    count = len(mechanism.terms)
+    for number, own in enumerate(np.eye(count), 1):
+        half = fitted.range_of(own)
+        whole = half.scale(2 * MILLI)
+        words = f"tips about edge {number}"
+        yield express(words, whole, "mrad")
+    row = fitted.find_worst()
+    moved = fitted.moved_at(row)
+    moved = moved.scale(2.0)
+    yield express(
+        "from side to side, at the target", moved, "mm", "at the target at most, from side to side"
+    )
 
 
 # -- ripple
@@ -331,6 +348,7 @@ MEASURES: Mapping[str, Measure] = {
     "encoder-scale": _measure_slope,
     "wrist-coupling": _measure_slope,
     "settle": _measure_slope,
+    "base-rocking": _measure_rocking,
     "thermal-growth": _measure_growth,
     "thermal-expansion": _measure_growth,
     "thermal-zero": _measure_warm_place,
