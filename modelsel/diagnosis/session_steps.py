@@ -1,4 +1,5 @@
-"""Steps of the set-up between two sessions, at the moment where the one ends and the other begins.
+"""Steps at some moment of the campaign: of the set-up between two sessions, at the moment where the one
+ends and the other begins; of a joint's zero, told by the row from which they stand.
 
 What was moved between two groups of measurements stands elsewhere for every row of the later one, for
 those that are held out, too. A step that is only placed between two estimation rows leaves such rows on
@@ -8,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -19,7 +21,8 @@ from ..mechanisms import environment
 from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
 
-STEPS: dict[str, Callable[[Robot, float], Mechanism]] = {
+Build = Callable[[Robot, float], Mechanism]
+STEPS: dict[str, Build] = {
     "tracker-step": environment.tracker_step,
     "fault:tracker-bumped": environment.tracker_bumped,
     "target-step": environment.target_step,
@@ -34,33 +37,73 @@ def place_steps(
     problem: Problem, estimation: Mask, mechanisms: Sequence[Mechanism]
 ) -> tuple[Mechanism, ...]:
     """Place the steps among some mechanisms where sessions meet: those that the `estimation` rows (m,)
-    cannot tell from a step there give way to it.
+    cannot tell from a step there give way to it. Steps of a joint's zero elsewhere are told by the
+    row.
 
     Sessions are the groups of the measurements, where they follow one another."""
+    robot = problem.robot
     moments = list_changes(problem.data)
-    placed = list(mechanisms)
-    if not moments:
-        return tuple(placed)
     progress = problem.data.progress[estimation]
     names = {m.name for m in mechanisms}
-    for name in sorted(names & STEPS.keys()):
+    zeros = _list_zero_steps(robot)
+    placed = list(mechanisms)
+    for name, build in sorted((STEPS | zeros).items()):
+        if name not in names:
+            continue
         for moment, begins in moments:
-            same = _list_same(problem.robot, name, moment, progress)
+            same = _list_same(robot, build, moment, progress)
             placed = [m for m in placed if m not in same]
-            step = STEPS[name](problem.robot, moment)
-            told = _tell(step.sentence, begins)
-            placed.append(replace(step, sentence=told))
+            placed.append(_tell(build(robot, moment), begins))
+        if name in zeros:
+            placed = _tell_rows(problem, estimation, build, placed)
     return tuple(placed)
 
 
-def _list_same(robot: Robot, name: str, moment: float, progress: Array) -> list[Mechanism]:
-    """List the scanned steps of a name that rows with some progress (m,) cannot tell from a moment's."""
+def _list_zero_steps(robot: Robot) -> dict[str, Build]:
+    """List the steps of every joint's zero by their names."""
+    steps: dict[str, Build] = {}
+    for joint in range(1, robot.n + 1):
+        name = f"zero-step:{joint}"
+        steps[name] = partial(_build_zero_step, joint)
+    return steps
+
+
+def _build_zero_step(joint: int, robot: Robot, at: float) -> Mechanism:
+    return environment.zero_step(robot, joint, at)
+
+
+def _tell_rows(
+    problem: Problem, estimation: Mask, build: Build, mechanisms: Sequence[Mechanism]
+) -> list[Mechanism]:
+    """Tell scanned steps by the first of the rows after them, those that some rows are before and
+    others after. Noise leaves the row open by a few."""
+    data = problem.data.take(estimation)
+    told = {}
+    for at in environment.STEPS:
+        after = np.flatnonzero(data.progress > at)
+        if not 0 < len(after) < len(data):
+            continue
+        earliest = data.progress[after].argmin()
+        first = after[earliest]
+        row = int(data.row[first])
+        begins = data.where.named_alone(row)
+        step = build(problem.robot, at)
+        told[step] = _tell(step, f"from about {begins} on")
+    renamed = []
+    for m in mechanisms:
+        known = told.get(m, m)
+        renamed.append(known)
+    return renamed
+
+
+def _list_same(robot: Robot, build: Build, moment: float, progress: Array) -> list[Mechanism]:
+    """List the scanned steps that rows with some progress (m,) cannot tell from a moment's."""
     before = progress < moment
     same = []
     for at in environment.STEPS:
         own = progress < at
         if (own == before).all() and at not in progress:
-            step = STEPS[name](robot, at)
+            step = build(robot, at)
             same.append(step)
     return same
 
@@ -98,7 +141,8 @@ def round_between(low: float, high: float) -> float:
     return middle
 
 
-def _tell(sentence: str, begins: str) -> str:
+def _tell(step: Mechanism, begins: str) -> Mechanism:
     """Tell from what on a step stands, in the place of the share of the campaign."""
-    told, _, _ = sentence.partition(" after ")
-    return f"{told} {begins}."
+    told, _, _ = step.sentence.partition(" after ")
+    sentence = f"{told} {begins}."
+    return replace(step, sentence=sentence)

@@ -12,7 +12,7 @@ from ..measurements.reference_temperature import REFERENCE, TEMPERATURE
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .causes import Applied, Bump, Cause, Combined, Named, Number, shifted, sign
-from .motors import drive_screws
+from .motors import drive_angle, drive_screws, name_drive
 from .terms import Mechanism, Screw, Term
 
 PROGRESS: Cause = Named(
@@ -170,6 +170,29 @@ def target_step(robot: Robot, at: float) -> Mechanism:
         f"H_{robot.n + 1} = s · {cause}",
         "ISO 10360-10, laser trackers: stability of the target's nest",
         usual_causes=("reflector put back in its nest", "tool or nest that slipped or was knocked"),
+    )
+
+
+def zero_step(robot: Robot, joint: int, at: float) -> Mechanism:
+    """A joint's zero is another one from some moment on, by how much; the moment is scanned."""
+    cause = step_after(at)
+    screws = drive_screws(robot, joint, cause)
+    axis = screws[0].axis
+    size = STEP[axis[0]]
+    term = Term(f"z{joint}", screws, size)
+    drive = name_drive(robot, joint)
+    share = write_percent(at, 1)
+    return Mechanism(
+        f"zero-step:{joint}",
+        (term,),
+        f"The zero of {drive} is another one after {share} of the campaign.",
+        f"{drive_angle(robot, joint)} + z · {cause}",
+        "a step of a zero; ISO 9283, drift of the pose",
+        usual_causes=(
+            "collision",
+            "belt or coupling that slipped",
+            "encoder or brake that was moved, or set anew",
+        ),
     )
 
 

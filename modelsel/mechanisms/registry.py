@@ -92,6 +92,12 @@ BUILTIN: Registry = {
     "target-step": Scanned(
         environment.target_step, lambda robot: environment.STEPS, range=(0.0, 1.0)
     ),
+    "zero-step": Scanned(
+        environment.zero_step,
+        lambda robot, joint: environment.STEPS,
+        drives.all_joints,
+        range=(0.0, 1.0),
+    ),
     "tracker-scale": environment.tracker_scale,
     "tracker-axes": environment.tracker_axes,
     "refraction": environment.refraction,

@@ -107,6 +107,10 @@ BY_STEM = {
     "thermal-growth": _WARM,
     "thermal-expansion": _WARM,
     "thermal-zero": _WARM,
+    "zero-step": (
+        ADJUST,
+        "set the zero of {joint} anew, find out what moved it, and measure again",
+    ),
     "target-step": (MEASURE, "again with the target fixed; leave it out of the controller"),
     "tracker-drift": _INSTRUMENT,
     "tracker-step": _INSTRUMENT,

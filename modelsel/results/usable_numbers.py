@@ -304,6 +304,14 @@ def _measure_jump(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
         yield _express_motion(words, moved, kind)
 
 
+def _measure_zero(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure how far a joint's zero moves, and the target with it."""
+    yield from _measure_jump(mechanism, fitted)
+    row = fitted.find_worst()
+    moved = fitted.moved_at(row)
+    yield express("step at the target", moved, "mm", "at the target at most")
+
+
 def _measure_scale(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     yield express("scale", fitted.range_of(np.ones(1)).scale(1e6), "ppm")
 
@@ -355,6 +363,7 @@ MEASURES: Mapping[str, Measure] = {
     "tracker-drift": _measure_jump,
     "tracker-step": _measure_jump,
     "target-step": _measure_jump,
+    "zero-step": _measure_zero,
     "tracker-scale": _measure_scale,
     "tracker-axes": _measure_axes,
     "tool-droop": _measure_droop,

@@ -15,7 +15,7 @@ from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.environment import STEPS, tracker_bumped
-from modelsel.mechanisms.registry import build_faults, mechanism
+from modelsel.mechanisms.registry import build_faults, every, mechanism
 from modelsel.robot.files import load_robot
 from modelsel.selection.evaluation import Split
 
@@ -103,3 +103,24 @@ def test_a_held_out_row_stands_with_its_group(rng: np.random.Generator) -> None:
     _, diagnosis, _ = diagnose_split(split, base, build_faults(ROBOT), 1, cells=False)
     left = diagnosis.fit.residuals(at)[~used]
     assert np.linalg.norm(left, axis=1).max() < 0.3
+
+
+@pytest.mark.unit
+def test_steps_of_a_zero_are_told_by_the_row_and_stand_where_groups_meet(
+    rng: np.random.Generator,
+) -> None:
+    first = int(rng.integers(20, 50))
+    at = campaign([0] * first + [1] * (100 - first), 0.0, rng)
+    used = training(at)
+    placed = place_steps(at, used, every(ROBOT))
+    own = [one for one in placed if one.name == "zero-step:4"]
+    (of_group,) = [one for one in own if one.sentence.endswith('from the group "station 1" on.')]
+    assert of_group.sentence.startswith("The zero of joint 4 is another one from ")
+    cause = of_group.terms[0].screws[0].cause
+    np.testing.assert_array_equal(np.asarray(cause.of(at.state)), at.data.group > 0)
+    for one in own:
+        if one is of_group:
+            continue
+        moved = np.asarray(one.terms[0].screws[0].cause.of(at.state))[used] > 0
+        row = at.data.row[used][moved].min()
+        assert one.sentence == f"The zero of joint 4 is another one from about row {row} on."
