@@ -16,7 +16,7 @@ from .candidates import Candidate
 from .credible_sets import FOUND, Entry
 from .effects import Effect
 from .fitted_curves import find_waves, measure_heights
-from .sign_constraints import find_contrary_terms
+from .sign_constraints import are_unsigned_negative, find_contrary_terms
 from .stated_probability import describe_level_probability, format_probability, scale_listed
 
 # sizes [rad] below which an angle has the next smaller unit
@@ -203,6 +203,8 @@ def describe_candidate(candidate: Candidate, estimate: Array) -> str:
         return mechanism.sentence.rstrip(".")
     return f"{_describe_place(candidate)}; no registered mechanism describes this"
 
+    if mechanism.contrary and are_unsigned_negative(mechanism, estimate):
+        return mechanism.contrary.rstrip(".")
 
 def _describe_place(candidate: Candidate) -> str:
     """Describe what a candidate's first screw moves, and with what."""

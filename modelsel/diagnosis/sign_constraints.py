@@ -66,3 +66,12 @@ def find_contrary_terms(mechanism: Mechanism, estimate: Array, error: Array) -> 
     standardised = signs * estimate / np.maximum(error, TINY)
     by_chance = signed * ndtr(standardised)
     return np.asarray((signs != 0) & (by_chance < WRONG_BY_CHANCE))
+
+
+def are_unsigned_negative(mechanism: Mechanism, estimate: Array) -> bool:
+    """Return whether terms (k,) to which physics gives no sign are all negative."""
+    is_signed = any(term.sign for term in mechanism.terms)
+    is_negative = estimate < 0
+    if is_signed:
+        return False
+    return bool(is_negative.all())

@@ -259,18 +259,40 @@ def _last_move(robot: Robot, joint: int) -> tuple[Screw, ...]:
 
 
 def read_too_early(robot: Robot) -> Mechanism:
-    """Every joint was read before the arm stood still: one lag, a share of each joint's last
-    move."""
+    """Every joint was read, or the target measured, before the arm stood still: one lag, a share of each
+    joint's last move. It is positive where the readings are too early, negative where the positions
+    are: neither is rarer."""
     screws = tuple(screw for j in all_joints(robot) for screw in _last_move(robot, j))
     return Mechanism(
         "fault:read-too-early",
-        (Term("lag", screws, (1e-6, 5e-2), 1),),
+        (Term("lag", screws, (1e-6, 5e-2)),),
         "A fault of the data: all joints stand past their readings by the same share of their last moves.",
         "θ = q + lag · last move, all joints alike",
         "ISO 9283, position stabilisation time",
         "A fault of the data: all joints are short of their readings by the same share of their last moves, as when "
         "targets are measured before the arm stands still.",
-        ("joints read before the arm stood still",),
+        ("arm that was not yet still when joints were read or targets measured",),
+    )
+
+
+def time_offset(robot: Robot) -> Mechanism:
+    """Positions and readings belong to moments that are apart by one time, all joints alike, in a
+    motion that goes on: positive where the positions are the later ones."""
+    screws = list[Screw]()
+    for j in all_joints(robot):
+        unit = robot.unit(j)
+        speed = Named(f"rate{j}", f"{unit}/s")
+        screws += drive_screws(robot, j, speed)
+    term = Term("delay", tuple(screws), (1e-5, 1.0))
+    begin = "A fault of the data: every position belongs to"
+    return Mechanism(
+        "fault:time-offset",
+        (term,),
+        f"{begin} a later moment than the joint readings beside it, by the same time in all rows.",
+        "θ = q + delay · speed, all joints alike",
+        "latency of instruments in motion; ISO 9283, path accuracy",
+        f"{begin} an earlier moment than the joint readings beside it, by the same time in all rows.",
+        ("latency of the instrument or of the readings", "clocks that are not the same"),
     )
 
 

@@ -157,7 +157,8 @@ def _unit_factors(unit: str) -> list[str]:
 class Mechanism:
     """A named bundle of terms: what goes wrong, in one sentence, with its equation and its source.
     `contrary`: the sentence where its terms have the signs that physics does not expect; without
-    one they are then not told as this mechanism. A sentence says what moves; `usual_causes` are
+    one they are then not told as this mechanism. Where physics expects neither, it is the sentence of
+    negative terms. A sentence says what moves; `usual_causes` are
     the parts that usually do this, of which the data say nothing."""
 
     name: str
