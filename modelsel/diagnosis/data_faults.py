@@ -1,8 +1,9 @@
-"""Faults of the data: rows that were exchanged, a tracker that was bumped, joints read too early.
+"""Faults of the data: rows that were exchanged, a tracker that was bumped, joints read too early, or
+at other times than positions.
 
 Exchanged rows are found among the gross outliers, where a position fits the prediction of another
-outlying row. A bumped tracker and joints that were read too early act as screws: they are candidates
-of naming, registered under `fault:` names."""
+outlying row. A bumped tracker and joints that were read too early, or at other times, act as screws: they are
+candidates of naming, registered under `fault:` names."""
 
 from __future__ import annotations
 
@@ -38,6 +39,7 @@ class FaultKind(Enum):
     ROW_ORDER = "row-order"
     TRACKER_BUMPED = "tracker-bumped"
     READ_TOO_EARLY = "read-too-early"
+    TIME_OFFSET = "time-offset"
 
     @property
     def label(self) -> str:
@@ -55,7 +57,10 @@ EXCHANGES = {
     ),
 }
 # faults that are mechanisms, by the mechanism's name
-BY_MECHANISM = {kind.label: kind for kind in (FaultKind.TRACKER_BUMPED, FaultKind.READ_TOO_EARLY)}
+BY_MECHANISM = {
+    kind.label: kind
+    for kind in (FaultKind.TRACKER_BUMPED, FaultKind.READ_TOO_EARLY, FaultKind.TIME_OFFSET)
+}
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,6 +25,8 @@ PREFIXES = ((1e-6, 1e-9, "n"), (1e-4, 1e-6, "µ"), (0.5, 1e-3, "m"))
 # the smaller is not mentioned
 LEVER_MM = 1000.0
 MIN_SHARE = 1e-3
+# s up to which a time is in ms
+LARGEST_MS = 0.5
 # rad from which an angle in a sentence is in degrees
 LARGEST_MRAD = 0.05
 # sizes that are unusual for an error of an arm, where the catalogue gives no range
@@ -49,6 +51,8 @@ def choose_prefix(size: float, unit: str) -> tuple[float, str]:
         return factor, prefix + unit
     if unit.startswith("mm") and 0 < size < 1e-3:
         return 1e-3, "µm" + unit[2:]
+    if unit == "s" and 0 < size < LARGEST_MS:
+        return 1e-3, "ms"
     if unit == "1":
         return 1.0, ""
     return 1.0, unit
@@ -199,12 +203,12 @@ def describe_candidate(candidate: Candidate, estimate: Array) -> str:
             f"{_describe_place(candidate)}; {mechanism.name} would have the opposite sign, so this "
             "is something else"
         )
+    if mechanism.contrary and are_unsigned_negative(mechanism, estimate):
+        return mechanism.contrary.rstrip(".")
     if mechanism.sentence:
         return mechanism.sentence.rstrip(".")
     return f"{_describe_place(candidate)}; no registered mechanism describes this"
 
-    if mechanism.contrary and are_unsigned_negative(mechanism, estimate):
-        return mechanism.contrary.rstrip(".")
 
 def _describe_place(candidate: Candidate) -> str:
     """Describe what a candidate's first screw moves, and with what."""

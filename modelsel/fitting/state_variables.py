@@ -29,6 +29,7 @@ MEASURED = (
     StateKind.PROGRESS,
     StateKind.APPROACH,
     StateKind.MOVE,
+    StateKind.RATE,
 )
 Placement = tuple[Array, Array]
 Bound = tuple[Robot, Measurements, Array, Placement, tuple[float, float, float]]
@@ -142,6 +143,7 @@ def _inputs(data: Measurements) -> tuple[object, ...]:
         data.q,
         data.approach,
         data.move,
+        data.rate,
         data.progress,
         data.target,
         data.group,
@@ -180,6 +182,15 @@ def _approaches(state: StateVariables) -> Values:
 def _moves(state: StateVariables) -> Values:
     moves = state.data.move
     return _by_joint(StateKind.MOVE, moves)
+
+
+def _rates(state: StateVariables) -> Values:
+    """Return how fast the joints move: not at all where there is no clock."""
+    rates = state.data.rate
+    if rates is None:
+        readings = state.data.q
+        rates = np.zeros(readings.shape)
+    return _by_joint(StateKind.RATE, rates)
 
 
 def _target(state: StateVariables) -> Values:
@@ -269,6 +280,7 @@ EVALUATORS: dict[StateKind, Callable[[StateVariables], Values]] = {
     StateKind.PROGRESS: _progress,
     StateKind.APPROACH: _approaches,
     StateKind.MOVE: _moves,
+    StateKind.RATE: _rates,
     StateKind.TORQUE: _link_moments,
     StateKind.BASE_MOMENT: _base_moment,
     StateKind.DOWN: _down,

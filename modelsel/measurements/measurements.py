@@ -18,6 +18,7 @@ from ..robot.coupling import Coupling, readings_of
 from ..robot.rigid import to_quaternion
 from .features import COORDINATES, KINDS, Feature, KindColumns, add_kind_columns, collect_features
 from .motion import APPROACH_FROM_ORDER, MeasuredRows, Waypoints, describe_motion, trace_motion
+from .rates import derive_rates
 from .reference_temperature import REFERENCE, choose_reference
 from .row_order import compute_progress
 from .row_places import Where
@@ -102,6 +103,8 @@ class Measurements:
     # °C from which thermal effects are counted, of the whole campaign
     reference_celsius: float = REFERENCE
     coupling: Coupling | None = None  # how motors move the joints; None: each its own
+    # (m, n) how fast each joint (coupled: motor) moved, rad/s or mm/s; None without a clock
+    rate: Array | None = None
 
     def __len__(self) -> int:
         return len(self.position)
@@ -311,6 +314,7 @@ def build_measurements(
     rows = MeasuredRows(q, place, group, configuration, order)
     motion = trace_motion(rows, waypoints, coupling, prismatic)
     covariates = dict(covariates or {})
+    time = covariates.get("time_s")
     data = Measurements(
         q,
         position,
@@ -322,7 +326,7 @@ def build_measurements(
         order=motion.order,
         approach=motion.approach if approach is None else np.asarray(approach, float),
         move=motion.move,
-        progress=compute_progress(group_index, motion.order, covariates.get("time_s")),
+        progress=compute_progress(group_index, motion.order, time),
         targets=targets,
         groups=groups,
         covariates=covariates,
@@ -335,6 +339,9 @@ def build_measurements(
         prismatic=tuple(prismatic),
         reference_celsius=choose_reference(covariates),
         coupling=coupling,
+        rate=None
+        if time is None
+        else derive_rates(readings_of(coupling, q), group_index, motion.visit, time),
     )
     if kinds is None:
         return data

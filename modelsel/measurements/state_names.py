@@ -29,6 +29,7 @@ class StateKind(Enum):
     PROGRESS = "place in the campaign, 0 to 1"
     APPROACH = "direction of a joint's last motion"
     MOVE = "size of a joint's last motion"
+    RATE = "how fast a joint moves"
     TORQUE = "gravity torque about a joint's axis"
     BASE_MOMENT = "moment of the arm's weight about frame 0"
     DOWN = "direction of gravity in the target's frame"
@@ -74,6 +75,8 @@ class StateVariable:
         if self.kind is StateKind.TORQUE:
             joint = robot.joints[self.joint - 1]
             return "N" if joint.prismatic else "N m"
+        if self.kind is StateKind.RATE:
+            return f"{robot.unit(self.joint)}/s"
         return robot.unit(self.joint)
 
     def exists(self, robot: Robot) -> bool:
@@ -139,6 +142,7 @@ FAMILIES = (
     StateFamily(StateKind.PROGRESS, "progress", "the course of the campaign"),
     StateFamily(StateKind.APPROACH, "approach{joint}", "the side that joint {joint} came from"),
     StateFamily(StateKind.MOVE, "move{joint}", "the last move of joint {joint}", None),
+    StateFamily(StateKind.RATE, "rate{joint}", "the speed of joint {joint}", None),
     StateFamily(
         StateKind.TORQUE,
         "torque{joint}",

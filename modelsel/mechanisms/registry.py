@@ -132,6 +132,7 @@ def build_faults(robot: Robot) -> tuple[Mechanism, ...]:
     under `fault:` names."""
     return (
         drives.read_too_early(robot),
+        drives.time_offset(robot),
         *(environment.tracker_bumped(robot, at) for at in environment.STEPS),
     )
 

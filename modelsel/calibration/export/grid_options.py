@@ -220,4 +220,6 @@ def list_held(c: Calibration, joints: Sequence[int], held: Held) -> tuple[str, .
         out.append("the direction of approach (the middle of the play is taken)")
     if StateKind.MOVE in kinds:
         out.append("the size of the last move")
+    if StateKind.RATE in kinds:
+        out.append("the speed (the arm stands still)")
     return tuple(out)

@@ -51,7 +51,7 @@ REMEDIES: tuple[tuple[set[object], str], ...] = (
         "measured again at another time of the campaign",
     ),
     (
-        {StateKind.APPROACH, StateKind.MOVE},
+        {StateKind.APPROACH, StateKind.MOVE, StateKind.RATE},
         "approached from both sides, by short and by long moves",
     ),
     ({"payload_kg"}, "measured with and without the payload"),
