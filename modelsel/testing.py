@@ -184,7 +184,7 @@ def step_size(term: Term, at: Problem) -> float:
     steps = []
     for axis, size in list_reach(term, at):
         limit = 1e-4 if axis[0] == "r" else 1e-1
-        step = limit / max(size, 1e-12)
+        step = limit / max(size, 1e-30)
         steps.append(step)
     return min(steps)
 

@@ -88,7 +88,8 @@ def test_every_candidate_has_its_kind(rng) -> None:
     assert any(label.startswith("frame 4 rz") for label in labels[CandidateKind.JOINT_WAVE])
     assert not labels[CandidateKind.SLIDE_WAVE]
     kinds = {c.fault for c in found}
-    assert kinds == {None, FaultKind.TRACKER_BUMPED, FaultKind.READ_TOO_EARLY}
+    faults = {FaultKind.TRACKER_BUMPED, FaultKind.READ_TOO_EARLY, FaultKind.TIME_OFFSET}
+    assert kinds == {None, *faults}
 
 
 def test_a_fault_knows_the_rows_that_it_concerns(rng) -> None:
