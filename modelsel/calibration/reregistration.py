@@ -11,6 +11,7 @@ from .._linalg import RANK_TOLERANCE, orthonormal_basis
 from .._typing import Array, Index
 from ..exceptions import DataError, count_words
 from ..fitting.problem import Problem
+from ..measurements.state_names import FROM_INSTRUMENT
 from ..robot.rigid import rotation_vector
 from ..setup.placement import fit_rigid_transform
 from ..setup.robust_weights import compute_cauchy_weights, compute_scale
@@ -43,7 +44,7 @@ def register_again(c: Calibration, at: Problem) -> Registration:
         )
     registration = _register_at(c, at, at)
     _check_judgeable(at, registration.free)
-    if "range_mm" in c.needs():  # the beam is as long as where the tracker now stands
+    if FROM_INSTRUMENT & c.needs():  # the beam goes to where the tracker now stands
         return _register_at(c, at, registration.problem)
     return registration
 

@@ -204,7 +204,10 @@ def _causes_of_covariates(problem: Problem) -> Iterator[Causes]:
     reference = problem.data.reference_celsius
     for name in problem.data.covariates:
         if name == TEMPERATURE:
-            yield (temperature_rise(reference),)
+            rise = temperature_rise(reference)
+            yield (rise,)
+            # what is even about the reference has nothing in common with a slope
+            yield (rise * rise,)
         else:
             yield (Named(name, units[name]),)
         if name == "payload_kg" and pair is not None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from .._linalg import TINY
 from .._typing import Array, Rows
 from ..measurements.measurements import Measurements
 from ..measurements.state_names import (
@@ -213,15 +214,20 @@ def _progress(state: StateVariables) -> Values:
 
 
 def _positions(state: StateVariables) -> Values:
-    """Compute the target in frame 0, and its distances from the instrument and from axis 1."""
+    """Compute the target in frame 0, its distances from the instrument and from axis 1, and the
+    direction of the beam, in frame 0, too."""
     target, group = state.pose().target, state.data.group
     R, t = state.placement
     line = np.einsum("mij,jm->mi", R[group], target) + t[group] - np.array(state.tracker)
+    length = np.linalg.norm(line, axis=1)
     distances = {
-        StateVariable(StateKind.RANGE): np.linalg.norm(line, axis=1),
+        StateVariable(StateKind.RANGE): length,
         StateVariable(StateKind.REACH): _measure_reach(state.robot, target),
     }
-    return _by_axis(StateKind.POSITION, target) | distances
+    direction = line / np.maximum(length, TINY)[:, None]
+    beam = np.einsum("mij,mi->jm", R[group], direction)
+    places = _by_axis(StateKind.POSITION, target)
+    return places | distances | _by_axis(StateKind.BEAM, beam)
 
 
 def _measure_reach(robot: Robot, target: Array) -> Array:
@@ -274,6 +280,7 @@ EVALUATORS: dict[StateKind, Callable[[StateVariables], Values]] = {
     StateKind.READING: _readings,
     StateKind.POSITION: _positions,
     StateKind.RANGE: _positions,
+    StateKind.BEAM: _positions,
     StateKind.REACH: _positions,
     StateKind.TARGET: _target,
     StateKind.GROUP: _group,

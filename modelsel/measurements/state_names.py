@@ -23,6 +23,7 @@ class StateKind(Enum):
     READING = "reading of a joint"
     POSITION = "coordinate of the target in frame 0"
     RANGE = "distance of the target from the instrument"
+    BEAM = "direction from the instrument to the target"
     REACH = "distance of the target from joint 1's axis"
     TARGET = "index of the target"
     GROUP = "index of the group"
@@ -136,6 +137,7 @@ FAMILIES = (
     StateFamily(StateKind.READING, "q{joint}", "the reading of joint {joint}", None),
     StateFamily(StateKind.POSITION, "{axis}_mm", "the target's place", "mm", "xyz"),
     StateFamily(StateKind.RANGE, "range_mm", "the distance from the instrument", "mm"),
+    StateFamily(StateKind.BEAM, "beam_{axis}", "the direction of the beam", "1", "xyz"),
     StateFamily(StateKind.REACH, "reach_mm", "the reach from joint 1's axis", "mm"),
     StateFamily(StateKind.TARGET, "target", "the target"),
     StateFamily(StateKind.GROUP, "group", "the group"),
@@ -185,6 +187,8 @@ FAMILIES = (
         by_gravity=True,
     ),
 )
+# what follows from where the instrument stands
+FROM_INSTRUMENT = frozenset(("range_mm", "beam_x", "beam_y", "beam_z"))
 BY_KIND = {family.kind: family for family in FAMILIES}
 COVARIATE_UNITS = {
     "C": "°C",

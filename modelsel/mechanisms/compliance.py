@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from ..robot.gravity import find_arm_pair, find_gravity_joints
 from ..robot.kinematics import Robot
-from .causes import Named, q, shifted, sin
+from .causes import Named, q, shifted, sign, sin
 from .motors import drive_angle, drive_screws, motor_torque, moved_joints, name_drive
 from .terms import Mechanism, Screw, Term
 
@@ -51,7 +51,9 @@ def joint_compliance(robot: Robot, joint: int, masses: int) -> Mechanism:
     of unknown ones, a term each (`masses`)."""
     if masses:
         terms = tuple(
-            Term(f"c{joint}m{k}", drive_screws(robot, joint, motor_torque(robot, joint, k)), HEAVY)
+            Term(
+                f"c{joint}m{k}", drive_screws(robot, joint, motor_torque(robot, joint, k)), HEAVY, 1
+            )
             for k in later_frames(robot, min(moved_joints(robot, joint)))
         )
     else:
@@ -168,4 +170,70 @@ def tool_droop(robot: Robot) -> Mechanism | None:
         "target offset = g · gravity direction across the flange axis",
         "cantilever beam; ISO 230-1, stiffness of spindles",
         usual_causes=("tool that bends", "flange or tool changer that yields", "loose target nest"),
+    )
+
+
+# mm: usual sizes of what a tool or a gripper yields
+YIELD = (1e-3, 2.0)
+# mm/kg: the same by a payload
+YIELD_BY_LOAD = (1e-4, 1.0)
+TOOL_PARTS = ("gripper or its fingers", "tool changer that yields", "loose target nest")
+
+
+def _along_flange(robot: Robot) -> Screw:
+    """Return the shift of the target along the flange's axis, by the gravity along it."""
+    return Screw(robot.n + 1, "tz", Named("down_z"))
+
+
+def tool_stretch(robot: Robot) -> Mechanism | None:
+    """The tool yields along the flange's axis: the target shifts with the gravity along it."""
+    if robot.gravity is None:
+        return None
+    return Mechanism(
+        "tool-stretch",
+        (Term("a", (_along_flange(robot),), YIELD, 1),),
+        "The target shifts along the flange's axis in proportion to the gravity along it.",
+        "target offset = a · gravity direction along the flange axis",
+        "spring along its axis; ISO 230-1, stiffness of spindles",
+        usual_causes=("spring or buffer in the tool", *TOOL_PARTS[1:]),
+    )
+
+
+def tool_play(robot: Robot) -> Mechanism | None:
+    """The tool has play along the flange's axis: the target falls to the side that gravity pulls
+    to."""
+    if robot.gravity is None:
+        return None
+    side = sign(Named("down_z"))
+    screw = Screw(robot.n + 1, "tz", side)
+    return Mechanism(
+        "tool-play",
+        (Term("b", (screw,), YIELD, 1),),
+        "The target falls from one side to the other along the flange's axis as gravity along it "
+        "changes sign.",
+        "target offset = b · sign of the gravity direction along the flange axis",
+        "play along an axis; ISO 230-1, axial play",
+        usual_causes=("tool changer with play", "tool that is not drawn tight"),
+    )
+
+
+def payload_droop(robot: Robot) -> Mechanism | None:
+    """What holds the payload yields: the target shifts with the payload and the gravity in the
+    flange, across it and along it."""
+    if robot.gravity is None:
+        return None
+    flange = robot.n + 1
+    payload = Named("payload_kg", "kg")
+    terms = []
+    for symbol, axes in (("g", "xy"), ("a", "z")):
+        screws = tuple(Screw(flange, f"t{a}", payload * Named(f"down_{a}")) for a in axes)
+        term = Term(f"{symbol}p", screws, YIELD_BY_LOAD, 1)
+        terms.append(term)
+    return Mechanism(
+        "payload-droop",
+        tuple(terms),
+        "The target shifts on the flange in proportion to the payload, the way gravity pulls.",
+        "target offset = payload_kg · (g across, a along) · gravity direction in the flange",
+        "cantilever beam; ISO 230-1, stiffness of spindles",
+        usual_causes=TOOL_PARTS,
     )

@@ -142,21 +142,28 @@ def encoder_scale(robot: Robot, joint: int) -> Mechanism:
     )
 
 
+# how often a turn an axis wobbles, and the parts that usually make it
+WOBBLES = {
+    1: ("once", ("inclined bearing race", "bent shaft")),
+    2: ("twice", ("oval bearing", "oval seat")),
+    3: ("three times", ("bearing seat clamped at three places", "seat with three lobes")),
+}
+
+
 def axis_wobble(robot: Robot, joint: int, waves: int) -> Mechanism:
-    """The joint's axis tilts as its bearing turns: once a turn (an inclined race) or twice (an oval
-    one)."""
+    """The joint's axis tilts as its bearing turns: once a turn (an inclined race), twice (an oval
+    one) or three times (one with three lobes)."""
     terms = wave_terms(joint, waves, "rx", f"x{joint}") + wave_terms(
         joint, waves, "ry", f"y{joint}"
     )
+    often, parts = WOBBLES[waves]
     return Mechanism(
         f"axis-wobble:{joint}",
         terms,
-        f"The axis of joint {joint} wobbles, {'once' if waves == 1 else 'twice'} a turn.",
+        f"The axis of joint {joint} wobbles, {often} a turn.",
         f"α{joint}, β{joint} ∝ sin({waves} q{joint}), cos({waves} q{joint})",
         "ISO 230-7, axes of rotation: tilt",
-        usual_causes=("inclined bearing race", "bent shaft")
-        if waves == 1
-        else ("oval bearing", "oval seat"),
+        usual_causes=parts,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import numpy as np
@@ -231,15 +232,20 @@ def tracker_bumped(robot: Robot, at: float) -> Mechanism:
 def _seen(robot: Robot) -> list[tuple[str, Cause]]:
     """List (axis of frame 1, coordinate of the nominal target along it): a scale about frame 0's
     origin."""
+    coordinates = [Named(f"{name}_mm", "mm") for name in "xyz"]
+    return _turn_to_frame_1(robot, coordinates)
+
+
+def _turn_to_frame_1(robot: Robot, vector: Sequence[Cause]) -> list[tuple[str, Cause]]:
+    """List (axis of frame 1, component along it) of a vector of frame 0."""
     rotation = robot.joints[0].before[:3, :3]
     out: list[tuple[str, Cause]] = []
     for axis, direction in zip(AXES[:3], rotation.T, strict=True):
         summands = list[Cause]()
-        for name, number in zip("xyz", direction, strict=True):
+        for coordinate, number in zip(vector, direction, strict=True):
             if abs(number) <= 1e-9:
                 continue
-            coordinate = Named(f"{name}_mm", "mm")
-            summand: Cause = coordinate
+            summand = coordinate
             if number != 1:
                 summand = float(number) * coordinate
             summands.append(summand)
@@ -266,6 +272,26 @@ def tracker_scale(robot: Robot) -> Mechanism:
             "instrument's scale",
             "air temperature and pressure given to it",
             "arm that is warm",
+        ),
+    )
+
+
+def tracker_range(robot: Robot) -> Mechanism:
+    """Distances from the instrument measured too long by a constant: the target seems farther along
+    the beam."""
+    beam = [Named(f"beam_{name}") for name in "xyz"]
+    seen = _turn_to_frame_1(robot, beam)
+    screws = tuple(Screw(1, axis, cause) for axis, cause in seen)
+    return Mechanism(
+        "tracker-range",
+        (Term("ρ0", screws, (1e-3, 20.0)),),
+        "Distances from the instrument are too long or too short by the same amount everywhere.",
+        "x = x + ρ0 · direction of the beam",
+        "ISO 10360-10, laser trackers: distances; offset of the reflector",
+        usual_causes=(
+            "offset of another reflector given to the instrument",
+            "zero of its distance meter",
+            "instrument that stands elsewhere than assumed",
         ),
     )
 

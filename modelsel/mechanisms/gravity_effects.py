@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from .._typing import Array
-from ..robot.gravity import ArmPair, find_arm_pair, find_gravity_joints
+from ..robot.gravity import ArmPair, find_arm_pair, loads_base
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .causes import Cause, Named, Number, cos, q, shifted, sign
@@ -168,7 +168,7 @@ def _base_moment(axis: int) -> Cause:
 
 def base_tilt(robot: Robot) -> Mechanism | None:
     """The foundation yields to the arm's moment about the two horizontal axes of frame 0."""
-    if not find_gravity_joints(robot):
+    if not loads_base(robot):
         return None
     terms = []
     for axis in _list_level_axes(robot):
@@ -189,8 +189,8 @@ def base_tilt(robot: Robot) -> Mechanism | None:
 
 def list_edges(robot: Robot) -> tuple[float, ...]:
     """List the directions [degrees] of a base's edges that rocking is scanned over; none where
-    gravity loads no joint."""
-    return EDGES if find_gravity_joints(robot) else ()
+    the weight does not tip it."""
+    return EDGES if loads_base(robot) else ()
 
 
 def base_rocking(robot: Robot, degrees: float) -> Mechanism:

@@ -12,7 +12,7 @@ from functools import partial
 
 from ..exceptions import StudyError, one_line, suggest
 from ..measurements.reference_temperature import REFERENCE
-from ..robot.gravity import find_gravity_joints
+from ..robot.gravity import find_bearing_joints
 from ..robot.kinematics import Robot
 from . import compliance, drives, environment, geometry, gravity_effects, motors
 from .terms import Mechanism, unstorable
@@ -69,11 +69,13 @@ BUILTIN: Registry = {
     "encoder-eccentricity": PerJoint(drives.encoder_eccentricity, drives.revolute_joints),
     "encoder-scale": PerJoint(drives.encoder_scale, drives.all_joints),
     "gear-ripple": Scanned(drives.gear_ripple, drives.list_waves, drives.revolute_joints),
-    "axis-wobble": Scanned(drives.axis_wobble, lambda robot, joint: (1, 2), drives.revolute_joints),
+    "axis-wobble": Scanned(
+        drives.axis_wobble, lambda robot, joint: (1, 2, 3), drives.revolute_joints
+    ),
     "joint-compliance": Scanned(
         compliance.joint_compliance, compliance.mass_choices, motors.find_payload_motors
     ),
-    "lateral-compliance": PerJoint(compliance.lateral_compliance, find_gravity_joints),
+    "lateral-compliance": PerJoint(compliance.lateral_compliance, find_bearing_joints),
     "link-bending": Scanned(
         compliance.link_bending, compliance.mass_choices_beyond, compliance.find_bending_links
     ),
@@ -81,6 +83,9 @@ BUILTIN: Registry = {
     "payload-tilt": gravity_effects.payload_tilt,
     "counterbalance": compliance.counterbalance,
     "tool-droop": compliance.tool_droop,
+    "tool-stretch": compliance.tool_stretch,
+    "tool-play": compliance.tool_play,
+    "payload-droop": compliance.payload_droop,
     "approach-backlash": PerJoint(drives.approach_backlash, drives.all_joints),
     "overshoot": PerJoint(drives.overshoot, drives.all_joints),
     "settle": PerJoint(drives.settling, drives.all_joints),
@@ -99,6 +104,7 @@ BUILTIN: Registry = {
         range=(0.0, 1.0),
     ),
     "tracker-scale": environment.tracker_scale,
+    "tracker-range": environment.tracker_range,
     "tracker-axes": environment.tracker_axes,
     "refraction": environment.refraction,
 }

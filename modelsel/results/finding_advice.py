@@ -21,6 +21,7 @@ SET_UP = (
     "tracker-step",
     "tracker-scale",
     "tracker-axes",
+    "tracker-range",
     "refraction",
     "target-step",
 )
@@ -94,6 +95,12 @@ BY_STEM = {
     "payload-deflection": _LOAD,
     "payload-tilt": _LOAD,
     "tool-droop": _LOAD,
+    "tool-stretch": _LOAD,
+    "payload-droop": _LOAD,
+    "tool-play": (
+        ADJUST,
+        "take up the play of the tool along the flange's axis, and measure again",
+    ),
     "counterbalance": (ADJUST, "the balance of the arm where it can be set, else model it"),
     "base-tilt": (ADJUST, "make what the base stands on firmer where it can be, else model it"),
     "base-rocking": (ADJUST, "hold the base fast on what it stands on, and measure again"),
@@ -116,6 +123,7 @@ BY_STEM = {
     "tracker-step": _INSTRUMENT,
     "tracker-scale": _INSTRUMENT,
     "tracker-axes": _INSTRUMENT,
+    "tracker-range": _INSTRUMENT,
     "refraction": _INSTRUMENT,
 }
 _FAULT = (MEASURE, "the rows that it concerns again, or correct them in the file")

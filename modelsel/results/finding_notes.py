@@ -16,6 +16,7 @@ from ..diagnosis.stated_probability import format_chance
 from ..exceptions import sentence_list
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
+from ..measurements.state_names import FROM_INSTRUMENT
 from ..notices import Note
 from ..selection.evaluation import Evaluation, Split, compare_held_out, find_far_held_out
 from .finding_records import Finding
@@ -24,9 +25,6 @@ from .finding_records import Finding
 MIN_SURPRISE = 1.25
 # how rarely so by chance, to be said
 MAX_SURPRISE_P = 1e-3
-
-
-RANGE = "range_mm"
 
 
 def uneven_noise_notes(diagnosis: Diagnosis) -> tuple[Note, ...]:
@@ -116,15 +114,20 @@ def partial_map_notes(problem: Problem) -> tuple[Note, ...]:
 
 
 def instrument_notes(problem: Problem, diagnosis: Diagnosis) -> tuple[Note, ...]:
-    """Say where the instrument is taken to stand, where a finding depends on the distance from it
-    and that is within the arm's own reach."""
-    named = [e.candidate.label for e in diagnosis.effects if RANGE in e.candidate.mechanism.names()]
+    """Say where the instrument is taken to stand, where a finding depends on that and it is within the
+    arm's own reach."""
+    named = []
+    for effect in diagnosis.effects:
+        candidate = effect.candidate
+        drivers = candidate.mechanism.names()
+        if FROM_INSTRUMENT & drivers:
+            named.append(candidate.label)
     _, places = problem.placement
     distance = float(np.linalg.norm(places - np.array(problem.tracker), axis=1).min())
     if not named or distance > problem.robot.reach:
         return ()
     sentence = (
-        f"by {sentence_list(named)} the positions err with the distance from the instrument, which "
+        f"by {sentence_list(named)} the positions err as the beam of the instrument goes, which "
         f"is taken to stand {format_length(distance)} from the robot's base, within the arm's "
         "reach. If it stands elsewhere, because the positions are in the robot's own frame, say so "
         "by tracker_mm under [noise]."

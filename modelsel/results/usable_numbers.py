@@ -330,6 +330,25 @@ def _measure_axes(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
             yield express(f"{axes[0]} and {axes[1]} off a right angle", angle, "arcsec")
 
 
+def _measure_range(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    yield express("every distance too long by", fitted.range_of(np.ones(1)), "mm")
+
+
+def _measure_stretch(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    yield express("shift of an upright flange axis", fitted.range_of(np.ones(1)), "mm")
+
+
+def _measure_tool_play(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    half = fitted.range_of(np.ones(1))
+    yield express("play along the flange axis", half.scale(2.0), "mm")
+
+
+def _measure_load(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    words = ("droop of a level flange axis by 1 kg", "shift of an upright one by 1 kg")
+    for what, own in zip(words, np.eye(len(words)), strict=True):
+        yield express(what, fitted.range_of(own), "mm")
+
+
 def _measure_droop(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     yield express("droop of a level flange axis", fitted.range_of(np.ones(1)), "mm")
 
@@ -367,4 +386,8 @@ MEASURES: Mapping[str, Measure] = {
     "tracker-scale": _measure_scale,
     "tracker-axes": _measure_axes,
     "tool-droop": _measure_droop,
+    "tool-stretch": _measure_stretch,
+    "tool-play": _measure_tool_play,
+    "payload-droop": _measure_load,
+    "tracker-range": _measure_range,
 }

@@ -162,6 +162,31 @@ def find_payload_joints(robot: Robot) -> tuple[int, ...]:
     return _list_loaded(robot, torques)
 
 
+def loads_base(robot: Robot) -> bool:
+    """Whether the moment of the arm's weight on its base changes with the configuration; not where
+    gravity is not known."""
+    if robot.gravity is None:
+        return False
+    q, at = _draw_sample(robot)
+    moments = compute_base_moment(robot, at, q)
+    spread = np.ptp(moments, axis=1)
+    largest = spread.max()
+    return bool(largest > NEGLIGIBLE_LEVER * G)
+
+
+def find_bearing_joints(robot: Robot) -> tuple[int, ...]:
+    """Find the revolute joints (1-based) whose bearings a weight loads across their axes: those that it
+    turns, too; where it turns none, as in a SCARA arm, all those of which the moment across changes."""
+    loaded = find_gravity_joints(robot)
+    if loaded or robot.gravity is None:
+        return loaded
+    q, at = _draw_sample(robot)
+    moments = compute_joint_moments(robot, at, q)
+    about_x = _list_loaded(robot, moments[:, 0])
+    about_y = _list_loaded(robot, moments[:, 1])
+    return tuple(sorted({*about_x, *about_y}))
+
+
 def _list_loaded(robot: Robot, torques: Array) -> tuple[int, ...]:
     """List the revolute joints (1-based) whose torques (n, m) change."""
     spread = np.ptp(torques, axis=1)

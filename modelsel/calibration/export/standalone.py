@@ -88,6 +88,21 @@ def measure_reach(data: Data, x: Array) -> Array:
     return np.asarray(reach)
 
 
+def name_axes(template: str, vectors: Array) -> dict[str, Array]:
+    """Return the components of vectors (m, 3) by their names."""
+    return {template.format(axis): values for axis, values in zip("xyz", vectors.T, strict=True)}
+
+
+def derive_beam(data: Data, x: Array) -> dict[str, Array]:
+    """Derive how far targets (m, 3) are from the tracker, and in which direction of frame 0."""
+    P = np.array(data["placement"])
+    tracker = np.array(data["tracker"])
+    far = x @ P[:, :3].T + P[:, 3] - tracker
+    length = np.linalg.norm(far, axis=1)
+    beam = far @ P[:, :3] / length[:, None]
+    return {"range_mm": length, **name_axes("beam_{}", beam)}
+
+
 def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     """Derive what follows from the readings on the nominal arm: torques and moments [N m] of
     gravity, where the target is [mm]."""
@@ -95,12 +110,8 @@ def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     prismatic = data["prismatic"]
     o, R = walk_chain(data, q, tool, np.zeros((n + 1, 6, m)))
     x = o[n]
-    P = np.array(data["placement"])
-    tracker = np.array(data["tracker"])
-    far = x @ P[:, :3].T + P[:, 3] - tracker
     out = {f"q{j + 1}": q[:, j] for j in range(n)}
-    out |= dict(zip(("x_mm", "y_mm", "z_mm"), x.T, strict=True))
-    out["range_mm"] = np.linalg.norm(far, axis=1)
+    out |= name_axes("{}_mm", x) | derive_beam(data, x)
     out["reach_mm"] = measure_reach(data, x)
     if data["gravity"] is None:
         return out
@@ -118,9 +129,9 @@ def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
             com = np.array(data["coms"][k])
             bodies.append((data["masses"][k], o[k] + slide + moved @ com))
     down = R[n].transpose(0, 2, 1) @ g
-    out |= dict(zip(("down_x", "down_y", "down_z"), down.T, strict=True))
+    out |= name_axes("down_{}", down)
     whole = sum((np.cross(p / 1e3, mass * G * g) for mass, p in bodies), np.zeros((m, 3)))
-    out |= dict(zip(("moment_x", "moment_y", "moment_z"), whole.T, strict=True))
+    out |= name_axes("moment_{}", whole)
     ends = [*o[:n], x]
     for j in range(n):
 
