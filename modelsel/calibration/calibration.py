@@ -28,6 +28,7 @@ from ..mechanisms.terms import Term
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
 from .assumed_values import add_assumed
+from .estimation_rows import EstimationRows
 from .known_names import LABEL_NAMES, check_groups, check_targets, match_names
 from .refitting import Refits, part_of
 
@@ -72,6 +73,7 @@ class Calibration:
         provenance: versions and digests of what it was made from.
         form: how the study reads its measurements file.
         doubtful: names of the mechanisms with which the held-out error does not fall.
+        estimation_rows: the measurements that it was estimated from, to know them again.
     """
 
     study: str
@@ -95,6 +97,7 @@ class Calibration:
     form: FileForm = field(default_factory=FileForm)
     doubtful: tuple[str, ...] = ()
     held_out_ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    estimation_rows: EstimationRows = field(default_factory=EstimationRows)
 
     @property
     def terms(self) -> tuple[Term, ...]:
@@ -300,6 +303,7 @@ def calibrate(
         ranges=ranges,
         provenance=dict(provenance),
         held_out_ranges={k: both for k, both in all_ranges.items() if both != ranges[k]},
+        estimation_rows=EstimationRows.of(split.training.data.position),
     )
 
 

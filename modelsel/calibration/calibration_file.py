@@ -95,6 +95,9 @@ def calibration_record(c: Calibration) -> dict[str, Any]:
     if c.held_out_ranges:
         beyond = {name: list(pair) for name, pair in c.held_out_ranges.items()}
         record["held_out_ranges"] = beyond
+    if c.estimation_rows.count:
+        rows = c.estimation_rows
+        record["estimation_rows"] = {"count": rows.count, "codes": rows.text}
     form = c.form
     if not form.is_plain:
         columns = dict(form.columns)

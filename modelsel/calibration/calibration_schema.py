@@ -137,6 +137,14 @@ class RefitsRecord(StrictRecord):
     alone: dict[Text, RefitRecord]
 
 
+class EstimationRowsRecord(StrictRecord):
+    """The rows that models were fitted to: how many, and hashes of their positions, 8 bytes each, in
+    base64."""
+
+    count: Annotated[Whole, Field(ge=1)]
+    codes: Annotated[str, Field(max_length=MAX_FILE_BYTES)]
+
+
 class CalibrationRecord(StrictRecord):
     """calibration.json: the nominal robot, its set-up and all fitted screws."""
 
@@ -160,6 +168,7 @@ class CalibrationRecord(StrictRecord):
     file_form: FileFormRecord | None = None
     doubtful: list[Text] = Field(default_factory=list)
     held_out_ranges: dict[Text, Pair] = Field(default_factory=dict)
+    estimation_rows: EstimationRowsRecord | None = None
 
     @model_validator(mode="after")
     def _check_names(self) -> CalibrationRecord:

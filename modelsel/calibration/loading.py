@@ -24,6 +24,7 @@ from ..robot.urdf import read_urdf_text
 from .calibration import Calibration
 from .calibration_file import CALIBRATION_FILE
 from .calibration_schema import SCHEMA_VERSION, CalibrationRecord, NoiseFloorRecord
+from .estimation_rows import EstimationRows
 from .known_names import LABEL_NAMES
 from .refitting import Refits, refits_of
 
@@ -143,10 +144,22 @@ def _restore(record: CalibrationRecord) -> Calibration:
         form=_restore_form(record),
         doubtful=tuple(record.doubtful),
         held_out_ranges={name: (low, high) for name, (low, high) in record.held_out_ranges.items()},
+        estimation_rows=_restore_estimation_rows(record),
     )
     _check_standard_errors(record, calibration.standard_errors)
     _check_screws(record, model)
     return calibration
+
+
+def _restore_estimation_rows(record: CalibrationRecord) -> EstimationRows:
+    """Return the rows that were fitted. Raises ValueError where their codes are no codes."""
+    stored = record.estimation_rows
+    if stored is None:
+        return EstimationRows()
+    try:
+        return EstimationRows.from_text(stored.count, stored.codes)
+    except ValueError:
+        raise ValueError("its estimation_rows.codes: expected numbers in base64") from None
 
 
 def _restore_robot(record: CalibrationRecord) -> Robot:

@@ -263,17 +263,6 @@ def _bind_as_one_group(c: Calibration, data: Measurements) -> Problem:
     return completed.problem(one_group)
 
 
-def describe_same_data(c: Calibration, digest: str) -> list[str]:
-    """Say that the data are those which made the calibration, where they are."""
-    if not digest or c.provenance.get("data_sha256") != digest:
-        return []
-    sentence = (
-        "These are the measurements that made the calibration, so they cannot contradict it: measure new "
-        "configurations to learn whether it still holds."
-    )
-    return [sentence]
-
-
 def describe_verdict(data: Measurements, verdict: Verdict) -> list[str]:
     """Describe the verdict in one sentence, then what belongs to it."""
     sentences = [_summarise_verdict(data, verdict)]

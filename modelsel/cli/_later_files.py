@@ -10,6 +10,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from ..calibration.calibration import Calibration
+    from ..measurements.measurements import Measurements
     from ..measurements.table import DataFile, Table
     from ._join_options import JointLog
 
@@ -18,6 +19,10 @@ OWN_DATA = (
     "these are the measurements that made the calibration: where the target was measured is taken "
     "for where it is wanted. Without their position columns it is wanted where the nominal robot has "
     "it."
+)
+OWN_FILE = (
+    "These are the measurements that made the calibration, so they cannot contradict it: measure new "
+    "configurations to learn whether it still holds."
 )
 
 
@@ -31,10 +36,23 @@ class LaterFiles:
     said: tuple[str, ...]
     sha256: str
 
-    def note_own(self, c: Calibration) -> list[str]:
-        """Note that the measurements which made a calibration are given as targets."""
+    def is_own(self, c: Calibration) -> bool:
+        """Whether the file is, byte for byte, that of the study which made a calibration."""
         own = c.provenance.get("data_sha256")
-        return [OWN_DATA] if self.sha256 == own else []
+        return self.sha256 == own
+
+    def note_own(self, c: Calibration, data: Measurements) -> list[str]:
+        """Note that the measurements which made a calibration are given as targets."""
+        return [OWN_DATA] if self.is_own(c) or count_own(c, data) else []
+
+    def describe_own(self, c: Calibration, own: int, total: int) -> list[str]:
+        """Say that `own` of `total` rows are measurements that made the calibration; where none
+        are known, that the file is theirs."""
+        from ..calibration.estimation_rows import describe_own_rows
+
+        if own:
+            return [describe_own_rows(c.estimation_rows, own, total)]
+        return [OWN_FILE] if self.is_own(c) else []
 
     def matched(self) -> LaterFiles:
         """Return the rows that have a point; those of a log alone are no targets."""
@@ -48,6 +66,13 @@ class LaterFiles:
         rows = np.flatnonzero(lines)
         matched = take_rows(table, rows)
         return replace(self, table=matched)
+
+
+def count_own(c: Calibration, data: Measurements) -> int:
+    """Count the rows that a calibration was estimated from."""
+    from ..calibration.estimation_rows import count_own_rows
+
+    return count_own_rows(c.estimation_rows, data, c.floor.coordinate_mm)
 
 
 def load_later(

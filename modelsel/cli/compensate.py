@@ -127,7 +127,7 @@ def compensate_command(
         commands, data, notes, skipped = found
         figures = commands.figures()
         table = build_commands_table(c, data, commands.q, commands.wanted, figures, carried)
-        notes += later.note_own(c)
+        notes += later.note_own(c, data)
     if commands is None or form == "csv":
         write_frame(table, out, "%.10g")
     else:

@@ -38,17 +38,18 @@ def validate_command(
     readings in two files do with --joints."""
     from ..calibration.command_notes import describe_extrapolation
     from ..calibration.loading import load_calibration
-    from ..calibration.validation import describe_same_data, describe_verdict, judge
+    from ..calibration.validation import describe_verdict, judge
     from ..measurements.reader import read_measurements
     from ..study.new_study import TOLD_NOTES
-    from ._later_files import load_later
+    from ._later_files import count_own, load_later
 
     c = load_calibration(result)
     later = load_later(c, c.form.open(data, sheet, decimal), log, columns)
     measured = read_measurements(later.table, c.robot, later.columns)
     found = judge(c, measured, register)
     said, beyond = describe_verdict(measured, found), describe_extrapolation(c, measured)
-    beyond = [*describe_same_data(c, later.sha256), *beyond]
+    own_rows = count_own(c, measured)
+    beyond = [*later.describe_own(c, own_rows, len(measured)), *beyond]
     warnings = [*found.doubts, *beyond]
     if as_json:
         print_json(
@@ -62,6 +63,7 @@ def validate_command(
                 "expected_rms_mm": found.expected_rms_mm,
                 "orientation_rms_rad": found.turned_rad,
                 "rows": len(measured),
+                "rows_of_estimation": own_rows,
                 "without_pattern": found.patternless,
                 "beyond_noise": [
                     {"row": int(measured.row[k]), "standardised": found.size[k]}
