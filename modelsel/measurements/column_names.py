@@ -172,7 +172,11 @@ def split_name(name: str, unit: str | None) -> tuple[list[str], list[str]]:
     for match in BRACKETS.finditer(name):
         inside.append(match[1])
         bare = bare.replace(match[0], " ")
-    words = [word.lower() for word in WORD_BREAK.split(CAMEL.sub(" ", bare.strip())) if word]
+    words = [
+        word.lower()
+        for word in WORD_BREAK.split(CAMEL.sub(" ", bare.strip().removeprefix("%")))
+        if word
+    ]
     said = [unit.strip("[](){}<> ").lower()] if unit else []
     return words, [*said, *(text.strip().lower() for text in inside)]
 

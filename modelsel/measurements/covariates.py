@@ -12,6 +12,7 @@ from ..exceptions import one_line
 from ..notices import Note
 from .columns import convert_to_numbers, describe_cell, read_numbers
 from .contract_columns import JOINT_COLUMN, KNOWN_COVARIATES, list_contract_names
+from .epoch_times import convert_epoch
 from .observation_columns import KIND_COLUMNS
 from .point_times import find_date_column, read_clock
 from .state_names import is_state_name
@@ -31,6 +32,7 @@ def read_covariates(
 ) -> tuple[dict[str, Array], list[Note]]:
     """Read every other numeric column, and say which columns are ignored, without those `used`,
     which may be causes whatever they look like."""
+    table, converted = convert_epoch(table)
     taken = list_contract_names(prismatic) - {*KNOWN_COVARIATES}
     if not has_kinds:
         taken -= set(KIND_COLUMNS)
@@ -60,7 +62,8 @@ def read_covariates(
     date = find_date_column(table, "time_s") if "time_s" in table else None
     silent = {*used, date}
     ignored = [[name for name in names if name not in silent] for names in (textual, unusable)]
-    return covariates, [*describe_uncausal(uncausal), *_describe_ignored(table, *ignored)]
+    notes = [*converted, *describe_uncausal(uncausal), *_describe_ignored(table, *ignored)]
+    return covariates, notes
 
 
 def _can_be_cause(name: str) -> bool:

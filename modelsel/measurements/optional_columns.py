@@ -18,6 +18,7 @@ from .column_names import (
 )
 from .columns import convert_to_numbers, find_blank_cells
 from .contract_columns import UNCERTAINTY_COLUMNS
+from .epoch_times import scale_epoch
 from .other_units import CELSIUS, SECONDS, find_said_unit, write_unit
 from .point_times import DATE_WORDS, MIN_EPOCH, find_date_column, holds_epoch, read_clock
 from .point_times import TIME_WORDS as CLOCK_WORDS
@@ -148,7 +149,7 @@ def _find_celsius(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]
 
 
 def _find_time(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:
-    """Find columns of seconds, or another unit of time, that never go back; without a unit, seconds
+    """Find columns of seconds, or another unit of time, that never go back; without a unit, times
     since 1970."""
     found = _find_number(table, names, TIME_WORDS, "s")
     bare = [name for name in names if name.unit is None]
@@ -202,9 +203,10 @@ def _describe(table: Table, parsed: ColumnName) -> str:
         return f"{len(different)} different"
     said = list_units(name, table.units.get(name)) if parsed.unit == "" else []
     size, _ = SECONDS.get(said[0] if said else "", (1.0, 0.0))
-    first = values.min() * size
+    times = scale_epoch(values * size)
+    first = times.min()
     if parsed.words & CLOCK_WORDS and first > MIN_EPOCH:
-        return f"0 to {values.max() * size - first:.0f} s from the first row on"
+        return f"0 to {times.max() - first:.0f} s from the first row on"
     unit = "".join(f" {write_unit(word)}" for word in said[:1])
     low = values.min()
     high = values.max()

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .._typing import Array
 from .column_names import parse_column_name
 from .columns import convert_to_numbers, find_blank_cells
+from .epoch_times import holds_small_epoch, scale_epoch
 from .table import Table
 
 TIME_WORDS = frozenset[str]().union(
@@ -22,7 +23,7 @@ TIME_WORDS = frozenset[str]().union(
 DATE_WORDS = frozenset(("date", "datum", "day"))
 # seconds since 1970 from which a number is a time of the calendar
 MIN_EPOCH = 1e8
-# from here on it is in milliseconds, or in a smaller unit
+# from here on it is in milliseconds, or in a smaller unit (`epoch_times`)
 MAX_EPOCH = 1e11
 CLOCK = re.compile(r"\b\d{1,2}:\d{2}")
 DATE = re.compile(r"\d+[-./]\d+[-./]\d+")
@@ -56,8 +57,9 @@ def find_times(table: Table) -> Times | None:
         if np.isfinite(values).all():
             is_seconds = name in named and parsed[name].unit in (None, "s")
             if is_seconds:
-                is_epoch = bool(values.min() > MIN_EPOCH)
-                return Times(values, name, is_epoch, is_epoch)
+                seconds = scale_epoch(values)
+                is_epoch = bool(seconds.min() > MIN_EPOCH)
+                return Times(seconds, name, is_epoch, is_epoch)
             continue
         texts = _join_texts(table, dates[:1], name)
         seconds = _parse_texts(texts)
@@ -81,7 +83,9 @@ def find_common_seconds(points: Table, log: Table) -> Array | None:
 
 
 def holds_epoch(cells: NDArray[Any]) -> bool:
-    """Whether all cells are seconds since 1970."""
+    """Whether all cells are times since 1970, in seconds or a smaller unit."""
+    if holds_small_epoch(cells):
+        return True
     values = convert_to_numbers(cells)
     if not len(values):
         return False
