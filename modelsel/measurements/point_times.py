@@ -57,9 +57,9 @@ def find_times(table: Table) -> Times | None:
         if np.isfinite(values).all():
             is_seconds = name in named and parsed[name].unit in (None, "s")
             if is_seconds:
-                seconds = scale_epoch(values)
-                is_epoch = bool(seconds.min() > MIN_EPOCH)
-                return Times(seconds, name, is_epoch, is_epoch)
+                times = scale_epoch(values)
+                is_epoch = bool(times.min() > MIN_EPOCH)
+                return Times(times, name, is_epoch, is_epoch)
             continue
         texts = _join_texts(table, dates[:1], name)
         seconds = _parse_texts(texts)

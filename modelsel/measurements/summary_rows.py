@@ -1,4 +1,5 @@
-"""Rows at the end of a table that sum up the others: their mean, standard deviation, least, most."""
+"""Rows at the end of a table, or between the others, that sum these up: their mean, standard
+deviation, least, most."""
 
 from __future__ import annotations
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exceptions import one_line
+from .group_summaries import MAX_SUMMARY_ROWS, find_group_summaries
 from .number_format import is_number
 from .table_layout import is_blank_row
 from .text_table import Grid
@@ -35,28 +37,38 @@ SUMMARY_WORDS = frozenset[str]().union(
     ("sum", "summe", "total", "somme", "suma", "count", "anzahl"),
 )
 NO_LETTER = re.compile(r"[\W_]+")
-# a longer block at the end is no summary
-MAX_SUMMARY_ROWS = 12
 
 
 def drop_summary_rows(grid: Grid) -> Grid:
-    """Leave out the rows at the end that sum up the others, and say so."""
+    """Leave out the rows that sum up the others, and say so."""
+    found = find_group_summaries(grid.columns)
+    rows = list(found)
+    is_last = bool(rows) and rows[0] + len(rows) == len(grid.columns[0])
+    summed = "the others" if is_last else "the rows above them"
+    grid = _drop_rows(grid, rows, list(found.values()), summed)
     labels = _find_summaries(grid.columns)
-    if not labels:
+    count = len(grid.columns[0]) if labels else 0
+    last = list(range(count - len(labels), count))
+    return _drop_rows(grid, last, labels, "the others")
+
+
+def _drop_rows(grid: Grid, rows: Sequence[int], labels: Sequence[str], summed: str) -> Grid:
+    """Leave out some rows, which sum up others; where there are none, nothing is said."""
+    if not rows:
         return grid
-    every = np.arange(len(grid.columns[0]))
-    first = len(every) - len(labels)
-    where = grid.where
-    listed = where.spans(every[first:])
-    is_one = len(labels) == 1
+    listed = grid.where.spans(np.array(rows, np.intp))
+    is_one = len(rows) == 1
     verb = "sums" if is_one else "sum"
     left = "is" if is_one else "are"
-    quoted = ", ".join(f'"{one_line(label)}"' for label in labels)
-    sentence = f"{listed} {verb} up the others and {left} left out ({quoted})"
-    said = [*grid.said, sentence]
-    columns = [cells[:first] for cells in grid.columns]
-    kept = where.take(every[:first])
-    return replace(grid, columns=columns, where=kept, said=said)
+    distinct = list(dict.fromkeys(map(one_line, labels)))
+    quoted = ", ".join(f'"{label}"' for label in distinct[:MAX_SUMMARY_ROWS])
+    more = " …" if len(distinct) > MAX_SUMMARY_ROWS else ""
+    sentence = f"{listed} {verb} up {summed} and {left} left out ({quoted}{more})"
+    every = np.arange(len(grid.columns[0]))
+    kept = np.setdiff1d(every, rows)
+    columns = [cells[kept] for cells in grid.columns]
+    where = grid.where.take(kept)
+    return replace(grid, columns=columns, where=where, said=[*grid.said, sentence])
 
 
 def _find_summaries(columns: Sequence[NDArray[Any]]) -> list[str]:

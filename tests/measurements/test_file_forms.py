@@ -8,6 +8,7 @@ from pathlib import Path
 from xml.sax.saxutils import escape
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from modelsel.config.study_file import find_source, parse_study
@@ -556,6 +557,38 @@ def test_rows_that_sum_up_the_others_are_left_out_and_said(tmp_path) -> None:
     data = read(tmp_path / "m.xlsx")
     assert len(data) == ROWS
     assert 'row 11 sums up the others and is left out ("Mittelwert")' in data.notes[0].sentence
+
+
+@pytest.mark.parametrize("suffix", ["csv", "xlsx"])
+def test_rows_between_groups_that_sum_these_up_are_left_out_and_said(suffix, tmp_path) -> None:
+    """With words of their own in every group, and rounded."""
+    rows = pd.DataFrame(numbers(), columns=NAMES[1:])
+    parts = []
+    for day in range(2):
+        part = rows.iloc[4 * day : 4 * day + 4]
+        means, most = part.mean().round(3), part.max().round(3)
+        means, most = means.astype(object), most.astype(object)
+        means["Pose"], most["Pose"] = f"Mean, day {day}", "max."
+        parts += [part.assign(Pose=f"P{day}"), pd.DataFrame([means, most])]
+    table = pd.concat(parts)[["Pose", *NAMES[1:]]]
+    path = tmp_path / f"m.{suffix}"
+    if suffix == "csv":
+        table.to_csv(path, sep=";", decimal=",", index=False)
+    else:
+        table.to_excel(path, index=False)
+    data = read(path)
+    np.testing.assert_allclose(data.position[:, 0], rows["x_mm"][: len(data)])
+    said = data.notes[0].sentence
+    places = "6 to 7, 12 to 13 sum up the rows above them and are left out"
+    assert f'{places} ("Mean, day 0", "max.", "Mean, day 1")' in said
+
+
+def test_a_point_called_mean_that_is_none_is_a_measurement(tmp_path) -> None:
+    rows = [[f"P{k}", *map(str, row)] for k, row in enumerate(numbers())]
+    rows[3][0], rows[5][0] = "mean", "max"
+    path = tmp_path / "m.csv"
+    path.write_text("\n".join(map(",".join, [["Point", *NAMES[1:]], *rows])))
+    assert len(read(path)) == ROWS
 
 
 @pytest.mark.parametrize("names", [("Anna", "Max"), ("Max", "Max"), ("Max", "Anna")])
