@@ -59,8 +59,9 @@ class EstimationRows:
     def from_text(cls, count: int, text: str) -> EstimationRows:
         """Read the codes of a file. Raises ValueError."""
         stored = base64.b64decode(text, validate=True)
-        codes = np.frombuffer(stored, STORED_TYPE)
-        return cls(count, codes.astype(np.uint64))
+        numbers = np.frombuffer(stored, STORED_TYPE)
+        codes = numbers.astype(np.uint64)
+        return cls(count, codes)
 
     @property
     def text(self) -> str:

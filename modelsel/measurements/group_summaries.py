@@ -49,17 +49,28 @@ def find_group_summaries(columns: Columns) -> dict[int, str]:
     found = dict[int, str]()
     if not labels:
         return found
-    numbers = np.array([[_read_cell(cell) for cell in column.tolist()] for column in columns])
+    numbers = _read_numbers(columns)
     end = 0
     for run in _split_runs(labels):
         first = run[0]
         above = numbers[:, end:first]
         end = run[-1] + 1
-        if len(run) > MAX_SUMMARY_ROWS or above.shape[1] < MIN_SUMMED_ROWS:
+        count = above.shape[1]
+        if len(run) > MAX_SUMMARY_ROWS or count < MIN_SUMMED_ROWS:
             continue
         if any(_sums_up(labels[row], numbers[:, row], above) for row in run):
-            found |= {row: labels[row] for row in run}
+            for row in run.tolist():
+                found[row] = labels[row]
     return found
+
+
+def _read_numbers(columns: Columns) -> Array:
+    """Read the cells of columns as numbers (k, m)."""
+    numbers = []
+    for column in columns:
+        values = [_read_cell(cell) for cell in column.tolist()]
+        numbers.append(values)
+    return np.array(numbers)
 
 
 def _read_cell(cell: Any) -> float:
@@ -125,9 +136,11 @@ def _list_statistics(label: str) -> list[Statistic]:
 
 def _split_runs(labels: Mapping[int, str]) -> list[Index]:
     """Split labelled rows into those that follow one another."""
-    rows = np.array(list(labels), np.intp)
+    numbers = list(labels)
+    rows = np.array(numbers, np.intp)
     steps = np.diff(rows)
-    breaks = np.flatnonzero(steps > 1)
+    is_break = steps > 1
+    breaks = np.flatnonzero(is_break)
     return np.split(rows, breaks + 1)
 
 
@@ -142,11 +155,13 @@ def _sums_up(label: str, row: Array, above: Array) -> bool:
     values = row[is_judged]
     rows = above[is_judged]
     ranges = np.ptp(rows, axis=1)
+    least = max(MIN_AGREEING, MIN_AGREEING_SHARE * count)
     for statistic in _list_statistics(label):
         expected = np.array([statistic(each) for each in rows])
-        tolerance = RELATIVE_TOLERANCE * (np.abs(expected) + ranges)
-        is_alike = np.abs(values - expected) <= tolerance
+        size = np.abs(expected) + ranges
+        difference = np.abs(values - expected)
+        is_alike = difference <= RELATIVE_TOLERANCE * size
         agreeing = int(is_alike.sum())
-        if agreeing >= max(MIN_AGREEING, MIN_AGREEING_SHARE * count):
+        if agreeing >= least:
             return True
     return False

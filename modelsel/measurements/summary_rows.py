@@ -4,7 +4,7 @@ deviation, least, most."""
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -42,33 +42,40 @@ NO_LETTER = re.compile(r"[\W_]+")
 def drop_summary_rows(grid: Grid) -> Grid:
     """Leave out the rows that sum up the others, and say so."""
     found = find_group_summaries(grid.columns)
-    rows = list(found)
-    is_last = bool(rows) and rows[0] + len(rows) == len(grid.columns[0])
-    summed = "the others" if is_last else "the rows above them"
-    grid = _drop_rows(grid, rows, list(found.values()), summed)
+    if found:
+        grid = _drop_rows(grid, found)
     labels = _find_summaries(grid.columns)
-    count = len(grid.columns[0]) if labels else 0
-    last = list(range(count - len(labels), count))
-    return _drop_rows(grid, last, labels, "the others")
-
-
-def _drop_rows(grid: Grid, rows: Sequence[int], labels: Sequence[str], summed: str) -> Grid:
-    """Leave out some rows, which sum up others; where there are none, nothing is said."""
-    if not rows:
+    if not labels:
         return grid
-    listed = grid.where.spans(np.array(rows, np.intp))
+    count = len(grid.columns[0])
+    first = count - len(labels)
+    last = dict(enumerate(labels, first))
+    return _drop_rows(grid, last)
+
+
+def _drop_rows(grid: Grid, labels: Mapping[int, str]) -> Grid:
+    """Leave out the rows with these labels, which sum up the others, or those above them."""
+    count = len(grid.columns[0])
+    every = np.arange(count)
+    rows = np.array(list(labels), np.intp)
+    listed = grid.where.spans(rows)
+    is_last = rows[0] + len(rows) == count
+    summed = "the others" if is_last else "the rows above them"
     is_one = len(rows) == 1
     verb = "sums" if is_one else "sum"
     left = "is" if is_one else "are"
-    distinct = list(dict.fromkeys(map(one_line, labels)))
-    quoted = ", ".join(f'"{label}"' for label in distinct[:MAX_SUMMARY_ROWS])
-    more = " …" if len(distinct) > MAX_SUMMARY_ROWS else ""
-    sentence = f"{listed} {verb} up {summed} and {left} left out ({quoted}{more})"
-    every = np.arange(len(grid.columns[0]))
+    different = dict.fromkeys(labels.values())
+    quoted = [f'"{one_line(label)}"' for label in different]
+    shown = ", ".join(quoted[:MAX_SUMMARY_ROWS])
+    more = ""
+    if len(quoted) > MAX_SUMMARY_ROWS:
+        more = " …"
+    sentence = f"{listed} {verb} up {summed} and {left} left out ({shown}{more})"
+    said = [*grid.said, sentence]
     kept = np.setdiff1d(every, rows)
     columns = [cells[kept] for cells in grid.columns]
     where = grid.where.take(kept)
-    return replace(grid, columns=columns, where=where, said=[*grid.said, sentence])
+    return replace(grid, columns=columns, where=where, said=said)
 
 
 def _find_summaries(columns: Sequence[NDArray[Any]]) -> list[str]:

@@ -131,6 +131,11 @@ def _describe_gain(nominal: Evaluation, chosen: Evaluation, gain: Gain, noise: s
             "Nothing is held out: on the configurations that made the model its position error goes from "
             f"{write_rounded(before)} to {write_rounded(after)} mm rms, which flatters it; {noise}."
         )
+    if write_rounded(before) == write_rounded(after):
+        return (
+            f"On held-out configurations the position error stays at {write_rounded(after)} mm rms; "
+            f"{noise}."
+        )
     verb = _change_verb(before, after)
     interval = describe_interval(gain.interval_mm)
     return (

@@ -38,6 +38,7 @@ from ..setup.measured_orientations import describe_orientation_mistake
 from ..setup.mistakes import describe_setup_mistake
 from ..setup.other_robots import describe_other_robot, describe_shifted_rows
 from ..setup.target_labels import find_swapped_labels
+from ..setup.target_places import describe_wrong_targets
 
 Register = bool | Literal["per group"]  # as [robot] register in a study
 
@@ -68,6 +69,10 @@ def check_setup(
     they were found from the rows.
     """
     every_row = np.ones(len(problem), bool)
+    misplaced = describe_wrong_targets(problem.data)
+    if misplaced is not None:
+        # whatever else seems to explain such positions makes up for it
+        return (Note("targets-mistaken", misplaced),)
     # asked first: links that are another robot's are no mistake in this one's
     other = describe_other_robot(problem, use, load_builtin_robots)
     swapped = find_swapped_labels(problem, every_row, registered, per_group)

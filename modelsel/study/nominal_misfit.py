@@ -12,6 +12,7 @@ from ..measurements.row_order import choose_standstill
 from ..robot.kinematics import Robot
 from ..setup.other_robots import MIN_CONFIGURATIONS, compute_registered_misfit, sample_positions
 from ..setup.registration import register
+from ..setup.target_places import describe_wrong_targets
 from .checks import check_setup
 
 # the nominal arm fits to this share of its reach, where robot and columns are right
@@ -34,7 +35,11 @@ def measure_misfit(robot: Robot, data: Measurements) -> float | None:
 
 
 def describe_misfit(robot: Robot, data: Measurements) -> list[str]:
-    """Say how well the nominal arm fits measurements, or why it is not tried."""
+    """Say how well the nominal arm fits measurements, or why it is not tried; of a target that is no
+    place on the flange, that alone."""
+    misplaced = describe_wrong_targets(data)
+    if misplaced is not None:
+        return [misplaced]
     misfit = measure_misfit(robot, data)
     if misfit is None or not np.isfinite(misfit):
         return [_say_why_untried(data)]
