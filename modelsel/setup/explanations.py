@@ -127,14 +127,14 @@ def move_tool(problem: Problem) -> Explanation:
     targets = len(problem.tools)
     moved = replace(problem, tools=np.tile(offset, (targets, 1)))
     target = "the target"
+    look = "check tool_mm in the study"
     if targets > 1:
         first = problem.data.target[0]
         target = f"target {problem.data.targets[first]}"
+        look = "give its place in the study, under [robot.tools_mm]"
     x, y, z = offset
     mistake = replace(
-        NOTHING,
-        words=f"{target} sits at {x:.1f}, {y:.1f}, {z:.1f} mm on the flange",
-        look="check tool_mm in the study",
+        NOTHING, words=f"{target} sits at {x:z.1f}, {y:z.1f}, {z:z.1f} mm on the flange", look=look
     )
     left = compute_explained(moved)
     return Explanation(mistake, left)

@@ -34,7 +34,7 @@ from .explanations import (
 from .joint_offsets import fit_each_link, fit_each_zero, fit_several
 from .linear_scores import score_linearly
 from .offset_arms import Arm
-from .other_robots import describe_improvement, sample_positions
+from .other_robots import describe_improvement, sample_positions, select_most_frequent
 from .simple_mistakes import (
     NOTHING,
     REGISTER,
@@ -86,6 +86,31 @@ def describe_setup_mistake(
         return None
     found = _explain_registered(sample, before, links)
     return _describe(before, found) if found else None
+
+
+def describe_moved_targets(problem: Problem, use: Mask) -> str | None:
+    """Describe the targets that sit elsewhere on the flange than the study states, by the rows `use`
+    (mask), but for the most frequent one, by which the set-up is checked; None where there are
+    none."""
+    target = problem.data.target
+    checked = select_most_frequent(problem, use)
+    measured = np.unique(target[use])
+    others = np.setdiff1d(measured, target[checked])
+    least = BAD_SHARE * problem.reach_mm
+    sentences = []
+    for number in others.tolist():
+        is_of_target = target == number
+        sample = sample_positions(problem, use & is_of_target)
+        if sample is None:
+            continue
+        before = compute_left(sample)
+        moved = move_tool(sample)
+        limit = before / MIN_IMPROVEMENT
+        if before < least or moved.left > limit:
+            continue
+        sentence = _describe(before, [moved])
+        sentences.append(sentence)
+    return " ".join(sentences) or None
 
 
 def _describe_stated(sample: Problem, least: float, links: bool) -> str | None:

@@ -35,7 +35,7 @@ from ..robot.files import builtin_names, load_robot
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Evaluation, Split, measure_orientation
 from ..setup.measured_orientations import describe_orientation_mistake
-from ..setup.mistakes import describe_setup_mistake
+from ..setup.mistakes import describe_moved_targets, describe_setup_mistake
 from ..setup.other_robots import describe_other_robot, describe_shifted_rows
 from ..setup.target_labels import find_swapped_labels
 from ..setup.target_places import describe_wrong_targets
@@ -76,11 +76,13 @@ def check_setup(
     # asked first: links that are another robot's are no mistake in this one's
     other = describe_other_robot(problem, use, load_builtin_robots)
     swapped = find_swapped_labels(problem, every_row, registered, per_group)
+    mistake = describe_setup_mistake(problem, use, registered, per_group, links=other is None)
+    moved = None
+    if not registered:
+        moved = describe_moved_targets(problem, use)
     sentences = [
-        (
-            SETUP_MISTAKE,
-            describe_setup_mistake(problem, use, registered, per_group, links=other is None),
-        ),
+        (SETUP_MISTAKE, mistake),
+        (SETUP_MISTAKE, moved),
         ("orientation-mistake", describe_orientation_mistake(problem, use, registered)),
         ("labels-swapped", None if swapped is None else swapped.sentence),
         (OTHER_ROBOT, other),

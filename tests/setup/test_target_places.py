@@ -14,6 +14,7 @@ from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import Measurements, build_measurements
 from modelsel.robot.files import load_robot
 from modelsel.setup.target_places import describe_wrong_targets
+from modelsel.study.checks import check_setup
 from modelsel.study.nominal_misfit import describe_misfit
 
 ROBOT = load_robot("ur10")
@@ -81,3 +82,26 @@ def test_the_verdict_of_targets_without_names_says_so(rng) -> None:
     assert "targets-mistaken" in [warning.code for warning in record.warnings]
     assert "the position error stays at" in record.verdict[1]
     assert "what the warnings say about the targets" in record.verdict[0]
+
+
+@pytest.mark.parametrize(
+    ("stated", "wrong"),
+    [
+        (TARGETS, []),
+        ([[0, 0, 120], [0, 0, 120]], ["B"]),
+        ([[0, 90, 120], [640, 90, 180]], ["A", "B"]),
+    ],
+)
+def test_targets_that_are_stated_elsewhere_are_told(stated, wrong, rng) -> None:
+    """Also the second, by which frame and robot are not checked."""
+    data = measure(rng, ["A", "B"])
+    problem = Problem(ROBOT, data, np.array(stated, float))
+    notes = check_setup(problem, np.ones(len(data), bool), registered=False, per_group=False)
+    places = {
+        "A": "target A sits at 0.0, 0.0, 120.0 mm",
+        "B": "target B sits at 640.0, 40.0, 180.0",
+    }
+    assert [note.code for note in notes] == ["setup-mistake"] * len(wrong)
+    for note, name in zip(notes, wrong, strict=True):
+        assert places[name] in note.sentence
+        assert "under [robot.tools_mm]" in note.sentence
