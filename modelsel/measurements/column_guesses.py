@@ -55,6 +55,11 @@ class Reading:
         """Say how the columns are read."""
         return f"{self.words} ({self.reason})" if self.reason else self.words
 
+    def write_options(self) -> str:
+        """Write the options of a command that ask for this reading."""
+        pairs = [f"{wanted}={given}" for wanted, given in self.columns.items()]
+        return " ".join(f"--column {shlex.quote(pair)}" for pair in pairs)
+
 
 @dataclass(frozen=True)
 class Choice:

@@ -36,11 +36,14 @@ from .missing_columns import refuse_missing
 from .nominal_misfit import MAX_REACH_SHARE, describe_misfit, measure_misfit
 from .orientation_reading import settle_orientation
 from .other_columns import describe_optional, describe_other_columns, describe_quaternions
+from .position_choice import drop_computed, drop_unreachable, is_only_position
 
 # readings of the columns that are tried on the arm
 MAX_TRIED = 16
 # a reading is the right one where the nominal arm fits so much better than by any other
 MIN_IMPROVEMENT = 4.0
+# share of the reach from which a study refuses positions
+REFUSED_SHARE = 0.25
 # configurations from which a part of them is held out, and how many at most
 MIN_SPLIT = 30
 HELD_OUT_SHARE = 0.4
@@ -112,7 +115,10 @@ class StudyDraft:
             first, *others = choice.readings
             listed = choice_list([other.words for other in others])
             draft = draft.choose(choice.what, first)
-            draft = draft.remark(f"Not sure: {choice.what} may also be {listed}.")
+            draft = draft.remark(
+                f"Not sure: {choice.what} may also be {listed}. To take these: "
+                f"{others[0].write_options()}."
+            )
         return draft
 
     def remark(self, sentence: str) -> StudyDraft:
@@ -164,7 +170,8 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
     table, meanings = offer_meanings(converted.table, prismatic, given.values())
     renamed = rename_columns(table, given)
     joint_names = read_joint_names(robot)
-    choices = guess_columns(renamed, prismatic, joint_names)
+    guessed = guess_columns(renamed, prismatic, joint_names)
+    choices = drop_unreachable(guessed, renamed.columns, robot)
     for choice in choices:
         if not choice.readings:
             raise refuse_missing(as_given, choice, robot)
@@ -249,17 +256,22 @@ def settle_by_arm(draft: StudyDraft) -> StudyDraft:
     if len(combinations) > MAX_TRIED:
         return draft
     misfits = [_try_readings(draft, combination) for combination in combinations]
-    ordered = sorted(misfits)
-    best, second = ordered[:2]
-    is_good = best <= MAX_REACH_SHARE * draft.robot.reach
+    tried = list(zip(combinations, misfits, strict=True))
+    good = MAX_REACH_SHARE * draft.robot.reach
+    measured = drop_computed(draft.choices, tried, draft.table, draft.robot, good)
+    if measured.sentence:
+        left = replace(draft, choices=measured.choices)
+        return settle_by_arm(left.remark(measured.sentence))
+    best, second = sorted(misfits)[:2]
+    is_good = best <= good or best <= REFUSED_SHARE * draft.robot.reach < second
     is_clear = second >= MIN_IMPROVEMENT * best
-    if not (is_good and is_clear):
+    chosen = combinations[misfits.index(best)]
+    if not (is_good and is_clear and is_only_position(chosen, tried, good)):
         return draft
     other = "not at all"
     if np.isfinite(second):
         other = f"to {write_rounded(second)} mm"
     reason = f"the nominal arm then fits to {write_rounded(best)} mm, otherwise {other}"
-    chosen = combinations[misfits.index(best)]
     for choice, reading in zip(draft.choices, chosen, strict=True):
         if not choice.is_doubtful:
             continue
