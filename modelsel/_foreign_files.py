@@ -36,32 +36,84 @@ PROGRAM_REMEDY = (
     "Give a table instead, a row for each point with its name and the joint readings (CSV or a "
     "spreadsheet)."
 )
+# how other formats begin, what they are, and what to do
+PACKED = "Unpack it, and give the table that is in it."
+AS_TABLE = "Export its rows as CSV or a spreadsheet, a row for each measured point, and give that."
+SIGNATURES = {
+    re.compile(r"\s*\[\s*[{\[]"): (
+        "JSON",
+        "Write it as CSV: in Python, pandas.read_json(FILE).to_csv('measurements.csv').",
+    ),
+    re.compile(r'\s*\{\s*"'): (
+        "JSON",
+        "Write it as CSV: in Python, pandas.read_json(FILE, lines=True).to_csv('measurements.csv').",
+    ),
+    re.compile(r"\s*(<!--.*?-->\s*)?<(!doctype\s+html|html|table)\b", re.IGNORECASE | re.DOTALL): (
+        "a page in HTML",
+        "Open it in a spreadsheet program, and save it as a workbook (.xlsx) or CSV.",
+    ),
+    re.compile(r"\x1f\x8b|BZh\d|\xfd7zXZ|7z\xbc\xaf|Rar!|\x28\xb5\x2f\xfd"): (
+        "a packed file",
+        PACKED,
+    ),
+    re.compile(r"#ROSBAG|\x89MCAP"): ("a bag of ROS", AS_TABLE),
+    re.compile(r"SQLite format 3"): ("a database", AS_TABLE),
+    re.compile(r"\x89HDF"): ("a file of HDF5", AS_TABLE),
+    re.compile(r"\x93NUMPY"): ("an array of NumPy", AS_TABLE),
+    re.compile(r"ARROW1"): (
+        "a file of Arrow or Feather",
+        "Write it as Parquet or CSV, and give that.",
+    ),
+}
+ZIP = "PK\x03\x04"  # workbooks begin so, too
+WORKBOOKS = {".xlsx", ".xlsm", ".xlsb", ".ods"}
+BYTE_ORDER_MARK = "ï»¿"
 # characters of a file's beginning that are looked at
 BEGINNING = 2000
 
 
-def _find_program(path: Path) -> str | None:
-    """Return which robot's program a file is by its beginning; None for none. A pipe is not opened,
-    which would wait for somebody to write to it."""
+def _read_beginning(path: Path) -> str:
+    """Read the beginning of a file; empty where it cannot be read. A pipe is not opened, which would
+    wait for somebody to write to it."""
     if not path.is_file():
-        return None
+        return ""
     try:
         with path.open(encoding="latin-1") as file:
             beginning = file.read(BEGINNING)
     except OSError:
-        return None
+        return ""
+    return beginning.removeprefix(BYTE_ORDER_MARK)
+
+
+def _find_program(beginning: str) -> str | None:
+    """Return which robot's program a file is by its beginning; None for none."""
     for pattern, what in PROGRAMS.items():
         if pattern.match(beginning):
             return what
     return None
 
 
+def _find_signature(beginning: str, suffix: str) -> tuple[str, str] | None:
+    """Return (what a file is by its beginning, what to do); None for none of these."""
+    if beginning.startswith(ZIP) and suffix not in WORKBOOKS:
+        return "a packed file", PACKED
+    for pattern, described in SIGNATURES.items():
+        if pattern.match(beginning):
+            return described
+    return None
+
+
 def describe_foreign(path: Path) -> tuple[str, str] | None:
     """Return (what a file of rows is, what to do) where it has a format that is not read, else None."""
     suffix = path.suffix.lower()
-    program = _find_program(path)
+    beginning = _read_beginning(path)
+    program = _find_program(beginning)
     if program is not None:
         return f"this is {program}; programs are not read.", PROGRAM_REMEDY
+    signature = _find_signature(beginning, suffix)
+    if signature is not None:
+        kind, remedy = signature
+        return f"this is {kind}, which is not read.", remedy
     if suffix not in FOREIGN:
         return None
     what = f"this is {FOREIGN[suffix]}, in a format of its own, which is not read."

@@ -43,6 +43,8 @@ LENGTHS = {
 }  # mm
 AXES = ("x", "y", "z")
 BRACKETS = re.compile(r"[\[({<]\s*([^\])}>]*?)\s*[\])}>]")
+# of several values: q[0], q(1)
+COUNTED = re.compile(r"[\[(]\s*(\d{1,2})\s*[\])]")
 WORD_BREAK = re.compile(r"[\s_.,:;|/\\#-]+")
 CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])")
 MEASURED = frozenset[str]().union(
@@ -98,6 +100,8 @@ JOINT_WORDS = frozenset[str]().union(
         "winkel",
         "enc",
         "motor",
+        "position",
+        "positions",
     ),
 )
 # joints that Universal Robots' drivers call by name, from the base on
@@ -111,7 +115,9 @@ NAMED_JOINTS = {
 }
 JOINT_ENDS = ("joint", "axis", "achse")
 # words that are joints' only where no other column is
-WEAK_JOINT_WORDS = frozenset(("a", "t", "th", "angle", "winkel", "motor", "enc"))
+WEAK_JOINT_WORDS = frozenset[str]().union(
+    ("a", "t", "th", "angle", "winkel", "motor", "enc", "position", "positions")
+)
 NUMBERED = re.compile(r"([a-zθ]+?)0*(\d{1,2})")
 
 
@@ -168,8 +174,8 @@ def list_units(name: str, unit: str | None = None) -> list[str]:
 def split_name(name: str, unit: str | None) -> tuple[list[str], list[str]]:
     """Split a name into (its words, what stands in brackets or in the row of units), in small
     letters."""
-    bare, inside = name, []
-    for match in BRACKETS.finditer(name):
+    bare, inside = COUNTED.sub(r" \1 ", name), []
+    for match in BRACKETS.finditer(bare):
         inside.append(match[1])
         bare = bare.replace(match[0], " ")
     words = [

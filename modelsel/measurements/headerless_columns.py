@@ -3,16 +3,19 @@ them: names, then three coordinates or as many readings as the arm has joints.""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from ..exceptions import one_line
 from .columns import convert_to_numbers
 from .point_times import are_clock_times
 from .table import Table, apply_stated_unit
 
 COORDINATES = ("X", "Y", "Z")
+# names that a message shows
+MAX_NAMES = 3
 
 
 def name_columns(table: Table, joints: int) -> Table:
@@ -39,6 +42,7 @@ def list_orders(table: Table, joints: int) -> list[Table]:
     numbers, renamed = _sort_columns(table)
     readings = _number_joints(joints)
     if len(numbers) != joints + len(COORDINATES):
+        _refuse_transposed(table, numbers)
         raise table.where.refuse(
             f"there is no header, and {len(numbers)} columns of numbers are not the readings of "
             f"{joints} joints with X, Y and Z.",
@@ -50,6 +54,18 @@ def list_orders(table: Table, joints: int) -> list[Table]:
         named = _rename(table, renamed | called)
         tables.append(named)
     return tables
+
+
+def _refuse_transposed(table: Table, numbers: Sequence[str]) -> None:
+    """Refuse a table whose rows are what its columns should be. Raises DataError."""
+    first = next(iter(table.columns))
+    if first in numbers or len(table) >= len(numbers):
+        return
+    names = [f'"{one_line(str(cell))}"' for cell in table.columns[first][:MAX_NAMES]]
+    raise table.where.refuse(
+        f"the names stand in the first column ({', '.join(names)} …), and every column is a point.",
+        remedy="Exchange rows and columns: Paste Special, Transpose in a spreadsheet program.",
+    )
 
 
 def is_headerless(table: Table) -> bool:

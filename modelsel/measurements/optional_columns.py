@@ -36,6 +36,8 @@ STANDARD_WORDS = UNCERTAINTY_WORDS - {"u", "u95", "unc", "uncertainty", "unsiche
     "sz",
 }
 MAX_TARGETS = 12
+# seconds by which two clocks of one moment may differ
+SAME_MOMENT = 1.0
 # rows per group, at least
 MIN_GROUP_ROWS = 4
 # °C in which people work
@@ -159,11 +161,29 @@ def _find_time(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:
         if is_called and holds_epoch(cells):
             found.append(name)
     found += _find_converted(table, names, TIME_WORDS, SECONDS)
-    return [
-        name
-        for name in found
-        if (np.diff(convert_to_numbers(table.columns[name.given])) >= 0).all()
-    ]
+    clocks = []
+    for name in found:
+        values = convert_to_numbers(table.columns[name.given])
+        steps = np.diff(values)
+        if (steps >= 0).all():
+            clocks.append(name)
+    return _keep_one_clock(table, clocks)
+
+
+def _keep_one_clock(table: Table, found: list[ColumnName]) -> list[ColumnName]:
+    """Keep the first of several times since 1970 that are one, as of a message and of its receipt."""
+    times = []
+    for name in found:
+        cells = table.columns[name.given]
+        if not holds_epoch(cells):
+            return found
+        values = convert_to_numbers(cells)
+        times.append(scale_epoch(values))
+    for other in times[1:]:
+        difference = np.abs(other - times[0])
+        if difference.max() > SAME_MOMENT:
+            return found
+    return found[:1]
 
 
 def _find_clock(table: Table, names: Sequence[ColumnName]) -> list[ColumnName]:

@@ -64,7 +64,7 @@ def _describe_unnamed(data: Measurements) -> str | None:
     where = data.where.listed(rows)
     return (
         f"Rows with the same joint readings are {write_rounded(middle)} mm apart, the same distance "
-        f"in {count:,} of {total:,} postures ({where}): two targets on the flange were "
+        f"in {count:,} of {total:,} postures ({where}): several targets on the flange were "
         "measured under one name. Give every row the name of its own in a column target."
     )
 

@@ -17,6 +17,8 @@ from ..robot.urdf import read_joint_names
 # columns that a message names
 MAX_SHOWN = 20
 NUMBERED_AXIS = re.compile(r"([xyz])[ _]?(\d{1,2})(?![\w.])", re.IGNORECASE)
+# numbers in one cell
+LIST = re.compile(r"\s*[\[({]\s*[-+.\de]+(\s*[,;\s]\s*[-+.\de]+)+\s*[\])}]\s*", re.IGNORECASE)
 # distance, bearing and elevation, as instruments call them
 SPHERICAL = (
     frozenset(("range", "distance", "dist", "r", "d")),
@@ -30,7 +32,7 @@ def refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
     spoilt = find_spoilt_cell(table, choice, robot.prismatic, read_joint_names(robot))
     if spoilt is not None:
         return spoilt
-    known = _explain_columns(table, choice.what)
+    known = _explain_lists(table) or _explain_columns(table, choice.what)
     if known is not None:
         what, remedy = known
         return table.where.refuse(what, remedy=remedy)
@@ -70,6 +72,23 @@ def _find_unit(name: str) -> str:
     """Find the unit in a contract's name."""
     _, _, unit = name.rpartition("_")
     return unit
+
+
+def _explain_lists(table: Table) -> tuple[str, str] | None:
+    """Say that cells hold several numbers; None where none does."""
+    found = []
+    for name, cells in table.columns.items():
+        first = str(cells[0]) if len(cells) else ""
+        if LIST.fullmatch(first):
+            found.append(f'"{one_line(name)}"')
+    if not found:
+        return None
+    listed = sentence_list(found)
+    words = "the cells of column {} hold" if len(found) == 1 else "the cells of columns {} hold"
+    return (
+        f"{words.format(listed)} several numbers each.",
+        "Give every number a column of its own: q1_deg, …, x_mm, y_mm, z_mm.",
+    )
 
 
 def _explain_columns(table: Table, what: str) -> tuple[str, str] | None:

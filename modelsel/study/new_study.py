@@ -49,9 +49,14 @@ MIN_SPLIT = 30
 HELD_OUT_SHARE = 0.4
 MAX_HELD_OUT = 40
 # what reading does to rows, units and columns; commanded ones are listed here
-TOLD_NOTES = {"missed-rows", "coordinates-equal", "units-converted", *UNCAUSAL} - {
-    "commanded-ignored"
-}
+TOLD_NOTES = {
+    "missed-rows",
+    "duplicate-rows",
+    "copied-rows",
+    "coordinates-equal",
+    "units-converted",
+    *UNCAUSAL,
+} - {"commanded-ignored"}
 
 
 @dataclass(frozen=True)

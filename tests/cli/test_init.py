@@ -881,3 +881,31 @@ def test_a_single_column_in_celsius_is_the_temperature() -> None:
     pd.concat([units, frame]).to_csv("m.csv", index=False)
     ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
     assert '"Luft" as temperature_C (20 to 24)' in ran.stdout
+
+
+@pytest.mark.parametrize(
+    ("frame", "says"),
+    [
+        (
+            pd.DataFrame({"joints": ["[0.1, -1.2, 3e-3]"] * 3, "xyz": ["(1.0, 2.0, 3.0)"] * 3}),
+            'the cells of columns "joints" and "xyz" hold several numbers each',
+        ),
+        (
+            pd.DataFrame({"": ["J1", "J2", "X"], **{str(k): [1.5, 2.5, 3.5] for k in range(20)}}),
+            'the names stand in the first column ("J1", "J2", "X" …)',
+        ),
+    ],
+)
+def test_tables_that_are_laid_out_otherwise_are_told(frame, says) -> None:
+    has_names = "" not in frame
+    frame.to_csv("m.csv", index=False, header=has_names)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 3
+    assert says in ran.stderr
+
+
+def test_rows_that_stand_there_twice_are_told() -> None:
+    frame = campaign()
+    pd.concat([frame, frame.iloc[:2]]).to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert "2 rows repeat an earlier row cell for cell and are counted once." in ran.stdout

@@ -49,6 +49,12 @@ def numbered(form: str, first: int = 1) -> list[str]:
         ("J{} ist", 1),
         ("rax_{}", 1),
         ("theta{}", 1),
+        ("q[{}]", 0),
+        ("q({}) [deg]", 1),
+        ("actual_q[{}]", 0),
+        ("field.position{}", 0),
+        ("joint_states.position[{}]", 0),
+        ("/joint_states/position.{}", 0),
     ],
 )
 def test_joints_by_the_names_of_other_programs(form, first) -> None:

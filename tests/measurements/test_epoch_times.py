@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 from modelsel.cli.main import run_command_line
 from modelsel.measurements.epoch_times import find_epoch_unit
+from modelsel.measurements.optional_columns import guess_optional_columns
 from modelsel.measurements.point_times import find_times
 from modelsel.measurements.reader import read_measurements
 from modelsel.measurements.table import load_table
@@ -43,6 +44,16 @@ def test_init_takes_it_for_the_time(unit: str, name: str, rng, tmp_path) -> None
     assert f'"{name}" as time_s (0 to 36' in ran.output, ran.output
     assert f'time_s = "{name}"' in (tmp_path / "s" / "study.toml").read_text()
     assert not unit or f'Converted: "{name}", {unit} since 1970, to s.' in ran.output
+
+
+def test_of_two_clocks_of_one_moment_the_first_is_taken(rng) -> None:
+    """As ROS writes the time of a message and that of its receipt."""
+    table = tabulate(rng, "%time", 1e9)
+    table["field.header.stamp"] = table["%time"] - 10**6
+    (found,) = guess_optional_columns(load_table(table), [])
+    assert found.columns == {"time_s": "%time"}
+    table["field.header.stamp"] -= 3600 * 10**9
+    assert not guess_optional_columns(load_table(table), [])
 
 
 @pytest.mark.parametrize("unit", SIZES)

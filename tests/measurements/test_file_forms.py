@@ -536,6 +536,39 @@ def test_formats_of_other_programs_are_named_with_what_to_give(tmp_path, name, w
         load_robot(str(file))
 
 
+@pytest.mark.parametrize(
+    ("beginning", "what", "remedy"),
+    [
+        (b'{"q1_deg": 1.0, "q2_deg": 2.0}\n', "JSON", "lines=True"),
+        (
+            b'\xef\xbb\xbf [ {"q1_deg": 1.0}, {"q1_deg": 2.0}]',
+            "JSON",
+            "pandas.read_json(FILE).to_csv",
+        ),
+        (
+            b'<table border="1"><tr><td>q1</td></tr></table>',
+            "a page in HTML",
+            "save it as a workbook",
+        ),
+        (b"<!DOCTYPE html>\n<html>", "a page in HTML", "save it as a workbook"),
+        (b"\x1f\x8b\x08\x00", "a packed file", "Unpack it"),
+        (b"PK\x03\x04\x14", "a packed file", "Unpack it"),
+        (b"#ROSBAG V2.0\n", "a bag of ROS", "Export its rows"),
+        (b"SQLite format 3\x00", "a database", "Export its rows"),
+        (b"\x89HDF\r\n", "a file of HDF5", "Export its rows"),
+    ],
+)
+def test_formats_are_told_by_how_they_begin(beginning, what, remedy, tmp_path) -> None:
+    """Whatever the file is called: workbooks of some programs are pages in HTML."""
+    for name in ("m.csv", "m.xls", "m.json"):
+        file = tmp_path / name
+        file.write_bytes(beginning + b"\x00" * 40)
+        with pytest.raises(DataError) as refused:
+            read(file)
+        assert str(refused.value).startswith(f"{name}: this is {what}, which is not read. ")
+        assert remedy in str(refused.value)
+
+
 def test_rows_that_sum_up_the_others_are_left_out_and_said(tmp_path) -> None:
     """Below the rows, with an empty line before them or not, in a text file and a workbook."""
     from openpyxl import Workbook
