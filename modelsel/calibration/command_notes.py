@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .calibration import Calibration
 
 RANGE_TOLERANCE = 0.01  # of a range: a value further beyond it is noted
+FAR_TOLERANCE = 0.1  # and one so far beyond it tells nothing of what was calibrated
 LIMIT_TOLERANCE = 1e-9  # rad, mm: a command at the limit, as it comes back from degrees
 
 
@@ -46,7 +47,20 @@ def describe_extrapolation(c: Calibration, data: Measurements) -> list[str]:
     ]
 
 
-def _describe_beyond_ranges(c: Calibration, data: Measurements) -> list[str]:
+def count_rows_beyond(c: Calibration, data: Measurements) -> int:
+    """Count the rows of which a value lies far beyond what the calibration has seen."""
+    beyond = np.zeros(len(data), bool)
+    for rows in _find_beyond_ranges(c, data, FAR_TOLERANCE).values():
+        beyond |= rows
+    count = beyond.sum()
+    return int(count)
+
+
+def _find_beyond_ranges(
+    c: Calibration, data: Measurements, tolerance: float
+) -> dict[str, NDArray[np.bool_]]:
+    """Find the rows (m,) beyond the range of each value that the model uses, by more than a share
+    `tolerance` of it."""
     needs = c.needs()
     values = {}
     for j, readings in enumerate(data.q.T, 1):
@@ -55,15 +69,23 @@ def _describe_beyond_ranges(c: Calibration, data: Measurements) -> list[str]:
         if name not in needs:
             continue
         values[name] = data.covariates[name]
-    sentences = []
+    found = {}
     for name, column in values.items():
         if name not in c.ranges:
             continue
         low, high = c.ranges[name]
-        slack = RANGE_TOLERANCE * (high - low)
+        slack = tolerance * (high - low)
         below = column < low - slack
         above = column > high + slack
-        count = int((below | above).sum())
+        found[name] = below | above
+    return found
+
+
+def _describe_beyond_ranges(c: Calibration, data: Measurements) -> list[str]:
+    sentences = []
+    for name, beyond in _find_beyond_ranges(c, data, RANGE_TOLERANCE).items():
+        low, high = c.ranges[name]
+        count = int(beyond.sum())
         if count:
             factor, unit = _reading_unit(c, name)
             known = f"{low * factor:.4g} to {high * factor:.4g}{unit}"

@@ -14,12 +14,14 @@ from .._typing import Array
 
 @dataclass(frozen=True)
 class ResidualTest:
-    """The statistic T = rᵀ V⁻¹ r of whitened residuals, its degrees of freedom, and the sum of squares
-    of the residuals that V makes expected."""
+    """The statistic T = rᵀ V⁻¹ r of whitened residuals and its degrees of freedom; the sum of squares
+    rᵀ r of the residuals, what V makes expected of it, and its variance."""
 
     T: float
     count: int
+    squares: float
     expected: float
+    variance: float
 
     @property
     def factor(self) -> float:
@@ -38,15 +40,31 @@ class ResidualTest:
         ratio = self.T / count
         return compute_ratio_p(count, freedom, ratio)
 
+    def size_p(self, freedom: float) -> float:
+        """Return the probability of a larger rᵀ r under no change, approximately (Satterthwaite
+        1946): errors in the few directions that the parameters leave open are a small part of T."""
+        count = 2 * self.expected**2 / self.variance
+        ratio = self.squares / self.expected
+        if not np.isfinite(freedom):
+            p = compute_chi2_p(count, ratio * count)
+            return float(p)
+        return compute_ratio_p(count, freedom, ratio)
 
-def compute_chi2_p(count: int, value: Any) -> Any:
+    def least_p(self, freedom: float) -> float:
+        """Return the p of both tests: that of T, or of the size where this is far less probable,
+        doubled for the choice."""
+        of_size = 2 * self.size_p(freedom)
+        return min(self.p(freedom), of_size)
+
+
+def compute_chi2_p(count: float, value: Any) -> Any:
     """Compute the probability that a χ² of `count` degrees of freedom goes beyond a value."""
     from scipy.special import chdtrc
 
     return chdtrc(count, value)
 
 
-def compute_ratio_p(count: int, freedom: float, ratio: float) -> float:
+def compute_ratio_p(count: float, freedom: float, ratio: float) -> float:
     """Compute the probability that the F of `count` and `freedom` degrees goes beyond a ratio."""
     from scipy.special import fdtrc
 
@@ -64,13 +82,18 @@ def compute_statistic(residual: Array, spread: Array, free: Array) -> ResidualTe
     W = project_out(W, basis)
     projection = W.T @ r
     # Woodbury: V⁻¹ = I − W (I + WᵀW)⁻¹ Wᵀ
-    inner = np.eye(W.shape[1]) + W.T @ W
+    products = W.T @ W
+    inner = np.eye(W.shape[1]) + products
     solution = np.linalg.solve(inner, projection)
     explained = projection @ solution
-    statistic = float(r @ r - explained)
+    squares = float(r @ r)
     count = len(r) - basis.shape[1]
-    by_parameters = float(np.square(W).sum())
-    return ResidualTest(statistic, count, count + by_parameters)
+    by_parameters = float(np.trace(products))
+    # traces of V and of V², V = I + W Wᵀ where the free set-up is projected out
+    expected = count + by_parameters
+    of_square = expected + by_parameters + float(np.square(products).sum())
+    statistic = float(squares - explained)
+    return ResidualTest(statistic, count, squares, expected, 2 * of_square)
 
 
 def standardise_residual(residual: Array, spread: Array, sigma: float) -> Array:

@@ -38,7 +38,8 @@ def validate_command(
     readings in two files do with --joints."""
     from ..calibration.command_notes import describe_extrapolation
     from ..calibration.loading import load_calibration
-    from ..calibration.validation import describe_verdict, judge
+    from ..calibration.validation import judge
+    from ..calibration.verdict_sentences import describe_verdict
     from ..measurements.reader import read_measurements
     from ..study.new_study import TOLD_NOTES
     from ._later_files import count_own, load_later

@@ -16,9 +16,9 @@ from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.campaigns import compare_campaigns, correct_holm, describe_comparison
 from modelsel.calibration.fewest_terms import select_fewest_terms
 from modelsel.calibration.mechanism_changes import describe_change, write_p
-from modelsel.calibration.prediction import compute_pose
-from modelsel.calibration.validation import describe_verdict as told
+from modelsel.calibration.prediction import compute_pose, predict, propagate_uncertainty
 from modelsel.calibration.validation import judge
+from modelsel.calibration.verdict_sentences import describe_verdict as told
 from modelsel.cli.main import run_command_line
 from modelsel.diagnosis.sentences import format_quantity
 from modelsel.exceptions import DataError, StudyError
@@ -314,6 +314,42 @@ def test_rows_in_metres_are_no_drift(changed_by, rng) -> None:
     assert "(p < 1e-12)" in told(new, moved)[0]
 
 
+def test_errors_where_the_parameters_are_open_count_by_their_size(rng) -> None:
+    """Five standard errors in the least certain direction are a small part of T, but most of the
+    errors: 'still valid' was said, with a factor of three."""
+    model, theta = truth()
+    c = calibrated(rng, model, theta, 60)
+    widened = c.factor.copy()
+    widened[:, 0] *= 20
+    c = replace(c, factor=widened)
+    at = drawn(ROBOT, rng, 60)
+    spread = propagate_uncertainty(c, at)
+    _, sizes, directions = np.linalg.svd(spread.reshape(180, -1), full_matrices=False)
+    assert sizes[0] > 5 * sizes[1]
+    off = spread @ (5.0 * directions[0])
+    here = predict(c, at) + rng.normal(0, NOISE, (60, 3))
+    assert not judge(c, replace(at.data, position=here), False).drifted
+    found = judge(c, replace(at.data, position=here + off), False)
+    assert found.drifted
+    assert found.by_size
+    assert found.factor > 2
+    assert found.p < 1e-3
+
+
+def test_far_beyond_what_was_calibrated_nothing_is_told_of_a_drift(rng) -> None:
+    model, theta = truth()
+    near = drawn(ROBOT, rng, 60)
+    c = calibrated(rng, model, theta)
+    low, high = c.ranges["q1"]
+    narrow = replace(c, ranges=dict(c.ranges) | {"q1": (low, low + 0.1 * (high - low))})
+    shift = np.array([0.8, 0, 0])
+    moved = replace(near.data, position=predict(c, near) + shift)
+    said = told(moved, judge(narrow, moved, False))[0]
+    assert said.startswith("The calibration does not hold for these data:")
+    assert "rows lie far beyond what it has seen" in said
+    assert told(moved, judge(c, moved, False))[0].startswith("The calibration has drifted:")
+
+
 @pytest.mark.slow
 def test_data_that_cannot_be_of_the_arm_are_refused(rng) -> None:
     """Further from the arm than a quarter of its reach, registered or not: the mistake is named, and
@@ -322,15 +358,19 @@ def test_data_that_cannot_be_of_the_arm_are_refused(rng) -> None:
     c = calibrated(rng, model, theta)
     new = campaign(rng, 40, model, theta)
     turned, metres = replace(new, q=new.q * (1, 1, -1, 1, 1, 1)), new.position / 1e3
+    figures = r"\([\d.]+ mm instead of [\d,]+ mm, median\)"
+    said = {
+        False: rf"40 rows are in metres, not millimetres .* {figures}",
+        True: "Wherever the tracker and the target are, the positions fit "
+        rf".* {figures} .* are (in )?metres",
+    }
     for free_setup in (False, True):
         with pytest.raises(
             DataError, match=r"quarter of the length of the arm's links.*joint 3 turns the other"
         ):
             judge(c, turned, free_setup)
         with pytest.raises(
-            DataError,
-            match=r"quarter of the length of the arm's links.* Wherever the tracker and the target are, "
-            r"the positions fit .* \([\d.]+ mm instead of [\d,]+ mm, median\) .* are (in )?metres",
+            DataError, match=rf"quarter of the length of the arm's links.* {said[free_setup]}"
         ):
             judge(c, replace(new, position=metres), free_setup)
     shuffled = replace(new, position=rng.permutation(new.position))
