@@ -12,7 +12,7 @@ from ._output_path import OutputPath
 
 
 @click.command("fleet")
-@click.argument("fleet", type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("fleet", type=click.Path(path_type=Path))
 @click.option(
     "--out", type=OutputPath(file_okay=False), help="Output folder; default reports/<fleet folder>."
 )
@@ -45,12 +45,15 @@ def fleet_command(
     resume: bool,
     as_json: bool,
 ) -> None:
-    """Run many studies as one job, and fit measurement sets that come in many files."""
+    """Run many studies as one job, and fit measurement sets that come in many files. FLEET is a
+    fleet file, or the folder of its fleet.toml."""
     from .._files import check_writable, claim_folder
     from ..config.fleet_file import read_fleet
     from ..report.terminal_fleet import write_fleet
     from ..study.fleet_runner import FleetOptions, cluster, run_fleet, save_summary
 
+    if fleet.is_dir():
+        fleet = fleet / "fleet.toml"
     read = read_fleet(fleet)
     folder = out if out is not None else Path("reports") / fleet.resolve().parent.name
     check_writable(folder)

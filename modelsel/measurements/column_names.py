@@ -104,7 +104,7 @@ JOINT_WORDS = frozenset[str]().union(
         "positions",
     ),
 )
-# joints that Universal Robots' drivers call by name, from the base on
+# joints that Universal Robots' drivers and pendants call by name, from the base on
 NAMED_JOINTS = {
     **dict.fromkeys(("base", "shoulder pan"), 1),
     **dict.fromkeys(("shoulder", "shoulder lift"), 2),
@@ -112,6 +112,12 @@ NAMED_JOINTS = {
     "wrist 1": 4,
     "wrist 2": 5,
     "wrist 3": 6,
+    "basis": 1,
+    "schulter": 2,
+    "ellbogen": 3,
+    "handgelenk 1": 4,
+    "handgelenk 2": 5,
+    "handgelenk 3": 6,
 }
 JOINT_ENDS = ("joint", "axis", "achse")
 # words that are joints' only where no other column is

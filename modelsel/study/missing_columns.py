@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections import defaultdict
 from collections.abc import Sequence
 from itertools import groupby
@@ -17,6 +18,8 @@ from ..robot.urdf import read_joint_names
 # columns that a message names
 MAX_SHOWN = 20
 NUMBERED_AXIS = re.compile(r"([xyz])[ _]?(\d{1,2})(?![\w.])", re.IGNORECASE)
+# columns that number joints, at least
+MIN_JOINTS = 3
 # numbers in one cell
 LIST = re.compile(r"\s*[\[({]\s*[-+.\de]+(\s*[,;\s]\s*[-+.\de]+)+\s*[\])}]\s*", re.IGNORECASE)
 # distance, bearing and elevation, as instruments call them
@@ -32,7 +35,11 @@ def refuse_missing(table: Table, choice: Choice, robot: Robot) -> DataError:
     spoilt = find_spoilt_cell(table, choice, robot.prismatic, read_joint_names(robot))
     if spoilt is not None:
         return spoilt
-    known = _explain_lists(table) or _explain_columns(table, choice.what)
+    known = (
+        _explain_lists(table)
+        or _explain_count(table, choice.what, robot)
+        or _explain_columns(table, choice.what)
+    )
     if known is not None:
         what, remedy = known
         return table.where.refuse(what, remedy=remedy)
@@ -72,6 +79,29 @@ def _find_unit(name: str) -> str:
     """Find the unit in a contract's name."""
     _, _, unit = name.rpartition("_")
     return unit
+
+
+def _explain_count(table: Table, what: str, robot: Robot) -> tuple[str, str] | None:
+    """Say that columns number more or fewer joints than the robot has; None where none do."""
+    if "joint" not in what:
+        return None
+    families: dict[tuple[str, frozenset[str]], dict[int, str]] = defaultdict(dict)
+    for given in table.columns:
+        name = parse_column_name(given, table.units.get(given))
+        if name.quantity == "joint" and name.number is not None:
+            family = families[name.stem, name.words]
+            family[name.number] = given
+    largest = max(families.values(), key=len, default={})
+    count = len(largest)
+    first = min(largest, default=0)
+    if count < MIN_JOINTS or count == robot.n or set(largest) != set(range(first, first + count)):
+        return None
+    begin, end = largest[first], largest[first + count - 1]
+    wanted, _ = _name_readings(robot.prismatic)
+    option = shlex.quote(f"{wanted}={begin}")
+    joints = count_words(robot.n, "joint")
+    what = f'"{one_line(begin)}" to "{one_line(end)}" are {count} readings, but {robot.name} has {joints}.'
+    return what, f"Check the robot; or say which are its joints: --column {option}, and so on."
 
 
 def _explain_lists(table: Table) -> tuple[str, str] | None:

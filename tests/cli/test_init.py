@@ -909,3 +909,26 @@ def test_rows_that_stand_there_twice_are_told() -> None:
     pd.concat([frame, frame.iloc[:2]]).to_csv("m.csv", index=False)
     ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
     assert "2 rows repeat an earlier row cell for cell and are counted once." in ran.stdout
+
+
+@pytest.mark.parametrize("count", [5, 7])
+def test_other_numbers_of_joints_are_told(count) -> None:
+    frame = campaign().rename(columns={f"J{j}": f"q{j - 1}" for j in range(1, 7)})
+    if count == 5:
+        frame = frame.drop(columns="q5")
+    else:
+        frame.insert(6, "q6", 0.0)
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert ran.exit_code == 3
+    assert f'"q0" to "q{count - 1}" are {count} readings, but ur10 has 6 joints.' in ran.stderr
+    assert "--column q1_deg=q0, and so on" in ran.stderr
+
+
+def test_joints_as_the_german_pendant_of_a_ur_calls_them() -> None:
+    names = ["Basis", "Schulter", "Ellbogen", *(f"Handgelenk {k}" for k in (1, 2, 3))]
+    frame = campaign()
+    frame.columns = [*names, *frame.columns[6:]]
+    frame.to_csv("m.csv", index=False)
+    ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
+    assert 'The joint readings: "Basis" to "Handgelenk 3"' in ran.stdout
