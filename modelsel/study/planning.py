@@ -53,6 +53,8 @@ if TYPE_CHECKING:
 
 RANDOM_CHOICES = 20  # random choices that a plan is compared with
 LEARNING_SIZES = (2.0, 1.0, 0.5, 0.25)  # of the detection limit, for the learning curve
+# a smaller index of observability is written with its power of ten
+MIN_PLAIN_INDEX = 1e-4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -367,13 +369,20 @@ def _format_indices(plan: MeasurementPlan) -> str:
     for name, (before, after) in plan.indices.items():
         if not name.startswith("o"):
             continue
-        change = f"{write_rounded(before)} -> {write_rounded(after)}"
+        change = f"{_write_index(before)} -> {_write_index(after)}"
         observability.append(f"{name.upper()} {change}")
     before, after = plan.indices["d"]
     return (
         "Observability of the model's parameters, before and after: "
         f"{', '.join(observability)}; ln det of the information {before:.1f} -> {after:.1f}."
     )
+
+
+def _write_index(value: float) -> str:
+    """Write an index of observability, of which only the powers of ten count where it is small."""
+    if 0 < value < MIN_PLAIN_INDEX:
+        return f"{value:.1e}"
+    return write_rounded(value)
 
 
 def _format_learning(plan: MeasurementPlan) -> str:

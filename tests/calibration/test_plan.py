@@ -618,3 +618,10 @@ def test_what_to_do_with_conditions_is_said() -> None:
     assert not describe_conditions(["q1_deg", "q2_mm", "approach1", "configuration"])
     told = describe_conditions(["q1_deg", "approach1", "payload_kg", "temperature_C"])
     assert told.startswith("payload_kg and temperature_C: as in the measured rows. Set what can be")
+
+
+def test_small_indices_of_observability_are_written_with_their_powers() -> None:
+    from modelsel.study.planning import _write_index
+
+    assert _write_index(4.64e-15) == "4.6e-15"
+    assert [_write_index(value) for value in (0.0, 0.0275, 22.68)] == ["0", "0.0275", "22.7"]
