@@ -106,7 +106,11 @@ def _step(solver: Solver, state: State, step_mm: float) -> State:
     delta, size = compute_direction(state)
     step = size / solver.weight
     there = _reach(solver, state, delta)
-    lower = there.cost <= state.cost * (1 + ROUNDING)
+    least = state.cost * (1 + ROUNDING)
+    lower = there.cost <= least
+    if step < step_mm and there.cost > least + size**2:
+        # what should move no row does: data without noise hold such steps by nothing but rounding
+        return replace(state, damping=STUCK, step_mm=step)
     if lower or step < step_mm:
         share = step / state.step_mm
         there = replace(there, step_mm=step, share=share, own=own, growth=2.0)
