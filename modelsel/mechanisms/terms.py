@@ -6,7 +6,8 @@ the paper; its axes are tx ty tz rx ry rz of that frame; with cause 1 they are t
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable
+from collections import Counter
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -130,6 +131,9 @@ class FixtureTerm(Term):
         return "mm"
 
 
+POWERS = {1: "", 2: "²", 3: "³"}
+
+
 def ratio(top: str, bottom: str) -> str:
     """Return the unit top/bottom, common factors cancelled: ("mm", "mm °C") -> "1/°C"."""
     if top == bottom:
@@ -141,11 +145,21 @@ def ratio(top: str, bottom: str) -> str:
         if factor in above:
             above.remove(factor)
             below.remove(factor)
-    numerator = " ".join(above) or "1"
+    numerator = _write_powers(above) or "1"
     if not below:
         return numerator
-    denominator = below[0] if len(below) == 1 else f"({' '.join(below)})"
+    denominator = _write_powers(below)
+    if " " in denominator:
+        denominator = f"({denominator})"
     return f"{numerator}/{denominator}"
+
+
+def _write_powers(factors: Sequence[str]) -> str:
+    """Write a product of units, those that are equal as a power."""
+    written = []
+    for factor, power in Counter(factors).items():
+        written.append(factor + POWERS.get(power, f"^{power}"))
+    return " ".join(written)
 
 
 def _unit_factors(unit: str) -> list[str]:
