@@ -127,7 +127,7 @@ def instrument_notes(problem: Problem, diagnosis: Diagnosis) -> tuple[Note, ...]
     if not named or distance > problem.robot.reach:
         return ()
     sentence = (
-        f"by {sentence_list(named)} the positions err as the beam of the instrument goes, which "
+        f"by {sentence_list(named)} the positions err as seen from the instrument, which "
         f"is taken to stand {format_length(distance)} from the robot's base, within the arm's "
         "reach. If it stands elsewhere, because the positions are in the robot's own frame, say so "
         "by tracker_mm under [noise]."

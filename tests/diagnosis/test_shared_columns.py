@@ -129,5 +129,7 @@ def test_the_order_of_rows_changes_no_product(rng: np.random.Generator) -> None:
     found, columns = searched(at)
     mixed = build_columns(at.take(order), found, fit(at, BASE).at())
     for one, other in zip(columns.grams, mixed.grams, strict=True):
-        size = np.abs(one.gram).max(axis=(1, 2), keepdims=True)
+        largest = np.abs(one.gram).max(axis=(1, 2), keepdims=True)
+        # what depends on a clock moves nothing without one
+        size = np.where(largest > 0, largest, 1.0)
         np.testing.assert_allclose(one.gram / size, other.gram / size, atol=1e-9)

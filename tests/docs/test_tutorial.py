@@ -59,11 +59,11 @@ def workshop(folder: Path, text: str) -> None:
     (folder / "targets.csv").write_text(fenced("csv", text)[1])
     shape = {"candidates": '"all"', "estimation": 80, "count": 120}
     for name, effects, keys in (
-        ("before", [(3, "rz", "cos(q2+q3)", 1e-3)], shape | {"seed": 1}),
-        ("after", [(3, "rz", "cos(q2+q3)", 1.4e-3), *WORN], shape | {"seed": 2}),
+        ("before", [(3, "rz", "cos(q2+q3)", -1e-3)], shape | {"seed": 1}),
+        ("after", [(3, "rz", "cos(q2+q3)", -1.4e-3), *WORN], shape | {"seed": 2}),
         (
             "rivals",
-            [(2, "rz", "cos(q2)", 1.1e-4)],
+            [(2, "rz", "cos(q2)", -1.1e-4)],
             {"seed": 3, "candidates": RIVALS, "estimation": 50, "count": 60},
         ),
     ):
