@@ -35,5 +35,7 @@ def test_only_an_instrument_within_reach_is_doubted(
     notes = instrument_notes(problem, named(*names))
     assert len(notes) == count
     if count:
-        assert notes[0].sentence.startswith("by refraction the positions err as seen from the instrument")
+        assert notes[0].sentence.startswith(
+            "by refraction the positions err as seen from the instrument"
+        )
         assert "tracker_mm under [noise]" in notes[0].sentence
