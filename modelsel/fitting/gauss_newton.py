@@ -108,7 +108,8 @@ def _step(solver: Solver, state: State, step_mm: float) -> State:
     there = _reach(solver, state, delta)
     least = state.cost * (1 + ROUNDING)
     lower = there.cost <= least
-    if step < step_mm and there.cost > least + size**2:
+    most = (COARSE_MM * solver.weight) ** 2
+    if step < step_mm and there.cost > least + most:
         # what should move no row does: data without noise hold such steps by nothing but rounding
         return replace(state, damping=STUCK, step_mm=step)
     if lower or step < step_mm:
