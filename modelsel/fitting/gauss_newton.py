@@ -108,8 +108,7 @@ def _step(solver: Solver, state: State, step_mm: float) -> State:
     there = _reach(solver, state, delta)
     least = state.cost * (1 + ROUNDING)
     lower = there.cost <= least
-    most = (COARSE_MM * solver.weight) ** 2
-    if step < step_mm and there.cost > least + most:
+    if step < step_mm and there.cost > least + size**2:
         # what should move no row does: data without noise hold such steps by nothing but rounding
         return replace(state, damping=STUCK, step_mm=step)
     if lower or step < step_mm:
@@ -121,6 +120,10 @@ def _step(solver: Solver, state: State, step_mm: float) -> State:
     if not own:
         return _expand_here(solver, state)
     if _expect_gain(state, delta) <= ROUNDING * state.cost:
+        _, following = compute_direction(there)
+        if following < size:
+            # the cost is too rough to tell, but there the next step is shorter
+            return replace(there, step_mm=step, share=step / state.step_mm, own=own)
         # the minimum, to rounding: no shorter step can be told from none
         return replace(state, damping=STUCK, step_mm=max(step, step_mm))
     # overshot: Levenberg-Marquardt from the same point
