@@ -14,8 +14,7 @@ left, and putting it in again brings the others back."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -45,26 +44,23 @@ class FittedSet:
     z: Array
     left: float
     price: float
+    # blocks of H that were asked for; the sets that this one is changed into share them
+    _known: dict[bytes, Array] = field(default_factory=dict, repr=False)
 
     @property
     def members(self) -> list[int]:
         """The members, in order."""
         return sorted(self.ratios)
 
-    @cached_property
-    def _blocks(self) -> dict[bytes, Array]:
-        """Blocks of H that were asked for; the sets that this one is changed into share them."""
-        return {}
-
     def take_blocks(self, rows: Index, taken: Mask | slice = slice(None)) -> Array:
         """Take the products (n, k, k) of directions (n, k), some of them, with one another beyond the
         set."""
         key = rows.tobytes()
-        if key not in self._blocks:
-            self._blocks[key] = self.H[rows[:, :, None], rows[:, None, :]]
+        if key not in self._known:
+            self._known[key] = self.H[rows[:, :, None], rows[:, None, :]]
         own = self.more[rows[taken]]
         signed = own * self.signs
-        return np.asarray(self._blocks[key][taken] + np.matmul(signed, own.swapaxes(1, 2)))
+        return np.asarray(self._known[key][taken] + np.matmul(signed, own.swapaxes(1, 2)))
 
     def change_into(self, ratios: Mapping[int, float]) -> FittedSet:
         """Change the set into another one: members are taken out, then others are put in."""
@@ -80,7 +76,7 @@ class FittedSet:
         H = self.H + signed @ more.T
         none = more[:, :0]
         no_signs = self.signs[:0]
-        return replace(self, H=H, more=none, signs=no_signs)
+        return replace(self, H=H, more=none, signs=no_signs, _known={})
 
     def _change(
         self, members: Sequence[int], ratios: Mapping[int, float], sign: float
@@ -95,17 +91,14 @@ class FittedSet:
         inverse = invert_triangle(np.linalg.cholesky(inner))
         W = columns @ inverse.T
         y = inverse @ (root * self.z[own])
-        changed = FittedSet(
-            rows=self.rows,
-            ratios=ratios,
-            H=self.H,
+        changed = replace(
+            self,
             more=np.hstack([self.more, W]),
             signs=np.concatenate([self.signs, np.full(len(own), sign)]),
             z=self.z + sign * (W @ y),
             left=max(self.left + sign * float(y @ y), LEAST * self.left),
             price=self.price - float(np.log(np.diagonal(inverse)).sum()),
         )
-        changed.__dict__["_blocks"] = self._blocks
         return changed if len(changed.signs) <= APART else changed.gather()
 
     def _take_columns(self, own: Index) -> Array:

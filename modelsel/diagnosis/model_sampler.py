@@ -35,8 +35,8 @@ class _Sampler:
     """Where the sampler stands: the members in their places, each with its variance ratio, None in
     those that are free.
 
-    `near`: the set that was weighed last; `known`: what each member would add to a set; `weight`: how probable the sets were, summed over the
-    draws."""
+    `near`: the set that was weighed last; `known`: what each member would add to a set; `weight`: how
+    probable the sets were, summed over the draws."""
 
     pool: Pool
     rng: np.random.Generator

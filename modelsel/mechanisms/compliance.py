@@ -13,6 +13,11 @@ from .terms import Mechanism, Screw, Term
 COMPLIANCE = (1e-8, 1e-3)
 # rad/(N m) times some kg: of a compliance with an unknown mass
 HEAVY = (1e-8, 1e-3)
+# mm: usual sizes of what a tool or a gripper yields
+YIELD = (1e-3, 2.0)
+# mm/kg: the same by a payload
+YIELD_BY_LOAD = (1e-4, 1.0)
+TOOL_PARTS = ("gripper or its fingers", "tool changer that yields", "loose target nest")
 SOURCE = "Klimchik, Furet, Caro & Pashkevich 2015, elastostatic calibration"
 # parts that usually make a joint wind up
 WINDING_PARTS = ("compliant gear or shaft", "belt", "soft servo")
@@ -165,7 +170,7 @@ def tool_droop(robot: Robot) -> Mechanism | None:
     screws = (Screw(f, "tx", Named("down_x")), Screw(f, "ty", Named("down_y")))
     return Mechanism(
         "tool-droop",
-        (Term("g", screws, (1e-3, 2.0), 1),),
+        (Term("g", screws, YIELD, 1),),
         "The target shifts across the flange in proportion to the gravity across it.",
         "target offset = g · gravity direction across the flange axis",
         "cantilever beam; ISO 230-1, stiffness of spindles",
@@ -173,25 +178,14 @@ def tool_droop(robot: Robot) -> Mechanism | None:
     )
 
 
-# mm: usual sizes of what a tool or a gripper yields
-YIELD = (1e-3, 2.0)
-# mm/kg: the same by a payload
-YIELD_BY_LOAD = (1e-4, 1.0)
-TOOL_PARTS = ("gripper or its fingers", "tool changer that yields", "loose target nest")
-
-
-def _along_flange(robot: Robot) -> Screw:
-    """Return the shift of the target along the flange's axis, by the gravity along it."""
-    return Screw(robot.n + 1, "tz", Named("down_z"))
-
-
 def tool_stretch(robot: Robot) -> Mechanism | None:
     """The tool yields along the flange's axis: the target shifts with the gravity along it."""
     if robot.gravity is None:
         return None
+    screw = Screw(robot.n + 1, "tz", Named("down_z"))
     return Mechanism(
         "tool-stretch",
-        (Term("a", (_along_flange(robot),), YIELD, 1),),
+        (Term("a", (screw,), YIELD, 1),),
         "The target shifts along the flange's axis in proportion to the gravity along it.",
         "target offset = a · gravity direction along the flange axis",
         "spring along its axis; ISO 230-1, stiffness of spindles",
@@ -204,8 +198,7 @@ def tool_play(robot: Robot) -> Mechanism | None:
     to."""
     if robot.gravity is None:
         return None
-    side = sign(Named("down_z"))
-    screw = Screw(robot.n + 1, "tz", side)
+    screw = Screw(robot.n + 1, "tz", sign(Named("down_z")))
     return Mechanism(
         "tool-play",
         (Term("b", (screw,), YIELD, 1),),
