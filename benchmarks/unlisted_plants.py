@@ -51,7 +51,7 @@ and every saw of a multiple of its teeth."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -69,6 +69,8 @@ STICKS = 1 / 3
 BUMP = 0.2
 # share of the campaign over which a joint keeps its warmth
 WARMS_FOR = 0.1
+# waves of a function that is drawn
+WAVES_DRAWN = 40
 # share of a value's variance that goes with a driver: from which it must be named, and may be
 NEEDED, ALLOWED = 0.2, 0.01
 
@@ -101,7 +103,7 @@ class Plant:
 
 Draw = Callable[[Generator, Arm], Plant]
 # kinds in the order in which they came to the benchmark
-GROUPS = ("the first thirteen", "the next five", "three more", "the last four")
+GROUPS = ("the first thirteen", "the next five", "three more", "the last four", "drawn")
 
 
 @dataclass(frozen=True)
@@ -384,6 +386,61 @@ def draw_drag(rng: Generator, arm: Arm) -> Plant:
     )
 
 
+def draw_any(rng: Generator, arm: Arm) -> Plant:
+    """Draw a place, one or two drivers, and a smooth function of them: nothing is chosen."""
+    frame, axis = draw_place(rng, arm)
+    names = draw_drivers(rng, arm, frame)
+    function = draw_function(rng, len(names))
+    any_effect = one_part("drawn", at(frame, axis, lambda s: function(read_drivers(s, names))))
+    beyond = frozenset(name for name in names if not name.startswith("q"))
+    return Plant(
+        f"frame {frame} {axis}, a drawn function of {' and '.join(names)}",
+        (any_effect,),
+        drivers=beyond,
+        joints=any(name.startswith("q") for name in names),
+        base=frame == 1 and axis != "rz",
+    )
+
+
+def draw_place(rng: Generator, arm: Arm) -> tuple[int, str]:
+    """Draw a frame and an axis: a joint's turn half the time, else any."""
+    if rng.random() < 0.5:
+        return draw_joint(rng, arm), "rz"
+    return draw_joint(rng, arm), str(rng.choice(["tx", "ty", "tz", "rx", "ry"]))
+
+
+def draw_drivers(rng: Generator, arm: Arm, frame: int) -> tuple[str, ...]:
+    """Draw what drives it: the reading of this joint or another, its last move, time, payload."""
+    other = draw_joint(rng, arm)
+    names = (f"q{frame}", f"q{other}", f"move{frame}", "time", "payload")
+    first = str(rng.choice(names, p=(0.3, 0.3, 0.1, 0.2, 0.1)))
+    second = str(rng.choice(names[:2]))
+    alone = first == second or rng.random() < 0.5
+    return (first,) if alone else (first, second)
+
+
+def read_drivers(s: State, names: Sequence[str]) -> Array:
+    """Read what drives an effect (m, drivers), each in about -1 to 1."""
+    columns = []
+    for name in names:
+        if name == "time":
+            columns.append(2 * s.progress - 1)
+        elif name == "payload":
+            columns.append(s.covariates["payload_kg"] / 5 - 1)
+        else:
+            values = s.move if name.startswith("move") else s.q
+            columns.append(values[:, int(name.lstrip("moveq")) - 1] / 2)
+    return np.stack(columns, axis=1)
+
+
+def draw_function(rng: Generator, drivers: int) -> Callable[[Array], Array]:
+    """Draw a smooth function of drivers: random waves, of a Gaussian process with a length of 0.3 to 1."""
+    length = rng.uniform(0.3, 1.0)
+    waves = rng.standard_normal((drivers, WAVES_DRAWN)) / length
+    phases = rng.uniform(0, 2 * np.pi, WAVES_DRAWN)
+    return lambda x: np.cos(x @ waves + phases).sum(1)
+
+
 KINDS: Mapping[str, Kind] = {
     "spring": Kind("spring, c|tau|^1.5", draw_spring),
     "cable": Kind("cable pull, tanh(q4, q1)", draw_cable),
@@ -413,6 +470,7 @@ KINDS: Mapping[str, Kind] = {
     "difference": Kind("sin 2(q2 - q3) at joint 3", draw_difference, group=GROUPS[3]),
     "warm": Kind("joint that its motion warms", draw_warm, group=GROUPS[3]),
     "drag": Kind("cable that is drawn along", draw_drag, group=GROUPS[3]),
+    "any": Kind("anything, drawn", draw_any, group=GROUPS[4], payload=True),
 }
 
 

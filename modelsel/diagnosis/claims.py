@@ -9,6 +9,7 @@ explain what several listed ones approximate. A finding claims the deepest level
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import permutations
 from typing import NamedTuple
 
@@ -27,8 +28,8 @@ from .sentences import has_contrary_signs
 from .sign_constraints import find_contrary_terms
 from .signatures import LEVELS
 from .state import Search
-from .told_first import find_agreed, find_constant
-from .unlisted_shapes import Company, Rival, list_company, list_rivals
+from .told_first import find_agreed, find_constant, sum_constants
+from .unlisted_shapes import Company, Price, Rival, list_company, list_rivals
 from .views import View
 
 # levels that findings of one place lose to one shape for all: their drivers stay the same
@@ -49,11 +50,10 @@ class Weighed(NamedTuple):
 
 def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
     """Weigh how deep each effect of a model is proven, given all the others."""
-    effects = {g: search.candidates[g] for g in chosen}
     levels: dict[int, Array] = {}
     better: list[tuple[tuple[int, ...], Candidate]] = []
     rivals = {g: list_rivals_beside(search, view, g) for g in chosen}
-    company = list_company(search.problem, effects)
+    company = list_company(search.problem, {g: _price_together(search, g) for g in chosen})
     contenders = _gather_all(search, view, rivals.values(), company)
     for g in chosen:
         levels[g], shape = weigh_alone(search, g, rivals[g], contenders)
@@ -125,8 +125,21 @@ def _is_own_function(search: Search, g: int) -> bool:
 def list_rivals_beside(search: Search, view: View, g: int) -> list[Rival]:
     """List the rivals of an effect, without those that another effect rules out."""
     taken = search.list_bumped_beside(g, view)
-    every = list_rivals(search.problem, search.candidates[g])
+    every = list_rivals(search.problem, search.candidates[g], price_rivals(search, g))
     return [one for one in every if one.candidate.bumped_joint not in taken]
+
+
+def _price_together(search: Search, g: int) -> Candidate:
+    """Give a candidate the prior probability of its whole question."""
+    price = price_rivals(search, g)
+    return replace(search.candidates[g], prior=max(price))
+
+
+def price_rivals(search: Search, g: int) -> Price:
+    """Price the rivals of a candidate by all candidates of its question, and by a cell of the error map."""
+    finding = sum_constants(search.candidates, g)
+    cell = search.cell_prior or finding
+    return Price(finding, cell)
 
 
 def weigh_alone(
@@ -161,7 +174,8 @@ def weigh_alone(
     # what differs in its constant alone is asked last, whatever the priors
     unlike = [k for k, rival in enumerate(rivals) if rival.agrees != "shape"]
     best = max(unlike, key=lambda k: logs[count + k], default=-1)
-    if unlike and logs[count + best] - logs[:count].max() > MIN_LOG_ODDS:
+    most = max(probability[:count].max(), of_listed[SHAPED.index(True)])
+    if unlike and np.log(probability[count + best] / most) > MIN_LOG_ODDS:
         return levels, others[best]
     agreed = find_agreed(search.signatures, g, probability[:count], levels)
     if agreed is not None:

@@ -118,6 +118,12 @@ class Search:
         return find_families(self.candidates)
 
     @cached_property
+    def cell_prior(self) -> float:
+        """The prior probability of a cell of the error map, 0 where there are none."""
+        cells = [one.prior for one in self.candidates if one.kind is CandidateKind.CELL]
+        return min(cells, default=0.0)
+
+    @cached_property
     def numbers(self) -> dict[Mechanism, int]:
         """The candidates' numbers by their mechanisms."""
         return {one.mechanism: g for g, one in enumerate(self.candidates)}

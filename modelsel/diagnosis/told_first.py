@@ -59,6 +59,15 @@ def find_agreed(
     return None
 
 
+def sum_constants(found: Sequence[Candidate], g: int) -> float:
+    """Sum the prior probabilities of the shape of candidate g with any constant, or of its mechanism
+    in any form."""
+    own = found[g]
+    of_kind = [other for other in found if other.kind is own.kind and other is not own]
+    others = [other.prior for other in of_kind if _is_one_question(own, other)]
+    return own.prior + sum(others)
+
+
 def find_constant(found: Sequence[Candidate], g: int, evidence: Array) -> Candidate | None:
     """Find the shape of candidate g with the likeliest constant by its log evidence (G,), whatever
     the priors; it takes over the prior. None where candidate g has it, or has no constant. The masses
@@ -75,8 +84,14 @@ def find_constant(found: Sequence[Candidate], g: int, evidence: Array) -> Candid
 def _differs_in_constant(own: Candidate, other: Candidate) -> bool:
     """Return whether a candidate of the same kind is one of the same shape, or mechanism, with another
     constant."""
+    if not _is_one_question(own, other):
+        return False
+    return own.kind in WITH_CONSTANT or other.mechanism.names() != own.mechanism.names()
+
+
+def _is_one_question(own: Candidate, other: Candidate) -> bool:
+    """Return whether a candidate of the same kind has the same shape, or mechanism, with any constant."""
     if own.kind in WITH_CONSTANT:
         return read_drivers(other) == read_drivers(own)
-    if own.registered_name is None or other.registered_name != own.registered_name:
-        return False
-    return other.mechanism.names() != own.mechanism.names()
+    name = own.registered_name
+    return name is not None and other.registered_name == name

@@ -35,7 +35,14 @@ from modelsel.diagnosis.procedure import diagnose
 from modelsel.diagnosis.sentences import label_effect
 from modelsel.diagnosis.signatures import LEVELS, PROVEN, read_signatures
 from modelsel.diagnosis.simple_shapes import find_own_wave
-from modelsel.diagnosis.unlisted_shapes import ODDS, list_company, list_rivals
+from modelsel.diagnosis.unlisted_shapes import (
+    CHANGING,
+    FURTHER,
+    UNLISTED_ODDS,
+    Price,
+    list_company,
+    list_rivals,
+)
 from modelsel.diagnosis.unregistered import build_wave
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
@@ -255,17 +262,45 @@ def test_a_direction_stands_against_its_products_with_a_load_and_with_functions_
 
 
 @seeds(1)
-def test_rivals_share_the_prior_of_a_finding(rng: np.random.Generator) -> None:
+def test_unlisted_shapes_are_half_as_probable_as_what_is_listed_of_the_same(
+    rng: np.random.Generator,
+) -> None:
     at_ = small(rng)
     own = single((3, "rz"), q(3))
-    rivals = list_rivals(at_, own)
-    assert sum(r.candidate.prior for r in rivals) == pytest.approx(ODDS * own.prior)
+    price = Price(rng.uniform(0.001, 0.01), rng.uniform(1e-5, 1e-3))
+    rivals = list_rivals(at_, own, price)
     assert {r.agrees for r in rivals} == {"drivers", "place", ""}
+    priors: dict[tuple[str, object, frozenset[str]], float] = {}
     for rival in rivals:
-        (place,) = {(s.frame, s.axis) for t in rival.candidate.mechanism.terms for s in t.screws}
+        mechanism = rival.candidate.mechanism
+        (place,) = mechanism.names_by_place()
         assert (place == (3, "rz")) == (rival.agrees != "")
-        if rival.agrees == "drivers":
-            assert rival.candidate.mechanism.names() == {"q3"}
+        question = rival.agrees, place, mechanism.names()
+        priors[question] = priors.get(question, 0.0) + rival.candidate.prior
+    (alike,) = (key for key in priors if key[0] == "drivers")
+    assert alike[2] == {"q3"}
+    assert priors.pop(alike) == pytest.approx(UNLISTED_ODDS * price.finding)
+    # the finding's own shape may change along the campaign, too
+    changing = priors.pop(("place", (3, "rz"), frozenset({"q3", "progress"})))
+    assert changing > CHANGING * price.finding
+    assert len(priors) > 30
+    for (_, _, drivers), prior in priors.items():
+        further = FURTHER if len(drivers) > 1 else 1.0
+        assert prior == pytest.approx(further * UNLISTED_ODDS * price.cell)
+
+
+@seeds(1)
+def test_a_finding_of_two_drivers_stands_against_either_and_against_both_elsewhere(
+    rng: np.random.Generator,
+) -> None:
+    at_ = small(rng)
+    both = frozenset({"q2", "q5"})
+    rivals = list_rivals(at_, single((3, "rz"), Named("q2", "rad") * Named("q5", "rad")))
+    of_place = {r.candidate.mechanism.names() for r in rivals if r.agrees == "place"}
+    assert {frozenset({"q2"}), frozenset({"q5"})} <= of_place
+    elsewhere = [r.candidate.mechanism for r in rivals if r.agrees == ""]
+    places = {place for m in elsewhere if m.names() == both for place in m.names_by_place()}
+    assert {(2, "rz"), (4, "rz")} <= places
 
 
 @seeds(1)
