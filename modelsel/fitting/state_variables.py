@@ -215,8 +215,11 @@ def _progress(state: StateVariables) -> Values:
 
 def _positions(state: StateVariables) -> Values:
     """Compute the target in frame 0, its distances from the instrument and from axis 1, and the
-    direction of the beam, in frame 0, too."""
-    target, group = state.pose().target, state.data.group
+    directions along and across the beam, in frame 0, too.
+
+    The instrument's upright axis is the z axis of its frame."""
+    pose = state.pose()
+    target, group = pose.target, state.data.group
     R, t = state.placement
     line = np.einsum("mij,jm->mi", R[group], target) + t[group] - np.array(state.tracker)
     length = np.linalg.norm(line, axis=1)
@@ -227,7 +230,26 @@ def _positions(state: StateVariables) -> Values:
     direction = line / np.maximum(length, TINY)[:, None]
     beam = np.einsum("mij,mi->jm", R[group], direction)
     places = _by_axis(StateKind.POSITION, target)
-    return places | distances | _by_axis(StateKind.BEAM, beam)
+    face = np.einsum("aim,im->am", pose.axes[-1, :3], beam)
+    seen = _by_axis(StateKind.BEAM, beam) | _by_axis(StateKind.FACE, face)
+    return places | distances | seen | _beam_angles(direction, R[group])
+
+
+def _beam_angles(direction: Array, R: Array) -> Values:
+    """Compute the angles of beams (m, 3) of an instrument whose z axis is upright, and the directions
+    in which they turn, in frame 0."""
+    x, y, z = direction.T
+    level = np.hypot(x, y)
+    azimuth = np.arctan2(y, x)
+    sine, cosine = np.sin(azimuth), np.cos(azimuth)
+    aside = np.stack([-sine, cosine, np.zeros(len(z))])
+    rise = np.stack([-z * cosine, -z * sine, level])
+    angles = {
+        StateVariable(StateKind.AZIMUTH): azimuth,
+        StateVariable(StateKind.ZENITH): np.arctan2(level, z),
+    }
+    across = _by_axis(StateKind.ASIDE, np.einsum("mij,im->jm", R, aside))
+    return angles | across | _by_axis(StateKind.RISE, np.einsum("mij,im->jm", R, rise))
 
 
 def _measure_reach(robot: Robot, target: Array) -> Array:
@@ -281,6 +303,11 @@ EVALUATORS: dict[StateKind, Callable[[StateVariables], Values]] = {
     StateKind.POSITION: _positions,
     StateKind.RANGE: _positions,
     StateKind.BEAM: _positions,
+    StateKind.AZIMUTH: _positions,
+    StateKind.ZENITH: _positions,
+    StateKind.ASIDE: _positions,
+    StateKind.RISE: _positions,
+    StateKind.FACE: _positions,
     StateKind.REACH: _positions,
     StateKind.TARGET: _target,
     StateKind.GROUP: _group,

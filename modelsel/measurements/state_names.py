@@ -24,6 +24,11 @@ class StateKind(Enum):
     POSITION = "coordinate of the target in frame 0"
     RANGE = "distance of the target from the instrument"
     BEAM = "direction from the instrument to the target"
+    AZIMUTH = "horizontal angle of the beam"
+    ZENITH = "angle of the beam to the instrument's upright axis"
+    ASIDE = "level direction across the beam"
+    RISE = "upward direction across the beam"
+    FACE = "direction of the beam in the target's frame"
     REACH = "distance of the target from joint 1's axis"
     TARGET = "index of the target"
     GROUP = "index of the group"
@@ -138,6 +143,13 @@ FAMILIES = (
     StateFamily(StateKind.POSITION, "{axis}_mm", "the target's place", "mm", "xyz"),
     StateFamily(StateKind.RANGE, "range_mm", "the distance from the instrument", "mm"),
     StateFamily(StateKind.BEAM, "beam_{axis}", "the direction of the beam", "1", "xyz"),
+    StateFamily(StateKind.AZIMUTH, "beam_azimuth", "the beam's horizontal angle", "rad"),
+    StateFamily(StateKind.ZENITH, "beam_zenith", "the beam's vertical angle", "rad"),
+    StateFamily(StateKind.ASIDE, "beam_aside_{axis}", "the direction of the beam", "1", "xyz"),
+    StateFamily(StateKind.RISE, "beam_rise_{axis}", "the direction of the beam", "1", "xyz"),
+    StateFamily(
+        StateKind.FACE, "beam_face_{axis}", "the beam's direction at the target", "1", "xyz"
+    ),
     StateFamily(StateKind.REACH, "reach_mm", "the reach from joint 1's axis", "mm"),
     StateFamily(StateKind.TARGET, "target", "the target"),
     StateFamily(StateKind.GROUP, "group", "the group"),
@@ -188,7 +200,35 @@ FAMILIES = (
     ),
 )
 # what follows from where the instrument stands
-FROM_INSTRUMENT = frozenset(("range_mm", "beam_x", "beam_y", "beam_z"))
+FROM_INSTRUMENT = frozenset(
+    (
+        "range_mm",
+        "beam_azimuth",
+        "beam_zenith",
+        *(f"beam_{axis}" for axis in "xyz"),
+        *(f"beam_aside_{axis}" for axis in "xyz"),
+        *(f"beam_rise_{axis}" for axis in "xyz"),
+        *(f"beam_face_{axis}" for axis in "xyz"),
+    )
+)
+# kinds that no cause may look at where the instrument is not known to stand away from the arm
+NEED_INSTRUMENT = (
+    StateKind.AZIMUTH,
+    StateKind.ZENITH,
+    StateKind.ASIDE,
+    StateKind.RISE,
+    StateKind.FACE,
+)
+# kinds that say where the target is
+WHERE_TARGET_IS = (
+    StateKind.POSITION,
+    StateKind.RANGE,
+    StateKind.BEAM,
+    StateKind.AZIMUTH,
+    StateKind.ZENITH,
+    StateKind.ASIDE,
+    StateKind.RISE,
+)
 BY_KIND = {family.kind: family for family in FAMILIES}
 COVARIATE_UNITS = {
     "C": "°C",

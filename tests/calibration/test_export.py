@@ -271,6 +271,22 @@ def test_python_knows_every_derived_cause(rng) -> None:
         assert export(c, "python").error_mm < 1e-9
 
 
+def test_python_knows_the_beam(rng) -> None:
+    """Its angles, the directions across it and its direction at the target, of a tracker that stands
+    anywhere."""
+    robot = load_robot("ur5")
+    names = ("tracker-azimuth", "tracker-zenith", "tracker-range", "reflector-incidence")
+    model = Model(tuple(mechanism(n, robot) for n in names))
+    at = replace(drawn(robot, rng, 60), tracker=(2500.0, -900.0, 400.0))
+    theta = np.array([t.size[1] / 10 for t in model.terms])
+    at = planted(at, model.terms, theta, rng, 0.02)
+    every_row = np.ones(60, bool)
+    split = Split(at, every_row, ~every_row, np.zeros(60, np.intp), True)
+    c = calibrate("beam", split, fit(at, model), Floor(0.02, "stated"), None, False, {})
+    assert np.ptp(predict(c, at) - predict(replace(c, theta=0 * c.theta), at)) > 0.01
+    assert export(c, "python").error_mm < 1e-9
+
+
 def test_command(made, tmp_path) -> None:
     (tmp_path / "calibration.json").write_text(calibration_text(made))
     ran = CliRunner().invoke(

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from builders import drawn
+from scipy.spatial.transform import Rotation
 
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
@@ -14,12 +15,16 @@ from modelsel.measurements.measurements import Orientation, build_measurements
 from modelsel.measurements.state_names import is_state_name, parse_state_name, state_units
 from modelsel.mechanisms.causes import Named, q, torque
 from modelsel.robot.files import load_robot
+from modelsel.robot.kinematics import pose
 
 NAMES = (
     "q2",
     "approach3",
     "move1",
     "range_mm",
+    "beam_azimuth",
+    "beam_rise_x",
+    "beam_face_z",
     "reach_mm",
     "x_mm",
     "torque2",
@@ -64,6 +69,37 @@ def test_a_changed_problem_carries_no_stale_value(rng, change: str) -> None:
     after = [changed.cause(cause) for cause in causes]
     np.testing.assert_array_equal(after, [fresh.cause(cause) for cause in causes])
     assert not np.array_equal(before, after)
+
+
+def test_the_angles_of_the_beam_and_where_they_turn_it(rng) -> None:
+    """By polar coordinates in the instrument's frame, and differences of positions there."""
+    at = drawn("puma760", rng, 20)
+    turn = Rotation.from_rotvec(rng.normal(0, 1, 3)).as_matrix()
+    stand = np.array([2500.0, -900.0, 400.0])
+    at = replace(at, placement=(turn[None], stand[None]), tracker=(100.0, 200.0, -300.0))
+    reached = pose(at.robot, at.data.q, at.tools[at.data.target])
+    line = reached.target.T @ turn.T + stand - np.array(at.tracker)
+    far = np.linalg.norm(line, axis=1)
+    azimuth, zenith = np.arctan2(line[:, 1], line[:, 0]), np.arccos(line[:, 2] / far)
+
+    def place(r: np.ndarray, h: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return np.stack([r * np.sin(v) * np.cos(h), r * np.sin(v) * np.sin(h), r * np.cos(v)], 1)
+
+    def value(stem: str) -> np.ndarray:
+        return np.stack([at.value(f"{stem}_{axis}") for axis in "xyz"], 1)
+
+    np.testing.assert_allclose(at.value("beam_azimuth"), azimuth, atol=1e-12)
+    np.testing.assert_allclose(at.value("beam_zenith"), zenith, atol=1e-12)
+    step = 1e-6
+    aside = place(far, azimuth + step, zenith) - place(far, azimuth - step, zenith)
+    aside /= 2 * step * (far * np.sin(zenith))[:, None]
+    rise = place(far, azimuth, zenith - step) - place(far, azimuth, zenith + step)
+    rise /= 2 * step * far[:, None]
+    np.testing.assert_allclose(value("beam_aside"), aside @ turn, atol=1e-8)
+    np.testing.assert_allclose(value("beam_rise"), rise @ turn, atol=1e-8)
+    beam = line @ turn / far[:, None]
+    face = np.einsum("aim,mi->ma", reached.axes[-1, :3], beam)
+    np.testing.assert_allclose(value("beam_face"), face, atol=1e-12)
 
 
 def test_what_does_not_depend_on_a_change_is_not_evaluated_again(rng) -> None:

@@ -115,6 +115,8 @@ def test_names(robot) -> None:
         Named("payload_kg", "kg") * cos(q(2)),
         Named("range_mm", "mm"),
         Named("reach_mm", "mm"),
+        Named("beam_azimuth", "rad"),
+        Named("beam_face_y"),
         Applied("saw", 3.0 * q(2)),
         Named("temperature_C", "°C") - 20.0,
         Named("moment_x", "N m") / (Number(2.0) + q(1) * q(1)),

@@ -94,13 +94,27 @@ def name_axes(template: str, vectors: Array) -> dict[str, Array]:
 
 
 def derive_beam(data: Data, x: Array) -> dict[str, Array]:
-    """Derive how far targets (m, 3) are from the tracker, and in which direction of frame 0."""
+    """Derive how far targets (m, 3) are from the tracker, its angles to them, and directions of frame 0
+    along and across its beam."""
     P = np.array(data["placement"])
     tracker = np.array(data["tracker"])
     far = x @ P[:, :3].T + P[:, 3] - tracker
     length = np.linalg.norm(far, axis=1)
     beam = far @ P[:, :3] / length[:, None]
-    return {"range_mm": length, **name_axes("beam_{}", beam)}
+    level = np.hypot(far[:, 0], far[:, 1])
+    azimuth = np.arctan2(far[:, 1], far[:, 0])
+    sine, cosine = np.sin(azimuth), np.cos(azimuth)
+    aside = np.column_stack([-sine, cosine, np.zeros(len(far))])
+    slope = far[:, 2] / length
+    rise = np.column_stack([-slope * cosine, -slope * sine, level / length])
+    return {
+        "range_mm": length,
+        "beam_azimuth": azimuth,
+        "beam_zenith": np.arctan2(level, far[:, 2]),
+        **name_axes("beam_{}", beam),
+        **name_axes("beam_aside_{}", aside @ P[:, :3]),
+        **name_axes("beam_rise_{}", rise @ P[:, :3]),
+    }
 
 
 def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
@@ -111,7 +125,10 @@ def derive_state(data: Data, q: Array, tool: Array) -> dict[str, Array]:
     o, R = walk_chain(data, q, tool, np.zeros((n + 1, 6, m)))
     x = o[n]
     out = {f"q{j + 1}": q[:, j] for j in range(n)}
-    out |= name_axes("{}_mm", x) | derive_beam(data, x)
+    beam = derive_beam(data, x)
+    out |= name_axes("{}_mm", x) | beam
+    along = np.column_stack([beam[f"beam_{axis}"] for axis in "xyz"])
+    out |= name_axes("beam_face_{}", np.einsum("mij,mi->mj", R[n], along))
     out["reach_mm"] = measure_reach(data, x)
     if data["gravity"] is None:
         return out
