@@ -30,6 +30,7 @@ def generate_finer_waves(problem: Problem, found: Mechanism) -> Iterator[Mechani
 
     None for any other finding."""
     joint, count = find_own_wave(found)
+    _, axis = next(iter(found.names_by_place()))
     if not count or len(found.terms) > 2:
         return
     column = joint - 1
@@ -40,7 +41,7 @@ def generate_finer_waves(problem: Problem, found: Mechanism) -> Iterator[Mechani
         turn = 2 * np.pi
         over_travel = count * width / turn
         for number in _choose_numbers(over_travel, EIGHTH, turn):
-            yield build_pitch_wave(joint, number, width)
+            yield build_pitch_wave(joint, number, width, axis)
         return
     if count < WAVES[0]:
         return

@@ -41,6 +41,9 @@ MIN_INTERVALS, MIN_READINGS = 4, 2
 BETWEEN = tuple(k + part for k in range(3, 60) for part in (0.25, 0.5, 0.75))
 # waves over a slide's travel
 PITCHES = tuple(k / 8 for k in range(4, 481))
+# the same across the slide: less than one is its bow
+CROOKED = tuple(count for count in PITCHES if 1 <= count <= 30)
+SLIDE_AXES = {"tz": PITCHES, "tx": CROOKED, "ty": CROOKED}
 # prior weight of rarer explanations (waves between whole numbers, free functions); a cell has 1
 RARE_WEIGHT = 0.1
 # time constants of a warm-up, in shares of the campaign
@@ -295,7 +298,8 @@ def build_wave(joint: int, count: float) -> Mechanism:
 def build_pitch_waves(problem: Problem) -> Iterator[Unregistered]:
     """Generate waves of every slide's own reading, half to 60 over the measured travel.
 
-    They stand for a screw's pitch, a rack's teeth, a scale's joints.
+    They stand for a screw's pitch, a rack's teeth, a scale's joints; across the slide, one to 30 stand
+    for a rail that is not straight.
 
     The travel is no multiple of their length, so that eighths of a wave are offered, with an eighth
     of the weight each."""
@@ -304,28 +308,31 @@ def build_pitch_waves(problem: Problem) -> Iterator[Unregistered]:
         travel = float(np.ptp(readings))
         if travel <= 0:
             continue
-        for count in PITCHES:
-            yield Unregistered(
-                mechanism=build_pitch_wave(j, count, travel),
-                kind=CandidateKind.SLIDE_WAVE,
-                weight=1 / 8,
-            )
+        for axis, counts in SLIDE_AXES.items():
+            for count in counts:
+                yield Unregistered(
+                    mechanism=build_pitch_wave(j, count, travel, axis),
+                    kind=CandidateKind.SLIDE_WAVE,
+                    weight=1 / 8,
+                )
 
 
-def build_pitch_wave(joint: int, count: float, travel: float) -> Mechanism:
-    """Build a wave of a slide's own reading, `count` over its measured `travel` [mm]."""
+def build_pitch_wave(joint: int, count: float, travel: float, axis: str = "tz") -> Mechanism:
+    """Build a wave of a slide's own reading, `count` over its measured `travel` [mm], along the slide
+    or, by another axis, across it."""
     factor = float(f"{2 * np.pi * count / travel:.6g}")
     angle = factor * q(joint, "mm")
-    sine = Screw(joint, "tz", sin(angle))
-    cosine = Screw(joint, "tz", cos(angle))
+    sine = Screw(joint, axis, sin(angle))
+    cosine = Screw(joint, axis, cos(angle))
     terms = (Term("ms", (sine,)), Term("mc", (cosine,)))
     length = travel / count
-    return Mechanism(
-        name=f"{joint} tz {count:g} waves",
-        terms=terms,
-        sentence=f"Joint {joint} slides unevenly, a wave every {length:.3g} mm",
-        usual_causes=("pitch of the screw", "teeth of the rack", "joints of the scale"),
-    )
+    every = f"a wave every {length:.3g} mm"
+    sentence = f"Joint {joint} slides unevenly, {every}"
+    causes = ("pitch of the screw", "teeth of the rack", "joints of the scale")
+    if axis != "tz":
+        sentence = f"Joint {joint} does not slide straight: {every} along its {axis[1]} axis"
+        causes = ("rail that is bent", "joints or bolts of the rail")
+    return Mechanism(f"{joint} {axis} {count:g} waves", terms, sentence, usual_causes=causes)
 
 
 def build_free_functions(problem: Problem) -> Iterator[Mechanism]:

@@ -6,13 +6,14 @@ has a part in them."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from builders import bind, measured, small_arm, study_of
+from builders import bind, measured, seeds, small_arm, study_of
 
 from modelsel.diagnosis.candidates import build_candidates
 from modelsel.diagnosis.effects import Effect
@@ -81,6 +82,22 @@ def test_one_cause_is_one_finding(error, across, names, words, rng) -> None:
     assert effect.candidate.mechanism.names() == names
     assert words in describe_candidate(effect.candidate, effect.estimate)
     assert effect.named.verdict == "found"
+
+
+@pytest.mark.integration
+@seeds(1, 2, 3)
+def test_a_rail_that_is_not_straight_is_one_finding(rng: np.random.Generator) -> None:
+    length, phase = rng.uniform(40, 200), rng.uniform(0, 2 * np.pi)
+
+    def wave(q: Array, warm: Array) -> Array:
+        return np.asarray(0.15 * np.sin(2 * np.pi * q[:, 2] / length + phase))
+
+    (effect,) = said(rng, wave, across=True)
+    told = describe_candidate(effect.candidate, effect.estimate)
+    (found,) = re.findall(
+        r"Joint 3 does not slide straight: a wave every (\S+) mm along its x", told
+    )
+    assert float(found) == pytest.approx(length, rel=0.05)
 
 
 def test_waves_of_a_slide_are_finer_than_its_travel_tells_apart() -> None:
