@@ -20,6 +20,7 @@ import numpy as np
 from .._typing import Array
 from ..fitting.design import Model
 from ..fitting.problem import Problem
+from ..measurements.state_names import NEED_INSTRUMENT, state_kind
 from ..mechanisms.terms import Mechanism
 from ..selection.comparison import MAX_CANDIDATES
 from .arm_shapes import find_still_readings, generate_arm_shapes
@@ -38,6 +39,9 @@ from .unregistered import (
     list_distinct_places,
 )
 
+# share of the arm's reach that an instrument is at least away from the base where it is known to
+# stand apart from the arm
+APART = 0.5
 # share of the prior probability that the registered mechanisms have together
 REGISTERED = 0.6
 
@@ -208,11 +212,22 @@ def _weigh_stated(groups: Sequence[OwnCandidates], left: float, asked: bool) -> 
             )
 
 
+def list_usable_names(problem: Problem) -> frozenset[str]:
+    """List the state variables that mechanisms may look at: angles of the beam only where the
+    instrument is not taken to stand in the arm, for want of its place."""
+    _, bases = problem.placement
+    distance = np.linalg.norm(bases - np.array(problem.tracker), axis=1)
+    names = frozenset(problem.names())
+    if distance.min() > APART * problem.robot.reach:
+        return names
+    return frozenset(name for name in names if state_kind(name) not in NEED_INSTRUMENT)
+
+
 def _select_applicable(
     problem: Problem, base: Model, mechanisms: Sequence[Mechanism]
 ) -> list[Mechanism]:
     """Select the mechanisms whose causes the data have and whose terms the base lacks."""
-    available = problem.names().keys()
+    available = list_usable_names(problem)
     present = {term.key for term in base.terms}
     applicable = []
     for m in mechanisms:

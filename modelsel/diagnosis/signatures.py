@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 
 from .._typing import Index
-from ..measurements.state_names import StateKind, parse_state_name
+from ..measurements.state_names import WHERE_TARGET_IS, StateKind, parse_state_name
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .data_faults import FaultKind
@@ -37,6 +37,8 @@ WITHOUT_MASSES = {
     StateKind.UNIT_TORQUE: StateKind.TORQUE,
     StateKind.UNIT_BENDING: StateKind.BENDING,
 }
+# what all kinds stand for that say where the target is
+SEEN = "the target's place"
 # names of one move that no measurement tells apart: a bump and a step of the tracker
 SAME_MOVE = {FaultKind.TRACKER_BUMPED.label: "tracker-step"}
 # kinds of one shape, whatever its constant: the reading at which it sets in, the number of slow waves
@@ -96,9 +98,14 @@ def _list_drivers(candidate: Candidate) -> dict[tuple[int, str], frozenset[str]]
 
 @cache
 def _name_driver(name: str) -> str:
-    """Name what a state variable stands for: a torque, whatever masses make it."""
+    """Name what a state variable stands for: a torque, whatever masses make it; where the target is,
+    however an instrument sees that."""
     variable = parse_state_name(name)
-    if variable is None or variable.kind not in WITHOUT_MASSES:
+    if variable is None:
+        return name
+    if variable.kind in WHERE_TARGET_IS:
+        return SEEN
+    if variable.kind not in WITHOUT_MASSES:
         return name
     massless_kind = WITHOUT_MASSES[variable.kind]
     loaded = replace(variable, kind=massless_kind, frame=None)

@@ -233,10 +233,10 @@ def _seen(robot: Robot) -> list[tuple[str, Cause]]:
     """List (axis of frame 1, coordinate of the nominal target along it): a scale about frame 0's
     origin."""
     coordinates = [Named(f"{name}_mm", "mm") for name in "xyz"]
-    return _turn_to_frame_1(robot, coordinates)
+    return turn_to_frame_1(robot, coordinates)
 
 
-def _turn_to_frame_1(robot: Robot, vector: Sequence[Cause]) -> list[tuple[str, Cause]]:
+def turn_to_frame_1(robot: Robot, vector: Sequence[Cause]) -> list[tuple[str, Cause]]:
     """List (axis of frame 1, component along it) of a vector of frame 0."""
     rotation = robot.joints[0].before[:3, :3]
     out: list[tuple[str, Cause]] = []
@@ -280,7 +280,7 @@ def tracker_range(robot: Robot) -> Mechanism:
     """Distances from the instrument measured too long by a constant: the target seems farther along
     the beam."""
     beam = [Named(f"beam_{name}") for name in "xyz"]
-    seen = _turn_to_frame_1(robot, beam)
+    seen = turn_to_frame_1(robot, beam)
     screws = tuple(Screw(1, axis, cause) for axis, cause in seen)
     return Mechanism(
         "tracker-range",

@@ -14,7 +14,7 @@ from ..exceptions import StudyError, one_line, suggest
 from ..measurements.reference_temperature import REFERENCE
 from ..robot.gravity import find_bearing_joints
 from ..robot.kinematics import Robot
-from . import compliance, drives, environment, geometry, gravity_effects, motors
+from . import compliance, drives, environment, geometry, gravity_effects, instrument, motors
 from .terms import Mechanism, unstorable
 
 
@@ -106,6 +106,15 @@ BUILTIN: Registry = {
     "tracker-scale": environment.tracker_scale,
     "tracker-range": environment.tracker_range,
     "tracker-axes": environment.tracker_axes,
+    "tracker-azimuth": Scanned(instrument.tracker_azimuth, lambda robot: instrument.WAVES),
+    "tracker-zenith": Scanned(instrument.tracker_zenith, lambda robot: instrument.WAVES),
+    "tracker-index": instrument.tracker_index,
+    "tracker-transit": instrument.tracker_transit,
+    "tracker-collimation": instrument.tracker_collimation,
+    "tracker-offset": instrument.tracker_offset,
+    "reflector-incidence": Scanned(
+        instrument.reflector_incidence, lambda robot: instrument.DEGREES
+    ),
     "refraction": environment.refraction,
 }
 

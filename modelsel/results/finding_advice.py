@@ -22,6 +22,13 @@ SET_UP = (
     "tracker-scale",
     "tracker-axes",
     "tracker-range",
+    "tracker-azimuth",
+    "tracker-zenith",
+    "tracker-index",
+    "tracker-transit",
+    "tracker-collimation",
+    "tracker-offset",
+    "reflector-incidence",
     "refraction",
     "target-step",
 )
@@ -64,6 +71,10 @@ _WARM = (MODEL, "with the temperature measured along, or calibrate and work at o
 _INSTRUMENT = (
     MEASURE,
     "again with the set-up checked; it is none of the arm's, leave it out of the controller",
+)
+_INSTRUMENT_ANGLE = (
+    MEASURE,
+    "in both faces of the instrument, which shows it; have it compensated, and leave this out of the controller",
 )
 _PLAY = (
     ADJUST,
@@ -124,6 +135,16 @@ BY_STEM = {
     "tracker-scale": _INSTRUMENT,
     "tracker-axes": _INSTRUMENT,
     "tracker-range": _INSTRUMENT,
+    "tracker-azimuth": _INSTRUMENT_ANGLE,
+    "tracker-zenith": _INSTRUMENT_ANGLE,
+    "tracker-index": _INSTRUMENT_ANGLE,
+    "tracker-transit": _INSTRUMENT_ANGLE,
+    "tracker-collimation": _INSTRUMENT_ANGLE,
+    "tracker-offset": _INSTRUMENT_ANGLE,
+    "reflector-incidence": (
+        MEASURE,
+        "again with the reflector turned towards the instrument; leave it out of the controller",
+    ),
     "refraction": _INSTRUMENT,
 }
 _FAULT = (MEASURE, "the rows that it concerns again, or correct them in the file")

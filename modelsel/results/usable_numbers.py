@@ -21,6 +21,14 @@ from ..mechanisms.motors import name_drive
 from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
 from .compliance_numbers import measure_base_tilt, measure_wind_up
+from .instrument_numbers import (
+    measure_angle,
+    measure_angle_wave,
+    measure_axes,
+    measure_beam_offset,
+    measure_range,
+    measure_scale,
+)
 from .map_details import MIN_DISPLACEMENT
 from .quantities import ARC_SECONDS, MILLI, Usable, express, format_figure
 from .workspace import Fitted, Range
@@ -312,28 +320,6 @@ def _measure_zero(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     yield express("step at the target", moved, "mm", "at the target at most")
 
 
-def _measure_scale(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
-    yield express("scale", fitted.range_of(np.ones(1)).scale(1e6), "ppm")
-
-
-def _measure_axes(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
-    """Measure how much longer an axis of the instrument counts than the others do, and by how much two
-    are off a right angle."""
-    every = np.eye(len(mechanism.terms))
-    for term, own in zip(mechanism.terms, every, strict=True):
-        size = fitted.range_of(own)
-        axes = term.symbol[1:]
-        if term.symbol.startswith("e"):
-            yield express(f"scale along {axes}", size.scale(1e6), "ppm")
-        else:
-            angle = size.scale(2 * ARC_SECONDS)
-            yield express(f"{axes[0]} and {axes[1]} off a right angle", angle, "arcsec")
-
-
-def _measure_range(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
-    yield express("every distance too long by", fitted.range_of(np.ones(1)), "mm")
-
-
 def _measure_stretch(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     yield express("shift of an upright flange axis", fitted.range_of(np.ones(1)), "mm")
 
@@ -383,11 +369,17 @@ MEASURES: Mapping[str, Measure] = {
     "tracker-step": _measure_jump,
     "target-step": _measure_jump,
     "zero-step": _measure_zero,
-    "tracker-scale": _measure_scale,
-    "tracker-axes": _measure_axes,
+    "tracker-scale": measure_scale,
+    "tracker-axes": measure_axes,
     "tool-droop": _measure_droop,
     "tool-stretch": _measure_stretch,
     "tool-play": _measure_tool_play,
     "payload-droop": _measure_load,
-    "tracker-range": _measure_range,
+    "tracker-range": measure_range,
+    "tracker-azimuth": measure_angle_wave,
+    "tracker-zenith": measure_angle_wave,
+    "tracker-index": measure_angle,
+    "tracker-transit": measure_angle,
+    "tracker-collimation": measure_angle,
+    "tracker-offset": measure_beam_offset,
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from ..diagnosis.candidates import list_usable_names
 from ..exceptions import sentence_list
 from ..fitting.problem import Problem
 from ..measurements.state_names import parse_state_name
@@ -53,7 +54,7 @@ def find_untested(
     """Find the `mechanisms` of a study's list `asked` for whose causes the data lack a value."""
     if isinstance(asked, str) or not asked:
         return Untested({})
-    available = problem.names().keys()
+    available = list_usable_names(problem)
     unknown = {}
     tested = set()
     for mechanism in mechanisms:
