@@ -1,7 +1,8 @@
 """The screws with which a candidate moves the target, without those that hardly do.
 
 A link that bends under the weight beyond it turns its far end about the axis of the next joint, and
-about the two axes across it by a hundredth of that. It is told where it acts: at that joint."""
+about the two axes across it by a hundredth of that. It is told where it acts: at that joint. What
+follows from where the target is, as errors of an instrument do, shifts all axes of one place."""
 
 from __future__ import annotations
 
@@ -13,6 +14,7 @@ import numpy as np
 from .._typing import Array
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
+from ..measurements.state_names import is_where_target_is
 from ..mechanisms.terms import Screw, Term, TermKey
 from .candidate_columns import stack_design
 from .candidates import Candidate
@@ -34,6 +36,9 @@ def keep_acting_screws(
     distinct: dict[TermKey, Term] = {}
     several: list[int] = []
     for number, candidate in enumerate(found):
+        names = candidate.mechanism.names()
+        if any(map(is_where_target_is, names)):
+            continue
         own = [term for term in candidate.mechanism.terms if _has_several_at_one(term)]
         if own:
             several.append(number)

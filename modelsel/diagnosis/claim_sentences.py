@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 from ..exceptions import choice_list, sentence_list
-from ..measurements.state_names import parse_state_name
+from ..measurements.state_names import is_where_target_is, parse_state_name
 from ..mechanisms.causes import Bump
 from .candidate_kinds import CandidateKind
 from .credible_sets import FOUND
@@ -31,6 +31,8 @@ COLUMNS = {
 }
 # causes that a shape is told with; a mechanism that has more is told by its name
 MOST_DRIVERS = 6
+# what all errors of an instrument say that follow from where the target is
+SEEN_WRONGLY = "The instrument measures wrongly, by an amount that depends on where the target is"
 # names of rivals that a place which is not proven is told with
 NAMED_RIVALS = 3
 # probability of what is not named beside them, above which that is said
@@ -235,6 +237,8 @@ def _name_entry(effect: Effect, label: str) -> str:
 
 def _describe_drivers(effect: Effect) -> str:
     names = frozenset[str]().union(*_find_acts(effect).values())
+    if names and all(map(is_where_target_is, names)):
+        return f"{SEEN_WRONGLY}; how is not proven"
     drivers = name_drivers(names)
     if _is_own_reading(effect, names):
         drivers = "its own reading"

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 
 from .._typing import Index
-from ..measurements.state_names import WHERE_TARGET_IS, StateKind, parse_state_name
+from ..measurements.state_names import StateKind, is_where_target_is, parse_state_name
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .data_faults import FaultKind
@@ -100,12 +100,10 @@ def _list_drivers(candidate: Candidate) -> dict[tuple[int, str], frozenset[str]]
 def _name_driver(name: str) -> str:
     """Name what a state variable stands for: a torque, whatever masses make it; where the target is,
     however an instrument sees that."""
-    variable = parse_state_name(name)
-    if variable is None:
-        return name
-    if variable.kind in WHERE_TARGET_IS:
+    if is_where_target_is(name):
         return SEEN
-    if variable.kind not in WITHOUT_MASSES:
+    variable = parse_state_name(name)
+    if variable is None or variable.kind not in WITHOUT_MASSES:
         return name
     massless_kind = WITHOUT_MASSES[variable.kind]
     loaded = replace(variable, kind=massless_kind, frame=None)

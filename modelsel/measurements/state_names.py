@@ -266,6 +266,11 @@ def state_kind(name: str) -> StateKind | None:
     return None if variable is None else variable.kind
 
 
+def is_where_target_is(name: str) -> bool:
+    """Return whether a name is of a quantity that says where the target is."""
+    return state_kind(name) in WHERE_TARGET_IS
+
+
 def is_state_name(name: str) -> bool:
     """Return whether a name is one of the table's, of any arm: no column may have it."""
     return parse_state_name(name) is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -56,6 +57,14 @@ def measure_angle_wave(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]
 def measure_beam_offset(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     """Measure how far the beam passes beside the instrument's axes."""
     yield express("beam beside the axes", _find_length(fitted), "mm")
+
+
+def measure_incidence(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure the largest error of a distance, of those that were measured: the beam may not meet the
+    target from other sides at all."""
+    measured = replace(fitted, reaches=False)
+    row = measured.find_worst()
+    yield express("error of a measured distance", measured.moved_at(row), "mm", "at most")
 
 
 def _find_length(fitted: Fitted) -> Range:

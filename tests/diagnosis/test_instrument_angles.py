@@ -13,9 +13,11 @@ from exact import flanges_of
 from scipy.spatial.transform import Rotation
 from searches import search_separated
 
+from modelsel.diagnosis.acting_screws import keep_acting_screws
 from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.claim_sentences import describe_proven
 from modelsel.diagnosis.outcome import Diagnosis
-from modelsel.diagnosis.signatures import LEVELS, PROVEN
+from modelsel.diagnosis.signatures import LEVELS, PROVEN, read_signatures
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
@@ -161,3 +163,31 @@ def test_angles_of_the_beam_are_candidates_where_the_instrument_stands_apart() -
 
     assert not told & list_names(at)
     assert told <= list_names(replace(at, tracker=(3000.0, 0.0, 500.0)))
+
+
+def test_errors_of_an_instrument_agree_in_place_and_drivers() -> None:
+    """What tells them apart is their shape, however small one of their axes is."""
+    rng = np.random.default_rng(4)
+    arm = load_robot("puma560")
+    at = draw_problem(arm, rng, None, 0.0)
+    base = Model((mechanism("geometric", arm),))
+    found = build_candidates(at, base, every(arm), cells=False)
+    acting = keep_acting_screws(at, found, None, np.zeros((at.data.position.size, 0)))
+    place, drivers, shape, _ = read_signatures(acting)
+    stems = {"tracker-axes", "tracker-scale", *(name for name, _, _ in PLANTS.values())}
+    stems -= {"reflector-incidence"}
+    where = [g for g, candidate in enumerate(found) if candidate.label in stems]
+    assert len(where) > len(stems)
+    assert len(set(place[where])) == len(set(drivers[where])) == 1
+    assert len(set(shape[where])) == len(stems)
+
+
+@pytest.mark.integration
+def test_an_error_that_is_not_told_from_others_is_the_instruments(rng: np.random.Generator) -> None:
+    arm = load_robot("ur5e")
+    effect, *_ = diagnose(draw_problem(arm, rng, turn_off_centre, 8e-4)).effects
+    assert effect.claim is not None
+    unsure = replace(effect.claim, level="drivers", levels=(1.0, 1.0, 0.6, 0.6))
+    told = describe_proven(replace(effect, claim=unsure))
+    assert told.startswith("The instrument measures wrongly, by an amount that depends on where")
+    assert "(tracker-azimuth" not in told

@@ -404,3 +404,28 @@ def test_axes_that_are_not_square_are_told_by_their_angles() -> None:
     assert told["scale along x"] == (pytest.approx(200), "ppm")
     angle, unit = told["x and y off a right angle"]
     assert (angle, unit) == (pytest.approx(np.degrees(2 * size["gxy"]) * 3600), "arcsec")
+
+
+@pytest.mark.parametrize(("name", "words"), [("transit", "axes off a right"), ("index", "off by")])
+def test_an_angle_of_an_instrument_is_told_in_arc_seconds(name: str, words: str) -> None:
+    one = mechanism(f"tracker-{name}", ARM)
+    ((quantity, told),) = numbers(one, fitted(one, -1e-4)).items()
+    assert words in quantity
+    assert told == (pytest.approx(np.degrees(1e-4) * 3600), "arcsec")
+
+
+def test_waves_of_an_angle_and_a_beam_beside_the_axes_are_told_by_their_length() -> None:
+    wave, beam = mechanism("tracker-azimuth", ARM), mechanism("tracker-offset", ARM)
+    of_wave, of_beam = numbers(wave, fitted(wave, 3e-4, -4e-4)), numbers(beam, fitted(beam, 3, 4))
+    amplitude = of_wave["amplitude of the angle's error"]
+    assert amplitude == (pytest.approx(np.degrees(5e-4) * 3600), "arcsec")
+    assert of_beam == {"beam beside the axes": (pytest.approx(5.0), "mm")}
+
+
+def test_a_reflectors_error_is_told_of_distances_that_were_measured() -> None:
+    one = mechanism("reflector-incidence", ARM)
+    effect = fitted(one, *np.linspace(0.1, 0.4, len(one.terms)))
+    ((value, unit),) = numbers(one, effect).values()
+    measured = effect.moved()[:, : effect.workspace.measured]
+    assert unit == "mm"
+    assert value == pytest.approx(np.linalg.norm(measured, axis=0).max())
