@@ -10,7 +10,7 @@ from itertools import combinations_with_replacement
 from ..robot.kinematics import Robot
 from .causes import Cause, Named, cos, sin
 from .environment import turn_to_frame_1
-from .terms import Mechanism, Screw, Term
+from .terms import Mechanism, Screw, Term, terms_of
 
 ANGLE = (1e-6, 1e-3)  # rad
 OFFSET = (1e-3, 5.0)  # mm
@@ -122,6 +122,26 @@ def tracker_offset(robot: Robot) -> Mechanism:
         "azimuth + oh / (range sin(zenith)), elevation + ov / range",
         MODELS,
         usual_causes=("mirror or laser of the instrument that has shifted",),
+    )
+
+
+def tracker_errors(robot: Robot) -> Mechanism:
+    """Errors of angles and beam all together, as an instrument has that was long not compensated."""
+    parts = (
+        tracker_azimuth(robot, 1),
+        tracker_zenith(robot, 1),
+        tracker_index(robot),
+        tracker_transit(robot),
+        tracker_collimation(robot),
+        tracker_offset(robot),
+    )
+    return Mechanism(
+        "tracker-errors",
+        terms_of(parts),
+        "Several angles of the instrument err, or its beam passes beside its axes.",
+        "; ".join(part.equation for part in parts),
+        MODELS,
+        usual_causes=("instrument that was not compensated for long, or knocked",),
     )
 
 

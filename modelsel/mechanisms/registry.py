@@ -112,6 +112,7 @@ BUILTIN: Registry = {
     "tracker-transit": instrument.tracker_transit,
     "tracker-collimation": instrument.tracker_collimation,
     "tracker-offset": instrument.tracker_offset,
+    "tracker-errors": instrument.tracker_errors,
     "reflector-incidence": Scanned(
         instrument.reflector_incidence, lambda robot: instrument.DEGREES
     ),

@@ -28,6 +28,7 @@ SET_UP = (
     "tracker-transit",
     "tracker-collimation",
     "tracker-offset",
+    "tracker-errors",
     "reflector-incidence",
     "refraction",
     "target-step",
@@ -141,6 +142,7 @@ BY_STEM = {
     "tracker-transit": _INSTRUMENT_ANGLE,
     "tracker-collimation": _INSTRUMENT_ANGLE,
     "tracker-offset": _INSTRUMENT_ANGLE,
+    "tracker-errors": _INSTRUMENT_ANGLE,
     "reflector-incidence": (
         MEASURE,
         "again with the reflector turned towards the instrument; leave it out of the controller",

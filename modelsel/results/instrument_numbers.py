@@ -16,6 +16,18 @@ ANGLES = {
     "tracker-transit": "the two axes off a right angle",
     "tracker-collimation": "beam off its direction",
 }
+# what the numbers of several errors together are called, by their terms
+TERMS = {
+    "hc": "horizontal angle with its cosine",
+    "hs": "horizontal angle with its sine",
+    "vc": "vertical angle with its cosine",
+    "vs": "vertical angle with its sine",
+    "v0": "vertical angle off by",
+    "i": "the two axes off a right angle",
+    "c": "beam off its direction",
+    "oh": "beam beside the axes, level",
+    "ov": "beam beside the axes, upwards",
+}
 
 
 def measure_scale(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -40,6 +52,18 @@ def measure_axes(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
 def measure_range(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     """Measure by how much every distance is too long."""
     yield express("every distance too long by", fitted.range_of(np.ones(1)), "mm")
+
+
+def measure_errors(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
+    """Measure every one of several errors of an instrument."""
+    every = np.eye(len(mechanism.terms))
+    for term, own in zip(mechanism.terms, every, strict=True):
+        size = fitted.range_of(own)
+        words = TERMS[term.symbol]
+        if term.unit == "mm":
+            yield express(words, size, "mm")
+        else:
+            yield express(words, size.scale(ARC_SECONDS), "arcsec")
 
 
 def measure_angle(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:

@@ -26,6 +26,7 @@ from .instrument_numbers import (
     measure_angle_wave,
     measure_axes,
     measure_beam_offset,
+    measure_errors,
     measure_incidence,
     measure_range,
     measure_scale,
@@ -383,5 +384,6 @@ MEASURES: Mapping[str, Measure] = {
     "tracker-transit": measure_angle,
     "tracker-collimation": measure_angle,
     "tracker-offset": measure_beam_offset,
+    "tracker-errors": measure_errors,
     "reflector-incidence": measure_incidence,
 }
