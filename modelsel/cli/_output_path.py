@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import click
 
-from ..exceptions import StudyError
+from ..exceptions import StudyError, one_line
 
 REMEDY = "Give another file with {option}."
 RESULT_FILE = "result.json"  # says that a folder holds a result
@@ -52,6 +53,24 @@ def check_table_path(out: Path) -> None:
             f"{out}: a table is written as CSV or as Parquet, not as a spreadsheet ({suffix}). "
             "Give a file .csv or .parquet with --out; spreadsheet programs open CSV."
         )
+
+
+def describe_other_result(folder: Path, study: str) -> str | None:
+    """Say that a folder has the result of a study of another name, which a run would replace; None
+    where it has none."""
+    file = folder / RESULT_FILE
+    try:
+        text = file.read_text(encoding="utf-8")
+        other = json.loads(text)["study"]
+    except (OSError, ValueError, LookupError, TypeError):
+        return None
+    if other == study:
+        return None
+    shown = one_line(str(other))
+    return (
+        f'{folder} has the result of another study, "{shown}", which this run replaces when it is '
+        "done. To keep it, interrupt now and give another folder with --out."
+    )
 
 
 def _is_among(out: Path, paths: Iterable[Path]) -> bool:

@@ -21,7 +21,7 @@ from ._options import (
     print_prose,
     print_written,
 )
-from ._output_path import OutputPath
+from ._output_path import OutputPath, describe_other_result
 
 if TYPE_CHECKING:
     from .._progress import Progress
@@ -97,6 +97,7 @@ def study_command(
 
         steps += STEPS
     earlier = find_reports(folder)
+    _warn_of_replacing(folder, read.name)
     amount = None if as_json else choose_amount(verbose, quiet)
     with claim_folder(folder), show_progress(steps, hidden=quiet) as progress:
         run = _Run(folder, registry, progress, amount, not no_sampling, not no_report)
@@ -205,6 +206,13 @@ def _import_sampler() -> None:
         import_module("emcee")
     finally:
         del sys.modules["scipy.stats"]
+
+
+def _warn_of_replacing(folder: Path, study: str) -> None:
+    """Say that a folder has another study's result, before this run takes its place."""
+    other = describe_other_result(folder, study)
+    if other is not None:
+        print_prose(f"modelsel: {other}", err=True)
 
 
 def _print_removed(folder: Path, earlier: list[str]) -> None:

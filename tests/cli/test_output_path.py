@@ -103,3 +103,25 @@ def test_a_new_study_replaces_no_file_of_its_folder(place: Path) -> None:
     assert ran.exit_code == 2, ran.output
     assert "another file of this name is there and would be replaced" in ran.output
     assert own.read_text() == "what people wrote"
+
+
+@pytest.mark.parametrize(
+    ("stored", "warned"),
+    [
+        ('{"study": "cell \\n4"}', True),
+        ('{"study": "PUMA 760 (simulated stand-in)"}', False),
+        ("{}", False),
+        ("[", False),
+    ],
+)
+def test_the_result_of_another_study_is_not_replaced_without_a_word(
+    place: Path, stored: str, warned: bool
+) -> None:
+    (place / "result" / "result.json").write_text(stored)
+    measured = place / "study" / "measurements.csv"
+    few = measured.read_text().splitlines()[:9]
+    measured.write_text("\n".join(few))
+    ran = CliRunner().invoke(run_command_line, ["study", "study", "--out", "result", "--no-report"])
+    said = 'result has the result of another study, "cell \\n4", which this run replaces when it'
+    assert (said in ran.stderr) == warned, ran.stderr
+    assert ran.exit_code != 1
