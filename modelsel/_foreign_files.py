@@ -60,6 +60,7 @@ SIGNATURES = {
     re.compile(r"SQLite format 3"): ("a database", AS_TABLE),
     re.compile(r"\x89HDF"): ("a file of HDF5", AS_TABLE),
     re.compile(r"\x93NUMPY"): ("an array of NumPy", AS_TABLE),
+    re.compile(r"%PDF-"): ("a PDF", AS_TABLE),
     re.compile(r"ARROW1"): (
         "a file of Arrow or Feather",
         "Write it as Parquet or CSV, and give that.",
@@ -67,6 +68,10 @@ SIGNATURES = {
 }
 ZIP = "PK\x03\x04"  # workbooks begin so, too
 WORKBOOKS = {".xlsx", ".xlsm", ".xlsb", ".ods"}
+# TOML: what a study and a robot are written in
+OWN_SUFFIX = ".toml"
+OWN_FILE = "this is a study file or a robot file, not a table of measured points."
+OWN_REMEDY = "Give the measurements; modelsel study runs a study file."
 BYTE_ORDER_MARK = "ï»¿"
 # characters of a file's beginning that are looked at
 BEGINNING = 2000
@@ -106,6 +111,8 @@ def _find_signature(beginning: str, suffix: str) -> tuple[str, str] | None:
 def describe_foreign(path: Path) -> tuple[str, str] | None:
     """Return (what a file of rows is, what to do) where it has a format that is not read, else None."""
     suffix = path.suffix.lower()
+    if suffix == OWN_SUFFIX:
+        return OWN_FILE, OWN_REMEDY
     beginning = _read_beginning(path)
     program = _find_program(beginning)
     if program is not None:

@@ -26,6 +26,11 @@ class OutputPath(click.Path):
         """Convert to a Path. Raises BadParameter."""
         if value == "":
             self.fail("expected a path, found an empty text.")
+        path = Path(value)
+        if not self.file_okay and path.is_file():
+            self.fail(f"{value} is a file; a folder is expected.")
+        if not self.dir_okay and path.is_dir():
+            self.fail(f"{value} is a folder; a file is expected.")
         return super().convert(value, param, ctx)
 
 

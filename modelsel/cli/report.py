@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @click.command("report")
-@click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
+@click.argument("folder", type=click.Path(path_type=Path))
 @click.option(
     "--pages", help="Some pages by name, with commas: into report-pages.pdf beside the full report."
 )
@@ -56,6 +56,7 @@ def report_command(
     if chosen is not None:
         _check_pages(chosen)
     amount = choose_amount(verbose, quiet)
+    _refuse_file(folder)
     check_writable(folder)
     with claim_folder(folder), show_progress(STEPS, hidden=quiet) as say:
         record, details = read_records(folder)
@@ -72,6 +73,14 @@ def report_command(
         print_json({"written": [path.name for path in written]})
     elif not quiet:
         print_written(folder, written)
+
+
+def _refuse_file(path: Path) -> None:
+    """Refuse a file in a folder's place. Raises StudyError."""
+    if path.is_file():
+        raise StudyError(
+            f"{path}: this is a file; the folder of a finished study is expected. Is it {path.parent}?"
+        )
 
 
 def _check_pages(chosen: Sequence[str]) -> None:

@@ -4,6 +4,7 @@ place."""
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -46,6 +47,9 @@ from .study_tables import (
     SplitTable,
     _Table,
 )
+
+# endings of tables, which no study file has
+TABLE_SUFFIXES = (".csv", ".tsv", ".xlsx", ".xlsm", ".xlsb", ".xls", ".ods", ".parquet", ".pq")
 
 
 class Study(_Table):
@@ -184,8 +188,20 @@ def read_study(path: Path | str) -> Study:
     path = Path(path)
     if path.is_dir():
         path = path / "study.toml"
+    _refuse_measurements(path)
     text = read_text(path, "the study file")
     return parse_study(text, path.name)
+
+
+def _refuse_measurements(path: Path) -> None:
+    """Refuse a table of measurements in a study's place, and say how to make a study of it. Raises
+    StudyError."""
+    is_table = path.suffix.lower() in TABLE_SUFFIXES
+    if is_table and path.is_file():
+        raise StudyError(
+            f"{path.name}: this is a table of measurements, not a study file. modelsel init "
+            f"{shlex.quote(str(path))} --robot NAME writes a study of it."
+        )
 
 
 def find_data(name: str, beside: Path) -> Path:

@@ -30,7 +30,7 @@ from ..robot.kinematics import Robot
 from ..setup.feature_positions import place_features
 from .inputs import open_study, read_known_features, read_nominal_robot
 from .noise_parts import check_parts
-from .planted_effects import list_frame_problems, name_effect
+from .planted_effects import list_formula_problems, list_frame_problems, name_effect
 from .preparation import arrange_tools
 from .unrepeated import NOTHING, Unrepeated, draw_unrepeated
 
@@ -58,7 +58,10 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
         configurations = _draw_visits(study.simulate, robot, rng)
     else:
         configurations = _take_one_row_each(measured)
-    effects = _parse_effects(study, robot, configurations)
+    missing = ""
+    if measured is None:
+        missing = f" Columns are those of {study.measurements.file}, which is not there."
+    effects = _parse_effects(study, robot, configurations, missing)
     if measured is not None and measured.gauges is not None:
         _refuse_parts(study.simulate)
         features = read_known_features(study)
@@ -128,18 +131,22 @@ def _take_one_row_each(data: Measurements) -> Measurements:
     return replace(rows, target=target, targets=("target",), gauges=None)
 
 
-def _parse_effects(study: Study, robot: Robot, data: Measurements) -> Effects:
-    """Return the study's planted effects. Raises StudyError with all problems at once."""
+def _parse_effects(study: Study, robot: Robot, data: Measurements, missing: str) -> Effects:
+    """Return the study's planted effects; `missing` is said of names that are unknown. Raises
+    StudyError with all problems at once."""
     tool = np.zeros((1, 3))
     problem = Problem(robot, data, tool)
     units = problem.names()
     problems = list_frame_problems(study, robot)
+    malformed = list_formula_problems(study)
     effects = []
     for number, effect in enumerate(study.simulate.effect, 1):
         try:
             cause = parse(effect.cause, units, name_effect(number))
         except StudyError as error:
-            problems += error.problems
+            for text in error.problems:
+                is_malformed = text in malformed
+                problems.append(text if is_malformed else text + missing)
             continue
         screw = Screw(effect.frame, effect.axis, cause)
         effects.append((screw, effect.size))

@@ -125,3 +125,45 @@ def test_the_result_of_another_study_is_not_replaced_without_a_word(
     said = 'result has the result of another study, "cell \\n4", which this run replaces when it'
     assert (said in ran.stderr) == warned, ran.stderr
     assert ran.exit_code != 1
+
+
+def test_a_file_in_a_folders_place_is_called_a_file(place: Path) -> None:
+    ran = CliRunner().invoke(run_command_line, ["study", "study", "--out", "targets.csv"])
+    assert "targets.csv is a file; a folder is expected." in ran.output
+    ran = CliRunner().invoke(run_command_line, ["simulate", "study", "--out", "result"])
+    assert "result is a folder; a file is expected." in ran.output
+    ran = CliRunner().invoke(run_command_line, ["report", "result/result.json"])
+    assert (
+        ran.exit_code,
+        "the folder of a finished study is expected. Is it result?" in ran.output,
+    ) == (2, True)
+    assert {path.name for path in place.iterdir()} == {"study", "result", "targets.csv", "arm.urdf"}
+
+
+def test_files_in_each_others_place_are_called_what_they_are(place: Path) -> None:
+    """A table for a study, a study for a table."""
+    ran = CliRunner().invoke(run_command_line, ["study", "study/measurements.csv"])
+    said = "measurements.csv: this is a table of measurements, not a study file. modelsel init"
+    assert (ran.exit_code, f"{said} study/measurements.csv --robot NAME" in ran.output) == (2, True)
+    ran = CliRunner().invoke(
+        run_command_line, ["init", "study/study.toml", "--robot", "ur5", "--yes", "--out", "new"]
+    )
+    said = "study.toml: this is a study file or a robot file, not a table of measured points."
+    assert (ran.exit_code, said in ran.output) == (3, True)
+    (place / "a.pdf").write_bytes(b"%PDF-1.7\n%\xb5")
+    ran = CliRunner().invoke(
+        run_command_line, ["init", "a.pdf", "--robot", "ur5", "--yes", "--out", "new"]
+    )
+    assert (ran.exit_code, "a.pdf: this is a PDF, which is not read." in ran.output) == (3, True)
+
+
+def test_a_planted_effect_names_the_file_that_its_column_is_missed_in(place: Path) -> None:
+    study = place / "study" / "study.toml"
+    planted = '[[simulate.effect]]\nframe = 3\naxis = "rz"\nsize = 1e-3\ncause = "{}"\n'
+    with study.open("a") as file:
+        file.write(planted.format("payload_kg") + planted.format("q1 +"))
+    (place / "study" / "measurements.csv").unlink()
+    ran = CliRunner().invoke(run_command_line, ["simulate", "study", "--out", "m.csv"])
+    unknown, malformed = [line for line in ran.stderr.splitlines() if "simulate.effect" in line]
+    assert unknown.endswith("Columns are those of measurements.csv, which is not there.")
+    assert malformed.endswith("it cannot be read as a formula.")
