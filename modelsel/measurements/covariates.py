@@ -8,7 +8,6 @@ import numpy as np
 
 from .._names import is_plain_word
 from .._typing import Array
-from ..exceptions import one_line
 from ..notices import Note
 from .columns import convert_to_numbers, describe_cell, read_numbers
 from .contract_columns import JOINT_COLUMN, KNOWN_COVARIATES, list_contract_names
@@ -17,7 +16,7 @@ from .observation_columns import KIND_COLUMNS
 from .point_times import find_date_column, read_clock
 from .state_names import is_state_name
 from .table import Table
-from .uncausal_columns import NO_NAME, describe_uncausal, find_uncausal_columns
+from .uncausal_columns import NO_NAME, describe_uncausal, find_uncausal_columns, quote_column
 
 # numbers of a covariate that the contract names, and of any other
 MAX_KNOWN_COVARIATE = 1e12
@@ -76,7 +75,7 @@ def _describe_ignored(table: Table, textual: Sequence[str], unusable: Sequence[s
     """Say which columns are ignored; characters of their names that cannot be seen are escaped."""
     notes = []
     if textual:
-        names = ", ".join(one_line(name) or NO_NAME for name in textual)
+        names = ", ".join(map(quote_column, textual))
         sentence = f"Columns that hold no numbers are ignored: {names}."
         notes.append(Note("columns-ignored", sentence))
     if unusable:
@@ -88,9 +87,9 @@ def _describe_ignored(table: Table, textual: Sequence[str], unusable: Sequence[s
 
 def _say_why_unusable(table: Table, name: str) -> str:
     """Name a numeric column, and why it is no cause."""
-    shown = one_line(name)
-    if not shown:
-        return NO_NAME
+    shown = quote_column(name)
+    if shown == NO_NAME:
+        return shown
     if name in FUNCTIONS or is_state_name(name):
         return f"{shown} (a name that modelsel gives to values of its own)"
     if not is_plain_word(name):

@@ -99,10 +99,16 @@ def describe_uncausal(found: Mapping[str, Sequence[str]]) -> list[Note]:
     for code, names in found.items():
         if not names:
             continue
-        listed = ", ".join(one_line(name) or NO_NAME for name in names)
+        listed = ", ".join(map(quote_column, names))
         sentence = SENTENCES[code].format(listed)
         notes.append(Note(code, sentence))
     return notes
+
+
+def quote_column(name: str) -> str:
+    """Quote a column's name, characters that cannot be seen escaped."""
+    shown = one_line(name)
+    return f'"{shown}"' if shown else NO_NAME
 
 
 def _holds_numbers(table: Table, name: str) -> bool:

@@ -715,7 +715,8 @@ def test_uncertainties_are_mapped_where_their_unit_is_said(unit) -> None:
         np.testing.assert_allclose(data.sigma, 0.0315, rtol=0.1)
         return
     assert data.sigma is None
-    assert f"are ignored: {', '.join(names)}. Map one standard deviation in mm" in ran.stdout
+    quoted = ", ".join(f'"{name}"' for name in names)
+    assert f"are ignored: {quoted}. Map one standard deviation in mm" in ran.stdout
 
 
 def test_quaternions_that_are_used_are_said() -> None:

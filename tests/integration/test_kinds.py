@@ -731,7 +731,7 @@ def test_files_that_mean_something_else_by_these_names_are_read_as_before(tmp_pa
     )
     assert data.gauges is None
     assert set(data.covariates) == {"s_mm", "length_mm"}
-    assert "Columns that hold no numbers are ignored: kind." in [n.sentence for n in data.notes]
+    assert 'Columns that hold no numbers are ignored: "kind".' in [n.sentence for n in data.notes]
 
 
 def test_what_a_study_knows_of_features_is_checked(tmp_path) -> None:

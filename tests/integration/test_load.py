@@ -141,7 +141,7 @@ def test_causes_that_never_change(rng, tmp_path) -> None:
         temperature_C=20.0, payload_kg=0.0, time_s=5.0, current_A=3.0, empty=np.nan
     )
     said = told(tmp_path, table, 0)
-    assert "Columns that hold no numbers are ignored: empty" in said
+    assert 'Columns that hold no numbers are ignored: "empty' in said
     assert json.loads((tmp_path / "out" / "result.json").read_text())["findings"] == []
 
 

@@ -155,7 +155,7 @@ def test_a_column_that_the_split_uses_is_not_said_to_be_ignored(tmp_path) -> Non
     path = csv(tmp_path, f"{PLAIN},role,operator", "0,0,1,2,3,estimation,Ann", "1,0,1,2,3,new,Bob")
     data = read_measurements(path, ARM, used=("role",))
     said = {note.code: note.sentence for note in data.notes}
-    assert said["columns-ignored"] == "Columns that hold no numbers are ignored: operator."
+    assert said["columns-ignored"] == 'Columns that hold no numbers are ignored: "operator".'
 
 
 def test_a_column_that_counts_the_rows_is_no_cause(tmp_path) -> None:

@@ -29,6 +29,10 @@ def read(**others) -> tuple[set[str], dict[str, str]]:
     return set(data.covariates), {note.code: note.sentence for note in data.notes}
 
 
+def quote(names) -> str:
+    return ", ".join(f'"{name}"' for name in names)
+
+
 @pytest.mark.parametrize(
     "names",
     [
@@ -44,7 +48,7 @@ def read(**others) -> tuple[set[str], dict[str, str]]:
 def test_deviations_of_the_position_are_no_causes(names) -> None:
     causes, said = read(**{name: noise(k) for k, name in enumerate(names)})
     assert not causes
-    assert said["computed-ignored"].endswith(f": {', '.join(names)}.")
+    assert said["computed-ignored"].endswith(f": {quote(names)}.")
 
 
 @pytest.mark.parametrize(
@@ -54,7 +58,7 @@ def test_another_position_is_no_cause(names) -> None:
     """One coordinate alone may be anything: an axis that the arm travels along."""
     causes, said = read(**{name: noise(k) for k, name in enumerate(names)})
     assert not causes
-    assert said["positions-ignored"].endswith(f": {', '.join(names)}.")
+    assert said["positions-ignored"].endswith(f": {quote(names)}.")
     causes, _ = read(**{names[0]: noise(0)})
     assert causes == {names[0]}
 
@@ -70,7 +74,7 @@ def test_a_position_of_any_name_is_no_cause() -> None:
     heat = {f"temp_{k}": noise(k) for k in range(3)}
     causes, said = read(**beside, **heat, **controller)
     assert causes == set(heat)
-    assert said["positions-ignored"].endswith(f": {', '.join([*beside, *controller])}.")
+    assert said["positions-ignored"].endswith(f": {quote([*beside, *controller])}.")
 
 
 def test_what_grows_as_the_arm_goes_along_a_line_stays_a_cause() -> None:
@@ -90,7 +94,7 @@ def test_commanded_readings_are_no_causes(name) -> None:
     data = read_measurements(rows, [False, False])
     assert not data.covariates
     said = {note.code: note.sentence for note in data.notes}
-    assert said["commanded-ignored"].endswith(f": {', '.join(names)}.")
+    assert said["commanded-ignored"].endswith(f": {quote(names)}.")
 
 
 def test_other_columns_stay_causes() -> None:
@@ -142,9 +146,9 @@ def test_orientations_and_uncertainties_are_no_causes() -> None:
         q4=q4,
     )
     assert not causes
-    assert said["orientations-ignored"].endswith(": A, B, C.")
-    assert "sX, sY, sZ. Map" in said["uncertainties-ignored"]
-    assert "q1, q2, q3, q4. Map them to qw qx qy qz" in said["quaternion-ignored"]
+    assert said["orientations-ignored"].endswith(f": {quote('ABC')}.")
+    assert '"sX", "sY", "sZ". Map' in said["uncertainties-ignored"]
+    assert '"q1", "q2", "q3", "q4". Map them to qw qx qy qz' in said["quaternion-ignored"]
 
 
 def test_moments_are_no_orientation() -> None:
