@@ -22,6 +22,12 @@ EXPECTED = (
     ("number", "a number"),
     ("finite number", "a finite number"),
 )
+# a bound of a number: how pydantic says it, and we do
+BOUNDS = (
+    (re.compile(r"expected greater than or equal to (\S+)"), r"expected \1 or more"),
+    (re.compile(r"expected less than or equal to (\S+)"), r"expected \1 at most"),
+    (re.compile(r"expected greater than (\S+)"), r"expected more than \1"),
+)
 # what pydantic says of lengths and letters, in our words
 LENGTH_MESSAGES = {
     "too_short": "expected {min_length} values or more",
@@ -84,6 +90,8 @@ def describe_error(error: Any) -> str:
     message = re.sub(r"^Input should be (a valid |)", "expected ", message)
     for theirs, ours in EXPECTED:
         message = message.replace(f"expected {theirs}", f"expected {ours}")
+    for their_bound, our_bound in BOUNDS:
+        message = their_bound.sub(our_bound, message)
     message = message.replace(" after validation", "")
     value = error["input"]
     if isinstance(value, bool):

@@ -92,7 +92,7 @@ def list_labels(result: Result) -> list[str]:
         ),
         (
             [{"causes": ["acc_x_g"], "prior": 0.0}],
-            "covariate.1.prior: expected greater than 0, found '0.0'.",
+            "covariate.1.prior: expected more than 0, found '0.0'.",
         ),
         (
             [{"causes": ["acc_x_g"], "prior": 0.7}, {"causes": ["acc_y_g"], "prior": 0.3}],
@@ -360,10 +360,7 @@ confirmed = 9
         ),
         (
             {"tool-droop": {"contradicted": -1}},
-            (
-                "search.outcomes.tool-droop.contradicted: expected greater than or equal to 0, found "
-                "'-1'."
-            ),
+            ("search.outcomes.tool-droop.contradicted: expected 0 or more, found '-1'."),
         ),
         (
             {"tool-droop": {"contradict": 1}},
