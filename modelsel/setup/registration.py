@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from .._typing import Array, Index, Mask
-from ..exceptions import DataError, NotEstimable, sentence_list, write_rounded
+from ..exceptions import DataError, NotEstimable, count_words, sentence_list, write_rounded
 from ..fitting.problem import Problem
 from ..notices import Note
 from .adjustment import GROSS, refine_robustly, refine_without_gross_rows
@@ -79,8 +79,9 @@ def _register_points(problem: Problem, use: Mask, per_group: bool) -> Problem:
     selected = problem.take(use)
     count = selected.data.configurations
     if count < MIN_CONFIGURATIONS:
+        verb = "has" if count == 1 else "have"
         raise DataError(
-            f"{count} estimation configurations have a measured point; registration needs "
+            f"{count_words(count, 'estimation configuration')} {verb} a measured point; registration needs "
             f"{MIN_CONFIGURATIONS}.",
             remedy="Measure more points, or leave register out: the other rows are evaluated in the robot's own frame.",
         )
@@ -98,9 +99,11 @@ def _require_configurations(problem: Problem, group: Index, count: int, per_grou
     for g in range(count):
         configurations = len(np.unique(problem.data.configuration[group == g]))
         if configurations < MIN_CONFIGURATIONS:
+            counted = count_words(configurations, "estimation configuration")
+            verb = "has" if per_group else "have"
             raise DataError(
-                f"{name_group(problem, g, per_group)} has {configurations} estimation "
-                f"configurations; registration needs {MIN_CONFIGURATIONS} per placement.",
+                f"{name_group(problem, g, per_group)} {verb} {counted}; registration needs "
+                f"{MIN_CONFIGURATIONS} per placement.",
                 remedy="Measure more, or choose another [split].",
             )
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._typing import Index
 from ..exceptions import DataError, NotEstimable, count_words, write_percent, write_rounded
 from ..fitting.design import Model, residuals
 from ..fitting.identifiability import as_drawn, identify
@@ -40,6 +41,7 @@ FAR = (
     "The positions are {share} of the length of the arm's links in all from where the robot has "
     "them, and `modelsel study` refuses them: check the robot, the order of the joints, the units and the frame."
 )
+MAX_PLACES = 5  # rows beyond a joint's limits that are listed
 LIMIT_TOLERANCE = 1e-6  # rad or mm: a reading at the limit, as it comes back from degrees
 MIN_MOTION = 1e-6  # rad or mm: a joint with a smaller range does not move
 
@@ -89,14 +91,14 @@ def _describe_joints(robot: Robot, data: Measurements) -> list[dict[str, Any]]:
         readings = data.q[:, j]
         low, high = float(readings.min()), float(readings.max())
         share = None
-        beyond = 0
+        beyond: Index = np.array([], np.intp)
         if joint.limits is not None:
             least, most = joint.limits
             inside = min(high, most) - max(low, least)
             share = max(inside, 0.0) / (most - least)
             is_below = readings < least - LIMIT_TOLERANCE
             is_above = readings > most + LIMIT_TOLERANCE
-            beyond = int((is_below | is_above).sum())
+            beyond = data.row[is_below | is_above]
         description = {
             "joint": j + 1,
             "low": low,
@@ -104,7 +106,8 @@ def _describe_joints(robot: Robot, data: Measurements) -> list[dict[str, Any]]:
             "unit": robot.unit(j + 1),
             "share_of_range": share,
             "limits": joint.limits,
-            "rows_beyond_limits": beyond,
+            "rows_beyond_limits": len(beyond),
+            "places_beyond_limits": data.where.listed(beyond, MAX_PLACES),
             "moves": high - low > MIN_MOTION,
         }
         joints.append(description)
@@ -303,8 +306,9 @@ def _format_joint(joint: dict[str, Any]) -> str:
         factor = 180 / np.pi if unit == "deg" else 1.0
         least, most = (limit * factor for limit in joint["limits"])
         verb = "lies" if beyond == 1 else "lie"
+        places = joint["places_beyond_limits"]
         text += (
-            f"; {count_words(beyond, 'row')} {verb} beyond its limits, {least:.6g} to {most:.6g} {unit}: "
+            f"; {count_words(beyond, 'row')} ({places}) {verb} beyond its limits, {least:.6g} to {most:.6g} {unit}: "
             "check the joint's zero, its sense and the robot file"
         )
     return text

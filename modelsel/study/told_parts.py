@@ -46,7 +46,7 @@ def _describe_untellable(problem: Problem) -> str:
     if not problem.only_points:
         return "Points alone tell it; rows of other kinds do not."
     return (
-        f"It takes {MIN_LEVELS} configurations to tell any of it; these are "
+        f"It takes {MIN_LEVELS} configurations to tell any of it; the file has "
         f"{problem.data.configurations}."
     )
 
@@ -94,8 +94,7 @@ def _describe_groups(data: Measurements, told: bool) -> str:
     groups = count_distinct(data.group)
     if told:
         return f"What the rows of one group share: told by {groups:,} groups."
-    found = "these are one" if groups == 1 else f"these are {groups:,}"
     return (
         f"What the rows of one group share (a day, a place of the tracker): it takes {MIN_GROUPS} "
-        f"groups of 2 to {MAX_BLOCK} rows; {found}."
+        f"groups of 2 to {MAX_BLOCK} rows; the file has {groups:,}."
     )

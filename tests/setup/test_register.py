@@ -192,8 +192,8 @@ def test_too_few_configurations(groups, rng) -> None:
     use = everything(at)
     last = at.data.group == groups - 1
     use[np.flatnonzero(last)[6:]] = False  # three configurations of two targets
-    where = f"group day{groups - 1}" if groups > 1 else "the data"
-    with pytest.raises(DataError, match=f"{where} has 3 estimation configurations") as caught:
+    where = f"group day{groups - 1} has" if groups > 1 else "the data have"
+    with pytest.raises(DataError, match=f"{where} 3 estimation configurations") as caught:
         register(at, use, per_group=groups > 1)
     assert caught.value.exit_code == 3
     assert "Measure more" in caught.value.remedy

@@ -68,7 +68,7 @@ def test_all_that_does_not_suit_the_robot_is_said_at_once(tmp_path: Path) -> Non
         ),
         (
             {"noise": {"fixed": {"joint 2": -1e-5}}},
-            "noise.fixed.joint 2: expected greater than 0, found '-1e-05'.",
+            "noise.fixed.joint 2: expected more than 0, found '-1e-05'.",
         ),
         (
             {"noise": {"parts": ["joints"], "fixed": {"group": 0.1}}},
@@ -324,7 +324,7 @@ def test_check_says_what_the_data_can_tell_and_what_would_tell_the_rest(tmp_path
     assert "No posture was measured twice: what a joint does not repeat is seen by the dir" in said
     assert "10 postures measured 3 times each, in separate rounds, would tell them apart." in said
     assert "a second target would tell it" in said
-    assert f"it takes 5 groups of 2 to {MAX_BLOCK} rows; these are one." in said
+    assert f"it takes 5 groups of 2 to {MAX_BLOCK} rows; the file has 1." in said
 
     parts, said = told(simulated(tmp_path, configurations=20, repeats=2, groups=5))
     assert parts["joint 6"] == "repeats"
@@ -335,4 +335,4 @@ def test_check_says_what_the_data_can_tell_and_what_would_tell_the_rest(tmp_path
 
     parts, said = told(simulated(tmp_path, configurations=19))
     assert not parts
-    assert "It takes 20 configurations to tell any of it; these are 19." in said
+    assert "It takes 20 configurations to tell any of it; the file has 19." in said

@@ -18,4 +18,8 @@ def test_a_share_of_the_range_counts_what_lies_within_the_limits(rng: np.random.
     q[2:, 2] = 0.3
     found = inspect_measurements(robot, build_measurements(q, np.zeros((20, 3))))
     (line,) = [line for line in format_inspection(found) if line.startswith("Joint 3")]
-    assert "-20.0 to 100.0 deg, 50 % of its range; 1 row lies beyond its limits, -110 to 70" in line
+    assert (
+        "-20.0 to 100.0 deg, 50 % of its range; 1 row (row 1, counted from 0) lies beyond its limits"
+        in line
+    )
+    assert ", -110 to 70 deg: check the joint's zero" in line
