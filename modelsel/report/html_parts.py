@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from html import escape
 
+# between a number and its unit, where a line does not end
+UNIT = re.compile(r"(?<=\d) (?=(?:%|mm|µm|mrad|µrad|°C)(?!\w))")
+NO_BREAK = "\N{NO-BREAK SPACE}"
 Columns = Sequence[tuple[str, str]]
 
 
 def write_paragraph(words: str, style: str = "") -> str:
     """Write a paragraph of plain words."""
     attribute = f' class="{style}"' if style else ""
-    return f"<p{attribute}>{escape(words)}</p>"
+    kept = UNIT.sub(NO_BREAK, words)
+    return f"<p{attribute}>{escape(kept)}</p>"
 
 
 def write_html_table(columns: Columns, rows: Sequence[Sequence[str]], of: str) -> str:

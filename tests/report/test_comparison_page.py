@@ -63,7 +63,8 @@ def page(reports) -> Path:
 
 
 def text_of(page: Path) -> str:
-    return unescape(re.sub(r"<[^>]+>", "", page.read_text(encoding="utf-8")))
+    text = unescape(re.sub(r"<[^>]+>", "", page.read_text(encoding="utf-8")))
+    return text.replace("\N{NO-BREAK SPACE}", " ")
 
 
 def record(reports: Path, number: int) -> dict:

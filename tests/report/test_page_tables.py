@@ -233,3 +233,14 @@ def test_pictures_of_a_finding_have_three_ticks_or_more(browser, drawn) -> None:
     )
     assert ticks[0] >= 3
     assert ticks[1] <= 8
+
+
+def test_a_line_ends_between_no_number_and_its_unit(browser, drawn) -> None:
+    """In paragraphs that are written, and in cells that a script fills."""
+    opened(browser, drawn / "report.html")
+    parts = "document.querySelectorAll('.verdict, #findings td, #findings p')"
+    joined = f"return Array.from({parts}, part => part.textContent).join('\\n')"
+    text = browser.execute_script(joined)
+    assert "\N{NO-BREAK SPACE}%" in text
+    assert "\N{NO-BREAK SPACE}mm" in text
+    assert not findall(r"\d (?:%|mm\b|µm\b|mrad\b|µrad\b|°C)", text)

@@ -98,6 +98,7 @@ def test_the_pdf_lists_it_in_mrad_among_small_ones(drawn) -> None:
 def test_two_studies_beside_each_other_have_it_in_mrad(drawn) -> None:
     source = with_turning(drawn)
     said = _write_finding(SimpleNamespace(record=source.record, details=source.details), 0)
+    said = said.replace("\N{NO-BREAK SPACE}", " ")
     assert "at most 0.310 mrad of the target&#x27;s orientation; " in said.replace("'", "&#x27;")
     assert "0 mm" not in said
 

@@ -1,10 +1,15 @@
 // Small helpers: elements without markup, a scatter of residual against cause, numbers in words.
 const SVG = "http://www.w3.org/2000/svg";
 
+// a number and its unit stay on one line
+function keepUnits(text) {
+  return String(text).replace(/(\d) (?=(?:%|mm|µm|mrad|µrad|°C)(?!\w))/g, "$1\u00a0");
+}
+
 function el(name, attributes = {}, ...children) {
   const node = document.createElement(name);
   for (const [key, value] of Object.entries(attributes)) {
-    if (key === "text") node.textContent = value;
+    if (key === "text") node.textContent = keepUnits(value);
     else node.setAttribute(key, value);
   }
   node.append(...children);
