@@ -158,7 +158,11 @@ _RIVALS = (
     MEASURE,
     "what tells its rivals apart before {joints} touched; the model corrects it meanwhile",
 )
-_UNNAMED = (MODEL, "it has no name; the model corrects it, what moves has to be looked at")
+_UNNAMED = (
+    MODEL,
+    "no registered mechanism describes it; the model corrects it, what moves has to be looked at",
+)
+_OF_A_PLUGIN = (MODEL, "the model corrects it, what moves has to be looked at")
 _CONTRARY = (
     MODEL,
     "the pose says it, so the model corrects it; no play or spring of {joint} explains it",
@@ -221,7 +225,8 @@ def _choose_by_name(record: StudyRecord, finding: FindingRecord, stem: str) -> t
         return _INSPECT
     if stem not in BY_STEM and all(screw.is_free for screw in first.screws):
         return _ANGLE
-    return BY_STEM.get(stem, _UNNAMED)
+    unlisted = _OF_A_PLUGIN if stem else _UNNAMED
+    return BY_STEM.get(stem, unlisted)
 
 
 def _name_places(finding: FindingRecord) -> list[str]:

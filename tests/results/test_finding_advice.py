@@ -61,6 +61,17 @@ def test_the_action_follows_what_is_known(drawn, change, action) -> None:
     assert advise(record, finding.model_copy(update=change)).action == action
 
 
+@pytest.mark.parametrize("name", [None, "somebody's-plug-in:2"])
+def test_only_what_no_mechanism_describes_is_said_to_have_none(drawn, name) -> None:
+    record = read_source(drawn).record
+    finding = record.findings[1]
+    first = finding.first.model_copy(update={"mechanism": name})
+    sentence = advise(record, finding.model_copy(update={"credible_set": [first]})).sentence
+    assert "it has no name" not in sentence
+    assert ("no registered mechanism describes it" in sentence) == (name is None)
+    assert "what moves has to be looked at" in sentence
+
+
 def test_a_free_function_of_a_joint_is_a_correction_over_its_angle(drawn) -> None:
     record = read_source(drawn).record
     finding = record.findings[1]
