@@ -139,9 +139,10 @@ def _describe_models(record: StudyRecord) -> str:
     numbered = list(map(write_numbered, chosen.mechanisms, numbers))
     names = sentence_list(numbered) if numbered else "nominal"
     return (
-        f"Nominal model: {format_mm(nominal.mean_mm)} mm mean, {format_mm(nominal.max_mm)} mm worst. "
-        f"Chosen model ({names}): {format_mm(chosen.estimation.mean_mm)} mm mean; noise floor "
-        f"{describe_noise_floor(record)}."
+        f"Estimation configurations: {format_mm(nominal.mean_mm)} mm mean and "
+        f"{format_mm(nominal.max_mm)} mm at worst with the nominal model, "
+        f"{format_mm(chosen.estimation.mean_mm)} mm mean with the chosen one ({names}); noise "
+        f"floor {describe_noise_floor(record)}."
     )
 
 

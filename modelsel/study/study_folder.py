@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from .._files import check_writable, csv_bytes, write_all
+from .._names import find_name_problem
 from .._text import read_text
 from ..config.study_file import parse_study
 from ..exceptions import StudyError
@@ -117,7 +118,15 @@ def _is_inside(path: Path, folder: Path) -> bool:
 
 
 def check_new(folder: Path) -> None:
-    """Refuse a folder that has a study already, or that cannot be written. Raises StudyError."""
+    """Refuse a folder that has a study already, that cannot be written, or whose name cannot be
+    the study's. Raises StudyError."""
+    problem = find_name_problem(folder.resolve().name)
+    if problem is not None:
+        why, _, _ = problem.rpartition(". ")
+        raise StudyError(
+            f"{folder}: the study would be called as its folder, and this is not a name: {why}. Give "
+            "another folder with --out."
+        )
     if (folder / STUDY_FILE).exists():
         raise StudyError(f"{folder / STUDY_FILE} already exists. Give another folder with --out.")
     check_writable(folder)

@@ -933,3 +933,22 @@ def test_joints_as_the_german_pendant_of_a_ur_calls_them() -> None:
     frame.to_csv("m.csv", index=False)
     ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
     assert 'The joint readings: "Basis" to "Handgelenk 3"' in ran.stdout
+
+
+@pytest.mark.parametrize(
+    ("stem", "why"),
+    [
+        ("x" * 210, "it has 210 characters"),
+        ("a\u202eb", "it holds U+202E (right-to-left override)"),
+    ],
+)
+def test_a_folder_whose_name_no_study_can_have_is_refused_with_the_option(stem, why) -> None:
+    """Before anything is asked; another folder is all that it takes."""
+    campaign().to_csv(f"{stem}.csv", index=False)
+    words = ["init", f"{stem}.csv", "--robot", "ur10", "--yes"]
+    ran = invoked(*words)
+    assert ran.exit_code == 2
+    assert ran.stdout == ""
+    assert f"the study would be called as its folder, and this is not a name: {why}" in ran.stderr
+    assert "Give another folder with --out." in ran.stderr
+    assert invoked(*words, "--out", "short").exit_code == 0

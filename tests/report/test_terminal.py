@@ -17,7 +17,7 @@ from modelsel.report.terminal import WIDTH, Amount, show_study
 from modelsel.report.terminal_fleet import write_fleet
 from modelsel.report.terminal_summary import _describe_standing
 from modelsel.report.text_tables import Row, Span, write_numbered_tables, write_table
-from modelsel.results.study_sentences import describe_name_probability
+from modelsel.results.study_sentences import describe_name_probability, format_mm
 
 SCREEN = 40
 
@@ -190,3 +190,13 @@ def test_report_shows_what_study_did(drawn, tmp_path) -> None:
         assert "report-pages.pdf" in folded([text])
     assert folded([ran(folder, "--pages", "first", "--quiet")]) == verdict
     assert "give one of them" in ran(folder, "-v", "-q", status=2)
+
+
+def test_errors_in_full_say_which_configurations_they_are_of(drawn) -> None:
+    """The verdict beside them has those of the other configurations."""
+    source = read_source(drawn)
+    text = folded(shown(source, Amount.EVERYTHING))
+    first, last = source.record.ladder[0].estimation, source.record.ladder[-1].estimation
+    said = f"Estimation configurations: {format_mm(first.mean_mm)} mm mean and"
+    assert f"{said} {format_mm(first.max_mm)} mm at worst with the nominal model, " in text
+    assert f"{format_mm(last.mean_mm)} mm mean with the chosen one (" in text
