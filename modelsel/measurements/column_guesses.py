@@ -257,7 +257,7 @@ def _keep_read_unit(said: set[str | None], allowed: Sequence[str]) -> list[str]:
 
 def _list_angle_units(largest: float) -> tuple[list[str], str]:
     """List the units that angles up to some size may have, and say why."""
-    reason = f"up to {largest:.3g}"
+    reason = f"up to {float(f'{largest:.3g}'):,g}"
     if largest > MAX_READING_RAD:
         return ["deg"], reason
     if largest > MAX_USUAL_RAD:

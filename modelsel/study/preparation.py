@@ -178,7 +178,10 @@ def _explain_implausible(study: Study, problem: Problem, setup_notes: Sequence[N
         return text[0].upper() + text[1:]
     data = problem.data
     if data.gauges is None:
-        lengths = np.linalg.norm(np.nan_to_num(data.position), axis=1)
+        positions = np.nan_to_num(data.position)
+        if np.ptp(positions, axis=0).max() == 0:
+            return "Every row has the same position: check the columns of x, y and z."
+        lengths = np.linalg.norm(positions, axis=1)
         if np.nanmedian(lengths) < METRES * problem.reach_mm:
             return "The coordinates look like metres: name them x_m y_m z_m."
     frame = "a tracker frame that is not the robot's base ([robot] register = true finds it), "

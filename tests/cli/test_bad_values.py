@@ -14,13 +14,14 @@ from click.testing import CliRunner, Result
 
 from modelsel._files import write_atomically
 from modelsel.cli.main import run_command_line
-from modelsel.config.study_file import parse_study
+from modelsel.config.study_file import Study, parse_study
 from modelsel.exceptions import DataError, StudyError
 from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reader import read_measurements
 from modelsel.measurements.table import load_table
 from modelsel.robot.files import load_robot, read_robot
 from modelsel.robot.kinematics import Robot
+from modelsel.study.runner import run_study
 from modelsel.study.simulation import simulate_points
 
 STUDY = 'name = "a"\n[robot]\nname = "ur10"\n{robot}\n[measurements]\nfile = "{file}"\n{model}'
@@ -191,3 +192,23 @@ def test_nothing_takes_the_place_of_a_pipe(tmp_path: Path) -> None:
     assert pipe.is_fifo()
     with pytest.raises(StudyError, match="it is a folder"):
         write_atomically(tmp_path, b"new")
+
+
+def test_positions_that_are_all_the_same_are_no_metres() -> None:
+    robot = load_robot("ur10")
+    frame = measured(robot, 40)
+    frame[["x_mm", "y_mm", "z_mm"]] = 1.0, 2.0, 3.0
+    table = {"name": "ur10", "register": True}
+    with pytest.raises(DataError) as caught:
+        run_study(Study(name="same", robot=table, measurements=frame), sampling=False)
+    assert caught.value.remedy.startswith("Every row has the same position: check the columns")
+
+
+def test_large_readings_are_written_out(tmp_path: Path) -> None:
+    """Positions in the columns of the joints."""
+    frame = measured(load_robot("ur10"), 12)
+    frame.columns = pd.Index([*"XYZ", *(f"A{j}" for j in range(1, 7))])
+    frame[["A4", "A5", "A6"]] = frame[["A4", "A5", "A6"]].abs() + 3000
+    frame.to_csv(tmp_path / "m.csv", index=False)
+    ran = run("init", tmp_path / "m.csv", "--robot", "ur10", "--yes", "--out", tmp_path / "out")
+    assert re.search(r'"A1" to "A6" in degrees \(up to \d,\d\d0\)\.', ran.stdout), ran.stdout
