@@ -257,6 +257,24 @@ def test_finding_chosen_shows_its_cell_its_curve_and_the_arm(page, drawn, width)
     assert page.get_log("browser") == []
 
 
+def test_what_is_left_beside_the_credible_set_is_told(browser, drawn, tmp_path) -> None:
+    """The bars of a finding and the rest are one together; nothing where no rest is."""
+    for share in (0.8, 1.0):
+        result, details = written(drawn)
+        finding = result["findings"][0]
+        finding["credible_set"] = [finding["credible_set"][0] | {"probability": share}]
+        finding.pop("levels"), finding.pop("claim")
+        details["findings"][0]["rivals"] = details["findings"][0]["rivals"][:1]
+        file = tmp_path / f"{share}.html"
+        file.write_bytes(html(source_of(result, details)))
+        opened(browser, file)
+        button = css(browser, "#findings button")[0]
+        browser.execute_script("arguments[0].click()", button)
+        text = browser.find_element("id", "panel").text
+        told = "The other 0.20 is the probability of less likely explanations, and of shapes"
+        assert (told in text) == (share == 0.8)
+
+
 def test_free_function_marks_the_cells_of_its_place_and_driver(browser, drawn, tmp_path) -> None:
     """It has no cell of its own: that is said, and the strongest that q4 alone drives is marked."""
     result, details = written(drawn)

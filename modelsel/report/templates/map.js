@@ -86,6 +86,9 @@ function cellPanel(data, i, j, openFinding) {
   return out;
 }
 
+// probability beyond the explanations shown from which it is told
+const LEAST_REST = 0.01;
+
 function findingPanel(data, k) {
   const finding = data.result.findings[k], said = data.details.findings[k];
   const out = [el("h3", { text: `Finding ${k + 1}: ${said.label}` }), el("p", { text: finding.sentence })];
@@ -96,7 +99,10 @@ function findingPanel(data, k) {
   for (const p of said.panels) out.push(scatter({ ...p, title: p.frames.length ? `Residual about frame ${p.frames.join(", ")} ${p.axis}` : "Displacement" }));
   if (said.panels.length) out.push(el("p", { class: "quiet", text: "Squares: without this effect. Dots: with it. Line: the fitted effect." }));
   if (said.posture) out.push(...posed(finding, said.posture));
-  out.push(el("h3", { text: "Credible set" }), probabilities(finding.credible_set.slice(0, 12).map((e, n) => [said.rivals[n], e.probability * data.listed[k], e.alike])));
+  const shown = finding.credible_set.slice(0, 12).map((e, n) => [said.rivals[n], e.probability * data.listed[k], e.alike]);
+  const rest = shown.reduce((left, [, probability]) => left - probability, 1);
+  out.push(el("h3", { text: "Credible set" }), probabilities(shown));
+  if (rest >= LEAST_REST) out.push(el("p", { class: "quiet", text: `The other ${rest.toFixed(2)} is the probability of less likely explanations, and of shapes that are in no list.` }));
   const found = card(data, finding.credible_set.length ? finding.credible_set[0].mechanism : null);
   if (found) out.push(el("h3", { text: "Mechanism" }), found);
   return out;
