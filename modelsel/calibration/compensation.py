@@ -24,6 +24,7 @@ from ..measurements.state_names import StateKind
 from ..measurements.table import Source, load_table
 from ..robot.kinematics import Robot, forward
 from ..robot.rigid import rotation_vector
+from .arm_alone import describe_left_out_instrument, leave_out_instrument
 from .command_notes import (
     describe_extrapolation,
     describe_order_dependence,
@@ -198,8 +199,10 @@ def compensate_commands(c: Calibration, data: Measurements) -> Commands:
     """Correct planned commands.
 
     `data.q` are nominal commands, `data.position` wanted positions (NaN: where the nominal robot
-    has the target), `data.rotation` wanted orientations where there are any. Raises DataError.
+    has the target), `data.rotation` wanted orientations where there are any. Errors of the instrument
+    are left out: they are none of the arm's. Raises DataError.
     """
+    c = leave_out_instrument(c)
     start = c.problem(data)
     unstated = np.isnan(data.position)
     wanted = np.where(unstated, predict_nominal(start), data.position)
@@ -319,6 +322,7 @@ def correct(
 def note_commands(c: Calibration, commands: Commands, data: Measurements) -> list[str]:
     """List what to note about planned commands and their correction."""
     return [
+        *describe_left_out_instrument(c),
         *describe_extrapolation(c, data),
         *describe_order_dependence(c, data),
         *describe_limit_violations(commands),

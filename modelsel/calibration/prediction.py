@@ -14,6 +14,7 @@ from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Pose
+from .arm_alone import leave_out_instrument
 
 if TYPE_CHECKING:
     from .calibration import Calibration
@@ -47,8 +48,9 @@ def predict(calibration: Calibration, problem: Problem) -> Array:
 
 
 def predict_poses(calibration: Calibration, data: Measurements) -> Measurements:
-    """Return planned rows where the calibrated robot has the target: its positions, and its
-    orientations where the rows have any, or the study measured some."""
+    """Return planned rows where the real arm has the target, whatever an instrument would measure
+    wrongly: its positions, and its orientations where the rows have any, or the study measured some."""
+    calibration = leave_out_instrument(calibration)
     if data.rotation is None and calibration.tool_rotations is not None:
         identities = np.tile(np.eye(3), (len(data), 1, 1))
         data = replace(data, rotation=identities)

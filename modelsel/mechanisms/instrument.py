@@ -18,6 +18,21 @@ AZIMUTH: Cause = Named("beam_azimuth", "rad")
 ZENITH: Cause = Named("beam_zenith", "rad")
 FAR: Cause = Named("range_mm", "mm")
 MODELS = "Hughes et al. 2011 and Muralikrishnan et al. 2009, error models of laser trackers"
+# registered names, without joint, of errors of what measures, which the arm does not have
+MISREADINGS = (
+    "tracker-scale",
+    "tracker-axes",
+    "tracker-range",
+    "tracker-azimuth",
+    "tracker-zenith",
+    "tracker-index",
+    "tracker-transit",
+    "tracker-collimation",
+    "tracker-offset",
+    "tracker-errors",
+    "reflector-incidence",
+    "refraction",
+)
 # errors a turn of a circle that is not centred, and of one that is not round
 WAVES = (1, 2)
 # degrees of the polynomial by which a distance follows the side that the beam meets

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 from ..diagnosis.signatures import LEVELS
 from ..exceptions import sentence_list
+from ..mechanisms.instrument import MISREADINGS
 from ..selection.gain import Change
 from .finding_schema import FindingRecord
 from .schema import StudyRecord
@@ -16,23 +17,7 @@ from .study_sentences import format_gain
 
 MODEL, ADJUST, MEASURE, REPLACE = "Model", "Adjust", "Measure", "Replace"
 # effects of the instrument, its set-up or the target: nothing of them belongs in a controller
-SET_UP = (
-    "tracker-drift",
-    "tracker-step",
-    "tracker-scale",
-    "tracker-axes",
-    "tracker-range",
-    "tracker-azimuth",
-    "tracker-zenith",
-    "tracker-index",
-    "tracker-transit",
-    "tracker-collimation",
-    "tracker-offset",
-    "tracker-errors",
-    "reflector-incidence",
-    "refraction",
-    "target-step",
-)
+SET_UP = ("tracker-drift", "tracker-step", "target-step", *MISREADINGS)
 LARGE = "larger than usual"
 CONTRARY = "has the other sign"
 

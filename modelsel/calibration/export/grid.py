@@ -15,6 +15,7 @@ from ..._typing import Array
 from ...exceptions import one_line, sentence_list, write_rounded
 from ...fitting.problem import Problem
 from ...robot.kinematics import forward
+from ..arm_alone import describe_left_out_instrument, leave_out_instrument
 from ..constant_part import bind_configurations, rms_and_max, sample_workspace
 from ..prediction import compute_pose
 from .form import Exported
@@ -48,6 +49,8 @@ BLOCK = 5000  # configurations that are computed at once
 def to_grid(c: Calibration, options: GridOptions | None = None) -> Exported:
     """Tabulate the real minus the nominal position of the first target, in frame 0, over a grid of
     joint readings. Raises StudyError for joints or values that the calibration does not have."""
+    left_out = describe_left_out_instrument(c)
+    c = leave_out_instrument(c)
     options = options or GridOptions(default_joints(c))
     check_joints(c, options.joints)
     ranges = find_ranges(c, options)
@@ -74,7 +77,7 @@ def to_grid(c: Calibration, options: GridOptions | None = None) -> Exported:
         f"over all that the calibration has seen the table leaves {write_rounded(apart[0])} mm rms ({write_rounded(apart[1])} mm at most); "
         f"without it the arm is off by {write_rounded(bare[0])} mm rms ({write_rounded(bare[1])} mm)"
     )
-    notes = (said, compared, remarks[0], *describe_coupling(c))
+    notes = (said, compared, remarks[0], *left_out, *describe_coupling(c))
     errors = ("over all that the calibration has seen", bare[0], apart[0], 0.0)
     return Exported(text, bound, checked, others, apart, notes, errors, MIN_USE)
 

@@ -1,0 +1,53 @@
+"""The arm without the errors of the instrument that measured it.
+
+A calibration says what an instrument sees, its own errors among that. Where the hand really goes, which
+commands and tables correct, is what it says without these."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .._typing import Index
+from ..exceptions import sentence_list
+from ..mechanisms.instrument import MISREADINGS
+
+if TYPE_CHECKING:
+    from .calibration import Calibration
+
+
+def leave_out_instrument(c: Calibration) -> Calibration:
+    """Return a calibration whose errors of the instrument are none, and are known to be none."""
+    places = _find_places(c)
+    if not len(places):
+        return c
+    theta = c.theta.copy()
+    factor = c.factor.copy()
+    theta[places] = 0.0
+    factor[places] = 0.0
+    return replace(c, theta=theta, factor=factor)
+
+
+def describe_left_out_instrument(c: Calibration) -> list[str]:
+    """Describe which errors of the instrument commands do not correct."""
+    names = _list_names(c)
+    if not names:
+        return []
+    listed = sentence_list(names)
+    what = "an error" if len(names) == 1 else "errors"
+    verb = "is" if len(names) == 1 else "are"
+    return [f"{listed} {verb} {what} of the instrument, not of the arm: this is not corrected."]
+
+
+def _list_names(c: Calibration) -> list[str]:
+    return [one.name for one in c.model.mechanisms if one.stem in MISREADINGS]
+
+
+def _find_places(c: Calibration) -> Index:
+    """Find the places in theta of the terms that errors of the instrument alone have."""
+    of_arm = {
+        term.key for one in c.model.mechanisms if one.stem not in MISREADINGS for term in one.terms
+    }
+    return np.array([k for k, term in enumerate(c.terms) if term.key not in of_arm], dtype=np.intp)
