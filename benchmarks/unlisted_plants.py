@@ -30,6 +30,7 @@ the package come only the robots' drawings. What is true, kind by kind:
 | sway: base along x, y or z by c sin(2πt + φ) | base | time | none |
 | difference: θ3 + c sin(2(q2 - q3) + φ) | joint 3 | q2, q3 | none |
 | warm: θj + c times how far it moved lately, a running mean of abs(last move) over a tenth of the campaign | joint j | its last moves, time | none |
+| any: a place and one or two drivers (a joint's reading, its last move, time, payload) that are drawn, and of these a smooth function that is drawn: a Gaussian process with a length of 0.3 to 1 in units of 2 rad | that | those | none |
 | drag: θj + c y, y drawn along by qj once it is w ahead, w 0.6 to 1.5 rad (a play operator) | joint j | qj, its last move | approach-backlash:j: of long moves it is play |
 
 The next five came later, when the search was finished. Three of them led to candidates or rivals
@@ -38,7 +39,9 @@ the campaign (creep). Three more came after these; the soft lag then led to riva
 as bumps are, was looked at when these became candidates. The last four came after that: the
 difference led to waves of two readings at a joint that seems not to repeat, the sway to slow waves
 along the campaign; what warms and what drags came last. With these two, with what settles, with play
-that gives way and with the wrist that bends, no candidate and no constant was chosen.
+that gives way and with the wrist that bends, no candidate and no constant was chosen. What is drawn
+came when the search was finished again; functions of any shape at a joint that seems not to repeat,
+powers of covariates with few values, and prior probabilities of unlisted shapes followed from it.
 
 Random stiction is an error that does not repeat. To say that the joint does not repeat is to tell its
 place, by `repeatability` of the result as by a finding of its mean.

@@ -17,7 +17,7 @@ import numpy as np
 
 from .._typing import Array
 from ..fitting.problem import Problem
-from ..mechanisms.motors import joint_axis
+from ..mechanisms.motors import is_joint_motion
 from ..mechanisms.terms import Mechanism
 from .candidates import Candidate
 from .contenders import Contenders, gather_contenders
@@ -137,7 +137,8 @@ def _price_together(search: Search, g: int) -> Candidate:
 
 def price_rivals(search: Search, g: int) -> Price:
     """Price the rivals of a candidate by all candidates of its question, and by a cell of the error map."""
-    finding = sum_constants(search.candidates, g)
+    candidates = search.candidates
+    finding = sum_constants(candidates, g)
     cell = search.cell_prior or finding
     return Price(finding, cell)
 
@@ -175,7 +176,7 @@ def weigh_alone(
     unlike = [k for k, rival in enumerate(rivals) if rival.agrees != "shape"]
     best = max(unlike, key=lambda k: logs[count + k], default=-1)
     most = max(probability[:count].max(), of_listed[SHAPED.index(True)])
-    if unlike and np.log(probability[count + best] / most) > MIN_LOG_ODDS:
+    if unlike and probability[count + best] > np.exp(MIN_LOG_ODDS) * most:
         return levels, others[best]
     agreed = find_agreed(search.signatures, g, probability[:count], levels)
     if agreed is not None:
@@ -245,7 +246,7 @@ def build_claim(problem: Problem, told: Candidate, levels: Array) -> Claim:
     nested = np.minimum.accumulate(np.minimum(levels, 1.0))
     bounded = tuple(float(p) for p in nested)
     acts = tuple(told.mechanism.names_by_place().items())
-    moves_joints = all(_is_joint_axis(problem, place) for place, _ in acts)
+    moves_joints = all(is_joint_motion(problem.robot, place) for place, _ in acts)
     return Claim(find_level(bounded), bounded, moves_joints, acts)
 
 
@@ -255,11 +256,4 @@ def find_moved_joint(problem: Problem, candidate: Candidate) -> int | None:
     if len(places) != 1:
         return None
     ((frame, _),) = places
-    return frame if _is_joint_axis(problem, places[0]) else None
-
-
-def _is_joint_axis(problem: Problem, place: tuple[int, str]) -> bool:
-    """Whether a place (frame, axis) is where a joint moves."""
-    frame, axis = place
-    robot = problem.robot
-    return frame <= robot.n and axis == joint_axis(robot, frame)
+    return frame if is_joint_motion(problem.robot, places[0]) else None

@@ -5,7 +5,7 @@ of two drivers is one of the first, and one times the second."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import product
 
 import numpy as np
@@ -29,7 +29,8 @@ FEW_VALUES = 3
 HIGHEST_POWER = 3
 PROGRESS = Named("progress")
 # how a free function of one driver may change with another one
-FACTORS = (scale_driver, level_off)
+Factor = Callable[[Problem, str], Cause]
+FACTORS: tuple[Factor, ...] = (scale_driver, level_off)
 
 
 def has_shape(problem: Problem, name: str) -> bool:
@@ -41,7 +42,8 @@ def has_shape(problem: Problem, name: str) -> bool:
 def _count_values(problem: Problem, name: str) -> int:
     values = problem.state.value(name)
     rounded = np.round(values, 9)
-    return len(np.unique(rounded))
+    distinct = np.unique(rounded)
+    return len(distinct)
 
 
 def name_time(problem: Problem) -> str:
@@ -106,11 +108,13 @@ def _free(
     ]
 
 
-def generate_shapes(problem: Problem, parts: Mapping[Place, Drivers]) -> Iterator[Mechanism]:
+def generate_shapes(
+    problem: Problem, parts: Mapping[Place, Drivers], factors: Sequence[Factor] = FACTORS
+) -> Iterator[Mechanism]:
     """Generate free functions of the own drivers at the own places.
 
-    Of two drivers each has its turn: a free function of it, and one times the other, which may level
-    off towards the ends of its range. What depends on the course of the campaign may be a free
+    Of two drivers each has its turn: a free function of it, and one times a factor of the other, which
+    may level off towards the ends of its range. What depends on the course of the campaign may be a free
     function of the other driver that grows, too."""
     shaped = {
         place: sorted(name for name in drivers if has_shape(problem, name))
@@ -119,7 +123,7 @@ def generate_shapes(problem: Problem, parts: Mapping[Place, Drivers]) -> Iterato
     most = max(map(len, shaped.values()))
     if not all(shaped.values()) or most > 2:
         return
-    for turn, shape in product(range(most), FACTORS[:most]):
+    for turn, shape in product(range(most), factors[:most]):
         functions: list[tuple[Place, Cause]] = []
         for place, names in shaped.items():
             first = names[turn % len(names)]
@@ -147,7 +151,7 @@ def generate_other_drivers(problem: Problem, found: Mechanism) -> Iterator[list[
         yield [_build(_free(problem, parts, name))]
 
 
-def generate_more_drivers(problem: Problem, found: Mechanism) -> Iterator[list[Mechanism]]:
+def generate_more_drivers(problem: Problem, found: Mechanism) -> Iterator[Mechanism]:
     """Generate free functions at a finding's places of one of its drivers times another one, or, where a
     joint moves with the direction that it came from, of another one times this."""
     parts, drivers = found.names_by_place(), found.names()
@@ -156,10 +160,10 @@ def generate_more_drivers(problem: Problem, found: Mechanism) -> Iterator[list[M
     for other in _list_others(problem, drivers):
         if shaped:
             factors = (ONE, scale_driver(problem, other))
-            yield [_build(_free(problem, parts, shaped[0], factors))]
+            yield _build(_free(problem, parts, shaped[0], factors))
         if came_from is not None:
             side = Named(f"approach{came_from}")
-            yield [_build(_free(problem, parts, other, (side,)))]
+            yield _build(_free(problem, parts, other, (side,)))
 
 
 def _list_shaped(problem: Problem, drivers: Drivers) -> list[str]:
@@ -192,7 +196,8 @@ def _find_joint_with_direction(
 def generate_other_places(problem: Problem, found: Mechanism) -> Iterator[list[Mechanism]]:
     """Generate free functions of each of a finding's drivers, and of both of two, at every other place,
     those of the same drivers there together."""
-    parts, drivers = found.names_by_place(), found.names()
+    parts = found.names_by_place()
+    drivers = found.names()
     shaped = _list_shaped(problem, drivers)
     for place in list_distinct_places(problem):
         if place in parts:
@@ -200,4 +205,4 @@ def generate_other_places(problem: Problem, found: Mechanism) -> Iterator[list[M
         for name in shaped:
             yield [_build(_free(problem, [place], name))]
         if len(shaped) == 2:
-            yield list(generate_shapes(problem, {place: drivers}))
+            yield list(generate_shapes(problem, {place: drivers}, FACTORS[:1]))

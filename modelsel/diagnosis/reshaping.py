@@ -9,8 +9,9 @@ from .candidates import Candidate
 from .claims import find_moved_joint, list_rivals_beside, weigh_alone
 from .contenders import gather_contenders
 from .evidence import compute_p_value
+from .joint_functions import list_joint_functions
 from .pair_waves import list_pair_waves
-from .state import LEVEL
+from .state import LEVEL, Search
 from .stepwise import Exploration, explore_further
 
 # effects by their numbers, and what tells them better
@@ -40,29 +41,33 @@ def improve_shapes(explored: Exploration, joints: Collection[int]) -> Exploratio
     return take_shapes(explored, progress.chosen, progress.view.fitted, better)
 
 
-def offer_pair_waves(explored: Exploration, joints: Collection[int]) -> Exploration:
-    """Go on with waves of two readings at some joints, where one of these is the strongest explanation
-    of what is left, beyond chance."""
+def look_closer(explored: Exploration, joints: Collection[int]) -> Exploration:
+    """Go on with waves of two readings and functions of any shape at some joints, where one of these is
+    the strongest explanation of what is left, beyond chance."""
     search, progress = explored.search, explored.progress
-    known = {candidate.mechanism for candidate in search.candidates}
-    waves = [
-        wave
-        for joint in sorted(joints)
-        for wave in list_pair_waves(search.problem, search.candidates, joint)
-        if wave.mechanism not in known
-    ]
-    if not waves:
+    more = _list_more(search, joints)
+    if not more:
         return explored
-    offered = search.offer(waves)
+    offered = search.offer(more)
     start, chosen = progress.view.fitted, list(progress.chosen)
     view = offered.try_fit(chosen, start) if chosen else offered.first
     if view is None:
         return explored
     strongest = offered.name_strongest(view, chosen)
-    is_wave = strongest.top >= len(search.candidates)
-    if not is_wave or compute_p_value(strongest.evidence, search.null) > LEVEL:
+    is_new = strongest.top >= len(search.candidates)
+    if not is_new or compute_p_value(strongest.evidence, search.null) > LEVEL:
         return explored
     return explore_further(offered, chosen, start, list(progress.path)) or explored
+
+
+def _list_more(search: Search, joints: Collection[int]) -> list[Candidate]:
+    """List what is offered at some joints alone, beyond what is known."""
+    known = {candidate.mechanism for candidate in search.candidates}
+    more: list[Candidate] = []
+    for joint in sorted(joints):
+        more += list_pair_waves(search.problem, search.candidates, joint)
+        more += list_joint_functions(search.problem, search.candidates, joint)
+    return [one for one in more if one.mechanism not in known]
 
 
 def take_shapes(

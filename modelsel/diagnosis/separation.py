@@ -37,7 +37,7 @@ from .effects import Effect
 from .kept_causes import KeptCauses
 from .options import DiagnosisOptions
 from .outcome import Diagnosis
-from .reshaping import improve_shapes, offer_pair_waves
+from .reshaping import improve_shapes, look_closer
 from .state import Search, extend_model
 from .stepwise import Exploration, explore
 
@@ -211,12 +211,12 @@ class _Separation:
 
     def _improve(self, one: _Explanation) -> _Explanation:
         """Replace the effects of joints that seem not to repeat by the shapes that explain them best,
-        and look for waves of two readings there."""
+        and look closer there."""
         names = {f"joint {j}": j for j in range(1, self.split.problem.robot.n + 1)}
         joints = [names[name] for name in one.left.names if name in names]
         explored = improve_shapes(one.explored, joints)
         if self.inquiry.cells:
-            explored = offer_pair_waves(explored, joints)
+            explored = look_closer(explored, joints)
         if explored is one.explored:
             return one
         left = self.find_parts(explored.fitted, before=one.left)

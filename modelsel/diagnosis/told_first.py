@@ -92,6 +92,9 @@ def _differs_in_constant(own: Candidate, other: Candidate) -> bool:
 def _is_one_question(own: Candidate, other: Candidate) -> bool:
     """Return whether a candidate of the same kind has the same shape, or mechanism, with any constant."""
     if own.kind in WITH_CONSTANT:
-        return read_drivers(other) == read_drivers(own)
+        drivers = read_drivers(own)
+        return read_drivers(other) == drivers
     name = own.registered_name
-    return name is not None and other.registered_name == name
+    if name is None:
+        return False
+    return other.registered_name == name

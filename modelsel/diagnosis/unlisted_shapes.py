@@ -4,8 +4,8 @@ A rival is a free function of the finding's own drivers at its places, of one dr
 another one there, or of its own drivers at another place; or the finding's own shape, changing along
 the campaign. Beforehand, unlisted shapes of given drivers at a given place are half as probable
 together as what is listed of these there: of the finding's own as the finding, whatever its constant,
-elsewhere as a cell of the error map; a tenth of that with a further driver. What changes along the
-campaign is a twentieth as probable as the finding. To a wave and a bump come those with constants
+elsewhere as a cell of the error map. What changes with some further driver is a tenth as probable as
+the finding, what changes in size along the campaign a twentieth. To a wave and a bump come those with constants
 near its own, which are one question with it; to a covariate what else changed when it did."""
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from itertools import combinations
 from typing import NamedTuple
 
 from ..fitting.problem import Problem
-from ..mechanisms.motors import joint_axis
+from ..mechanisms.motors import is_joint_motion
 from ..mechanisms.terms import Mechanism
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
@@ -50,8 +50,10 @@ SIMPLE = {
 }
 # kinds of waves, whose number may lie between those that are looked for
 OF_ANY_NUMBER = (CandidateKind.JOINT_WAVE, CandidateKind.SLIDE_WAVE, CandidateKind.TIME_WAVE)
-# prior probability of a further listed finding at a place, or of a further driver, where one is
+# prior probability of a further listed finding at a place, where one is
 FURTHER = 0.1
+# prior probability of a finding whose shape changes with some further driver over that of the finding
+MORE_DRIVERS = 0.1
 # prior probability of all unlisted shapes of some drivers at a place over that of the listed ones
 UNLISTED_ODDS = 0.5
 # prior probability of a finding that changes along the campaign over that of the finding
@@ -102,7 +104,7 @@ def _build_company(
 ) -> Company | None:
     mechanisms = [effects[g].mechanism for g in members]
     drivers = frozenset[str]().union(*(mechanism.names() for mechanism in mechanisms))
-    if drivers == {f"q{place[0]}"} and _is_joint_motion(problem, place):
+    if drivers == {f"q{place[0]}"} and is_joint_motion(problem.robot, place):
         kind = CandidateKind.JOINT_WAVE if place[1] == "rz" else CandidateKind.SLIDE_WAVE
         waves = [wave for m in mechanisms for wave in generate_finer_waves(problem, m)]
         shapes = [(wave, kind) for wave in dict.fromkeys(waves)]
@@ -120,13 +122,6 @@ def _build_company(
     )
     share = prior * UNLISTED_ODDS / len(shapes)
     return Company(members, listed, tuple(Candidate(m, kind, share) for m, kind in shapes))
-
-
-def _is_joint_motion(problem: Problem, place: Place) -> bool:
-    """Whether a place is the motion of a joint."""
-    frame, axis = place
-    robot = problem.robot
-    return frame <= robot.n and axis == joint_axis(robot, frame)
 
 
 def _list_shapes(
@@ -160,13 +155,16 @@ def list_rivals(problem: Problem, candidate: Candidate, price: Price | None = No
     if candidate.asked or not parts or len(parts) > MAX_PARTS:
         return []
     price = price or Price(candidate.prior, candidate.prior)
+    more = list(generate_more_drivers(problem, candidate.mechanism))
     changing = list(generate_changing(problem, candidate.mechanism))
     return [
         *_list_alike(problem, candidate, max(price.finding, price.cell)),
         *_list_finer_waves(problem, candidate),
         *_list_finer_bumps(problem, candidate),
         *_list_elsewhere(problem, candidate, price.cell),
-        *_weigh(changing, "place", CHANGING * price.finding),
+        *_weigh(more, "place", MORE_DRIVERS * max(price)),
+        # with this very constant
+        *_weigh(changing, "place", CHANGING * candidate.prior),
         *_list_confounded(problem, candidate, price.finding),
     ]
 
@@ -192,8 +190,6 @@ def _list_elsewhere(problem: Problem, candidate: Candidate, prior: float) -> Ite
     share = UNLISTED_ODDS * prior
     for mechanisms in generate_other_drivers(problem, own):
         yield from _weigh(mechanisms, "place", share)
-    for mechanisms in generate_more_drivers(problem, own):
-        yield from _weigh(mechanisms, "place", FURTHER * share)
     for mechanisms in generate_other_places(problem, own):
         yield from _weigh(mechanisms, "", share)
 
@@ -252,5 +248,7 @@ def _weigh(
     kind: CandidateKind = CandidateKind.SHAPE,
 ) -> Iterator[Rival]:
     for mechanism in mechanisms:
-        share = prior / len(mechanisms)
-        yield Rival(Candidate(mechanism, kind, share), agrees)
+        count = len(mechanisms)
+        share = prior / count
+        candidate = Candidate(mechanism, kind, share)
+        yield Rival(candidate, agrees)

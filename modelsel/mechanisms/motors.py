@@ -22,6 +22,15 @@ def joint_axis(robot: Robot, joint: int) -> str:
     return "rz"
 
 
+def is_joint_motion(robot: Robot, place: tuple[int, str]) -> bool:
+    """Return whether a place (frame, axis) is where a joint moves."""
+    frame, axis = place
+    if frame > robot.n:
+        return False
+    own = joint_axis(robot, frame)
+    return axis == own
+
+
 def is_coupled(robot: Robot, motor: int) -> bool:
     """Whether a motor moves more than its own joint, or reads more than its angle."""
     if robot.coupling is None:

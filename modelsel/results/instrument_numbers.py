@@ -74,8 +74,9 @@ def measure_angle(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
 
 def measure_angle_wave(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     """Measure the amplitude by which an angle of the instrument errs as it turns."""
-    size = _find_length(fitted)
-    yield express("amplitude of the angle's error", size.scale(ARC_SECONDS), "arcsec")
+    length = _find_length(fitted)
+    size = length.scale(ARC_SECONDS)
+    yield express("amplitude of the angle's error", size, "arcsec")
 
 
 def measure_beam_offset(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
