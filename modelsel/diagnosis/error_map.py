@@ -14,8 +14,12 @@ from ..robot.rigid import AXES
 from .candidate_kinds import MAP_KINDS
 from .candidates import Candidate
 from .distinct_places import Place
+from .driver_functions import IN_TIME
 from .outcome import Diagnosis
 from .unregistered import Causes
+
+# moments of one mechanism that the map shows one by one
+MOST_FORMS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +45,10 @@ def build_error_map(diagnosis: Diagnosis, found: Sequence[Candidate]) -> ErrorMa
     A cell acts at one place with one cause, or with one wave of unknown phase."""
     cells: dict[tuple[Place, str], int] = {}
     why: dict[str, Causes] = {}
+    hidden = _find_weaker_forms(diagnosis, found)
     for g, candidate in enumerate(found):
         cell = _locate(candidate)
-        if cell is None:
+        if cell is None or g in hidden:
             continue
         place, causes = cell
         name = " & ".join(map(str, causes))
@@ -74,6 +79,25 @@ def build_error_map(diagnosis: Diagnosis, found: Sequence[Candidate]) -> ErrorMa
         why=tuple(why.values()),
         named=named,
     )
+
+
+def _find_weaker_forms(diagnosis: Diagnosis, found: Sequence[Candidate]) -> set[int]:
+    """Find the candidates that the map leaves out: of a step at any moment all but what was found, or
+    else the strongest."""
+    chosen = {effect.candidate.mechanism for effect in diagnosis.effects}
+    forms: dict[str, list[int]] = {}
+    for g, candidate in enumerate(found):
+        name = candidate.registered_name
+        if name is not None and candidate.mechanism.names() <= IN_TIME:
+            forms.setdefault(name, []).append(g)
+    hidden: set[int] = set()
+    for members in forms.values():
+        if len(members) <= MOST_FORMS:
+            continue
+        shown = max(members, key=lambda g: (found[g].mechanism in chosen, diagnosis.single_f[g]))
+        hidden.update(members)
+        hidden.discard(shown)
+    return hidden
 
 
 def _locate(candidate: Candidate) -> tuple[Place, Causes] | None:
