@@ -164,11 +164,21 @@ def name_places(effect: Effect) -> str:
         return _name_joints(sorted(frame for frame, _ in places))
     if len(places) == 1:
         ((frame, axis),) = places
-        return f"Frame {frame} {MOTIONS[axis[0]]} its {axis[1]} axis"
+        where = f"Frame {frame} {MOTIONS[axis[0]]} its {axis[1]} axis"
+        return f"{where}{_name_alike(effect)}"
     frames = [str(frame) for frame in sorted({frame for frame, _ in places})]
     if len(frames) == 1:
         return f"Frame {frames[0]} moves"
     return f"Frames {sentence_list(frames)} move"
+
+
+def _name_alike(effect: Effect) -> str:
+    """Name the frames that would move every target in the same way as the one that moves."""
+    claim = effect.claim
+    if claim is None or not claim.alike:
+        return ""
+    frames = sorted({str(frame) for frame, _ in claim.alike})
+    return f" (frame {choice_list(frames)} would move the target alike)"
 
 
 def _find_acts(effect: Effect) -> dict[tuple[int, str], frozenset[str]]:

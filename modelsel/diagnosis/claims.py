@@ -21,6 +21,7 @@ from ..mechanisms.motors import is_joint_motion
 from ..mechanisms.terms import Mechanism
 from .candidates import Candidate
 from .contenders import Contenders, gather_contenders
+from .distinct_places import Place, find_alike
 from .effects import Claim, find_level
 from .evidence import MIN_LOG_ODDS, compute_factors, sum_evidence
 from .mechanism_families import weigh_families
@@ -247,7 +248,11 @@ def build_claim(problem: Problem, told: Candidate, levels: Array) -> Claim:
     bounded = tuple(float(p) for p in nested)
     acts = tuple(told.mechanism.names_by_place().items())
     moves_joints = all(is_joint_motion(problem.robot, place) for place, _ in acts)
-    return Claim(find_level(bounded), bounded, moves_joints, acts)
+    alike: tuple[Place, ...] = ()
+    if len(acts) == 1:
+        ((place, _),) = acts
+        alike = find_alike(problem.robot, place)
+    return Claim(find_level(bounded), bounded, moves_joints, acts, alike)
 
 
 def find_moved_joint(problem: Problem, candidate: Candidate) -> int | None:

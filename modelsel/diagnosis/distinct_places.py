@@ -34,7 +34,7 @@ def find_frames(robot: Robot) -> dict[Place, tuple[int, ...]]:
     among them.
 
     Of places that move alike the motion of a joint stands for all, else that of the first frame."""
-    places = [(frame, axis) for frame in range(1, robot.n + 2) for axis in AXES]
+    places = _list_places(robot)
     alike = _compare(robot)
     motions = {(j, joint_axis(robot, j)) for j in range(1, robot.n + 1)}
     order = sorted(range(len(places)), key=lambda k: (places[k] not in motions, k))
@@ -49,6 +49,19 @@ def find_frames(robot: Robot) -> dict[Place, tuple[int, ...]]:
     return {place: frames[place] for place in places if place in frames}
 
 
+def find_alike(robot: Robot, place: Place) -> tuple[Place, ...]:
+    """Find the other places whose unit screws move every target as one place's does."""
+    places = _list_places(robot)
+    number = places.index(place)
+    same = np.flatnonzero(_compare(robot)[number])
+    return tuple(places[other] for other in same.tolist() if other != number)
+
+
+def _list_places(robot: Robot) -> list[Place]:
+    return [(frame, axis) for frame in range(1, robot.n + 2) for axis in AXES]
+
+
+@lru_cache(maxsize=16)
 def _compare(robot: Robot) -> Mask:
     """Compare all places (n, n): whether unit screws there move targets alike, or against each
     other, at configurations all over the joints' turns."""

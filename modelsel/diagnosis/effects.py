@@ -21,12 +21,14 @@ class Claim:
     """How deep a finding is proven: the deepest level that holds, the probability (4,) of each.
 
     `moves_joints`: it acts along the motion of joints alone; `acts`: the places (frame, axis) where
-    it does, each with the names that it depends on there, but for what hardly moves the target."""
+    it does, each with the names that it depends on there, but for what hardly moves the target;
+    `alike`: of one place the others that move every target as it does."""
 
     level: str
     levels: tuple[float, ...]
     moves_joints: bool = False
     acts: tuple[tuple[tuple[int, str], frozenset[str]], ...] = ()
+    alike: tuple[tuple[int, str], ...] = ()
 
     @property
     def probability(self) -> float:

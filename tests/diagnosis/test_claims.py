@@ -556,7 +556,11 @@ def test_drivers_and_places_in_words() -> None:
     ("slides", "place", "words"),
     [
         (False, (2, "rz"), "Joint 2 is off its reading"),
-        (False, (2, "tz"), "Frame 2 shifts along its z axis"),
+        (
+            False,
+            (2, "tz"),
+            "Frame 2 shifts along its z axis (frame 3 or 4 would move the target alike)",
+        ),
         (False, (7, "rz"), "Frame 7 turns about its z axis"),
         (True, (2, "tz"), "Joint 2 is off its reading"),
         (True, (2, "rz"), "Frame 2 turns about its z axis"),
