@@ -274,7 +274,7 @@ noise_mm = 0.06
 frame = 2
 axis = "rz"
 cause = "cos(q2)"
-size = 1.1e-4
+size = 7e-5
 """
 
 
