@@ -36,9 +36,10 @@ def describe_left_out_instrument(c: Calibration) -> list[str]:
     if not names:
         return []
     listed = sentence_list(names)
-    what = "an error" if len(names) == 1 else "errors"
-    verb = "is" if len(names) == 1 else "are"
-    return [f"{listed} {verb} {what} of the instrument, not of the arm: this is not corrected."]
+    what, rest = "is an error", "it is"
+    if len(names) > 1:
+        what, rest = "are errors", "they are"
+    return [f"{listed} {what} of the instrument, not of the arm: {rest} not corrected."]
 
 
 def _list_names(c: Calibration) -> list[str]:

@@ -212,6 +212,12 @@ def _weigh_stated(groups: Sequence[OwnCandidates], left: float, asked: bool) -> 
             )
 
 
+def find_cell_prior(found: Sequence[Candidate]) -> float:
+    """Find the prior probability of a cell of the error map, 0 where there are none."""
+    cells = [one.prior for one in found if one.kind is CandidateKind.CELL]
+    return min(cells, default=0.0)
+
+
 def list_usable_names(problem: Problem) -> frozenset[str]:
     """List the state variables that mechanisms may look at: angles of the beam only where the
     instrument is not taken to stand in the arm, for want of its place."""

@@ -18,9 +18,6 @@ from .driver_functions import IN_TIME
 from .outcome import Diagnosis
 from .unregistered import Causes
 
-# moments of one mechanism that the map shows one by one
-MOST_FORMS = 6
-
 
 @dataclass(frozen=True, eq=False)
 class ErrorMap:
@@ -88,12 +85,10 @@ def _find_weaker_forms(diagnosis: Diagnosis, found: Sequence[Candidate]) -> set[
     forms: dict[str, list[int]] = {}
     for g, candidate in enumerate(found):
         name = candidate.registered_name
-        if name is not None and candidate.mechanism.names() <= IN_TIME:
+        if name is not None and candidate.mechanism.names() & IN_TIME:
             forms.setdefault(name, []).append(g)
     hidden: set[int] = set()
     for members in forms.values():
-        if len(members) <= MOST_FORMS:
-            continue
         shown = max(members, key=lambda g: (found[g].mechanism in chosen, diagnosis.single_f[g]))
         hidden.update(members)
         hidden.discard(shown)

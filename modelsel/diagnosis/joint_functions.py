@@ -14,12 +14,14 @@ from ..fitting.problem import Problem
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism
 from .candidate_kinds import CandidateKind
-from .candidates import Candidate
+from .candidates import Candidate, find_cell_prior
 from .free_functions import build_function, build_surface, has_shape, name_time
 from .unlisted_shapes import FURTHER, UNLISTED_ODDS
 
 # knot intervals over the range of one driver alone
 FINENESS = (6, 12)
+# functions of two drivers: either is the first
+TURNS = 2
 
 
 def list_joint_functions(
@@ -27,14 +29,14 @@ def list_joint_functions(
 ) -> list[Candidate]:
     """List functions of any shape at a joint as candidates, beside others; none where these have no
     cells of the error map. They are as probable beforehand as unlisted shapes elsewhere."""
-    cells = [one.prior for one in found if one.kind is CandidateKind.CELL]
-    if not cells:
+    cell = find_cell_prior(found)
+    if not cell:
         return []
-    prior = UNLISTED_ODDS * max(cells)
+    prior = UNLISTED_ODDS * cell
     of_one = list(generate_curves(problem, joint))
     of_two = list(generate_surfaces(problem, joint))
     curves = [Candidate(one, CandidateKind.SHAPE, prior / len(FINENESS)) for one in of_one]
-    surfaces = [Candidate(one, CandidateKind.SHAPE, FURTHER * prior / 2) for one in of_two]
+    surfaces = [Candidate(one, CandidateKind.SHAPE, FURTHER * prior / TURNS) for one in of_two]
     return curves + surfaces
 
 

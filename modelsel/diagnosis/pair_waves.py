@@ -13,7 +13,7 @@ from ..mechanisms.causes import Cause, Named, cos, q, sin
 from ..mechanisms.terms import Mechanism
 from .arm_shapes import list_turning
 from .candidate_kinds import CandidateKind
-from .candidates import Candidate
+from .candidates import Candidate, find_cell_prior
 from .unregistered import RARE_WEIGHT, build_cell
 
 # waves a turn of either joint, with the sign of the second, that the error map does not have
@@ -47,9 +47,9 @@ def _multiply(count: int, reading: Named) -> Cause:
 def list_pair_waves(problem: Problem, found: Sequence[Candidate], joint: int) -> list[Candidate]:
     """List the waves of two readings at a joint as candidates, beside others; none where these have
     no cells of the error map. Those of two joints weigh as much as a rare explanation."""
-    cells = [one.prior for one in found if one.kind is CandidateKind.CELL]
-    if not cells:
+    cell = find_cell_prior(found)
+    if not cell:
         return []
-    prior = max(cells) * RARE_WEIGHT / len(COUNTS)
+    prior = cell * RARE_WEIGHT / len(COUNTS)
     waves = generate_pair_waves(problem, joint)
     return [Candidate(wave, CandidateKind.WAVE, prior) for wave in waves]

@@ -22,7 +22,7 @@ from ..mechanisms.terms import Mechanism
 from .acting_screws import keep_acting_screws
 from .candidate_columns import Columns, build_columns, flatten_measured
 from .candidate_kinds import CandidateKind
-from .candidates import Candidate
+from .candidates import Candidate, find_cell_prior
 from .credible_sets import CredibleSet, ask, compute_own_evidence, include_candidate, rename_effect
 from .evidence import MIN_LOG_ODDS, Chance, compute_familywise_p, draw_null
 from .joint_curves import collect_curves, find_better_curve, see_rest
@@ -120,8 +120,7 @@ class Search:
     @cached_property
     def cell_prior(self) -> float:
         """The prior probability of a cell of the error map, 0 where there are none."""
-        cells = [one.prior for one in self.candidates if one.kind is CandidateKind.CELL]
-        return min(cells, default=0.0)
+        return find_cell_prior(self.candidates)
 
     @cached_property
     def numbers(self) -> dict[Mechanism, int]:

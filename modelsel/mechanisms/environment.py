@@ -276,26 +276,6 @@ def tracker_scale(robot: Robot) -> Mechanism:
     )
 
 
-def tracker_range(robot: Robot) -> Mechanism:
-    """Distances from the instrument measured too long by a constant: the target seems farther along
-    the beam."""
-    beam = [Named(f"beam_{name}") for name in "xyz"]
-    seen = turn_to_frame_1(robot, beam)
-    screws = tuple(Screw(1, axis, cause) for axis, cause in seen)
-    return Mechanism(
-        "tracker-range",
-        (Term("ρ0", screws, (1e-3, 20.0)),),
-        "Distances from the instrument are too long or too short by the same amount everywhere.",
-        "x = x + ρ0 · direction of the beam",
-        "ISO 10360-10, laser trackers: distances; offset of the reflector",
-        usual_causes=(
-            "offset of another reflector given to the instrument",
-            "zero of its distance meter",
-            "instrument that stands elsewhere than assumed",
-        ),
-    )
-
-
 def tracker_axes(robot: Robot) -> Mechanism:
     """The instrument's axes have scales of their own, and are not square: what a symmetric matrix
     without a trace does to every position. What all lengths have in common, an arm of longer links

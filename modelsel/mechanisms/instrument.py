@@ -56,6 +56,23 @@ def _multiply(count: float, angle: Cause) -> Cause:
     return angle if count == 1 else count * angle
 
 
+def tracker_range(robot: Robot) -> Mechanism:
+    """Distances from the instrument measured too long by a constant: the target seems farther along
+    the beam."""
+    return Mechanism(
+        "tracker-range",
+        (Term("ρ0", _shift(robot, "beam"), (1e-3, 20.0)),),
+        "Distances from the instrument are too long or too short by the same amount everywhere.",
+        "x = x + ρ0 · direction of the beam",
+        "ISO 10360-10, laser trackers: distances; offset of the reflector",
+        usual_causes=(
+            "offset of another reflector given to the instrument",
+            "zero of its distance meter",
+            "instrument that stands elsewhere than assumed",
+        ),
+    )
+
+
 def tracker_azimuth(robot: Robot, count: float) -> Mechanism:
     """The circle of the horizontal angle is not centred, or not round: the angle errs once, or twice
     a turn."""

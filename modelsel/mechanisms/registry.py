@@ -104,7 +104,7 @@ BUILTIN: Registry = {
         range=(0.0, 1.0),
     ),
     "tracker-scale": environment.tracker_scale,
-    "tracker-range": environment.tracker_range,
+    "tracker-range": instrument.tracker_range,
     "tracker-axes": environment.tracker_axes,
     "tracker-azimuth": Scanned(instrument.tracker_azimuth, lambda robot: instrument.WAVES),
     "tracker-zenith": Scanned(instrument.tracker_zenith, lambda robot: instrument.WAVES),
