@@ -148,4 +148,4 @@ def suggest(word: str, known: Iterable[str]) -> str:
     near = get_close_matches(word, known, n=1, cutoff=0.6)
     if near:
         return f'Did you mean "{near[0]}"?'
-    return f"Known: {', '.join(known)}." if 0 < len(known) <= 60 else ""
+    return f"Known: {', '.join(known)}." if 0 < len(known) <= 30 else ""

@@ -153,6 +153,12 @@ def build_faults(robot: Robot) -> tuple[Mechanism, ...]:
     )
 
 
+def unknown_mechanism(name: str, registry: Registry) -> StudyError:
+    """Say that no registry knows the name: with the nearest one, or with where all are listed."""
+    hint = suggest(name.partition(":")[0], registry) or "`modelsel mechanisms` lists them."
+    return StudyError(f'unknown mechanism "{name}". {hint}')
+
+
 def build_mechanisms(
     name: str, robot: Robot, registry: Registry = BUILTIN
 ) -> tuple[Mechanism, ...]:
@@ -163,8 +169,7 @@ def build_mechanisms(
     where the name does not apply to the robot. Raises StudyError for an unknown name or joint."""
     stem, *given = name.split(":")
     if stem not in registry:
-        hint = suggest(stem, registry)
-        raise StudyError(f'unknown mechanism "{name}". {hint}')
+        raise unknown_mechanism(name, registry)
     entry = registry[stem]
     is_scanned = isinstance(entry, Scanned)
     has_joints = isinstance(entry, (PerJoint, Scanned)) and entry.joints is not None

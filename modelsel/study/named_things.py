@@ -9,8 +9,8 @@ from typing import Any
 
 from .._text import parse_toml, read_text
 from ..config.study_file import Study, read_study
-from ..exceptions import StudyError, suggest
-from ..mechanisms.registry import with_plugins
+from ..exceptions import StudyError
+from ..mechanisms.registry import unknown_mechanism, with_plugins
 
 # lists of mechanisms in [model], and the one that holds lists of them
 LISTS = ("base", "candidates")
@@ -42,8 +42,7 @@ def _list_unknown_mechanisms(file: Path) -> list[str]:
         stem, _, _ = name.partition(":")
         if stem in registry or name in own_names:
             continue
-        hint = suggest(stem, registry)
-        problems.append(f'{file.name}: {place}: unknown mechanism "{name}". {hint}')
+        problems.append(f"{file.name}: {place}: {unknown_mechanism(name, registry)}")
     return list(dict.fromkeys(problems))
 
 
