@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from threading import Lock
 from typing import TypeVar
 
 Item = TypeVar("Item")
@@ -30,3 +32,47 @@ def map_in_threads(
         return [function(item) for item in items]
     with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(function, items))
+
+
+@contextmanager
+def limit_blas() -> Iterator[None]:
+    """Have products of matrices use one thread, in a program that has not limited them itself.
+
+    The matrices of a study are small: more threads wait for each other longer than they work, and
+    add up in another order. As a decorator: of what a program calls, and of what other processes
+    do. The limit holds for the whole process until the last of those that asked for it ends."""
+    import scipy.linalg  # noqa: F401  it has threads of its own, which can be limited once it is loaded
+
+    with _limit.lock:
+        _limit.begin()
+    try:
+        yield
+    finally:
+        with _limit.lock:
+            _limit.end()
+
+
+class _Limit:
+    """The limit of a process, and how many ask for it."""
+
+    def __init__(self) -> None:
+        self.lock = Lock()
+        self.asked = 0
+        self.open = ExitStack()
+
+    def begin(self) -> None:
+        """Set the limit for the first that asks."""
+        from threadpoolctl import threadpool_limits
+
+        if self.asked == 0:
+            self.open.enter_context(threadpool_limits(1, "blas"))
+        self.asked += 1
+
+    def end(self) -> None:
+        """Lift it after the last."""
+        self.asked -= 1
+        if self.asked == 0:
+            self.open.close()
+
+
+_limit = _Limit()

@@ -16,7 +16,7 @@ import numpy as np
 from .._progress import News, follow, keep_silent
 from .._random import generator
 from .._typing import Array, Index, Mask, Say
-from .._workers import count_cores
+from .._workers import count_cores, limit_blas
 from ..fitting.design import Model, whitened
 from ..fitting.least_squares import fit
 from ..fitting.possible_parts import choose_parts, list_parts
@@ -53,6 +53,7 @@ MIN_CONFIGURATIONS = 20
 ALL = "all"
 
 
+@limit_blas()
 def diagnose(  # noqa: PLR0913  all but the first have defaults
     problem: Problem,
     *,
@@ -257,6 +258,7 @@ class _Fold(NamedTuple):
     names: list[str]
 
 
+@limit_blas()
 def _run_fold(k: int, split: Split, inquiry: Inquiry, fold: Index) -> _Fold:
     outside = fold == k
     rest = replace(

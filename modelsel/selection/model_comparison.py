@@ -14,6 +14,7 @@ import numpy as np
 from .._linalg import TINY
 from .._random import generator
 from .._typing import Array, Index, Mask
+from .._workers import limit_blas
 from ..fitting.design import Model
 from ..fitting.problem import Problem
 from .criteria import normalise_weights
@@ -84,6 +85,7 @@ class ModelComparison:
         return table.astype(types)
 
 
+@limit_blas()
 def compare(
     problem: Problem,
     models: Mapping[str, Model],

@@ -11,6 +11,7 @@ import numpy as np
 from .._choices import PLAN_PURPOSES
 from .._random import generator
 from .._typing import Array
+from .._workers import limit_blas
 from ..calibration.calibration import Calibration
 from ..calibration.experiment_design import (
     Rivals,
@@ -280,6 +281,7 @@ def _check_purpose(purpose: str | None) -> None:
     raise StudyError(f"purpose: expected one of {known}, or None, found {purpose!r}.")
 
 
+@limit_blas()
 def plan_next(
     result: Result,
     count: int = 10,

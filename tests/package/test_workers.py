@@ -1,0 +1,73 @@
+"""Products of matrices use one thread in what a program calls, and as many as before afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+import scipy.linalg  # noqa: F401  loads the second library that multiplies matrices
+from threadpoolctl import threadpool_info, threadpool_limits
+
+import modelsel as ms
+from modelsel._workers import limit_blas
+
+MANY = 3
+CALLS: dict[str, Callable[[Any], object]] = {
+    "run_study": ms.run_study,
+    "diagnose": ms.diagnose,
+    "compare": lambda spy: ms.compare(spy, {}),
+    "plan_next": ms.plan_next,
+}
+
+
+class Looked(Exception):
+    """The work was reached."""
+
+
+class Spy:
+    """In the place of a study, a problem or a result: says with how many threads it is used."""
+
+    def __len__(self) -> int:
+        return self.look()
+
+    @property
+    def calibration(self) -> int:
+        return self.look()
+
+    def __fspath__(self) -> str:
+        self.look()
+        return ""
+
+    def look(self) -> int:
+        raise Looked(count_threads())
+
+
+def count_threads() -> set[int]:
+    """The numbers of threads of the libraries that multiply matrices."""
+    return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
+
+
+@pytest.fixture
+def _many_threads() -> Iterator[None]:
+    """A program that leaves the threads as they are on a machine of three cores."""
+    with threadpool_limits(MANY, "blas"):
+        assert count_threads() == {MANY}
+        yield
+
+
+@pytest.mark.usefixtures("_many_threads")
+@pytest.mark.parametrize("name", CALLS)
+def test_what_a_program_calls_uses_one_thread(name) -> None:
+    with pytest.raises(Looked, match=r"^\{1\}$"):
+        CALLS[name](Spy())
+    assert count_threads() == {MANY}
+
+
+@pytest.mark.usefixtures("_many_threads")
+def test_the_last_that_ends_lifts_the_limit() -> None:
+    with limit_blas():
+        with limit_blas():
+            assert count_threads() == {1}
+        assert count_threads() == {1}
+    assert count_threads() == {MANY}
