@@ -174,10 +174,7 @@ def _read_columns(
     q = _read_joints(table, prismatic)
     kinds = read_kinds(table)
     position = _read_position(table, kinds, positions)
-    if not len(table):
-        raise table.where.refuse(
-            "a header, but no rows.", row=0, remedy="Each measured point is a row."
-        )
+    table.require_rows("measured point")
     sigma, quaternion, sigma_rotation = _read_uncertainties(table, kinds)
     approach = _read_approach(table, len(prismatic))
     labels = {name: read_names(table, name) for name in LABEL_COLUMNS if name in table}

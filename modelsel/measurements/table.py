@@ -51,6 +51,11 @@ class Table:
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
 
+    def require_rows(self, each: str) -> None:
+        """Refuse a table without rows; `each`: what a row of it is. Raises DataError."""
+        if not len(self):
+            raise self.where.refuse("a header, but no rows.", remedy=f"Each {each} is a row.")
+
 
 @dataclass(frozen=True)
 class DataFile(os.PathLike[str]):

@@ -110,8 +110,7 @@ def _load_named(file: DataFile, robot: Robot) -> Table:
     """Load a file, with names for its columns where it has no header."""
     source = replace(file, headerless=True)
     table = load_table(source)
-    if not len(table):
-        raise table.where.refuse("a header, but no rows.")
+    table.require_rows("measured point")
     named = name_columns(table, robot.n)
     return split_full_names(named)
 

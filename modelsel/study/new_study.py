@@ -167,8 +167,7 @@ def draft_study(source: DataFile | Table, robot: Robot, given: Mapping[str, str]
         return _draft_headerless(source, table, robot, given)
     if isinstance(source, DataFile):
         source = replace(source, headerless=False)
-    if not len(table):
-        raise table.where.refuse("a header, but no rows.")
+    table.require_rows("measured point")
     as_given = table
     prismatic = robot.prismatic
     converted = convert_units(table, prismatic, set(given.values()))

@@ -164,9 +164,8 @@ def _read_rows(table: Table) -> _Rows:
             remedy="A table of DH parameters has columns theta, d, a, alpha, with units in their "
             "names or in a row below them: theta_deg, d_mm, a_mm, alpha_deg.",
         )
+    table.require_rows("joint")
     count = len(table)
-    if not count:
-        raise table.where.refuse("a header, but no rows.", row=0, remedy="Each joint is a row.")
     values = {key: np.zeros(count) for key in (*ANGLES, *LENGTHS)}
     angle_unit, length_unit = _add_columns(table, columns, values)
     slides, senses = _read_slides(table, columns, count), _read_senses(table, columns, count)

@@ -160,7 +160,9 @@ def with_two_positions() -> None:
 def test_a_doubtful_reading_is_asked() -> None:
     with_two_positions()
     ran = invoked("init", "m.csv", "--robot", "ur10", "--json", answers="2\ny\n")
-    assert json.loads(ran.stdout)["columns"]["x_mm"] == "TCP_X"
+    # the test runner of older versions of click shows the answers before
+    told = json.loads(ran.stdout.removeprefix(" 2\n y\n"))
+    assert told["columns"]["x_mm"] == "TCP_X"
     assert '1: "X", "Y" and "Z" in mm' in ran.stderr
 
 
@@ -375,9 +377,12 @@ def test_a_header_alone_is_told(title, tmp_path) -> None:
     (tmp_path / "m.csv").write_text(f"{title}J1,J2,J3,J4,J5,J6,X,Y,Z\n")
     ran = invoked("init", "m.csv", "--robot", "ur10", "--yes")
     assert (ran.exit_code, "a header, but no rows" in ran.stderr) == (3, True)
-    (tmp_path / "c.csv").write_text(f"{title}q1_rad,q2_rad,q3_rad,x_mm,y_mm,z_mm\n")
-    ran = invoked("check", "c.csv", "--robot", "ur10")
-    assert ran.exit_code == 3
+    six = ",".join(f"q{j}_rad" for j in range(1, 7))
+    (tmp_path / "m.csv").write_text(f"{title}{six},x_mm,y_mm,z_mm\n")
+    for command in ("init", "check"):
+        checked = invoked(command, "m.csv", "--robot", "ur10")
+        assert checked.exit_code == 3
+        assert checked.stderr == ran.stderr
 
 
 def test_a_sheet_of_a_text_table_is_refused() -> None:

@@ -26,9 +26,11 @@ print(norm.ppf(0.5))
 STUDY = """
 import sys
 from pathlib import Path
+import scipy.linalg # older versions load scipy.sparse
+linalg = set(sys.modules)
 import modelsel.cli.study, modelsel.study.runner
 print(sorted({"scipy.stats", "scipy.sparse", "scipy.spatial", "scipy.optimize", "pandas", "emcee",
-              "matplotlib", "multiprocessing", "modelsel.report.drawing"} & set(sys.modules)))
+              "matplotlib", "multiprocessing", "modelsel.report.drawing"} & set(sys.modules) - linalg))
 """
 
 

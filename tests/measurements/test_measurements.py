@@ -402,7 +402,7 @@ REFUSED = {
     ),
     "two units": ([f"{PLAIN},x_m", "0,0,1,2,3,1"], "data.csv", "x_mm and x_m are both there"),
     "name twice": ([f"{PLAIN},x_mm", "0,0,1,2,3,1"], "column x_mm", "appears twice"),
-    "header alone": ([PLAIN], "line 2", "no rows"),
+    "header alone": ([PLAIN], "line 1", "no rows. Each measured point is a row."),
     "one joint more": (
         [f"{PLAIN},q3_rad", "0,0,1,2,3,0"],
         "data.csv",
