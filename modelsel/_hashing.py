@@ -15,11 +15,12 @@ def cache_hash(cls: Class) -> Class:
     work_out: Callable[[Any], int] = cls.__hash__  # type: ignore[assignment]
 
     def remembered(self: Any) -> int:
-        known: dict[str, Any] = self.__dict__
-        if HASH_ATTRIBUTE not in known:
-            known[HASH_ATTRIBUTE] = work_out(self)
-        found: int = known[HASH_ATTRIBUTE]
-        return found
+        try:
+            known: int = self._hash
+        except AttributeError:
+            known = work_out(self)
+            self.__dict__[HASH_ATTRIBUTE] = known
+        return known
 
     def travelling(self: Any) -> dict[str, Any]:
         state = dict(self.__dict__)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._linalg import TINY
 from .evidence import RATIOS
 
 # shares of what is found that are smaller, at the median and at the ends of the interval
@@ -38,9 +39,10 @@ def allow_for_search(square: float, limit: float, terms: int) -> AfterSelection:
     if square > PLAIN:
         half = float(NORMAL / np.sqrt(square))
         return AfterSelection(1.0, 1 - half, 1 + half)
+    # of smaller numbers older versions of chndtr make NaN
+    limit = min(max(limit, TINY), square)
     middle, low, high = (
-        np.sqrt(_find_noncentrality(square, min(limit, square), terms, level) / square)
-        for level in SMALLER
+        np.sqrt(_find_noncentrality(square, limit, terms, level) / square) for level in SMALLER
     )
     return AfterSelection(float(middle), float(low), float(high))
 

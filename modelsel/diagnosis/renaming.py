@@ -85,11 +85,12 @@ def settle_names(
 
 def _has_moved(before: View, after: View, candidate: Candidate) -> bool:
     """Return whether an effect at the target changed by more than MIN_CHANGE between two fits."""
-    terms_before = (term.key for term in before.model.terms)
-    theta_before = dict(zip(terms_before, before.fitted.theta, strict=True))
     own = np.flatnonzero(after.mask_terms(candidate))
     theta = after.fitted.theta[own]
-    previous = [theta_before.get(after.model.terms[k].key, 0.0) for k in own]
+    terms = after.model.terms
+    places = [before.places.get(terms[k].key) for k in own]
+    theta_before = before.fitted.theta
+    previous = [0.0 if place is None else theta_before[place] for place in places]
     change = float(np.linalg.norm(after.A.move(own, theta - previous)))
     size = float(np.linalg.norm(after.A.move(own, theta)))
     return change > MIN_CHANGE * size

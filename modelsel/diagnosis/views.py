@@ -102,14 +102,21 @@ class View:
                 own.append(mechanism)
         return owners
 
+    @cached_property
+    def places(self) -> dict[TermKey, int]:
+        """Where each of the model's terms stands among its columns."""
+        return {key: place for place, key in enumerate(self.owners)}
+
     def mask_terms(self, *effects: Candidate) -> Mask:
         """Mask (p,) of the terms that these effects alone bring into the model."""
         brought = [effect.mechanism for effect in effects]
-        own = {term.key for m in brought for term in m.terms}
-        for key in own & self.owners.keys():
-            if any(m not in brought for m in self.owners[key]):
-                own.remove(key)
-        return np.array([key in own for key in self.owners], dtype=bool)
+        mask = np.zeros(len(self.places), dtype=bool)
+        for mechanism in brought:
+            for term in mechanism.terms:
+                place = self.places.get(term.key)
+                if place is not None:
+                    mask[place] = all(m in brought for m in self.owners[term.key])
+        return mask
 
     def release(self, *effects: Candidate) -> Released:
         """Take effects out of the model without a refit.

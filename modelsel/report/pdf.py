@@ -164,7 +164,7 @@ def find_missing_letters(content: Mapping[str, Any]) -> str:
             break
         if file.name.startswith(BOXES):
             continue
-        font = FT2Font(file)
+        font = FT2Font(str(file))  # older versions take no Path
         known = font.get_charmap()
         missing = [letter for letter in missing if ord(letter) not in known]
     return "".join(missing)
