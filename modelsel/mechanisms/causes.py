@@ -283,8 +283,14 @@ def shifted(angle: Cause, phase: float) -> Cause:
 def parse(text: str, units: Mapping[str, str], where: str = "cause") -> Cause:
     """Read a cause from a study file's string; `units` are the known names with their units.
     Raises StudyError."""
+    formula = text.strip()
+    if len(formula) > MAX_LENGTH:
+        raise StudyError(
+            f'{where}: "{formula[:80]}…" has {len(formula):,} characters; at most {MAX_LENGTH} are '
+            "expected. Add a column with the value to the measurements, and name that."
+        )
     try:
-        tree = ast.parse(text.strip()[:MAX_LENGTH], mode="eval")
+        tree = ast.parse(formula, mode="eval")
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise StudyError(
             f'{where}: "{text[:80]}" is not a cause: it cannot be read as a formula.'

@@ -36,6 +36,7 @@ class ProvenanceRecord(StrictRecord):
     scipy: Text | None = None
     data_sha256: Text
     study_sha256: Text
+    robot_sha256: Text | None = None
 
     @property
     def run(self) -> tuple[str, str]:

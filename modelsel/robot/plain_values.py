@@ -3,7 +3,9 @@ that `modelsel robots` prints. (A robot file's table is read by `files` and writ
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,8 @@ from .kinematics import Joint, Robot, forward
 ROTATION_TOLERANCE = 1e-6
 # no arm's flange reaches further [m]; postures in which that is looked at
 MAX_REACH_M = 100.0
+# of the numbers that a hash is made of: machines differ in the last digits of a sine
+DECIMALS = 9
 TRIED_POSTURES = 8
 
 
@@ -73,6 +77,25 @@ def robot_record(robot: Robot) -> dict[str, Any]:
         if robot.coupling.passive:
             record["passive"] = list(robot.coupling.passive)
     return record
+
+
+def hash_robot(robot: Robot) -> str:
+    """Hash the nominal robot as it was read: the same on every machine, to 1e-9 mm."""
+    record = robot_record(robot)
+    rounded = _round(record)
+    text = json.dumps(rounded, sort_keys=True)
+    return sha256(text.encode()).hexdigest()
+
+
+def _round(value: Any) -> Any:
+    """Round all numbers of a record."""
+    if isinstance(value, float):
+        return round(value, DECIMALS) + 0.0  # no negative zero
+    if isinstance(value, list):
+        return [_round(one) for one in value]
+    if isinstance(value, dict):
+        return {key: _round(one) for key, one in value.items()}
+    return value
 
 
 def _joint_record(joint: Joint) -> dict[str, Any]:

@@ -26,6 +26,7 @@ COPY_INTERVAL_S = 5.0  # between two copies; how often copies are made does not 
 IDENTITY = {
     "data_sha256": "the measurements",
     "study_sha256": "the study file",
+    "robot_sha256": "the robot",
     "modelsel": "modelsel's version",
     "numpy": "numpy's version",
     "names": "the parameters",

@@ -34,6 +34,7 @@ from ..results.storage import REPORTS, WRITES
 from ..robot.files import builtin_names, load_robot
 from ..robot.kinematics import Robot
 from ..selection.streaming import Parts, fit_parts, list_parts
+from .inputs import read_nominal_robot
 from .pipeline import record_provenance
 from .robot_tables import read_any_robot
 from .runner import run_study
@@ -207,7 +208,7 @@ def run_task(task: Task, out: str, options: FleetOptions) -> Row:
 
 
 def _is_finished(task: Task, folder: Path, options: FleetOptions) -> bool:
-    """Return whether a folder holds all of this study: same data, same study, same versions."""
+    """Return whether a folder holds all of this study: same data, study, robot and versions."""
     files = (*WRITES, *REPORTS) if options.reports else WRITES
     paths = [folder / file for file in files]
     if not all(path.is_file() for path in paths):
@@ -217,10 +218,11 @@ def _is_finished(task: Task, folder: Path, options: FleetOptions) -> bool:
         record = _read_record(folder)
         path = find_data(study.measurements.file, task.folder)
         data = path.read_bytes()
-    except (OSError, ValueError):
+        robot = read_nominal_robot(study, task.folder)
+    except (OSError, ValueError, StudyError):
         return False
     data_sha256 = hashlib.sha256(data).hexdigest()
-    provenance = record_provenance(study, data_sha256)
+    provenance = record_provenance(study, robot, data_sha256)
     if record.get("provenance") != provenance:
         return False
     is_sampled = record.get("sampling") is not None

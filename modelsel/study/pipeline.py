@@ -44,6 +44,7 @@ from ..results.finding_records import Finding
 from ..results.orientation_gains import add_orientation_gains
 from ..results.study_run import Explanation, ModelSearch, StudyRun
 from ..robot.kinematics import Robot
+from ..robot.plain_values import hash_robot
 from ..selection.comparison import MAX_CANDIDATES, SubsetComparison, compare_subsets
 from ..selection.evaluation import Evaluation, Split, evaluate
 from ..uncertainty.parameters import Parameter, label_terms
@@ -111,7 +112,8 @@ def analyse(
     say(REGISTERING if study.robot.register_ else SPLITTING)
     split, floor, notes = prepare(study, robot, measured, labels)
     with add_alarms_to_errors(notes):
-        return _analyse_prepared(study, registry, split, floor, notes, say, data_sha256)
+        provenance = record_provenance(study, robot, data_sha256)
+        return _analyse_prepared(study, registry, split, floor, notes, say, provenance)
 
 
 def _analyse_prepared(
@@ -121,7 +123,7 @@ def _analyse_prepared(
     floor: Floor | None,
     notes: tuple[Note, ...],
     say: Say,
-    data_sha256: str,
+    provenance: dict[str, str],
 ) -> Result:
     """Run the steps that follow the preparation.
 
@@ -206,7 +208,7 @@ def _analyse_prepared(
         diagnosis=explanation,
         uncertainty=uncertainty,
         warnings=tuple(warnings),
-        provenance=record_provenance(study, data_sha256),
+        provenance=provenance,
     )
     return Result(order_findings(run))
 
@@ -346,8 +348,9 @@ def sample_posterior(
     return result.with_uncertainty(uncertainty)
 
 
-def record_provenance(study: Study, data_sha256: str) -> dict[str, str]:
-    """Return versions and hashes. No path, time or host: the same study writes the same bytes."""
+def record_provenance(study: Study, robot: Robot, data_sha256: str) -> dict[str, str]:
+    """Return versions and hashes of a study, its nominal robot and its data. No path, time or host:
+    the same study writes the same bytes."""
     import scipy
 
     return {
@@ -356,4 +359,5 @@ def record_provenance(study: Study, data_sha256: str) -> dict[str, str]:
         "scipy": scipy.__version__,
         "data_sha256": data_sha256,
         "study_sha256": hashlib.sha256(study.model_dump_json().encode()).hexdigest(),
+        "robot_sha256": hash_robot(robot),
     }

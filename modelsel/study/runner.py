@@ -71,7 +71,7 @@ def _analyse_study(
             remedy="Run again when it is complete.",
         )
     if checkpoint is not None:
-        checkpoint.bind(record_provenance(study, data_sha256))
+        checkpoint.bind(record_provenance(study, robot, data_sha256))
     return analyse(
         study, robot, measured, registry=registry, labels=labels, say=say, data_sha256=data_sha256
     )

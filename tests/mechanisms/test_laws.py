@@ -246,3 +246,13 @@ def test_a_formula_of_numbers_is_no_error(rng) -> None:
     assert parse("3/4", {}).of(state) == 0.75
     with pytest.raises(StudyError, match="is not a cause"):
         parse(f"1{'0' * 400}", {})
+
+
+def test_a_long_formula_is_refused_whole() -> None:
+    """Its end would be missing."""
+    units = {"q1": "rad", "q2": "rad"}
+    longest = "+".join(["q1"] * 167)
+    assert len(longest) == 500
+    parse(f" {longest} ", units)
+    with pytest.raises(StudyError, match=r'model.x: "q1\+.*…" has 508 characters; at most 500'):
+        parse(f"{longest}+1000*q2", units, "model.x")

@@ -9,6 +9,7 @@ import shutil
 import signal
 import time
 from dataclasses import replace
+from importlib.resources import files
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -21,7 +22,7 @@ from click.testing import CliRunner
 
 from modelsel._files import claim_folder
 from modelsel.cli.main import run_command_line
-from modelsel.config.fleet_file import read_fleet
+from modelsel.config.fleet_file import Task, read_fleet
 from modelsel.config.study_file import read_study
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model
@@ -99,6 +100,27 @@ def opened(file: Path) -> Any:
     from pypdf import PdfReader
 
     return PdfReader(file)
+
+
+def test_a_study_is_finished_until_one_of_its_files_changes(folder) -> None:
+    """The robot's file, too, of which the study file has the name alone."""
+    place, out = folder / "arm0", folder / "out"
+    file = place / "robot.toml"
+    catalogue = files("modelsel") / "robot" / "catalogue"
+    robot = (catalogue / "puma760.toml").read_text("utf-8")
+    file.write_text(robot)
+    text = STUDY.format(k=0).replace('name = "puma760"', 'file = "robot.toml"')
+    (place / "study.toml").write_text(text)
+    study = read_study(place)
+    task = Task("arm0", study, place)
+    run_study(study, place, sampling=False).save(out)
+    assert fleets._is_finished(task, out, QUICK)
+    file.write_text(robot.replace("[1, 0, 0, 650]", "[1, 0, 0, 651]"))
+    assert not fleets._is_finished(task, out, QUICK)
+    file.write_text(f"# the same robot\n{robot}")
+    assert fleets._is_finished(task, out, QUICK)
+    file.unlink()
+    assert not fleets._is_finished(task, out, QUICK)
 
 
 @pytest.mark.slow

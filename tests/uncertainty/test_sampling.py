@@ -440,6 +440,8 @@ def test_checkpoint_belongs_to_one_run(tmp_path: Path, rng: np.random.Generator)
         again.load(["a", "c"])
     with pytest.raises(StudyError, match="the measurements changed"):
         Checkpoint(tmp_path, resume=True).bind({**identity, "data_sha256": "9"})
+    with pytest.raises(StudyError, match="the robot changed"):
+        Checkpoint(tmp_path, resume=True).bind({**identity, "robot_sha256": "9"})
     assert Checkpoint(tmp_path, resume=False).load(names) is None
     whole = again.path.read_bytes()
     other, single, unequal = io.BytesIO(), io.BytesIO(), io.BytesIO()

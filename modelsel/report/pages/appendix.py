@@ -10,7 +10,11 @@ from .findings import name_finding
 
 MAX_ROWS = 60  # numbers of outlying rows
 MAX_FAULTY_ROWS = 12  # numbers of the rows of a fault
-HASH_NAMES = {"data_sha256": "measurements, SHA-256", "study_sha256": "study file, SHA-256"}
+HASH_NAMES = {
+    "data_sha256": "measurements, SHA-256",
+    "study_sha256": "study file, SHA-256",
+    "robot_sha256": "nominal robot, SHA-256",
+}
 
 
 def write_outliers_page(source: Source) -> list[Block]:
