@@ -4,7 +4,6 @@ weights that follow."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 
@@ -24,6 +23,10 @@ FAR = 5.0
 COVERAGE = 0.95
 # degrees of freedom from which repeats or pairs of targets are believed
 MIN_FREEDOM = 10
+# distances from which a pair of targets shows how they scatter
+MIN_DISTANCES = 3
+# squares about the median of n values are (1 - this / n) of the variance (large n, normal errors)
+MEDIAN_EXCESS = 2 - np.pi / 2
 # of a distance's size: no instrument measures one better; where pairs agree so well, one was
 # computed from the other
 MIN_RELATIVE_SCATTER = 1e-7
@@ -108,45 +111,65 @@ def _pool_deviations(deviation: Array) -> float:
 
 
 def from_target_pairs(data: Measurements) -> Floor | None:
-    """Estimate the floor from the scatter of the distance between two reflectors on one flange:
-    its variance is 2 σ². None with too few, or where the distance is always the same to
-    MIN_RELATIVE_SCATTER: a rigid body fitted to the markers keeps it, and shows no noise."""
-    deviations = []
-    freedom = 0
-    largest = 0.0
-    targets = range(len(data.targets))
-    for first, second in combinations(targets, 2):
-        at_first, at_second = _paired_positions(data, first, second)
-        if len(at_first) > 2:
-            line = at_first - at_second
-            distance = np.linalg.norm(line, axis=1)
-            middle = np.median(distance)
-            deviation = np.abs(distance - middle)
-            # the variance of a distance is that of two coordinates
-            deviations.append(deviation / np.sqrt(2))
-            freedom += len(distance) - 1
-            sizes = np.linalg.norm(at_first, axis=1)
-            size = float(np.median(sizes))
-            largest = max(largest, size)
+    """Estimate the floor from the scatter of the distances between reflectors on one flange: the
+    variance of each is 2 σ². None with too few, or where the distances are always the same to
+    MIN_RELATIVE_SCATTER: a rigid body fitted to the markers keeps them, and shows no noise."""
+    position = _arrange_by_target(data)
+    first, second = np.triu_indices(position.shape[1], 1)
+    lines = position[:, first] - position[:, second]
+    distance = np.linalg.norm(lines, axis=2)
+    is_measured = np.isfinite(distance)
+    count = is_measured.sum(0)
+    is_repeated = count >= MIN_DISTANCES
+    if not is_repeated.any():
+        return None
+    which = first[is_repeated], second[is_repeated]
+    freedom = _count_freedom(lines[:, is_repeated], *which, position.shape[1])
     if freedom < MIN_FREEDOM:
         return None
-    pooled = np.concatenate(deviations)
-    scatter = _pool_deviations(pooled)
-    if scatter <= MIN_RELATIVE_SCATTER * largest:
+    repeated = distance[:, is_repeated]
+    deviation = np.abs(repeated - np.nanmedian(repeated, axis=0))
+    unbiased = 1 - MEDIAN_EXCESS / count[is_repeated]
+    # the variance of a distance is that of two coordinates
+    scaled = deviation / np.sqrt(2 * unbiased)
+    scatter = _pool_deviations(scaled[is_measured[:, is_repeated]])
+    size = np.nanmedian(np.linalg.norm(position, axis=2))
+    if scatter <= MIN_RELATIVE_SCATTER * size:
         return None
     return Floor(scatter, "target pairs", freedom)
 
 
-def _paired_positions(data: Measurements, first: int, second: int) -> tuple[Array, Array]:
-    """Return the positions (k, 3) of two targets in the configurations that have both."""
-    at_first = data.target == first
-    at_second = data.target == second
-    rows = np.flatnonzero(at_first)
-    others = np.flatnonzero(at_second)
-    configuration = data.configuration
-    _, i, j = np.intersect1d(configuration[rows], configuration[others], return_indices=True)
-    position = data.position
-    return position[rows[i]], position[others[j]]
+def _arrange_by_target(data: Measurements) -> Array:
+    """Arrange positions (n, T, 3) by configuration and target, NaN where one was not measured; of
+    several measurements the first."""
+    number, which = np.unique(data.configuration, return_inverse=True)
+    shape = len(number), len(data.targets), 3
+    position = np.full(shape, np.nan)
+    position[which[::-1], data.target[::-1]] = data.position[::-1]
+    return position
+
+
+def _count_freedom(lines: Array, first: Index, second: Index, targets: int) -> int:
+    """Count the degrees of freedom of the pooled squares of distances along lines (n, P, 3) between
+    targets `first` and `second` (P,): distances that share a target are not independent.
+
+    Of equal noise in all coordinates the distances have the covariance σ² C, and the squares are
+    those of (tr C)² / tr C² independent ones (Satterthwaite 1946, Biometrics Bulletin 2, 110), less
+    the share that the pairs' own middles take. tr C² has blocks u uᵀ of every pair, and their sums at
+    every target."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        directions = lines / np.linalg.norm(lines, axis=2)[:, :, None]
+    directions = np.nan_to_num(directions)
+    pair = np.arange(len(first))
+    is_end = np.zeros((len(first), targets))
+    is_end[pair, first] = 1.0
+    is_end[pair, second] = 1.0
+    of_targets = np.einsum("pt,npx,npy->ntxy", is_end, directions, directions, optimize=True)
+    distances = float(np.square(directions).sum())
+    trace = 2 * distances
+    squares = float(np.square(of_targets).sum()) + 2 * distances
+    middles = len(first) / distances
+    return int(trace**2 / squares * (1 - middles))
 
 
 def weigh(

@@ -36,8 +36,19 @@ def paired(rng: np.random.Generator, error: Array) -> Floor | None:
     )
 
 
+def seen_in_part(rng: np.random.Generator, error: Array) -> Floor | None:
+    """Ten configurations of eight targets, of which the last configuration shows three."""
+    q = ARM.draw(rng, 10).repeat(8, axis=0)
+    tools = np.tile(rng.uniform(-150, 150, (8, 3)), (10, 1))
+    position = [forward(ARM, q[k : k + 1], tool)[0] for k, tool in enumerate(tools)]
+    names = [f"t{k}" for k in range(8)] * 10
+    seen = slice(0, len(error))
+    data = build_measurements(q[seen], position[seen] + error, target=names[seen])
+    return from_target_pairs(data)
+
+
 @seeds(1, 2)
-@pytest.mark.parametrize(("measure", "rows"), [(repeated, 30), (paired, 60)])
+@pytest.mark.parametrize(("measure", "rows"), [(repeated, 30), (paired, 60), (seen_in_part, 75)])
 @pytest.mark.parametrize("bad", [0, 1])
 def test_a_floor_is_as_sure_as_its_freedom(rng: np.random.Generator, measure, rows, bad) -> None:
     scales = []
