@@ -15,7 +15,6 @@ from .._typing import Array
 from ..exceptions import number_repeated
 from ..fitting.design import Model
 from ..fitting.least_squares import STEP_MM, Fit
-from ..fitting.problem import Problem
 from ..fitting.shrinkage import fit_shrunk
 from ..mechanisms.terms import Mechanism
 from .after_selection import AfterSelection, allow_for_search, find_limit
@@ -119,7 +118,10 @@ def prove(concluded: Conclusion) -> Diagnosis:
     for _ in range(MAX_OFFERS):
         if not weighed.better:
             break
-        further = _settle(_take_shapes(concluded, weighed))
+        reshaped = _take_shapes(concluded, weighed)
+        if reshaped is None:
+            break
+        further = _settle(reshaped)
         if further.mechanisms in seen:
             break
         seen.add(further.mechanisms)
@@ -143,27 +145,12 @@ def _settle(concluded: Conclusion) -> Conclusion:
     return confirm(_take_back(confirmed))
 
 
-def _take_shapes(concluded: Conclusion, weighed: Weighed) -> Conclusion:
-    """Put shapes that explain effects better in their place, and continue the search with these."""
-    start = concluded.view.fitted
-    return conclude(take_shapes(concluded.explored, concluded.chosen, start, weighed.better))
-
-
-def fit_again(diagnosis: Diagnosis, problem: Problem) -> Diagnosis:
-    """Refit the model that was found, its rows weighted by the errors that it leaves.
-
-    The search weighted them by the errors that it assumed."""
-    if not diagnosis.effects:
-        return diagnosis
-    fitted = fit_shrunk(problem, diagnosis.model, diagnosis.fit, held="all")
-    effects = []
-    for effect in diagnosis.effects:
-        own = fitted.locate(effect.candidate.mechanism)
-        refitted = replace(
-            effect, estimate=fitted.theta[own], standard_error=fitted.standard_errors[own]
-        )
-        effects.append(refitted)
-    return replace(diagnosis, fit=fitted, effects=tuple(effects))
+def _take_shapes(concluded: Conclusion, weighed: Weighed) -> Conclusion | None:
+    """Put shapes that explain effects better in their place, and continue the search with these;
+    None where the data do not determine them."""
+    explored, start = concluded.explored, concluded.view.fitted
+    reshaped = take_shapes(explored, concluded.chosen, start, weighed.better)
+    return None if reshaped is None else conclude(reshaped)
 
 
 def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:

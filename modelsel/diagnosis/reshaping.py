@@ -38,7 +38,7 @@ def improve_shapes(explored: Exploration, joints: Collection[int]) -> Exploratio
             better.append(((g,), shape))
     if not better:
         return explored
-    return take_shapes(explored, progress.chosen, progress.view.fitted, better)
+    return take_shapes(explored, progress.chosen, progress.view.fitted, better) or explored
 
 
 def look_closer(explored: Exploration, joints: Collection[int]) -> Exploration:
@@ -72,8 +72,9 @@ def _list_more(search: Search, joints: Collection[int]) -> list[Candidate]:
 
 def take_shapes(
     explored: Exploration, chosen: Sequence[int], start: Fit, better: Sequence[Better]
-) -> Exploration:
-    """Replace chosen effects by the shapes that explain them better, and continue the search.
+) -> Exploration | None:
+    """Replace chosen effects by the shapes that explain them better, and continue the search; None
+    where the data do not determine these.
 
     An effect that was replaced once is not replaced again."""
     before, path = explored.search, list(explored.progress.path)
@@ -96,4 +97,4 @@ def take_shapes(
     shapes = tuple(candidates[len(before.candidates) :])
     search = before.offer(shapes) if shapes else before
     left += [g for g in dict.fromkeys(added) if g not in left]
-    return explore_further(search, left, start, path) or explored
+    return explore_further(search, left, start, path)

@@ -31,7 +31,7 @@ from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Split
 from ..selection.structure_criterion import compute_criterion
 from .candidates import Candidate
-from .conclusion import build_empty, conclude, fit_again, prove
+from .conclusion import build_empty, conclude, prove
 from .driver_functions import IN_TIME
 from .effects import Effect
 from .kept_causes import KeptCauses
@@ -260,8 +260,25 @@ def separate(
     diagnosis = separation.weigh_lasting(diagnosis, errors)
     weighed = replace(split, problem=errors.whiten(split.problem))
     if errors.shared or best.given.shared:
-        diagnosis = fit_again(diagnosis, weighed.training)
+        diagnosis = _fit_again(diagnosis, weighed.training)
     return weighed, replace(diagnosis, errors=errors)
+
+
+def _fit_again(diagnosis: Diagnosis, problem: Problem) -> Diagnosis:
+    """Refit the model that was found, its rows weighted by the errors that it leaves.
+
+    The search weighted them by the errors that it assumed."""
+    if not diagnosis.effects:
+        return diagnosis
+    fitted = fit_shrunk(problem, diagnosis.model, diagnosis.fit, held="all")
+    effects = []
+    for effect in diagnosis.effects:
+        own = fitted.locate(effect.candidate.mechanism)
+        refitted = replace(
+            effect, estimate=fitted.theta[own], standard_error=fitted.standard_errors[own]
+        )
+        effects.append(refitted)
+    return replace(diagnosis, fit=fitted, effects=tuple(effects))
 
 
 def _is_in_time(candidate: Candidate) -> bool:

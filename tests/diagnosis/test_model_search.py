@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import combinations, pairwise, product
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from searches import ignore
 
 from modelsel import Model, mechanism
 from modelsel._typing import Array
-from modelsel.diagnosis import conclusion
+from modelsel.diagnosis import conclusion, reshaping
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.claims import Weighed
@@ -29,6 +30,7 @@ from modelsel.diagnosis.model_search import BY_SAMPLING, FOR_CLAIMS, _Walk, visi
 from modelsel.diagnosis.signatures import Parts, read_parts, read_signatures
 from modelsel.diagnosis.state import Search
 from modelsel.diagnosis.stepwise import explore, explore_further
+from modelsel.diagnosis.views import View
 from modelsel.diagnosis.weighed_models import VisitedModels
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
@@ -391,3 +393,31 @@ def test_a_shape_that_leads_back_is_not_offered_again(
     told = prove(concluded)
     assert asked == [better]
     assert [one.candidate.label for one in told.effects] == ["encoder-scale:3"]
+
+
+@pytest.mark.slow
+def test_shapes_that_the_data_do_not_determine_change_nothing(
+    monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    """The effects that were found before stay, and the way to them is told once."""
+    scale = mechanism("encoder-scale:3", load_robot("irb120"))
+    at = planted(drawn("irb120", rng, 40), scale.terms, np.array([2e-3]), rng, SIGMA)
+    base = Model((mechanism("geometric", at.robot),))
+    found = build_candidates(at, base, every(at.robot))
+    prune = conclusion.prune_effects
+
+    def note(*given: Any) -> tuple[list[int], View]:
+        given[-1].append("pruned")
+        return prune(*given)
+
+    monkeypatch.setattr(conclusion, "prune_effects", note)
+    concluded = conclude(explore(Search(at, base, found, rng, fit(at, base)), (), ignore))
+    before = [found[g].label for g in concluded.chosen]
+    place = {one.mechanism.name: g for g, one in enumerate(found)}
+    better = [((place["encoder-scale:3"],), found[place["encoder-scale:2"]])]
+    weigh = conclusion._weigh
+    monkeypatch.setattr(conclusion, "_weigh", lambda one: weigh(one)._replace(better=better))
+    monkeypatch.setattr(reshaping, "explore_further", lambda *given: None)
+    told = prove(concluded)
+    assert [one.candidate.label for one in told.effects] == before
+    assert told.path.count("pruned") == 1
