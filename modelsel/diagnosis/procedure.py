@@ -17,6 +17,7 @@ from .._progress import News, follow, keep_silent
 from .._random import generator
 from .._typing import Array, Index, Mask, Say
 from .._workers import count_cores, limit_blas
+from ..exceptions import StudyError
 from ..fitting.design import Model, whitened
 from ..fitting.least_squares import fit
 from ..fitting.possible_parts import choose_parts, list_parts
@@ -50,6 +51,12 @@ from .session_steps import place_steps
 MAX_ROUNDS = 3
 # configurations that are scanned at least, of many rows
 MIN_CONFIGURATIONS = 20
+UNFINISHED = (
+    "split.nested_folds: a process that repeats the folds has ended before it was done. A script that "
+    'asks for folds calls run_study below `if __name__ == "__main__":`, as every process reads the '
+    "script anew on Windows and macOS; otherwise the memory may not be enough for as many as there "
+    "are cores."
+)
 ALL = "all"
 
 
@@ -290,8 +297,10 @@ def run_nested_folds(  # noqa: PLR0913  what is asked, and how
 ) -> Nested:
     """Repeat outliers, naming and fit without each fold of the estimation configurations.
 
-    The folds run in parallel; the result does not depend on the number of workers."""
+    The folds run in parallel; the result does not depend on the number of workers. Raises
+    StudyError where their processes end before they are done."""
     from concurrent.futures import ProcessPoolExecutor
+    from concurrent.futures.process import BrokenProcessPool
 
     rows = split.estimation
     estimation = split.problem.data.take(rows)
@@ -301,12 +310,15 @@ def run_nested_folds(  # noqa: PLR0913  what is asked, and how
     inquiry = Inquiry(base, everything, seed, cells, keep_silent, options)
     run = partial(_run_fold, split=split, inquiry=inquiry, fold=fold)
     workers = min(count, count_cores())
-    with ProcessPoolExecutor(max_workers=workers) as pool:
-        say(News(f"none of {count} folds", 0.0))
-        done = []
-        for one in pool.map(run, range(count)):
-            done.append(one)
-            say(News(f"{len(done)} of {count} folds", len(done) / count))
+    done: list[_Fold] = []
+    try:
+        with ProcessPoolExecutor(max_workers=workers) as pool:
+            say(News(f"none of {count} folds", 0.0))
+            for one in pool.map(run, range(count)):
+                done.append(one)
+                say(News(f"{len(done)} of {count} folds", len(done) / count))
+    except BrokenProcessPool:
+        raise StudyError(UNFINISHED) from None
     shape = len(fold), split.problem.components
     before = np.full(shape, np.nan)
     after = np.full(shape, np.nan)

@@ -56,5 +56,5 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "root": take_signed_root,
     "saw": rise_and_fall_back,
 }
-# of them those whose value has no unit, whatever that of the argument
+# of them those whose value has no unit, whatever that of the argument; root is of its bare number
 DIMENSIONLESS = {"sin", "cos", "sign", "exp", "tanh", "root", "saw"}

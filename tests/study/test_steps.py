@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
-from modelsel import Study, run_study
+from modelsel import Study, StudyError, run_study
 from modelsel._progress import News
+from modelsel.diagnosis import procedure
 from modelsel.study.steps import list_steps
 
 FILE = Path(__file__).parents[2] / "studies" / "puma760" / "measurements.csv"
@@ -42,6 +44,17 @@ def test_every_step_is_told_in_order(study) -> None:
     assert any(
         line == "added gravity-twist" and line.kept for line in said if isinstance(line, News)
     )
+
+
+def die(*given: object, **rest: object) -> None:
+    os._exit(1)
+
+
+@pytest.mark.slow
+def test_processes_that_die_are_told(study, monkeypatch) -> None:
+    monkeypatch.setattr(procedure, "_run_fold", die)
+    with pytest.raises(StudyError, match=r"split.nested_folds: .* `if __name__ == \"__main__\":`"):
+        run_study(study, sampling=False)
 
 
 @pytest.mark.slow
