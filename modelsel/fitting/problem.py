@@ -239,8 +239,8 @@ class Problem:
         return self.state.names()
 
     def value(self, name: str) -> Array:
-        """Return the values (m,) of a state variable; raises KeyError for one these data do not
-        have."""
+        """Return the values (m,) of a state variable. Raises StudyError for one that these data
+        do not have."""
         if len(self) > BLOCK:
             self._keep([name])
         return self.state.value(name)

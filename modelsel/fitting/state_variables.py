@@ -9,11 +9,13 @@ import numpy as np
 
 from .._linalg import TINY
 from .._typing import Array, Rows
+from ..exceptions import StudyError
 from ..measurements.measurements import Measurements
 from ..measurements.state_names import (
     StateKind,
     StateVariable,
     covariate_unit,
+    describe_state_name,
     parse_state_name,
     state_units,
 )
@@ -87,7 +89,7 @@ class StateVariables:
         return units | {name: covariate_unit(name) for name in self.data.covariates}
 
     def value(self, name: str) -> Array:
-        """Return the values (m,) of a name; raises KeyError for one that there is not."""
+        """Return the values (m,) of a name. Raises StudyError for one that there is not."""
         if name not in self._values:
             evaluated = self._evaluate(name)
             self._values.update(evaluated)
@@ -118,7 +120,9 @@ class StateVariables:
             return {name: covariates[name]}
         variable = parse_state_name(name)
         if variable is None or not variable.exists(self.robot):
-            raise KeyError(name)
+            raise StudyError(
+                f"the model depends on {describe_state_name(name)}, of which the measurements say nothing."
+            )
         evaluate = EVALUATORS[variable.kind]
         values = evaluate(self)
         columns = values.items()

@@ -260,6 +260,12 @@ def parse_state_name(name: str) -> StateVariable | None:
     return None
 
 
+def describe_state_name(name: str) -> str:
+    """Describe a name in words: the column of that name where it is not of the table."""
+    variable = parse_state_name(name)
+    return f"the column {name}" if variable is None else variable.words
+
+
 def state_kind(name: str) -> StateKind | None:
     """Return the kind of a name of the table; None for any other, such as a covariate's."""
     variable = parse_state_name(name)

@@ -39,7 +39,7 @@ class State(Protocol):
     quantities)."""
 
     def value(self, name: str) -> Array:
-        """Return the values (m,) of a name; raises KeyError for one the data do not have."""
+        """Return the values (m,) of a name. Raises StudyError for one the data do not have."""
         ...
 
 

@@ -19,6 +19,7 @@ from ..mechanisms.registry import Registry, mechanism
 from ..mechanisms.terms import Mechanism, Screw
 from ..selection.evaluation import Evaluation, Split, evaluate, summarise_errors
 from .own_causes import build_own_mechanisms
+from .untested_candidates import require_causes
 
 NOMINAL = ("nominal",)  # names of the model without any mechanism
 
@@ -48,6 +49,7 @@ def build_model(
     """Return the model of some mechanisms, with the set-up parameters that are left open.
 
     `constants` gives the mechanism of a name whose constant is scanned, where it is chosen already.
+    Raises StudyError where the data lack what one of them depends on.
     """
     data = problem.data
     placements = len(data.groups) if study.robot.per_group else 1
@@ -63,7 +65,16 @@ def build_model(
     chosen.update(constants or {})
     mechanisms = [placement] if placement.terms else []
     mechanisms += [chosen.get(name) or mechanism(name, problem.robot, registry) for name in names]
+    require_causes(problem, mechanisms)
     return Model(tuple(mechanisms))
+
+
+def build_base(study: Study, problem: Problem, registry: Registry) -> Model:
+    """Return the model that the study extends. Raises StudyError where the data lack what it, or a
+    model of the study's ladder, depends on: nothing was computed by then."""
+    for names in study.model.ladder:
+        build_model(study, problem, registry, names)
+    return build_model(study, problem, registry, study.model.base)
 
 
 def choose_constants(candidates: Sequence[Candidate], single_f: Array) -> dict[str, Mechanism]:

@@ -61,7 +61,7 @@ from .held_out_gains import judge_beside_others, measure_findings, resample_held
 from .held_out_outliers import exclude_held_out_outliers
 from .inputs import list_candidates
 from .model_ladder import (
-    build_model,
+    build_base,
     choose_constants,
     evaluate_effects,
     evaluate_ladder,
@@ -129,7 +129,7 @@ def _analyse_prepared(
 
     `floor` is the noise floor where it is known, `notes` those of the preparation.
     """
-    base = build_model(study, split.problem, registry, study.model.base)
+    base = build_base(study, split.problem, registry)
     mechanisms = list_candidates(study, split.problem.robot, registry)
     untested = find_untested(study.model.candidates, split.problem, mechanisms)
 
@@ -337,7 +337,7 @@ def sample_posterior(
     log_posterior = build_log_posterior(
         split,
         result.models.chosen.fit,
-        build_model(study, split.problem, registry, study.model.base),
+        build_base(study, split.problem, registry),
         registry,
         over=study.sampling.over,
         instrument=None if stated else read_instrument(study.noise),

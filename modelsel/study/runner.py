@@ -15,7 +15,7 @@ from ..measurements.table import Source, hash_source
 from ..mechanisms.registry import BUILTIN, Registry
 from .checkpoint import Checkpoint
 from .inputs import list_candidates, open_study, read_inputs
-from .model_ladder import build_model, searches_cells
+from .model_ladder import build_base, searches_cells
 from .own_causes import build_own_candidates
 from .pipeline import analyse, record_provenance, sample_posterior
 from .preparation import prepare
@@ -98,7 +98,7 @@ def rehearse_study(
     study, folder = open_study(study, folder)
     robot, registry, measured, labels = read_inputs(study, folder, registry)
     split, floor, notes = prepare(study, robot, measured, labels)
-    base = build_model(study, split.problem, registry, study.model.base)
+    base = build_base(study, split.problem, registry)
     kept = split.problem.data
     estimating = kept.take(split.estimation)
     held_out = kept.take(~split.estimation)

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from ..diagnosis.candidates import list_usable_names
-from ..exceptions import sentence_list
+from ..exceptions import StudyError, sentence_list
 from ..fitting.problem import Problem
-from ..measurements.state_names import parse_state_name
+from ..measurements.state_names import describe_state_name
 from ..mechanisms.terms import Mechanism
 from ..notices import Note
 
@@ -24,7 +24,7 @@ class Untested:
         """What each of them needs, to follow a colon; empty where all can be tested."""
         parts = []
         for name, unknown in self.missing.items():
-            needed = sentence_list([_describe_variable(each) for each in sorted(unknown)])
+            needed = sentence_list([describe_state_name(each) for each in sorted(unknown)])
             parts.append(f"{name} needs {needed}")
         if not parts:
             return ""
@@ -72,8 +72,13 @@ def find_untested(
     return Untested(missing)
 
 
-def _describe_variable(name: str) -> str:
-    variable = parse_state_name(name)
-    if variable is None:
-        return f"the column {name}"
-    return variable.words
+def require_causes(problem: Problem, mechanisms: Iterable[Mechanism]) -> None:
+    """Raise StudyError where the data lack what mechanisms of the study's own models depend on."""
+    available = frozenset(problem.names())
+    missing = {one.name: one.names() - available for one in mechanisms}
+    lacking = {name: unknown for name, unknown in missing.items() if unknown}
+    if lacking:
+        raise StudyError(
+            f"model: {Untested(lacking).reason} Add it to the measurements, or take the mechanism out "
+            "of the base and the ladder."
+        )

@@ -9,6 +9,7 @@ import pytest
 from builders import drawn
 from scipy.spatial.transform import Rotation
 
+from modelsel.exceptions import StudyError
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import Orientation, build_measurements
@@ -47,7 +48,7 @@ def test_every_name_has_values_and_no_other_name_has(rng) -> None:
     for name in at.names():
         assert at.value(name).shape == (20,)
     for name in ("q7", "torque3_3", "moment9_x", "down_w", "humidity"):
-        with pytest.raises(KeyError):
+        with pytest.raises(StudyError, match="the model depends on "):
             at.value(name)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from modelsel import run_study
+from modelsel import StudyError, rehearse_study, run_study
 from modelsel.config.study_file import parse_study
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
@@ -42,15 +42,31 @@ def test_candidates_say_what_they_lack(rng: np.random.Generator) -> None:
     assert find_untested("all", problem, mechanisms).note() == ()
 
 
-@pytest.mark.integration
-def test_a_study_whose_only_candidate_lacks_its_column_names_it(
-    tmp_path: Path, rng: np.random.Generator
-) -> None:
+@pytest.fixture
+def campaign(tmp_path: Path, rng: np.random.Generator) -> Path:
+    """Sixty points without a temperature, in m.csv."""
     q = rng.uniform(-1.5, 1.5, (60, 6))
     at = build_measurements(q, np.zeros((60, 3)))
     points = simulate_points(ROBOT, np.array([[30.0, 20, 80]]), [], at=at, noise_mm=0.05, rng=rng)
     points.to_csv(tmp_path / "m.csv", index=False)
-    result = run_study(parse_study(STUDY, "study.toml"), tmp_path, sampling=False)
+    return tmp_path
+
+
+@pytest.mark.parametrize("run", [rehearse_study, run_study])
+@pytest.mark.parametrize("key", ["base", "ladder"])
+def test_a_model_that_lacks_a_column_is_refused(campaign: Path, run, key) -> None:
+    names = ["geometric", "thermal-expansion"]
+    listed = names if key == "base" else [names]
+    text = STUDY.replace('candidates = ["thermal-expansion"]', f"{key} = {listed}")
+    study = parse_study(text, "study.toml")
+    message = r"model: thermal-expansion needs the column temperature_C, .* Add it to the"
+    with pytest.raises(StudyError, match=message):
+        run(study, campaign)
+
+
+@pytest.mark.integration
+def test_a_study_whose_only_candidate_lacks_its_column_names_it(campaign: Path) -> None:
+    result = run_study(parse_study(STUDY, "study.toml"), campaign, sampling=False)
     _, named, remainder = result.record.verdict
     assert "could be named" not in named
     assert "thermal-expansion needs the column temperature_C" in remainder
