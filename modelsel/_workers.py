@@ -40,13 +40,16 @@ def limit_blas() -> Iterator[None]:
 
     The matrices of a study are small: more threads wait for each other longer than they work, and
     add up in another order. As a decorator: of what a program calls, and of what other processes
-    do. The limit holds for the whole process until the last of those that asked for it ends."""
+    do. The limit holds for the whole process until the last of those that asked for it ends.
+    Underflow is no error meanwhile: a probability may be as small as it likes."""
+    import numpy as np
     import scipy.linalg  # noqa: F401  it has threads of its own, which can be limited once it is loaded
 
     with _limit.lock:
         _limit.begin()
     try:
-        yield
+        with np.errstate(under="ignore"):
+            yield
     finally:
         with _limit.lock:
             _limit.end()

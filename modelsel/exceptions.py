@@ -28,6 +28,10 @@ class StudyError(ModelselError):
         super().__init__("\n".join(self.problems))
 
 
+class NotStored(StudyError, AttributeError):
+    """What a result that was read back does not have: `hasattr` is false of it."""
+
+
 class DataError(ModelselError):
     """The measurements are wrong: what, where, what to do. In a file: its line (the header is line
     1) and column; in a DataFrame: its row, counted from 0, and column."""

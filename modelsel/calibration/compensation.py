@@ -32,7 +32,7 @@ from .command_notes import (
     list_joints_of,
 )
 from .commands_table import build_commands_table, find_carried_columns
-from .large_changes import find_weakest, refuse_large_changes
+from .large_changes import check_bound, find_weakest, refuse_large_changes
 from .prediction import compute_pose, compute_sensitivities, predict, to_tracker_frame
 
 if TYPE_CHECKING:
@@ -291,10 +291,12 @@ def correct(
     Columns are q1_rad … (or _deg), wanted x_mm y_mm z_mm where they are not the nominal ones, and
     what the model needs, under these names or those of the study's own file. Returns the corrected commands, with the error before, what is left and
     what is expected. `bound` (rad, mm): a correction beyond it is refused. Warns of configurations
-    that the calibration has not seen and of rows that are not reached. Raises DataError.
+    that the calibration has not seen and of rows that are not reached; the same sentences are in
+    the table's attrs["notes"]. Raises DataError, and StudyError for a bound that is not one.
     """
     from warnings import warn
 
+    check_bound(bound)
     table = load_table(targets)
     mapping = c.form.map_columns(table, {})
     data = read_measurements(table, c.robot, mapping, positions=False, once=False)
@@ -313,10 +315,13 @@ def correct(
         total = len(data)
         notes.append(f"{missed:,} of {total:,} rows {verb} not reached: see {where}.")
     for note in notes:
-        warn(note, stacklevel=2)
+        warn(note, stacklevel=3)  # where the program corrects
     figures = commands.figures()
     form = find_carried_columns(c, table, mapping)
-    return build_commands_table(c, data, commands.q, commands.wanted, figures, form)
+    corrected = build_commands_table(c, data, commands.q, commands.wanted, figures, form)
+    # Python shows a warning of one line once
+    corrected.attrs["notes"] = notes
+    return corrected
 
 
 def note_commands(c: Calibration, commands: Commands, data: Measurements) -> list[str]:

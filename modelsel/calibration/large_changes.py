@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..exceptions import write_rounded
+from ..exceptions import StudyError, write_rounded
 from ..measurements.measurements import Measurements
 from ..measurements.visits import derive_motion
 from .command_notes import describe_order_dependence
@@ -27,6 +27,18 @@ MAX_SKIPPED = 0.5
 MAX_LISTED = 5
 
 Bound = tuple[float, float]
+
+
+def check_bound(bound: object) -> None:
+    """Raise StudyError where a bound is not two positive numbers (rad, mm): nothing is beyond NaN."""
+    try:
+        numbers = np.asarray(bound, dtype=float)
+    except (TypeError, ValueError):
+        numbers = np.zeros(0)
+    if numbers.shape != (2,) or not (numbers > 0).all():
+        raise StudyError(
+            f"bound: (rad, mm), two numbers above 0, are expected, not {str(bound)[:80]}."
+        )
 
 
 def find_weakest(J: Array, missing: Array) -> Array:

@@ -138,7 +138,7 @@ def _load_series(column: pd.Series[Any]) -> NDArray[Any]:
     if column.hasnans:
         numbers = column.to_numpy(dtype=float, na_value=np.nan)
         return np.asarray(numbers)
-    return np.asarray(column.to_numpy())
+    return np.asarray(column.to_numpy(copy=True))  # the frame is its owner's to change
 
 
 def _load_grid(file: DataFile) -> Table:

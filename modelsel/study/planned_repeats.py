@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._linalg import TINY
 from .._typing import Array
+from ..fitting.design import ROUNDING
 from ..fitting.possible_parts import MIN_EXCESS
 
 # postures that are measured again at most, and how often each is measured at least
@@ -51,7 +51,9 @@ def plan_repeats(q: Array, places: Array, before: int, times: int | None = None)
 def _standardise(values: Array) -> Array:
     """Return columns (k, c) in their standard deviations, those that do not vary as zeros."""
     away = values - values.mean(0)
-    return np.asarray(away / np.maximum(away.std(0), TINY))
+    spread = away.std(0)
+    varies = spread > ROUNDING * np.abs(values).max(0)
+    return np.where(varies, away / np.where(varies, spread, 1.0), 0.0)
 
 
 def _spread_out(points: Array) -> list[int]:

@@ -12,7 +12,7 @@ from .._typing import Say
 from ..calibration.calibration import Calibration, calibrate
 from ..calibration.refitting import refit_forms
 from ..config.study_file import Study
-from ..exceptions import StudyError, suggest
+from ..exceptions import NotStored, StudyError, suggest
 from ..fitting.problem import Problem
 from ..measurements.file_form import FileForm
 from ..results.details import draw_details
@@ -138,7 +138,7 @@ class Result:
     def run(self) -> StudyRun:
         """Everything the run computed. Raises StudyError for a result that was read back."""
         if self.fresh is None:
-            raise StudyError(
+            raise NotStored(
                 "this result was read back from its folder. The problem, the fits and the draws belong to the run "
                 "and are not stored: run the study again to have them."
             )

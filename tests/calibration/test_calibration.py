@@ -181,6 +181,26 @@ def test_readings_are_corrected_as_a_table_of_them(result) -> None:
 
 
 @pytest.mark.integration
+@pytest.mark.parametrize("bound", [(np.nan, 20.0), (-0.01, 20.0), (0, 0), 1, (1, 2, 3), "a"])
+def test_a_bound_that_bounds_nothing_is_refused(result, bound) -> None:
+    q = result.split.problem.data.q[:3]
+    with pytest.raises(StudyError, match=r"^bound: \(rad, mm\), two numbers above 0, are expected"):
+        result.calibration.correct(q, bound=bound)
+
+
+@pytest.mark.integration
+def test_what_is_not_reached_is_told_of_every_program(result) -> None:
+    """Python shows a warning of one place once: the table has it each time."""
+    far = np.tile([0.0, 0.0, 1.5, 0.0, 0.0, 0.0], (3, 1))
+    for _ in range(2):
+        with pytest.warns(UserWarning) as shown:
+            table = result.calibration.correct(far, bound=(10.0, 1e4))
+        assert table.attrs["notes"] == [str(one.message) for one in shown]
+        assert table.attrs["notes"]
+        assert {Path(one.filename).name for one in shown} == {Path(__file__).name}
+
+
+@pytest.mark.integration
 def test_the_schema_describes_the_file(result) -> None:
     schema = CalibrationRecord.model_json_schema(by_alias=True)
     written = json.loads(calibration_text(result.calibration))

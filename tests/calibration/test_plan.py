@@ -558,6 +558,13 @@ def test_repeats_are_spread_over_the_workspace(rng) -> None:
     assert sum(number >= 30 for number in chosen) >= MAX_POSTURES - 1
 
 
+def test_a_joint_that_stands_still_spreads_nothing() -> None:
+    """Its mean differs from it by rounding."""
+    q = np.column_stack([np.linspace(-1, 1, 21), np.full(21, 0.7)])
+    chosen = plan_repeats(q, np.zeros((21, 3)), before=0).numbers
+    assert {0, 20} <= set(chosen)
+
+
 def test_rivals_are_named_once_and_what_poses_cannot_tell_is_said() -> None:
     names = [("link-bending:2", "joint-compliance:3", "joint-compliance:3")]
     said = describe_rivals(names, (0.55, 0.57), None, 10, True)

@@ -58,6 +58,14 @@ def test_a_frame_is_read_as_its_file(tmp_path) -> None:
     assert read_labels(FRAME, "group").tolist() == ["d1", "d1", "d2"]
 
 
+def test_measurements_are_their_own_copy() -> None:
+    frame = FRAME.assign(temperature_C=[20.0, 21.0, 22.0])
+    data = read_measurements(frame, ARM)
+    frame.loc[:, ["temperature_C", "x_mm"]] = 99.0
+    np.testing.assert_array_equal(data.covariates["temperature_C"], [20.0, 21.0, 22.0])
+    assert not (data.position == 99.0).any()
+
+
 def bad(**columns: object) -> pd.DataFrame:
     plain = FRAME[["q1_rad", "q2_deg", "x_mm", "y_mm", "z_mm"]].reset_index(drop=True)
     return plain.assign(**columns)

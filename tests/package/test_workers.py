@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 import scipy.linalg  # noqa: F401  loads the second library that multiplies matrices
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -62,6 +63,11 @@ def test_what_a_program_calls_uses_one_thread(name) -> None:
     with pytest.raises(Looked, match=r"^\{1\}$"):
         CALLS[name](Spy())
     assert count_threads() == {MANY}
+
+
+def test_what_is_too_small_for_a_number_is_zero() -> None:
+    with np.errstate(all="raise"), limit_blas():
+        assert np.exp(-1000.0) == 0
 
 
 @pytest.mark.usefixtures("_many_threads")

@@ -267,6 +267,8 @@ def test_what_is_saved_comes_back(result, tmp_path) -> None:
     for what in (*TABLES, "residuals"):
         pd.testing.assert_frame_equal(back.to_frame(what), result.to_frame(what), check_exact=True)
     assert back._repr_html_() == result._repr_html_()
+    assert hasattr(result, "problem")
+    assert not hasattr(back, "problem")
     assert calibration_text(back.calibration) == calibration_text(result.calibration)
     back.save(tmp_path / "b")
     assert files(tmp_path / "b") == files(tmp_path / "a")
