@@ -14,13 +14,15 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..diagnosis.sentences import format_quantity
-from ..exceptions import StudyError, write_rounded
+from ..exceptions import StudyError, sentence_list, write_rounded
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Joint
 from .calibration import Calibration
 from .common_space import CommonSpace, build_common_space
 from .fewest_terms import Step, select_fewest_terms
+from .known_names import Names
 from .mechanism_changes import (
+    CAMPAIGN_NAMES,
     DEFINITE_CHANGES,
     GEOMETRY_NAMES,
     POWER_QUANTILE,
@@ -83,8 +85,12 @@ class Comparison:
     left_aside: tuple[str, ...]
     # from where a change of a typical, of the worst determined parameter would have been detected
     seen_mm: tuple[float, float] | None
-    # between the targets of the two campaigns on the flange
+    # between the targets of the two campaigns on the flange, of those that both measured
     targets_apart_mm: float = 0.0
+    # names of the targets that the first, and that the second campaign alone measured
+    other_targets: tuple[Names, Names] = ((), ())
+    # whether the set-up was registered, so that a new placement takes up what is left aside
+    registered_again: bool = True
 
     @property
     def moved(self) -> tuple[Change, ...]:
@@ -145,7 +151,12 @@ def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
     explained = _explain(space, tested) if significant else ()
     moved = {explanation.mechanism for explanation in explained}
     motions = Motions(
-        (a, b), space.terms, space.theta, space.factors, space.X, _error_ratio(space, tested)
+        space.campaigns,
+        space.terms,
+        space.theta,
+        space.factors,
+        space.X,
+        _error_ratio(space, tested),
     )
     return Comparison(
         changes,
@@ -153,15 +164,19 @@ def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
         compare_mechanisms(motions, moved),
         tuple(term.symbol for term in space.placing),
         _find_detectable_range(space, tested),
-        _measure_targets(a, b),
+        _measure_targets(space),
+        (space.targets.only_first, space.targets.only_second),
+        a.registered or b.registered,
     )
 
 
-def _measure_targets(a: Calibration, b: Calibration) -> float:
-    """Return how far the targets of two campaigns are apart [mm], at most; 0 where they are not as many."""
-    if a.tools.shape != b.tools.shape:
-        return 0.0
-    return float(np.linalg.norm(a.tools - b.tools, axis=1).max(initial=0.0))
+def _measure_targets(space: CommonSpace) -> float:
+    """Return how far the targets that both campaigns measured are apart [mm], at most."""
+    first, second = space.campaigns
+    shared = space.targets.shared
+    apart = first.tools[shared] - second.tools[shared]
+    distances = np.linalg.norm(apart, axis=1)
+    return float(distances.max(initial=0.0))
 
 
 def _select_tested(space: CommonSpace) -> Index:
@@ -316,12 +331,25 @@ def describe_comparison(comparison: Comparison) -> list[str]:
         sentences.append(
             f"The two campaigns measured different targets: {write_rounded(comparison.targets_apart_mm)} mm apart on the flange."
         )
+    if any(comparison.other_targets):
+        sentences.append(_describe_other_targets(comparison.other_targets))
     if comparison.left_aside:
-        sentences.append(
-            "The set-up was registered again: motions that the tracker or the target would also make "
-            f"({', '.join(comparison.left_aside)}) cannot be compared."
-        )
+        why = "No target was measured in both campaigns: motions that a target would also make"
+        if comparison.registered_again:
+            why = "The set-up was registered again: motions that the tracker or the target would also make"
+        sentences.append(f"{why} ({', '.join(comparison.left_aside)}) cannot be compared.")
     return sentences
+
+
+def _describe_other_targets(names: tuple[Names, Names]) -> str:
+    """Say which targets one campaign alone measured."""
+    parts = []
+    for campaign, own in zip(CAMPAIGN_NAMES, names, strict=True):
+        if own:
+            quoted = [f'"{name}"' for name in own]
+            parts.append(f"only the {campaign} campaign measured {sentence_list(quoted)}")
+    said = " and ".join(parts)
+    return f"{said[0].upper()}{said[1:]}: where they sit on the flange cannot be compared."
 
 
 def _describe_explanation(explanation: Explanation) -> str:

@@ -14,8 +14,9 @@ from ..fitting.identifiability import identify
 from ..fitting.problem import Problem
 from ..fitting.reduction import reduce
 from ..mechanisms.geometry import build_setup
-from ..mechanisms.terms import Term
+from ..mechanisms.terms import Mechanism, Term, terms_of
 from .calibration import Calibration
+from .common_names import CommonNames, number_together, renumber
 from .constant_part import sample_workspace
 
 CONFIGURATIONS = 300  # drawn from what both campaigns have seen
@@ -25,12 +26,14 @@ CONFIGURATIONS = 300  # drawn from what both campaigns have seen
 class CommonSpace:
     """Both campaigns in one set of representatives.
 
-    `X` (m, 3, p) columns of all terms at common configurations; `theta` (2, p) and `factors` of the
-    campaigns' covariances; `kept` places of the representatives, `relation` (p, r) from all terms
-    to them; `placing` the terms that a new placement takes up.
+    `campaigns` number their `targets` and their groups alike; `X` (m, 3, p) columns of all terms at
+    common configurations; `theta` (2, p) and `factors` of the campaigns' covariances; `kept` places
+    of the representatives, `relation` (p, r) from all terms to them; `placing` the terms that a new
+    placement, or another target, takes up.
     """
 
     campaigns: tuple[Calibration, Calibration]
+    targets: CommonNames
     terms: tuple[Term, ...]
     placing: tuple[Term, ...]
     theta: Array
@@ -107,16 +110,16 @@ class CommonSpace:
 
 def build_common_space(a: Calibration, b: Calibration) -> CommonSpace:
     """Express both campaigns in one set of representatives, on configurations drawn from what both
-    have seen."""
-    model = a.model + b.model.mechanisms
+    have seen, of a target that both have measured."""
+    targets = number_together(a.targets, b.targets)
+    groups = number_together(a.groups, b.groups)
+    b = renumber(b, a, targets, groups)
     ranges = _intersect_ranges(a, b)
-    common = replace(a, ranges=ranges, model=model)
-    sampled = sample_workspace(common, m=CONFIGURATIONS)
+    common = replace(a, ranges=ranges, model=a.model + b.model.mechanisms)
+    sampled = sample_workspace(common, targets.sampled, CONFIGURATIONS, groups.sampled)
     problem = _spread_over_campaign(sampled, ranges)
-    placing: tuple[Term, ...] = ()
-    if a.registered or b.registered:
-        placing = build_setup(a.robot, 1, 1, True, False).terms
-    terms = tuple(dict.fromkeys([*placing, *a.terms, *b.terms]))
+    placing = _build_placing(a, b, targets)
+    terms = terms_of((placing, *a.model.mechanisms, *b.model.mechanisms))
     X = compute_design(problem, terms)[0]
     rows = X.reshape(-1, len(terms))
     identified = identify(reduce(rows, np.zeros(len(rows))))
@@ -128,14 +131,28 @@ def build_common_space(a: Calibration, b: Calibration) -> CommonSpace:
         factors.append(factor)
     return CommonSpace(
         (a, b),
+        targets,
         terms,
-        placing,
+        placing.terms,
         np.array(estimates),
         factors,
         X,
         np.array(identified.exact, dtype=np.intp),
         identified.relation,
     )
+
+
+def _build_placing(a: Calibration, b: Calibration, targets: CommonNames) -> Mechanism:
+    """Build the terms that take up what a new placement of the tracker and the target, or where no
+    target is common, another target, would also do."""
+    setup = build_setup(a.robot, 1, 1, True, False)
+    if a.registered or b.registered:
+        return setup
+    placing: tuple[Term, ...] = ()
+    if not len(targets.shared):
+        flange = a.robot.n + 1
+        placing = tuple(term for term in setup.terms if term.screws[0].frame == flange)
+    return replace(setup, terms=placing)
 
 
 def _spread_over_campaign(at: Problem, ranges: Mapping[str, tuple[float, float]]) -> Problem:
@@ -164,9 +181,7 @@ def _intersect_ranges(a: Calibration, b: Calibration) -> dict[str, tuple[float, 
 def _place_estimates(c: Calibration, terms: Sequence[Term]) -> tuple[Array, Array]:
     """Return a campaign's theta (p,) and covariance factor (p, r) among the terms of both; zero for
     the other's terms."""
-    place = dict[Hashable, int]()
-    for k, term in enumerate(terms):
-        place.setdefault(term.key, k)
+    place = {term.key: k for k, term in enumerate(terms)}
     places = [place[term.key] for term in c.terms]
     count = len(terms)
     width = c.factor.shape[1]

@@ -194,7 +194,9 @@ def build_constant_chain(c: Calibration) -> ConstantChain:
     return ConstantChain(robot, targets)
 
 
-def sample_workspace(c: Calibration, target: int = 0, m: int = SAMPLED_CONFIGURATIONS) -> Problem:
+def sample_workspace(
+    c: Calibration, target: int = 0, m: int = SAMPLED_CONFIGURATIONS, group: int = 0
+) -> Problem:
     """Sample configurations evenly from all that the calibration has seen, with every covariate and
     direction of approach."""
     rng = np.random.default_rng(0)
@@ -215,7 +217,7 @@ def sample_workspace(c: Calibration, target: int = 0, m: int = SAMPLED_CONFIGURA
         move = values.get(f"move{joint}", still)
         moves.append(move)
     moved = np.stack(moves, 1)
-    return bind_configurations(c, q, covariates, approach, moved, target)
+    return bind_configurations(c, q, covariates, approach, moved, target, group)
 
 
 def bind_configurations(
@@ -225,6 +227,7 @@ def bind_configurations(
     approach: Array,
     move: Array,
     target: int = 0,
+    group: int = 0,
 ) -> Problem:
     """Bind configurations to the calibrated set-up: q, approach and move (m, n), covariates
     (m,)."""
@@ -233,7 +236,7 @@ def bind_configurations(
         q,
         np.zeros((m, 3)),
         target=[c.targets[target]] * m,
-        group=[c.groups[0]] * m,
+        group=[c.groups[group]] * m,
         approach=approach,
         covariates=covariates,
         coupling=c.robot.coupling,
