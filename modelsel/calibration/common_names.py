@@ -28,7 +28,10 @@ class CommonNames:
     @property
     def shared(self) -> Index:
         """Places of the names that both campaigns have."""
-        return np.intersect1d(self.places, np.arange(len(self.first)))
+        count = len(self.first)
+        is_shared = self.places < count
+        shared = self.places[is_shared]
+        return np.sort(shared)
 
     @property
     def sampled(self) -> int:
@@ -41,29 +44,41 @@ class CommonNames:
     @property
     def only_first(self) -> Names:
         """The names that the second campaign does not have."""
-        return tuple(name for k, name in enumerate(self.first) if k not in self.places)
+        shared = self.shared.tolist()
+        only = []
+        for place, name in enumerate(self.first):
+            if place not in shared:
+                only.append(name)
+        return tuple(only)
 
     @property
     def only_second(self) -> Names:
         """The names that the first campaign does not have."""
-        return self.names[len(self.first) :]
+        count = len(self.first)
+        return self.names[count:]
 
     def arrange(self, own: Array, first: Array) -> Array:
         """Arrange what the second campaign has of each of its names by the common numbering, with
         the first's values for what the second does not have."""
-        arranged = np.empty((len(self.names), *own.shape[1:]))
-        arranged[: len(first)] = first
+        count = len(self.names)
+        shape = own.shape[1:]
+        known = len(self.first)
+        arranged = np.empty((count, *shape))
+        arranged[:known] = first
         arranged[self.places] = own
         return arranged
 
 
 def number_together(first: Names, second: Names) -> CommonNames:
     """Number the names of two campaigns together; where each has one alone, the two are one."""
-    names = tuple(dict.fromkeys((*first, *second)))
-    if len(first) == len(second) == 1:
+    distinct = dict.fromkeys((*first, *second))
+    names = tuple(distinct)
+    count = len(second)
+    if len(first) == count == 1:
         names = first
-    own = np.arange(len(second))
-    return CommonNames(first, names, match_names(own, second, names))
+    own = np.arange(count)
+    places = match_names(own, second, names)
+    return CommonNames(first, names, places)
 
 
 def renumber(
@@ -94,7 +109,10 @@ def renumber(
 
 
 def _renumber_mechanism(mechanism: Mechanism, places: Mapping[str, Index]) -> Mechanism:
-    terms = [_renumber_term(term, places) for term in mechanism.terms]
+    terms = []
+    for term in mechanism.terms:
+        own = _renumber_term(term, places)
+        terms.append(own)
     return replace(mechanism, terms=tuple(terms))
 
 
@@ -102,7 +120,8 @@ def _renumber_term(term: Term, places: Mapping[str, Index]) -> Term:
     screws = []
     for screw in term.screws:
         cause = _renumber_cause(screw.cause, places)
-        screws.append(Screw(screw.frame, screw.axis, cause))
+        own = Screw(screw.frame, screw.axis, cause)
+        screws.append(own)
     return replace(term, screws=tuple(screws))
 
 

@@ -145,14 +145,18 @@ def build_common_space(a: Calibration, b: Calibration) -> CommonSpace:
 def _build_placing(a: Calibration, b: Calibration, targets: CommonNames) -> Mechanism:
     """Build the terms that take up what a new placement of the tracker and the target, or where no
     target is common, another target, would also do."""
-    setup = build_setup(a.robot, 1, 1, True, False)
+    robot = a.robot
+    setup = build_setup(robot, 1, 1, True, False)
     if a.registered or b.registered:
         return setup
-    placing: tuple[Term, ...] = ()
+    placing = []
     if not len(targets.shared):
-        flange = a.robot.n + 1
-        placing = tuple(term for term in setup.terms if term.screws[0].frame == flange)
-    return replace(setup, terms=placing)
+        flange = robot.n + 1
+        for term in setup.terms:
+            (screw,) = term.screws
+            if screw.frame == flange:
+                placing.append(term)
+    return replace(setup, terms=tuple(placing))
 
 
 def _spread_over_campaign(at: Problem, ranges: Mapping[str, tuple[float, float]]) -> Problem:
