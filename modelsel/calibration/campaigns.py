@@ -16,7 +16,7 @@ from .._typing import Array, Index
 from ..diagnosis.sentences import format_quantity
 from ..exceptions import StudyError, sentence_list, write_rounded
 from ..mechanisms.terms import Term
-from ..robot.kinematics import Joint
+from ..robot.differences import describe_difference
 from .calibration import Calibration
 from .common_space import CommonSpace, build_common_space
 from .fewest_terms import Step, select_fewest_terms
@@ -36,7 +36,7 @@ from .mechanism_changes import (
     write_p,
 )
 
-MAX_DIFFERENCE_MM = 1e-6  # between the transforms of two nominal robots that are one
+MAX_DIFFERENCE = 1e-6  # mm, entries of a rotation, kg: between two nominal robots that are one
 MAX_LISTED = 6
 SAME_TARGET_MM = 1.0  # between two targets that are told as one
 COVERAGE = 2.0  # standard uncertainties that are told (k = 2)
@@ -121,23 +121,12 @@ def require_same_robot(a: Calibration, b: Calibration) -> None:
     """Raise StudyError where two nominal robots differ."""
     first = a.robot
     second = b.robot
-    same = len(first.joints) == len(second.joints)
-    pairs = zip(first.joints, second.joints, strict=False)
-    for joint, other in pairs:
-        if not _is_same_joint(joint, other):
-            same = False
-    if not same:
+    difference = describe_difference(first, second, MAX_DIFFERENCE)
+    if difference is not None:
         raise StudyError(
-            f"{first.name} and {second.name} are not the same nominal robot: nothing can be compared."
+            f"{first.name} and {second.name} are not the same nominal robot: {difference}. Nothing "
+            "can be compared; run both studies with one description of the robot."
         )
-
-
-def _is_same_joint(x: Joint, y: Joint) -> bool:
-    if x.prismatic != y.prismatic:
-        return False
-    differences = np.abs(x.before - y.before)
-    largest = differences.max()
-    return bool(largest <= MAX_DIFFERENCE_MM)
 
 
 def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
@@ -174,9 +163,11 @@ def _measure_targets(space: CommonSpace) -> float:
     """Return how far the targets that both campaigns measured are apart [mm], at most."""
     first, second = space.campaigns
     shared = space.targets.shared
-    apart = first.tools[shared] - second.tools[shared]
-    distances = np.linalg.norm(apart, axis=1)
-    return float(distances.max(initial=0.0))
+    before = first.tools[shared]
+    after = second.tools[shared]
+    distances = np.linalg.norm(after - before, axis=1)
+    largest = distances.max(initial=0.0)
+    return float(largest)
 
 
 def _select_tested(space: CommonSpace) -> Index:
@@ -345,11 +336,15 @@ def _describe_other_targets(names: tuple[Names, Names]) -> str:
     """Say which targets one campaign alone measured."""
     parts = []
     for campaign, own in zip(CAMPAIGN_NAMES, names, strict=True):
-        if own:
-            quoted = [f'"{name}"' for name in own]
-            parts.append(f"only the {campaign} campaign measured {sentence_list(quoted)}")
+        if not own:
+            continue
+        quoted = [f'"{name}"' for name in own]
+        listed = sentence_list(quoted)
+        part = f"only the {campaign} campaign measured {listed}"
+        parts.append(part)
     said = " and ".join(parts)
-    return f"{said[0].upper()}{said[1:]}: where they sit on the flange cannot be compared."
+    first = said[0].upper()
+    return f"{first}{said[1:]}: where they sit on the flange cannot be compared."
 
 
 def _describe_explanation(explanation: Explanation) -> str:

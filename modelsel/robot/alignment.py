@@ -12,6 +12,7 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import count_words, write_rounded
+from .differences import describe_chain_difference
 from .kinematics import Robot
 from .rigid import inverse, nearest_rotation, rotation_matrix, transform
 
@@ -45,13 +46,7 @@ class Alignment:
 
 def have_same_chain(chain: Robot, other: Robot) -> bool:
     """Whether two chains have the same joints and the same transforms before them."""
-    if chain.prismatic != other.prismatic:
-        return False
-    for first, second in zip(chain.joints, other.joints, strict=True):
-        difference = np.abs(first.before - second.before)
-        if difference.max() > SAME_TRANSFORM:
-            return False
-    return True
+    return describe_chain_difference(chain, other, SAME_TRANSFORM) is None
 
 
 def align_chains(chain: Robot, other: Robot) -> Alignment:

@@ -647,6 +647,11 @@ def test_another_robot_is_refused(rng) -> None:
     c = calibrated(rng, model, theta)
     with pytest.raises(StudyError, match="not the same nominal robot"):
         compare_campaigns(c, replace(c, robot=load_robot("ur5")))
+    last = ROBOT.last.copy()
+    last[2, 3] += 200.0
+    another = replace(c, robot=replace(ROBOT, last=last))
+    with pytest.raises(StudyError, match="the flange sits elsewhere on the last joint"):
+        compare_campaigns(c, another)
 
 
 def test_holm() -> None:
