@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from .._typing import Array
+from ..exceptions import choice_list
 from ..measurements.row_places import Where
 
 # the joint's own variable, by the column that holds it: theta1, q_2, θ3, θ, A1 (KUKA), J1, Achse 1; d4*
@@ -24,6 +25,8 @@ VARIABLES = {
 }
 SUBSCRIPTS = str.maketrans("₀₁₂₃₄₅₆₇₈₉", "0123456789")
 TERM = re.compile(r"([+-]?)(\d*\.?\d+(?:e[+-]?\d+)?|\d+\.)?\*?(pi)?(?:/(\d+\.?\d*))?")
+ANGLE_UNITS = ("degrees", "radians")
+LENGTH_UNITS = ("mm", "m")
 # mm or m: arms are between a tenth and three metres
 LONGEST_IN_M = 5.0
 # rad: angles of a drawing are multiples of half a right angle, to this
@@ -90,6 +93,21 @@ def find_variable(
         return None
     (found,) = matches
     return re.sub(r"[{}*+-]", "", found).upper(), -1 if found.startswith("-") else 1
+
+
+def check_unit(unit: str | None, is_angle: bool, where: Where, column: str) -> None:
+    """Check that the unit of a column, where it says one, is of an angle, or else of a length.
+    Raises DataError."""
+    kind, units = "an angle", ANGLE_UNITS
+    if not is_angle:
+        kind, units = "a length", LENGTH_UNITS
+    if unit is None or unit in units:
+        return
+    raise where.refuse(
+        f"{kind} is expected in {choice_list(units)}, found {unit}.",
+        column=column,
+        remedy="Correct the unit, or the name of the column.",
+    )
 
 
 def find_angle_unit(columns: Sequence[tuple[Array, bool]], where: Where) -> str:

@@ -18,7 +18,7 @@ from ..measurements.table import Table, load_table
 from ..robot.dh import format_robot_table
 from ..robot.files import read_robot, robot_from_table
 from ..robot.kinematics import Robot
-from .robot_cells import find_angle_unit, find_length_unit, parse_cell
+from .robot_cells import check_unit, find_angle_unit, find_length_unit, parse_cell
 from .robot_limits import combine_limits
 from .robot_variables import drop_remark_rows, read_variables
 
@@ -216,12 +216,14 @@ def _spell_unit(unit: str | None) -> str | None:
 def _add_columns(
     table: Table, columns: Mapping[str, tuple[_Column, Sequence[Any]]], values: Mapping[str, Array]
 ) -> tuple[str, str]:
-    """Add the columns to the values, in degrees and mm; return the units that they are in."""
+    """Add the columns to the values, in degrees and mm; return the units that they are in. Raises
+    DataError for one that is not of the column's kind."""
     read: dict[str, tuple[_Column, Array, bool]] = {}
     for name, (column, cells) in columns.items():
         if column.key not in values:
             continue
         where, key = table.where, column.key
+        check_unit(column.unit, key in ANGLES, where, name)
         parsed = [parse_cell(cell, where, row, name, key) for row, cell in enumerate(cells)]
         numbers = np.array([number for number, _ in parsed])
         read[name] = (column, numbers, any(has_pi for _, has_pi in parsed))

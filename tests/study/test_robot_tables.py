@@ -269,6 +269,34 @@ def test_limits_are_the_joints_own(tmp_path) -> None:
     assert "limits_deg" in text
 
 
+@pytest.mark.parametrize(
+    ("heads", "column", "expected"),
+    [
+        (
+            "theta_deg,d_rad,a_mm,alpha_deg",
+            "d_rad",
+            "a length is expected in mm or m, found radians",
+        ),
+        (
+            "theta_deg,d_mm,a_mm,alpha_m",
+            "alpha_m",
+            "an angle is expected in degrees or radians, found m",
+        ),
+        (
+            "theta_mm,d_mm,a_mm,alpha_deg",
+            "theta_mm",
+            "an angle is expected in degrees or radians, found mm",
+        ),
+        ("theta,d,a,alpha\ndeg,deg,mm,deg", "d", "a length is expected in mm or m, found degrees"),
+    ],
+)
+def test_units_of_another_kind_are_refused(tmp_path, heads, column, expected) -> None:
+    """A length in radians was read as one in mm, 57 times as long."""
+    path = write(tmp_path, "arm.csv", f"{heads}\n0,100,0,90\n0,0,300,0\n0,0,250,0\n")
+    with pytest.raises(StudyError, match=f"line 1, column {column}: {expected}"):
+        read_robot_table(path, "standard")
+
+
 def test_limits_the_wrong_way_round_are_refused(tmp_path) -> None:
     table = "theta [deg],d [mm],a [mm],alpha [deg],Lower,Upper\n0,400,25,-90,170,-170\n0,0,455,0,-90,90\n"
     with pytest.raises(StudyError, match="not below the greatest"):
