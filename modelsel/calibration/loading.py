@@ -10,7 +10,7 @@ import numpy as np
 
 from .._json import parse_json, read_json_text
 from .._records import parse_record
-from .._text import parse_toml
+from .._text import parse_toml, read_text
 from .._typing import Array
 from ..exceptions import StudyError
 from ..fitting.design import Model
@@ -61,15 +61,16 @@ def _find_file(path: Path) -> Path:
 def find_report_folder(folder: Path) -> Path:
     """Find the folder of a study's results: the one given or, of a study's own folder, where
     `modelsel study` writes them by default; the one given where there are none. Raises StudyError
-    for a study's folder without results."""
+    for a study's folder without results, or whose study file cannot be read."""
     study = folder / STUDY_FILE
     if (folder / CALIBRATION_FILE).exists() or not study.exists():
         return folder
     name = folder.resolve().name
     above = folder.resolve().parent
     tried = [Path(REPORTS) / name, above / REPORTS / name, above.parent / REPORTS / name]
+    table = parse_toml(read_text(study, "the study file"), study.name)
     for report in tried:
-        if _is_report_of(report, study):
+        if _is_report_of(report, table.get("name")):
             return report
     raise StudyError(
         f"{folder}: the folder of a study; its report's folder was expected, and {tried[0]} does not "
@@ -77,14 +78,13 @@ def find_report_folder(folder: Path) -> Path:
     )
 
 
-def _is_report_of(report: Path, study: Path) -> bool:
-    """Whether a folder has the calibration of a study file, by the study's name."""
+def _is_report_of(report: Path, study: object) -> bool:
+    """Whether a folder has the calibration of a study, by its name."""
     try:
         value = parse_json(read_json_text(report / CALIBRATION_FILE))
-        table = parse_toml(study.read_text(encoding="utf-8"), study.name)
-    except (OSError, ValueError, StudyError):
+    except (OSError, ValueError):
         return False
-    return isinstance(value, dict) and value.get("study") == table.get("name")
+    return isinstance(value, dict) and value.get("study") == study
 
 
 def parse_calibration(text: str, where: str = CALIBRATION_FILE) -> Calibration:

@@ -132,6 +132,22 @@ def test_refusals(rng) -> None:
         load_calibration("nowhere")
 
 
+def test_a_study_file_with_a_byte_order_mark_has_its_results(rng, tmp_path, monkeypatch) -> None:
+    """As editors of Windows save it: the folder was said to have no results."""
+    monkeypatch.chdir(tmp_path)
+    made, _ = wide(rng)
+    report = Path("reports/cellB")
+    report.mkdir(parents=True)
+    made.save(report)
+    study = Path("cellB/study.toml")
+    study.parent.mkdir()
+    study.write_text(f'name = "{made.study}"\n', encoding="utf-8-sig")
+    assert load_calibration("cellB").study == made.study
+    study.write_text("name = \n")
+    with pytest.raises(StudyError, match=r"study.toml: not valid TOML: .*line 1"):
+        load_calibration("cellB")
+
+
 @pytest.mark.slow
 def test_same_bytes(result) -> None:
     again = run_study(read_study(PUMA / "study.toml"), PUMA, sampling=False)
