@@ -103,9 +103,11 @@ def choice_list(words: Sequence[str]) -> str:
 
 
 def count_words(count: int, word: str) -> str:
-    """1 row, 2 rows, 1,200 rows."""
-    ending = "" if count == 1 else "s"
-    return f"{count:,} {word}{ending}"
+    """1 row, 2 rows, 1,200 rows, 2 studies."""
+    if count != 1:
+        stem = re.sub(r"(?<![aeou])y$", "ie", word)
+        word = f"{stem}s"
+    return f"{count:,} {word}"
 
 
 def number_repeated(names: Sequence[str]) -> list[int | None]:

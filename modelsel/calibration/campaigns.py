@@ -14,7 +14,7 @@ import numpy as np
 
 from .._typing import Array, Index
 from ..diagnosis.sentences import format_quantity
-from ..exceptions import StudyError, sentence_list, write_rounded
+from ..exceptions import StudyError, count_words, sentence_list, write_rounded
 from ..mechanisms.terms import Term
 from ..robot.differences import describe_difference
 from .calibration import Calibration
@@ -361,7 +361,10 @@ def _describe_explanation(explanation: Explanation) -> str:
 def _summarise(comparison: Comparison) -> str:
     """Return the sentence on all parameters tested."""
     least = min((change.p for change in comparison.changes), default=1.0)
-    tested = f"{len(comparison.changes)} parameters tested, {write_p(least)} for the most surprising, corrected for their number"
+    parameters = count_words(len(comparison.changes), "parameter")
+    tested = (
+        f"{parameters} tested, {write_p(least)} for the most surprising, corrected for their number"
+    )
     if comparison.seen_mm is None:
         return "No parameter is fitted in both campaigns: nothing else can be compared."
     if comparison.explained_by:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._typing import Array
-from ..exceptions import StudyError, write_rounded
+from ..exceptions import StudyError, count_words, write_rounded
 from ..measurements.measurements import Measurements
 from ..measurements.visits import derive_motion
 from .command_notes import describe_order_dependence
@@ -119,7 +119,8 @@ def describe_skipped(
         sentences.append(f"{place} is left out: {change}, beyond the {beyond}. {remedy}")
     more = len(rows) - MAX_LISTED
     if more > 0:
-        rest = f"{more} more rows are left out for the same reason."
+        verb = "is" if more == 1 else "are"
+        rest = f"{count_words(more, 'more row')} {verb} left out for the same reason."
         sentences.append(rest)
     return sentences
 

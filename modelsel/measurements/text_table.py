@@ -358,8 +358,11 @@ def _describe_reading(reading: _Reading) -> list[str]:
     shown = list(reading.remarks.items())[:MAX_REMARKS]
     said += describe_lines(comments, "a comment", "comments")
     said += [f'line {line} is a remark ("{_shorten(text)}")' for line, text in shown]
-    if len(reading.remarks) > MAX_REMARKS:
-        said.append(f"{len(reading.remarks) - MAX_REMARKS} more lines are remarks")
+    more = len(reading.remarks) - MAX_REMARKS
+    if more > 0:
+        said.append(
+            f"{count_words(more, 'more line')} {'is a remark' if more == 1 else 'are remarks'}"
+        )
     between = [line for line in reading.blank if line < reading.last]
     return said + describe_lines(between, "empty", "empty")
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from ..calibration.campaigns import COVERAGE, Change, Comparison, Explanation, describe_comparison
 from ..calibration.mechanism_changes import describe_change, write_p
+from ..exceptions import count_words
 from ..results.details_schema import DetailsRecord
 from ..results.quantities import format_figure
 from ..results.schema import StudyRecord
@@ -211,8 +212,8 @@ def _write_parameters(comparison: Comparison) -> str:
     if not explained:
         parts.append(write_paragraph("No few parameters explain a change beyond chance."))
     if tested:
-        count = len(tested)
-        words = f"{count} {'parameter' if count == 1 else 'parameters'} tested one by one, {len(comparison.moved)} beyond chance"
+        parameters = count_words(len(tested), "parameter")
+        words = f"{parameters} tested one by one, {len(comparison.moved)} beyond chance"
         parts.append(f"<details><summary>{words}</summary>\n{_tabulate(tested)}</details>")
     return "\n".join(parts)
 

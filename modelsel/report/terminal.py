@@ -157,8 +157,10 @@ def _feature_sentences(record: StudyRecord) -> list[str]:
     """Return where the chosen model has what rows share and nobody knew."""
     fitted = [feature for feature in record.features or [] if feature.fitted]
     sentences = [describe_feature(feature) for feature in fitted[:MAX_FEATURES]]
-    if len(fitted) > MAX_FEATURES:
-        sentences.append(f"{len(fitted) - MAX_FEATURES} more features are in result.json.")
+    more = len(fitted) - MAX_FEATURES
+    if more > 0:
+        verb = "is" if more == 1 else "are"
+        sentences.append(f"{count_words(more, 'more feature')} {verb} in result.json.")
     return sentences
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from ..exceptions import count_words
 from ..fitting.problem import Problem
 from ..robot.rigid import to_rpy
 from .schema import BaseRecord, RegistrationRecord, TargetRecord
@@ -46,7 +47,8 @@ def describe_placements(registration: RegistrationRecord) -> list[str]:
     ]
     more = max(len(bases) - SHOWN, 0) + max(len(targets) - SHOWN, 0)
     if more:
-        sentences.append(f"{more} more placements are in the JSON.")
+        verb = "is" if more == 1 else "are"
+        sentences.append(f"{count_words(more, 'more placement')} {verb} in the JSON.")
     return sentences
 
 

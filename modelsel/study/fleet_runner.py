@@ -25,7 +25,7 @@ from .._typing import Say
 from .._workers import count_cores
 from ..config.fleet_file import Fleet, PartsTable, Task, find_files
 from ..config.study_file import find_data
-from ..exceptions import CHECK_FAILED, DataError, ModelselError, StudyError
+from ..exceptions import CHECK_FAILED, DataError, ModelselError, StudyError, count_words
 from ..fitting.design import Model
 from ..mechanisms.registry import mechanism, with_plugins
 from ..report.drawing import draw
@@ -145,9 +145,11 @@ def run_fleet(
             folder = out / name
             if _is_finished(task, folder, options):
                 rows[name] = _read_row(name, folder)
-    say(f"running {count} studies")
+    say(f"running {count_words(count, 'study')}")
     if rows:
-        say(News(f"{len(rows)} of {count} are finished already", len(rows) / count, kept=True))
+        done = len(rows)
+        verb = "is" if done == 1 else "are"
+        say(News(f"{done} of {count} {verb} finished already", done / count, kept=True))
     waiting = [task for task in tasks if task.name not in rows]
     finished = _run_tasks(waiting, out, client, options)
     for row in finished:

@@ -144,7 +144,7 @@ def drop_unknown_targets(
     listed = sentence_list(names)
     note = Note(
         "target-unseen",
-        f"{len(dropped)} held-out rows are left out: no estimation row measures target "
+        f"{_describe_left_out(len(dropped))}: no estimation row measures target "
         f"{listed}, and its position is found from estimation rows. Let some of its "
         "configurations fit the models, or give [robot.tools_mm] without register.",
     )
@@ -156,6 +156,12 @@ def drop_unknown_targets(
         gauges = replace(kept.gauges, origin=kept_origin)
         kept = replace(kept, gauges=gauges)
     return kept, estimation[is_kept], [note]
+
+
+def _describe_left_out(count: int) -> str:
+    rows = count_words(count, "held-out row")
+    verb = "is" if count == 1 else "are"
+    return f"{rows} {verb} left out"
 
 
 def _renumber_targets(data: Measurements, known: Index) -> Measurements:
@@ -182,7 +188,7 @@ def drop_unknown_features(
     names = ", ".join(gauges.features[k].name for k in unknown)
     note = Note(
         "feature-unseen",
-        f"{int(dropped.sum())} held-out rows are left out: no estimation row measures {names}, and "
+        f"{_describe_left_out(int(dropped.sum()))}: no estimation row measures {names}, and "
         "its position has to be found from estimation rows.",
     )
     return data.take(~dropped), estimation[~dropped], [note]

@@ -26,6 +26,7 @@ from modelsel.calibration.compensation import (
     replace_readings,
 )
 from modelsel.calibration.large_changes import (
+    MAX_LISTED,
     describe_skipped,
     find_skipped,
     find_weakest,
@@ -153,6 +154,18 @@ def test_one_row_beyond_the_bound_is_left_out_with_its_own_message(made) -> None
     data.position[:] += 30.0
     with pytest.raises(DataError, match=r"such rows\)"):
         find_skipped(c, compensate_commands(c, data), data, MAX_CORRECTION, "t.csv")
+
+
+@pytest.mark.parametrize(
+    ("count", "rest"), [(1, "1 more row is left out"), (2, "2 more rows are left out")]
+)
+def test_of_many_rows_left_out_the_rest_is_counted(made, count, rest) -> None:
+    c, at = made
+    data = plan(at, slice(1, 30), position=predict(c, at)[1:30])
+    skipped = np.arange(29) < MAX_LISTED + count
+    data.position[skipped] += 30.0
+    said = describe_skipped(c, compensate_commands(c, data), data, MAX_CORRECTION, skipped)
+    assert said[MAX_LISTED:] == [f"{rest} for the same reason."]
 
 
 def test_rows_left_out_change_the_motion_of_those_after_them(made, tmp_path) -> None:

@@ -13,7 +13,13 @@ from click.testing import CliRunner
 
 from modelsel.calibration.calibration import Calibration, calibrate
 from modelsel.calibration.calibration_file import calibration_text
-from modelsel.calibration.campaigns import compare_campaigns, correct_holm, describe_comparison
+from modelsel.calibration.campaigns import (
+    Change,
+    Comparison,
+    compare_campaigns,
+    correct_holm,
+    describe_comparison,
+)
 from modelsel.calibration.fewest_terms import select_fewest_terms
 from modelsel.calibration.mechanism_changes import describe_change, write_p
 from modelsel.calibration.prediction import compute_pose, predict, propagate_uncertainty
@@ -719,6 +725,14 @@ def test_words_of_a_comparison(rng) -> None:
     assert f"{size} (k = 2)" in told
     assert any("76.0 mm apart" in one for one in said)
     assert not any("apart" in one for one in describe_comparison(compare_campaigns(a, b)))
+
+
+@pytest.mark.parametrize(("count", "tested"), [(1, "1 parameter"), (3, "3 parameters")])
+def test_the_number_of_parameters_tested(count, tested) -> None:
+    change = Change("geometric", "a1", "a1 (frame 1 tx)", "mm", 0.0, 0.0, 0.1, 1.0, 0.0)
+    found = Comparison((change,) * count, (), (), (), (0.1, 0.2))
+    (said,) = describe_comparison(found)
+    assert said.startswith(f"Nothing changed beyond chance ({tested} tested, p = 1 for the most")
 
 
 def test_change_that_would_have_been_seen_is_of_a_typical_parameter(rng) -> None:

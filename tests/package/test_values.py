@@ -75,6 +75,8 @@ def test_one_is_no_plural() -> None:
         "2 rows",
         "1,200 rows",
     ]
+    assert [count_words(count, "study") for count in (1, 2)] == ["1 study", "2 studies"]
+    assert count_words(2, "day") == "2 days"
 
 
 def test_names_that_stand_several_times_are_numbered() -> None:

@@ -45,6 +45,13 @@ def test_notes_are_counted_and_told_once_on_one_page(tmp_path) -> None:
         assert page.count(f"What {code} says.") == 1
 
 
+@pytest.mark.parametrize(("count", "of"), [(1, "1 study"), (2, "2 studies")])
+def test_one_study_is_one(tmp_path, count, of) -> None:
+    rows = [make_study(f"arm{k}", tmp_path, ()) for k in range(count)]
+    (page,) = read_pages(rows, tmp_path)
+    assert f"What the chosen models of {of} have beyond the base" in page
+
+
 def test_what_looks_wrong_is_a_warning(tmp_path) -> None:
     rows = [make_study("arm", tmp_path, ("setup-mistake", *NOTES))]
     (page,) = read_pages(rows, tmp_path)

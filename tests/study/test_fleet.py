@@ -12,6 +12,7 @@ from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from threading import Thread
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -267,6 +268,18 @@ def test_an_unexpected_error_in_one_set_stops_nothing(folder, monkeypatch) -> No
     assert [(row["state"], row["exit"]) for row in rows] == [("failed", 1), ("done", 0)]
     assert rows[0]["why"] == "internal error: ZeroDivisionError: division by zero"
     assert rows[1]["estimation"] == 300
+
+
+@pytest.mark.parametrize(("count", "said"), [(1, "running 1 study"), (2, "running 2 studies")])
+def test_one_study_is_one(count, said, monkeypatch, tmp_path) -> None:
+    def run_at_once(tasks, *_):
+        return [{"name": task.name, "state": "done"} for task in tasks]
+
+    monkeypatch.setattr(fleets, "_run_tasks", run_at_once)
+    tasks = [SimpleNamespace(name=f"arm{k}") for k in range(count)]
+    told: list[str] = []
+    run_fleet(SimpleNamespace(tasks=tasks, parts=()), tmp_path, None, say=told.append)
+    assert told[0] == said
 
 
 def test_a_study_alone_in_a_fleets_folder(folder) -> None:

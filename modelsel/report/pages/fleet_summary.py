@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from ..._version import VERSION
+from ...exceptions import count_words
 from ...notices import ALARMS
 from ...results.study_sentences import format_mm
 from ..document import Block, make_heading, make_table, make_text
@@ -35,7 +36,7 @@ def write_summary(name: str, rows: Sequence[Row], out: Path) -> bytes:
     ReportError."""
     done = [row for row in rows if row["state"] == "done"]
     failed = [row for row in rows if row["state"] != "done"]
-    studies = _count_studies(len(rows))
+    studies = count_words(len(rows), "study")
     blocks: list[Block] = [
         {
             "kind": "title",
@@ -61,10 +62,6 @@ def write_summary(name: str, rows: Sequence[Row], out: Path) -> bytes:
     return pdf
 
 
-def _count_studies(count: int) -> str:
-    return f"{count:,} {'study' if count == 1 else 'studies'}"
-
-
 def _list_studies(rows: Sequence[Row]) -> str:
     """Return the names of studies, the first few of them."""
     names = [shorten(row["name"], LONGEST_STUDY) for row in rows]
@@ -84,7 +81,7 @@ def _lead_sentences(rows: Sequence[Row], done: Sequence[Row], failed: Sequence[R
     if unsure:
         sentences.append(f"Done, but the chain has not converged: {_list_studies(unsure)}.")
     if failed:
-        count = _count_studies(len(failed))
+        count = count_words(len(failed), "study")
         listed = _list_studies(failed)
         sentences.append(f"{count} of {len(rows)} failed: {listed}.")
     return sentences
@@ -102,7 +99,7 @@ def _error_sentences(done: Sequence[Row]) -> list[str]:
     worst = max(measured, key=lambda row: row["chosen_mm"])
     largest = format_mm(worst["chosen_mm"])
     summary = (
-        f"Mean error on held-out configurations, median over {_count_studies(len(measured))}: {before} mm nominal, "
+        f"Mean error on held-out configurations, median over {count_words(len(measured), 'study')}: {before} mm nominal, "
         f"{after} mm with the chosen model. The largest that is left: {largest} mm, {worst['name']}."
     )
     worse = [row for row in measured if _is_worse(row)]
@@ -138,11 +135,13 @@ def _write_findings(done: Sequence[Row]) -> list[Block]:
         for name, rows in ranked[:MAX_NAMES]
     ]
     columns = [("found", "left"), ("studies", "right"), ("which", "left")]
+    of_studies = count_words(len(done), "study")
     caption = (
-        f"What the chosen models have beyond the base, and in how many of {len(done)} studies."
+        f"What the chosen models of {of_studies} have beyond the base, and how often it was found."
     )
-    if len(ranked) > MAX_NAMES:
-        caption += f" And {len(ranked) - MAX_NAMES} more names."
+    more = len(ranked) - MAX_NAMES
+    if more > 0:
+        caption += f" And {count_words(more, 'more name')}."
     return [make_table(columns, lines, caption, [0.5, 0.0, 1.0])]
 
 
