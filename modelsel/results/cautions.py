@@ -76,7 +76,7 @@ def advise_nominal(gain: Gain, orientation: tuple[float, float] | None) -> str:
     return f" Keep the nominal parameters: on configurations that they were not fitted to, the fitted ones are {outcome}."
 
 
-def _harm(interval: tuple[float, float] | None) -> str:
+def _harm(interval: Sequence[float] | None) -> str:
     """Return the 95 % interval of a loss, to follow the errors in a sentence."""
     if interval is None:
         return ""

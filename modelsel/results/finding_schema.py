@@ -9,7 +9,7 @@ from pydantic import Field
 from .._records import Number, Pair, StrictRecord, Text, Whole
 from ..diagnosis.signatures import PROVEN
 from ..diagnosis.stated_probability import find_named_level
-from ..selection.gain import Change, build_change
+from ..selection.gain import Change, Gain, OrientationGain
 from .record_types import Axis, Figure, Texts
 
 FAULT = "fault:"  # begins the name of a data fault
@@ -103,16 +103,15 @@ class GainRecord(StrictRecord):
     @property
     def of_position(self) -> Change | None:
         """What it changes of the position error, where anything is held out."""
-        before = self.held_out_rms_before_mm
-        after = self.held_out_rms_after_mm
-        return build_change(before, after, self.interval_mm, "mm")
+        gain = Gain(self.held_out_rms_before_mm, self.held_out_rms_after_mm, self.interval_mm)
+        return gain.change
 
     @property
     def of_orientation(self) -> Change | None:
         """What it changes of the orientation error, where its turning prevails."""
         before = self.held_out_rms_before_mrad
-        after = self.held_out_rms_after_mrad
-        return build_change(before, after, self.interval_mrad, "mrad")
+        gain = OrientationGain(before, self.held_out_rms_after_mrad, self.interval_mrad)
+        return gain.change
 
     @property
     def told(self) -> Change | None:

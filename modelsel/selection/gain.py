@@ -31,7 +31,7 @@ class Change(NamedTuple):
         return self.before - self.after
 
 
-def build_change(
+def _build_change(
     before: float | None, after: float | None, interval: Sequence[float] | None, unit: str
 ) -> Change | None:
     """Build a change; None where nothing is held out."""
@@ -47,14 +47,14 @@ class Gain:
 
     held_out_rms_before_mm: float | None
     held_out_rms_after_mm: float | None
-    interval_mm: tuple[float, float] | None
+    interval_mm: Sequence[float] | None
 
     @property
     def change(self) -> Change | None:
         """The change, where anything is held out."""
         before = self.held_out_rms_before_mm
         after = self.held_out_rms_after_mm
-        return build_change(before, after, self.interval_mm, "mm")
+        return _build_change(before, after, self.interval_mm, "mm")
 
 
 @dataclass(frozen=True)
@@ -63,14 +63,14 @@ class OrientationGain:
 
     held_out_rms_before_mrad: float | None
     held_out_rms_after_mrad: float | None
-    interval_mrad: tuple[float, float] | None
+    interval_mrad: Sequence[float] | None
 
     @property
     def change(self) -> Change | None:
         """The change, where any orientation is held out."""
         before = self.held_out_rms_before_mrad
         after = self.held_out_rms_after_mrad
-        return build_change(before, after, self.interval_mrad, "mrad")
+        return _build_change(before, after, self.interval_mrad, "mrad")
 
 
 @dataclass(frozen=True)
