@@ -15,6 +15,7 @@ from ...exceptions import StudyError, one_line
 from ...robot.alignment import USUAL_BASES, Alignment, align_chains
 from ...robot.kinematics import Joint, Robot, forward
 from ...robot.rigid import from_rpy, inverse, rotation_matrix, to_rpy, transform
+from ...robot.ur_kinematics import LINKS
 from ..constant_part import build_constant_chain
 from .chains import describe_link_places, measure_chain
 from .form import Exported
@@ -22,7 +23,6 @@ from .form import Exported
 if TYPE_CHECKING:
     from ..calibration import Calibration
 
-LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 LENGTHS = ("x", "y", "z")
 ANGLES = ("roll", "pitch", "yaw")
 
