@@ -14,7 +14,7 @@ import numpy as np
 from .._typing import Array
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Applied, Named, q, shifted
-from ..mechanisms.terms import Mechanism
+from ..mechanisms.terms import Mechanism, describe_frame_motion
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
 from .candidate_kinds import CandidateKind
@@ -26,7 +26,6 @@ from .unregistered import Unregistered, build_cell
 FEWEST_JOINTS = 3
 # the reach is counted in metres: a term is what it does at one metre
 PER_METRE = 1e-3
-MOTIONS = {"t": "shifts along", "r": "turns about"}
 # what has such shapes, as far as is known
 FEET = ("foundation or base plate that gives way", "column or bearing of joint 1")
 PULLS = ("hose or cable that tightens", "spring or balancer between the links")
@@ -65,8 +64,7 @@ def _generate_reaching(robot: Robot) -> Iterator[Unregistered]:
         (cube, "the cube of the reach"),
     )
     for frame, axis in _list_foot(robot):
-        motion = MOTIONS[axis[0]]
-        moves = f"Frame {frame} {motion} its {axis[1]} axis"
+        moves = describe_frame_motion(frame, axis)
         for cause, words in powers:
             cell = build_cell(
                 place=(frame, axis), causes=(cause,), words=words, sentence=f"{moves} with {words}"

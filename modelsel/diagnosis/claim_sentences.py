@@ -8,11 +8,11 @@ from typing import NamedTuple
 from ..exceptions import choice_list, sentence_list
 from ..measurements.state_names import is_where_target_is, parse_state_name
 from ..mechanisms.causes import Bump
+from ..mechanisms.terms import describe_frame_motion
 from .candidate_kinds import CandidateKind
 from .credible_sets import FOUND
 from .effects import Effect
 from .sentences import (
-    MOTIONS,
     describe_amount,
     describe_candidate,
     describe_effect,
@@ -164,7 +164,7 @@ def name_places(effect: Effect) -> str:
         return _name_joints(sorted(frame for frame, _ in places))
     if len(places) == 1:
         ((frame, axis),) = places
-        where = f"Frame {frame} {MOTIONS[axis[0]]} its {axis[1]} axis"
+        where = describe_frame_motion(frame, axis)
         return f"{where}{_name_alike(effect)}"
     frames = [str(frame) for frame in sorted({frame for frame, _ in places})]
     if len(frames) == 1:

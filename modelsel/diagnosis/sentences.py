@@ -10,7 +10,7 @@ from .._typing import Array
 from ..exceptions import write_percent, write_rounded
 from ..measurements.state_names import StateKind, parse_state_name
 from ..mechanisms.causes import Applied, Bump
-from ..mechanisms.terms import LETTERS, Mechanism, Term
+from ..mechanisms.terms import Mechanism, Term, describe_frame_motion, letter
 from .after_selection import NORMAL, AfterSelection
 from .candidates import Candidate
 from .credible_sets import FOUND, Entry
@@ -31,7 +31,6 @@ LARGEST_MS = 0.5
 LARGEST_MRAD = 0.05
 # sizes that are unusual for an error of an arm, where the catalogue gives no range
 USUAL_SIZE = {"mm": 10.0, "rad": 0.02}
-MOTIONS = {"t": "shifts along", "r": "turns about"}
 # factor, allowing for the search, above which an effect is about as large as it is estimated
 LARGE_SHARE = 0.9
 # share of an effect by which its interval, allowing for the search, reaches further down
@@ -214,10 +213,10 @@ def _describe_place(candidate: Candidate) -> str:
     """Describe what a candidate's first screw moves, and with what."""
     first_term = candidate.mechanism.terms[0]
     screw = first_term.screws[0]
-    motion = MOTIONS[screw.axis[0]]
-    symbol = f"{LETTERS[screw.axis]}{screw.frame}"
+    motion = describe_frame_motion(screw.frame, screw.axis)
+    symbol = letter(screw.frame, screw.axis)
     causes = candidate.causes(" and ")
-    return f"Frame {screw.frame} {motion} its {screw.axis[1]} axis ({symbol}) with {causes}"
+    return f"{motion} ({symbol}) with {causes}"
 
 
 def label_effect(effect: Effect) -> str:

@@ -22,6 +22,7 @@ KINDS = (Number, Named, Applied, Combined, Member, Bump)
 SHARES = {"rad/rad": "1", "mm/mm": "1"}  # a rotation by another, a shift by another
 TermKey = tuple[Hashable, ...]
 LETTERS = dict(zip(AXES, "abcαβγ", strict=True))
+MOTIONS = {"t": "shifts along", "r": "turns about"}
 
 
 @cache_hash
@@ -280,3 +281,9 @@ def letter(frame: int, axis: str) -> str:
     """Return the paper's symbol of a geometric parameter: a1 … γ7."""
     axis_letter = LETTERS[axis]
     return f"{axis_letter}{frame}"
+
+
+def describe_frame_motion(frame: int, axis: str) -> str:
+    """Describe how a place of the arm moves: "Frame 5 shifts along its y axis"."""
+    motion = MOTIONS[axis[0]]
+    return f"Frame {frame} {motion} its {axis[1]} axis"

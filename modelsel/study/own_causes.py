@@ -11,14 +11,13 @@ from .._typing import Array
 from ..config.covariate_table import CovariateTable, list_words
 from ..config.study_file import Study
 from ..diagnosis.own_candidates import OwnCandidates
-from ..diagnosis.sentences import MOTIONS
 from ..diagnosis.unregistered import Causes, build_cell, list_distinct_places, list_places
 from ..exceptions import StudyError, sentence_list
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..mechanisms.causes import Cause, parse
 from ..mechanisms.registry import Registry
-from ..mechanisms.terms import Mechanism
+from ..mechanisms.terms import Mechanism, describe_frame_motion
 from ..notices import Note
 from ..robot.kinematics import Robot
 
@@ -237,7 +236,6 @@ def _give_name(name: str, cell: Mechanism) -> Mechanism:
     screws = [term.screws[0] for term in cell.terms]
     first = screws[0]
     causes = sentence_list([str(screw.cause) for screw in screws])
-    axis = first.axis
-    motion = MOTIONS[axis[0]]
-    sentence = f"Frame {first.frame} {motion} its {axis[1]} axis with {causes}"
+    motion = describe_frame_motion(first.frame, first.axis)
+    sentence = f"{motion} with {causes}"
     return Mechanism(name, cell.terms, sentence)
