@@ -1,11 +1,16 @@
-"""Cache the hash of nested frozen dataclasses, which is asked for often."""
+"""Hashes: of nested frozen dataclasses, cached since they are asked for often; of rows of numbers, the
+factor that spreads their bits."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+import numpy as np
+
 HASH_ATTRIBUTE = "_hash"
+# 2^64 over the golden ratio: spreads the bits of a hash. Calibrations are stored with it
+HASH_FACTOR = np.uint64(0x9E3779B97F4A7C15)
 Class = TypeVar("Class", bound=type)
 
 

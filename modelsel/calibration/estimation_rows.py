@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from .._hashing import HASH_FACTOR
 from .._typing import Array
 from ..exceptions import count_words
 from ..measurements.measurements import Measurements
@@ -22,8 +23,6 @@ Codes = NDArray[np.uint64]
 
 CELL_MM = 1e-3
 FIRST_CELL = (np.sqrt(5) - 1) / 2  # where cells begin, in cells
-# 2^64 over the golden ratio: spreads the bits of a hash
-HASH_FACTOR = np.uint64(0x9E3779B97F4A7C15)
 HALF_BITS = np.uint64(32)
 STORED_TYPE = np.dtype("<u8")
 # of more rows those with the smallest hashes are kept: a share of them, drawn evenly

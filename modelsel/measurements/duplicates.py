@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._hashing import HASH_FACTOR
 from .._typing import Array, Index
 from ..exceptions import count_words
 
 Mask = NDArray[np.bool_]
-# 2^64 over the golden ratio: spreads the bits of a hash
-HASH_FACTOR = np.uint64(0x9E3779B97F4A7C15)
 
 
 def _find_suspects(columns: Sequence[NDArray[Any]], m: int) -> Mask:
