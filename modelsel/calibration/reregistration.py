@@ -14,12 +14,11 @@ from ..fitting.problem import Problem
 from ..measurements.state_names import FROM_INSTRUMENT
 from ..robot.rigid import rotation_vector
 from ..setup.placement import fit_rigid_transform
-from ..setup.robust_weights import compute_cauchy_weights, compute_scale
+from ..setup.robust_weights import MIN_SCALE_MM, compute_cauchy_weights, compute_scale
 from .calibration import Calibration
 from .prediction import compute_pose
 
 MAX_ROUNDS = 12  # of a registration
-MIN_SCALE_MM = 1e-6  # of a registration's weights
 MIN_CONFIGURATIONS = 4  # that a placement needs
 
 

@@ -17,10 +17,8 @@ from .._typing import Array, Index, Mask
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism
-from .outliers import estimate_scale
+from .outliers import MATCH_THRESHOLD, estimate_scale
 
-# robust standard deviations within which a position fits another row
-MATCH_THRESHOLD = 8.0
 # random directions that say how often chance does as well
 DRAWS = 1999
 # largest p-value, and least posterior probability, at which a fault is reported

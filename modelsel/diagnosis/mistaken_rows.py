@@ -14,19 +14,14 @@ from ..fitting.design import residuals
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..measurements.row_places import Where
-from ..setup.other_robots import describe_improvement
+from ..setup.improvement import BAD_SHARE, MIN_IMPROVEMENT, describe_improvement
 from ..setup.registration import register
 from ..setup.simple_mistakes import DEGREE, SCALES, list_axis_changes
-from .outliers import compute_lengths, estimate_scale
+from .outliers import MATCH_THRESHOLD, compute_lengths, estimate_scale
 
-# robust standard deviations within which a corrected row fits, and how many times farther off it
-# must have been: chance does not come so near
-MATCH_THRESHOLD = 8.0
+# how many times farther off than where it fits a corrected row must have been: chance does not come
+# so near
 MIN_RATIO = 20.0
-# mean residual, as a share of the reach, from which slips are looked for before any fit, and the
-# factor by which a correction must reduce it
-BAD_SHARE = 3e-3
-MIN_IMPROVEMENT = 4.0
 MAX_ROUNDS = 8
 # share of the rows up to which a slip concerns some of them
 MAX_SLIPPED_SHARE = 0.5

@@ -25,6 +25,8 @@ MEDIAN_1 = 0.6745
 # named, while systematic error inflates the residuals, and once the named effects are fitted
 GROSS_THRESHOLD = 8.0
 REFINED_THRESHOLD = 6.0
+# robust standard deviations within which a corrected row fits, and a position another row
+MATCH_THRESHOLD = 8.0
 # share of the rows beyond which rows far off are no outliers but an effect
 MAX_OUTLIER_SHARE = 0.15
 CONCENTRATION_STEPS = 12

@@ -12,6 +12,7 @@ from ..exceptions import DataError, NotEstimable
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
 from ..robot.kinematics import pose
+from .improvement import EQUAL_FACTOR
 from .offset_arms import Arm
 from .registration import note_undetermined, register
 from .simple_mistakes import NOTHING, Mistake
@@ -19,8 +20,7 @@ from .simple_mistakes import NOTHING, Mistake
 # a mistake explains the positions where its correction brings the median residual to this share of
 # the positions' median spread
 MAX_SPREAD_SHARE = 0.05
-# factor within which mistakes fit as well as the best, and how many are named
-EQUAL_FACTOR = 1.5
+# mistakes that fit as well as the best and are named
 MAX_NAMED = 2
 
 

@@ -10,14 +10,13 @@ import numpy as np
 from .._typing import Array
 from ..fitting.problem import Problem
 from ..robot.kinematics import pose
-from .robust_weights import MEDIANS, compute_redescending_weights
+from .robust_weights import MEDIANS, MIN_SCALE_MM, compute_redescending_weights
 from .simple_mistakes import Mistake
 
 REWEIGHTINGS = 8
 # mistakes that are scored in one block of the linear solution
 BLOCK = 64
 MIN_SPAN_MM = 1e-6
-MIN_SCALE_MM = 1e-6
 
 
 def score_linearly(problem: Problem, joints: Sequence[Mistake]) -> tuple[Array, Array]:

@@ -12,27 +12,28 @@ from .._typing import Array, Index, Mask
 from ..exceptions import DataError, NotEstimable, write_rounded
 from ..fitting.problem import Problem
 from ..robot.rigid import from_quaternion, nearest_rotation, rotation_vector, to_quaternion
+from .improvement import EQUAL_FACTOR, MIN_IMPROVEMENT
 from .other_robots import select_most_frequent
 from .registration import register
-from .robust_weights import compute_cauchy_weights, compute_scale, fit_rotation_robustly
+from .robust_weights import (
+    MIN_ROTATION_SCALE,
+    compute_cauchy_weights,
+    compute_scale,
+    fit_rotation_robustly,
+)
 
 # rows that are examined, spread over the file, and configurations that are needed
 MAX_ROWS = 200
 MIN_CONFIGURATIONS = 10
 # median angle [rad] up to which the orientations are as the arm has them, give or take its errors
 GOOD_ANGLE = 0.1
-# a mistake explains the orientations where its correction reduces the median angle by this factor
-MIN_IMPROVEMENT = 4.0
 # share of the rows below which some alone are inverted
 MAX_INVERTED_SHARE = 0.5
-# factor within which mistakes fit as well as the best and are named with it
-EQUAL_FACTOR = 1.5
 # rotation angle [rad] beyond which its axis is not trusted
 MAX_ANGLE = 2.8
 # singular value per root of the rotations below which their axes are all alike
 ONE_AXIS = 1e-3
 REWEIGHTINGS = 12
-MIN_SCALE = 1e-9
 INVERTED = "inverted (the turn from target to tracker, not from tracker to target)"
 NEGATE = "give qx, qy and qz the other sign"
 # places of w x y z in the columns qw qx qy qz, what these hold, and what to call them
@@ -210,7 +211,7 @@ def _fit_target(seen: Array, flange: Array, P: Array) -> tuple[Array, Array]:
         mean = np.einsum("m,mij->ij", weight, each)
         T = nearest_rotation(mean)
         angle = _measure_angles(seen, flange, P, T)
-        scale = compute_scale(angle, MIN_SCALE)
+        scale = compute_scale(angle, MIN_ROTATION_SCALE)
         weight = compute_cauchy_weights(angle, scale)
     return T, angle
 

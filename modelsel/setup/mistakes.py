@@ -20,7 +20,6 @@ from .._typing import Mask
 from ..fitting.problem import Problem
 from ..measurements.visits import count_distinct
 from .explanations import (
-    EQUAL_FACTOR,
     Explanation,
     apply_correction,
     assess_arm,
@@ -31,10 +30,11 @@ from .explanations import (
     select_best,
     try_registration,
 )
+from .improvement import BAD_SHARE, EQUAL_FACTOR, MIN_IMPROVEMENT, describe_improvement
 from .joint_offsets import fit_each_link, fit_each_zero, fit_several
 from .linear_scores import score_linearly
 from .offset_arms import Arm
-from .other_robots import describe_improvement, sample_positions, select_most_frequent
+from .other_robots import sample_positions, select_most_frequent
 from .simple_mistakes import (
     NOTHING,
     REGISTER,
@@ -46,12 +46,8 @@ from .simple_mistakes import (
 
 # configurations below which chance fits too much; twice as many for two mistakes at once
 MIN_CONFIGURATIONS = 10
-# median residual, as a share of the reach, from which one mistake is looked for, and from which the
-# tool's or several are
-BAD_SHARE = 3e-3
+# median residual, as a share of the reach, from which the tool's or several mistakes are looked for
 FAR_SHARE = 0.01
-# a mistake explains the positions where its correction reduces the median residual by this factor
-MIN_IMPROVEMENT = 4.0
 # factor by which an angle must fit better than the simple mistakes not to be called a right angle
 RIGHT_ANGLE_FACTOR = 2.0
 # linear solutions that are registered

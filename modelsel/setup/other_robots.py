@@ -14,31 +14,17 @@ from ..fitting.problem import Problem
 from ..measurements.visits import count_distinct
 from ..robot.alignment import have_same_chain
 from ..robot.kinematics import Robot
+from .improvement import BAD_SHARE, MIN_IMPROVEMENT, describe_improvement
 from .registration import register
 
 # rows that are examined, spread over the file, and configurations that are needed
 MAX_ROWS = 120
 MIN_CONFIGURATIONS = 10
-# median residual, as a share of the reach, from which other robots are tried
-BAD_SHARE = 3e-3
-# another robot explains the positions where it reduces the median residual by this factor, and to
-# this share of its reach
-MIN_IMPROVEMENT = 4.0
+# the nominal arm fits to this share of its reach (median), where robot and columns are right
 MAX_REACH_SHARE = 0.02
-# improvement beyond which no figure is given
-FAR_BETTER = 1e4
 # rows in their order whose positions are compared with other rows' readings, and by how many rows
 MAX_ORDERED_ROWS = 2000
 SHIFTS = (1, -1, 2, -2)
-
-
-def describe_improvement(before: float, after: float) -> str:
-    """Describe how much better something fits."""
-    is_near = before < FAR_BETTER * after
-    if is_near:
-        factor = before / after
-        return f"{factor:,.0f} times better"
-    return "far better"
 
 
 def compute_registered_misfit(problem: Problem) -> float:

@@ -9,8 +9,10 @@ from ..robot.rigid import nearest_rotation
 
 # medians of the residuals' lengths beyond which a row counts less and less
 MEDIANS = 3.0
-# rounds of reweighting of a rotation, and the least scale of its residuals [rad]
+# rounds of reweighting of a rotation
 ROTATION_ROUNDS = 12
+# least scales of the weights, by residuals of positions [mm] and of rotations [rad]
+MIN_SCALE_MM = 1e-6
 MIN_ROTATION_SCALE = 1e-9
 
 

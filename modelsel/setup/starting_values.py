@@ -16,6 +16,8 @@ from .._typing import Array, Index
 from ..robot.rigid import from_rotation_vector, nearest_rotation, rotation_vector
 from .placement import Placed, Sight, fit_placements
 from .robust_weights import (
+    MIN_ROTATION_SCALE,
+    MIN_SCALE_MM,
     compute_cauchy_weights,
     compute_redescending_weights,
     compute_scale,
@@ -31,9 +33,6 @@ SIDE_MM = 250.0
 THIN = 0.1
 # singular value per root of the pairs below which rotation axes are all alike
 ONE_AXIS = 1e-3
-# smallest scales of the weights [mm], and of rotations [rad]
-MIN_SCALE_MM = 1e-6
-MIN_SCALE = 1e-9
 
 
 def generate_starts(sight: Sight) -> Iterator[Placed]:
@@ -112,7 +111,7 @@ def _average_rotations(each: Array) -> Array:
         total = np.einsum("k,kij->ij", weight, each)
         R = nearest_rotation(total)
         deviation = np.linalg.norm(each - R, axis=(1, 2))
-        scale = compute_scale(deviation, MIN_SCALE)
+        scale = compute_scale(deviation, MIN_ROTATION_SCALE)
         weight = compute_redescending_weights(deviation, scale)
     return R
 

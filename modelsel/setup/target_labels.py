@@ -12,16 +12,12 @@ from .._typing import Array, Index, Mask
 from ..exceptions import DataError, NotEstimable, sentence_list, write_rounded
 from ..fitting.problem import Problem
 from ..robot.kinematics import pose
-from .other_robots import describe_improvement
+from .improvement import BAD_SHARE, MIN_IMPROVEMENT, describe_improvement
 from .registration import register
 
 MAX_ROUNDS = 8
 # rows of another name below which nothing is reported: single rows are outliers, and treated as such
 MIN_ROWS = 2
-# other names explain the positions where they reduce the mean distance by this factor
-MIN_IMPROVEMENT = 4.0
-# mean distance, as a share of the reach, from which names exchanged half-way are tried too
-BAD_SHARE = 3e-3
 
 
 class _Labelling(NamedTuple):
@@ -115,8 +111,8 @@ def _describe(problem: Problem, label: Index, before: float, after: float) -> st
 
 
 def _generate_starts(problem: Problem, before: float) -> Iterator[Index]:
-    """Generate the names as given and, where they leave much, those of two targets exchanged from
-    the middle of the file on."""
+    """Generate the names as given and, where they leave much (mean), those of two targets exchanged
+    from the middle of the file on."""
     data = problem.data
     given = data.target
     yield given

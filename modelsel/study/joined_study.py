@@ -27,8 +27,9 @@ from ..measurements.joining import (
 from ..measurements.point_times import find_common_seconds, find_times, list_clock_columns
 from ..measurements.table import DataFile, Table, load_table
 from ..robot.kinematics import Robot
-from .new_study import MIN_IMPROVEMENT, StudyDraft, draft_study
-from .nominal_misfit import MAX_REACH_SHARE, measure_misfit
+from ..setup.other_robots import MAX_REACH_SHARE
+from .new_study import StudyDraft, draft_study
+from .nominal_misfit import CLEAR_FACTOR, measure_misfit
 
 # seconds that the times of a point and of its readings may differ
 MAX_GAP_S = 0.5
@@ -178,7 +179,7 @@ def _choose_way(
         misfits[way] = float("inf") if misfit is None else misfit
     best, second = sorted(ways, key=lambda way: misfits[way])[:2]
     is_good = misfits[best] <= MAX_REACH_SHARE * drafts[best].robot.reach
-    if is_good and misfits[second] >= MIN_IMPROVEMENT * misfits[best]:
+    if is_good and misfits[second] >= CLEAR_FACTOR * misfits[best]:
         other = (
             f"{write_rounded(misfits[second])} mm" if np.isfinite(misfits[second]) else "not at all"
         )

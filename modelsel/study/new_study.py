@@ -32,16 +32,15 @@ from ..measurements.uncausal_columns import SENTENCES as UNCAUSAL
 from ..measurements.uncausal_columns import find_uncausal_columns
 from ..robot.kinematics import Robot
 from ..robot.urdf import read_joint_names
+from ..setup.other_robots import MAX_REACH_SHARE
 from .missing_columns import refuse_missing
-from .nominal_misfit import MAX_REACH_SHARE, describe_misfit, measure_misfit
+from .nominal_misfit import CLEAR_FACTOR, describe_misfit, measure_misfit
 from .orientation_reading import settle_orientation
 from .other_columns import describe_optional, describe_other_columns, describe_quaternions
 from .position_choice import drop_computed, drop_unreachable, is_only_position
 
 # readings of the columns that are tried on the arm
 MAX_TRIED = 16
-# a reading is the right one where the nominal arm fits so much better than by any other
-MIN_IMPROVEMENT = 4.0
 # share of the reach from which a study refuses positions
 REFUSED_SHARE = 0.25
 # configurations from which a part of them is held out, and how many at most
@@ -205,7 +204,7 @@ def _draft_headerless(
     most = max(misfits)
     best = misfits.index(least)
     is_good = least <= MAX_REACH_SHARE * robot.reach
-    is_clear = most >= MIN_IMPROVEMENT * least
+    is_clear = most >= CLEAR_FACTOR * least
     if not (is_good and is_clear):
         raise table.where.refuse(
             "there is no header, and the nominal arm tells neither that joint readings come before "
@@ -268,7 +267,7 @@ def settle_by_arm(draft: StudyDraft) -> StudyDraft:
         return settle_by_arm(left.remark(measured.sentence))
     best, second = sorted(misfits)[:2]
     is_good = best <= good or best <= REFUSED_SHARE * draft.robot.reach < second
-    is_clear = second >= MIN_IMPROVEMENT * best
+    is_clear = second >= CLEAR_FACTOR * best
     chosen = combinations[misfits.index(best)]
     if not (is_good and is_clear and is_only_position(chosen, tried, good)):
         return draft

@@ -10,13 +10,18 @@ from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..measurements.row_order import choose_standstill
 from ..robot.kinematics import Robot
-from ..setup.other_robots import MIN_CONFIGURATIONS, compute_registered_misfit, sample_positions
+from ..setup.other_robots import (
+    MAX_REACH_SHARE,
+    MIN_CONFIGURATIONS,
+    compute_registered_misfit,
+    sample_positions,
+)
 from ..setup.registration import register
 from ..setup.target_places import describe_wrong_targets
 from .checks import check_setup
 
-# the nominal arm fits to this share of its reach, where robot and columns are right
-MAX_REACH_SHARE = 0.02
+# a reading of a file is the right one where the nominal arm fits so much better than by any other
+CLEAR_FACTOR = 4.0
 # a smaller median misfit [mm] is not one of measurements
 MIN_MISFIT_MM = 0.003
 

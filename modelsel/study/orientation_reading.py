@@ -15,14 +15,13 @@ from ..measurements.reader import read_measurements
 from ..measurements.table import Source
 from ..robot.kinematics import Robot
 from ..robot.rigid import nearest_rotation, rotation_vector
+from ..setup.measured_orientations import GOOD_ANGLE
 from ..setup.other_robots import select_most_frequent
 from ..setup.registration import register
+from .nominal_misfit import CLEAR_FACTOR
 
 # rows that are examined
 MAX_ROWS = 200
-# median angle [rad] up to which orientations are the arm's, and by how much better than by others
-GOOD_ANGLE = 0.1
-MIN_IMPROVEMENT = 4.0
 
 
 def settle_orientation(
@@ -43,7 +42,7 @@ def settle_orientation(
             f"Orientations are left out: read as {shown}, the likeliest way, they miss the nominal "
             f"arm's {turn}. Measured ones are in the tracker's frame; a controller's own are not."
         )
-    good = [k for k in order if angles[k] <= max(MIN_IMPROVEMENT * best, 1e-9)]
+    good = [k for k in order if angles[k] <= max(CLEAR_FACTOR * best, 1e-9)]
     kept = [_explain(choice.readings[k], angles[k]) for k in good]
     return replace(choice, readings=tuple(kept)), ""
 
