@@ -19,21 +19,14 @@ if TYPE_CHECKING:
 
 RANGE_TOLERANCE = 0.01  # of a range: a value further beyond it is noted
 FAR_TOLERANCE = 0.1  # and one so far beyond it tells nothing of what was calibrated
-LIMIT_TOLERANCE = 1e-9  # rad, mm: a command at the limit, as it comes back from degrees
 
 
 def find_past_limits(c: Calibration, q: Array) -> NDArray[np.bool_]:
     """Find the readings (m, n) beyond their joint's limits; none where these are not known."""
-    limits = []
-    for joint in c.robot.joints:
-        bounds = joint.limits or (-np.inf, np.inf)
-        limits.append(bounds)
-    ends = np.array(limits)
-    low = ends[:, 0] - LIMIT_TOLERANCE
-    high = ends[:, 1] + LIMIT_TOLERANCE
-    below = q < low
-    above = q > high
-    return np.asarray(below | above)
+    beyond = np.zeros(q.shape, bool)
+    for j, joint in enumerate(c.robot.joints):
+        beyond[:, j] = joint.find_beyond(q[:, j])
+    return beyond
 
 
 def describe_extrapolation(c: Calibration, data: Measurements) -> list[str]:

@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .._typing import Array
+from .._typing import Array, Mask
 from ._kernels import (
     AXES_IN_PLACE,
     BASE_FRAME,
@@ -34,6 +34,8 @@ from ._kernels import (
 )
 from .coupling import Coupling
 from .rigid import MIXED_AXES
+
+LIMIT_TOLERANCE = 1e-6  # rad or mm: a reading at the limit, as it comes back from degrees
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +59,15 @@ class Joint:
         if self.prismatic:
             return 0.0, 500.0
         return -np.pi, np.pi
+
+    def find_beyond(self, readings: Array) -> Mask:
+        """Find the readings (m,) beyond its limits; none where these are not known."""
+        if self.limits is None:
+            return np.zeros(len(readings), bool)
+        low, high = self.limits
+        is_below = readings < low - LIMIT_TOLERANCE
+        is_above = readings > high + LIMIT_TOLERANCE
+        return np.asarray(is_below | is_above)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._typing import Index
 from ..exceptions import DataError, NotEstimable, count_words, write_percent, write_rounded
 from ..fitting.design import Model, residuals
 from ..fitting.identifiability import as_drawn, identify
@@ -42,7 +41,6 @@ FAR = (
     "them, and `modelsel study` refuses them: check the robot, the order of the joints, the units and the frame."
 )
 MAX_PLACES = 5  # rows beyond a joint's limits that are listed
-LIMIT_TOLERANCE = 1e-6  # rad or mm: a reading at the limit, as it comes back from degrees
 MIN_MOTION = 1e-6  # rad or mm: a joint with a smaller range does not move
 
 
@@ -91,14 +89,11 @@ def _describe_joints(robot: Robot, data: Measurements) -> list[dict[str, Any]]:
         readings = data.q[:, j]
         low, high = float(readings.min()), float(readings.max())
         share = None
-        beyond: Index = np.array([], np.intp)
+        beyond = data.row[joint.find_beyond(readings)]
         if joint.limits is not None:
             least, most = joint.limits
             inside = min(high, most) - max(low, least)
             share = max(inside, 0.0) / (most - least)
-            is_below = readings < least - LIMIT_TOLERANCE
-            is_above = readings > most + LIMIT_TOLERANCE
-            beyond = data.row[is_below | is_above]
         description = {
             "joint": j + 1,
             "low": low,

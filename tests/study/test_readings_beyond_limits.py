@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from modelsel.calibration.command_notes import find_past_limits
 from modelsel.measurements.measurements import build_measurements
 from modelsel.robot.files import load_robot
 from modelsel.study.inspection import format_inspection, inspect_measurements
@@ -23,3 +26,18 @@ def test_a_share_of_the_range_counts_what_lies_within_the_limits(rng: np.random.
         in line
     )
     assert ", -110 to 70 deg: check the joint's zero" in line
+
+
+@pytest.mark.parametrize(("past", "is_beyond"), [(1e-7, False), (1e-5, True)])
+def test_check_and_compensate_agree_on_a_reading_at_the_limit(
+    past: float, is_beyond: bool, rng: np.random.Generator
+) -> None:
+    robot = load_robot("irb120")
+    q = rng.uniform(-0.5, 0.5, (20, 6))
+    _, high = robot.joints[2].limits
+    q[4, 2] = high + past
+    inspected = inspect_measurements(robot, build_measurements(q, np.zeros((20, 3))))
+    commands = find_past_limits(SimpleNamespace(robot=robot), q)
+    assert inspected["joints"][2]["rows_beyond_limits"] == is_beyond
+    assert commands[4, 2] == is_beyond
+    assert commands.sum() == is_beyond
