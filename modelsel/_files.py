@@ -18,6 +18,7 @@ from .exceptions import StudyError
 if TYPE_CHECKING:
     import pandas as pd
 
+STUDY_FILE = "study.toml"  # of a study's own folder
 # in an output folder while a run works there: its lock, files not yet in place, an unfinished chain
 HIDDEN = ".modelsel"
 LOCK = "lock"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .._files import STUDY_FILE
 from .._json import parse_json, read_json_text
 from .._records import parse_record
 from .._text import parse_toml, read_text
@@ -28,7 +29,6 @@ from .estimation_rows import EstimationRows
 from .known_names import LABEL_NAMES
 from .refitting import Refits, refits_of
 
-STUDY_FILE = "study.toml"
 REPORTS = "reports"  # where `modelsel study` writes by default
 RELATIVE_TOLERANCE = 1e-6  # two numbers of a file that say the same
 REMEDY = "Run the study again."

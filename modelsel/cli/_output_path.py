@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from .._files import STUDY_FILE
 from ..exceptions import StudyError, one_line
 
 REMEDY = "Give another file with {option}."
@@ -88,7 +89,6 @@ def _find_owner(out: Path) -> str | None:
     """Find what a file belongs to, in words: the result or the study of its folder; None where
     it is a file of its own."""
     from ..results.storage import WRITES
-    from ..study.study_folder import STUDY_FILE
 
     folder = out.parent
     if out.name in WRITES and (folder / RESULT_FILE).is_file():
@@ -102,7 +102,6 @@ def _list_inputs_beside(folder: Path) -> list[Path]:
     """List the files that the study of a folder is read from; none where it has no such study."""
     from ..config.study_file import read_study
     from ..study.inputs import list_input_files
-    from ..study.study_folder import STUDY_FILE
 
     path = folder / STUDY_FILE
     try:

@@ -26,12 +26,12 @@ SIMULATED = re.compile(r"-?\d+\.\d{9}")
 @json_option
 def simulate_command(study: Path, out: Path, as_json: bool) -> None:
     """Make data with planted effects: [simulate] and [[simulate.effect]] of a study file."""
-    from .._files import write_frame
+    from .._files import STUDY_FILE, write_frame
     from ..study.inputs import list_input_files
     from ..study.named_things import read_whole_study
     from ..study.simulation import simulate_study
 
-    path = study / "study.toml" if study.is_dir() else study
+    path = study / STUDY_FILE if study.is_dir() else study
     read = read_whole_study(path)
     check_table_path(out)
     if not _is_simulated(out):

@@ -67,7 +67,7 @@ def study_command(
 ) -> None:
     """Run a study: what is wrong, the ladder of models, the gain on held-out configurations."""
     gc.set_threshold(COLLECT)
-    from .._files import check_writable, claim_folder
+    from .._files import STUDY_FILE, check_writable, claim_folder
     from ..mechanisms.registry import with_plugins
     from ..results.storage import REPORTS, WRITES, find_reports
     from ..study.checkpoint import Checkpoint
@@ -76,7 +76,7 @@ def study_command(
     from ..study.runner import rehearse_study
     from ..study.steps import list_steps
 
-    path = study / "study.toml" if study.is_dir() else study
+    path = study / STUDY_FILE if study.is_dir() else study
     read = read_whole_study(path)
     registry, broken = with_plugins(robot=read_nominal_robot(read, path.parent))
     for name, why in broken.items():

@@ -13,6 +13,7 @@ from unicodedata import normalize
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from .._files import STUDY_FILE
 from .._names import find_name_problem
 from .._text import parse_toml, read_text
 from ..exceptions import StudyError, suggest
@@ -165,7 +166,7 @@ def _read_task(entry: StudyTable, folder: Path, problems: list[str]) -> Task | N
         problems += [f"{entry.file}: {problem}" for problem in error.problems]
         return None
     if path.is_dir():
-        path = path / "study.toml"
+        path = path / STUDY_FILE
     study_folder = path.parent
     name = entry.name or path.resolve().parent.name
     study = _change_study(study, entry, folder, study_folder)

@@ -19,6 +19,7 @@ from pydantic import (
 )
 from pydantic import SerializerFunctionWrapHandler as Plain
 
+from .._files import STUDY_FILE
 from .._text import parse_toml, read_text
 from ..exceptions import StudyError, suggest
 from ..measurements.table import DataFile, Source
@@ -187,7 +188,7 @@ def read_study(path: Path | str) -> Study:
     """Read a study file; a folder stands for its study.toml. Raises StudyError."""
     path = Path(path)
     if path.is_dir():
-        path = path / "study.toml"
+        path = path / STUDY_FILE
     _refuse_measurements(path)
     text = read_text(path, "the study file")
     return parse_study(text, path.name)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from .._files import STUDY_FILE
 from ..config.study_file import Study, find_data, find_source, read_study
 from ..exceptions import StudyError, count_words
 from ..measurements.measurements import Measurements
@@ -68,14 +69,14 @@ def find_study_file(path: Path) -> Path:
     study of the same name beside it. Raises StudyError for a report whose study is not found."""
     if not path.is_dir():
         return path
-    file = path / "study.toml"
+    file = path / STUDY_FILE
     if file.exists() or not (path / "result.json").exists():
         return file
     written, _ = read_records(path)
     above = path.resolve().parent.parent
     name = path.resolve().name
     for folder in (Path(), Path("studies"), above, above / "studies"):
-        candidate = folder / name / "study.toml"
+        candidate = folder / name / STUDY_FILE
         if candidate.exists() and read_study(candidate).name == written.study:
             return candidate
     raise StudyError(

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from .._files import STUDY_FILE
 from .._text import parse_toml, read_text
 from ..config.study_file import Study, read_study
 from ..exceptions import StudyError
@@ -23,7 +24,7 @@ def read_whole_study(path: Path) -> Study:
     try:
         return read_study(path)
     except StudyError as error:
-        file = path / "study.toml" if path.is_dir() else path
+        file = path / STUDY_FILE if path.is_dir() else path
         unknown = _list_unknown_mechanisms(file)
         raise StudyError(*error.problems, *unknown) from None
 

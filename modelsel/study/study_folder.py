@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from .._files import check_writable, csv_bytes, write_all
+from .._files import STUDY_FILE, check_writable, csv_bytes, write_all
 from .._names import find_name_problem
 from .._text import read_text
 from ..config.study_file import parse_study
@@ -25,7 +25,6 @@ from .stated_setup import StatedSetup
 JOINED_FILE = "measurements.csv"
 # of joined rows: where each stands in the files that people have
 SOURCE_COLUMN = "source"
-STUDY_FILE = "study.toml"
 AS_FOUND = StatedSetup()
 PLAIN_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
