@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,15 +19,6 @@ def number_kinds(labels: Sequence[str]) -> Index:
     stems = list(map(find_stem, labels))
     numbers, _ = number_keys(stems)
     return numbers
-
-
-def count_kin(labels: Iterable[str]) -> int:
-    """Count the labels that name a mechanism which another one before has in another joint."""
-    stems = list(map(find_stem, labels))
-    kinds = set(stems)
-    count = len(stems)
-    alone = len(kinds)
-    return count - alone
 
 
 def find_stem(label: str) -> str:

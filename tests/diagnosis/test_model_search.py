@@ -23,7 +23,6 @@ from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.claims import Weighed
 from modelsel.diagnosis.conclusion import Conclusion, conclude, confirm, prove
 from modelsel.diagnosis.evidence import MIN_LOG_ODDS
-from modelsel.diagnosis.kin import count_kin
 from modelsel.diagnosis.model_pool import Pool, _Group
 from modelsel.diagnosis.model_sampler import sample_models
 from modelsel.diagnosis.model_search import BY_SAMPLING, FOR_CLAIMS, _Walk, visit_models
@@ -358,13 +357,6 @@ def test_what_several_effects_say_together_counts() -> None:
     # the third turns the same joints by another driver, the last one of them only
     assert included[0] == pytest.approx([0.9, 0.7, 0.7, 0.7])
     assert included[4] == pytest.approx([1.0] * 4)
-
-
-def test_only_the_same_mechanism_in_another_joint_is_kin() -> None:
-    assert count_kin(["settle:1", "settle:2", "settle:3"]) == 2
-    assert count_kin(["joint2-twist", "joint3-twist", "settle:3"]) == 0
-    assert count_kin(["fault:read-too-early", "settle:3"]) == 0
-    assert count_kin([]) == 0
 
 
 # -- shapes that are offered
