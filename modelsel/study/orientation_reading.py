@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from .._typing import Array
-from ..exceptions import DataError, ModelselError, NotEstimable
+from ..exceptions import ModelselError
 from ..fitting.problem import Problem
 from ..measurements.column_guesses import Choice, Reading
 from ..measurements.reader import read_measurements
@@ -86,7 +86,7 @@ def _try_reading(
         rows = select_most_frequent(problem, np.ones(len(data), bool))[:MAX_ROWS]
         sample = problem.take(rows)
         placed = register(sample.plain_points(), np.ones(len(rows), bool), per_group=False)
-    except (DataError, NotEstimable, ModelselError):
+    except ModelselError:
         return float("inf")
     R, _ = placed.placement
     flange = placed.pose(slice(None)).axes[-1, :3].transpose(2, 1, 0)
