@@ -4,11 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
+
+
+class Coded(Protocol):
+    """A code and a sentence: a note, or a warning of a stored result."""
+
+    @property
+    def code(self) -> str: ...
+
+    @property
+    def sentence(self) -> str: ...
 
 
 @dataclass(frozen=True)
 class Note:
-    """Something the user should know; a code for programs and a sentence for people.
+    """Something the user should know; a code for programs, one of CODES, and a sentence for people.
 
     `rows`: the rows of the file (0-based) that it concerns, None where it concerns the whole file or
     none of its rows."""
@@ -16,6 +27,10 @@ class Note:
     code: str
     sentence: str
     rows: tuple[int, ...] | None = None
+
+    def __post_init__(self) -> None:
+        if self.code not in CODES:
+            raise KeyError(f"{self.code}: describe the code in modelsel.notices.CODES")
 
 
 SETUP_MISTAKE, OTHER_ROBOT = "setup-mistake", "other-robot"
@@ -118,7 +133,7 @@ ALARM_OF_FAULT = {"swapped-reflectors": "labels-swapped", "row-order": "rows-shi
 NOISE_CODES = {"stated-uncertainty", "floor-unlike", "gravity-upwards", "gravity-elsewhere"}
 
 
-def list_alarms(notes: Sequence[Note]) -> list[str]:
+def list_alarms(notes: Sequence[Coded]) -> list[str]:
     """List the sentences that are shown before everything else, in the order of ALARMS; a hopeless
     fit is the verdict's own first sentence."""
     sentences = []

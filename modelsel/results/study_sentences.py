@@ -18,7 +18,7 @@ from ..diagnosis.stated_probability import (
 )
 from ..exceptions import write_percent, write_rounded
 from ..measurements.row_places import Where
-from ..notices import HOPELESS_FIT, Note, list_alarms
+from ..notices import HOPELESS_FIT, list_alarms
 from .finding_schema import EntryRecord, FindingRecord
 from .model_schema import RungRecord, WeighedModelRecord
 from .quantities import ANGLES
@@ -161,7 +161,7 @@ def opening_sentences(record: StudyRecord) -> list[str]:
 
 def alarm_sentences(record: StudyRecord) -> list[str]:
     """Return what in the set-up or the data looks wrong."""
-    return list_alarms([Note(warning.code, warning.sentence) for warning in record.warnings])
+    return list_alarms(record.warnings)
 
 
 def hopeless_sentences(record: StudyRecord) -> list[str]:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
+import pytest
+
 import modelsel
-from modelsel.notices import ALARM_OF_FAULT, ALARMS, CODES, NOISE_CODES
+from modelsel.notices import ALARM_OF_FAULT, ALARMS, CODES, NOISE_CODES, Note
 
 
 def test_every_code_is_described() -> None:
@@ -20,3 +22,8 @@ def test_every_code_is_described() -> None:
     assert given <= CODES.keys()
     assert ALARMS.keys() <= CODES.keys()
     assert {*ALARM_OF_FAULT.values(), *NOISE_CODES} <= ALARMS.keys()
+
+
+def test_a_code_that_nobody_described_makes_no_note() -> None:
+    with pytest.raises(KeyError, match="no-such-code"):
+        Note("no-such-code", "something.")
