@@ -65,9 +65,9 @@ class FeatureOfRows:
             change = np.zeros((*change.shape[:-2], 1, 7))
         number = np.maximum(feature, 0)
         return FeatureOfRows(
-            fixtures.centre[feature],
-            fixtures.axes[feature],
-            fixtures.length[feature],
+            fixtures.centre[number],
+            fixtures.axes[number],
+            fixtures.length[number],
             change[..., number, :],
         )
 
