@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from operator import add, mul, sub, truediv
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +14,7 @@ from ..fitting.design import PLACE
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements, build_measurements
 from ..measurements.state_names import is_state_name
-from ..mechanisms.causes import Cause, Combined, Member, Number
+from ..mechanisms.causes import ARITHMETIC, Cause, Combined, Member, Number
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..robot.rigid import rotation_matrix, transform
@@ -25,7 +24,6 @@ from .refitting import part_of, select_carried
 if TYPE_CHECKING:
     from .calibration import Calibration
 
-OPERATORS = {"+": add, "-": sub, "*": mul, "/": truediv}
 SAMPLED_CONFIGURATIONS = 400  # configurations that a round trip is measured at
 
 
@@ -104,9 +102,10 @@ def fix_members(cause: Cause, target: int) -> Cause:
     left = fix_members(cause.left, target)
     right = fix_members(cause.right, target)
     if isinstance(left, Number) and isinstance(right, Number):
-        operate = OPERATORS[cause.operator]
-        number = operate(left.number, right.number)
-        return Number(number)
+        operate = ARITHMETIC[cause.operator]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            number = operate(left.number, right.number)
+        return Number(float(number))
     return Combined(cause.operator, left, right)
 
 

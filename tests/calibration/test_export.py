@@ -21,6 +21,7 @@ from modelsel.calibration.calibration import calibrate
 from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.constant_part import (
     compute_points,
+    fix_members,
     restrict_to_form,
     sample_workspace,
     split_parts,
@@ -37,7 +38,7 @@ from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
 from modelsel.fitting.whitening import Whitening
 from modelsel.mechanisms.cause_functions import FUNCTIONS
-from modelsel.mechanisms.causes import Applied, Named, shifted
+from modelsel.mechanisms.causes import Applied, Combined, Member, Named, Number, shifted
 from modelsel.mechanisms.registry import mechanism
 from modelsel.robot.dh import compute_dh_rows
 from modelsel.robot.files import builtin_names, load_robot, read_robot, robot_from_table
@@ -93,6 +94,19 @@ def rotation(r: float, p: float, y: float) -> np.ndarray:
             [-d, c * b, c * a],
         ]
     )
+
+
+@pytest.mark.parametrize("top", [1.0, -1.0, 0.0])
+def test_a_share_of_nothing_is_what_its_cause_gives(top: float) -> None:
+    # of target 1 alone: over the number of target 0 it is not finite, and no error
+    cause = Combined("/", Number(top), Member("target", 1))
+    of_first = fix_members(cause, 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        expected = Combined("/", Number(top), Number(0.0)).of({})
+    assert isinstance(of_first, Number)
+    assert not np.isfinite(of_first.number)
+    assert of_first.number == pytest.approx(expected, nan_ok=True)
+    assert fix_members(cause, 1) == Number(top)
 
 
 def test_urdf_read_by_hand(made) -> None:
