@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from .._linalg import orthonormal_basis, project_out
 from .._typing import Array
 from ..fitting.component_noise import POSITION
 from ..fitting.design import residuals
@@ -66,7 +67,9 @@ def _list_regressors(sample: Problem) -> tuple[Array, Array, Array]:
     size = np.linalg.norm(deviation, axis=1)
     rows = len(position)
     constant = np.ones(rows)
-    measured = np.column_stack([constant, position])
+    # from their mean: far from the tracker they would be all but constant
+    coordinates = position - position.mean(axis=0)
+    measured = np.column_stack([constant, coordinates])
     axes = sample.pose(slice(None)).axes[-1, :3]
     flange = axes.transpose(2, 1, 0)
     turns = flange.reshape(rows, 9)
@@ -84,27 +87,20 @@ def _find_agreement(values: Array, measured: Array, placed: Array, deviations: A
     mean = values.mean()
     centred = values - mean
     total = float(centred @ centred)
-    left = _project_out(measured, centred)
-    if float(left @ left) <= MAX_POSITION_SHARE * total:
+    if _measure_rest(measured, centred) <= MAX_POSITION_SHARE * total:
         return "the measured coordinates"
-    free = _project_out(placed, centred)
-    before = float(free @ free)
+    before = _measure_rest(placed, centred)
     if before <= MAX_POSITION_SHARE * total:
         return ""
     both = np.column_stack([placed, deviations])
-    rest = _project_out(both, centred)
-    after = float(rest @ rest)
+    after = _measure_rest(both, centred)
     return "the deviations from the nominal arm" if after <= MAX_DEVIATION_SHARE * before else ""
 
 
-def _project_out(columns: Array, values: Array) -> Array:
-    """Return what columns (m, k) leave of values (m,)."""
-    scale = np.linalg.norm(columns, axis=0)
-    divisor = np.where(scale > 0, scale, 1.0)
-    scaled = columns / divisor
-    coefficients, *_ = np.linalg.lstsq(scaled, values, rcond=None)
-    explained = scaled @ coefficients
-    return np.asarray(values - explained)
+def _measure_rest(columns: Array, values: Array) -> float:
+    """Return the sum of squares that columns (m, k) leave of values (m,)."""
+    rest = project_out(values, orthonormal_basis(columns))
+    return float(rest @ rest)
 
 
 def _describe(name: str, why: str) -> Note:
