@@ -155,8 +155,8 @@ class _Inversion:
     size: Array
     damping: Array
 
-    def unsettled(self) -> NDArray[np.bool_]:
-        """Return the rows (m,) that are not there yet and may still come nearer."""
+    def find_unsettled(self) -> NDArray[np.bool_]:
+        """Find the rows (m,) that are not there yet and may still come nearer."""
         far = self.size > SETTLED_MM
         open_rows = self.damping < MAX_DAMPING
         return far & open_rows
@@ -213,7 +213,7 @@ def compensate_commands(c: Calibration, data: Measurements) -> Commands:
     moves = _list_moves(c.robot)
     weakest = find_weakest(J @ moves, before)
     for _ in range(MAX_ITERATIONS):
-        rows = inversion.unsettled()
+        rows = inversion.find_unsettled()
         if not rows.any():
             break
         trial = inversion.propose(rows, moves)

@@ -74,17 +74,17 @@ class _Pair:
         self.b = self.b + self.A[k].T @ self.y[k]
         self.total += float(self.y[k] @ self.y[k])
 
-    def left(self, columns: Sequence[int] | slice) -> float:
-        """Return the χ² of the true displacement that some columns cannot follow."""
+    def compute_rest(self, columns: Sequence[int] | slice) -> float:
+        """Compute the χ² of the true displacement that some columns cannot follow."""
         inner = self.G[columns][:, columns]
         return max(
             self.total - float(self.b[columns] @ np.linalg.solve(inner, self.b[columns])), 0.0
         )
 
-    def told(self) -> float:
-        """Return the probability that the true rival is named with what is measured now."""
-        size = self.left(self.base)
-        left = self.left(slice(None))
+    def compute_probability(self) -> float:
+        """Compute the probability that the true rival is named with what is measured now."""
+        size = self.compute_rest(self.base)
+        left = self.compute_rest(slice(None))
         probability = _naming_probability(np.array(size), np.array(left))
         return float(probability)
 
@@ -97,7 +97,7 @@ class _Pair:
             e = self.y - A @ (inner @ self.b[columns])
             H = np.eye(A.shape[1]) + A @ inner @ A.transpose(0, 2, 1)
             out.append(
-                self.left(columns)
+                self.compute_rest(columns)
                 + np.einsum("pr,pr->p", e, np.linalg.solve(H, e[:, :, None])[:, :, 0])
             )
         return _naming_probability(out[0], out[1]), out[1]
@@ -127,7 +127,7 @@ def merge_indistinct(p: Pool, rivals: Rivals) -> tuple[Rivals | None, tuple[str,
         for i in kept:
             pair = _Pair(p, rivals, j, i)
             pair.add_all()
-            chi2 = pair.left(slice(None))
+            chi2 = pair.compute_rest(slice(None))
             if chi2 < MIN_POOL_CHI2:
                 weight[i] += weight[j]
                 # another constant of the same name is no news
@@ -161,7 +161,7 @@ def _build_pairs(p: Pool, sets: Sequence[Rivals]) -> list[tuple[float, list[_Pai
 def _mean_naming_probability(pairs: list[tuple[float, list[_Pair]]], sets: int) -> float:
     total = 0.0
     for weight, against in pairs:
-        nearest = min(pair.told() for pair in against)
+        nearest = min(pair.compute_probability() for pair in against)
         total += weight * nearest
     return total / sets
 
@@ -207,13 +207,13 @@ def _choose_next(pairs: list[tuple[float, list[_Pair]]], blocked: Sequence[int])
     return int(np.argmax(value))
 
 
-def compute_naming_probability(p: Pool, sets: Sequence[Rivals], some: Sequence[int]) -> float:
+def compute_naming_probability(p: Pool, sets: Sequence[Rivals], rows: Sequence[int]) -> float:
     """Compute the probability that the true rival is told from its nearest, with some
     configurations of the pool measured."""
     pairs = _build_pairs(p, sets)
     for _, against in pairs:
         for pair in against:
-            for k in some:
+            for k in rows:
                 pair.add(k)
     return _mean_naming_probability(pairs, len(sets))
 
@@ -246,20 +246,20 @@ def _indices(information: Array, configurations: int) -> dict[str, Array]:
     }
 
 
-def scale_columns(p: Pool, some: Sequence[Term]) -> tuple[Array, Array]:
+def scale_columns(p: Pool, terms: Sequence[Term]) -> tuple[Array, Array]:
     """Return the known information (k, k) and the pool's columns (P, r, k): every term in units of
     what moves the target by 1 mm rms over the pool, so that mm and rad compare; in units of the
     noise."""
-    columns = p.of(some)
+    columns = p.of(terms)
     size = np.sqrt(np.square(p.possible[:, :, columns]).sum(1).mean(0))
     X = p.possible[:, :, columns] / np.maximum(size, 1e-12) / p.sigma
     K = p.known[:, :, columns].reshape(-1, len(columns)) / np.maximum(size, 1e-12) / p.sigma
     return K.T @ K, X
 
 
-def compute_indices(p: Pool, some: Sequence[Term], rows: Sequence[int]) -> dict[str, float]:
+def compute_indices(p: Pool, terms: Sequence[Term], rows: Sequence[int]) -> dict[str, float]:
     """Compute every criterion with configurations of the pool measured beside the known ones."""
-    information, X = scale_columns(p, some)
+    information, X = scale_columns(p, terms)
     configurations = list(rows)
     count = len(information)
     added = X[configurations].reshape(-1, count)
@@ -271,10 +271,10 @@ def compute_indices(p: Pool, some: Sequence[Term], rows: Sequence[int]) -> dict[
     return figures
 
 
-def choose_for_parameters(p: Pool, some: Sequence[Term], count: int, criterion: str) -> list[int]:
+def choose_for_parameters(p: Pool, terms: Sequence[Term], count: int, criterion: str) -> list[int]:
     """Choose the configurations that determine parameters best, in the order to measure them:
     greedy, then each exchanged once for a better one, where there is one (Fedorov 1972)."""
-    information, X = scale_columns(p, some)
+    information, X = scale_columns(p, terms)
     gains = X.transpose(0, 2, 1) @ X
     known = p.configurations
 

@@ -113,7 +113,7 @@ def describe_skipped(
         largest = int(np.argmax(shares[row]))
         change = _describe_largest_change(c, commands, row, largest)
         number = int(data.row[row])
-        place = data.where.named(number)
+        place = data.where.name_row(number)
         remedy = _advise(commands, row, data, "--bound")
         beyond = _describe_bound(bound)
         sentences.append(f"{place} is left out: {change}, beyond the {beyond}. {remedy}")

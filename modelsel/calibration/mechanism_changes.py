@@ -106,19 +106,19 @@ class Motions:
         basis = orthonormal_basis(columns)
         return project_out(X, basis)
 
-    def named(self, k: int) -> dict[str, list[int]]:
-        """Return the mechanisms of campaign k (0 or 1) but the geometry: places of their terms."""
-        place = dict[Hashable, int]()
+    def locate_mechanisms(self, k: int) -> dict[str, list[int]]:
+        """Locate the mechanisms of campaign k (0 or 1) but the geometry: places of their terms."""
+        place_of = dict[Hashable, int]()
         for column, term in enumerate(self.terms):
-            place.setdefault(term.key, column)
-        named = {}
+            place_of.setdefault(term.key, column)
+        places = {}
         for mechanism in self.campaigns[k].model.mechanisms:
             name = mechanism.name
             if name in GEOMETRY_NAMES:
                 continue
-            columns = [place[term.key] for term in mechanism.terms]
-            named[name] = columns
-        return named
+            columns = [place_of[term.key] for term in mechanism.terms]
+            places[name] = columns
+        return places
 
     def whole(self, k: int, own: list[int]) -> Array:
         """Return the motion (3 m,) by the terms `own` in campaign k."""
@@ -166,8 +166,8 @@ def compare_mechanisms(motions: Motions, moved: set[str]) -> tuple[MechanismChan
     under two names, and of those in both under one name the ones whose size, or whose terms, `moved`.
 
     Where many terms share a motion, its size may have changed beyond chance though no term did."""
-    before = motions.named(0)
-    after = motions.named(1)
+    before = motions.locate_mechanisms(0)
+    after = motions.locate_mechanisms(1)
     disappeared = []
     pairs = []
     for name in before:
@@ -208,8 +208,8 @@ class _Pair:
 def _match_renamed(motions: Motions, disappeared: list[str], appeared: list[str]) -> list[_Pair]:
     """Match mechanisms that disappeared with ones that appeared and move the target alike: one motion under
     two names."""
-    before = motions.named(0)
-    after = motions.named(1)
+    before = motions.locate_mechanisms(0)
+    after = motions.locate_mechanisms(1)
     unmatched = list(appeared)
     pairs = list[_Pair]()
     for name in disappeared:
@@ -229,8 +229,8 @@ def _match_renamed(motions: Motions, disappeared: list[str], appeared: list[str]
 def _compare_pair(motions: Motions, pair: _Pair, moved: bool, count: int) -> MechanismChange:
     """Compare the sizes of one motion along the direction that both campaigns have in common; p is
     corrected for the number of pairs."""
-    first = motions.named(0)[pair.first]
-    second = motions.named(1)[pair.second]
+    first = motions.locate_mechanisms(0)[pair.first]
+    second = motions.locate_mechanisms(1)[pair.second]
     labels = label_mechanism(pair.first), label_mechanism(pair.second)
     if motions.is_followed(0, first) and motions.is_followed(1, second):
         before = motions.whole_size(0, first)
@@ -257,7 +257,7 @@ def _compare_pair(motions: Motions, pair: _Pair, moved: bool, count: int) -> Mec
 def _judge_single(motions: Motions, campaign: int, name: str) -> MechanismChange:
     """Judge a mechanism that one campaign alone has named: it disappeared or appeared only if the other would
     have named it."""
-    places = motions.named(campaign)[name]
+    places = motions.locate_mechanisms(campaign)[name]
     size = motions.whole_size(campaign, places)
     what = NOT_COMPARABLE
     detectable = None

@@ -30,11 +30,11 @@ class Pool:
     sigma: float
     configurations: int  # known ones
 
-    def of(self, some: Sequence[Term]) -> list[int]:
+    def of(self, terms: Sequence[Term]) -> list[int]:
         """Return the columns of some terms; features of the set-up have none."""
         place = {term.key: column for column, term in enumerate(self.terms)}
         columns = dict[int, None]()
-        for term in some:
+        for term in terms:
             if term.fixture:
                 continue
             column = place[term.key]

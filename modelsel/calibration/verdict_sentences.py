@@ -112,7 +112,7 @@ def _list_worst(data: Measurements, verdict: Verdict) -> str:
     rows = []
     for k in verdict.worst[:MAX_LISTED]:
         row = int(data.row[k])
-        words = [data.where.label([row], 1), data.where.named(row)]
+        words = [data.where.label([row], 1), data.where.name_row(row)]
         named = ", ".join(filter(None, words))
         size = verdict.size[k]
         shown = f"{size:.1f}" if size < MAX_EXACT_FACTOR else write_rounded(size)

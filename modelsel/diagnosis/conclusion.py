@@ -160,13 +160,13 @@ def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:
     effects = concluded.diagnosis.effects
     visited = concluded.weighed
     members = visited.members.union(chosen)
-    parts = {g: read_parts(search.candidates[g], search.told[g]) for g in members}
+    parts = {g: read_parts(search.candidates[g], search.acting_parts[g]) for g in members}
     included = visited.include(chosen, search.signatures, parts)
     numbers = number_repeated([effect.candidate.label for effect in effects])
     claimed = []
     for g, effect, number in zip(chosen, effects, numbers, strict=True):
         levels = np.minimum(weighed.levels[g], included[g])
-        claim = build_claim(search.problem, search.told[g], levels)
+        claim = build_claim(search.problem, search.acting_parts[g], levels)
         with_claim = replace(effect, claim=claim, number=number)
         claimed.append(with_claim)
     return tuple(claimed)

@@ -86,7 +86,7 @@ def _tell_rows(
         earliest = data.progress[after].argmin()
         first = after[earliest]
         row = int(data.row[first])
-        begins = data.where.named_alone(row)
+        begins = data.where.name_row_alone(row)
         step = build(problem.robot, at)
         told[step] = _tell(step, f"from about {begins} on")
     renamed = []

@@ -107,7 +107,7 @@ class Search:
     def offer(self, more: Sequence[Candidate]) -> Search:
         """Offer further candidates beside the others, with the same null distribution."""
         new = copy(self)
-        for known in ("families", "bumped", "numbers", "told", "signatures"):
+        for known in ("families", "bumped", "numbers", "acting_parts", "signatures"):
             new.__dict__.pop(known, None)
         new._see(self.candidates + tuple(more), self.first.fitted, self.columns)
         return new
@@ -133,7 +133,7 @@ class Search:
         return np.array([one.bumped_joint for one in self.candidates], dtype=np.intp)
 
     @cached_property
-    def told(self) -> tuple[Candidate, ...]:
+    def acting_parts(self) -> tuple[Candidate, ...]:
         """The candidates without the screws that hardly move the target."""
         first = self.first
         return keep_acting_screws(self.problem, self.candidates, first.fitted.at(), first.Q)
@@ -141,7 +141,7 @@ class Search:
     @cached_property
     def signatures(self) -> tuple[Index, ...]:
         """What every candidate says of the arm, level by level."""
-        return read_signatures(self.told)
+        return read_signatures(self.acting_parts)
 
     def fit_model(
         self, chosen: Sequence[int], start: Fit | None, step_mm: float = COARSE_MM

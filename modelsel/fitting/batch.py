@@ -101,17 +101,17 @@ class Ensemble:
             twist = self.twist(theta[draws])
             for place, values in (more or {}).items():
                 twist[place] = twist.get(place, np.zeros((1, 1))) + values[draws]
-            left = self._left(twist, draws.stop - start)
+            left = self._subtract_predicted(twist, draws.stop - start)
             if self._bare is not None:
                 left = self._read(left, theta[draws])
             out[draws] = problem.whitening.apply(left)
         return out
 
-    def _left(self, twist: Twist, D: int) -> Array:
+    def _subtract_predicted(self, twist: Twist, D: int) -> Array:
         """Subtract predicted from measured (D, c, m), of the rows as points."""
         bare = self._bare
         if bare is not None:
-            return bare._left(twist, D)
+            return bare._subtract_predicted(twist, D)
         if self.problem.components == 3:
             return self._positions.residuals(twist, D)
         return self._poses(twist, D)
@@ -141,7 +141,7 @@ class Ensemble:
         if self._origin is not None:
             origin = self._origin
             twist = origin.twist(theta)
-            origin_left = origin._left(twist, len(theta))
+            origin_left = origin._subtract_predicted(twist, len(theta))
             origin_x = -origin_left[:, :3]
         count = len(gauges.features)
         change = add_feature_changes(count, self.terms, theta)

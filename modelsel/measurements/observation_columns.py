@@ -103,7 +103,7 @@ def _check_features(table: Table, kind: Sequence[str], feature: Sequence[str]) -
             continue
         first = first_rows.setdefault(name, row)
         if kind[first] != word:
-            earlier = table.where.named(first)
+            earlier = table.where.name_row(first)
             raise table.where.refuse(
                 f'feature "{name}" is of kind {kind[first]} on {earlier} and of kind {word} here.',
                 row=row,

@@ -317,7 +317,7 @@ def _check_configurations(
     moved = np.flatnonzero(is_moved)
     if len(moved):
         row = int(moved[0])
-        earlier = where.named(int(first[row]))
+        earlier = where.name_row(int(first[row]))
         raise where.refuse(
             f'configuration "{names[row]}" has other joint readings on {earlier}.',
             row=row,
@@ -345,7 +345,7 @@ def _find_distinct_rows(table: Table, columns: _Columns) -> tuple[Mask, list[Not
         columns.q[rows], values[rows], [a[rows] for a in attributes], repeats[rows]
     )
     if example is not None:
-        later, earlier = (table.where.named(int(rows[k])) for k in example)
+        later, earlier = (table.where.name_row(int(rows[k])) for k in example)
         rows_hold = "1 row holds" if copied.sum() == 1 else f"{int(copied.sum())} rows hold"
         sentence = (
             f"{rows_hold} the readings and the position of an earlier row to the last digit, under "

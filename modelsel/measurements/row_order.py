@@ -75,7 +75,7 @@ def check_clock(order: Array, time: Array | None, group: Index, rows: Index, whe
     count = int(goes_back.sum())
     more = f" (and {count - 1} more)" if count > 1 else ""
     raise where.refuse(
-        f"order goes on from {order[before]:g} ({where.named(int(rows[before]))}) to "
+        f"order goes on from {order[before]:g} ({where.name_row(int(rows[before]))}) to "
         f"{order[row]:g}, but time_s goes back from {time[before]:g} to {time[row]:g}{more}; "
         "within a group both are expected to grow.",
         row=int(rows[row]),
@@ -100,7 +100,7 @@ def note_equal_orders(
     if not len(tied):
         return []
     row, before = int(later[tied[0]]), int(earlier[tied[0]])
-    first, second = (where.named(int(rows[k])) for k in (before, row))
+    first, second = (where.name_row(int(rows[k])) for k in (before, row))
     more = f" (and {len(tied) - 1} more)" if len(tied) > 1 else ""
     sentence = (
         f"order is {order[row]:g} on {first} and on {second}, whose joint readings differ{more}: rows with the same "

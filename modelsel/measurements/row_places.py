@@ -89,19 +89,19 @@ class Where:
             number = self.header if number is None else number
         return DataError(what, file=place, row=number, column=column, remedy=remedy)
 
-    def named(self, row: int) -> str:
+    def name_row(self, row: int) -> str:
         """Name a row: line 3, or row 1."""
-        return f"{self.named_alone(row)}{self._of_file}"
+        return f"{self.name_row_alone(row)}{self._of_file}"
 
     def locate(self, row: int, column: str) -> str:
         """Name the file and the row of a cell: points.csv, line 3."""
         own = self.names.get(column, column)
         where = self.parts.get(own, self)
         file = where.file or "DataFrame"
-        place = where.named_alone(row)
+        place = where.name_row_alone(row)
         return f"{file}, {place}"
 
-    def named_alone(self, row: int) -> str:
+    def name_row_alone(self, row: int) -> str:
         """Name a row without its file."""
         number = self.number(row)
         return f"{self.word} {number}"

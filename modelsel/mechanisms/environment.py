@@ -229,7 +229,7 @@ def tracker_bumped(robot: Robot, at: float) -> Mechanism:
     )
 
 
-def _seen(robot: Robot) -> list[tuple[str, Cause]]:
+def _list_coordinates(robot: Robot) -> list[tuple[str, Cause]]:
     """List (axis of frame 1, coordinate of the nominal target along it): a scale about frame 0's
     origin."""
     coordinates = [Named(f"{name}_mm", "mm") for name in "xyz"]
@@ -254,8 +254,8 @@ def turn_to_frame_1(robot: Robot, vector: Sequence[Cause]) -> list[tuple[str, Ca
         cause, *others = summands
         for summand in others:
             cause = cause + summand
-        seen = (axis, cause)
-        out.append(seen)
+        component = (axis, cause)
+        out.append(component)
     return out
 
 
@@ -264,7 +264,13 @@ def tracker_scale(robot: Robot) -> Mechanism:
     shift)."""
     return Mechanism(
         "tracker-scale",
-        (Term("σ", tuple(Screw(1, axis, cause) for axis, cause in _seen(robot)), (1e-7, 2e-3)),),
+        (
+            Term(
+                "σ",
+                tuple(Screw(1, axis, cause) for axis, cause in _list_coordinates(robot)),
+                (1e-7, 2e-3),
+            ),
+        ),
         "Measured lengths are too long or too short in proportion.",
         "x = (1 + σ) x",
         "ISO 10360-10, laser trackers: scale",
@@ -280,15 +286,15 @@ def tracker_axes(robot: Robot) -> Mechanism:
     """The instrument's axes have scales of their own, and are not square: what a symmetric matrix
     without a trace does to every position. What all lengths have in common, an arm of longer links
     has, too."""
-    seen = _seen(robot)
+    coordinates = _list_coordinates(robot)
     size = (1e-7, 2e-3)
-    *stretching, (last, along_last) = seen
+    *stretching, (last, along_last) = coordinates
     shrunk = Screw(1, last, -1.0 * along_last)
     stretched = [
         Term(f"e{axis[1]}", (Screw(1, axis, cause), shrunk), size) for axis, cause in stretching
     ]
     skewed = []
-    for (first, along_first), (second, along_second) in combinations(seen, 2):
+    for (first, along_first), (second, along_second) in combinations(coordinates, 2):
         screws = (Screw(1, first, along_second), Screw(1, second, along_first))
         skew = Term(f"g{first[1]}{second[1]}", screws, size)
         skewed.append(skew)

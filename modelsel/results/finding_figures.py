@@ -277,7 +277,7 @@ def find_worst_turn(fitted: Fitted) -> Worst:
 
 def _describe_row(workspace: Workspace, row: int, moved: Range, unit: str) -> Worst:
     readings = workspace.q[row]
-    low, high = workspace.seen
+    low, high = workspace.measured_range
     is_beyond = (readings < low) | (readings > high)
     beyond = np.flatnonzero(is_beyond) + 1
     prismatic = workspace.problem.robot.prismatic

@@ -83,7 +83,7 @@ class Workspace:
         return turned
 
     @cached_property
-    def seen(self) -> tuple[Array, Array]:
+    def measured_range(self) -> tuple[Array, Array]:
         """The measured range of every joint (n,): lowest and highest reading."""
         readings = self.q[: self.measured]
         return readings.min(0), readings.max(0)
@@ -200,7 +200,7 @@ class Fitted:
 
     def find_worst(self) -> int:
         """Find the row at which the target moves most."""
-        return find_longest(self._told(self.moved()))
+        return find_longest(self._leave_out_unreached(self.moved()))
 
     def turned_at(self, row: int) -> Range:
         """Return how far the target turns at a row [rad]."""
@@ -208,9 +208,9 @@ class Fitted:
 
     def find_worst_turn(self) -> int:
         """Find the row at which the target turns most."""
-        return find_longest(self._told(self.turned()))
+        return find_longest(self._leave_out_unreached(self.turned()))
 
-    def _told(self, vectors: Array) -> Array:
+    def _leave_out_unreached(self, vectors: Array) -> Array:
         """Leave out of vectors (3, m) the rows that it is not told of."""
         if self.reaches:
             return vectors

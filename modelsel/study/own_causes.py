@@ -124,7 +124,7 @@ def _find_cause_problems(
         if len(broken):
             first = broken[0]
             data = problem.data
-            row = data.where.named(int(data.row[first]))
+            row = data.where.name_row(int(data.row[first]))
             yield (
                 f'{place}.causes: "{cause}" is no finite number on {row}; write it so '
                 "that it is one in every row."

@@ -80,7 +80,7 @@ def drop_remark_rows(table: Table, parameters: Sequence[str]) -> tuple[Table, li
         text = " ".join(str(cells[row]).strip() for cells in others if cells[row] is not None)
         if len(WORD.findall(text)) >= MIN_REMARK_WORDS:
             kept[row] = False
-            said.append(f'{table.where.named(row)} is a remark ("{one_line(text)}").')
+            said.append(f'{table.where.name_row(row)} is a remark ("{one_line(text)}").')
     if not said:
         return table, []
     at = np.array([table.where.number(row) for row in np.flatnonzero(kept).tolist()], np.intp)

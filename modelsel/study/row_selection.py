@@ -63,7 +63,7 @@ def _split_by_labels(table: SplitTable, data: Measurements, labels: NDArray[np.o
     torn = np.intersect1d(data.block[held_out], data.block[~held_out])
     if len(torn):
         first = np.flatnonzero(data.block == torn[0])[0]
-        place = data.where.named(int(data.row[first]))
+        place = data.where.name_row(int(data.row[first]))
         raise StudyError(
             "split.column: equal joint readings are on both sides of the split "
             f"({place}, for example): held-out configurations must not have been seen."

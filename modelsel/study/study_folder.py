@@ -210,7 +210,7 @@ def _name_sources(table: Table) -> list[str]:
     for row in range(len(table)):
         is_measured = points.number(row) > 0
         where = points if is_measured else log
-        place = where.named_alone(row)
+        place = where.name_row_alone(row)
         source = f"{where.file} {place}"
         if names is not None:
             name = str(names[row])

@@ -50,12 +50,12 @@ class Exported:
         return f"this file is {compared} than the nominal arm: {write_rounded(own)} mm rms against {write_rounded(nominal)} mm, {rows}"
 
 
-def describe_left_out(some: Sequence[Part]) -> tuple[str, ...]:
+def describe_left_out(parts: Sequence[Part]) -> tuple[str, ...]:
     """Describe what a form leaves out, once each mechanism; of a cell of the error map its place
     and causes, as elsewhere."""
     out: dict[str, list[str]] = {}
     causes: dict[str, list[str]] = {}
-    for part in some:
+    for part in parts:
         places = out.setdefault(part.mechanism, [])
         first, *_ = part.term.screws
         cause = str(first.cause)

@@ -105,7 +105,7 @@ def _refine_grid(
     frame: int,
     axis: str,
     names: tuple[str, ...],
-    some: list[tuple[Part, int]],
+    screws: list[tuple[Part, int]],
     fine: float,
 ) -> Table:
     def at(*grid: Array) -> Array:
@@ -113,7 +113,7 @@ def _refine_grid(
         shape = mesh[0].shape
         state = _State(dict(zip(names, mesh, strict=True)))
         correction: Any = 0
-        for part, k in some:
+        for part, k in screws:
             screw = part.term.screws[k]
             cause = screw.cause.of(state)
             correction = correction + part.value * np.broadcast_to(cause, shape)
