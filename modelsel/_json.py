@@ -24,7 +24,7 @@ def parse_json(text: str) -> Any:
     not too deep."""
 
     def none(word: str) -> Any:
-        raise _Words(f"{word} is no number")
+        raise _Words(f"{word} is not a number")
 
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         table = dict(pairs)

@@ -56,4 +56,4 @@ def _check_known(key: str, names: Iterable[str], known: Sequence[str]) -> None:
         joint = f"joint {number[0] if number else 1}"
         hint = suggest(name, (joint, *known)).removesuffix(".")
         hint = hint[0].lower() + hint[1:]
-        raise ValueError(f'{key} names "{name}", which is no part of the noise ({hint})')
+        raise ValueError(f'{key} names "{name}", which is not a part of the noise ({hint})')

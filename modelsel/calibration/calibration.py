@@ -141,8 +141,8 @@ class Calibration:
 
         `targets` are joint readings (m, n) [rad, mm], or a file or DataFrame with columns q1_rad …,
         wanted positions x_mm y_mm z_mm where they are not the nominal ones, and what the model
-        needs. `bound` (rad, mm) is the largest change that is no mistake. Returns a row a command:
-        `modelsel.correct` says what is in it. Raises DataError.
+        needs. `bound` (rad, mm) is the largest change that is not taken for a mistake. Returns a row
+        a command: `modelsel.correct` says what is in it. Raises DataError.
         """
         from .compensation import MAX_CORRECTION, correct, tabulate_readings
 

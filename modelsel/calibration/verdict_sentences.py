@@ -89,7 +89,7 @@ def _describe_drift(data: Measurements, verdict: Verdict, figures: str) -> str:
         verb = "lies" if verdict.beyond == 1 else "lie"
         return (
             f"The calibration does not hold for these data: {figures}. But {verdict.beyond:,} of {total:,} rows {verb} "
-            f"far beyond what it has seen, where that need be no change of the arm: {BEYOND_REMEDY}"
+            f"far beyond what it has seen, where that need not be a change of the arm: {BEYOND_REMEDY}"
         )
     count = len(verdict.worst)
     rows = "no single row shows it"

@@ -32,7 +32,7 @@ def _parse_pairs(
     bad = [pair for pair in given if not all(pair.partition("="))]
     if bad:
         raise click.BadParameter(
-            f'"{bad[0]}" is no NAME=COLUMN: q1_rad=J1 says that the file calls q1_rad J1.'
+            f'"{bad[0]}" is not NAME=COLUMN: q1_rad=J1 says that the file calls q1_rad J1.'
         )
     return dict(pair.split("=", 1) for pair in given)
 

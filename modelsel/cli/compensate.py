@@ -61,7 +61,7 @@ def _check_bound(
     callback=_check_bound,
     show_default=True,
     metavar="MRAD MM",
-    help="Largest change of a joint, and of the target, that is no mistake.",
+    help="Largest change of a joint, and of the target, that is not taken for a mistake.",
 )
 @click.option(
     "--forward", is_flag=True, help="Keep the commands: write where the real target is at each."

@@ -92,7 +92,7 @@ def _data() -> dict[str, Any]:
             "MODELSEL_DATA", True, "not set; measurements are looked for beside the study file"
         )
     there = os.path.isdir(root)  # noqa: PTH112  a plain string from the environment
-    return _check("MODELSEL_DATA", there, "is a folder" if there else f"{root} is no folder")
+    return _check("MODELSEL_DATA", there, "is a folder" if there else f"{root} is not a folder")
 
 
 def _calibration() -> dict[str, Any]:

@@ -226,7 +226,7 @@ class SplitTable(_Table):
         if self.estimation is not None and self.column is not None:
             problems.append('give estimation = N or column = "…", not both')
         if self.nested_folds == 1:
-            problems.append("nested_folds = 1 is no fold; 0 (none) or 2 and more")
+            problems.append("nested_folds = 1 is not a fold; 0 (none) or 2 and more")
         if problems:
             raise SeveralProblems(problems)
         return self

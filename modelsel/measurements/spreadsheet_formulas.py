@@ -18,7 +18,7 @@ SIGNS = (b"<f", b't="e"')
 CELL = re.compile(r"([A-Z]+)(\d+)")
 # of a formula that is written at another cell
 SHARED_FORMULA = "…"
-FORMULA_REMEDY = "Formulas without their values are no numbers: open the file in Excel or LibreOffice, and save it."
+FORMULA_REMEDY = "Formulas without their values are not numbers: open the file in Excel or LibreOffice, and save it."
 
 
 def is_formula(cell: object) -> bool:

@@ -46,17 +46,17 @@ NUMBERED_AXIS = re.compile(r"([xyz])[ _]?(\d+)$", re.IGNORECASE)
 NO_NAME = "one without a name"
 # what is said of the columns of each code
 SENTENCES = {
-    "computed-ignored": "Columns that look computed from the measured positions, and so are no "
+    "computed-ignored": "Columns that look computed from the measured positions, and so are not "
     "causes of errors, are ignored: {}.",
-    "commanded-ignored": "Commanded positions, which are no causes of errors, are ignored: {}.",
-    "positions-ignored": "Positions beside the one that is measured, which are no causes of errors, "
+    "commanded-ignored": "Commanded positions, which are not causes of errors, are ignored: {}.",
+    "positions-ignored": "Positions beside the one that is measured, which are not causes of errors, "
     "are ignored: {}.",
     "counters-ignored": "Columns that only count the rows are ignored: {}.",
-    "orientations-ignored": "Columns that look like an orientation, and so are no causes of errors, "
+    "orientations-ignored": "Columns that look like an orientation, and so are not causes of errors, "
     "are ignored: {}.",
     "quaternion-ignored": "Columns that look like a quaternion are ignored: {}. Map them to qw qx qy "
     "qz to use them (ABB's q1 is qw).",
-    "uncertainties-ignored": "Columns that look like uncertainties of the position, and so are no "
+    "uncertainties-ignored": "Columns that look like uncertainties of the position, and so are not "
     "causes of errors, are ignored: {}. Map one standard deviation in mm to sx_mm sy_mm sz_mm to "
     "use them.",
 }

@@ -56,7 +56,7 @@ _LOAD = (
 _WARM = (MODEL, "with the temperature measured along, or calibrate and work at one temperature")
 _INSTRUMENT = (
     MEASURE,
-    "again with the set-up checked; it is none of the arm's, leave it out of the controller",
+    "again with the set-up checked; it is not an error of the arm, so leave it out of the controller",
 )
 _INSTRUMENT_ANGLE = (
     MEASURE,

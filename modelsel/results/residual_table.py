@@ -61,7 +61,7 @@ def read_residuals(path: Path, rows: int) -> tuple[dict[str, NDArray[Any]], tupl
         _check_columns(columns, rows)
     except parquet_errors() as error:
         is_described = isinstance(error, _DamagedTableError)
-        reason = str(error) if is_described else "it is no Parquet file, or a damaged one"
+        reason = str(error) if is_described else "it is not a Parquet file, or it is damaged"
         raise StudyError(f"{path}: cannot be read: {reason}. Run the study again.") from None
     return columns, (hashes.get(HASHES[0]), hashes.get(HASHES[1]))
 

@@ -106,6 +106,6 @@ def _measure_rest(columns: Array, values: Array) -> float:
 def _describe(name: str, why: str) -> Note:
     sentence = (
         f'Column "{name}" follows {why} as closely as only what was computed from them can: it is '
-        "no cause, and is left out. [[covariate]] with its name keeps it."
+        "not a cause, and is left out. [[covariate]] with its name keeps it."
     )
     return Note("computed-ignored", sentence)

@@ -60,7 +60,7 @@ def check_joint_ranges(robot: Robot, joints: Mapping[str, tuple[float, float]]) 
     for name, bounds in joints.items():
         if name not in columns:
             hint = suggest(name, columns)
-            problem = f'"{name}" is no joint of {robot.name}.'
+            problem = f'"{name}" is not a joint of {robot.name}.'
             raise StudyError(f"{problem} {hint}")
         low, high = bounds
         is_finite = np.isfinite(bounds).all()

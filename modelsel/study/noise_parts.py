@@ -89,5 +89,5 @@ def _describe_untold(name: str, split: Split) -> str:
     if data.configurations < MIN_LEVELS:
         reason = f"it takes {MIN_LEVELS} configurations; {data.configurations} estimate"
     if not split.problem.only_points:
-        reason = "rows that are no points tell none"
+        reason = "rows that are not points tell none"
     return f'[noise] names "{name}", which these data cannot tell: {reason}. It is left out.'

@@ -126,7 +126,7 @@ def _find_cause_problems(
             data = problem.data
             row = data.where.name_row(int(data.row[first]))
             yield (
-                f'{place}.causes: "{cause}" is no finite number on {row}; write it so '
+                f'{place}.causes: "{cause}" is not a finite number on {row}; write it so '
                 "that it is one in every row."
             )
         elif np.ptp(values):

@@ -57,7 +57,7 @@ def parse_cell(cell: Any, where: Where, row: int, column: str, key: str = "") ->
         place = match.end()
     if place != len(text) or not np.isfinite(total):
         raise where.refuse(
-            f'"{str(cell)[:30]}" is no number.',
+            f'"{str(cell)[:30]}" is not a number.',
             row=row,
             column=column,
             remedy="Write a number, a multiple of pi such as -pi/2, or the joint's own variable.",

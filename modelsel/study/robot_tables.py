@@ -131,7 +131,7 @@ def read_robot_table(path: Path, convention: str | None = None) -> tuple[Robot, 
     if rows.limits is not None:
         said += "; limits of the joints as the table has them"
     if rows.joints < len(rows.names):
-        said += f'; the last row, "{rows.names[-1]}", is no joint'
+        said += f'; the last row, "{rows.names[-1]}", is not a joint'
     if rows.unused:
         said += f"; not used: {', '.join(rows.unused)}"
     robot_file = _to_robot_file(rows, word, path.stem, f"{path.name}: {said}")
@@ -260,7 +260,7 @@ def _read_slides(
         kind = word.lower()
         if kind not in SLIDES | TURNS:
             raise table.where.refuse(
-                f'"{word}" is no kind of joint.', row=row, remedy="Write revolute or prismatic."
+                f'"{word}" is not a kind of joint.', row=row, remedy="Write revolute or prismatic."
             )
         slides.append(kind in SLIDES)
     return slides

@@ -108,7 +108,7 @@ def _refuse_parts(table: SimulateTable) -> None:
     """Refuse parts of the noise where rows are no points. Raises StudyError."""
     if table.parts:
         raise StudyError(
-            "simulate.parts: the measurements have rows that are no points, for which parts of the "
+            "simulate.parts: the measurements have rows that are not points, for which parts of the "
             "noise are not simulated; leave parts out."
         )
 

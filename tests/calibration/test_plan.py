@@ -389,7 +389,7 @@ def test_ranges_and_units_are_the_users(rng) -> None:
     assert repr(own).count("goes beyond") == 1
     assert beyond in repr(own)
     for wrong, said in (
-        ({"q7_deg": (0, 1)}, '"q7_deg" is no joint'),
+        ({"q7_deg": (0, 1)}, '"q7_deg" is not a joint'),
         ({"q2_deg": (9, 1)}, "from a lower to a higher number"),
     ):
         with pytest.raises(StudyError, match=said):

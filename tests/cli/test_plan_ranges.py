@@ -15,7 +15,7 @@ STUDY = 'name = "a"\n[robot]\nname = "irb120"\nregister = true\n[measurements]\n
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ("q9_deg=3:30", '"q9_deg" is no joint of irb120'),
+        ("q9_deg=3:30", '"q9_deg" is not a joint of irb120'),
         ("q2_deg=30:-30", "from a lower to a higher number, found 30 to -30"),
     ],
 )

@@ -47,7 +47,7 @@ FOUND_LATER = {
         "calibration",
         lambda: stored("calibration.json", "estimates", 3, "value", value=float("nan")),
         ON_TARGETS[0],
-        "NaN is no number",
+        "NaN is not a number",
     ),
     "beyond all numbers": (
         "calibration",
@@ -174,7 +174,7 @@ FOUND_LATER = {
         LOAD,
         "column base_x_mm is missing",
     ),
-    "no rows": ("residuals", lambda: b"PAR1", LOAD, "it is no Parquet file, or a damaged one"),
+    "no rows": ("residuals", lambda: b"PAR1", LOAD, "it is not a Parquet file, or it is damaged"),
 }
 
 

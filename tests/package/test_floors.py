@@ -16,10 +16,18 @@ from house_rules import (
     heavy_problems,
     modules_of,
     name_problems,
+    sentence_problems,
     size_problems,
 )
 
-RULES = (floor_problems, size_problems, density_problems, name_problems, heavy_problems)
+RULES = (
+    floor_problems,
+    size_problems,
+    density_problems,
+    name_problems,
+    heavy_problems,
+    sentence_problems,
+)
 
 
 def test_every_name_stands_on_one_floor() -> None:
@@ -167,6 +175,12 @@ BREACHES = {
         {"fitting/least_squares.py": "try:\n    import rich.table\nexcept: ..."},
         "rich is imported",
     ),
+    "no number": (
+        sentence_problems,
+        {"fitting/noise.py": "raise E(\n    f'{word} is '\n    'no number')"},
+        'noise.py:2: "is no" as a predicate',
+    ),
+    "none of them": (sentence_problems, {"fitting/noise.py": "x = 'it is none'"}, '"is none"'),
 }
 SOUND = {
     "types of the own folder": {
@@ -197,6 +211,9 @@ SOUND = {
         "fitting/noise.py": f"def f():\n    def g():\n{FORTY.replace('    ', '        ')}{FORTY[10:]}"
     },
     "light": {"fitting/noise.py": "def f():\n  f(a, b, c)"},
+    "sentences": {
+        "fitting/noise.py": "'''It is none.'''\nx = 'There is no row, and it is no longer true.'"
+    },
     "own names": {
         "fitting/noise.py": defined(*"abcde", "_g") + "class A:\n  def noise(self): ...",
         "fitting/design.py": defined(*"abcde", "_g"),

@@ -44,7 +44,7 @@ def test_a_table_says_all_that_is_wrong_with_it() -> None:
         'robot: give either name = "…" (built in) or file = "robot.toml".',
         "robot: tool_mm is missing: the nominal target in the flange frame (or register = true to find it).",
         'split: give estimation = N or column = "…", not both.',
-        "split: nested_folds = 1 is no fold; 0 (none) or 2 and more.",
+        "split: nested_folds = 1 is not a fold; 0 (none) or 2 and more.",
     )
 
 

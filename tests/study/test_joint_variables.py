@@ -82,7 +82,7 @@ def test_a_footnote_of_a_spreadsheet_is_no_joint(tmp_path) -> None:
     [
         ("A2", "A2 + A3", "holds several joints' variables"),
         ("A3", "A2", "line 4: A3 stands in the row of joint 2"),
-        ("A2x", "A3", '"A2x" is no number'),
+        ("A2x", "A3", '"A2x" is not a number'),
     ],
 )
 def test_variables_of_other_joints_are_refused(tmp_path, second, third, problem) -> None:
@@ -97,5 +97,5 @@ def test_a_symbol_for_a_length_is_refused(tmp_path) -> None:
     """A variable is a joint's in theta and d alone: of a link's length the number is missing."""
     path = tmp_path / "kr6.csv"
     path.write_text(KUKA.format(second="A2").replace("455", "a2"), encoding="utf-8")
-    with pytest.raises(StudyError, match='"a2" is no number'):
+    with pytest.raises(StudyError, match='"a2" is not a number'):
         read_robot_table(path)

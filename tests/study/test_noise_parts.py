@@ -60,11 +60,11 @@ def test_all_that_does_not_suit_the_robot_is_said_at_once(tmp_path: Path) -> Non
     [
         (
             {"noise": {"parts": ["jiont 2"]}},
-            'noise: parts names "jiont 2", which is no part of the noise (did you mean "joint 2"?).',
+            'noise: parts names "jiont 2", which is not a part of the noise (did you mean "joint 2"?).',
         ),
         (
             {"noise": {"fixed": {"joints": 1e-5}}},
-            'noise: fixed names "joints", which is no part of the noise (did you mean "joint 1"?).',
+            'noise: fixed names "joints", which is not a part of the noise (did you mean "joint 1"?).',
         ),
         (
             {"noise": {"fixed": {"joint 2": -1e-5}}},
@@ -87,7 +87,7 @@ def test_all_that_does_not_suit_the_robot_is_said_at_once(tmp_path: Path) -> Non
         (
             {"simulate": {"parts": {"postures": 0.1}}},
             (
-                'simulate: parts names "postures", which is no part of the noise (did you mean '
+                'simulate: parts names "postures", which is not a part of the noise (did you mean '
                 '"posture"?).'
             ),
         ),

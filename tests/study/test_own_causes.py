@@ -155,7 +155,7 @@ def test_a_table_that_cannot_be_is_refused_in_a_sentence(own: list[Any], said: s
         (
             {"causes": ["1/(acc_x_g-acc_x_g)"]},
             (
-                'covariate.1.causes: "1/(acc_x_g-acc_x_g)" is no finite number on row 0; write it so '
+                'covariate.1.causes: "1/(acc_x_g-acc_x_g)" is not a finite number on row 0; write it so '
                 "that it is one in every row."
             ),
         ),

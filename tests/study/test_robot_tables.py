@@ -115,7 +115,7 @@ def test_last_row_is_a_joint_unless_it_is_called_the_flange(name, joints, tmp_pa
     lines = [header, *(f"{row},standard" for row in rows)]
     robot, _, said = read_robot_table(write(tmp_path, "arm.csv", "\n".join(lines)))
     assert robot.n == joints
-    assert (f'the last row, "{name}", is no joint' in said) is (joints == 2)
+    assert (f'the last row, "{name}", is not a joint' in said) is (joints == 2)
 
 
 def test_spreadsheet_with_a_row_of_units_and_offsets(tmp_path) -> None:
@@ -195,11 +195,11 @@ def test_columns_in_the_order_of_their_motions(tmp_path) -> None:
     ("text", "problem"),
     [
         ("theta,d,a\n0,1,2\n", "no column for alpha was found"),
-        ("theta,d,a,alpha\n0,400,0,x\n0,0,300,0\n", '"x" is no number'),
-        ("theta,d,a,alpha\n0,400,0,pi/0\n0,0,300,0\n", '"pi/0" is no number'),
+        ("theta,d,a,alpha\n0,400,0,x\n0,0,300,0\n", '"x" is not a number'),
+        ("theta,d,a,alpha\n0,400,0,pi/0\n0,0,300,0\n", '"pi/0" is not a number'),
         ("theta,d,a,alpha\n0,400,0,0.7\n0,0,300,0.1\n", "may be degrees or radians"),
         ("theta,d,a,alpha\n0,400,0,0\n0,0,0,0\n", "would coincide"),
-        ("theta,d,a,alpha,type\n0,400,0,90,spiral\n", '"spiral" is no kind of joint'),
+        ("theta,d,a,alpha,type\n0,400,0,90,spiral\n", '"spiral" is not a kind of joint'),
     ],
 )
 def test_tables_that_are_none_are_refused(tmp_path, text: str, problem: str) -> None:

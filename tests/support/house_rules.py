@@ -7,6 +7,7 @@ TYPE_CHECKING count too.
 from __future__ import annotations
 
 import ast
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
@@ -68,6 +69,12 @@ MAX_LINES = 400  # of a file
 MAX_STATEMENTS = 40  # of a function, without its docstring and the bodies of nested functions
 MAX_NODES_PER_LINE = 10  # of the syntax tree, median over all functions
 MAX_SHARED_NAMES = 5  # public functions of one name in several modules
+# In what people read something is not a number; it "is no number" nowhere. Nothing is said of "there is
+# no column" and "is no longer".
+NO_PREDICATE = re.compile(
+    r"(?<!there )\b(?:is|are|be|was|were) (?:no|none)\b(?! (?:longer|less|more|better|worse|other))",
+    re.IGNORECASE,
+)
 
 PACKAGE = Path(__file__).parents[2] / "modelsel"
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
@@ -264,6 +271,32 @@ def name_problems(package: Path) -> list[str]:
             f"at most {MAX_SHARED_NAMES}: {listed}"
         )
     return problems
+
+
+def sentence_problems(package: Path) -> list[str]:
+    """Texts but docstrings that say of something that it is none, or no number."""
+    return [
+        f'{path}:{line}: "{match[0]}" as a predicate; write that it is not a …'
+        for path in modules_of(package).values()
+        for line, text in texts_of(tree_of(path))
+        for match in NO_PREDICATE.finditer(text)
+    ]
+
+
+def texts_of(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """(line, text) of each string that is not a docstring; a name stands for each value in it."""
+    for node in ast.walk(tree):
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.JoinedStr):
+                parts = [
+                    value.value if isinstance(value, ast.Constant) else "x"
+                    for value in child.values
+                ]
+                yield child.lineno, "".join(map(str, parts))
+            elif isinstance(node, (ast.Expr, ast.JoinedStr)) or not isinstance(child, ast.Constant):
+                continue
+            elif isinstance(child.value, str):
+                yield child.lineno, child.value
 
 
 def run_on_import(node: ast.AST) -> Iterator[ast.AST]:

@@ -78,7 +78,7 @@ def cause_tree(cause: Cause) -> Any:
             return [operator, cause_tree(left), cause_tree(right)]
         case Bump(name, centre, width):
             return ["spline", ["name", name], float(centre), float(width)]
-    raise TypeError(f"{cause} is no function of the state")
+    raise TypeError(f"{cause} is not a function of the state")
 
 
 def module_data(c: Calibration) -> dict[str, Any]:
