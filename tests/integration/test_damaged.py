@@ -228,5 +228,5 @@ def test_a_dry_run_knows_which_rows_a_study_leaves_out(tmp_path) -> None:
     ran = tried(tmp_path, "gauged", content, KINDS["gauged"].first + " --json")
     assert not ran.status, ran.stderr
     found = json.loads(ran.stdout)
-    assert any("held-out rows are left out" in w["sentence"] for w in found["warnings"])
+    assert any("1 held-out row is left out" in w["sentence"] for w in found["warnings"])
     assert sum(found["configurations"].values()) == found["rows"] - 1
