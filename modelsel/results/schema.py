@@ -194,7 +194,8 @@ class StudyRecord(StrictRecord):
     robot: Text = Field(description="name of the robot")
     seed: Whole = Field(description="every random choice derives from it")
     provenance: ProvenanceRecord = Field(
-        description="versions (`modelsel numpy scipy`) and hashes (`data_sha256 study_sha256`)"
+        description="versions (`modelsel numpy scipy`) and hashes (`data_sha256 study_sha256 robot_sha256`: "
+        "of the measurements' file, the study and the nominal robot)"
     )
     verdict: Texts = Field(description="the sentences of the report's first page")
     configurations: ConfigurationsRecord = Field(
