@@ -11,15 +11,9 @@ from .kinematics import Joint, Robot
 
 def describe_difference(first: Robot, second: Robot, tolerance: float) -> str | None:
     """Describe in what two nominal robots differ by more than a tolerance [mm, entries of a
-    rotation, kg]: the first such part of the chain, the flange, the coupling, the direction of
-    gravity or the masses; None where they are one robot."""
-    parts = (
-        describe_chain_difference,
-        _describe_flange,
-        _describe_coupling,
-        _describe_gravity,
-        _describe_masses,
-    )
+    rotation, kg]: the first such part of the chain, the flange, the coupling or the masses; None where
+    they are one robot. Gravity may point elsewhere: an arm may hang where it stood."""
+    parts = (describe_chain_difference, _describe_flange, _describe_coupling, _describe_masses)
     for describe in parts:
         difference = describe(first, second, tolerance)
         if difference is not None:
@@ -52,22 +46,6 @@ def _describe_coupling(first: Robot, second: Robot, tolerance: float) -> str | N
     if not _differ(_coupling_matrix(first), _coupling_matrix(second), tolerance):
         return None
     return "the motors move the joints in another way (coupling)"
-
-
-def _describe_gravity(first: Robot, second: Robot, tolerance: float) -> str | None:
-    own = first.gravity
-    other = second.gravity
-    if own is None and other is None:
-        return None
-    if own is None or other is None:
-        return "the direction of gravity is known for one of them only"
-    own_direction = np.array(own)
-    other_direction = np.array(other)
-    if not _differ(own_direction, other_direction, tolerance):
-        return None
-    said = _write_direction(own)
-    other_said = _write_direction(other)
-    return f"gravity points along {said} and along {other_said}"
 
 
 def _describe_masses(first: Robot, second: Robot, tolerance: float) -> str | None:
@@ -108,9 +86,3 @@ def _coupling_matrix(robot: Robot) -> Array:
     if robot.coupling is None:
         return np.eye(robot.n)
     return robot.coupling.matrix
-
-
-def _write_direction(direction: tuple[float, float, float]) -> str:
-    entries = [f"{entry:g}" for entry in direction]
-    listed = ", ".join(entries)
-    return f"[{listed}]"
