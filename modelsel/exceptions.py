@@ -32,6 +32,11 @@ class NotStored(StudyError, AttributeError):
     """What a result that was read back does not have: `hasattr` is false of it."""
 
 
+class ArgumentError(StudyError, ValueError):
+    """An argument of a function is wrong: which, what was expected, what was found. It is a
+    ValueError, too."""
+
+
 class DataError(ModelselError):
     """The measurements are wrong: what, where, what to do. In a file: its line (the header is line
     1) and column; in a DataFrame: its row, counted from 0, and column."""

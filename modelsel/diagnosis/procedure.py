@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._arguments import check_rows, check_type, check_whole_number, list_names
 from .._progress import News, follow, keep_silent
 from .._random import generator
 from .._typing import Array, Index, Mask, Say
@@ -21,7 +22,7 @@ from ..exceptions import StudyError
 from ..fitting.design import Model, whitened
 from ..fitting.least_squares import fit
 from ..fitting.possible_parts import choose_parts, list_parts
-from ..fitting.problem import Problem
+from ..fitting.problem import PROBLEM_EXPECTED, Problem
 from ..mechanisms.registry import (
     BUILTIN,
     Registry,
@@ -64,7 +65,7 @@ ALL = "all"
 def diagnose(  # noqa: PLR0913  all but the first have defaults
     problem: Problem,
     *,
-    base: Sequence[str] = ("geometric",),
+    base: Sequence[str] | str = ("geometric",),
     candidates: Sequence[str] | str = ALL,
     seed: int = 0,
     registry: Registry = BUILTIN,
@@ -74,43 +75,47 @@ def diagnose(  # noqa: PLR0913  all but the first have defaults
 ) -> Diagnosis:
     """Name what is wrong with a model of a robot.
 
-    `base`: registered names of the model to extend; `candidates`: registered names that may extend
+    `base`: registered names of the model to extend, or one; `candidates`: registered names that may extend
     it, or "all" for every mechanism of the registry, data faults and unregistered causes;
-    `estimation`: mask (m,) of the rows to use (None: all); `progress`: show what is being done and
+    `estimation`: mask (m,) of the rows to use (None: all); `seed`: of every random choice, 0 or more; `progress`: show what is being done and
     what is found, in a notebook or on the error stream (by default on a terminal). The result
     prints its findings.
 
-    Raises StudyError for an unknown name, NotEstimable where the data do not determine the base."""
+    Raises StudyError for an unknown name or a wrong argument, NotEstimable where the data do not determine the base."""
+    check_type("problem", problem, Problem, PROBLEM_EXPECTED)
+    seed = check_whole_number("seed", seed, 0)
+    base_names = list_names("base", base)
     rows = len(problem)
     used = np.ones(rows, bool)
     if estimation is not None:
-        used = np.asarray(estimation, bool)
+        used = check_rows("estimation", estimation, rows)
     split = Split(problem, used, np.zeros(rows, bool), np.zeros(rows, np.intp), known_sigma=False)
-    mechanisms = [mechanism(name, problem.robot, registry) for name in base]
+    mechanisms = [mechanism(name, problem.robot, registry) for name in base_names]
     with follow(None, progress) as say:
         _, diagnosis, _ = diagnose_split(
             split,
             base=Model(tuple(mechanisms)),
             everything=_resolve_candidates(problem, candidates, registry),
             seed=seed,
-            cells=candidates == ALL,
+            cells=_takes_all(candidates),
             say=say,
             options=options,
         )
     return diagnosis
 
 
+def _takes_all(candidates: Sequence[str] | str) -> bool:
+    return isinstance(candidates, str) and candidates == ALL
+
+
 def _resolve_candidates(
     problem: Problem, candidates: Sequence[str] | str, registry: Registry
 ) -> tuple[Mechanism, ...]:
     robot = problem.robot
-    if candidates == ALL:
+    if _takes_all(candidates):
         return (*build_faults(robot), *every(robot, registry))
-    names: Sequence[str] = candidates
-    if isinstance(candidates, str):
-        names = [candidates]
     mechanisms: list[Mechanism] = []
-    for name in names:
+    for name in list_names("candidates", candidates):
         mechanisms += build_mechanisms(name, robot, registry)
     return tuple(mechanisms)
 

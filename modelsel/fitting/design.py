@@ -23,6 +23,7 @@ from .observation import predict_readings, reading_gradients
 from .problem import Problem
 
 PLACE = {axis: a for a, axis in enumerate(AXES)}
+MODEL_EXPECTED = 'a Model, such as Model((mechanism("geometric", robot),))'
 # share of the reach, and angle [rad], up to which a residual is rounding of the data
 ROUNDING = 1e-9
 

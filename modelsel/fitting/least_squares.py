@@ -12,10 +12,11 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from .._arguments import check_type
 from .._linalg import TINY
 from .._typing import Array, Index
 from ..mechanisms.terms import Mechanism, Term
-from .design import Model, residuals
+from .design import MODEL_EXPECTED, Model, residuals
 from .gauss_newton import WholeProblem
 from .identifiability import Identified, solve
 from .iteration import COARSE_MM, State
@@ -207,7 +208,8 @@ def fit(  # noqa: PLR0913  all but two have defaults
     from the fit to a sample.
 
     Raises NotEstimable where the data have no more coordinates than the model has estimable
-    parameters, or the iteration does not settle."""
+    parameters, or the iteration does not settle; StudyError for a model that is none."""
+    check_type("model", model, Model, MODEL_EXPECTED)
     if isinstance(problem, Problem) and takes_sample(problem, model, held):
         sample = draw_sample(problem)
         first = fit(

@@ -13,7 +13,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arguments import check_type
 from .._typing import Array, Index, Rows
+from ..exceptions import ArgumentError, count_words
 from ..measurements.measurements import Gauges, Measurements
 from ..mechanisms.causes import Cause
 from ..mechanisms.terms import Term
@@ -24,6 +26,10 @@ from .whitening import UNIT, Whitening
 
 NOWHERE = Fixtures.unknown(0)  # stands for features at zero
 AT_FRAME_0: Placement = (np.zeros((0, 3, 3)), np.zeros((0, 3)))  # stands for identity of any groups
+PROBLEM_EXPECTED = "a Problem, as Problem(robot, measurements, tools) makes one"
+TOOLS_REMEDY = (
+    "Give the nominal position of each target in the flange frame [mm], or one row for all of them."
+)
 BLOCK = 4096  # rows: the arrays of one block stay in cache
 
 
@@ -31,7 +37,8 @@ BLOCK = 4096  # rows: the arrays of one block stay in cache
 class Problem:
     """A robot and measurements on it, of G groups with a placement each and T targets with an
     offset each. Residuals and columns live in the tracker's frame. Raises ValueError for `tools`
-    of another shape."""
+    of another shape or with values that are no finite numbers, for a robot or measurements of
+    another type, and for readings of another number of joints."""
 
     robot: Robot
     data: Measurements
@@ -49,6 +56,10 @@ class Problem:
     _state: StateVariables | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        if self._state is None:
+            # not one that was made of another
+            _check_parts(self.robot, self.data)
+            object.__setattr__(self, "tools", _copy_tools(self.tools))
         targets, groups = len(self.data.targets), len(self.data.groups)
         features = len(self.data.features)
         object.__setattr__(self, "tools", _tool_each(self.tools, targets))
@@ -273,14 +284,39 @@ def _identities(count: int) -> Array:
     return np.tile(identity, repeats)
 
 
-def _tool_each(tools: Array, targets: int) -> Array:
-    """(T, 3) nominal targets, of one row the same for all. Raises ValueError for too few."""
-    rows = np.atleast_2d(np.asarray(tools, dtype=float))
-    if len(rows) == 1 and targets > 1:
-        return np.tile(rows, (targets, 1))
-    if len(rows) < targets or rows.shape[1] != 3:
-        raise ValueError(
-            f"tools has shape {rows.shape}, expected ({targets}, 3): give the nominal position of "
-            "each target in the flange frame [mm], or one row for all of them."
+def _check_parts(robot: Robot, data: Measurements) -> None:
+    """Refuse a robot and measurements of other types, or of another number of joints each. Raises
+    ArgumentError."""
+    check_type("robot", robot, Robot, 'a Robot, as load_robot("puma760") returns it')
+    check_type("data", data, Measurements, "Measurements, as read_measurements returns them")
+    read = data.q.shape[1]
+    if read != robot.n:
+        joints = count_words(robot.n, "joint")
+        raise ArgumentError(
+            f"{robot.name} has {joints}, and the measurements have {read} readings a row: give the "
+            "robot with which they were read."
         )
+
+
+def _copy_tools(tools: Array) -> Array:
+    """Return targets as an array of its own. Raises ArgumentError for what is no finite number."""
+    try:
+        rows = np.array(tools, dtype=float)
+    except (TypeError, ValueError):
+        raise ArgumentError(f"tools: expected numbers. {TOOLS_REMEDY}") from None
+    if not np.isfinite(rows).all():
+        raise ArgumentError(f"tools: a coordinate is not a finite number. {TOOLS_REMEDY}")
     return rows
+
+
+def _tool_each(tools: Array, targets: int) -> Array:
+    """(T, 3) nominal targets, of one row the same for all. Raises ArgumentError for another number
+    of rows."""
+    rows = np.atleast_2d(np.asarray(tools, dtype=float))
+    if rows.shape == (targets, 3):
+        return rows
+    if rows.shape != (1, 3):
+        raise ArgumentError(
+            f"tools has shape {rows.shape}, expected ({targets}, 3). {TOOLS_REMEDY}"
+        )
+    return np.tile(rows, (targets, 1))

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._arguments import check_rows, check_type, check_whole_number
 from .._linalg import TINY
 from .._random import generator
 from .._typing import Array, Index, Mask
 from .._workers import limit_blas
-from ..fitting.design import Model
-from ..fitting.problem import Problem
+from ..exceptions import ArgumentError
+from ..fitting.design import MODEL_EXPECTED, Model
+from ..fitting.problem import PROBLEM_EXPECTED, Problem
 from .criteria import normalise_weights
 from .evaluation import Evaluation, Split, evaluate
 from .splits import assign_folds
@@ -102,11 +104,12 @@ def compare(
     seed: of the assignment of configurations to folds.
     estimation: mask (m,) of the rows to fit; the others are held out. Default: all rows.
 
-    Raises ValueError where there is no model or the mask has another shape, and NotEstimable where
-    the rows cannot determine a model."""
+    Raises ValueError where there is no model, where the mask has another shape or chooses no row,
+    and for other arguments of another kind; NotEstimable where the rows cannot determine a
+    model."""
+    check_type("problem", problem, Problem, PROBLEM_EXPECTED)
+    _check_models(models)
     split = _split(problem, folds, seed, estimation)
-    if not models:
-        raise ValueError("there is no model to compare: pass at least one, as {name: model}")
     evaluations = {name: evaluate(split, model, model.names) for name, model in models.items()}
     order = sorted(evaluations, key=lambda name: _cv_rms(evaluations[name]))
     best = evaluations[order[0]]
@@ -137,17 +140,23 @@ def compare(
     return ModelComparison(tuple(rows), evaluations)
 
 
+def _check_models(models: Mapping[str, Model]) -> None:
+    """Refuse what is no mapping of names to models, and none of them. Raises ArgumentError."""
+    check_type("models", models, Mapping, "models by name, as {name: model}")
+    if not models:
+        raise ArgumentError("there is no model to compare: pass at least one, as {name: model}.")
+    for name, model in models.items():
+        check_type(f"models[{name!r}]", model, Model, MODEL_EXPECTED)
+
+
 def _split(problem: Problem, folds: int, seed: int, estimation: Mask | None) -> Split:
     """Split a problem: folds of the estimation rows, no outliers, unknown noise."""
     rows = len(problem)
     inside = np.ones(rows, bool)
     if estimation is not None:
-        inside = np.asarray(estimation, bool)
-    shape = inside.shape
-    if shape != (rows,):
-        raise ValueError(
-            f"estimation has shape {shape}; expected ({rows},), one truth value per row"
-        )
+        inside = check_rows("estimation", estimation, rows)
+    folds = check_whole_number("folds", folds, 0)
+    seed = check_whole_number("seed", seed, 0)
     data = problem.data.take(inside)
     rng = generator(seed, "folds")
     outlying = np.zeros(rows, bool)

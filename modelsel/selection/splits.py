@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._arguments import check_whole_number
 from .._typing import Array, Index, Mask
 from ..measurements.measurements import Measurements
 from ..measurements.visits import order_units
@@ -26,13 +27,21 @@ MIN_INCREASE = 1e-6
 
 
 def split_configurations(
-    data: Measurements, count: int, prismatic: tuple[bool, ...], rng: np.random.Generator
+    data: Measurements, count: int, prismatic: tuple[bool, ...], rng: np.random.Generator | int
 ) -> Mask:
     """Choose `count` configurations for estimation: mask (m,) of their rows.
 
     Equal readings stay together. Fedorov's exchange on the features' information: from a random
     start, the pair of blocks whose exchange raises the determinant most changes places until none
-    does (Fedorov 1972)."""
+    does (Fedorov 1972).
+
+    `prismatic`: which joints slide, as `robot.prismatic`; `rng`: a generator, or a seed. Raises
+    StudyError for a count that is no whole number from 1 to that of the configurations (where all
+    estimate, none is held out)."""
+    count = check_whole_number("count", count, 1, data.configurations)
+    if not isinstance(rng, np.random.Generator):
+        seed = check_whole_number("rng", rng, 0)
+        rng = np.random.default_rng(seed)
     block, first = order_units(data.block, data.progress)
     blocks = len(first)
     # the rows of a configuration are in one block

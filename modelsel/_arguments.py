@@ -1,0 +1,100 @@
+"""Checks of what users of the Python API pass: each refusal is one sentence, a StudyError that is a
+ValueError, too."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .exceptions import ArgumentError, count_words
+
+if TYPE_CHECKING:
+    from ._typing import Mask
+
+MAX_SHOWN = 60  # characters of a value that a message shows
+
+
+def describe_value(value: Any) -> str:
+    """Describe a value in a few words: itself where it is short and plain, else its type."""
+    if value is None or isinstance(value, (str, int, float)):
+        shown = repr(value)
+        if len(shown) <= MAX_SHOWN:
+            return shown
+    return name_type(value)
+
+
+def name_type(value: Any) -> str:
+    """Name the type of a value; with its module where another program's type has a usual name."""
+    kind = type(value)
+    package, _, _ = kind.__module__.partition(".")
+    if package in ("builtins", "modelsel", "numpy"):
+        return kind.__name__
+    return f"{package}.{kind.__name__}"
+
+
+def check_type(name: str, value: Any, kind: type | tuple[type, ...], expected: str) -> None:
+    """Refuse a value of another type; `expected`: what to give, and how to get it. Raises
+    ArgumentError."""
+    if not isinstance(value, kind):
+        raise ArgumentError(f"{name}: expected {expected}, found {describe_value(value)}.")
+
+
+def check_path(value: Any, expected: str) -> Path:
+    """Return what names a file or a folder as a path. Raises ArgumentError for what names none."""
+    try:
+        return Path(value)
+    except TypeError:
+        found = name_type(value)
+        raise ArgumentError(f"expected {expected}, found {found}.") from None
+
+
+def check_whole_number(name: str, number: Any, least: int, most: int | None = None) -> int:
+    """Return a whole number within bounds. Raises ArgumentError for what is none, or lies beyond."""
+    is_whole = isinstance(number, (int, np.integer)) and not isinstance(number, bool)
+    is_within = is_whole and number >= least and (most is None or number <= most)
+    if not is_within:
+        bounds = f"from {least} on"
+        if most is not None:
+            bounds = f"from {least} to {most:,}"
+        found = describe_value(number)
+        raise ArgumentError(f"{name}: expected a whole number {bounds}, found {found}.")
+    return int(number)
+
+
+def check_rows(name: str, given: Any, rows: int) -> Mask:
+    """Return a choice of rows as a mask (rows,). Raises ArgumentError for what is none, such as
+    indices, and for one that chooses nothing."""
+    mask = np.asarray(given)
+    shape = mask.shape
+    if shape != (rows,):
+        raise ArgumentError(
+            f"{name} has shape {shape}; expected ({rows},), one truth value per row. Of indices: "
+            "np.isin(np.arange(len(problem)), indices)."
+        )
+    is_mask = np.isin(mask, (False, True)).all()
+    if not is_mask:
+        raise ArgumentError(
+            f"{name}: expected one truth value per row, found other numbers. Of indices: "
+            "np.isin(np.arange(len(problem)), indices)."
+        )
+    chosen = mask.astype(bool)
+    if not chosen.any():
+        said = count_words(rows, "row")
+        raise ArgumentError(f"{name}: none of the {said} is chosen, and there is nothing to fit.")
+    return chosen
+
+
+def list_names(name: str, given: Any) -> tuple[str, ...]:
+    """Return names that are given as one, or several in a list. Raises ArgumentError for what is
+    none of both."""
+    if isinstance(given, str):
+        return (given,)
+    names = tuple(given) if isinstance(given, Iterable) else (given,)
+    for one in names:
+        if not isinstance(one, str):
+            found = name_type(one)
+            raise ArgumentError(f"{name}: expected a name or a list of names, found {found}.")
+    return names

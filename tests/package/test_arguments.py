@@ -1,0 +1,165 @@
+"""What users of the Python API pass by mistake is refused in one sentence that says what was
+expected."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from builders import drawn, planted, small_arm
+
+import modelsel as ms
+from modelsel._arguments import check_rows, check_whole_number, describe_value, list_names
+from modelsel.exceptions import ArgumentError
+
+ARM = small_arm()
+TOOL = np.array([[10.0, 20.0, 100.0]])
+
+
+@pytest.fixture
+def problem(rng):
+    """Forty configurations of an arm with errors of its geometry."""
+    at = drawn(ARM, rng, 40)
+    terms = ms.mechanism("geometric", ARM).terms
+    return planted(at, terms, rng.normal(0, 1e-3, len(terms)), rng, 0.02)
+
+
+def refusal(act: Callable[[], object]) -> str:
+    """The one sentence with which a call is refused."""
+    with pytest.raises(ms.ModelselError) as refused:
+        act()
+    said = str(refused.value)
+    assert "\n" not in said
+    return said
+
+
+# -- the checks
+# ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [0, 11, 2.0, "3", None, True, np.nan])
+def test_a_number_of_another_kind_is_refused(number) -> None:
+    with pytest.raises(ArgumentError, match="count: expected a whole number from 1 to 10, found"):
+        check_whole_number("count", number, 1, 10)
+
+
+def test_whole_numbers_of_numpy_are_whole() -> None:
+    assert check_whole_number("count", np.int64(3), 1) == 3
+
+
+@pytest.mark.parametrize("given", [[True, False, True], np.array([1, 0, 1]), (1.0, 0.0, 1.0)])
+def test_a_mask_may_be_of_any_kind(given) -> None:
+    assert check_rows("estimation", given, 3).tolist() == [True, False, True]
+
+
+@pytest.mark.parametrize("given", [[0, 1], [2, 1, 0], [[True], [True], [False]], 5, "abc"])
+def test_what_is_no_mask_is_refused(given) -> None:
+    with pytest.raises(ValueError, match=r"estimation.* expected"):
+        check_rows("estimation", given, 3)
+
+
+def test_a_mask_chooses_a_row() -> None:
+    with pytest.raises(ValueError, match="none of the 3 rows is chosen"):
+        check_rows("estimation", [False, False, False], 3)
+
+
+def test_one_name_is_a_list_of_one() -> None:
+    assert list_names("base", "geometric") == ("geometric",)
+    assert list_names("base", ["geometric", "backlash"]) == ("geometric", "backlash")
+
+
+def test_values_are_described_shortly() -> None:
+    assert describe_value(None) == "None"
+    assert describe_value("x" * 100) == "str"
+    assert describe_value(np.zeros(1000)) == "ndarray"
+
+
+# -- a problem
+# ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("robot", "tools", "words"),
+    [
+        (ARM, [[0, 0, np.nan]], "tools: a coordinate is not a finite number"),
+        (ARM, [["a", "b", "c"]], "tools: expected numbers"),
+        (ARM, np.zeros((2, 3)), r"tools has shape \(2, 3\), expected \(1, 3\)"),
+        ("puma760", TOOL, r"robot: expected a Robot, as load_robot.* found 'puma760'"),
+        (ms.load_robot("puma760"), TOOL, "puma760 has 6 joints, and the measurements have 3"),
+    ],
+)
+def test_a_problem_of_parts_that_do_not_fit_is_refused(problem, robot, tools, words) -> None:
+    with pytest.raises(ValueError, match=words):
+        ms.Problem(robot, problem.data, tools)
+
+
+def test_the_measurements_of_a_problem_are_read_ones(problem) -> None:
+    said = refusal(lambda: ms.Problem(ARM, problem.data.q, TOOL))
+    assert "data: expected Measurements, as read_measurements returns them, found ndarray" in said
+
+
+def test_a_problem_keeps_its_tools(problem) -> None:
+    """An array that its owner changes later is not the problem's."""
+    tools = TOOL.copy()
+    bound = ms.Problem(ARM, problem.data, tools)
+    tools[:] = 0.0
+    assert np.array_equal(bound.tools, TOOL)
+    assert replace(bound, tracker=(1.0, 0.0, 0.0)).tools is bound.tools
+
+
+# -- fit, compare, diagnose, split
+# ------------------------------------------------------------------------------------------------
+
+
+def test_a_fit_takes_a_model(problem) -> None:
+    said = refusal(lambda: ms.fit(problem, "geometric"))
+    assert said.startswith("model: expected a Model, such as Model((mechanism(")
+
+
+def test_models_are_compared_by_name(problem) -> None:
+    model = ms.Model((ms.mechanism("geometric", ARM),))
+    said = refusal(lambda: ms.compare(problem, [model, model]))
+    assert said == "models: expected models by name, as {name: model}, found list."
+    said = refusal(lambda: ms.compare(problem, {"one": "geometric"}))
+    assert said.startswith("models['one']: expected a Model")
+    nothing = np.zeros(40, bool)
+    with pytest.raises(ValueError, match="none of the 40 rows is chosen"):
+        ms.compare(problem, {"one": model}, estimation=nothing)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"estimation": [0, 1, 2]}, "estimation has shape (3,); expected (40,)"),
+        ({"estimation": np.arange(40)}, "estimation: expected one truth value per row"),
+        ({"seed": -1}, "seed: expected a whole number from 0 on, found -1."),
+        ({"base": ms.Model(())}, "base: expected a name or a list of names, found Model."),
+        ({"candidates": [1]}, "candidates: expected a name or a list of names, found int."),
+    ],
+)
+def test_a_diagnosis_refuses_wrong_arguments(problem, given, words) -> None:
+    assert refusal(lambda: ms.diagnose(problem, **given)).startswith(words)
+
+
+def test_a_diagnosis_takes_one_name_as_base(problem) -> None:
+    one, listed = (
+        ms.diagnose(problem, base=base, candidates=[]) for base in ("geometric", ["geometric"])
+    )
+    assert one.base == listed.base
+    assert one.base.names == ("geometric",)
+
+
+@pytest.mark.parametrize("count", [0, -3, 41, 500, 0.4, 20.0, "20"])
+def test_a_split_is_of_as_many_as_there_are(problem, count) -> None:
+    said = refusal(lambda: ms.split_configurations(problem.data, count, ARM.prismatic, 0))
+    assert said.startswith("count: expected a whole number from 1 to 40, found")
+
+
+def test_a_split_takes_a_seed(problem) -> None:
+    rng = np.random.default_rng(7)
+    drawn_by_rng = ms.split_configurations(problem.data, 20, ARM.prismatic, rng)
+    assert np.array_equal(drawn_by_rng, ms.split_configurations(problem.data, 20, ARM.prismatic, 7))
+    said = refusal(lambda: ms.split_configurations(problem.data, 20, ARM.prismatic, -1))
+    assert said == "rng: expected a whole number from 0 on, found -1."
