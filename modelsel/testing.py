@@ -24,6 +24,7 @@ from .fitting.reduction import reduce
 from .fitting.whitening import Whitening
 from .measurements.measurements import build_measurements
 from .mechanisms import causes
+from .mechanisms.registry import find_misbuilt
 from .mechanisms.serialization import MechanismRecord, mechanism_from_record, mechanism_record
 from .mechanisms.terms import Mechanism, Screw, Term
 from .robot.kinematics import Robot, forward
@@ -74,6 +75,10 @@ def simulate_campaign(
 
 def find_broken_laws(mechanism: Mechanism, robot: Robot, rng: np.random.Generator) -> list[str]:
     """List the laws that a mechanism breaks, in words; empty where it obeys them all."""
+    problem = find_misbuilt(mechanism, robot)
+    if problem is not None:
+        # no other law can be tried
+        return [f"L5: {problem}"]
     at = simulate_campaign(robot, rng, CONFIGURATIONS, mechanism.names())
     broken = []
     for law in LAWS:
@@ -84,8 +89,9 @@ def find_broken_laws(mechanism: Mechanism, robot: Robot, rng: np.random.Generato
         # a stranger's cause may fail in any way; what it says is the finding
         except Exception as error:  # noqa: BLE001
             name, _, _ = law.__name__.partition("_")
+            number = name.removeprefix("law")
             kind = type(error).__name__
-            broken.append(f"{name.upper()}: {kind}: {error}")
+            broken.append(f"L{number}: {kind}: {error}")
     return broken
 
 
@@ -290,15 +296,11 @@ def law5_symbols_and_units(mechanism: Mechanism, at: Problem, rng: np.random.Gen
         f"L5: {name} is not said in a sentence that ends with a full stop",
     )
     known = at.names()
+    problem = find_misbuilt(mechanism, at.robot)
+    require(problem is None, f"L5: {problem}")
     for term in mechanism.terms:
         symbol = term.symbol
         unit = term.unit
-        require(term.screws, f"L5: {symbol} drives no screw")
-        frames = [screw.frame for screw in term.screws]
-        require(
-            min(frames) >= 1 and max(frames) <= at.robot.n + 1,
-            f"L5: {symbol} stands on a frame that is not there",
-        )
         base, *_ = unit.replace("/", " ").split()
         require(base in ("mm", "rad", "1"), f"L5: {symbol} has the unit {unit}")
         for screw in term.screws:

@@ -9,9 +9,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
+from .._arguments import check_type, describe_value, name_type
 from ..exceptions import StudyError, one_line, suggest
 from ..measurements.reference_temperature import REFERENCE
+from ..robot.files import as_robot
 from ..robot.gravity import find_bearing_joints
 from ..robot.kinematics import Robot
 from . import compliance, drives, environment, geometry, gravity_effects, instrument, motors
@@ -166,7 +169,35 @@ def build_mechanisms(
     constant where it has them.
 
     "backlash:3" is joint 3's alone; "gear-ripple:4:23" is one constant of a scanned one. Empty
-    where the name does not apply to the robot. Raises StudyError for an unknown name or joint."""
+    where the name does not apply to the robot. Raises StudyError for an unknown name or joint, and
+    for an entry that builds none, or one that the robot cannot have."""
+    built = _build_named(name, robot, registry)
+    for mechanism in built:
+        problem = find_misbuilt(mechanism, robot)
+        if problem is not None:
+            raise StudyError(f'the registry\'s "{name}": {problem}.')
+    return built
+
+
+def find_misbuilt(mechanism: Mechanism, robot: Robot) -> str | None:
+    """Find what keeps a builder's result from acting on a robot, in words; None where nothing
+    does."""
+    if not isinstance(mechanism, Mechanism):
+        found = describe_value(mechanism)
+        return f"a Mechanism was expected (None where it does not apply), and {found} was built"
+    last_frame = robot.n + 1
+    for term in mechanism.terms:
+        beyond = any(screw.frame > last_frame for screw in term.screws)
+        if beyond or not (term.screws or term.fixture):
+            return (
+                f"{term.symbol} drives no screw, or one on a frame that {robot.name} does not have: "
+                f"its frames are 1 to {last_frame}"
+            )
+    return None
+
+
+def _build_named(name: str, robot: Robot, registry: Registry) -> tuple[Mechanism, ...]:
+    """Build what a name stands for, as its entry builds it."""
     stem, *given = name.split(":")
     if stem not in registry:
         raise unknown_mechanism(name, registry)
@@ -189,10 +220,22 @@ def build_mechanisms(
         if given:
             constant = given[0]
         return _build_scanned(name, joint, constant, robot, entry)
+    _check_function(stem, entry)
     built = entry(robot)
     if built is None:
         return ()
     return (built,)
+
+
+def _check_function(stem: str, entry: Any) -> None:
+    """Refuse an entry of a registry that is no function. Raises StudyError."""
+    if callable(entry):
+        return
+    found = name_type(entry)
+    raise StudyError(
+        f'the registry\'s "{stem}": a function robot -> Mechanism, PerJoint or Scanned was '
+        f"expected, found {found}."
+    )
 
 
 def _choose_joints(
@@ -246,9 +289,12 @@ def _build_scanned(
     return tuple(built)
 
 
-def mechanism(name: str, robot: Robot, registry: Registry = BUILTIN) -> Mechanism:
+def mechanism(name: str, robot: Robot | str, registry: Registry = BUILTIN) -> Mechanism:
     """Build one mechanism for a name: all its joints together where it has joints; of a scanned one
-    without its constant, the first. Raises StudyError where none applies."""
+    without its constant, the first. `robot`: the robot, or a built-in one's name. Raises StudyError
+    where none applies."""
+    check_type("name", name, str, "a mechanism's name")
+    robot = as_robot(robot)
     first: dict[str, Mechanism] = {}
     for built in build_mechanisms(name, robot, registry):
         first.setdefault(built.name, built)
@@ -311,24 +357,20 @@ def find_entry_problem(name: str, entry: Entry, robot: Robot) -> str | None:
     built and printed."""
     try:
         for built in build_mechanisms(name, robot, {name: entry}):
-            problem = _find_mechanism_problem(name, built, robot)
+            problem = _find_mechanism_problem(name, built)
             if problem is not None:
                 return problem
+    except StudyError as error:
+        return str(error)
     except Exception as error:  # noqa: BLE001  as above
         return f"{type(error).__name__}: {error}"
     return None
 
 
-def _find_mechanism_problem(name: str, mechanism: Mechanism, robot: Robot) -> str | None:
+def _find_mechanism_problem(name: str, mechanism: Mechanism) -> str | None:
     if mechanism.stem != name:
         return f'it is registered as "{name}" and calls itself "{mechanism.name}"'
-    last_frame = robot.n + 1
     for term in mechanism.terms:
-        beyond = any(screw.frame > last_frame for screw in term.screws)
-        if beyond or not term.screws:
-            return (
-                f"{term.symbol} drives no screw, or one on a frame that {robot.name} does not have"
-            )
         # raises for what cannot be printed
         str((term.unit, *term.screws))
     return unstorable(mechanism)

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from .._arguments import check_path
 from .._foreign_files import FOREIGN, describe_foreign_robot
 from .._text import parse_toml, read_text
 from .._typing import Array
@@ -23,6 +24,7 @@ from .ur_kinematics import YAML_SUFFIXES, read_ur_calibration
 from .value_reader import Reader
 from .xacro_files import XACRO_SUFFIX, is_xacro, refuse_xacro
 
+ROBOT_EXPECTED = "a built-in robot's name or the path of a robot file"
 ROBOT_SUFFIXES = (".toml", ".urdf", ".xml", XACRO_SUFFIX, *YAML_SUFFIXES)
 # the forms of a fixed transform, one of which every joint has
 JOINT_FORMS = ("transform_mm", "xyz_mm", "dh")
@@ -348,12 +350,20 @@ def load_robot(source: str | Path) -> Robot:
 
     A name with a suffix (.toml, .urdf, .xml, .yaml) is a path. Raises StudyError for an unknown name, with
     suggestions, and for a file that cannot be read, with the place."""
-    if isinstance(source, Path) or is_robot_file(source):
-        return read_robot(Path(source))
+    path = check_path(source, ROBOT_EXPECTED)
+    if not isinstance(source, str) or is_robot_file(source):
+        return read_robot(path)
     name = find_builtin(source)
     file = f"{name}.toml"
     text = files("modelsel").joinpath("robot", "catalogue", file).read_text(encoding="utf-8")
     return robot_from_table(parse_toml(text, file), file)
+
+
+def as_robot(robot: Robot | str | Path) -> Robot:
+    """Return a robot as it is; load the one that a name or a path means. Raises StudyError."""
+    if isinstance(robot, Robot):
+        return robot
+    return load_robot(robot)
 
 
 def find_builtin(given: str) -> str:

@@ -13,6 +13,10 @@ from builders import drawn, planted, small_arm
 import modelsel as ms
 from modelsel._arguments import check_rows, check_whole_number, describe_value, list_names
 from modelsel.exceptions import ArgumentError
+from modelsel.mechanisms.causes import q
+from modelsel.mechanisms.registry import BUILTIN, PerJoint
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.testing import LawBroken, check_mechanism
 
 ARM = small_arm()
 TOOL = np.array([[10.0, 20.0, 100.0]])
@@ -163,3 +167,64 @@ def test_a_split_takes_a_seed(problem) -> None:
     assert np.array_equal(drawn_by_rng, ms.split_configurations(problem.data, 20, ARM.prismatic, 7))
     said = refusal(lambda: ms.split_configurations(problem.data, 20, ARM.prismatic, -1))
     assert said == "rng: expected a whole number from 0 on, found -1."
+
+
+# -- mechanisms of one's own
+# ------------------------------------------------------------------------------------------------
+
+
+def lever(frame: int = 2) -> Mechanism:
+    """A mechanism of one screw at a frame."""
+    term = Term("k", (Screw(frame, "rz", q(3)),), (1e-5, 1e-3))
+    return Mechanism("lever", (term,), "A lever bends.", "k q3", "made up")
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        (lambda robot: lever(9), "k drives no screw, or one on a frame that small does not have"),
+        (
+            lambda robot: [lever()],
+            "a Mechanism was expected (None where it does not apply), and list",
+        ),
+        (
+            lever(),
+            "a function robot -> Mechanism, PerJoint or Scanned was expected, found Mechanism.",
+        ),
+        (None, "a function robot -> Mechanism, PerJoint or Scanned was expected, found NoneType."),
+        (PerJoint(lambda robot, joint: joint, lambda robot: (1,)), "a Mechanism was expected"),
+    ],
+)
+def test_an_entry_that_builds_no_mechanism_is_refused_by_its_name(problem, entry, words) -> None:
+    registry = {**BUILTIN, "lever": entry}
+    said = refusal(lambda: ms.mechanism("lever", ARM, registry))
+    assert said.startswith('the registry\'s "lever": ')
+    assert words in said
+    assert said == refusal(lambda: ms.diagnose(problem, registry=registry))
+
+
+def test_a_study_with_a_wrong_mechanism_is_refused_before_it_runs() -> None:
+    study = ms.Study(
+        name="wrong",
+        robot={"name": "puma760", "tool_mm": [0, 0, 100]},
+        measurements="studies/puma760/measurements.csv",
+    )
+    registry = {**BUILTIN, "lever": lambda robot: lever(9)}
+    said = refusal(lambda: ms.rehearse_study(study, registry=registry))
+    assert "puma760 does not have: its frames are 1 to 7" in said
+
+
+def test_a_wrong_place_is_all_that_the_laws_say(rng) -> None:
+    with pytest.raises(LawBroken) as broken:
+        check_mechanism(lever(9), ARM, rng)
+    assert str(broken.value).startswith("L5: k drives no screw, or one on a frame that small")
+    assert ";" not in str(broken.value)
+
+
+def test_a_mechanism_is_built_for_a_robot_by_its_name() -> None:
+    named = ms.mechanism("geometric", "PUMA 760")
+    assert named == ms.mechanism("geometric", ms.load_robot("puma760"))
+    said = refusal(lambda: ms.mechanism("geometric", 3))
+    assert said.startswith(
+        "expected a built-in robot's name or the path of a robot file, found int."
+    )
