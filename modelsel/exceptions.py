@@ -153,10 +153,11 @@ def write_percent(share: float, decimals: int = 0) -> str:
     return f"{100 * share:.{decimals}f} %"
 
 
-def suggest(word: str, known: Iterable[str]) -> str:
-    """`Did you mean "x"?`, or the known words where they are few, or nothing."""
+def suggest(word: object, known: Iterable[str]) -> str:
+    """`Did you mean "x"?`, or the known words where they are few, or nothing; a word may be what a
+    user gave in the place of one."""
     known = sorted(known)
-    near = get_close_matches(word, known, n=1, cutoff=0.6)
+    near = get_close_matches(str(word), known, n=1, cutoff=0.6)
     if near:
         return f'Did you mean "{near[0]}"?'
     return f"Known: {', '.join(known)}." if 0 < len(known) <= 30 else ""

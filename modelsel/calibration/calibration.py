@@ -8,10 +8,10 @@ back predicts as the study did."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -119,9 +119,10 @@ class Calibration:
             names |= mechanism.names()
         return frozenset(names)
 
-    def predict(self, measurements: Measurements | Source | Array) -> Array:
+    def predict(self, measurements: Measurements | Source | Array | Sequence[Any]) -> Array:
         """Predict where the calibrated robot has the target at measured or planned configurations:
-        measurements, a file or DataFrame of readings, or joint readings (m, n) [rad, mm].
+        measurements, a file or DataFrame of readings, or joint readings (m, n) [rad, mm] as an array
+        or a list of lists.
 
         Returns positions (m, 3) [mm] in the tracker's frame. Raises DataError where a target, a
         group or a covariate is not known.
@@ -135,7 +136,7 @@ class Calibration:
         return predict(self, problem)
 
     def correct(
-        self, targets: Source | Array, *, bound: tuple[float, float] | None = None
+        self, targets: Source | Array | Sequence[Any], *, bound: tuple[float, float] | None = None
     ) -> pd.DataFrame:
         """Correct planned commands, so that the real target is where the nominal one should be.
 
@@ -144,9 +145,9 @@ class Calibration:
         needs. `bound` (rad, mm) is the largest change that is not taken for a mistake. Returns a row
         a command: `modelsel.correct` says what is in it. Raises DataError.
         """
-        from .compensation import MAX_CORRECTION, correct, tabulate_readings
+        from .compensation import ARRAYS, MAX_CORRECTION, correct, tabulate_readings
 
-        if isinstance(targets, np.ndarray):
+        if isinstance(targets, ARRAYS):
             targets = tabulate_readings(self, targets)
         if bound is None:
             bound = MAX_CORRECTION

@@ -7,10 +7,11 @@ reading as well is second order and left to the iteration."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,7 @@ REACHED_MM = 1e-3  # 1 µm: a row that is nearer is reached
 SETTLED_MM = 1e-7  # a row that is nearer is left alone
 # what a radian of a wanted orientation weighs against a mm, and a slide's mm against a radian
 LEVER_MM = 100.0
+ARRAYS = (np.ndarray, list, tuple)  # kinds of joint readings without names
 MAX_CORRECTION = (10e-3, 20.0)  # rad, mm: a correction beyond is more likely a mistake
 
 
@@ -334,12 +336,19 @@ def note_commands(c: Calibration, commands: Commands, data: Measurements) -> lis
     ]
 
 
-def tabulate_readings(c: Calibration, q: Array) -> pd.DataFrame:
-    """Tabulate joint readings (m, n) [rad, mm] as planned commands. Raises DataError for another
-    number of joints."""
+def tabulate_readings(c: Calibration, readings: Array | Sequence[Any]) -> pd.DataFrame:
+    """Tabulate joint readings (m, n) [rad, mm], an array or a list of lists, as planned commands.
+    Raises DataError for another number of joints, and for what are no numbers."""
     import pandas as pd
 
     joints = c.robot.n
+    try:
+        q = np.asarray(readings, dtype=float)
+    except (TypeError, ValueError):
+        raise DataError(
+            f"joint readings: expected numbers, {joints} in every row.",
+            remedy="Give one row a configuration, one column a joint.",
+        ) from None
     if q.ndim != 2 or q.shape[1] != joints:
         shape = " x ".join(map(str, q.shape))
         raise DataError(
@@ -353,11 +362,12 @@ def tabulate_readings(c: Calibration, q: Array) -> pd.DataFrame:
     return pd.DataFrame(q, columns=names)
 
 
-def read_planned(c: Calibration, source: Source | Array) -> Measurements:
+def read_planned(c: Calibration, source: Source | Array | Sequence[Any]) -> Measurements:
     """Read configurations that nobody measured: joint readings (m, n) [rad, mm], or a file or
     DataFrame with columns as the study's own. Raises DataError."""
-    table = tabulate_readings(c, source) if isinstance(source, np.ndarray) else source
-    loaded = load_table(table)
+    if isinstance(source, ARRAYS):
+        source = tabulate_readings(c, source)
+    loaded = load_table(source)
     mapping = c.form.map_columns(loaded, {})
     return read_measurements(loaded, c.robot, mapping, positions=False, once=False)
 

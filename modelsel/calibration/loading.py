@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .._arguments import check_path
 from .._files import STUDY_FILE
 from .._json import parse_json, read_json_text
 from .._records import parse_record
@@ -38,7 +39,7 @@ STORED_LABELS = LABEL_NAMES - {"feature"}  # features of a set-up are no part of
 def load_calibration(path: Path | str) -> Calibration:
     """Load a stored calibration: its file, the result.json beside it, or the folder of both. Raises
     StudyError."""
-    file = _find_file(Path(path))
+    file = _find_file(check_path(path, "the path of a calibration or of its folder"))
     try:
         text = read_json_text(file)
     except FileNotFoundError:

@@ -8,7 +8,8 @@ from typing import Annotated
 from pydantic import BeforeValidator, Field
 
 from .._names import strip_directions
-from .study_tables import Name, _Table
+from .frozen_table import FrozenTable
+from .study_tables import Name
 
 
 def _as_campaign_text(value: object) -> object:
@@ -23,7 +24,7 @@ def _as_campaign_text(value: object) -> object:
 CampaignText = Annotated[Name, BeforeValidator(_as_campaign_text)]
 
 
-class CampaignTable(_Table):
+class CampaignTable(FrozenTable):
     """[campaign]: what an auditor asks about the measurements. It appears in the report and
     affects no result."""
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from ..robot.rigid import Axis
-from .study_tables import _Table
+from .frozen_table import FrozenTable
 
 # the word that a name in model.base is, so that no registered name's joint or constant is in it
 WORD = re.compile(r"[A-Za-z][A-Za-z0-9-]*")
@@ -26,7 +26,7 @@ def _check_word(name: str) -> str:
     return name
 
 
-class CovariateTable(_Table):
+class CovariateTable(FrozenTable):
     """[[covariate]]: causes that the search weighs in addition to those it has: each one alone, every
     pair together, or the product of every pair. A single effect at one place can be given a name,
     which model.base, model.ladder and model.candidates may list."""

@@ -19,12 +19,14 @@ from pydantic import (
 )
 from pydantic import SerializerFunctionWrapHandler as Plain
 
+from .._arguments import check_path
 from .._files import STUDY_FILE
 from .._text import parse_toml, read_text
 from ..exceptions import StudyError, suggest
 from ..measurements.table import DataFile, Source
 from .campaign_table import CampaignTable
 from .covariate_table import CovariateTable, check_covariates, expect_tables
+from .frozen_table import FrozenTable
 from .messages import (
     describe_value_problem,
     format_place,
@@ -46,14 +48,13 @@ from .study_tables import (
     SearchTable,
     SimulateTable,
     SplitTable,
-    _Table,
 )
 
 # endings of tables, which no study file has
 TABLE_SUFFIXES = (".csv", ".tsv", ".xlsx", ".xlsm", ".xlsb", ".xls", ".ods", ".parquet", ".pq")
 
 
-class Study(_Table):
+class Study(FrozenTable):
     """A study's settings, validated on creation. From Python, pass the tables of the study file as
     keyword arguments: `Study(name="…", robot={…}, …)`. Raises StudyError with every problem."""
 
@@ -89,7 +90,7 @@ class Study(_Table):
         try:
             super().__init__(**to_toml_values(tables))
         except ValidationError as error:
-            problems = list_single_problems(error.errors())
+            problems = _drop_alternatives(list_single_problems(error.errors()))
             sentences = [_describe_problem(problem) for problem in problems]
             raise StudyError(*join_alternatives(sentences)) from None
 
@@ -144,6 +145,25 @@ def _find_inner_table(table: type[BaseModel], key: str) -> type[BaseModel] | Non
     return None
 
 
+def _drop_alternatives(problems: Sequence[Any]) -> list[Any]:
+    """Leave out what another type of a value would have been, where a part of the value is wrong: a
+    list with a number in it is no "all", and was not meant as one."""
+    places = [_locate(problem) for problem in problems]
+    kept = []
+    for problem, place in zip(problems, places, strict=True):
+        depth = len(place)
+        is_alternative = any(map(_is_union_tag, problem["loc"][-1:]))
+        has_deeper = any(len(other) > depth and other[:depth] == place for other in places)
+        if not (is_alternative and has_deeper):
+            kept.append(problem)
+    return kept
+
+
+def _locate(problem: Any) -> tuple[Any, ...]:
+    """Return the keys of a problem's place, without alternatives of a type."""
+    return tuple(part for part in problem["loc"] if not _is_union_tag(part))
+
+
 def _is_union_tag(part: Any) -> bool:
     """Whether a part of pydantic's location names an alternative of a type, not a key."""
     if not isinstance(part, str):
@@ -155,7 +175,7 @@ def _is_union_tag(part: Any) -> bool:
 
 def _describe_problem(error: Any) -> str:
     """Describe a problem of pydantic's by its place in the study file."""
-    location = [part for part in error["loc"] if not _is_union_tag(part)]
+    location = _locate(error)
     place = format_place(location)
     problem = describe_value_problem(error, place)
     if problem is not None:
@@ -186,7 +206,7 @@ def parse_study(text: str, where: str) -> Study:
 
 def read_study(path: Path | str) -> Study:
     """Read a study file; a folder stands for its study.toml. Raises StudyError."""
-    path = Path(path)
+    path = check_path(path, "the path of a study file or of its folder")
     if path.is_dir():
         path = path / STUDY_FILE
     _refuse_measurements(path)

@@ -6,18 +6,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_serializer, model_validator
+from pydantic import AfterValidator, Field, model_serializer, model_validator
 from pydantic import SerializerFunctionWrapHandler as Plain
 
 from .._names import as_name, check_listed_once
 from .._part_names import check_part_names, check_planted_names
 from .._typing import LARGEST
-from ..measurements.table import hash_source
+from ..measurements.table import describe_no_frame, hash_source
 from ..robot.kinematics import Robot
 from ..robot.plain_values import check_robot_name, robot_record
 from ..robot.rigid import Axis
 from .builtin_robots import check_builtin_name
 from .directions import check_direction
+from .frozen_table import FrozenTable
 from .later_keys import PLAIN_FORM, drop_defaults
 from .messages import SeveralProblems
 
@@ -31,13 +32,7 @@ Name = Annotated[str, AfterValidator(as_name)]
 FileName = Annotated[str, Field(min_length=1, max_length=4000, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True
-    )
-
-
-class RobotTable(_Table):
+class RobotTable(FrozenTable):
     """[robot]: the nominal robot, its target, and whether to find the tracker's frame. From
     Python, `nominal` may be the Robot itself."""
 
@@ -129,7 +124,7 @@ class HeldFrame:
     frame: Any = field(compare=False, repr=False)
 
 
-class FeatureTable(_Table):
+class FeatureTable(FrozenTable):
     """[measurements.features.NAME]: what is known about an anchor, a sphere, a point or a plane."""
 
     position_mm: Vector | None = Field(
@@ -149,7 +144,7 @@ class FeatureTable(_Table):
     )
 
 
-class MeasurementsTable(_Table):
+class MeasurementsTable(FrozenTable):
     """[measurements]: the file, the names of its columns, and what is known about features that
     several rows share. From Python, `frame` may be a DataFrame instead of the file; a path or a
     DataFrame can also replace the table."""
@@ -196,14 +191,12 @@ class MeasurementsTable(_Table):
         if "file" in table:
             raise ValueError("give file or frame, not both")
         if not isinstance(table["frame"], pd.DataFrame):
-            raise ValueError(
-                f"expected a file or a pandas DataFrame, found {type(table['frame']).__name__}"
-            )
+            raise ValueError(describe_no_frame(table["frame"]))
         frame = table["frame"].copy()
         return {**table, "file": "DataFrame", "frame": HeldFrame(hash_source(frame), frame)}
 
 
-class SplitTable(_Table):
+class SplitTable(FrozenTable):
     """[split]: number of configurations used to fit and select, or the column that says which."""
 
     estimation: Annotated[int, Field(ge=1)] | None = Field(
@@ -232,7 +225,7 @@ class SplitTable(_Table):
         return self
 
 
-class ModelTable(_Table):
+class ModelTable(FrozenTable):
     """[model]: the base, the mechanisms that may extend it, and the ladder to report."""
 
     base: Annotated[list[str], AfterValidator(check_listed_once)] = Field(
@@ -246,7 +239,7 @@ class ModelTable(_Table):
     )
 
 
-class ComparisonTable(_Table):
+class ComparisonTable(FrozenTable):
     """[comparison]: cross-validation folds, and the size of the table of subsets."""
 
     folds: int = Field(default=10, ge=2, description="Number of cross-validation folds.")
@@ -266,7 +259,7 @@ class ComparisonTable(_Table):
         return written
 
 
-class NoiseTable(_Table):
+class NoiseTable(FrozenTable):
     """[noise]: a noise floor or the instrument, and the other parts that the errors may have."""
 
     floor_mm: Positive | None = Field(
@@ -308,7 +301,7 @@ class NoiseTable(_Table):
         return any(numbers)
 
 
-class SamplingTable(_Table):
+class SamplingTable(FrozenTable):
     """[sampling]: what emcee samples."""
 
     over: Literal["default", "all"] = Field(
@@ -317,7 +310,7 @@ class SamplingTable(_Table):
     )
 
 
-class OutcomeTable(_Table):
+class OutcomeTable(FrozenTable):
     """[search.outcomes.NAME]: what became of earlier findings of a registered name."""
 
     confirmed: Annotated[int, Field(ge=0, le=1_000_000)] = Field(
@@ -328,7 +321,7 @@ class OutcomeTable(_Table):
     )
 
 
-class SearchTable(_Table):
+class SearchTable(FrozenTable):
     """[search]: memory and rows of the search for causes, and the outcomes of earlier findings."""
 
     memory_mb: float = Field(
@@ -353,7 +346,7 @@ class SearchTable(_Table):
         return drop_defaults(plain(self), {"outcomes": {}})
 
 
-class EffectTable(_Table):
+class EffectTable(FrozenTable):
     """[[simulate.effect]]: one planted screw."""
 
     frame: int = Field(ge=1, description="Frame: 1 to n for the joints, n+1 for the target.")
@@ -362,7 +355,7 @@ class EffectTable(_Table):
     size: Finite = Field(description="Size of the effect, in mm or rad per unit of the cause.")
 
 
-class SimulateTable(_Table):
+class SimulateTable(FrozenTable):
     """[simulate]: what `modelsel simulate` makes. Without a measurements file, configurations are
     drawn and measured in `repeats` rounds and `groups` groups."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
+from .._arguments import check_type
 from ..exceptions import StudyError, suggest
 from .columns import POSITION_UNITS, READING_UNITS
 from .observation_columns import KIND_COLUMNS
@@ -38,18 +39,23 @@ def list_contract_names(prismatic: Sequence[bool]) -> set[str]:
 
 
 def check_mapping(mapping: Mapping[str, str], prismatic: Sequence[bool]) -> None:
-    """Refuse a mapping of a name that the contract does not have, and two of one column."""
+    """Refuse a mapping of a name that the contract does not have, and two of one column. Raises
+    StudyError."""
+    expected = 'names of columns, as {"x_mm": "name in the file"}'
+    check_type("measurements.columns", mapping, Mapping, expected)
+    for name, given in mapping.items():
+        check_type(f"measurements.columns.{name}", given, str, "the name of a column")
     known = list_contract_names(prismatic)
     problems = [
         f'measurements.columns: unknown column "{name}". {suggest(name, known)}'
         for name in mapping
         if name not in known
     ]
-    given = list(mapping.values())
+    names = list(mapping.values())
     problems += [
         f'measurements.columns: "{name}" is mapped to twice. Name another column.'
-        for name in sorted(set(given))
-        if given.count(name) > 1
+        for name in sorted(set(names))
+        if names.count(name) > 1
     ]
     if problems:
         raise StudyError(*problems)

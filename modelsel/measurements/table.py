@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, Union
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arguments import name_type
 from .._foreign_files import describe_foreign
 from ..exceptions import DataError, suggest
 from ..notices import Note
@@ -85,10 +86,18 @@ def load_table(source: Source, group: int | None = None) -> Table:
     import pandas as pd
 
     if not isinstance(source, pd.DataFrame):
-        raise DataError(
-            f"measurements are a file's path or a pandas DataFrame, found {type(source).__name__}."
-        )
+        raise DataError(f"measurements: {describe_no_frame(source)}.")
     return _load_frame(source, Where(""))
+
+
+def describe_no_frame(value: Any) -> str:
+    """Describe what is given in the place of measurements, and is none, without a full stop."""
+    found = name_type(value)
+    if isinstance(value, (list, np.ndarray)):
+        found = "a list or an array; pd.DataFrame(values, columns=names) makes a DataFrame of one"
+    elif hasattr(value, "to_pandas"):
+        found = f"{found}; give its .to_pandas()"
+    return f"expected a file or a pandas DataFrame, found {found}"
 
 
 def hash_source(source: Source) -> str:

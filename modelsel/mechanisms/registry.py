@@ -179,7 +179,7 @@ def build_mechanisms(
     return built
 
 
-def find_misbuilt(mechanism: Mechanism, robot: Robot) -> str | None:
+def find_misbuilt(mechanism: Any, robot: Robot) -> str | None:
     """Find what keeps a builder's result from acting on a robot, in words; None where nothing
     does."""
     if not isinstance(mechanism, Mechanism):

@@ -113,7 +113,7 @@ def collect_blocks(
         names = ", ".join(pages)
         raise StudyError(
             *(
-                f'--pages: no page "{name}". {suggest(name, pages)} Pages: {names}.'
+                f'pages: no page "{name}". {suggest(name, pages)} Pages: {names}.'
                 for name in unknown
             )
         )

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from .._arguments import check_type, describe_value
 from .._random import generator
 from .._typing import Array
 from ..calibration.calibration import Calibration
@@ -56,14 +57,21 @@ def find_joint_ranges(
 def check_joint_ranges(robot: Robot, joints: Mapping[str, tuple[float, float]]) -> None:
     """Check that ranges are of joints that a robot has, each from a lower to a higher number.
     Raises StudyError."""
+    check_type("joints", joints, Mapping, 'ranges by name, as {"q2_deg": (-90, 45)}')
     columns = _list_joint_columns(robot)
     for name, bounds in joints.items():
         if name not in columns:
             hint = suggest(name, columns)
             problem = f'"{name}" is not a joint of {robot.name}.'
             raise StudyError(f"{problem} {hint}")
-        low, high = bounds
-        is_finite = np.isfinite(bounds).all()
+        try:
+            low, high = bounds
+            is_finite = np.isfinite(bounds).all()
+        except (TypeError, ValueError):
+            found = describe_value(bounds)
+            raise StudyError(
+                f"{name}: expected the two ends of a range, as (-90, 45), found {found}."
+            ) from None
         is_range = is_finite and low <= high
         if not is_range:
             raise StudyError(

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arguments import check_path
 from .._files import STUDY_FILE
 from ..config.study_file import Study, find_data, find_source, read_study
 from ..exceptions import StudyError, count_words
@@ -49,13 +50,7 @@ def open_study(study: Study | Path | str, folder: Path | str | None) -> tuple[St
     if isinstance(study, Study):
         given = folder or "."
         return study, Path(given)
-    try:
-        path = Path(study)
-    except TypeError:
-        kind = type(study).__name__
-        raise StudyError(
-            f"expected a Study, or the path of a study file or of its folder, found {kind}."
-        ) from None
+    path = check_path(study, "a Study, or the path of a study file or of its folder")
     read = read_whole_study(path)
     if folder is not None:
         return read, Path(folder)

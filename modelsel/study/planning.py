@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._arguments import check_type, check_whole_number
 from .._choices import PLAN_PURPOSES
 from .._random import generator
 from .._typing import Array
@@ -145,7 +146,8 @@ def choose_configurations(
     if purpose == "rivals":
         if not rival_sets:
             raise StudyError(
-                "--for rivals: no finding of this study has rivals that the pool could tell apart."
+                "rivals: no finding of this study has rivals that the pool could tell apart. Plan for "
+                "another purpose."
             )
         rows, probabilities = choose_for_rivals(candidates, rival_sets, count)
         random_probability = _measure_random_choice(
@@ -266,13 +268,6 @@ def _plan_repeats(
     return plan_repeats(chosen.q, places, before, times)
 
 
-def _check_whole_number(name: str, number: Any, least: int) -> None:
-    """Refuse what is no whole number, or a smaller one. Raises StudyError."""
-    is_whole = isinstance(number, (int, np.integer)) and not isinstance(number, bool)
-    if not is_whole or number < least:
-        raise StudyError(f"{name}: expected a whole number from {least} on, found {number!r}.")
-
-
 def _check_purpose(purpose: str | None) -> None:
     """Refuse a purpose that a plan cannot have. Raises StudyError."""
     if purpose is None or purpose in PLAN_PURPOSES:
@@ -295,10 +290,12 @@ def plan_next(
     """Plan what to measure next: the `count` best configurations of a pool.
 
     Args:
-        result: a finished study.
+        result: a study that this session has run; one that was read back from its folder lacks the fits, and is
+            refused (a pickled result keeps them).
         count: how many configurations to choose.
         pool: a file or DataFrame of joint readings, of the contract's names or the study's; by default drawn within the ranges measured.
-        purpose: as in `choose_configurations`.
+        purpose: "rivals", to tell the study's rival explanations apart (the default where it has any); or a
+            criterion for the parameters of its model, "d" (the default without rivals), "a", or "o1" to "o5".
         limits: draw the pool within the robot file's joint limits.
         joints: draw joints within these ranges, such as {"q2_deg": (-90, 45)}.
         repeats: write some of the configurations so many times in all, in separate rounds.
@@ -306,9 +303,10 @@ def plan_next(
     Raises:
         DataError or StudyError.
     """
-    _check_whole_number("count", count, 1)
+    check_type("result", result, Result, "a Result, as run_study returns it")
+    check_whole_number("count", count, 1)
     if repeats is not None:
-        _check_whole_number("repeats", repeats, 2)
+        check_whole_number("repeats", repeats, 2)
     calibration = result.calibration
     robot = calibration.robot
     seed = result.study.seed

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .._arguments import check_path, check_type, list_names
 from .._progress import follow
 from .._typing import Say
 from ..calibration.calibration import Calibration, calibrate
@@ -94,6 +96,7 @@ class Result:
         another name."""
         if table == "residuals":
             return self.residuals()
+        check_type("table", table, str, "the name of a table")
         if table not in TABLES:
             hint = suggest(table, (*TABLES, "residuals"))
             raise StudyError(f'a result has no table "{table}". {hint}')
@@ -113,7 +116,7 @@ class Result:
     def report(
         self,
         folder: Path | str,
-        pages: tuple[str, ...] | None = None,
+        pages: Sequence[str] | str | None = None,
         say: Say | None = None,
         progress: bool | None = None,
     ) -> list[Path]:
@@ -122,8 +125,9 @@ class Result:
         StudyError or ReportError."""
         from ..report.drawing import STEPS, draw_records
 
+        chosen = None if pages is None else list_names("pages", pages)
         with follow(say, progress, STEPS) as tell:
-            return draw_records(self.record, self.details, Path(folder), pages, tell)
+            return draw_records(self.record, self.details, Path(folder), chosen, tell)
 
     def __repr__(self) -> str:
         return f"Result of {self.record.study!r}. {' '.join(self.record.verdict)}"
@@ -191,7 +195,7 @@ class Result:
 def load_result(folder: Path | str) -> Result:
     """Read a result from the folder that `Result.save` or `modelsel study` wrote it into (or the result.json there).
     Raises StudyError."""
-    path = Path(folder)
+    path = check_path(folder, "the folder of a finished study")
     return Result(files=read_study_files(path.parent if path.name == "result.json" else path))
 
 

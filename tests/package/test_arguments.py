@@ -7,8 +7,9 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
-from builders import drawn, planted, small_arm
+from builders import OFF_AXIS, drawn, planted, small_arm
 
 import modelsel as ms
 from modelsel._arguments import check_rows, check_whole_number, describe_value, list_names
@@ -228,3 +229,126 @@ def test_a_mechanism_is_built_for_a_robot_by_its_name() -> None:
     assert said.startswith(
         "expected a built-in robot's name or the path of a robot file, found int."
     )
+
+
+# -- studies, files and results
+# ------------------------------------------------------------------------------------------------
+
+
+class OtherFrame:
+    """A table of another program's, such as polars'."""
+
+    __module__ = "polars.dataframe"
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Return the table as a DataFrame of pandas."""
+        return pd.DataFrame()
+
+
+@pytest.fixture(scope="module")
+def result() -> ms.Result:
+    """A study of forty configurations with the geometric model alone."""
+    rng = np.random.default_rng(5)
+    at = drawn(ARM, rng, 40, covariates={})
+    terms = ms.mechanism("geometric", ARM).terms
+    at = planted(at, terms, rng.normal(0, 1e-3, len(terms)), rng, 0.02)
+    frame = pd.DataFrame(at.data.q, columns=["q1_rad", "q2_rad", "q3_rad"])
+    frame[["x_mm", "y_mm", "z_mm"]] = at.data.position
+    study = ms.Study(
+        name="small",
+        robot={"nominal": ARM, "tool_mm": OFF_AXIS},
+        measurements=frame,
+        split={"estimation": 30},
+        model={"candidates": []},
+    )
+    return ms.run_study(study, sampling=False)
+
+
+@pytest.mark.parametrize(
+    ("tables", "says"),
+    [
+        ({"measurements": OtherFrame()}, "found polars.OtherFrame; give its .to_pandas()."),
+        ({"measurements": np.zeros((3, 9))}, "found a list or an array; pd.DataFrame(values,"),
+        ({"model": {"candidates": [1]}}, "model.candidates.1: expected text, found"),
+        ({"model": {"candidates": 3}}, "model.candidates: expected 'all' or a list, found '3'."),
+    ],
+)
+def test_a_wrong_value_of_a_study_is_told_once(tables, says) -> None:
+    given = {"name": "x", "robot": {"name": "ur5", "tool_mm": OFF_AXIS}, "measurements": "m.csv"}
+    assert says in refusal(lambda: ms.Study(**given | tables))
+
+
+def test_a_study_keeps_its_values(result) -> None:
+    for table in (result.study, result.study.robot):
+        said = refusal(lambda table=table: setattr(table, "name", "another"))
+        assert said.startswith("name: a study keeps its values. Make another one: Study(**{")
+    assert ms.Study(**{**dict(result.study), "name": "another"}).name == "another"
+
+
+def test_measurements_of_another_kind_are_told() -> None:
+    for given, says in ((OtherFrame(), "give its .to_pandas()"), (np.zeros((3, 9)), "an array")):
+        said = refusal(lambda given=given: ms.read_measurements(given, ARM))
+        assert said.startswith("measurements: expected a file or a pandas DataFrame, found ")
+        assert says in said
+
+
+@pytest.mark.parametrize("columns", [["x_mm"], {"x_mm": 0}])
+def test_columns_are_named_by_name(result, columns) -> None:
+    said = refusal(lambda: ms.read_measurements(result.study.measurements.frame, ARM, columns))
+    assert said.startswith("measurements.columns")
+    assert "expected" in said
+
+
+@pytest.mark.parametrize(
+    "read",
+    [ms.load_result, ms.load_robot, ms.load_calibration, ms.read_study, ms.run_study],
+    ids=lambda read: read.__name__,
+)
+@pytest.mark.parametrize("given", [None, 3, b"x", pd.DataFrame()], ids=["None", "3", "b", "frame"])
+def test_what_is_no_path_is_refused(read, given) -> None:
+    said = refusal(lambda: read(given))
+    assert said.startswith(("expected a", "expected the"))
+    assert said.endswith(f"{type(given).__name__}.")
+
+
+@pytest.mark.parametrize(
+    ("act", "says"),
+    [
+        (lambda result: result.to_frame(3), "table: expected the name of a table, found 3."),
+        (lambda result: result.calibration.export(None), "form: expected one of urdf, dh,"),
+        (lambda result: result.report("out", pages=(1,)), "pages: expected a name or a list of"),
+        (lambda result: result.report("out", pages="overview"), 'pages: no page "overview".'),
+        (lambda result: ms.plan_next("folder"), "result: expected a Result, as run_study"),
+        (
+            lambda result: ms.plan_next(result, 3, joints={"q2_deg": 5}),
+            "q2_deg: expected the two ends of a range, as (-90, 45), found 5.",
+        ),
+        (
+            lambda result: ms.plan_next(result, 3, joints=["q2_deg"]),
+            'joints: expected ranges by name, as {"q2_deg": (-90, 45)}, found list.',
+        ),
+        (
+            lambda result: result.calibration.predict([["a", "b", "c"]]),
+            "joint readings: expected numbers, 3 in every row.",
+        ),
+        (
+            lambda result: result.calibration.predict([[1.0, 2.0], [3.0]]),
+            "joint readings: expected numbers, 3 in every row.",
+        ),
+    ],
+)
+def test_slips_with_a_result_are_told(result, act, says) -> None:
+    assert refusal(lambda: act(result)).startswith(says)
+
+
+def test_one_page_may_be_given_by_its_name(result, tmp_path) -> None:
+    assert [path.name for path in result.report(tmp_path, pages="first")] == ["report-pages.pdf"]
+
+
+def test_readings_may_be_lists(result) -> None:
+    q = ARM.draw(np.random.default_rng(1), 3)
+    calibration = result.calibration
+    assert np.array_equal(calibration.predict(q.tolist()), calibration.predict(q))
+    wide = (0.5, 500.0)
+    corrected = calibration.correct(q, bound=wide)
+    assert calibration.correct(q.tolist(), bound=wide).equals(corrected)

@@ -54,6 +54,7 @@ INTEGRATION = (
 ALLOWED = {
     ("study_file", "pydantic"),
     ("study_tables", "pydantic"),
+    ("frozen_table", "pydantic"),
     ("campaign_table", "pydantic"),
     ("covariate_table", "pydantic"),
     ("fleet_file", "pydantic"),

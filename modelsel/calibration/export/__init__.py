@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..._arguments import check_type
 from ..._choices import EXPORT_FORMS
 from ..._names import find_name_problem, quote_name
 from ..._typing import Array
@@ -63,6 +64,7 @@ def export(c: Calibration, form: str) -> Exported:
     A form that cannot carry all of it gets the best robot that it can carry, refitted. Raises
     StudyError for another form, or where a name cannot be written.
     """
+    check_type("form", form, str, f"one of {', '.join(FORMS)}")
     if form not in FORMS:
         advice = suggest(form, FORMS)
         raise StudyError(f'unknown form "{form}". {advice}')
