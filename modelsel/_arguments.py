@@ -87,7 +87,7 @@ def check_rows(name: str, given: Any, rows: int) -> Mask:
     return chosen
 
 
-def list_names(name: str, given: Any) -> tuple[str, ...]:
+def collect_names(name: str, given: Any) -> tuple[str, ...]:
     """Return names that are given as one, or several in a list. Raises ArgumentError for what is
     none of both."""
     if isinstance(given, str):

@@ -72,7 +72,7 @@ def _write(files: Mapping[Path, bytes], beside: Path, outdated: Iterable[Path] =
                 temporary.unlink(missing_ok=True)
     except OSError as error:
         raise StudyError(
-            f"{path}: cannot be written: {error.strerror or error}. Give another folder with --out."
+            f"{path}: cannot be written: {error.strerror or error}. Give another folder."
         ) from None
 
 
@@ -83,7 +83,7 @@ def _refuse_other_than_file(path: Path) -> None:
         return
     problem = find_read_problem(path)
     if problem is not None:
-        raise StudyError(f"{path}: cannot be written: {problem}. Give a file with --out.")
+        raise StudyError(f"{path}: cannot be written: {problem}. Give another file.")
 
 
 def _folder(path: Path) -> None:
@@ -122,15 +122,14 @@ def check_writable(folder: Path) -> None:
     is_link = folder.is_symlink()
     if is_link and not folder.exists():
         raise StudyError(
-            f"{folder}: a link to a folder that is not there. Make that folder, or give another with "
-            "--out."
+            f"{folder}: a link to a folder that is not there. Make that folder, or give another."
         )
     for nearest in (folder, *folder.parents):
         if nearest.exists():
             break
     is_writable = nearest.is_dir() and os.access(nearest, os.W_OK)
     if not is_writable:
-        raise StudyError(f"{folder}: cannot be written. Give another folder with --out.")
+        raise StudyError(f"{folder}: cannot be written. Give another folder.")
 
 
 @contextmanager
@@ -147,12 +146,11 @@ def claim_folder(folder: Path) -> Iterator[None]:
             handle = _locked(hidden / LOCK)
         except BlockingIOError:
             raise StudyError(
-                f"{folder}: another run of modelsel is already working in this folder. Wait for it, or give another folder with "
-                "--out."
+                f"{folder}: another run of modelsel is already working in this folder. Wait for it, or give another folder."
             ) from None
         except OSError as error:
             raise StudyError(
-                f"{folder}: cannot be written: {error.strerror or error}. Give another folder with --out."
+                f"{folder}: cannot be written: {error.strerror or error}. Give another folder."
             ) from None
         _clear(hidden)
         yield

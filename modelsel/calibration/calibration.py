@@ -142,8 +142,19 @@ class Calibration:
 
         `targets` are joint readings (m, n) [rad, mm], or a file or DataFrame with columns q1_rad …,
         wanted positions x_mm y_mm z_mm where they are not the nominal ones, and what the model
-        needs. `bound` (rad, mm) is the largest change that is not taken for a mistake. Returns a row
-        a command: `modelsel.correct` says what is in it. Raises DataError.
+        needs.
+
+        Returns a row a command: the corrected readings in the columns and units of the targets'
+        own, the wanted x_mm y_mm z_mm (with an orientation, where one is wanted) in the tracker's
+        frame, the target, and what the model needs; then, in mm, `error_before_mm` of the nominal
+        command, `error_left_mm` on the calibrated model, `model_uncertainty_mm` there, and
+        `expected_error_mm` of all, with noise; of orientations `orientation_before_mrad`,
+        `orientation_left_mrad` and `orientation_uncertainty_mrad`.
+
+        `bound` (rad, mm) is the largest change of a joint that is not taken for a mistake, by default
+        0.01 rad and 20 mm. What is noted is warned of, and stands in the table's attrs["notes"].
+        Raises DataError beyond the bound and for what cannot be read, StudyError for a bound that is
+        not two positive numbers.
         """
         from .compensation import ARRAYS, MAX_CORRECTION, correct, tabulate_readings
 
@@ -154,8 +165,8 @@ class Calibration:
         return correct(self, targets, bound=bound)
 
     def export(self, form: str, *, urdf: Path | str | None = None) -> Exported:
-        """Export to "urdf", "dh", "mdh", "hayati", "ur-calibration", "json", "csv", "python" or
-        "table".
+        """Export to "urdf", "dh", "mdh", "hayati", "ur-calibration", "json", "csv", "python",
+        "table" or "grid".
 
         As "urdf", the file that the robot was read from, or the one given, comes back with other
         origins; a robot without one gets a new file. The result holds the text, its largest error
@@ -210,8 +221,8 @@ class Calibration:
         if completed is bound_data:
             raise DataError(
                 f"the calibrated model needs {', '.join(missing)}, which the file does not have.",
-                remedy="Add a column for each; for compensate a value for all rows will do, --at "
-                f"{missing[0]}=NUMBER.",
+                remedy="Add a column for each; `modelsel compensate` takes one value for all rows, too: "
+                f"--at {missing[0]}=NUMBER.",
             )
         return replace(problem, data=completed)
 

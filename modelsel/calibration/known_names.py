@@ -44,7 +44,7 @@ def check_targets(data: Measurements, calibrated: Names) -> None:
     named = sentence_list([f'"{name}"' for name in seen])
     raise DataError(
         f'the file names {len(seen)} targets, {named}; the calibration has one, "{calibrated[0]}".',
-        remedy="Keep the rows of that one, or validate with --register, which finds the place of each.",
+        remedy="Keep the rows of that one, or run `modelsel validate --register`, which finds the place of each.",
     )
 
 
@@ -68,5 +68,5 @@ def _refuse(kind: str, unknown: Sequence[str], calibrated: Names) -> None:
     advice = suggest(first, calibrated)
     raise DataError(
         f'{kind} "{first}" was not calibrated. {advice}',
-        remedy="Use a calibrated one, or validate with --register where the set-up is new.",
+        remedy="Use a calibrated one, or run `modelsel validate --register` where the set-up is new.",
     )

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._arguments import check_rows, check_type, check_whole_number, list_names
+from .._arguments import check_rows, check_type, check_whole_number, collect_names
 from .._progress import News, follow, keep_silent
 from .._random import generator
 from .._typing import Array, Index, Mask, Say
@@ -84,7 +84,7 @@ def diagnose(  # noqa: PLR0913  all but the first have defaults
     Raises StudyError for an unknown name or a wrong argument, NotEstimable where the data do not determine the base."""
     check_type("problem", problem, Problem, PROBLEM_EXPECTED)
     seed = check_whole_number("seed", seed, 0)
-    base_names = list_names("base", base)
+    base_names = collect_names("base", base)
     rows = len(problem)
     used = np.ones(rows, bool)
     if estimation is not None:
@@ -115,7 +115,7 @@ def _resolve_candidates(
     if _takes_all(candidates):
         return (*build_faults(robot), *every(robot, registry))
     mechanisms: list[Mechanism] = []
-    for name in list_names("candidates", candidates):
+    for name in collect_names("candidates", candidates):
         mechanisms += build_mechanisms(name, robot, registry)
     return tuple(mechanisms)
 

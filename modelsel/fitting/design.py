@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from .._typing import Array
+from ..exceptions import count_words
 from ..mechanisms.causes import ONE
 from ..mechanisms.terms import FIXTURE_AXES, FixtureTerm, Mechanism, Term, terms_of
 from ..robot._kernels import Frame, Workspace, fill_screw_field
@@ -28,7 +29,7 @@ MODEL_EXPECTED = 'a Model, such as Model((mechanism("geometric", robot),))'
 ROUNDING = 1e-9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Model:
     """A candidate model: mechanisms, in order; terms they share are fitted once."""
 
@@ -43,6 +44,15 @@ class Model:
     def names(self) -> tuple[str, ...]:
         """Names of the mechanisms."""
         return tuple(m.name for m in self.mechanisms)
+
+    def __repr__(self) -> str:
+        return f"Model of {self.describe()}"
+
+    def describe(self) -> str:
+        """Describe the model in a few words: its mechanisms, and the number of its parameters."""
+        listed = ", ".join(self.names) or "the nominal robot"
+        parameters = count_words(len(self.terms), "parameter")
+        return f"{listed}: {parameters}"
 
     def __add__(self, more: Sequence[Mechanism]) -> Model:
         return Model((*self.mechanisms, *(m for m in more if m not in self.mechanisms)))

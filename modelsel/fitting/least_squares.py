@@ -15,6 +15,7 @@ import numpy as np
 from .._arguments import check_type
 from .._linalg import TINY
 from .._typing import Array, Index
+from ..exceptions import count_words
 from ..mechanisms.terms import Mechanism, Term
 from .design import MODEL_EXPECTED, Model, residuals
 from .gauss_newton import WholeProblem
@@ -31,7 +32,7 @@ STEP_MM = 1e-4  # 0.1 µm
 UNSETTLED_MM = 0.1  # last step of all rows together from which a fit has not arrived
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Fit:
     """A fitted model.
 
@@ -167,6 +168,16 @@ class Fit:
         errors = self.standard_errors
         leans = errors > 0.5 * sizes
         return tuple(k for k in self.found.kept if leans[k])
+
+    def __repr__(self) -> str:
+        settled = "settled" if self.settled else "not settled"
+        coordinates = count_words(self.rows, "coordinate")
+        lines = [
+            f"Fit of {self.model.describe()}, rank {self.rank}",
+            f"  {coordinates}, residual standard deviation {self.sigma:.4g} (whitened)",
+            f"  {settled} after {count_words(self.iterations, 'iteration')}",
+        ]
+        return "\n".join(lines)
 
     def at(self) -> Linearisation:
         """Return the point to linearise other models at."""

@@ -30,10 +30,11 @@ PROBLEM_EXPECTED = "a Problem, as Problem(robot, measurements, tools) makes one"
 TOOLS_REMEDY = (
     "Give the nominal position of each target in the flange frame [mm], or one row for all of them."
 )
+MAX_LISTED = 3  # targets that a problem shows
 BLOCK = 4096  # rows: the arrays of one block stay in cache
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Problem:
     """A robot and measurements on it, of G groups with a placement each and T targets with an
     offset each. Residuals and columns live in the tracker's frame. Raises ValueError for `tools`
@@ -74,6 +75,15 @@ class Problem:
 
     def __len__(self) -> int:
         return len(self.data)
+
+    def __repr__(self) -> str:
+        lines = [f"Problem of {self.robot.name}. {self.data!r}"]
+        for name, tool in zip(self.data.targets[:MAX_LISTED], self.tools, strict=False):
+            x, y, z = tool
+            lines.append(f'  nominal target "{name}": {x:g}, {y:g}, {z:g} mm in the flange frame')
+        if len(self.tools) > MAX_LISTED:
+            lines.append("  …")
+        return "\n".join(lines)
 
     @cached_property
     def reach_mm(self) -> float:

@@ -16,7 +16,7 @@ from .._linalg import TINY
 from .._random import generator
 from .._typing import Array, Index, Mask
 from .._workers import limit_blas
-from ..exceptions import ArgumentError
+from ..exceptions import ArgumentError, count_words, write_rounded
 from ..fitting.design import MODEL_EXPECTED, Model
 from ..fitting.problem import PROBLEM_EXPECTED, Problem
 from .criteria import normalise_weights
@@ -25,6 +25,9 @@ from .splits import assign_folds
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+MAX_LISTED = 8  # models that a comparison shows
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,7 @@ class ComparedModel:
     note: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class ModelComparison:
     """Result of `compare`: rows from the lowest cross-validated error to the highest, and the
     evaluation behind each name."""
@@ -71,6 +74,25 @@ class ModelComparison:
     def best(self) -> str:
         """Name of the model with the lowest cross-validated error."""
         return self.rows[0].model
+
+    def __repr__(self) -> str:
+        count = count_words(len(self.rows), "model")
+        lines = [f"Comparison of {count}, by the cross-validated error:"]
+        for row in self.rows[:MAX_LISTED]:
+            error = "undefined"
+            if row.cv_rms_mm is not None:
+                error = f"{write_rounded(row.cv_rms_mm)} mm rms"
+            parameters = count_words(row.parameters, "parameter")
+            words = [f"{row.model}: {error}, {parameters}", row.note]
+            lines.append(f"  {'; '.join(filter(None, words))}")
+        if len(self.rows) > MAX_LISTED:
+            lines.append("  …")
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        """Show the table in a notebook."""
+        table = self.to_frame()
+        return str(table.to_html(float_format="%.4g", na_rep=""))
 
     def to_frame(self) -> pd.DataFrame:
         """Return the rows as a table indexed by the models' names.

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .._arguments import check_path, check_type, list_names
+from .._arguments import check_path, check_type, collect_names
 from .._progress import follow
 from .._typing import Say
 from ..calibration.calibration import Calibration, calibrate
@@ -92,8 +92,8 @@ class Result:
 
     def to_frame(self, table: str = "ladder") -> pd.DataFrame:
         """Return one of the result's tables: "ladder", "candidates", "findings", "credible sets", "estimates",
-        "parameters", "significance", "error map" (places by causes, F) or "residuals". Raises StudyError for
-        another name."""
+        "repeatability", "parameters", "significance", "error map" (places by causes, F) or "residuals". Raises
+        StudyError for another name."""
         if table == "residuals":
             return self.residuals()
         check_type("table", table, str, "the name of a table")
@@ -120,12 +120,15 @@ class Result:
         say: Say | None = None,
         progress: bool | None = None,
     ) -> list[Path]:
-        """Draw report.pdf and report.html into a folder, or with `pages` those of the PDF into report-pages.pdf;
+        """Draw report.pdf and report.html into a folder, or with `pages` (one, or several) those of the PDF into
+        report-pages.pdf: "first", "parameters", "significance", "findings", "residuals", "repeatability",
+        "outliers", "models", "data", "map", "unidentifiable", "posterior", "provenance".
+
         `progress` shows what is being done (by default on a terminal, unless `say` is given). Files written. Raises
         StudyError or ReportError."""
         from ..report.drawing import STEPS, draw_records
 
-        chosen = None if pages is None else list_names("pages", pages)
+        chosen = None if pages is None else collect_names("pages", pages)
         with follow(say, progress, STEPS) as tell:
             return draw_records(self.record, self.details, Path(folder), chosen, tell)
 

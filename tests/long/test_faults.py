@@ -124,7 +124,7 @@ def test_no_room(study, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("os.fsync", full)
     status, said = invoked(*words(study, tmp_path / "out"))
     assert status == 2
-    assert "cannot be written: No space left on device. Give another folder with --out." in said
+    assert "cannot be written: No space left on device. Give another folder." in said
     assert "On held-out configurations" in said
     assert {p: p.read_bytes() for p in (tmp_path / "out").iterdir()} == before
 

@@ -12,11 +12,15 @@ import pytest
 from builders import OFF_AXIS, drawn, planted, small_arm
 
 import modelsel as ms
-from modelsel._arguments import check_rows, check_whole_number, describe_value, list_names
+from modelsel._arguments import check_rows, check_whole_number, collect_names, describe_value
+from modelsel._choices import EXPORT_FORMS
+from modelsel.calibration.commands_table import FIGURE_COLUMNS
 from modelsel.exceptions import ArgumentError
 from modelsel.mechanisms.causes import q
 from modelsel.mechanisms.registry import BUILTIN, PerJoint
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.report.drawing import PAGES
+from modelsel.results.tables import TABLES
 from modelsel.testing import LawBroken, check_mechanism
 
 ARM = small_arm()
@@ -71,8 +75,8 @@ def test_a_mask_chooses_a_row() -> None:
 
 
 def test_one_name_is_a_list_of_one() -> None:
-    assert list_names("base", "geometric") == ("geometric",)
-    assert list_names("base", ["geometric", "backlash"]) == ("geometric", "backlash")
+    assert collect_names("base", "geometric") == ("geometric",)
+    assert collect_names("base", ["geometric", "backlash"]) == ("geometric", "backlash")
 
 
 def test_values_are_described_shortly() -> None:
@@ -352,3 +356,52 @@ def test_readings_may_be_lists(result) -> None:
     wide = (0.5, 500.0)
     corrected = calibration.correct(q, bound=wide)
     assert calibration.correct(q.tolist(), bound=wide).equals(corrected)
+
+
+# -- what a user is shown and told
+# ------------------------------------------------------------------------------------------------
+
+
+def test_what_a_user_looks_at_is_a_few_lines(problem) -> None:
+    model = ms.Model((ms.mechanism("geometric", ARM),))
+    comparison = ms.compare(problem, {"geometric": model, "nominal": ms.Model(())})
+    shown = [repr(one) for one in (problem, model, ms.fit(problem, model), comparison)]
+    assert shown[0].startswith(
+        "Problem of small. Measurements: 40 rows, 40 configurations, 1 target"
+    )
+    assert 'nominal target "target": 40, -25, 100 mm in the flange frame' in shown[0]
+    assert shown[1] == "Model of geometric: 21 parameters"
+    assert shown[2].startswith("Fit of geometric: 21 parameters, rank ")
+    assert "120 coordinates, residual standard deviation 0.0" in shown[2]
+    assert "geometric: 0.0" in shown[3]
+    assert "lowest cross-validated error" in shown[3]
+    assert all(len(text.splitlines()) <= 4 for text in shown)
+    assert "<table" in comparison._repr_html_()
+
+
+def test_a_docstring_lists_every_choice() -> None:
+    """What a parameter may be stands where Python shows it."""
+    listed = (
+        (ms.Result.to_frame, (*TABLES, "residuals")),
+        (ms.Result.report, PAGES),
+        (ms.Calibration.export, EXPORT_FORMS),
+        (ms.Calibration.correct, FIGURE_COLUMNS),
+        (ms.plan_next, ("rivals", "d", "a", "o1", "o5")),
+    )
+    for function, choices in listed:
+        said = function.__doc__ or ""
+        missing = [c for c in choices if f'"{c}"' not in said and f"`{c}`" not in said]
+        assert not missing, function
+
+
+def test_no_option_of_a_command_is_asked_of_python(result, tmp_path) -> None:
+    """What is said of a folder, a page, a form or a value holds for both."""
+    (tmp_path / "file").write_text("")
+    acts = (
+        lambda: result.save(tmp_path / "file"),
+        lambda: result.report(tmp_path, pages=("overview",)),
+        lambda: result.calibration.export("ur-calibration"),
+        lambda: ms.plan_next(result, 3, purpose="rivals"),
+    )
+    for act in acts:
+        assert "--" not in refusal(act)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,11 +13,11 @@ import modelsel as ms
 from modelsel._workers import limit_blas
 
 MANY = 3
-CALLS: dict[str, Callable[[Any], object]] = {
-    "run_study": ms.run_study,
-    "diagnose": ms.diagnose,
-    "compare": lambda spy: ms.compare(spy, {}),
-    "plan_next": ms.plan_next,
+CALLS: dict[str, Callable[[], object]] = {
+    "run_study": lambda: ms.run_study(Spy()),
+    "diagnose": lambda: ms.diagnose(SpyProblem()),
+    "compare": lambda: ms.compare(SpyProblem(), {"nominal": ms.Model(())}),
+    "plan_next": lambda: ms.plan_next(SpyResult()),
 }
 
 
@@ -44,6 +43,20 @@ class Spy:
         raise Looked(count_threads())
 
 
+class SpyProblem(Spy, ms.Problem):
+    """A spy that is a problem."""
+
+    def __init__(self) -> None:
+        pass
+
+
+class SpyResult(Spy, ms.Result):
+    """A spy that is a result."""
+
+    def __init__(self) -> None:
+        pass
+
+
 def count_threads() -> set[int]:
     """The numbers of threads of the libraries that multiply matrices."""
     return {one["num_threads"] for one in threadpool_info() if one["user_api"] == "blas"}
@@ -61,7 +74,7 @@ def _many_threads() -> Iterator[None]:
 @pytest.mark.parametrize("name", CALLS)
 def test_what_a_program_calls_uses_one_thread(name) -> None:
     with pytest.raises(Looked, match=r"^\{1\}$"):
-        CALLS[name](Spy())
+        CALLS[name]()
     assert count_threads() == {MANY}
 
 

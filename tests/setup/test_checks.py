@@ -823,7 +823,7 @@ def test_several_targets_are_not_taken_for_the_one_that_was_calibrated(rng, tmp_
     assert ran.exit_code == 3
     said = " ".join(ran.output.split())
     assert 'the file names 2 targets, "A" and "B"; the calibration has one, "A".' in said
-    assert "Keep the rows of that one, or validate with --register" in said
+    assert "Keep the rows of that one, or run `modelsel validate --register`" in said
     one = late[late.target == "A"]
     assert validated(folder, one.assign(target="C"))[1]["drifted"] is False  # by another name
     _, found, text = validated(folder, late, "--register")

@@ -198,7 +198,7 @@ def _describe_parallel(rows: DhRows, form: DhForm) -> list[str]:
     largest = max(abs(row.d) for row in rows.rows) / 1e3
     sentence = (
         f"{' and '.join(pairs)}: their common normal is far away, so that rows have a d of up to "
-        f"{largest:,.0f} m, which are accurate only with all their digits; `--format hayati` has a second "
+        f"{largest:,.0f} m, which are accurate only with all their digits; the form hayati has a second "
         "angle in its place, and numbers near the drawing's"
     )
     return [sentence]

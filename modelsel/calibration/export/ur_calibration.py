@@ -65,7 +65,7 @@ def _align(robot: Robot) -> Alignment:
                 reason = str(error)
     raise StudyError(
         f'"{robot.name}" is not an arm of Universal Robots with the controller\'s joint signs and zeros: '
-        f"{reason}. Use `--format urdf` or `--format mdh` for another arm."
+        f'{reason}. The forms "urdf" and "mdh" take another arm.'
     )
 
 
