@@ -120,7 +120,7 @@ def test_update_is_a_refit(rng) -> None:
             np.square(y - whole @ np.linalg.lstsq(whole, y, rcond=None)[0]).sum(), rel=1e-5
         )
     pair.add(3)
-    assert pair.left(slice(None)) == pytest.approx(left[3], rel=1e-6)
+    assert pair.compute_rest(slice(None)) == pytest.approx(left[3], rel=1e-6)
 
 
 def named_rate(

@@ -159,4 +159,4 @@ def test_columns_of_other_names(tmp_path) -> None:
     assert f"--column {name}=NAME" in refused.stderr
     assert CliRunner().invoke(run_command_line, [*words, "--column", f"{name}=J1"]).exit_code == 0
     wrong = CliRunner().invoke(run_command_line, [*words, "--column", "J1"])
-    assert (wrong.exit_code, "no NAME=COLUMN" in wrong.stderr) == (2, True)
+    assert (wrong.exit_code, "is not NAME=COLUMN" in wrong.stderr) == (2, True)

@@ -42,7 +42,7 @@ def estimate_gain(
 
 def bind(robot: Robot | str, data: Measurements, tool: Sequence[float] = OFF_AXIS) -> Problem:
     robot = load_robot(robot) if isinstance(robot, str) else robot
-    return Problem(robot, data, np.tile(np.array(tool, float), (len(data.targets), 1)))
+    return Problem(robot, data, np.array(tool, float))
 
 
 def drawn(
