@@ -38,12 +38,14 @@ def paired(rng: np.random.Generator, error: Array) -> Floor | None:
 
 def seen_in_part(rng: np.random.Generator, error: Array) -> Floor | None:
     """Ten configurations of eight targets, of which the last configuration shows three."""
-    q = ARM.draw(rng, 10).repeat(8, axis=0)
-    tools = np.tile(rng.uniform(-150, 150, (8, 3)), (10, 1))
-    position = [forward(ARM, q[k : k + 1], tool)[0] for k, tool in enumerate(tools)]
+    q = ARM.draw(rng, 10)
+    tools = rng.uniform(-150, 150, (8, 3))
+    places = [forward(ARM, q, tool) for tool in tools]
+    position = np.stack(places, axis=1).reshape(80, 3)
     names = [f"t{k}" for k in range(8)] * 10
     seen = slice(0, len(error))
-    data = build_measurements(q[seen], position[seen] + error, target=names[seen])
+    every = q.repeat(8, axis=0)
+    data = build_measurements(every[seen], position[seen] + error, target=names[seen])
     return from_target_pairs(data)
 
 
