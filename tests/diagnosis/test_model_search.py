@@ -28,7 +28,7 @@ from modelsel.diagnosis.model_sampler import sample_models
 from modelsel.diagnosis.model_search import BY_SAMPLING, FOR_CLAIMS, _Walk, visit_models
 from modelsel.diagnosis.signatures import Parts, read_parts, read_signatures
 from modelsel.diagnosis.state import Search
-from modelsel.diagnosis.stepwise import explore, explore_further
+from modelsel.diagnosis.stepwise import Exploration, explore, explore_further
 from modelsel.diagnosis.views import View
 from modelsel.diagnosis.weighed_models import VisitedModels
 from modelsel.fitting.least_squares import fit
@@ -362,16 +362,22 @@ def test_what_several_effects_say_together_counts() -> None:
 # -- shapes that are offered
 
 
+def explore_scale(rng: np.random.Generator) -> Exploration:
+    """An arm whose joint 3 moves more than it reads, explored."""
+    scale = mechanism("encoder-scale:3", load_robot("irb120"))
+    at = planted(drawn("irb120", rng, 40), scale.terms, np.array([2e-3]), rng, SIGMA)
+    base = Model((mechanism("geometric", at.robot),))
+    found = build_candidates(at, base, every(at.robot))
+    return explore(Search(at, base, found, rng, fit(at, base)), (), ignore)
+
+
 @pytest.mark.slow
 def test_a_shape_that_leads_back_is_not_offered_again(
     monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
 ) -> None:
     """Its own effects, found again, end the search: each round of a large study takes seconds."""
-    scale = mechanism("encoder-scale:3", load_robot("irb120"))
-    at = planted(drawn("irb120", rng, 40), scale.terms, np.array([2e-3]), rng, SIGMA)
-    base = Model((mechanism("geometric", at.robot),))
-    found = build_candidates(at, base, every(at.robot))
-    concluded = conclude(explore(Search(at, base, found, rng, fit(at, base)), (), ignore))
+    concluded = conclude(explore_scale(rng))
+    found = concluded.explored.search.candidates
     better = [((0,), found[0])]
     weigh = conclusion._weigh
     asked: list[object] = []
@@ -392,10 +398,6 @@ def test_shapes_that_the_data_do_not_determine_change_nothing(
     monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
 ) -> None:
     """The effects that were found before stay, and the way to them is told once."""
-    scale = mechanism("encoder-scale:3", load_robot("irb120"))
-    at = planted(drawn("irb120", rng, 40), scale.terms, np.array([2e-3]), rng, SIGMA)
-    base = Model((mechanism("geometric", at.robot),))
-    found = build_candidates(at, base, every(at.robot))
     prune = conclusion.prune_effects
 
     def note(*given: Any) -> tuple[list[int], View]:
@@ -403,7 +405,8 @@ def test_shapes_that_the_data_do_not_determine_change_nothing(
         return prune(*given)
 
     monkeypatch.setattr(conclusion, "prune_effects", note)
-    concluded = conclude(explore(Search(at, base, found, rng, fit(at, base)), (), ignore))
+    concluded = conclude(explore_scale(rng))
+    found = concluded.explored.search.candidates
     before = [found[g].label for g in concluded.chosen]
     place = {one.mechanism.name: g for g, one in enumerate(found)}
     better = [((place["encoder-scale:3"],), found[place["encoder-scale:2"]])]
