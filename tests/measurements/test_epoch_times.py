@@ -13,6 +13,8 @@ from modelsel.measurements.optional_columns import guess_optional_columns
 from modelsel.measurements.point_times import find_times
 from modelsel.measurements.reader import read_measurements
 from modelsel.measurements.table import load_table
+from modelsel.robot.files import load_robot
+from modelsel.robot.kinematics import forward
 
 SECONDS = 1_732_600_000 + 12.5 * np.arange(30)
 SIZES = {"": 1.0, "milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
@@ -21,7 +23,8 @@ SIZES = {"": 1.0, "milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 def tabulate(rng: np.random.Generator, name: str, size: float) -> pd.DataFrame:
     q = rng.uniform(-1, 1, (len(SECONDS), 6))
     table = pd.DataFrame({f"q{j}_rad": q[:, j - 1] for j in range(1, 7)})
-    table[["x_mm", "y_mm", "z_mm"]] = rng.uniform(-500, 500, (len(SECONDS), 3))
+    # where the arm is: of an arm that is not there `init` looks long for what is wrong
+    table[["x_mm", "y_mm", "z_mm"]] = forward(load_robot("ur5"), q, np.array([40.0, 0.0, 120.0]))
     table[name] = (SECONDS * size).astype(np.int64)
     return table
 

@@ -10,6 +10,7 @@ import pytest
 from modelsel.calibration.command_notes import find_past_limits
 from modelsel.measurements.measurements import build_measurements
 from modelsel.robot.files import load_robot
+from modelsel.robot.kinematics import forward
 from modelsel.study.inspection import format_inspection, inspect_measurements
 
 
@@ -36,7 +37,8 @@ def test_check_and_compensate_agree_on_a_reading_at_the_limit(
     q = rng.uniform(-0.5, 0.5, (20, 6))
     _, high = robot.joints[2].limits
     q[4, 2] = high + past
-    inspected = inspect_measurements(robot, build_measurements(q, np.zeros((20, 3))))
+    position = forward(robot, q, np.array([40.0, 0.0, 120.0]))
+    inspected = inspect_measurements(robot, build_measurements(q, position))
     commands = find_past_limits(SimpleNamespace(robot=robot), q)
     assert inspected["joints"][2]["rows_beyond_limits"] == is_beyond
     assert commands[4, 2] == is_beyond
