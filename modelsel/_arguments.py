@@ -19,7 +19,7 @@ MAX_SHOWN = 60  # characters of a value that a message shows
 
 def describe_value(value: Any) -> str:
     """Describe a value in a few words: itself where it is short and plain, else its type."""
-    if value is None or isinstance(value, (str, int, float)):
+    if value is None or isinstance(value, (str, int, float, tuple)):
         shown = repr(value)
         if len(shown) <= MAX_SHOWN:
             return shown

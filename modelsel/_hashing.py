@@ -20,11 +20,11 @@ def cache_hash(cls: Class) -> Class:
     work_out: Callable[[Any], int] = cls.__hash__  # type: ignore[assignment]
 
     def remembered(self: Any) -> int:
+        values: dict[str, Any] = self.__dict__
         try:
-            known: int = self._hash
-        except AttributeError:
-            known = work_out(self)
-            self.__dict__[HASH_ATTRIBUTE] = known
+            known: int = values[HASH_ATTRIBUTE]
+        except KeyError:
+            known = values[HASH_ATTRIBUTE] = work_out(self)
         return known
 
     def travelling(self: Any) -> dict[str, Any]:

@@ -35,13 +35,14 @@ def map_in_threads(
 
 
 @contextmanager
-def limit_blas() -> Iterator[None]:
-    """Have products of matrices use one thread, in a program that has not limited them itself.
+def steady_arithmetic() -> Iterator[None]:
+    """Compute alike whatever the program has set: products of matrices use one thread, and
+    underflow is no error.
 
     The matrices of a study are small: more threads wait for each other longer than they work, and
-    add up in another order. As a decorator: of what a program calls, and of what other processes
-    do. The limit holds for the whole process until the last of those that asked for it ends.
-    Underflow is no error meanwhile: a probability may be as small as it likes."""
+    add up in another order. A probability may be too small for a number. As a decorator: of what a
+    program calls, and of what other processes do. The limit of threads holds for the whole process
+    until the last of those that asked for it ends."""
     import numpy as np
     import scipy.linalg  # noqa: F401  it has threads of its own, which can be limited once it is loaded
 

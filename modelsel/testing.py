@@ -301,6 +301,7 @@ def law5_symbols_and_units(mechanism: Mechanism, at: Problem, rng: np.random.Gen
     for term in mechanism.terms:
         symbol = term.symbol
         unit = term.unit
+        require(term.screws, f"L5: {symbol} drives no screw")
         base, *_ = unit.replace("/", " ").split()
         require(base in ("mm", "rad", "1"), f"L5: {symbol} has the unit {unit}")
         for screw in term.screws:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arguments import describe_value
 from .._typing import Array
-from ..exceptions import StudyError, count_words, write_rounded
+from ..exceptions import ArgumentError, count_words, write_rounded
 from ..measurements.measurements import Measurements
 from ..measurements.visits import derive_motion
 from .command_notes import describe_order_dependence
@@ -30,15 +31,14 @@ Bound = tuple[float, float]
 
 
 def check_bound(bound: object) -> None:
-    """Raise StudyError where a bound is not two positive numbers (rad, mm): nothing is beyond NaN."""
+    """Raise ArgumentError where a bound is not two positive numbers (rad, mm): nothing is beyond NaN."""
     try:
         numbers = np.asarray(bound, dtype=float)
     except (TypeError, ValueError):
         numbers = np.zeros(0)
     if numbers.shape != (2,) or not (numbers > 0).all():
-        raise StudyError(
-            f"bound: (rad, mm), two numbers above 0, are expected, not {str(bound)[:80]}."
-        )
+        found = describe_value(bound)
+        raise ArgumentError(f"bound: expected (rad, mm), two numbers above 0, found {found}.")
 
 
 def find_weakest(J: Array, missing: Array) -> Array:

@@ -17,7 +17,7 @@ from .._arguments import check_rows, check_type, check_whole_number, collect_nam
 from .._progress import News, follow, keep_silent
 from .._random import generator
 from .._typing import Array, Index, Mask, Say
-from .._workers import count_cores, limit_blas
+from .._workers import count_cores, steady_arithmetic
 from ..exceptions import StudyError
 from ..fitting.design import Model, whitened
 from ..fitting.least_squares import fit
@@ -61,7 +61,7 @@ UNFINISHED = (
 ALL = "all"
 
 
-@limit_blas()
+@steady_arithmetic()
 def diagnose(  # noqa: PLR0913  all but the first have defaults
     problem: Problem,
     *,
@@ -270,7 +270,7 @@ class _Fold(NamedTuple):
     names: list[str]
 
 
-@limit_blas()
+@steady_arithmetic()
 def _run_fold(k: int, split: Split, inquiry: Inquiry, fold: Index) -> _Fold:
     outside = fold == k
     rest = replace(

@@ -156,8 +156,9 @@ def build_faults(robot: Robot) -> tuple[Mechanism, ...]:
     )
 
 
-def unknown_mechanism(name: str, registry: Registry) -> StudyError:
-    """Say that no registry knows the name: with the nearest one, or with where all are listed."""
+def refuse_unknown_mechanism(name: str, registry: Registry) -> StudyError:
+    """Return the error of a name that no registry has: with the nearest one, or where all are
+    listed."""
     hint = suggest(name.partition(":")[0], registry) or "`modelsel mechanisms` lists them."
     return StudyError(f'unknown mechanism "{name}". {hint}')
 
@@ -200,7 +201,7 @@ def _build_named(name: str, robot: Robot, registry: Registry) -> tuple[Mechanism
     """Build what a name stands for, as its entry builds it."""
     stem, *given = name.split(":")
     if stem not in registry:
-        raise unknown_mechanism(name, registry)
+        raise refuse_unknown_mechanism(name, registry)
     entry = registry[stem]
     is_scanned = isinstance(entry, Scanned)
     has_joints = isinstance(entry, (PerJoint, Scanned)) and entry.joints is not None

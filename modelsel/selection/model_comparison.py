@@ -15,7 +15,7 @@ from .._arguments import check_rows, check_type, check_whole_number
 from .._linalg import TINY
 from .._random import generator
 from .._typing import Array, Index, Mask
-from .._workers import limit_blas
+from .._workers import steady_arithmetic
 from ..exceptions import ArgumentError, count_words, write_rounded
 from ..fitting.design import MODEL_EXPECTED, Model
 from ..fitting.problem import PROBLEM_EXPECTED, Problem
@@ -109,7 +109,7 @@ class ModelComparison:
         return table.astype(types)
 
 
-@limit_blas()
+@steady_arithmetic()
 def compare(
     problem: Problem,
     models: Mapping[str, Model],

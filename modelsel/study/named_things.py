@@ -11,7 +11,7 @@ from .._files import STUDY_FILE
 from .._text import parse_toml, read_text
 from ..config.study_file import Study, read_study
 from ..exceptions import StudyError
-from ..mechanisms.registry import unknown_mechanism, with_plugins
+from ..mechanisms.registry import refuse_unknown_mechanism, with_plugins
 
 # lists of mechanisms in [model], and the one that holds lists of them
 LISTS = ("base", "candidates")
@@ -43,7 +43,7 @@ def _list_unknown_mechanisms(file: Path) -> list[str]:
         stem, _, _ = name.partition(":")
         if stem in registry or name in own_names:
             continue
-        problems.append(f"{file.name}: {place}: {unknown_mechanism(name, registry)}")
+        problems.append(f"{file.name}: {place}: {refuse_unknown_mechanism(name, registry)}")
     return list(dict.fromkeys(problems))
 
 

@@ -62,6 +62,7 @@ from .held_out_outliers import exclude_held_out_outliers
 from .inputs import list_candidates
 from .model_ladder import (
     build_base,
+    build_model,
     choose_constants,
     evaluate_effects,
     evaluate_ladder,
@@ -337,7 +338,7 @@ def sample_posterior(
     log_posterior = build_log_posterior(
         split,
         result.models.chosen.fit,
-        build_base(study, split.problem, registry),
+        build_model(study, split.problem, registry, study.model.base),
         registry,
         over=study.sampling.over,
         instrument=None if stated else read_instrument(study.noise),

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._typing import Array
-from ..fitting.design import ROUNDING
 from ..fitting.possible_parts import MIN_EXCESS
 
 # postures that are measured again at most, and how often each is measured at least
 MAX_POSTURES = 10
 TIMES = 3
+# of a column's size: one that varies by less stands still
+STILL = 1e-9
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ def _standardise(values: Array) -> Array:
     """Return columns (k, c) in their standard deviations, those that do not vary as zeros."""
     away = values - values.mean(0)
     spread = away.std(0)
-    varies = spread > ROUNDING * np.abs(values).max(0)
+    varies = spread > STILL * np.abs(values).max(0)
     return np.where(varies, away / np.where(varies, spread, 1.0), 0.0)
 
 

@@ -12,7 +12,7 @@ from .._arguments import check_type, check_whole_number
 from .._choices import PLAN_PURPOSES
 from .._random import generator
 from .._typing import Array
-from .._workers import limit_blas
+from .._workers import steady_arithmetic
 from ..calibration.calibration import Calibration
 from ..calibration.experiment_design import (
     Rivals,
@@ -276,7 +276,7 @@ def _check_purpose(purpose: str | None) -> None:
     raise StudyError(f"purpose: expected one of {known}, or None, found {purpose!r}.")
 
 
-@limit_blas()
+@steady_arithmetic()
 def plan_next(
     result: Result,
     count: int = 10,

@@ -8,7 +8,7 @@ from typing import Any
 
 from .._progress import follow
 from .._typing import Say
-from .._workers import limit_blas
+from .._workers import steady_arithmetic
 from ..config.study_file import Study, find_source
 from ..exceptions import DataError
 from ..measurements.table import Source, hash_source
@@ -23,7 +23,7 @@ from .result import Result
 from .steps import READING, list_steps
 
 
-@limit_blas()
+@steady_arithmetic()
 def run_study(
     study: Study | Path | str,
     folder: Path | str | None = None,

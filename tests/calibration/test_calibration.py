@@ -200,7 +200,9 @@ def test_readings_are_corrected_as_a_table_of_them(result) -> None:
 @pytest.mark.parametrize("bound", [(np.nan, 20.0), (-0.01, 20.0), (0, 0), 1, (1, 2, 3), "a"])
 def test_a_bound_that_bounds_nothing_is_refused(result, bound) -> None:
     q = result.split.problem.data.q[:3]
-    with pytest.raises(StudyError, match=r"^bound: \(rad, mm\), two numbers above 0, are expected"):
+    with pytest.raises(
+        StudyError, match=r"^bound: expected \(rad, mm\), two numbers above 0, found "
+    ):
         result.calibration.correct(q, bound=bound)
 
 

@@ -10,7 +10,7 @@ import scipy.linalg  # noqa: F401  loads the second library that multiplies matr
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import modelsel as ms
-from modelsel._workers import limit_blas
+from modelsel._workers import steady_arithmetic
 
 MANY = 3
 CALLS: dict[str, Callable[[], object]] = {
@@ -79,14 +79,14 @@ def test_what_a_program_calls_uses_one_thread(name) -> None:
 
 
 def test_what_is_too_small_for_a_number_is_zero() -> None:
-    with np.errstate(all="raise"), limit_blas():
+    with np.errstate(all="raise"), steady_arithmetic():
         assert np.exp(-1000.0) == 0
 
 
 @pytest.mark.usefixtures("_many_threads")
 def test_the_last_that_ends_lifts_the_limit() -> None:
-    with limit_blas():
-        with limit_blas():
+    with steady_arithmetic():
+        with steady_arithmetic():
             assert count_threads() == {1}
         assert count_threads() == {1}
     assert count_threads() == {MANY}
