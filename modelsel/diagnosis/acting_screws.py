@@ -19,10 +19,13 @@ from ..mechanisms.terms import Screw, Term, TermKey
 from .candidate_columns import stack_design
 from .candidates import Candidate
 from .credible_sets import ALIKE
+from .screw_columns import split_range
 
 # share of the largest motion by a screw of a term at one frame, below which another does not count:
 # with and without it, the target moves alike
 SMALL = float(np.sqrt(1 / ALIKE**2 - 1))
+# columns that are measured at a time
+PIECE = 64
 
 
 def keep_acting_screws(
@@ -70,9 +73,7 @@ def _find_acting(
     alone = [Term("", (screw,)) for term in terms for screw in term.screws]
     if not alone:
         return {}
-    columns, _ = stack_design(problem, alone, at)
-    beyond = columns - Q @ (Q.T @ columns)
-    sizes = iter(np.linalg.norm(beyond, axis=0).tolist())
+    sizes = iter(_measure_beyond(problem, alone, at, Q))
     acting: dict[TermKey, tuple[Screw, ...]] = {}
     for term in terms:
         size = {screw: next(sizes) for screw in term.screws}
@@ -81,3 +82,16 @@ def _find_acting(
             largest[screw.frame] = max(own, largest.get(screw.frame, 0.0))
         acting[term.key] = tuple(s for s in term.screws if size[s] >= SMALL * largest[s.frame])
     return acting
+
+
+def _measure_beyond(
+    problem: Problem, terms: Sequence[Term], at: Linearisation | None, Q: Array
+) -> list[float]:
+    """Measure the columns of terms beyond a basis, some at a time: of all of them they would fill the
+    memory."""
+    sizes: list[float] = []
+    for some in split_range(len(terms), PIECE):
+        columns, _ = stack_design(problem, terms[some], at)
+        beyond = columns - Q @ (Q.T @ columns)
+        sizes += np.linalg.norm(beyond, axis=0).tolist()
+    return sizes

@@ -64,7 +64,9 @@ class Contenders:
     def _seen(self) -> _Seen:
         search, view = self.search, self.view
         every = tuple(self.every.values())
-        columns = build_columns(search.problem, every, view.fitted.at(), search.memory_mb)
+        # the search keeps its causes meanwhile
+        left_mb = max(search.memory_mb - search.causes.count_mb(), 0.0)
+        columns = build_columns(search.problem, every, view.fitted.at(), left_mb)
         scan = build_scan(columns, view.Q)
         return _Seen(columns, scan, scan.see(view.residual))
 

@@ -280,7 +280,9 @@ def draw_null(
     evidences, smallest = [], []
     for drawn in split_range(draws, int(MAX_DRAWN_NUMBERS / max(seen.columns.groups, rows))):
         noise = rng.standard_normal((rows, drawn.stop - drawn.start))
-        residual = (noise - seen.Q @ (seen.Q.T @ noise)).astype(np.float32)
+        noise -= seen.Q @ (seen.Q.T @ noise)
+        residual = noise.astype(np.float32)
+        del noise  # as large as a memory limit allows
         for piece in split_range(residual.shape[1], PIECE):
             part = np.ascontiguousarray(residual[:, piece])
             chance = Chance(seen, log_prior, seen.columns.dot(part), np.square(part).sum(0))

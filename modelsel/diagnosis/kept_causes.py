@@ -14,6 +14,7 @@ from ..mechanisms.causes import ARITHMETIC, Applied, Cause, Combined, State
 # room for causes that come later, as a share of those that are there, and at least: memory that
 # nothing is written to is not used
 ROOM, LEAST_ROOM = 0.25, 64
+BYTES = 8  # of a number
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +37,13 @@ class KeptCauses:
         for cause in causes:
             numbers.setdefault(cause, len(numbers))
         return tuple(numbers)
+
+    def count_mb(self) -> float:
+        """Count the megabytes that the values take."""
+        numbers = 0
+        for values, count in self._values.values():
+            numbers += values[:count].size
+        return BYTES * numbers / 1e6
 
     def evaluate(self, problem: Problem, rows: slice) -> Array:
         """Return the values (u, m) of all causes at a block of the rows, those of `problem`."""

@@ -9,18 +9,21 @@ from builders import drawn, seeds
 from modelsel import _workers
 from modelsel.diagnosis import candidate_columns, screw_columns
 from modelsel.diagnosis.candidate_columns import build_columns, stack_design
-from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.candidate_kinds import CandidateKind
+from modelsel.diagnosis.candidates import Candidate, build_candidates
+from modelsel.diagnosis.contenders import Contenders, gather_contenders
 from modelsel.diagnosis.evidence import Chance
 from modelsel.diagnosis.kept_causes import KeptCauses, evaluate_everywhere
 from modelsel.diagnosis.scan import Response, build_scan, build_scan_without, compute_basis
 from modelsel.diagnosis.screw_columns import ScrewColumns, build_screw_columns
+from modelsel.diagnosis.state import Search
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.linearisation import Linearisation
 from modelsel.fitting.problem import Problem
 from modelsel.mechanisms.causes import Applied, Bump, Named, State, cos, q, sin
 from modelsel.mechanisms.registry import every, mechanism
-from modelsel.mechanisms.terms import Screw, Term
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 
 # one screw; several at several places; two at one place; a number as cause
 TERMS = (
@@ -36,6 +39,19 @@ def columns_of(at: Problem, memory_mb: float = 500.0) -> tuple[ScrewColumns, np.
     point = Linearisation(TERMS, np.array([1e-3, 0.1, 0.05, 0.2, 1e-3]))
     screws = build_screw_columns(at, TERMS, point, memory_mb)
     return screws, stack_design(at, TERMS, point)[0]
+
+
+def make_contenders(
+    at: Problem,
+    base: Model,
+    listed: tuple[Candidate, ...],
+    contenders: list[Candidate],
+    memory_mb: float,
+) -> Contenders:
+    """Contenders beside the base in a search with so much memory."""
+    rng = np.random.default_rng(1)
+    search = Search(at, base, listed, rng, fit(at, base), memory_mb)
+    return gather_contenders(search, search.first, contenders)
 
 
 @seeds(1, 2)
@@ -127,6 +143,30 @@ def test_columns_of_the_same_rows_share_their_causes(rng: np.random.Generator) -
     assert kept is not None
     again = build_screw_columns(at, TERMS, point, 500.0, known).blocks[0].kept
     assert np.shares_memory(kept, again)
+
+
+@pytest.mark.parametrize("share", [0.5, 1.5])
+def test_contenders_take_the_memory_that_the_search_leaves(
+    rng: np.random.Generator, share: float
+) -> None:
+    """Causes of contenders are kept only where the search's own leave room; their Bayes factors are
+    the same."""
+    at = drawn("puma760", rng, 60)
+    base = Model((mechanism("geometric", at.robot),))
+    listed = build_candidates(at, base, ())[:800]
+    free = tuple(
+        Mechanism(f"own {k}", (Term("own", (Screw(3, "rz", sin(0.1 * k * q(2))),)),))
+        for k in range(40)
+    )
+    contenders = [Candidate(one, CandidateKind.PRODUCT, 1e-3) for one in free]
+    ample = make_contenders(at, base, listed, contenders, 500.0)
+    taken_mb = ample.search.causes.count_mb()
+    needed_mb = len(free) * len(at) * 8e-6 / screw_columns.CAUSES_SHARE
+    assert taken_mb > needed_mb
+    tight = make_contenders(at, base, listed, contenders, taken_mb + share * needed_mb)
+    assert (tight._seen.columns.screws.blocks[0].kept is not None) == (share > 1)
+    factors, wanted = (each.weigh((), contenders) for each in (tight, ample))
+    np.testing.assert_allclose(factors, wanted, rtol=1e-9)
 
 
 def test_splines_are_kept_where_they_are_not_zero(rng: np.random.Generator) -> None:
