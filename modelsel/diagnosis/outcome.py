@@ -10,6 +10,7 @@ from .._typing import Array
 from ..fitting.design import Model
 from ..fitting.error_structure import ErrorStructure
 from ..fitting.least_squares import Fit
+from ..mechanisms.terms import Mechanism
 from .candidates import Candidate
 from .credible_sets import CredibleSet
 from .effects import DROPPED, Effect
@@ -45,6 +46,12 @@ class Diagnosis:
     offered: tuple[Candidate, ...] = field(default=(), repr=False)
     errors: ErrorStructure = field(default_factory=ErrorStructure)
     models: tuple[WeighedModel, ...] = field(default=(), repr=False)
+
+    @property
+    def registered(self) -> tuple[Mechanism, ...]:
+        """The registered mechanisms of the arm among the effects."""
+        candidates = [effect.candidate for effect in self.effects]
+        return tuple(c.mechanism for c in candidates if c.registered and c.fault is None)
 
     @property
     def findings(self) -> tuple[str, ...]:

@@ -277,6 +277,12 @@ def is_where_target_is(name: str) -> bool:
     return state_kind(name) in WHERE_TARGET_IS
 
 
+def needs_gravity(name: str) -> bool:
+    """Return whether a name is of a quantity that depends on the direction of gravity."""
+    variable = parse_state_name(name)
+    return variable is not None and variable.family.by_gravity
+
+
 def is_state_name(name: str) -> bool:
     """Return whether a name is one of the table's, of any arm: no column may have it."""
     return parse_state_name(name) is not None

@@ -10,6 +10,9 @@ import numpy as np
 from ..exceptions import sentence_list, write_percent
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
+from ..fitting.shrinkage import fit_shrunk
+from ..measurements.state_names import needs_gravity
+from ..mechanisms.terms import Mechanism
 from ..notices import Note
 from ..robot.kinematics import Robot
 from ..setup.other_gravity import find_other_gravity
@@ -59,13 +62,22 @@ def describe_upward_gravity(robot: Robot, problem: Problem) -> str | None:
 
 
 def note_other_gravity(
-    problem: Problem, fitted: Fit, notes: Sequence[Note], is_stated: bool
+    problem: Problem,
+    fitted: Fit,
+    found: Sequence[Mechanism],
+    notes: Sequence[Note],
+    is_stated: bool,
 ) -> list[Note]:
-    """Return the warning that joints wind up as if gravity had another direction, beside a fitted base;
-    nothing where the study states it (`is_stated`), or where the `notes` question it already."""
+    """Return the warning that joints wind up as if gravity had another direction, beside a fitted base
+    and beside what of the mechanisms that were `found` does not depend on it; nothing where the study
+    states it (`is_stated`), or where the `notes` question it already."""
     if is_stated or any(note.code == UPWARDS for note in notes):
         return []
     other = find_other_gravity(problem, fitted)
+    beside = [one for one in found if not any(map(needs_gravity, one.names()))]
+    if other is not None and beside:
+        # a joint that turns too far or too little resembles one that winds up
+        other = find_other_gravity(problem, fit_shrunk(problem, fitted.model + beside, fitted))
     if other is None:
         return []
     direction = write_direction(other.direction)

@@ -171,7 +171,9 @@ def _analyse_prepared(
     # every warning is collected here, in the order in which it is reported
     warnings = [
         *notes,
-        *note_other_gravity(split.training.as_stated(), steps[0].fit, notes, is_stated),
+        *note_other_gravity(
+            split.training.as_stated(), steps[0].fit, diagnosis.registered, notes, is_stated
+        ),
         *untested.note(),
         *collect_diagnosis_notes(study, split, diagnosis, noise_notes, detection_limit.mm),
         *collect_comparison_notes(comparison, chosen),

@@ -97,7 +97,29 @@ def test_what_the_study_states_is_not_questioned(rng: np.random.Generator) -> No
     moved = 2e-5 * torques(robot, q, sideways) * [0, 1, 1, 0, 0, 0]
     at = measure(robot, moved, q, rng)
     fitted = fit(at, Model((mechanism("geometric", robot),)))
-    (note,) = note_other_gravity(at, fitted, [], is_stated=False)
+    (note,) = note_other_gravity(at, fitted, (), [], is_stated=False)
     assert "as if gravity were [1, 0, 0] in the robot's base frame, not [0, 0, -1]" in note.sentence
-    assert not note_other_gravity(at, fitted, [], is_stated=True)
-    assert not note_other_gravity(at, fitted, [Note(UPWARDS, "")], is_stated=False)
+    assert not note_other_gravity(at, fitted, (), [], is_stated=True)
+    assert not note_other_gravity(at, fitted, (), [Note(UPWARDS, "")], is_stated=False)
+
+
+@pytest.mark.unit
+@seeds(1, 2, 3)
+@pytest.mark.parametrize("is_elsewhere", [False, True])
+def test_it_is_asked_beside_what_was_found(is_elsewhere: bool, rng: np.random.Generator) -> None:
+    """A joint that turns too little resembles one that winds up against the weight: beside the base
+    alone both ask for another direction, beside the joint's scale only where it is another."""
+    robot = load_robot("irb1600")
+    q = robot.draw(rng, ROWS)
+    direction, joints, size, scale = (0, 0, -1), [2], 1e-4, 1e-3
+    if is_elsewhere:
+        direction, joints, size, scale = (1, 0, 0), [1, 2], 3e-4, 4e-4
+    moved = np.zeros_like(q)
+    moved[:, joints] = torques(robot, q, np.array(direction, float))[:, joints]
+    moved *= rng.uniform(0.7, 1.0) * size / np.sqrt(np.square(moved[:, joints]).mean())
+    moved[:, 1] -= rng.uniform(0.7, 1.0) * scale * q[:, 1]
+    at = measure(robot, moved, q, rng)
+    fitted = fit(at, Model((mechanism("geometric", robot),)))
+    found = (mechanism("encoder-scale:2", robot), mechanism("joint-compliance:3", robot))
+    assert note_other_gravity(at, fitted, (), [], is_stated=False)
+    assert bool(note_other_gravity(at, fitted, found, [], is_stated=False)) == is_elsewhere
