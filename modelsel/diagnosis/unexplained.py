@@ -192,9 +192,10 @@ def describe_unexplained(
     split: Split,
     chosen: Evaluation,
     reason: str = "",
+    has_faults: bool = False,
 ) -> DetectionLimit:
     """Describe what a further effect would have had to be to be found; `reason`: why candidates
-    that were asked for are not among those found."""
+    that were asked for are not among those found; `has_faults`: whether faults of the data were."""
     if not found and reason:
         return DetectionLimit(f"Nothing was searched: {reason}")
     if not found or diagnosis.left is None:
@@ -205,7 +206,8 @@ def describe_unexplained(
         return DetectionLimit(
             "Nothing is left to explain: the model agrees with the measurements to rounding."
         )
-    found_nothing = f"Nothing {'else ' if diagnosis.effects else ''}was found"
+    is_more = bool(diagnosis.effects) or has_faults
+    found_nothing = f"Nothing {'else ' if is_more else ''}was found"
     postures = _count_saturating(diagnosis, split)
     if postures:
         return DetectionLimit(
@@ -282,7 +284,7 @@ def _measure_rad_per_mm(evaluation: Evaluation, split: Split) -> float | None:
 
 
 def _describe_stop(diagnosis: Diagnosis) -> str:
-    """Describe a search that stopped although something systematic is left."""
+    """Describe a search that stopped although chance hardly leaves as much."""
     assert diagnosis.left is not None
     first = diagnosis.left.entries[0]
     count = len(diagnosis.effects)
@@ -290,7 +292,7 @@ def _describe_stop(diagnosis: Diagnosis) -> str:
     if count:
         stopped = f"The search stopped after {count_words(count, 'effect')}"
     return (
-        f"{stopped}, but something systematic is left: chance alone would explain it with probability {format_chance(diagnosis.left_p)}. It looks "
+        f"{stopped}, but something systematic may be left (p = {format_chance(diagnosis.left_p)}). It looks "
         f"most like {first.candidate.label} (probability {format_probability(first.probability)})."
     )
 

@@ -13,6 +13,7 @@ from ..fitting.noise import Floor
 from ..selection.evaluation import Evaluation
 from ..selection.gain import Gain
 from .cautions import explain_restriction
+from .finding_schema import FAULT
 from .map_details import MIN_DISPLACEMENT
 from .small_findings import MIN_GROUPED, write_number
 
@@ -30,6 +31,11 @@ class Named(NamedTuple):
     matters: bool = True
     doubtful: bool = False
     rivals: tuple[str, ...] = ()
+
+    @property
+    def is_fault(self) -> bool:
+        """Whether it is a fault of the data, and no error of the arm."""
+        return self.name.startswith(FAULT)
 
     @property
     def shown(self) -> str:
@@ -160,21 +166,25 @@ def _rms_length(floor: Floor) -> float:
 def _describe_named(every: NamedErrors, extends: bool) -> str:
     """Return what was named, what was found without a proven cause, what a free function is where one is
     among them, and of small findings their sum."""
-    if not every.each:
-        return "No error beyond the base model was named."
-    small = [one for one in every.each if not one.matters]
+    faults = [one for one in every.each if one.is_fault]
+    errors = [one for one in every.each if not one.is_fault]
+    sentences = _describe_faults(faults)
+    if not errors:
+        sentences.append("No error beyond the base model was named.")
+        return " ".join(sentences)
+    small = [one for one in errors if not one.matters]
     is_grouped = len(small) >= MIN_GROUPED
-    told = [one for one in every.each if one.matters or not is_grouped]
+    told = [one for one in errors if one.matters or not is_grouped]
     settled = [one for one in told if one.is_settled]
     unsettled = [one for one in told if not one.is_settled]
-    sentences = [*_describe_settled(settled), *_describe_unsettled(unsettled, bool(settled))]
+    sentences += [*_describe_settled(settled), *_describe_unsettled(unsettled, bool(settled))]
     sentences += _explain_free_function(" ".join(sentences))
     if is_grouped:
         which = "smaller ones together" if told else "small errors beyond the base together"
         effect = _describe_small_effect(every)
         sentences.append(f"{write_number(len(small))} {which} {effect}.")
     if not extends:
-        is_one = len(every.each) == 1
+        is_one = len(errors) == 1
         added = "does not add it" if is_one else "adds none of them"
         sentences.append(f"The study {added} to the model.")
     return " ".join(sentences)
@@ -189,6 +199,13 @@ def _describe_small_effect(every: NamedErrors) -> str:
     if every.small_rms_mm < MIN_DISPLACEMENT:
         return f"turn the target by {turned}"
     return f"move the target by {moved} and turn it by {turned}"
+
+
+def _describe_faults(named: Sequence[Named]) -> list[str]:
+    if not named:
+        return []
+    faults = "fault of the data was" if len(named) == 1 else "faults of the data were"
+    return [f"{write_number(len(named))} {faults} found: {_list_names(named)}."]
 
 
 def _describe_settled(named: Sequence[Named]) -> list[str]:

@@ -164,7 +164,7 @@ def _analyse_prepared(
     within_folds = repeat_in_folds(study, split, base, mechanisms, say)
     noise = choose_noise_floor(split, floor, chosen)
     detection_limit = describe_unexplained(
-        diagnosis, candidates, split, steps[-1], reason=untested.reason
+        diagnosis, candidates, split, steps[-1], reason=untested.reason, has_faults=bool(faults)
     )
 
     is_stated = study.robot.gravity is not None

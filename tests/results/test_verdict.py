@@ -48,6 +48,15 @@ def test_three_sentences() -> None:
     )
 
 
+def test_a_fault_of_the_data_is_no_error_of_the_arm() -> None:
+    fault = ("fault:row-order", True)
+    found = "One fault of the data was found: fault:row-order."
+    assert said([fault])[1] == f"{found} No error beyond the base model was named."
+    assert said([fault, ("backlash:3", True)], asked=[])[1] == (
+        f"{found} One error beyond the base was named: backlash:3. The study does not add it to the model."
+    )
+
+
 def test_what_else_does_not_repeat_is_left_too() -> None:
     """Rows of one posture share an error that its repeats do not show; a joint's part they do."""
     shared = part("configuration", 0.04, 0.03, 0.05, told_by="repeats", at_target=0.06)
