@@ -31,7 +31,7 @@ def compare_command(before: Path, after: Path, page: Path | None, as_json: bool)
 
     from .._files import write_atomically
     from ..calibration.campaigns import compare_campaigns as compared
-    from ..calibration.campaigns import describe_comparison
+    from ..calibration.comparison_sentences import describe_comparison
     from ..calibration.loading import load_calibration
 
     if page is not None:

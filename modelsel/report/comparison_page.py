@@ -11,7 +11,8 @@ from importlib.resources import files
 from string import Template
 from typing import NamedTuple
 
-from ..calibration.campaigns import COVERAGE, Change, Comparison, Explanation, describe_comparison
+from ..calibration.campaigns import Change, Comparison, Explanation
+from ..calibration.comparison_sentences import COVERAGE, describe_comparison
 from ..calibration.mechanism_changes import describe_change, write_p
 from ..exceptions import count_words
 from ..results.details_schema import DetailsRecord

@@ -10,9 +10,10 @@ from builders import drawn, planted
 
 from modelsel._typing import Array
 from modelsel.calibration.calibration import Calibration, calibrate
-from modelsel.calibration.campaigns import compare_campaigns, describe_comparison
+from modelsel.calibration.campaigns import compare_campaigns
 from modelsel.calibration.common_names import number_together, renumber
 from modelsel.calibration.common_space import build_common_space
+from modelsel.calibration.comparison_sentences import describe_comparison
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor

@@ -13,13 +13,8 @@ from click.testing import CliRunner
 
 from modelsel.calibration.calibration import Calibration, calibrate
 from modelsel.calibration.calibration_file import calibration_text
-from modelsel.calibration.campaigns import (
-    Change,
-    Comparison,
-    compare_campaigns,
-    correct_holm,
-    describe_comparison,
-)
+from modelsel.calibration.campaigns import Change, Comparison, compare_campaigns, correct_holm
+from modelsel.calibration.comparison_sentences import describe_comparison
 from modelsel.calibration.fewest_terms import select_fewest_terms
 from modelsel.calibration.mechanism_changes import describe_change, write_p
 from modelsel.calibration.prediction import compute_pose, predict, propagate_uncertainty
