@@ -30,6 +30,14 @@ from .mechanism_changes import (
     two_sided_p,
     two_sided_quantile,
 )
+from .target_changes import (
+    TargetChange,
+    TargetMotion,
+    build_motion,
+    build_target_changes,
+    build_target_groups,
+    compute_target_p,
+)
 
 MAX_DIFFERENCE = 1e-6  # mm, entries of a rotation, kg: between two nominal robots that are one
 
@@ -83,6 +91,11 @@ class Comparison:
     other_targets: tuple[Names, Names] = ((), ())
     # whether the set-up was registered, so that a new placement takes up what is left aside
     registered_again: bool = True
+    # of several targets that both campaigns measured: where each sits, and which of them moved
+    targets: tuple[TargetChange, ...] = ()
+    target_motions: tuple[TargetMotion, ...] = ()
+    # that chance alone gives where the targets sit among each other, corrected for the number tested
+    targets_among_p: float = 1.0
 
     @property
     def moved(self) -> tuple[Change, ...]:
@@ -92,6 +105,16 @@ class Comparison:
             beyond_chance = change.p <= SIGNIFICANCE
             if beyond_chance:
                 moved.append(change)
+        return tuple(moved)
+
+    @property
+    def moved_targets(self) -> tuple[TargetChange, ...]:
+        """The targets whose place changed beyond chance."""
+        moved = []
+        for target in self.targets:
+            beyond_chance = target.p <= SIGNIFICANCE
+            if beyond_chance:
+                moved.append(target)
         return tuple(moved)
 
 
@@ -127,9 +150,15 @@ def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
     require_same_robot(a, b)
     space = build_common_space(a, b)
     tested = _select_tested(space)
-    changes, p = _test_parameters(space, tested)
+    own = np.isin(space.kept[tested], space.offsets)
+    of_arm = tested[~own]
+    p_of_arm = _test_parameters(space, of_arm)
+    p_of_targets = compute_target_p(space)
+    p = correct_holm(np.concatenate([p_of_arm, p_of_targets]))
+    changes = _list_changes(space, of_arm, p[: len(of_arm)])
+    targets = build_target_changes(space, p[len(of_arm) :], len(p))
     significant = bool(len(p)) and p.min() <= SIGNIFICANCE
-    explained = _explain(space, tested) if significant else ()
+    explained, motions_of_targets = _explain(space, tested) if significant else ((), ())
     moved = {explanation.mechanism for explanation in explained}
     motions = Motions(
         space.campaigns,
@@ -144,10 +173,13 @@ def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
         explained,
         compare_mechanisms(motions, moved),
         tuple(term.symbol for term in space.placing),
-        _find_detectable_range(space, tested),
+        _find_detectable_range(space, of_arm, len(p)),
         _measure_targets(space),
         (space.targets.only_first, space.targets.only_second),
         a.registered or b.registered,
+        targets,
+        motions_of_targets,
+        float(p[-1]) if targets else 1.0,
     )
 
 
@@ -174,15 +206,17 @@ def _select_tested(space: CommonSpace) -> Index:
     return np.flatnonzero(comparable_places & determined)
 
 
-def _test_parameters(space: CommonSpace, tested: Index) -> tuple[tuple[Change, ...], Array]:
-    """Test every representative: (changes, the most surprising first; p-values corrected for their
-    number, in the order of `tested`)."""
+def _test_parameters(space: CommonSpace, tested: Index) -> Array:
+    """Test every representative: p-values, not corrected for their number."""
     differences = space.difference[tested]
     errors = space.standard_errors[tested]
     z = differences / errors
     p_values = [two_sided_p(value) for value in z.tolist()]
-    uncorrected = np.array(p_values)
-    p = correct_holm(uncorrected)
+    return np.array(p_values)
+
+
+def _list_changes(space: CommonSpace, tested: Index, p: Array) -> tuple[Change, ...]:
+    """List every representative tested, with its corrected p, the most surprising first."""
     changes = []
     tests = zip(tested, p.tolist(), strict=True)
     for i, corrected in tests:
@@ -195,7 +229,7 @@ def _test_parameters(space: CommonSpace, tested: Index) -> tuple[tuple[Change, .
         return change.p, -size / change.standard_error
 
     changes.sort(key=surprise)
-    return tuple(changes), p
+    return tuple(changes)
 
 
 def _build_change(space: CommonSpace, i: int, p: float) -> Change:
@@ -218,30 +252,69 @@ def _build_change(space: CommonSpace, i: int, p: float) -> Change:
     )
 
 
-def _explain(space: CommonSpace, tested: Index) -> tuple[Explanation, ...]:
-    """Explain the difference by the fewest terms that both campaigns fitted."""
-    comparable = [space.is_comparable(term) for term in space.terms]
-    open_terms = np.flatnonzero(comparable)
-    block = np.ix_(open_terms, tested)
-    steps = select_fewest_terms(
-        space.difference[tested], space.difference_factor[tested], space.relation[block]
-    )
-    places = open_terms.tolist()
+def _explain(
+    space: CommonSpace, tested: Index
+) -> tuple[tuple[Explanation, ...], tuple[TargetMotion, ...]]:
+    """Explain the difference by the fewest terms that both campaigns fitted, and motions of several
+    targets: terms, motions."""
+    groups = build_target_groups(space)
+    places = []
+    for place, term in enumerate(space.terms):
+        # several targets move as they do, not along one axis of the flange
+        is_group = bool(groups) and _shifts_target(space, term)
+        if space.is_comparable(term) and not is_group:
+            places.append(place)
+    relation = space.relation[:, tested]
+    of_groups = [group.of_terms @ relation for group in groups]
+    alone = [k for k, group in enumerate(groups) if not group.together]
+    difference = space.difference[tested]
+    factor = space.difference_factor[tested]
+    steps = select_fewest_terms(difference, factor, relation[places], of_groups, alone)
+    terms = [space.terms[place] for place in places]
+    labels = [_label_term(space.owner[term.key], term) for term in terms]
+    labels += [group.label for group in groups]
     explanations = []
+    motions = []
     for step in steps:
-        explanation = _build_explanation(space, places, step)
-        explanations.append(explanation)
+        alike = _list_alike(labels, step)
+        if step.term < len(terms):
+            place = places[step.term]
+            explanation = _build_explanation(space, place, step, alike)
+            explanations.append(explanation)
+        else:
+            group = groups[step.term - len(terms)]
+            motion = build_motion(space, group, step, alike)
+            motions.append(motion)
     explanations.sort(key=lambda explanation: -explanation.moves_mm)
-    return tuple(explanations)
+    return tuple(explanations), tuple(motions)
 
 
-def _build_explanation(space: CommonSpace, open_terms: list[int], step: Step) -> Explanation:
-    place = open_terms[step.term]
+def _list_alike(labels: list[str], step: Step) -> tuple[str, ...]:
+    """List what would explain a difference as well as a step, each once."""
+    own = labels[step.term]
+    alike = list[str]()
+    for place in step.alike:
+        label = labels[place]
+        if label != own and label not in alike:
+            alike.append(label)
+    return tuple(alike)
+
+
+def _shifts_target(space: CommonSpace, term: Term) -> bool:
+    """Whether a term only shifts targets on the flange."""
+    flange = space.campaigns[0].robot.n + 1
+    first, *others = term.screws
+    kind = first.axis[0]
+    names = first.cause.names()
+    is_shift = first.frame == flange and kind == "t"
+    is_constant = names <= {"target"}
+    return is_shift and is_constant and not others
+
+
+def _build_explanation(
+    space: CommonSpace, place: int, step: Step, alike: tuple[str, ...]
+) -> Explanation:
     term = space.terms[place]
-    alike = []
-    for k in step.alike:
-        other = space.terms[open_terms[k]]
-        alike.append(_label_term(space.owner[other.key], other))
     change = abs(step.change)
     moves_mm = change * space.displacement[place]
     return Explanation(
@@ -252,7 +325,7 @@ def _build_explanation(space: CommonSpace, open_terms: list[int], step: Step) ->
         by=step.change,
         standard_error=step.standard_error,
         moves_mm=float(moves_mm),
-        alike=tuple(alike),
+        alike=alike,
     )
 
 
@@ -283,11 +356,12 @@ def _error_ratio(space: CommonSpace, tested: Index) -> float:
     return float(ratio)
 
 
-def _find_detectable_range(space: CommonSpace, tested: Index) -> tuple[float, float] | None:
+def _find_detectable_range(
+    space: CommonSpace, tested: Index, count: int
+) -> tuple[float, float] | None:
     """Return the rms displacements [mm] from which a change of a typical (median) and of the worst
-    determined parameter would have been detected; None where none is tested."""
-    count = len(tested)
-    if not count:
+    determined parameter would have been detected among `count` tests; None where none is tested."""
+    if not len(tested):
         return None
     quantile = two_sided_quantile(SIGNIFICANCE / count)
     quantile += POWER_QUANTILE

@@ -1,4 +1,7 @@
-"""Two campaigns in one set of representatives, on configurations that both have seen."""
+"""Two campaigns in one set of representatives, on configurations that both have seen.
+
+Where both have measured several targets of the same names, each of these has an offset of its own,
+counted from where the first campaign's study has it on the flange."""
 
 from __future__ import annotations
 
@@ -18,8 +21,10 @@ from ..mechanisms.terms import Mechanism, Term, terms_of
 from .calibration import Calibration
 from .common_names import CommonNames, number_together, renumber
 from .constant_part import sample_workspace
+from .target_offsets import count_from, find_offsets
 
 CONFIGURATIONS = 300  # drawn from what both campaigns have seen
+MIN_CONFIGURATIONS = 60  # of each target
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +34,8 @@ class CommonSpace:
     `campaigns` number their `targets` and their groups alike; `X` (m, 3, p) columns of all terms at
     common configurations; `theta` (2, p) and `factors` of the campaigns' covariances; `kept` places
     of the representatives, `relation` (p, r) from all terms to them; `placing` the terms that a new
-    placement, or another target, takes up.
+    placement, or another target, takes up; `offsets` (targets, 3) places of the terms that move one
+    of several targets that both have measured.
     """
 
     campaigns: tuple[Calibration, Calibration]
@@ -41,6 +47,7 @@ class CommonSpace:
     X: Array
     kept: Index
     relation: Array
+    offsets: Index
 
     @cached_property
     def shared(self) -> set[tuple[Hashable, ...]]:
@@ -114,12 +121,18 @@ def build_common_space(a: Calibration, b: Calibration) -> CommonSpace:
     targets = number_together(a.targets, b.targets)
     groups = number_together(a.groups, b.groups)
     b = renumber(b, a, targets, groups)
+    shared = targets.shared.tolist()
+    separate = find_offsets(a, b, shared)
+    b = count_from(a, b, separate)
     ranges = _intersect_ranges(a, b)
     common = replace(a, ranges=ranges, model=a.model + b.model.mechanisms)
-    sampled = sample_workspace(common, targets.sampled, CONFIGURATIONS, groups.sampled)
+    count = max(CONFIGURATIONS // max(len(separate), 1), MIN_CONFIGURATIONS)
+    sampled = sample_workspace(common, targets.sampled, count, groups.sampled)
     problem = _spread_over_campaign(sampled, ranges)
-    placing = _build_placing(a, b, targets)
-    terms = terms_of((placing, *a.model.mechanisms, *b.model.mechanisms))
+    if separate:
+        problem = _spread_over_targets(problem, targets.shared)
+    placing = _build_placing(a, b, targets, bool(separate))
+    terms = _order_terms(placing, a, b)
     X = compute_design(problem, terms)[0]
     rows = X.reshape(-1, len(terms))
     identified = identify(reduce(rows, np.zeros(len(rows))))
@@ -139,24 +152,71 @@ def build_common_space(a: Calibration, b: Calibration) -> CommonSpace:
         X,
         np.array(identified.exact, dtype=np.intp),
         identified.relation,
+        _place_offsets(terms, separate),
     )
 
 
-def _build_placing(a: Calibration, b: Calibration, targets: CommonNames) -> Mechanism:
+def _order_terms(placing: Mechanism, a: Calibration, b: Calibration) -> tuple[Term, ...]:
+    """Order all terms: those of a new placement, those that both campaigns fitted, the others. An
+    earlier one represents the later ones that depend on it, so that what both have is compared."""
+    mechanisms = (placing, *a.model.mechanisms, *b.model.mechanisms)
+    first = {term.key for term in a.terms}
+    second = {term.key for term in b.terms}
+    in_both = first & second
+    ordered = list(placing.terms)
+    others = []
+    for term in terms_of(mechanisms):
+        if term in placing.terms:
+            continue
+        if term.key in in_both:
+            ordered.append(term)
+        else:
+            others.append(term)
+    return (*ordered, *others)
+
+
+def _place_offsets(terms: Sequence[Term], separate: Sequence[Sequence[Term]]) -> Index:
+    """Return the places (targets, 3) of the targets' offsets among all terms."""
+    place_of = {term.key: k for k, term in enumerate(terms)}
+    places = []
+    for own in separate:
+        for term in own:
+            place = place_of[term.key]
+            places.append(place)
+    flat = np.array(places, dtype=np.intp)
+    return flat.reshape(-1, 3)
+
+
+def _build_placing(
+    a: Calibration, b: Calibration, targets: CommonNames, separate: bool
+) -> Mechanism:
     """Build the terms that take up what a new placement of the tracker and the target, or where no
-    target is common, another target, would also do."""
+    target is common, another target, would also do. Of several targets compared one by one
+    (`separate`) none is taken up: what they do together is told."""
     robot = a.robot
     setup = build_setup(robot, 1, 1, True, False)
-    if a.registered or b.registered:
-        return setup
+    is_registered = a.registered or b.registered
+    flange = robot.n + 1
     placing = []
-    if not len(targets.shared):
-        flange = robot.n + 1
-        for term in setup.terms:
-            (screw,) = term.screws
-            if screw.frame == flange:
-                placing.append(term)
+    for term in setup.terms:
+        (screw,) = term.screws
+        taken_up = is_registered
+        if screw.frame == flange:
+            taken_up = not separate and (is_registered or not len(targets.shared))
+        if taken_up:
+            placing.append(term)
     return replace(setup, terms=tuple(placing))
+
+
+def _spread_over_targets(at: Problem, shared: Index) -> Problem:
+    """Measure every configuration with every target that both campaigns have."""
+    count = len(at)
+    rows = np.arange(count)
+    every = np.tile(rows, len(shared))
+    repeated = at.take(every)
+    target = np.repeat(shared, count)
+    data = replace(repeated.data, target=target)
+    return replace(repeated, data=data)
 
 
 def _spread_over_campaign(at: Problem, ranges: Mapping[str, tuple[float, float]]) -> Problem:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 from ..diagnosis.sentences import format_quantity
-from ..exceptions import count_words, sentence_list, write_rounded
+from ..exceptions import choice_list, count_words, sentence_list, write_rounded
 from .campaigns import Comparison, Explanation
 from .known_names import Names
 from .mechanism_changes import CAMPAIGN_NAMES, DEFINITE_CHANGES, describe_change, write_p
+from .target_changes import TargetMotion
 
 MAX_LISTED = 6
 SAME_TARGET_MM = 1.0  # between two targets that are told as one
@@ -17,20 +20,66 @@ def describe_comparison(comparison: Comparison) -> list[str]:
     """Describe what changed and what did not, and how large a change would have been detected (with
     90 %)."""
     sentences = [describe_change(change) for change in comparison.mechanisms]
+    sentences += map(_describe_motion, comparison.target_motions)
     sentences += map(_describe_explanation, comparison.explained_by)
     sentences.append(_summarise(comparison))
-    if comparison.targets_apart_mm > SAME_TARGET_MM:
+    if comparison.targets_apart_mm > SAME_TARGET_MM and not comparison.targets:
         sentences.append(
             f"The two campaigns measured different targets: {write_rounded(comparison.targets_apart_mm)} mm apart on the flange."
         )
     if any(comparison.other_targets):
         sentences.append(_describe_other_targets(comparison.other_targets))
     if comparison.left_aside:
-        why = "No target was measured in both campaigns: motions that a target would also make"
-        if comparison.registered_again:
-            why = "The set-up was registered again: motions that the tracker or the target would also make"
-        sentences.append(f"{why} ({', '.join(comparison.left_aside)}) cannot be compared.")
+        sentences.append(_describe_left_aside(comparison))
     return sentences
+
+
+def _describe_left_aside(comparison: Comparison) -> str:
+    """Say which motions cannot be compared, and why."""
+    why = "No target was measured in both campaigns: motions that a target would also make"
+    if comparison.registered_again:
+        movable = "the tracker" if comparison.targets else "the tracker or the target"
+        why = f"The set-up was registered again: motions that {movable} would also make"
+    return f"{why} ({', '.join(comparison.left_aside)}) cannot be compared."
+
+
+def _describe_motion(motion: TargetMotion) -> str:
+    """Describe which targets moved on the flange, and how far."""
+    said = _describe_together(motion) if motion.together else _describe_alone(motion)
+    if not motion.alike:
+        return said
+    listed = motion.alike[:MAX_LISTED]
+    others = choice_list(listed)
+    return f"{said} A change of {others} would explain it as well: the two campaigns do not tell these apart."
+
+
+def _describe_alone(motion: TargetMotion) -> str:
+    (name,) = motion.targets
+    (moved,) = motion.moved_mm
+    (standard_error,) = motion.standard_errors
+    size = math.hypot(*moved)
+    error = COVERAGE * standard_error
+    by = format_quantity(size, error, "mm")
+    return f'The target "{name}" moved on the flange by {by} (k = 2).'
+
+
+def _describe_together(motion: TargetMotion) -> str:
+    sizes = [math.hypot(*moved) for moved in motion.moved_mm]
+    count = len(sizes)
+    who = f"All {count} targets"
+    if count == 2:
+        first, second = motion.targets
+        who = f'Both targets, "{first}" and "{second}",'
+    smallest = min(sizes)
+    largest = max(sizes)
+    least = write_rounded(smallest)
+    most = write_rounded(largest)
+    uncertainty = COVERAGE * max(motion.standard_errors)
+    error = write_rounded(uncertainty, 2)
+    return (
+        f"{who} moved together on the flange, by {least} to {most} mm (± {error} mm at most, k = 2), as on an "
+        "adapter that was taken off and put back."
+    )
 
 
 def _describe_other_targets(names: tuple[Names, Names]) -> str:
@@ -45,7 +94,9 @@ def _describe_other_targets(names: tuple[Names, Names]) -> str:
         parts.append(part)
     said = " and ".join(parts)
     first = said[0].upper()
-    return f"{first}{said[1:]}: where they sit on the flange cannot be compared."
+    count = sum(len(own) for own in names)
+    they_sit = "it sits" if count == 1 else "they sit"
+    return f"{first}{said[1:]}: where {they_sit} on the flange cannot be compared."
 
 
 def _describe_explanation(explanation: Explanation) -> str:
@@ -61,25 +112,47 @@ def _describe_explanation(explanation: Explanation) -> str:
 
 def _summarise(comparison: Comparison) -> str:
     """Return the sentence on all parameters tested."""
-    least = min((change.p for change in comparison.changes), default=1.0)
-    parameters = count_words(len(comparison.changes), "parameter")
-    tested = (
-        f"{parameters} tested, {write_p(least)} for the most surprising, corrected for their number"
-    )
-    if comparison.seen_mm is None:
+    tested = _describe_tests(comparison)
+    if comparison.seen_mm is None and not comparison.targets:
         return "No parameter is fitted in both campaigns: nothing else can be compared."
-    if comparison.explained_by:
-        return (
-            f"These are the fewest terms that explain the difference of the parameters ({tested})."
-        )
-    if comparison.moved:
-        moved = comparison.moved[:MAX_LISTED]
-        names = ", ".join(change.label for change in moved)
+    if comparison.explained_by or comparison.target_motions:
+        terms = "changes" if comparison.target_motions else "terms"
+        return f"These are the fewest {terms} that explain the difference of the parameters ({tested})."
+    moved = [change.label for change in comparison.moved]
+    moved += [f'the place of "{one.target}"' for one in comparison.moved_targets]
+    if moved:
+        names = ", ".join(moved[:MAX_LISTED])
         return f"{names} changed beyond chance, but no few terms explain it ({tested})."
     changed = any(change.what in DEFINITE_CHANGES for change in comparison.mechanisms)
-    typical, worst = comparison.seen_mm
-    return (
-        f"Nothing {'else ' if changed else ''}changed beyond chance ({tested}). A change would "
-        f"have been detected from {write_rounded(typical, 2)} mm rms at the target (typical parameter) or "
-        f"{write_rounded(worst, 2)} mm (the worst-determined one)."
-    )
+    return f"Nothing {'else ' if changed else ''}changed beyond chance ({tested}). {_describe_detectable(comparison)}"
+
+
+def _describe_tests(comparison: Comparison) -> str:
+    """Describe what was tested, and the most surprising p."""
+    count = len(comparison.changes)
+    counted = count_words(count, "parameter")
+    least = min((change.p for change in comparison.changes), default=1.0)
+    if comparison.targets:
+        of_targets = min(target.p for target in comparison.targets)
+        least = min(least, of_targets, comparison.targets_among_p)
+        targets = len(comparison.targets)
+        counted = f"{counted} and the places of {targets} targets"
+    said = write_p(least)
+    return f"{counted} tested, {said} for the most surprising, corrected for their number"
+
+
+def _describe_detectable(comparison: Comparison) -> str:
+    """Describe how large a change would have been detected."""
+    sentences = []
+    if comparison.seen_mm is not None:
+        typical, worst = comparison.seen_mm
+        sentences.append(
+            f"A change would have been detected from {write_rounded(typical, 2)} mm rms at the target "
+            f"(typical parameter) or {write_rounded(worst, 2)} mm (the worst-determined one)."
+        )
+    if comparison.targets:
+        seen = max(one.seen_mm for one in comparison.targets)
+        sentences.append(
+            f"A target that moved on the flange would have been told from {write_rounded(seen, 2)} mm on."
+        )
+    return " ".join(sentences)

@@ -1,13 +1,15 @@
-"""The fewest terms that explain a difference of parameters: orthogonal matching pursuit with the
-difference's covariance."""
+"""The fewest changes that explain a difference of parameters: orthogonal matching pursuit with the
+difference's covariance, over single terms and over groups of directions that change together."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from .._linalg import project_out
+from .._linalg import RANK_TOLERANCE, TINY, orthonormal_basis, project_out
 from .._typing import Array
 from .mechanism_changes import SIGNIFICANCE
 
@@ -18,24 +20,54 @@ MIN_FREE_NORM = 1e-6  # of a unit column beyond the chosen ones, to be another d
 MIN_LENGTH = 1e-9
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Step:
-    """A chosen term, its change with standard error, and the terms that would do as well."""
+    """A chosen term, or group where it is beyond the terms; the changes (d,) of its directions,
+    their covariance factor (d, k), and the terms and groups that would do as well."""
 
     term: int
-    change: float
-    standard_error: float
+    changes: Array
+    factor: Array
     alike: list[int]
 
+    @property
+    def change(self) -> float:
+        """The change of a single term."""
+        first = self.changes[0]
+        return float(first)
 
-def select_fewest_terms(difference: Array, factor: Array, directions: Array) -> list[Step]:
+    @property
+    def standard_error(self) -> float:
+        """The standard error of a single term's change."""
+        first = self.factor[0]
+        error = np.linalg.norm(first)
+        return float(error)
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """A term or a group: its whitened directions (k, d), and an orthonormal basis of them."""
+
+    columns: Array
+    basis: Array
+
+
+def select_fewest_terms(
+    difference: Array,
+    factor: Array,
+    directions: Array,
+    groups: Sequence[Array] = (),
+    separate: Sequence[int] = (),
+) -> list[Step]:
     """Select terms one after the other until what they leave of a difference is chance.
 
     `difference` (k,) has the covariance factor factorᵀ; `directions` (terms, k) is what a unit of
-    each term changes. Generalised least squares by orthogonal matching pursuit.
+    each term changes; each of `groups` (d, k) changes in d directions at once, and is numbered after
+    the terms. The groups at the places `separate` are also tried all at once, each on its own.
+    Generalised least squares by orthogonal matching pursuit; what later ones make superfluous is
+    dropped.
     """
     from scipy.linalg import qr, solve_triangular
-    from scipy.special import chdtrc
 
     count = len(difference)
     # factor factorᵀ = L Lᵀ
@@ -43,55 +75,158 @@ def select_fewest_terms(difference: Array, factor: Array, directions: Array) -> 
     L = R[:count].T
     response = solve_triangular(L, difference, lower=True)
     columns = solve_triangular(L, directions.T, lower=True)
+    candidates = _build_single(columns)
+    for group in groups:
+        own = solve_triangular(L, group.T, lower=True)
+        basis = orthonormal_basis(own)
+        candidates.append(_Candidate(own, basis))
+    parts = [len(columns.T) + place for place in separate]
+    search = _Search(response, candidates, parts)
+    search.run()
+    return search.solve()
+
+
+def _build_single(columns: Array) -> list[_Candidate]:
+    """Build the candidates of single terms from their whitened columns (k, terms); what is rounding
+    beside the longest moves nothing."""
     lengths = np.linalg.norm(columns, axis=0)
-    longest = lengths.max(initial=0.0)
-    is_seen = lengths > MIN_LENGTH * longest
-    columns = np.where(is_seen, columns, 0.0) / np.where(is_seen, lengths, 1.0)
-    basis = np.zeros((count, 0))
-    residual = response
-    chosen = list[int]()
-    alike = list[list[int]]()
-    while len(chosen) < count:
-        chi2 = float(residual @ residual)
-        if chdtrc(count - len(chosen), chi2) >= SIGNIFICANCE:
-            break
-        free = project_out(columns, basis)
-        norms = np.linalg.norm(free, axis=0)
-        gains = _explained_chi2(free, norms, residual)
-        best = int(np.argmax(gains))
-        largest = gains[best]
-        if largest < MIN_CHI2:
-            break
-        rivals = np.flatnonzero(gains > largest - MAX_CHI2_LOSS).tolist()
-        alike.append([rival for rival in rivals if rival != best])
-        chosen.append(best)
-        direction = free[:, best] / norms[best]
-        basis = np.column_stack([basis, direction])
-        residual = response - basis @ (basis.T @ response)
-    changes, errors = _solve_chosen(basis, columns[:, chosen], response)
-    steps = []
-    for k, term in enumerate(chosen):
-        length = lengths[term]
-        change = float(changes[k] / length)
-        error = float(errors[k] / length)
-        steps.append(Step(term, change, error, alike[k]))
-    return steps
+    shortest = MIN_LENGTH * lengths.max(initial=0.0)
+    candidates = []
+    for column, length in zip(columns.T, lengths.tolist(), strict=True):
+        own = column[:, None]
+        basis = own[:, :0]
+        if length > shortest:
+            basis = own / length
+        candidates.append(_Candidate(own, basis))
+    return candidates
 
 
-def _explained_chi2(free: Array, norms: Array, residual: Array) -> Array:
-    """Return the χ² that each direction explains; -1 for one that the chosen ones span."""
-    projections = free.T @ residual
-    lengths = np.maximum(norms, MIN_FREE_NORM)
-    explained = projections**2 / lengths**2
-    is_free = norms > MIN_FREE_NORM
-    return np.where(is_free, explained, -1.0)
+class _Search:
+    """The terms chosen so far, and what would do as well as each when it was chosen."""
+
+    def __init__(self, response: Array, candidates: list[_Candidate], separate: list[int]) -> None:
+        self.response = response
+        self.candidates = candidates
+        self.separate = separate
+        self.alike: dict[int, list[int]] = {}
+
+    def run(self) -> None:
+        """Choose until what is left is chance, or nothing explains it."""
+        from scipy.special import chdtrc
+
+        count = len(self.response)
+        while True:
+            basis = self._span(list(self.alike))
+            residual = project_out(self.response, basis)
+            chi2 = float(residual @ residual)
+            free = count - basis.shape[1]
+            if free <= 0 or chdtrc(free, chi2) >= SIGNIFICANCE:
+                return
+            if not self._choose(basis, residual):
+                return
+            self._drop_superfluous()
+
+    def _choose(self, basis: Array, residual: Array) -> bool:
+        """Choose the best candidate, or all that may change separately; whether there is one."""
+        gains = []
+        scores = []
+        for candidate in self.candidates:
+            gain, dims = _explain(candidate.basis, basis, residual)
+            gains.append(gain)
+            score = _score(gain, dims)
+            scores.append(score)
+        most = max(scores)
+        all_at_once = self._score_separate(basis, residual)
+        if max(most, all_at_once) < MIN_CHI2:
+            return False
+        if all_at_once > most:
+            for place in self.separate:
+                self.alike.setdefault(place, [])
+            return True
+        best = scores.index(most)
+        least = gains[best] - MAX_CHI2_LOSS
+        rivals = []
+        for place, gain in enumerate(gains):
+            if gain > least and place != best:
+                rivals.append(place)
+        is_new = best not in self.alike
+        self.alike.setdefault(best, rivals)
+        return is_new
+
+    def _score_separate(self, basis: Array, residual: Array) -> float:
+        """Score the groups that may change separately, all at once: each of them is named, and costs
+        what a further term does."""
+        count = len(self.separate)
+        if count < 2:
+            return -1.0
+        whole = self._span(self.separate)
+        gain, dims = _explain(whole, basis, residual)
+        further = count - 1
+        return _score(gain, dims) - MIN_CHI2 * further
+
+    def _drop_superfluous(self) -> None:
+        """Drop what the others that are chosen explain, too."""
+        for place in list(self.alike):
+            others = list(self.alike)
+            others.remove(place)
+            basis = self._span(others)
+            residual = project_out(self.response, basis)
+            candidate = self.candidates[place]
+            lost, dims = _explain(candidate.basis, basis, residual)
+            score = _score(lost, dims)
+            if score < MIN_CHI2:
+                del self.alike[place]
+
+    def _span(self, chosen: list[int]) -> Array:
+        """Return an orthonormal basis of what candidates span."""
+        rows = len(self.response)
+        bases = [np.zeros((rows, 0))]
+        for place in chosen:
+            candidate = self.candidates[place]
+            bases.append(candidate.basis)
+        columns = np.column_stack(bases)
+        return orthonormal_basis(columns)
+
+    def solve(self) -> list[Step]:
+        """Solve for the changes of what was chosen, all at once."""
+        if not self.alike:
+            return []
+        columns = [self.candidates[place].columns for place in self.alike]
+        stacked = np.column_stack(columns)
+        lengths = np.linalg.norm(stacked, axis=0)
+        lengths = np.maximum(lengths, TINY)
+        unit = stacked / lengths
+        inverse = np.linalg.pinv(unit, rcond=RANK_TOLERANCE)
+        factor = inverse / lengths[:, None]
+        steps = []
+        start = 0
+        for place, own in zip(self.alike, columns, strict=True):
+            end = start + own.shape[1]
+            rows = factor[start:end]
+            changes = rows @ self.response
+            step = Step(place, changes, rows, self.alike[place])
+            steps.append(step)
+            start = end
+        return steps
 
 
-def _solve_chosen(basis: Array, columns: Array, response: Array) -> tuple[Array, Array]:
-    """Return the changes of the chosen terms and their standard errors."""
-    R = basis.T @ columns
-    projection = basis.T @ response
-    changes = np.linalg.solve(R, projection)
-    inverse = np.linalg.inv(R)
-    errors = np.linalg.norm(inverse, axis=1)
-    return np.asarray(changes), np.asarray(errors)
+def _explain(own: Array, basis: Array, residual: Array) -> tuple[float, int]:
+    """Return the χ² that directions (k, d) explain beyond a basis, and how many are new."""
+    beyond = project_out(own, basis)
+    U, singular, _ = np.linalg.svd(beyond, full_matrices=False)
+    is_new = singular > MIN_FREE_NORM
+    new = U[:, is_new]
+    explained = new.T @ residual
+    chi2 = explained @ explained
+    return float(chi2), new.shape[1]
+
+
+def _score(gain: float, dims: int) -> float:
+    """Return the χ² that is explained less what chance, and the choice of so many sizes, would have
+    given: a group of three must explain more than a term."""
+    if not dims:
+        return -1.0
+    each = max(gain / dims, 1.0)
+    price = 1 + math.log(each)
+    further = dims - 1
+    return gain - further * price

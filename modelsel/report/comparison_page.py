@@ -14,6 +14,7 @@ from typing import NamedTuple
 from ..calibration.campaigns import Change, Comparison, Explanation
 from ..calibration.comparison_sentences import COVERAGE, describe_comparison
 from ..calibration.mechanism_changes import describe_change, write_p
+from ..calibration.target_changes import TargetChange
 from ..exceptions import count_words
 from ..results.details_schema import DetailsRecord
 from ..results.quantities import format_figure
@@ -210,13 +211,39 @@ def _write_parameters(comparison: Comparison) -> str:
     behind a click."""
     explained, tested = comparison.explained_by, comparison.changes
     parts = [_tabulate_explained(explained)] if explained else []
-    if not explained:
+    if not explained and not comparison.target_motions:
         parts.append(write_paragraph("No few parameters explain a change beyond chance."))
     if tested:
         parameters = count_words(len(tested), "parameter")
         words = f"{parameters} tested one by one, {len(comparison.moved)} beyond chance"
         parts.append(f"<details><summary>{words}</summary>\n{_tabulate(tested)}</details>")
+    if comparison.targets:
+        parts.append(_tabulate_targets(comparison.targets))
     return "\n".join(parts)
+
+
+def _tabulate_targets(targets: Sequence[TargetChange]) -> str:
+    """Write a table of how far each of several targets moved on the flange."""
+    heads = ["target on the flange", "x, mm", "± (k = 2)", "y, mm", "± (k = 2)", "z, mm"]
+    heads += ["± (k = 2)", "p"]
+    rows = []
+    for one in targets:
+        name = escape(one.target)
+        row = [f"<b>{name}</b>"]
+        for moved, error in zip(one.moved_mm, one.standard_errors, strict=True):
+            move = _write_figure(moved, 4)
+            uncertainty = _write_figure(COVERAGE * error, 2)
+            row += [move, uncertainty]
+        p = _write_short_p(one.p)
+        rows.append([*row, p])
+    return write_html_table(_align(heads, 7), rows, "parameters")
+
+
+def _write_short_p(p: float) -> str:
+    """Write a p-value under a heading that says p."""
+    written = write_p(p)
+    without_name = written.removeprefix("p")
+    return without_name.removeprefix(" = ")
 
 
 def _tabulate_explained(explained: Sequence[Explanation]) -> str:
@@ -288,5 +315,5 @@ def _write_change(change: Change, largest: float) -> list[str]:
         f"{change.moves_mm:.3g}",
         *(_write_figure(factor * value, 4) for value in values),
         _write_figure(factor * COVERAGE * change.standard_error, 2),
-        write_p(change.p).removeprefix("p").removeprefix(" = "),
+        _write_short_p(change.p),
     ]
