@@ -3,7 +3,7 @@ ValueError, too."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from .exceptions import ArgumentError, count_words
 
 if TYPE_CHECKING:
-    from ._typing import Mask
+    from ._typing import Array, Mask
 
 MAX_SHOWN = 60  # characters of a value that a message shows
 
@@ -40,6 +40,14 @@ def check_type(name: str, value: Any, kind: type | tuple[type, ...], expected: s
     ArgumentError."""
     if not isinstance(value, kind):
         raise ArgumentError(f"{name}: expected {expected}, found {describe_value(value)}.")
+
+
+def check_function(name: str, value: Any, expected: str) -> None:
+    """Refuse what cannot be called, unless it is None. Raises ArgumentError."""
+    if value is None or callable(value):
+        return
+    found = describe_value(value)
+    raise ArgumentError(f"{name}: expected {expected}, found {found}.")
 
 
 def check_path(value: Any, expected: str) -> Path:
@@ -85,6 +93,46 @@ def check_rows(name: str, given: Any, rows: int) -> Mask:
         said = count_words(rows, "row")
         raise ArgumentError(f"{name}: none of the {said} is chosen, and there is nothing to fit.")
     return chosen
+
+
+def check_sliding(name: str, given: Any, expected: str) -> tuple[bool, ...]:
+    """Return which joints slide, one truth value per joint. Raises ArgumentError for what says
+    anything else."""
+    values = list(given) if isinstance(given, (Sequence, np.ndarray)) else []
+    is_known = [isinstance(one, (bool, int, np.bool_, np.integer)) for one in values]
+    if not values or not all(is_known):
+        found = describe_value(given)
+        raise ArgumentError(f"{name}: expected {expected}, found {found}.")
+    return tuple(bool(one) for one in values)
+
+
+def collect_all(name: str, given: Any, kind: type, expected: str) -> tuple[Any, ...]:
+    """Return values of one type that are given in a list. Raises ArgumentError for one that stands
+    alone, and for others among them."""
+    is_list = isinstance(given, (Sequence, Iterator)) and not isinstance(given, (str, bytes))
+    if not is_list:
+        found = describe_value(given)
+        raise ArgumentError(f"{name}: expected {expected}, found {found}.")
+    values = tuple(given)
+    for one in values:
+        if not isinstance(one, kind):
+            found = describe_value(one)
+            raise ArgumentError(f"{name}: expected {expected}, found {found} in it.")
+    return values
+
+
+def check_numbers(name: str, given: Any, shape: tuple[int, ...], expected: str) -> Array:
+    """Return finite numbers of a shape as an array. Raises ArgumentError for anything else."""
+    found = name_type(given)
+    try:
+        values = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        raise ArgumentError(f"{name}: expected {expected}, found {found}.") from None
+    if values.shape != shape:
+        raise ArgumentError(f"{name} has shape {values.shape}; expected {shape}, {expected}.")
+    if not np.isfinite(values).all():
+        raise ArgumentError(f"{name}: a number is not finite; expected {expected}.")
+    return values
 
 
 def collect_names(name: str, given: Any) -> tuple[str, ...]:

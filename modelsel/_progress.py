@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from typing import Any, Protocol, TextIO
 
+from ._arguments import check_function, check_type
 from ._typing import Say
 from .exceptions import write_percent
 
@@ -152,6 +153,8 @@ def follow(
 
     Where nothing is said of either (None), a terminal shows progress: somebody waits there.
     """
+    check_function("say", say, "a function that takes a line of text")
+    check_type("progress", progress, (bool, type(None)), "True or False")
     if progress is None:
         progress = say is None and find_notebook() is None and is_terminal(sys.stderr)
     if progress:

@@ -12,6 +12,7 @@ from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 
+from ._arguments import check_type
 from ._records import parse_record
 from ._typing import Array
 from .exceptions import StudyError
@@ -23,7 +24,7 @@ from .fitting.problem import Problem
 from .fitting.reduction import reduce
 from .fitting.whitening import Whitening
 from .measurements.measurements import build_measurements
-from .mechanisms import causes
+from .mechanisms import cause_formulas, causes
 from .mechanisms.registry import find_misbuilt
 from .mechanisms.serialization import MechanismRecord, mechanism_from_record, mechanism_record
 from .mechanisms.terms import Mechanism, Screw, Term
@@ -110,6 +111,8 @@ def check_mechanism(mechanism: Mechanism, robot: Robot, rng: np.random.Generator
             robot = load_robot("puma760")
             check_mechanism(build(robot), robot, np.random.default_rng(0))
     """
+    check_type("robot", robot, Robot, 'a Robot, as load_robot("puma760") returns it')
+    check_type("rng", rng, np.random.Generator, "a generator, as np.random.default_rng(0)")
     found = find_broken_laws(mechanism, robot, rng)
     sentences = "; ".join(found)
     is_lawful = not found
@@ -361,7 +364,7 @@ def law6_a_value(mechanism: Mechanism, at: Problem, rng: np.random.Generator) ->
                     f"L6: {s.cause} does not print as the function it belongs to",
                 )
                 continue
-            read = causes.parse(str(s.cause), at.names())
+            read = cause_formulas.parse(str(s.cause), at.names())
             require(str(read) == str(s.cause), f"L6: {s.cause} reads back as {read}")
             value = np.asarray(s.cause.of(at))  # numbers print to ten digits
             require(

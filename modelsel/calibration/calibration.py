@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._arguments import check_path, check_type
 from .._typing import Array
 from ..exceptions import DataError, write_rounded
 from ..fitting.design import Model
@@ -177,7 +178,8 @@ class Calibration:
 
         calibration = self
         if urdf is not None:
-            calibration = attach_urdf(self, Path(urdf))
+            path = check_path(urdf, "the path of a URDF file")
+            calibration = attach_urdf(self, path)
         return export(calibration, form)
 
     def save(self, folder: Path | str) -> Path:
@@ -194,6 +196,7 @@ class Calibration:
         doubtful findings alone look at may be missing (`assumed_values`). Raises DataError where a
         target, a group or another covariate is not known.
         """
+        check_type("data", data, Measurements, "Measurements, as read_measurements returns them")
         if data.gauges is not None:
             raise DataError(
                 "some rows are not points, and a calibration is compared with points only.",

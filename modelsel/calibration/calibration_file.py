@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._arguments import check_path
 from .._files import write_atomically
 from ..mechanisms.serialization import mechanism_record
 from ..robot.alignment import have_same_chain
@@ -26,7 +27,8 @@ CALIBRATION_FILE = "calibration.json"
 def save_calibration(c: Calibration, folder: Path | str) -> Path:
     """Write calibration.json into a folder, whole or not at all, and return its path. Raises
     StudyError."""
-    path = Path(folder) / CALIBRATION_FILE
+    path = check_path(folder, "the folder that calibration.json is written into")
+    path = path / CALIBRATION_FILE
     write_atomically(path, calibration_text(c).encode())
     return path
 

@@ -83,6 +83,7 @@ def diagnose(  # noqa: PLR0913  all but the first have defaults
 
     Raises StudyError for an unknown name or a wrong argument, NotEstimable where the data do not determine the base."""
     check_type("problem", problem, Problem, PROBLEM_EXPECTED)
+    check_type("options", options, DiagnosisOptions, "DiagnosisOptions(…)")
     seed = check_whole_number("seed", seed, 0)
     base_names = collect_names("base", base)
     rows = len(problem)

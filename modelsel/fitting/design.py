@@ -15,7 +15,7 @@ import numpy as np
 from .._typing import Array
 from ..exceptions import count_words
 from ..mechanisms.causes import ONE
-from ..mechanisms.terms import FIXTURE_AXES, FixtureTerm, Mechanism, Term, terms_of
+from ..mechanisms.terms import FIXTURE_AXES, FixtureTerm, Mechanism, Term, as_mechanisms, terms_of
 from ..robot._kernels import Frame, Workspace, fill_screw_field
 from ..robot.kinematics import Pose, walk
 from ..robot.rigid import AXES, rotation_vector
@@ -34,6 +34,10 @@ class Model:
     """A candidate model: mechanisms, in order; terms they share are fitted once."""
 
     mechanisms: tuple[Mechanism, ...]
+
+    def __post_init__(self) -> None:
+        given = as_mechanisms(self.mechanisms)
+        object.__setattr__(self, "mechanisms", given)
 
     @cached_property
     def terms(self) -> tuple[Term, ...]:

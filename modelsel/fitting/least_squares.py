@@ -12,7 +12,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from .._arguments import check_type
+from .._arguments import check_numbers, check_type, check_whole_number
 from .._linalg import TINY
 from .._typing import Array, Index
 from ..exceptions import count_words
@@ -23,13 +23,14 @@ from .identifiability import Identified, solve
 from .iteration import COARSE_MM, State
 from .linearisation import Linearisation
 from .prior import Shrinkage, WeakPrior, fitted_terms, prior_root, prior_rows, with_prior
-from .problem import Problem
+from .problem import PROBLEM_EXPECTED, Problem
 from .reduction import Reduction, Source, reduce_problem
 from .sampled import SAMPLE_STEP_MM, SampledRows, draw_sample, takes_sample
 from .solver import ITERATIONS, Held, Solver
 
 STEP_MM = 1e-4  # 0.1 µm
 UNSETTLED_MM = 0.1  # last step of all rows together from which a fit has not arrived
+EACH_PARAMETER = "one number for each parameter of the model"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -185,6 +186,7 @@ class Fit:
 
     def residuals(self, problem: Problem) -> Array:
         """Compute the exact residuals (m, c) [mm, rad] of a problem under this fit."""
+        check_type("problem", problem, (Problem, Source), PROBLEM_EXPECTED)
         return residuals(problem, self.terms, self.theta)
 
 
@@ -220,7 +222,16 @@ def fit(  # noqa: PLR0913  all but two have defaults
 
     Raises NotEstimable where the data have no more coordinates than the model has estimable
     parameters, or the iteration does not settle; StudyError for a model that is none."""
+    check_type("problem", problem, (Problem, Source), PROBLEM_EXPECTED)
     check_type("model", model, Model, MODEL_EXPECTED)
+    check_whole_number("iterations", iterations, 1)
+    check_numbers("step_mm", step_mm, (), "a length [mm]")
+    check_type("held", held, str, '"geometry", "all" or "nothing"')
+    size = (len(model.terms),)
+    if precision is not None:
+        precision = check_numbers("precision", precision, size, EACH_PARAMETER)
+    if start is not None:
+        start = check_numbers("start", start, size, EACH_PARAMETER)
     if isinstance(problem, Problem) and takes_sample(problem, model, held):
         sample = draw_sample(problem)
         first = fit(

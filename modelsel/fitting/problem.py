@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arguments import check_type
+from .._arguments import check_numbers, check_type, name_type
 from .._typing import Array, Index, Rows
 from ..exceptions import ArgumentError, count_words
 from ..measurements.measurements import Gauges, Measurements
@@ -30,6 +31,7 @@ PROBLEM_EXPECTED = "a Problem, as Problem(robot, measurements, tools) makes one"
 TOOLS_REMEDY = (
     "Give the nominal position of each target in the flange frame [mm], or one row for all of them."
 )
+PLACEMENT_EXPECTED = "R (groups, 3, 3) and t (groups, 3) [mm] of frame 0 in the tracker's frame"
 MAX_LISTED = 3  # targets that a problem shows
 BLOCK = 4096  # rows: the arrays of one block stay in cache
 
@@ -61,6 +63,10 @@ class Problem:
             # not one that was made of another
             _check_parts(self.robot, self.data)
             object.__setattr__(self, "tools", _copy_tools(self.tools))
+            _check_setup(self.placement, len(self.data.groups), self.tracker)
+            check_type(
+                "whitening", self.whitening, Whitening, "a Whitening, as Whitening(1 / sigma)"
+            )
         targets, groups = len(self.data.targets), len(self.data.groups)
         features = len(self.data.features)
         object.__setattr__(self, "tools", _tool_each(self.tools, targets))
@@ -107,7 +113,12 @@ class Problem:
     def take(self, index: Rows) -> Problem:
         """Return the problem of some rows; values already evaluated come along, so causes stay
         local in rows."""
-        data = self.data.take(index)
+        try:
+            data = self.data.take(index)
+        except (IndexError, TypeError):
+            found = name_type(index)
+            expected = f"a mask of the {len(self)} rows, their indices or a slice"
+            raise ArgumentError(f"rows: expected {expected}, found {found}.") from None
         state = self.state.take(index, data)
         whitening = self.whitening.take(index)
         return replace(self, data=data, whitening=whitening, _state=state)
@@ -306,6 +317,22 @@ def _check_parts(robot: Robot, data: Measurements) -> None:
             f"{robot.name} has {joints}, and the measurements have {read} readings a row: give the "
             "robot with which they were read."
         )
+
+
+def _check_setup(placement: Any, groups: int, tracker: Any) -> None:
+    """Refuse a placement that is not one of every group, and a tracker's position that is not a
+    point. Raises ArgumentError."""
+    check_type("placement", placement, (tuple, list), PLACEMENT_EXPECTED)
+    if len(placement) != 2:
+        raise ArgumentError(
+            f"placement: expected {PLACEMENT_EXPECTED}, found {len(placement)} parts."
+        )
+    R, t = placement
+    is_default = isinstance(R, np.ndarray) and not len(R)
+    if not is_default:
+        check_numbers("placement[0]", R, (groups, 3, 3), "a rotation of each group")
+        check_numbers("placement[1]", t, (groups, 3), "a place of each group [mm]")
+    check_numbers("tracker", tracker, (3,), "the instrument's x, y and z [mm]")
 
 
 def _copy_tools(tools: Array) -> Array:

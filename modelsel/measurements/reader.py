@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arguments import check_sliding
 from .._typing import Array
 from ..exceptions import count_words, suggest
 from ..notices import Note
@@ -63,6 +64,7 @@ from .table import Source, Table, load_table, rename_columns
 from .unit_names import refuse_mapped_units, refuse_other_units
 from .visits import number_keys
 
+ROBOT_EXPECTED = "a Robot, the name of a built-in one, or for each joint whether it slides"
 # copies of a single number to one repeat that differs, from which they are taken for copies
 COPIES_PER_REPEAT = 10.0
 
@@ -113,8 +115,9 @@ def read_measurements(
     if isinstance(robot, Robot):
         prismatic, coupling, names = robot.prismatic, robot.coupling, read_joint_names(robot)
     else:
-        prismatic = tuple(robot)
-    whole = _load_contract_table(source, group, columns or {}, prismatic, positions, names)
+        prismatic = check_sliding("robot", robot, ROBOT_EXPECTED)
+    mapping = {} if columns is None else columns
+    whole = _load_contract_table(source, group, mapping, prismatic, positions, names)
     split = split_missed(whole) if positions else split_nothing(whole)
     waypoints, missed = read_waypoints(split, prismatic, coupling)
     table = convert_board_poses(convert_orientations(split.kept))

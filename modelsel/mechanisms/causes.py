@@ -8,19 +8,17 @@ evaluates no code."""
 
 from __future__ import annotations
 
-import ast
 import operator
-import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
+from .._arguments import check_type, check_whole_number
 from .._hashing import cache_hash
 from .._typing import Array
-from ..exceptions import StudyError, suggest
 from .cause_functions import DIMENSIONLESS, FUNCTIONS
 
 ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
@@ -29,8 +27,7 @@ ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
     "*": operator.mul,
     "/": np.divide,  # of numbers too: by zero it is not finite, and no error
 }
-LARGEST_NUMBER = sys.float_info.max  # in a formula
-MAX_LENGTH = 500  # characters of a formula
+CAUSE_EXPECTED = 'a cause, such as q(2) or Named("payload_kg"), or a number'
 RANK = {"+": 1, "-": 1, "*": 2, "/": 2}  # how tightly an operator binds
 
 
@@ -108,6 +105,9 @@ class Named(Cause):
 
     name: str
     dimension: str = "1"
+
+    def __post_init__(self) -> None:
+        check_type("name", self.name, str, "a value's name, such as payload_kg")
 
     def of(self, state: State) -> Array:
         return state.value(self.name)
@@ -235,9 +235,10 @@ class Member(Cause):
 
 
 def wrap(value: Cause | float) -> Cause:
-    """Return a number as a cause, a cause as it is."""
+    """Return a number as a cause, a cause as it is. Raises ArgumentError for anything else."""
     if isinstance(value, Cause):
         return value
+    check_type("cause", value, (int, float, np.number), CAUSE_EXPECTED)
     number = float(value)
     return Number(number)
 
@@ -247,27 +248,29 @@ ONE = Number(1.0)
 
 def sin(argument: Cause) -> Cause:
     """Return the sine of an angle."""
-    return Applied("sin", argument)
+    return Applied("sin", wrap(argument))
 
 
 def cos(argument: Cause) -> Cause:
     """Return the cosine of an angle."""
-    return Applied("cos", argument)
+    return Applied("cos", wrap(argument))
 
 
 def sign(argument: Cause) -> Cause:
     """Return the sign of a cause: -1, 0 or +1."""
-    return Applied("sign", argument)
+    return Applied("sign", wrap(argument))
 
 
 def q(joint: int, unit: str = "rad") -> Named:
     """Return the reading of a joint (1-based)."""
+    check_whole_number("joint", joint, 1)
     name = f"q{joint}"
     return Named(name, unit)
 
 
 def torque(joint: int) -> Named:
     """Return the gravity torque about a joint's axis [N m]."""
+    check_whole_number("joint", joint, 1)
     return Named(f"torque{joint}", "N m")
 
 
@@ -278,70 +281,6 @@ def shifted(angle: Cause, phase: float) -> Cause:
     if phase > 0:
         return angle + phase
     return angle - -phase
-
-
-def parse(text: str, units: Mapping[str, str], where: str = "cause") -> Cause:
-    """Read a cause from a study file's string; `units` are the known names with their units.
-    Raises StudyError."""
-    formula = text.strip()
-    if len(formula) > MAX_LENGTH:
-        raise StudyError(
-            f'{where}: "{formula[:80]}…" has {len(formula):,} characters; at most {MAX_LENGTH} are '
-            "expected. Add a column with the value to the measurements, and name that."
-        )
-    try:
-        tree = ast.parse(formula, mode="eval")
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        raise StudyError(
-            f'{where}: "{text[:80]}" is not a cause: it cannot be read as a formula.'
-        ) from None
-    return _Formula(text, units, where).build(tree.body)
-
-
-@dataclass(frozen=True)
-class _Formula:
-    """A formula that is read: its text, the known names, and where it stands."""
-
-    text: str
-    units: Mapping[str, str]
-    where: str
-
-    def build(self, node: ast.expr) -> Cause:
-        """Build the cause of a node; raises StudyError for one that no cause has."""
-        match node:
-            case ast.Constant(value=bool()):
-                pass
-            case ast.Constant(value=int() | float() as value) if value <= LARGEST_NUMBER:
-                return Number(float(value))
-            case ast.Name(id=name):
-                return self._named(name)
-            case ast.UnaryOp(op=ast.UAdd()):
-                return self.build(node.operand)
-            case ast.UnaryOp(op=ast.USub()):
-                inner = self.build(node.operand)
-                return Number(-inner.number) if isinstance(inner, Number) else -1.0 * inner
-            case ast.BinOp() if type(node.op) in OPERATORS:
-                operator = OPERATORS[type(node.op)]
-                left = self.build(node.left)
-                right = self.build(node.right)
-                return Combined(operator, left, right)
-            case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if (
-                name in FUNCTIONS
-            ):
-                return Applied(name, self.build(argument))
-        raise StudyError(
-            f'{self.where}: "{self.text}" is not a cause: names, numbers, + - * /, parentheses and '
-            f"{' '.join(FUNCTIONS)} are known."
-        )
-
-    def _named(self, name: str) -> Named:
-        if name in self.units:
-            return Named(name, self.units[name])
-        hint = suggest(name, self.units) or "A reading, such as q1, or a column is expected."
-        raise StudyError(f'{self.where}: unknown name "{name}" in "{self.text}". {hint}')
-
-
-OPERATORS: dict[type[ast.operator], str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
 
 
 @cache_hash

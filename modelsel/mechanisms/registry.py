@@ -44,6 +44,7 @@ class Scanned:
 
 Entry = Callable[[Robot], Mechanism | None] | PerJoint | Scanned
 Registry = Mapping[str, Entry]
+REGISTRY_EXPECTED = 'a registry, as {**BUILTIN, "mine": mine}'
 
 
 def build_thermal(reference: float = REFERENCE) -> Registry:
@@ -172,6 +173,7 @@ def build_mechanisms(
     "backlash:3" is joint 3's alone; "gear-ripple:4:23" is one constant of a scanned one. Empty
     where the name does not apply to the robot. Raises StudyError for an unknown name or joint, and
     for an entry that builds none, or one that the robot cannot have."""
+    check_type("registry", registry, Mapping, REGISTRY_EXPECTED)
     built = _build_named(name, robot, registry)
     for mechanism in built:
         problem = find_misbuilt(mechanism, robot)
@@ -314,9 +316,11 @@ def mechanism(name: str, robot: Robot | str, registry: Registry = BUILTIN) -> Me
     )
 
 
-def every(robot: Robot, registry: Registry = BUILTIN) -> tuple[Mechanism, ...]:
-    """Build every mechanism that applies to the robot, one a joint and a constant where it has
-    them."""
+def every(robot: Robot | str, registry: Registry = BUILTIN) -> tuple[Mechanism, ...]:
+    """Build every mechanism that applies to the robot, or to a built-in one by its name, one a joint
+    and a constant where it has them."""
+    robot = as_robot(robot)
+    check_type("registry", registry, Mapping, REGISTRY_EXPECTED)
     mechanisms = list[Mechanism]()
     for name in registry:
         named = build_mechanisms(name, robot, registry)
@@ -332,6 +336,7 @@ def with_plugins(
     `robot`, where one is given."""
     from importlib.metadata import entry_points
 
+    check_type("registry", registry, Mapping, REGISTRY_EXPECTED)
     table = dict(registry)
     broken: dict[str, str] = {}
     for point in sorted(entry_points(group="modelsel.mechanisms"), key=lambda point: point.name):

@@ -10,16 +10,23 @@ from collections import Counter
 from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
+import numpy as np
+
+from .._arguments import check_type, collect_all, describe_value
 from .._hashing import cache_hash
 from .._names import MAX_TEXT_LENGTH, find_hidden_character, find_name_problem
+from ..exceptions import ArgumentError
 from ..robot.rigid import AXES
 from .cause_functions import FUNCTIONS
-from .causes import ONE, Applied, Bump, Cause, Combined, Member, Named, Number
+from .causes import ONE, Applied, Bump, Cause, Combined, Member, Named, Number, wrap
 
 FIXTURE_AXES = (*AXES, "length")  # of a feature of the set-up: its place, its tilt, a length
 KINDS = (Number, Named, Applied, Combined, Member, Bump)
 SHARES = {"rad/rad": "1", "mm/mm": "1"}  # a rotation by another, a shift by another
+SCREWS_EXPECTED = 'a list of screws, as (Screw(3, "rz", q(2)),)'
+TERMS_EXPECTED = 'a list of terms, as (Term("k", screws),)'
 TermKey = tuple[Hashable, ...]
 LETTERS = dict(zip(AXES, "abcαβγ", strict=True))
 MOTIONS = {"t": "shifts along", "r": "turns about"}
@@ -35,10 +42,9 @@ class Screw:
     cause: Cause = ONE
 
     def __post_init__(self) -> None:
-        if self.axis not in AXES or self.frame < 1:
-            raise ValueError(
-                f"no such place: frame {self.frame}, axis {self.axis}; frames count from 1, axes are {AXES}"
-            )
+        _check_place(self.frame, self.axis)
+        cause = wrap(self.cause)
+        object.__setattr__(self, "cause", cause)
 
     @property
     def unit(self) -> str:
@@ -67,6 +73,10 @@ class Term:
     size: tuple[float, float] | None = None
     sign: int = 0
     usual: float | None = None
+
+    def __post_init__(self) -> None:
+        screws = collect_all("screws", self.screws, Screw, SCREWS_EXPECTED)
+        object.__setattr__(self, "screws", screws)
 
     @property
     def key(self) -> TermKey:
@@ -184,6 +194,11 @@ class Mechanism:
     contrary: str = ""
     usual_causes: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        check_type("name", self.name, str, "the mechanism's name")
+        terms = collect_all("terms", self.terms, Term, TERMS_EXPECTED)
+        object.__setattr__(self, "terms", terms)
+
     @property
     def stem(self) -> str:
         """The registered name without its joint: "backlash" of "backlash:3"."""
@@ -275,6 +290,25 @@ def unstorable(mechanism: Mechanism) -> str | None:
         f"{unknown}, which no calibration can store: build it of those in "
         "modelsel.mechanisms.causes."
     )
+
+
+def _check_place(frame: Any, axis: Any) -> None:
+    """Refuse what is not a frame's number and the name of an axis. Raises ArgumentError."""
+    is_axis = isinstance(axis, str) and axis in AXES
+    is_frame = isinstance(frame, (int, np.integer)) and frame >= 1
+    if is_axis and is_frame:
+        return
+    shown = axis if isinstance(axis, str) else describe_value(axis)
+    found = describe_value(frame)
+    raise ArgumentError(
+        f"no such place: frame {found}, axis {shown}; frames count from 1, axes are {AXES}"
+    )
+
+
+def as_mechanisms(given: Any) -> tuple[Mechanism, ...]:
+    """Return mechanisms that are given in a list. Raises ArgumentError for anything else."""
+    expected = 'a list of mechanisms, as (mechanism("geometric", robot),)'
+    return collect_all("mechanisms", given, Mechanism, expected)
 
 
 def letter(frame: int, axis: str) -> str:

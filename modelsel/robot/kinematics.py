@@ -16,6 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .._arguments import check_type, check_whole_number
 from .._typing import Array, Mask
 from ._kernels import (
     AXES_IN_PLACE,
@@ -150,6 +151,8 @@ class Robot:
 
     def draw(self, rng: np.random.Generator, m: int) -> Array:
         """Draw m joint readings (m, n), uniform within the joints' ranges."""
+        check_type("rng", rng, np.random.Generator, "a generator, as np.random.default_rng(0)")
+        m = check_whole_number("m", m, 0)
         ranges = [joint.range for joint in self.joints]
         low, high = np.array(ranges).T
         return rng.uniform(low, high, size=(m, self.n))

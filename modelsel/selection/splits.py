@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._arguments import check_whole_number
+from .._arguments import check_sliding, check_type, check_whole_number
 from .._typing import Array, Index, Mask
+from ..exceptions import ArgumentError
 from ..measurements.measurements import Measurements
 from ..measurements.visits import order_units
 
@@ -38,6 +39,15 @@ def split_configurations(
     `prismatic`: which joints slide, as `robot.prismatic`; `rng`: a generator, or a seed. Raises
     StudyError for a count that is no whole number from 1 to that of the configurations (where all
     estimate, none is held out)."""
+    check_type("data", data, Measurements, "Measurements, as read_measurements returns them")
+    prismatic = check_sliding(
+        "prismatic", prismatic, "for each joint whether it slides, as robot.prismatic"
+    )
+    joints = data.q.shape[1]
+    if len(prismatic) != joints:
+        raise ArgumentError(
+            f"prismatic has {len(prismatic)} values; expected {joints}, one for each joint."
+        )
     count = check_whole_number("count", count, 1, data.configurations)
     if not isinstance(rng, np.random.Generator):
         seed = check_whole_number("rng", rng, 0)

@@ -47,13 +47,14 @@ def open_study(study: Study | Path | str, folder: Path | str | None) -> tuple[St
     The folder is the given one, else that of the study's own file, else the current one. Raises
     StudyError.
     """
+    if folder is not None:
+        folder = check_path(folder, "the folder of the study's files")
     if isinstance(study, Study):
-        given = folder or "."
-        return study, Path(given)
+        return study, folder or Path()
     path = check_path(study, "a Study, or the path of a study file or of its folder")
     read = read_whole_study(path)
     if folder is not None:
-        return read, Path(folder)
+        return read, folder
     if path.is_dir():
         return read, path
     return read, path.parent

@@ -15,7 +15,8 @@ from ..diagnosis.unregistered import Causes, build_cell, list_distinct_places, l
 from ..exceptions import StudyError, sentence_list
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
-from ..mechanisms.causes import Cause, parse
+from ..mechanisms.cause_formulas import parse
+from ..mechanisms.causes import Cause
 from ..mechanisms.registry import Registry
 from ..mechanisms.terms import Mechanism, describe_frame_motion
 from ..notices import Note

@@ -270,7 +270,10 @@ def _plan_repeats(
 
 def _check_purpose(purpose: str | None) -> None:
     """Refuse a purpose that a plan cannot have. Raises StudyError."""
-    if purpose is None or purpose in PLAN_PURPOSES:
+    if purpose is None:
+        return
+    check_type("purpose", purpose, str, "the name of a purpose")
+    if purpose in PLAN_PURPOSES:
         return
     known = ", ".join(PLAN_PURPOSES)
     raise StudyError(f"purpose: expected one of {known}, or None, found {purpose!r}.")
@@ -305,6 +308,7 @@ def plan_next(
     """
     check_type("result", result, Result, "a Result, as run_study returns it")
     check_whole_number("count", count, 1)
+    check_type("limits", limits, bool, "True or False")
     if repeats is not None:
         check_whole_number("repeats", repeats, 2)
     calibration = result.calibration
@@ -318,7 +322,7 @@ def plan_next(
         possible = draw_approaches(possible, seed)
     else:
         data = result.problem.data
-        given = joints or {}
+        given = {} if joints is None else joints
         ranges = find_joint_ranges(robot, data, limits, given)
         possible = draw_pool(calibration, seed, data, ranges)
         within = describe_ranges(robot, limits, given)

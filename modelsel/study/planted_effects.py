@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from ..config.study_file import Study
 from ..exceptions import StudyError
-from ..mechanisms.causes import parse
+from ..mechanisms.cause_formulas import parse
 from ..robot.kinematics import Robot
 
 

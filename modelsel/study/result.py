@@ -34,6 +34,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+FOLDER_EXPECTED = "the folder that the result is written into"
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Result:
     """A finished study, fresh from a run or read back from its folder.
@@ -94,9 +97,9 @@ class Result:
         """Return one of the result's tables: "ladder", "candidates", "findings", "credible sets", "estimates",
         "repeatability", "parameters", "significance", "error map" (places by causes, F) or "residuals". Raises
         StudyError for another name."""
+        check_type("table", table, str, "the name of a table")
         if table == "residuals":
             return self.residuals()
-        check_type("table", table, str, "the name of a table")
         if table not in TABLES:
             hint = suggest(table, (*TABLES, "residuals"))
             raise StudyError(f'a result has no table "{table}". {hint}')
@@ -111,7 +114,7 @@ class Result:
         first takes its place; `load_result` reads them back. Files written. Raises StudyError."""
         columns = self._residual_columns()
         files = StudyFiles(self.record, self.details, self.calibration, columns)
-        return write_study_files(files, Path(folder))
+        return write_study_files(files, check_path(folder, FOLDER_EXPECTED))
 
     def report(
         self,
@@ -128,9 +131,10 @@ class Result:
         StudyError or ReportError."""
         from ..report.drawing import STEPS, draw_records
 
+        path = check_path(folder, FOLDER_EXPECTED)
         chosen = None if pages is None else collect_names("pages", pages)
         with follow(say, progress, STEPS) as tell:
-            return draw_records(self.record, self.details, Path(folder), chosen, tell)
+            return draw_records(self.record, self.details, path, chosen, tell)
 
     def __repr__(self) -> str:
         return f"Result of {self.record.study!r}. {' '.join(self.record.verdict)}"

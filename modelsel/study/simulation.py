@@ -24,7 +24,7 @@ from ..fitting.problem import Problem
 from ..measurements.measurements import Gauges, Measurements, build_measurements
 from ..measurements.observation_columns import apply_known_features
 from ..measurements.reader import read_measurements
-from ..mechanisms.causes import parse
+from ..mechanisms.cause_formulas import parse
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..setup.feature_positions import place_features

@@ -34,7 +34,8 @@ from modelsel.diagnosis.candidate_kinds import CandidateKind  # noqa: E402
 from modelsel.diagnosis.candidates import Candidate  # noqa: E402
 from modelsel.diagnosis.effects import Claim  # noqa: E402
 from modelsel.fitting.least_squares import fit  # noqa: E402
-from modelsel.mechanisms.causes import Cause, parse, q, sin  # noqa: E402
+from modelsel.mechanisms.cause_formulas import parse  # noqa: E402
+from modelsel.mechanisms.causes import Cause, q, sin  # noqa: E402
 from modelsel.mechanisms.drives import gear_ripple, read_too_early  # noqa: E402
 from modelsel.mechanisms.registry import build_mechanisms  # noqa: E402
 from modelsel.mechanisms.terms import Mechanism, Screw, Term  # noqa: E402

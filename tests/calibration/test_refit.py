@@ -25,7 +25,8 @@ from modelsel.config.study_file import parse_study, read_study
 from modelsel.exceptions import StudyError
 from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reference_temperature import choose_reference
-from modelsel.mechanisms.causes import Combined, parse
+from modelsel.mechanisms.cause_formulas import parse
+from modelsel.mechanisms.causes import Combined
 from modelsel.mechanisms.environment import temperature_rise
 from modelsel.mechanisms.registry import BUILTIN, mechanism, set_reference
 from modelsel.robot.files import load_robot, robot_from_table

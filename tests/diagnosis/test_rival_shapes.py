@@ -13,7 +13,8 @@ from modelsel.diagnosis.joint_bumps import build_bump, generate_bumps, generate_
 from modelsel.diagnosis.simple_shapes import generate_soft_lags
 from modelsel.diagnosis.unlisted_shapes import list_company, list_rivals
 from modelsel.diagnosis.unregistered import build_warming_causes
-from modelsel.mechanisms.causes import ONE, Named, parse, q
+from modelsel.mechanisms.cause_formulas import parse
+from modelsel.mechanisms.causes import ONE, Named, q
 from modelsel.mechanisms.registry import build_faults, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load_robot

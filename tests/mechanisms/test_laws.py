@@ -13,7 +13,8 @@ from builders import drawn, one
 
 from modelsel.exceptions import StudyError
 from modelsel.fitting import design
-from modelsel.mechanisms.causes import Applied, Cause, Named, Number, cos, parse, q, sin
+from modelsel.mechanisms.cause_formulas import parse
+from modelsel.mechanisms.causes import Applied, Cause, Named, Number, cos, q, sin
 from modelsel.mechanisms.geometry import build_setup
 from modelsel.mechanisms.registry import BUILTIN, Scanned, build_mechanisms, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term, unstorable

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ..._names import guard_cell, unguard_cell
-from ...mechanisms.causes import Applied, Bump, Cause, Combined, Named, parse
+from ...mechanisms.cause_formulas import parse
+from ...mechanisms.causes import Applied, Bump, Cause, Combined, Named
 from ...mechanisms.terms import Screw, Term
 from ..constant_part import Part, split_parts
 from .form import Exported, measure_whole
