@@ -269,7 +269,8 @@ def _explain(
     alone = [k for k, group in enumerate(groups) if not group.together]
     difference = space.difference[tested]
     factor = space.difference_factor[tested]
-    steps = select_fewest_terms(difference, factor, relation[places], of_groups, alone)
+    moves = space.whole_displacement[places]
+    steps = select_fewest_terms(difference, factor, relation[places], of_groups, alone, moves)
     terms = [space.terms[place] for place in places]
     labels = [_label_term(space.owner[term.key], term) for term in terms]
     labels += [group.label for group in groups]

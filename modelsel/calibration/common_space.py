@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .._linalg import orthonormal_basis, project_out
 from .._typing import Array, Index
 from ..fitting.design import compute_design
 from ..fitting.identifiability import identify
@@ -71,12 +72,21 @@ class CommonSpace:
 
     @cached_property
     def displacement(self) -> Array:
-        """Rms displacement (p,) of the target per unit of every term [mm]."""
-        squares = np.square(self.X)
-        lengths = squares.sum(1)
-        mean = lengths.mean(0)
-        rms = np.sqrt(mean)
-        return np.asarray(rms)
+        """Rms displacement (p,) of the target per unit of every term [mm], beyond what a new placement
+        takes up."""
+        count = len(self.X)
+        coordinates = self.X.reshape(-1, len(self.terms))
+        taken_up = [k for k, term in enumerate(self.terms) if term in self.placing]
+        basis = orthonormal_basis(coordinates[:, taken_up])
+        beyond = project_out(coordinates, basis)
+        return np.asarray(np.linalg.norm(beyond, axis=0) / np.sqrt(count))
+
+    @cached_property
+    def whole_displacement(self) -> Array:
+        """Rms displacement (p,) of the target per unit of every term [mm], in a placement that stays."""
+        count = len(self.X)
+        coordinates = self.X.reshape(-1, len(self.terms))
+        return np.asarray(np.linalg.norm(coordinates, axis=0) / np.sqrt(count))
 
     @cached_property
     def estimates(self) -> Array:

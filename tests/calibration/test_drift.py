@@ -33,6 +33,7 @@ from modelsel.measurements.table import hash_source
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.robot.files import load_robot
+from modelsel.robot.kinematics import Robot
 from modelsel.robot.rigid import from_rpy
 from modelsel.selection.evaluation import Split
 
@@ -78,9 +79,10 @@ def calibrated(
     m: int = 120,
     fitted: Model | None = None,
     floor: Floor | None = None,
+    robot: Robot = ROBOT,
     **more: object,
 ) -> Calibration:
-    at = replace(drawn(ROBOT, rng, m, **more), whitening=Whitening(1 / NOISE))
+    at = replace(drawn(robot, rng, m, **more), whitening=Whitening(1 / NOISE))
     at = planted(at, model.terms, theta, rng, NOISE)
     rows = np.ones(m, bool)
     return calibrate(
@@ -641,6 +643,26 @@ def test_a_new_set_up_is_left_aside(rng) -> None:
     anew = compare_campaigns(a, replace(b, registered=True))
     assert not any(c.symbol in ("a1", "a7") for c in anew.changes)
     assert "cannot be compared" in describe_comparison(anew)[-1]
+
+
+@pytest.mark.parametrize("rng", [1, 2, 3, 4], indirect=True)
+def test_a_shift_along_parallel_axes_is_told_as_a_shift(rng) -> None:
+    """A turn about joint 1's axis and one of link 1's end do the same, once registered anew: by itself
+    the latter would swing the target by several millimetres. What a new placement takes up of the
+    shift does not count."""
+    robot = load_robot("irb1600")
+    model = Model((mechanism("geometric", robot),))
+    theta = np.zeros(len(model.terms))
+    shifted = theta.copy()
+    size = rng.uniform(0.5, 1.0)
+    shifted[place(model, "c3")] += size
+    days = (calibrated(rng, model, of_day, robot=robot) for of_day in (theta, shifted))
+    found = compare_campaigns(*(replace(day, registered=True) for day in days))
+    (only,) = found.explained_by
+    assert {"c2 (frame 2 tz)", "c3 (frame 3 tz)"} <= {only.label, *only.alike}
+    assert abs(only.by) == pytest.approx(size, abs=4 * only.standard_error)
+    assert only.unit == "mm"
+    assert only.moves_mm < 0.98 * abs(only.by)
 
 
 def test_another_robot_is_refused(rng) -> None:
