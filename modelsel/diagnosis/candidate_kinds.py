@@ -36,6 +36,7 @@ MAP_KINDS = (CandidateKind.CELL, CandidateKind.WAVE, CandidateKind.WAVE_PRODUCT)
 # kinds whose causes have words of their own
 NAMED_IN_WORDS = (
     CandidateKind.TIME_WAVE,
+    CandidateKind.SLIDE_WAVE,
     CandidateKind.BUMP,
     CandidateKind.SOFT_LAG,
     CandidateKind.POWER,

@@ -332,7 +332,8 @@ def build_pitch_wave(joint: int, count: float, travel: float, axis: str = "tz") 
     if axis != "tz":
         sentence = f"Joint {joint} does not slide straight: {every} along its {axis[1]} axis"
         causes = ("rail that is bent", "joints or bolts of the rail")
-    return Mechanism(f"{joint} {axis} {count:g} waves", terms, sentence, usual_causes=causes)
+    name = f"{joint} {axis} wave of q{joint} every {length:.5g} mm"
+    return Mechanism(name, terms, sentence, usual_causes=causes)
 
 
 def build_free_functions(problem: Problem) -> Iterator[Mechanism]:

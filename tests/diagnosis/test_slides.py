@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 from builders import bind, measured, seeds, small_arm, study_of
 
-from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.candidate_kinds import CandidateKind
+from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.effects import Effect
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.sentences import describe_candidate
-from modelsel.diagnosis.unregistered import PITCHES
+from modelsel.diagnosis.unregistered import PITCHES, build_pitch_wave
 from modelsel.fitting.design import Model
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import every, mechanism
@@ -113,3 +114,9 @@ def test_waves_of_a_slide_are_finer_than_its_travel_tells_apart() -> None:
         for c in build_candidates(at, BASE, every(ARM))
         if "slides unevenly" in c.mechanism.sentence
     ]
+
+
+def test_a_wave_of_a_slide_is_called_by_its_length() -> None:
+    wave = build_pitch_wave(1, 1.75, 700.0, "tx")
+    label = Candidate(wave, CandidateKind.SLIDE_WAVE, 0.1).label
+    assert label == "frame 1 tx · wave of q1 every 400 mm"
