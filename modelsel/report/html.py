@@ -30,9 +30,11 @@ from .error_parts_section import write_error_parts
 from .figures.errormap import find_named_cells
 from .figures.ladder import label_way, select_way
 from .html_parts import write_paragraph
+from .notes_section import write_certainty_section, write_notes_section
 from .pages.appendix import list_provenance
 from .pages.findings import describe_advice, describe_proof
 from .pages.front import WORTH, list_campaign
+from .pages.parameter_uncertainty import CERTAINTY_TITLE
 from .parameters_section import write_parameters
 
 SECTIONS = (
@@ -41,6 +43,8 @@ SECTIONS = (
     ("map", "Error map"),
     ("space", "Residual vectors"),
     ("parameters", "Calibrated parameters"),
+    ("certainty", CERTAINTY_TITLE),
+    ("notes", "Outliers and notes"),
 )
 SCRIPTS = ("plot.js", "space.js", "posture.js", "map.js", "page.js")
 
@@ -49,7 +53,10 @@ def write_page(source: Source) -> bytes:
     """Write the whole page."""
     record, folder = source.record, files(__package__) / "templates"
     template = Template((folder / "page.html").read_text(encoding="utf-8"))
-    parameters = write_parameters(source)
+    parameters, certainty = write_parameters(source), write_certainty_section(source)
+    absent = {
+        name for name, said in (("parameters", parameters), ("certainty", certainty)) if not said
+    }
     scripts = [(folder / name).read_text(encoding="utf-8") for name in SCRIPTS]
     page = template.substitute(
         title=escape(f"Calibration report: {record.study}"),
@@ -60,7 +67,9 @@ def write_page(source: Source) -> bytes:
         effect_sets=write_effect_sets(record),
         repeatability=write_error_parts(record.repeatability),
         parameters=parameters,
-        sections=_link_sections(bool(parameters)),
+        certainty=certainty,
+        notes=write_notes_section(source),
+        sections=_link_sections(absent),
         setup=_write_setup(record.registration),
         side=record.side.replace("_", "-"),
         made=escape(", ".join(f"{name} {value}" for name, value in list_provenance(record))),
@@ -77,10 +86,12 @@ def _write_campaign(details: DetailsRecord) -> str:
     return write_paragraph(" · ".join(said), "quiet") if said else ""
 
 
-def _link_sections(has_parameters: bool) -> str:
-    """Write links to the sections of the page."""
-    sections = SECTIONS if has_parameters else SECTIONS[:-1]
-    return " ".join(f'<a href="#{name}-title">{words}</a>' for name, words in sections)
+def _link_sections(absent: set[str]) -> str:
+    """Write links to the sections of the page, but for those that it has not."""
+    links = [
+        f'<a href="#{name}-title">{words}</a>' for name, words in SECTIONS if name not in absent
+    ]
+    return " ".join(links)
 
 
 def _write_setup(registration: RegistrationRecord | None) -> str:

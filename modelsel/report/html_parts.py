@@ -15,8 +15,12 @@ Columns = Sequence[tuple[str, str]]
 def write_paragraph(words: str, style: str = "") -> str:
     """Write a paragraph of plain words."""
     attribute = f' class="{style}"' if style else ""
-    kept = UNIT.sub(NO_BREAK, words)
-    return f"<p{attribute}>{escape(kept)}</p>"
+    return f"<p{attribute}>{escape(keep_units(words))}</p>"
+
+
+def keep_units(words: str) -> str:
+    """Keep every number on one line with its unit."""
+    return UNIT.sub(NO_BREAK, words)
 
 
 def write_html_table(columns: Columns, rows: Sequence[Sequence[str]], of: str) -> str:

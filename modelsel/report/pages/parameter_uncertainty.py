@@ -32,6 +32,7 @@ DRIVERS = (
     "Measured minus predicted, by the chosen model. Means that leave the grey band together, or follow a curve, show an "
     "error that repeats with the quantity below it. report.html has the residuals as vectors in the workspace."
 )
+CERTAINTY_TITLE = "How well the parameters are known"
 DETERMINED = "The data determine every parameter of the chosen model."
 
 
@@ -136,14 +137,12 @@ def _write_correlation(source: Source) -> list[Block]:
 def write_posterior_page(source: Source) -> list[Block]:
     """Write how well the parameters are known: correlation, what the sampler says of itself, draws of the
     informative few and their quantiles."""
-    record, sampling = source.record, source.record.sampling
-    pairs = [pair.sentence for pair in record.correlation.pairs[:MAX_PAIRS]]
-    words = [make_text(sentence) for sentence in write_sampling_sentences(record)]
-    words += [make_list(pairs)] if pairs else []
+    sampling = source.record.sampling
+    words = write_certainty(source.record)
     correlation = _write_correlation(source)
     draws = _write_draws(source, sampling) if sampling is not None and sampling.converged else []
     table = [] if sampling is None else _write_quantiles(sampling.quantiles)
-    heading = make_heading("How well the parameters are known")
+    heading = make_heading(CERTAINTY_TITLE)
     if correlation and draws:
         whole = keep_together([heading, *words, put_beside(correlation, draws)])
         return [whole, *table]
@@ -151,6 +150,13 @@ def write_posterior_page(source: Source) -> list[Block]:
         return [heading, put_beside(words, correlation), *table]
     blocks = [*words, *draws, *table]
     return [heading, *blocks] if blocks else []
+
+
+def write_certainty(record: StudyRecord) -> list[Block]:
+    """Write what the sampler says of itself, and which parameters the data know only together."""
+    pairs = [pair.sentence for pair in record.correlation.pairs[:MAX_PAIRS]]
+    words = [make_text(sentence) for sentence in write_sampling_sentences(record)]
+    return [*words, make_list(pairs)] if pairs else words
 
 
 def _write_draws(source: Source, sampling: SamplingRecord) -> list[Block]:
