@@ -208,8 +208,10 @@ class Importance:
     sentence: str
 
 
-def summarise_importance(draws: Draws) -> Importance:
-    """Summarise weighted draws: their effective number, and what it says of the linear posterior."""
+def summarise_importance(draws: Draws, is_sampled: bool = True) -> Importance:
+    """Summarise weighted draws: their effective number, and what it says of the linear posterior.
+
+    is_sampled: whether there is a sampled posterior to believe instead, of a converged chain."""
     count = len(draws.weight)
     effective = draws.effective
     share = effective / count
@@ -217,7 +219,9 @@ def summarise_importance(draws: Draws) -> Importance:
         verdict = "the exact chain's posterior is the linear one"
     elif share > USEFUL_SHARE:
         verdict = "the chain's curvature matters, and the weights account for it"
-    else:
+    elif is_sampled:
         verdict = "the chain is too curved for the linear posterior; believe the sampled one"
+    else:
+        verdict = "the chain is too curved for the linear posterior: its intervals are rough"
     sentence = f"Of {count:,} closed-form draws {effective:,.0f} are effective: {verdict}."
     return Importance(count, effective, sentence)

@@ -147,6 +147,9 @@ def sample_confidence(
         keeper=keeper,
         options=options,
     )
+    if not chain.converged:
+        importance = summarise_importance(draws, is_sampled=False)
+        chain = replace(chain, importance=importance)
     parameters = add_posterior(confidence.parameters, fitted, draws, chain)
     return replace(confidence, sampling=chain, parameters=parameters)
 
@@ -166,13 +169,16 @@ def build_log_posterior(
 
     base: the study's base model, whose effects are not named.
     over: "default": the coefficients of the named effects, every noise scale, the tail and inner
-        constants, with the other coefficients integrated out. "all", and where nothing is named:
-        every coefficient and the scales under normal noise (a Student-t takes what is left unnamed
-        for outliers, and a different part of it in every corner of its density).
+        constants, with the other coefficients integrated out. Where nothing is named: the
+        coefficients that the data determine better than their usual size does, and the scales under
+        normal noise (a Student-t takes what is left unnamed for outliers, and a different part of it
+        in every corner of its density). "all": every coefficient, under normal noise too.
     instrument: its noise along and across the beam is told apart; None where a floor is stated.
 
     At most MAX_SAMPLED coefficients are sampled, those that move the target most; free functions
-    are always integrated out. Where the rows are too many for the chain to be evaluated at every
+    are always integrated out. So are, by default, coefficients that usual sizes hold rather than the
+    data: over ranges so wide the exact chain bends by far more than the noise, and no walker follows
+    (of a gantry's 21 coefficients, autocorrelation times of 8,000 steps). Where the rows are too many for the chain to be evaluated at every
     step, its QR-reduced linear form is sampled, with normal noise of one scale."""
     if not fitted.rank or fitted.freedom < 1:
         return None
@@ -219,8 +225,11 @@ def _choose_coefficients(
         term = fitted.terms[k]
         if term.key not in known:
             named.append(k)
+    leaning = fitted.leaning
     wanted = named
-    if over == "all" or not named:
+    if not named:
+        wanted = [k for k in plain if k not in leaning] or plain
+    if over == "all":
         wanted = plain
     mean, _ = measure_displacement(split, fitted)
     ordered = sorted(wanted, key=lambda k: -mean[k])
