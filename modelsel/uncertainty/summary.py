@@ -178,8 +178,9 @@ def build_log_posterior(
     At most MAX_SAMPLED coefficients are sampled, those that move the target most; free functions
     are always integrated out. So are, by default, coefficients that usual sizes hold rather than the
     data: over ranges so wide the exact chain bends by far more than the noise, and no walker follows
-    (of a gantry's 21 coefficients, autocorrelation times of 8,000 steps). Where the rows are too many for the chain to be evaluated at every
-    step, its QR-reduced linear form is sampled, with normal noise of one scale."""
+    (of a gantry's 21 coefficients, autocorrelation times of 8,000 steps). Where the rows are too many
+    for the chain to be evaluated at every step, its QR-reduced linear form is sampled, with normal
+    noise of one scale."""
     if not fitted.rank or fitted.freedom < 1:
         return None
     training = split.training
