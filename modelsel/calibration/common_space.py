@@ -74,19 +74,33 @@ class CommonSpace:
     def displacement(self) -> Array:
         """Rms displacement (p,) of the target per unit of every term [mm], beyond what a new placement
         takes up."""
-        count = len(self.X)
-        coordinates = self.X.reshape(-1, len(self.terms))
-        taken_up = [k for k, term in enumerate(self.terms) if term in self.placing]
-        basis = orthonormal_basis(coordinates[:, taken_up])
+        coordinates = self._flatten()
+        taken_up = []
+        for place, term in enumerate(self.terms):
+            if term in self.placing:
+                taken_up.append(place)
+        placing = coordinates[:, taken_up]
+        basis = orthonormal_basis(placing)
         beyond = project_out(coordinates, basis)
-        return np.asarray(np.linalg.norm(beyond, axis=0) / np.sqrt(count))
+        return self._measure(beyond)
 
     @cached_property
     def whole_displacement(self) -> Array:
         """Rms displacement (p,) of the target per unit of every term [mm], in a placement that stays."""
+        coordinates = self._flatten()
+        return self._measure(coordinates)
+
+    def _flatten(self) -> Array:
+        """Return the columns (3m, p) of all terms, coordinate by coordinate."""
+        count = len(self.terms)
+        return self.X.reshape(-1, count)
+
+    def _measure(self, columns: Array) -> Array:
+        """Measure the rms length (p,) over the configurations of columns (3m, p)."""
+        lengths = np.linalg.norm(columns, axis=0)
         count = len(self.X)
-        coordinates = self.X.reshape(-1, len(self.terms))
-        return np.asarray(np.linalg.norm(coordinates, axis=0) / np.sqrt(count))
+        rms = lengths / np.sqrt(count)
+        return np.asarray(rms)
 
     @cached_property
     def estimates(self) -> Array:

@@ -166,16 +166,29 @@ class _Search:
         """Find the term that moves the target least, of those that explain a difference alike: a turn
         by 20 mrad is not told where a shift of 1 mm does the same."""
         count = len(self.moves)
-        singles = [place for place in alike if place < count]
         if best >= count:
             return best
-        moved = {}
-        for place in singles:
-            beyond = project_out(self.candidates[place].columns, basis)[:, 0]
-            square = float(beyond @ beyond)
-            change = float(beyond @ residual) / max(square, TINY)
-            moved[place] = abs(change) * float(self.moves[place])
-        return min(singles, key=moved.__getitem__)
+        singles = []
+        moved = []
+        for place in alike:
+            if place < count:
+                change = self._estimate(place, basis, residual)
+                size = abs(change) * float(self.moves[place])
+                singles.append(place)
+                moved.append(size)
+        least = min(moved)
+        smallest = moved.index(least)
+        return singles[smallest]
+
+    def _estimate(self, place: int, basis: Array, residual: Array) -> float:
+        """Estimate the change of a single term beyond what is chosen."""
+        candidate = self.candidates[place]
+        beyond = project_out(candidate.columns, basis)
+        column = beyond[:, 0]
+        square = column @ column
+        explained = column @ residual
+        change = explained / max(square, TINY)
+        return float(change)
 
     def _score_separate(self, basis: Array, residual: Array) -> float:
         """Score the groups that may change separately, all at once: each of them is named, and costs

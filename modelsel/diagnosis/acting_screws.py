@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from .._linalg import project_out
 from .._typing import Array
 from ..fitting.linearisation import Linearisation
 from ..fitting.problem import Problem
@@ -91,7 +92,10 @@ def _measure_beyond(
     memory."""
     sizes: list[float] = []
     for some in split_range(len(terms), PIECE):
-        columns, _ = stack_design(problem, terms[some], at)
-        beyond = columns - Q @ (Q.T @ columns)
-        sizes += np.linalg.norm(beyond, axis=0).tolist()
+        part = terms[some]
+        columns, _ = stack_design(problem, part, at)
+        beyond = project_out(columns, Q)
+        lengths = np.linalg.norm(beyond, axis=0)
+        own = lengths.tolist()
+        sizes += own
     return sizes

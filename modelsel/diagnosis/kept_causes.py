@@ -14,7 +14,6 @@ from ..mechanisms.causes import ARITHMETIC, Applied, Cause, Combined, State
 # room for causes that come later, as a share of those that are there, and at least: memory that
 # nothing is written to is not used
 ROOM, LEAST_ROOM = 0.25, 64
-BYTES = 8  # of a number
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,10 +39,11 @@ class KeptCauses:
 
     def count_mb(self) -> float:
         """Count the megabytes that the values take."""
-        numbers = 0
+        total = 0
         for values, count in self._values.values():
-            numbers += values[:count].size
-        return BYTES * numbers / 1e6
+            known = values[:count]
+            total += known.nbytes
+        return total / 1e6
 
     def evaluate(self, problem: Problem, rows: slice) -> Array:
         """Return the values (u, m) of all causes at a block of the rows, those of `problem`."""

@@ -50,8 +50,13 @@ class Diagnosis:
     @property
     def registered(self) -> tuple[Mechanism, ...]:
         """The registered mechanisms of the arm among the effects."""
-        candidates = [effect.candidate for effect in self.effects]
-        return tuple(c.mechanism for c in candidates if c.registered and c.fault is None)
+        registered = []
+        for effect in self.effects:
+            candidate = effect.candidate
+            if candidate.registered and candidate.fault is None:
+                mechanism = candidate.mechanism
+                registered.append(mechanism)
+        return tuple(registered)
 
     @property
     def findings(self) -> tuple[str, ...]:

@@ -280,7 +280,10 @@ def is_where_target_is(name: str) -> bool:
 def needs_gravity(name: str) -> bool:
     """Return whether a name is of a quantity that depends on the direction of gravity."""
     variable = parse_state_name(name)
-    return variable is not None and variable.family.by_gravity
+    if variable is None:
+        return False
+    family = variable.family
+    return family.by_gravity
 
 
 def is_state_name(name: str) -> bool:

@@ -204,8 +204,13 @@ def _describe_small_effect(every: NamedErrors) -> str:
 def _describe_faults(named: Sequence[Named]) -> list[str]:
     if not named:
         return []
-    faults = "fault of the data was" if len(named) == 1 else "faults of the data were"
-    return [f"{write_number(len(named))} {faults} found: {_list_names(named)}."]
+    count = len(named)
+    faults = "fault of the data was"
+    if count > 1:
+        faults = "faults of the data were"
+    number = write_number(count)
+    names = _list_names(named)
+    return [f"{number} {faults} found: {names}."]
 
 
 def _describe_settled(named: Sequence[Named]) -> list[str]:

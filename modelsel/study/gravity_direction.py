@@ -77,7 +77,9 @@ def note_other_gravity(
     beside = [one for one in found if not any(map(needs_gravity, one.names()))]
     if other is not None and beside:
         # a joint that turns too far or too little resembles one that winds up
-        other = find_other_gravity(problem, fit_shrunk(problem, fitted.model + beside, fitted))
+        model = fitted.model + beside
+        extended = fit_shrunk(problem, model, fitted)
+        other = find_other_gravity(problem, extended)
     if other is None:
         return []
     direction = write_direction(other.direction)
