@@ -18,6 +18,7 @@ from .sentences import (
     describe_effect,
     has_contrary_signs,
     list_cautions,
+    sum_of_name,
     weigh_listed,
 )
 from .signatures import LEVELS, PROVEN
@@ -83,6 +84,14 @@ def is_settled(effect: Effect) -> bool:
     return effect.claim.levels[level] >= PROVEN
 
 
+def list_likelier(effect: Effect) -> list[str]:
+    """List the labels that are likelier than that of the effect, the likeliest first."""
+    weights = effect.named.sum_by_label()
+    own = sum_of_name(effect)
+    likelier = [label for label, weight in weights.items() if weight > own]
+    return sorted(likelier, key=lambda label: -weights[label])
+
+
 def describe_proven(effect: Effect, doubt: str = "") -> str:
     """Describe one finding in one sentence, as deep as it is proven.
 
@@ -140,7 +149,11 @@ def _list_sizes(effect: Effect) -> list[str]:
     is_plain = all(isinstance(cause, Bump) for cause in causes)
     if effect.candidate.kind is CandidateKind.SHAPE and not is_plain:
         return []
-    return [describe_amount(mechanism.terms, effect.estimate, effect.standard_error)]
+    amount = describe_amount(mechanism.terms, effect.estimate, effect.standard_error)
+    if list_likelier(effect):
+        # the size is of the name that is fitted, and another one comes first
+        amount = f"fitted as {effect.label}: {amount}"
+    return [amount]
 
 
 def name_drivers(names: Iterable[str]) -> str:

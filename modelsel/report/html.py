@@ -151,7 +151,7 @@ def find_kindred_cells(record: StudyRecord, finding: FindingRecord) -> list[tupl
     the strongest cell of which the cause depends on nothing but what drives the finding."""
     whole = record.error_map
     drivers: dict[str, set[str]] = {}
-    for screw in finding.first.screws:
+    for screw in finding.fitted_entry.screws:
         drivers.setdefault(f"{screw.frame} {screw.axis}", set()).update(_list_names(screw.cause))
     cells = []
     for row, place in enumerate(whole.places):
@@ -194,6 +194,7 @@ def _slim_finding(finding: FindingRecord) -> dict[str, Any]:
     values = finding.to_dict()
     values["credible_set"] = [_slim_entry(entry) for entry in finding.credible_set]
     values["estimate"] = []
+    values["fitted"] = finding.fitted
     for key in ("usable", "worst"):
         values.pop(key, None)
     return values

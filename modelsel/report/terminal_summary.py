@@ -104,7 +104,7 @@ def _describe_standing(finding: FindingRecord, label: str) -> str:
     claim = finding.claim
     if claim is not None and claim.probability < PROVEN:
         # what it could be stands above, with the probabilities
-        return f"best described by {label}{doubt}"
+        return f"{_begin_naming(finding)} {label}{doubt}"
     if not finding.is_found:
         rivals = _weigh_names(finding)
         more = len(rivals) - SHOWN_RIVALS + finding.more_entries
@@ -113,20 +113,27 @@ def _describe_standing(finding: FindingRecord, label: str) -> str:
     if claim is None or claim.level == "cause":
         return f"{label}, probability {describe_probability(finding)}{doubt}"
     named = f"{label} ({describe_name_probability(finding)})"
-    return f"probability {format_probability(claim.probability)}{doubt}; best described by {named}"
+    likelier = _weigh_names(finding)[: len(finding.likelier)]
+    if likelier:
+        verb = "is" if len(likelier) == 1 else "are"
+        named += f"; {sentence_list(likelier)} {verb} likelier"
+    proven = format_probability(claim.probability)
+    return f"probability {proven}{doubt}; {_begin_naming(finding)} {named}"
+
+
+def _begin_naming(finding: FindingRecord) -> str:
+    """Begin to tell the name that figures and model have: it is not always the likeliest one."""
+    return "fitted as" if finding.likelier else "best described by"
 
 
 def _weigh_names(finding: FindingRecord) -> list[str]:
-    """Name what a finding could be, each name once, with the probability of all its constants."""
+    """Name what a finding could be, the likeliest first, each name with the probability of all its
+    constants."""
     scale = weigh_listed_record(finding)
-    weights: dict[str, float] = {}
-    for one in finding.credible_set:
-        before = weights.get(one.name, 0.0)
-        weight = scale * one.probability
-        weights[one.name] = before + weight
+    weights = finding.sum_by_name()
     names = []
-    for name, weight in weights.items():
-        probability = format_probability(weight)
+    for name in sorted(weights, key=lambda name: -weights[name]):
+        probability = format_probability(scale * weights[name])
         named = f"{name} ({probability})"
         names.append(named)
     return names

@@ -20,6 +20,11 @@ def find_disagreement(record: StudyRecord, details: DetailsRecord) -> str | None
     for row, column, _ in details.map.named:
         if not (0 <= row < places and 0 <= column < causes):
             return "details.json: map.named names a cell that the map does not have"
+    for number, finding in enumerate(record.findings, 1):
+        listed = len(finding.credible_set)
+        if not 0 <= finding.fitted < listed:
+            where = f"result.json: findings.{number}.fitted"
+            return f"{where} is {finding.fitted}, and its credible set has {listed} entries"
     rungs = len(record.ladder)
     if not 0 <= details.base < rungs:
         return f"details.json: base is {details.base}, and the ladder has {rungs} rungs"

@@ -184,10 +184,10 @@ def advise(record: StudyRecord, finding: FindingRecord) -> Advice:
 
 def _choose(record: StudyRecord, finding: FindingRecord) -> tuple[str, str]:
     """Choose the action and how, the joint left open."""
-    first = finding.first
-    name = first.mechanism or ""
+    fitted = finding.fitted_entry
+    name = fitted.mechanism or ""
     stem, _, _ = name.partition(":")
-    if first.is_fault:
+    if fitted.is_fault:
         return _FAULT
     if finding.doubtful:
         return _DOUBTFUL
@@ -200,15 +200,15 @@ def _choose(record: StudyRecord, finding: FindingRecord) -> tuple[str, str]:
 
 def _choose_by_name(record: StudyRecord, finding: FindingRecord, stem: str) -> tuple[str, str]:
     """Choose what to do about what the data single out."""
-    first = finding.first
-    noted = [one.catalogue for one in record.significance if one.mechanism == first.mechanism]
+    fitted = finding.fitted_entry
+    noted = [one.catalogue for one in record.significance if one.mechanism == fitted.mechanism]
     if any(CONTRARY in note for note in noted):
         return _CONTRARY
     if finding.is_name_open and stem and stem not in SET_UP:
         return _CAUSE_OPEN
     if stem in WEARING and any(LARGE in note for note in noted):
         return _INSPECT
-    if stem not in BY_STEM and all(screw.is_free for screw in first.screws):
+    if stem not in BY_STEM and all(screw.is_free for screw in fitted.screws):
         return _ANGLE
     unlisted = _OF_A_PLUGIN if stem else _UNNAMED
     return BY_STEM.get(stem, unlisted)
@@ -241,9 +241,9 @@ def _count_joints(finding: FindingRecord) -> float:
 def list_frames(finding: FindingRecord) -> list[int]:
     """Return the frames that a finding moves, in their order; 0 for what stands before the arm, as its
     base and the instrument."""
-    first = finding.first
-    stem, _, _ = (first.mechanism or "").partition(":")
+    fitted = finding.fitted_entry
+    stem, _, _ = (fitted.mechanism or "").partition(":")
     if stem in SET_UP and stem != "target-step":
         return [0]
-    frames = sorted({screw.frame for screw in first.screws})
-    return [0] if first.is_fault and frames == [1] else frames
+    frames = sorted({screw.frame for screw in fitted.screws})
+    return [0] if fitted.is_fault and frames == [1] else frames

@@ -149,6 +149,7 @@ def describe_finding(finding: Finding, problem: Problem) -> Values:
         "p_value": effect.p,
         **({} if rows is None else {"rows": rows}),
         "credible_set": [_entry(entry, effect, problem) for entry in effect.named.entries],
+        "fitted": find_fitted(effect),
         "more_entries": effect.named.more,
         **_describe_claims(effect),
         "estimate": _estimate(effect),
@@ -175,6 +176,12 @@ def _describe_claims(effect: Effect) -> Values:
         return {}
     levels = describe_levels(effect)
     return {"claim": claimed._asdict(), "levels": [level._asdict() for level in levels]}
+
+
+def find_fitted(effect: Effect) -> int:
+    """Find the place of the effect's own explanation in its credible set."""
+    candidates = [entry.candidate for entry in effect.named.entries]
+    return candidates.index(effect.candidate)
 
 
 def _entry(entry: Entry, effect: Effect, problem: Problem) -> Values:

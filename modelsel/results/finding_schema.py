@@ -200,6 +200,12 @@ class FindingRecord(StrictRecord):
         "axis cause`, and `values` at every estimation row if the cause is a free function or "
         "uses a name that is neither a joint reading nor a column of the file)"
     )
+    fitted: Whole = Field(
+        0,
+        description="place in `credible_set`, counted from 0, of the explanation that is fitted. The "
+        "finding's name, `estimate`, `levels`, `worst` and `usable` are of this one; those "
+        "before it are likelier",
+    )
     more_entries: Whole = Field(description="number of further explanations in the credible set")
     claim: ClaimRecord | None = Field(
         None,
@@ -278,6 +284,26 @@ class FindingRecord(StrictRecord):
         return self.credible_set[0]
 
     @property
+    def fitted_entry(self) -> EntryRecord:
+        """The explanation that is fitted, of which its figures and its name are."""
+        return self.credible_set[self.fitted]
+
+    @property
+    def likelier(self) -> list[str]:
+        """The names that are more probable than that of the explanation which is fitted."""
+        own = self.of_name
+        weights = self.sum_by_name().items()
+        return [name for name, weight in weights if weight > own]
+
+    def sum_by_name(self) -> dict[str, float]:
+        """Sum the probabilities of listed explanations by their name, whatever their constants."""
+        weights: dict[str, float] = {}
+        for entry in self.credible_set:
+            before = weights.get(entry.name, 0.0)
+            weights[entry.name] = before + entry.probability
+        return weights
+
+    @property
     def is_found(self) -> bool:
         """Whether the data single out one name."""
         return self.verdict == "found"
@@ -321,9 +347,8 @@ class FindingRecord(StrictRecord):
 
     @property
     def of_name(self) -> float:
-        """How probable the name of the first is among the listed explanations."""
-        name = self.first.name
-        of_name = sum(entry.probability for entry in self.credible_set if entry.name == name)
+        """How probable the name of the fitted one is among the listed explanations."""
+        of_name = self.sum_by_name()[self.fitted_entry.name]
         return min(of_name, 1.0)
 
     @property

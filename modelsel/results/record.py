@@ -10,7 +10,7 @@ from typing import Any
 from .._json import to_plain
 from .._records import parse_record
 from ..diagnosis.candidates import Candidate
-from ..diagnosis.claim_sentences import is_settled
+from ..diagnosis.claim_sentences import is_settled, list_likelier
 from ..diagnosis.effects import Effect
 from ..diagnosis.sentences import NAMED_RIVALS, label_effect, list_rival_labels
 from ..measurements.measurements import Measurements
@@ -108,9 +108,15 @@ def collect_named(diagnosis: Explanation, figures: FindingFigures) -> list[Named
     named = [Named(fault.kind.label, True) for fault in diagnosis.faults]
     for finding, of in zip(diagnosis.findings, figures.each, strict=True):
         effect = finding.effect
-        rivals = _list_rivals(effect)
-        settled = is_settled(effect)
-        named.append(Named(label_effect(effect), settled, of.matters, finding.doubtful, rivals))
+        one = Named(
+            name=label_effect(effect),
+            is_settled=is_settled(effect),
+            matters=of.matters,
+            doubtful=finding.doubtful,
+            rivals=_list_rivals(effect),
+            likelier=tuple(list_likelier(effect)),
+        )
+        named.append(one)
     return named
 
 

@@ -239,7 +239,8 @@ def write_levels(finding: FindingRecord) -> str:
     rest = ""
     if len(told) < len(finding.levels):
         rest = "; no registered mechanism describes it"
-    return f"Probability, level by level: {levels}{rest}."
+    of = f", of what {finding.fitted_entry.name} says" if finding.likelier else ""
+    return f"Probability, level by level{of}: {levels}{rest}."
 
 
 def write_finding_line(finding: FindingRecord) -> str:
@@ -273,7 +274,7 @@ def list_figures(finding: FindingRecord) -> list[str]:
             figures.append(one.text)
         previous = one.unit
     if figures and finding.is_name_open:
-        figures[0] = f"if it is {finding.first.name}: {figures[0]}"
+        figures[0] = f"if it is {finding.fitted_entry.name}: {figures[0]}"
     if turning is not None:
         figures.append(turning.text)
     if worst is not None:

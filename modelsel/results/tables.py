@@ -89,11 +89,11 @@ def _finding_row(finding: FindingRecord) -> dict[str, Any]:
     turned_low, turned_high = gain.interval_mrad or (None, None)
     turning = finding.turning
     return {
-        "name": finding.first.name,
+        "name": finding.fitted_entry.name,
         "verdict": finding.verdict,
         "probability": finding.alike,
         "p_value": finding.p_value,
-        "screws": finding.first.cells,
+        "screws": finding.fitted_entry.cells,
         "held_out_rms_before_mm": gain.held_out_rms_before_mm,
         "held_out_rms_after_mm": gain.held_out_rms_after_mm,
         "gain_low_mm": low,
@@ -168,7 +168,7 @@ def _tabulate_estimates(record: StudyRecord) -> pd.DataFrame:
 
     columns = ["finding", "name", "symbol", "value", "standard_error", "unit"]
     rows = [
-        [number, finding.first.name, one.symbol, one.value, one.standard_error, one.unit]
+        [number, finding.fitted_entry.name, one.symbol, one.value, one.standard_error, one.unit]
         for number, finding in enumerate(record.findings)
         for one in finding.estimate
     ]
@@ -271,7 +271,7 @@ def _notebook_findings(record: StudyRecord) -> str:
         doubt = ", but doubtful" if finding.doubtful else ""
         rows.append(
             [
-                escape(finding.first.name),
+                escape(finding.fitted_entry.name),
                 escape(f"{finding.told_verdict}{doubt}"),
                 format_probability(finding.alike),
                 escape(finding.sentence),

@@ -24,13 +24,14 @@ FREE_FUNCTION = re.compile(r"free\(([^()]+)\)")  # in a name
 
 class Named(NamedTuple):
     """A finding as the verdict tells it: its name, whether its cause is proven, whether it matters, whether it is
-    doubtful, and what else it could be."""
+    doubtful, what else it could be, and which of that is likelier than its name, the likeliest first."""
 
     name: str
     is_settled: bool
     matters: bool = True
     doubtful: bool = False
     rivals: tuple[str, ...] = ()
+    likelier: tuple[str, ...] = ()
 
     @property
     def is_fault(self) -> bool:
@@ -40,7 +41,8 @@ class Named(NamedTuple):
     @property
     def shown(self) -> str:
         """The name, or the names where its cause is not proven; that it is doubtful."""
-        names = (self.name,) if self.is_settled else (self.name, *self.rivals)
+        others = [rival for rival in self.rivals if rival not in self.likelier]
+        names = [self.name] if self.is_settled else [*self.likelier, self.name, *others]
         text = choice_list(names)
         return f"{text} (doubtful)" if self.doubtful else text
 

@@ -23,6 +23,7 @@ from modelsel.diagnosis.claim_sentences import (
     describe_proven,
     describe_what,
     is_settled,
+    list_likelier,
     name_drivers,
     name_places,
 )
@@ -51,6 +52,7 @@ from modelsel.mechanisms.causes import Bump, Named, cos, q, sin, torque
 from modelsel.mechanisms.environment import tracker_bumped, tracker_step
 from modelsel.mechanisms.registry import build_faults, every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
+from modelsel.results.finding_records import find_fitted
 from modelsel.robot.files import load_robot
 
 SIGMA = 0.05
@@ -480,6 +482,26 @@ def test_a_sentence_has_one_probability_of_each_level() -> None:
     assert describe_proven(one_joint).startswith(
         "Joint 3 is off its reading, depending on its own reading; how is not proven"
     )
+
+
+def test_a_size_is_told_with_the_name_that_it_is_of() -> None:
+    """Where another name is likelier than the fitted one, that one leads the list."""
+    robot = load_robot("puma760")
+    uneven = Candidate(mechanism("gear-eccentricity:3", robot), CandidateKind.MECHANISM, 0.01)
+    other = Candidate(mechanism("encoder-scale:3", robot), CandidateKind.MECHANISM, 0.01)
+    effect = effect_of(uneven, 0.99, 0.98, 0.4, 0.4)
+    own = effect.named.entries[0]
+    entries = (replace(own, candidate=other, probability=0.58), own)
+    likelier = replace(effect, named=replace(effect.named, entries=entries))
+    assert list_likelier(likelier) == ["encoder-scale:3"]
+    assert "(fitted as gear-eccentricity:3: amplitude " in describe_proven(likelier)
+    assert "encoder-scale:3 (0.58) or gear-eccentricity:3 (0.40)" in describe_proven(likelier)
+    unlikely = replace(entries[0], probability=0.3)
+    less = replace(effect, named=replace(effect.named, entries=(own, unlikely)))
+    assert list_likelier(less) == []
+    assert "fitted as" not in describe_proven(less)
+    assert find_fitted(likelier) == 1
+    assert find_fitted(less) == 0
 
 
 def test_a_cause_is_not_told_where_not_even_its_place_is_proven() -> None:

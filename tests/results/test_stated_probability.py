@@ -16,14 +16,18 @@ from modelsel.diagnosis.stated_probability import (
 )
 from modelsel.report.document import collect_blocks
 from modelsel.report.drawing import PAGES
+from modelsel.report.html import slim_record
 from modelsel.report.terminal_summary import _describe_standing
+from modelsel.results.agreement import find_disagreement
 from modelsel.results.finding_advice import advise
+from modelsel.results.reading import read_records
 from modelsel.results.study_sentences import (
     describe_probability,
     write_figures,
     write_finding_line,
     write_levels,
 )
+from modelsel.results.tables import TABLES
 
 
 @pytest.mark.parametrize(
@@ -121,6 +125,74 @@ def test_what_hangs_on_a_name_waits_for_it(drawn, level, probability, verdict) -
     assert figures.startswith("If it is encoder-eccentricity:1: ") is not is_proven
     assert (advise(record, finding).sentence == advise(record, whole).sentence) is is_proven
     assert write_finding_line(finding).startswith("Found, not named") is (probability < 0.9)
+
+
+def outweighed(finding, rival: str = "gear-ripple:1"):
+    """A finding whose drivers alone are proven, and of which another name is likelier than the
+    fitted one."""
+    names = (rival, finding.first.mechanism)
+    entries = [
+        finding.first.model_copy(update={"mechanism": name, "label": name, "probability": p})
+        for name, p in zip(names, (0.58, 0.4), strict=True)
+    ]
+    partly = claiming(finding, "drivers", 0.95)
+    levels = [
+        one.model_copy(update={"probability": min(one.probability, p)})
+        for one, p in zip(partly.levels, (1.0, 1.0, 0.4, 0.4), strict=True)
+    ]
+    update = {"credible_set": entries, "fitted": 1, "levels": levels}
+    return partly.model_copy(update=update)
+
+
+def test_figures_are_of_the_name_that_they_are_told_with(drawn) -> None:
+    """The likeliest explanation leads the list; numbers, levels and model are of the fitted one."""
+    record = read_source(drawn).record
+    whole = next(one for one in record.findings if one.first.name == "encoder-eccentricity:1")
+    finding = outweighed(whole)
+    assert finding.first.name == "gear-ripple:1"
+    assert write_figures(finding).startswith("If it is encoder-eccentricity:1: ")
+    levels = write_levels(finding)
+    assert levels.startswith("Probability, level by level, of what encoder-eccentricity:1 says: ")
+    assert write_levels(claiming(whole, "drivers", 0.95)).startswith(
+        "Probability, level by level: "
+    )
+    assert finding.of_name == 0.4
+    several = record.model_copy(update={"findings": [finding]})
+    for name in ("findings", "estimates"):
+        table = TABLES[name](several)
+        assert set(table["name"]) == {"encoder-eccentricity:1"}
+    assert advise(record, finding).action == advise(record, claiming(whole, "shape", 0.95)).action
+
+
+def test_a_name_that_another_outweighs_does_not_describe_best(drawn) -> None:
+    source = read_source(drawn)
+    findings = [*source.record.findings]
+    place = next(k for k, f in enumerate(findings) if f.first.name == "encoder-eccentricity:1")
+    whole = findings[place]
+    finding = findings[place] = outweighed(whole)
+    assert finding.likelier == ["gear-ripple:1"]
+    told = _describe_standing(finding, "a")
+    assert told == "probability 0.95; fitted as a (0.40); gear-ripple:1 (0.58) is likelier"
+    unproven = finding.claim.model_copy(update={"level": "place", "probability": 0.54})
+    unsure = finding.model_copy(update={"claim": unproven})
+    assert _describe_standing(unsure, "a") == "fitted as a"
+    object.__setattr__(source, "record", source.record.model_copy(update={"findings": findings}))
+    text = str(collect_blocks(source, PAGES, ("first", "findings")))
+    assert f"Finding {place + 1}: fitted as encoder-eccentricity:1" in text
+    assert f"Finding {place + 1}: best described by" not in text
+    values = slim_record(source.record)["findings"]
+    assert [one["fitted"] for one in values] == [int(k == place) for k in range(len(values))]
+
+
+def test_the_fitted_explanation_is_one_of_those_listed(drawn) -> None:
+    record, details = read_records(drawn)
+    assert find_disagreement(record, details) is None
+    for number in (-1, len(record.findings[0].credible_set)):
+        first = record.findings[0].model_copy(update={"fitted": number})
+        spoilt = record.model_copy(update={"findings": [first, *record.findings[1:]]})
+        words = find_disagreement(spoilt, details)
+        assert words is not None
+        assert words.startswith(f"result.json: findings.1.fitted is {number}, and")
 
 
 def claiming(finding, level: str, probability: float):

@@ -102,6 +102,11 @@ def test_bad_news_is_said(gain, words) -> None:
             "One error beyond the base was found, but its cause is not proven: it is best described by a, b or c.",
         ),
         (
+            [("a", False, True, False, ("b", "c"), ("c",))],
+            "all",
+            "One error beyond the base was found, but its cause is not proven: it is best described by c, a or b.",
+        ),
+        (
             [("a", True)],
             [],
             "One error beyond the base was named: a. The study does not add it to the model.",

@@ -52,13 +52,13 @@ def stands_out(whole: ErrorMapRecord, row: int, column: int) -> bool:
 
 
 def find_named_cells(record: StudyRecord) -> list[tuple[int, int]]:
-    """Return (row, column) of the cells that a finding names: those of the first entry of its credible set."""
+    """Return (row, column) of the cells that a finding names: those of the explanation that is fitted."""
     whole = record.error_map
     rows = {name: row for row, name in enumerate(whole.places)}
     columns = {name: column for column, name in enumerate(whole.causes)}
     cells: set[tuple[int, int]] = set()
     for finding in record.findings:
-        for place, causes in _causes_by_place(finding.first).items():
+        for place, causes in _causes_by_place(finding.fitted_entry).items():
             names = {" & ".join(causes), *causes} & columns.keys()
             if place in rows:
                 cells |= {(rows[place], columns[name]) for name in names}

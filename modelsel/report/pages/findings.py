@@ -128,7 +128,9 @@ def name_finding(finding: FindingRecord, detail: FindingDetailsRecord) -> str:
 def _write_finding(
     source: Source, number: int, finding: FindingRecord, detail: FindingDetailsRecord
 ) -> list[Block]:
-    lead = "best described by " if finding.is_name_open else ""
+    lead = ""
+    if finding.is_name_open:
+        lead = "fitted as " if finding.likelier else "best described by "
     title = f"Finding {number}: {lead}{name_finding(finding, detail)}"
     words = [
         make_text(f"{finding.sentence} {write_figures(finding)}".strip()),

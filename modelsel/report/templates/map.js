@@ -60,7 +60,7 @@ function card(data, name) {
 // The pictures of findings whose own cell this is: every other effect is in the model there.
 function ownPictures(data, i, j) {
   const place = data.details.map.places[i], mine = (f) => f.credible_set.length && related(data, i, j).some(([g]) => g === f) &&
-    f.credible_set[0].screws.some((s) => s.frame === place.frame && s.axis === place.axis);
+    f.credible_set[f.fitted].screws.some((s) => s.frame === place.frame && s.axis === place.axis);
   return data.result.findings.flatMap((f, k) => mine(f) ? data.details.findings[k].panels.filter((p) => p.frames.includes(place.frame) && p.axis === place.axis) : []);
 }
 
@@ -103,7 +103,7 @@ function findingPanel(data, k) {
   const rest = shown.reduce((left, [, probability]) => left - probability, 1);
   out.push(el("h3", { text: "Credible set" }), probabilities(shown));
   if (rest >= LEAST_REST) out.push(el("p", { class: "quiet", text: `The other ${rest.toFixed(2)} is the probability of less likely explanations, and of shapes that are in no list.` }));
-  const found = card(data, finding.credible_set.length ? finding.credible_set[0].mechanism : null);
+  const found = card(data, finding.credible_set.length ? finding.credible_set[finding.fitted].mechanism : null);
   if (found) out.push(el("h3", { text: "Mechanism" }), found);
   return out;
 }
