@@ -26,7 +26,23 @@ def read_records(folder: Path) -> tuple[StudyRecord, DetailsRecord]:
     problem = find_disagreement(record, details)
     if problem is not None:
         raise StudyError(f"{folder}: {problem}; {REMEDY} anew.")
-    return record, details
+    return _mark_fitted(record, details), details
+
+
+def _mark_fitted(record: StudyRecord, details: DetailsRecord) -> StudyRecord:
+    """Mark which explanation of every finding is fitted, where result.json was written before it said
+    so: that of which the finding has its name."""
+    findings = []
+    for finding, drawn in zip(record.findings, details.findings, strict=True):
+        marked = finding
+        if "fitted" not in finding.model_fields_set:
+            # the label may go on: with a number, "with the opposite sign"
+            names = [f"{entry.name} " for entry in finding.credible_set]
+            fitted = [k for k, name in enumerate(names) if f"{drawn.label} ".startswith(name)]
+            if fitted and fitted[0] > 0:
+                marked = finding.model_copy(update={"fitted": fitted[0]})
+        findings.append(marked)
+    return record.model_copy(update={"findings": findings})
 
 
 def _read_record(path: Path, model: type[Read], run: tuple[str, str] | None = None) -> Read:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
-from report_studies import read_source
+from report_studies import read_source, written
 
 from modelsel.diagnosis.signatures import LEVELS, PROVEN
 from modelsel.diagnosis.stated_probability import (
@@ -193,6 +195,21 @@ def test_the_fitted_explanation_is_one_of_those_listed(drawn) -> None:
         words = find_disagreement(spoilt, details)
         assert words is not None
         assert words.startswith(f"result.json: findings.1.fitted is {number}, and")
+
+
+@pytest.mark.parametrize("more", ["", " (2)", " with the opposite sign"])
+def test_an_earlier_file_has_the_fitted_explanation_by_its_name(drawn, tmp_path, more) -> None:
+    result, details = written(drawn)
+    finding, drawn_finding = result["findings"][1], details["findings"][1]
+    own = finding["credible_set"][0]
+    likelier = own | {"mechanism": "encoder-scale:1", "label": "encoder-scale:1"}
+    finding["credible_set"] = [likelier, own]
+    drawn_finding["label"] = own["mechanism"] + more
+    del finding["fitted"]
+    for name, values in (("result", result), ("details", details)):
+        (tmp_path / f"{name}.json").write_text(json.dumps(values), encoding="utf-8")
+    record, _ = read_records(tmp_path)
+    assert [one.fitted for one in record.findings] == [0, 1] + [0] * (len(record.findings) - 2)
 
 
 def claiming(finding, level: str, probability: float):
