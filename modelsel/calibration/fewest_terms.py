@@ -185,10 +185,9 @@ class _Search:
         candidate = self.candidates[place]
         beyond = project_out(candidate.columns, basis)
         column = beyond[:, 0]
-        square = column @ column
-        explained = column @ residual
-        change = explained / max(square, TINY)
-        return float(change)
+        square = float(column @ column)
+        explained = float(column @ residual)
+        return explained / max(square, TINY)
 
     def _score_separate(self, basis: Array, residual: Array) -> float:
         """Score the groups that may change separately, all at once: each of them is named, and costs
