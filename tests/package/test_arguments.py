@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from builders import OFF_AXIS, drawn, planted, small_arm
+from builders import OFF_AXIS, drawn, planted, small_arm, small_campaign
 
 import modelsel as ms
 from modelsel._arguments import check_rows, check_whole_number, collect_names, describe_value
@@ -252,19 +252,7 @@ class OtherFrame:
 @pytest.fixture(scope="module")
 def result() -> ms.Result:
     """A study of forty configurations with the geometric model alone."""
-    rng = np.random.default_rng(5)
-    at = drawn(ARM, rng, 40, covariates={})
-    terms = ms.mechanism("geometric", ARM).terms
-    at = planted(at, terms, rng.normal(0, 1e-3, len(terms)), rng, 0.02)
-    frame = pd.DataFrame(at.data.q, columns=["q1_rad", "q2_rad", "q3_rad"])
-    frame[["x_mm", "y_mm", "z_mm"]] = at.data.position
-    study = ms.Study(
-        name="small",
-        robot={"nominal": ARM, "tool_mm": OFF_AXIS},
-        measurements=frame,
-        split={"estimation": 30},
-        model={"candidates": []},
-    )
+    _, _, study = small_campaign()
     return ms.run_study(study, sampling=False)
 
 

@@ -9,9 +9,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
-from builders import OFF_AXIS, drawn, planted, small_arm
+from builders import OFF_AXIS, small_arm, small_campaign
 
 import modelsel as ms
 from modelsel.mechanisms import Mechanism, Named, Screw, Term, cos, every, q, sign, sin, torque
@@ -25,20 +24,8 @@ TOOLS = np.array([OFF_AXIS])
 @pytest.fixture(scope="module")
 def things() -> SimpleNamespace:
     """One of everything that a user has in hand."""
-    rng = np.random.default_rng(5)
+    at, frame, study = small_campaign()
     geometry = ms.mechanism("geometric", ARM)
-    at = drawn(ARM, rng, 40, covariates={})
-    theta = rng.normal(0, 1e-3, len(geometry.terms))
-    at = planted(at, geometry.terms, theta, rng, 0.02)
-    frame = pd.DataFrame(at.data.q, columns=["q1_rad", "q2_rad", "q3_rad"])
-    frame[["x_mm", "y_mm", "z_mm"]] = at.data.position
-    study = ms.Study(
-        name="small",
-        robot={"nominal": ARM, "tool_mm": OFF_AXIS},
-        measurements=frame,
-        split={"estimation": 30},
-        model={"candidates": []},
-    )
     result = ms.run_study(study, sampling=False)
     model = ms.Model((geometry,))
     return SimpleNamespace(

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from modelsel._typing import Array, Index
@@ -14,6 +15,7 @@ from modelsel.config.study_file import Study
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import Measurements, build_measurements
+from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import Joint, Robot, forward
@@ -142,6 +144,26 @@ def study_with(
     return Study(
         name="test", seed=seed, robot=robot, measurements="none.csv", split=split, noise=noise or {}
     )
+
+
+def small_campaign() -> tuple[Problem, pd.DataFrame, Study]:
+    """Forty configurations of the small arm with geometric errors, as a problem, as a table, and as a
+    study of the geometric model alone."""
+    rng = np.random.default_rng(5)
+    arm = small_arm()
+    at = drawn(arm, rng, 40, covariates={})
+    terms = mechanism("geometric", arm).terms
+    at = planted(at, terms, rng.normal(0, 1e-3, len(terms)), rng, 0.02)
+    frame = pd.DataFrame(at.data.q, columns=["q1_rad", "q2_rad", "q3_rad"])
+    frame[["x_mm", "y_mm", "z_mm"]] = at.data.position
+    study = Study(
+        name="small",
+        robot={"nominal": arm, "tool_mm": OFF_AXIS},
+        measurements=frame,
+        split={"estimation": 30},
+        model={"candidates": []},
+    )
+    return at, frame, study
 
 
 def split_of(at: Problem, rng: np.random.Generator) -> Split:
