@@ -36,6 +36,13 @@ MOST_DRIVERS = 6
 SEEN_WRONGLY = "The instrument measures wrongly, by an amount that depends on where the target is"
 # names of rivals that a place which is not proven is told with
 NAMED_RIVALS = 3
+# what else a finding could be that is proven down to a level
+REST = {
+    "place": "something else there",
+    "drivers": "another function of these",
+    "shape": "another cause of this shape",
+    "cause": "another cause",
+}
 # probability of what is not named beside them, above which that is said
 MOST = 0.5
 
@@ -213,8 +220,26 @@ def _name_joints(joints: Sequence[int]) -> str:
 def _describe_place(effect: Effect, probability: float) -> str:
     where = name_places(effect)
     if probability >= PROVEN:
+        sure = _list_sure_drivers(effect)
+        if sure:
+            return (
+                f"{where}, depending on {sure}; whether it depends on anything else is not proven"
+            )
         return f"{where}; what this depends on is not proven"
     return f"What moves is not proven: {_list_entries(effect)}"
+
+
+def _list_sure_drivers(effect: Effect) -> str:
+    """List the drivers that are proven with their probabilities; nothing where none or all are."""
+    claim = effect.claim
+    words = []
+    for name, probability in claim.drivers if claim is not None else ():
+        if probability >= PROVEN:
+            is_own = _is_own_reading(effect, [name])
+            driver = "its own reading" if is_own else _name_driver(name)
+            written = format_probability(probability)
+            words.append(f"{driver} ({written})")
+    return sentence_list(words) if words else ""
 
 
 def _describe_entries(effect: Effect) -> str:
@@ -244,10 +269,18 @@ def _list_entries(effect: Effect) -> str:
         word = f"{name} ({written})"
         words.append(word)
     if left > MOST:
-        # several effects together, or none
         written = format_probability(left)
-        words.append(f"something else, or chance ({written})")
+        words.append(f"{_name_rest(effect)} ({written})")
     return choice_list(words)
+
+
+def _name_rest(effect: Effect) -> str:
+    """Name what an effect is where it is none of the names that are listed."""
+    claim = effect.claim
+    if claim is None or claim.probability < PROVEN:
+        # several effects together, or none
+        return "something else, or chance"
+    return REST[claim.level]
 
 
 def _name_entry(effect: Effect, label: str) -> str:

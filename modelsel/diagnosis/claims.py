@@ -29,6 +29,7 @@ from .sentences import has_contrary_signs
 from .sign_constraints import find_contrary_terms
 from .signatures import LEVELS
 from .state import Search
+from .sure_drivers import sum_by_driver
 from .told_first import find_agreed, find_constant, sum_constants
 from .unlisted_shapes import Company, Price, Rival, list_company, list_rivals
 from .views import View
@@ -42,26 +43,39 @@ SMALL_BESIDE = 0.25
 
 
 class Weighed(NamedTuple):
-    """The probability (4,) of every level of effects by their candidates, and candidates that tell
-    some effects better: (the effects, the candidate)."""
+    """The probability (4,) of every level of effects by their candidates, that of each name that they
+    depend on, and candidates that tell some effects better: (the effects, the candidate)."""
 
     levels: dict[int, Array]
+    drivers: dict[int, dict[str, float]]
     better: list[tuple[tuple[int, ...], Candidate]]
+
+
+class WeighedAlone(NamedTuple):
+    """The probability (4,) of each level of an effect, that of each name that it depends on, and what
+    should be told instead, if anything: the rival that is clearly more probable, or the explanation on
+    whose place and drivers most agree."""
+
+    levels: Array
+    drivers: dict[str, float]
+    better: Candidate | None
 
 
 def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
     """Weigh how deep each effect of a model is proven, given all the others."""
     levels: dict[int, Array] = {}
+    drivers: dict[int, dict[str, float]] = {}
     better: list[tuple[tuple[int, ...], Candidate]] = []
     rivals = {g: list_rivals_beside(search, view, g) for g in chosen}
     company = list_company(search.problem, {g: _price_together(search, g) for g in chosen})
     contenders = _gather_all(search, view, rivals.values(), company)
     for g in chosen:
-        levels[g], shape = weigh_alone(search, g, rivals[g], contenders)
+        levels[g], drivers[g], shape = weigh_alone(search, g, rivals[g], contenders)
         if shape is not None:
             better.append(((g,), shape))
     for g, share in weigh_families(search, chosen, view).items():
         levels[g] = levels[g] * share
+        drivers[g] = {name: share * p for name, p in drivers[g].items()}
     for g, share in weigh_families(search, chosen, view, one_place=True).items():
         levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
     for group in company:
@@ -72,7 +86,7 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
             better.insert(0, (group.members, shape))
     for g, share in weigh_own_functions(search, view, chosen, levels).items():
         levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
-    return Weighed(levels, better)
+    return Weighed(levels, drivers, better)
 
 
 def _gather_all(
@@ -146,12 +160,9 @@ def price_rivals(search: Search, g: int) -> Price:
 
 def weigh_alone(
     search: Search, g: int, rivals: Sequence[Rival], contenders: Contenders
-) -> tuple[Array, Candidate | None]:
+) -> WeighedAlone:
     """Weigh an effect of a model against its credible set and its rivals, which are among the
-    contenders.
-
-    Returns the probability (4,) of each level, and what should be told instead, if anything: the
-    rival that is clearly more probable, or the explanation on whose place and drivers most agree."""
+    contenders."""
     own = search.candidates[g]
     view = contenders.view
     scan, response = search.scan_without(g, view)
@@ -165,7 +176,7 @@ def weigh_alone(
         log_prior = np.append(log_prior, np.log([other.prior for other in others]))
     value, logs = sum_evidence(joint, log_prior)
     if not np.isfinite(value):
-        return np.zeros(len(LEVELS)), None
+        return WeighedAlone(np.zeros(len(LEVELS)), {}, None)
     count = len(search.candidates)
     probability = np.exp(logs - value)
     of_listed = [float(probability[:count][mask].sum()) for mask in _agree(search, g)]
@@ -173,19 +184,21 @@ def weigh_alone(
     levels = np.add(of_listed, of_rivals)
     if _is_contrary(own.mechanism, view):
         levels[-1] = 0.0
+    weighed = WeighedAlone(levels, sum_by_driver(search, g, probability, rivals), None)
     # what differs in its constant alone is asked last, whatever the priors
     unlike = [k for k, rival in enumerate(rivals) if rival.agrees != "shape"]
     best = max(unlike, key=lambda k: logs[count + k], default=-1)
     most = max(probability[:count].max(), of_listed[SHAPED.index(True)])
     if unlike and probability[count + best] > np.exp(MIN_LOG_ODDS) * most:
-        return levels, others[best]
+        return weighed._replace(better=others[best])
     agreed = find_agreed(search.signatures, g, probability[:count], levels)
     if agreed is not None:
-        return levels, search.candidates[agreed]
+        return weighed._replace(better=search.candidates[agreed])
     known = np.isfinite(log_prior)
     evidence = np.full_like(logs, -np.inf)
     np.subtract(logs, log_prior, out=evidence, where=known)
-    return levels, find_constant((*search.candidates, *others), g, evidence)
+    constant = find_constant((*search.candidates, *others), g, evidence)
+    return weighed._replace(better=constant)
 
 
 def _is_contrary(mechanism: Mechanism, view: View) -> bool:

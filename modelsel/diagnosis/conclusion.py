@@ -23,10 +23,12 @@ from .effects import DROPPED, Effect
 from .evidence import MIN_LOG_ODDS, compute_p_value, compute_single_f
 from .model_search import visit_models, weigh_models
 from .outcome import Diagnosis
+from .renaming import holds_name, settle_names
 from .reshaping import take_shapes
 from .signatures import SHAPELESS, read_parts
 from .state import LEVEL, Search, extend_model
 from .stepwise import Exploration, Remainder, explore_further
+from .sure_drivers import find_sure
 from .views import View
 from .weighed_models import VisitedModels
 
@@ -140,9 +142,21 @@ def _settle(concluded: Conclusion) -> Conclusion:
     """Take effects back, and confirm the others; once more where some were not confirmed."""
     taken = _take_back(concluded)
     confirmed = confirm(taken)
-    if len(confirmed.chosen) == len(taken.chosen):
-        return confirmed
-    return confirm(_take_back(confirmed))
+    if len(confirmed.chosen) < len(taken.chosen):
+        confirmed = confirm(_take_back(confirmed))
+    return _name_again(confirmed)
+
+
+def _name_again(concluded: Conclusion) -> Conclusion:
+    """Name effects again where one has lost its name: it was found beside others that were dropped
+    since."""
+    explored, chosen, view = concluded.explored, concluded.chosen, concluded.view
+    search, path = explored.search, explored.progress.path
+    if all(holds_name(search, g, view) for g in chosen):
+        return concluded
+    named, renamed_view = settle_names(search, chosen, view, None, path)
+    in_order = _sort_by_size(search, named, renamed_view)
+    return confirm(Conclusion(explored, in_order, renamed_view))
 
 
 def _take_shapes(concluded: Conclusion, weighed: Weighed) -> Conclusion | None:
@@ -167,6 +181,9 @@ def _claim(concluded: Conclusion, weighed: Weighed) -> tuple[Effect, ...]:
     for g, effect, number in zip(chosen, effects, numbers, strict=True):
         levels = np.minimum(weighed.levels[g], included[g])
         claim = build_claim(search.problem, search.acting_parts[g], levels)
+        if claim.needs_drivers:
+            sure = find_sure(search, g, chosen, weighed.drivers[g], visited)
+            claim = replace(claim, drivers=tuple(sure.items()))
         with_claim = replace(effect, claim=claim, number=number)
         claimed.append(with_claim)
     return tuple(claimed)

@@ -22,23 +22,32 @@ class Claim:
 
     `moves_joints`: it acts along the motion of joints alone; `acts`: the places (frame, axis) where
     it does, each with the names that it depends on there, but for what hardly moves the target;
-    `alike`: of one place the others that move every target as it does."""
+    `alike`: of one place the others that move every target as it does; `drivers`: where the place is
+    proven, but not all that it depends on, the names that are, with their probabilities."""
 
     level: str
     levels: tuple[float, ...]
     moves_joints: bool = False
     acts: tuple[tuple[tuple[int, str], frozenset[str]], ...] = ()
     alike: tuple[tuple[int, str], ...] = ()
+    drivers: tuple[tuple[str, float], ...] = ()
 
     @property
     def probability(self) -> float:
         """The probability of the level that is claimed."""
         return self.levels[LEVELS.index(self.level)]
 
+    @property
+    def needs_drivers(self) -> bool:
+        """Whether its place is proven, but not all that it depends on."""
+        place, drivers, *_ = self.levels
+        return drivers < PROVEN <= place
+
     def share(self, share: float) -> Claim:
         """Return the claim that holds only a share of the probability."""
         levels = tuple(share * p for p in self.levels)
-        return replace(self, level=find_level(levels), levels=levels)
+        drivers = tuple((name, share * p) for name, p in self.drivers)
+        return replace(self, level=find_level(levels), levels=levels, drivers=drivers)
 
 
 def find_level(levels: Sequence[float]) -> str:

@@ -102,12 +102,17 @@ def _assess(search: Search, g: int, view: View) -> _Standing:
     p = compute_p_value(evidence, search.null)
     if p > LEVEL:
         return _Standing(evidence, None)
-    best = named.top
+    if holds_name(search, g, view):
+        return _Standing(evidence, g)
+    return _Standing(evidence, named.top)
+
+
+def holds_name(search: Search, g: int, view: View) -> bool:
+    """Return whether no other name of an effect, given the others, is clearly more probable."""
+    named = search.rename(g, view).named
     log_probability = named.log_probability
-    log_odds = log_probability[best] - log_probability[g]
-    if log_odds > MIN_LOG_ODDS:
-        return _Standing(evidence, best)
-    return _Standing(evidence, g)
+    log_odds = log_probability[named.top] - log_probability[g]
+    return bool(log_odds <= MIN_LOG_ODDS)
 
 
 def _find_change(

@@ -33,7 +33,7 @@ def improve_shapes(explored: Exploration, joints: Collection[int]) -> Exploratio
     every = [rival.candidate for own in rivals.values() for rival in own]
     contenders = gather_contenders(search, view, every)
     for g, own in rivals.items():
-        _, shape = weigh_alone(search, g, own, contenders)
+        shape = weigh_alone(search, g, own, contenders).better
         if shape is not None:
             better.append(((g,), shape))
     if not better:

@@ -71,7 +71,7 @@ def read_parts(candidate: Candidate, told: Candidate) -> Parts:
     `told`: the candidate without the screws that hardly move the target. Several candidates that
     have its parts between them, and no others, say together what it says."""
     mechanism = candidate.mechanism
-    names = _list_drivers(told)
+    names = list_drivers(told)
     places = frozenset(names)
     drivers = frozenset((place, name) for place in names for name in names[place])
     terms = frozenset(term.key for term in mechanism.terms)
@@ -84,16 +84,32 @@ def _read_place(candidate: Candidate) -> Hashable:
 
 def read_drivers(candidate: Candidate) -> Hashable:
     """Read where a candidate moves the arm, and on what that depends; None for nothing."""
-    return frozenset(_list_drivers(candidate).items()) or None
+    return frozenset(list_drivers(candidate).items()) or None
 
 
-def _list_drivers(candidate: Candidate) -> dict[tuple[int, str], frozenset[str]]:
+def list_drivers(candidate: Candidate) -> dict[tuple[int, str], frozenset[str]]:
     """List the places where a candidate acts, each with what it depends on there."""
     names_by_place = candidate.mechanism.names_by_place()
     drivers = {}
     for place, names in names_by_place.items():
         drivers[place] = frozenset(map(_name_driver, names))
     return drivers
+
+
+def add_sides(drivers: frozenset[str]) -> frozenset[str]:
+    """Add the sides that joints came from whose last moves are among the drivers."""
+    return drivers | _list_sides(drivers)
+
+
+def leave_out_sides(drivers: frozenset[str]) -> frozenset[str]:
+    """Leave out the sides that joints came from whose last moves are among the drivers."""
+    return drivers - _list_sides(drivers)
+
+
+def _list_sides(drivers: frozenset[str]) -> frozenset[str]:
+    """List the sides that the last moves among the drivers say."""
+    moves = [name for name in drivers if name.startswith("move")]
+    return frozenset(name.replace("move", "approach") for name in moves)
 
 
 @cache

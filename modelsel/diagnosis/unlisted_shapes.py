@@ -32,6 +32,7 @@ from .free_functions import (
     generate_shapes,
 )
 from .joint_bumps import generate_bumps, generate_finer_bumps
+from .signatures import leave_out_sides
 from .simple_shapes import generate_products, generate_pulls, generate_saws, generate_soft_lags
 from .time_waves import generate_finer_time_waves
 from .torque_powers import generate_powers
@@ -205,16 +206,9 @@ def _list_confounded(problem: Problem, candidate: Candidate, prior: float) -> It
 def _compare_drivers(mechanisms: Sequence[Mechanism], drivers: Drivers) -> str:
     """Say what shapes agree in with a finding of some drivers: "drivers", or "place" where they have
     others. A last move says its side, too; a side does not say how far the move was."""
-    own = _leave_out_sides(drivers)
-    agree = all(_leave_out_sides(m.names()) == own for m in mechanisms)
+    own = leave_out_sides(drivers)
+    agree = all(leave_out_sides(m.names()) == own for m in mechanisms)
     return "drivers" if agree else "place"
-
-
-def _leave_out_sides(drivers: Drivers) -> Drivers:
-    """Leave out the sides that a joint comes from where its last move is among the drivers."""
-    moves = {name for name in drivers if name.startswith("move")}
-    sides = {name.replace("move", "approach") for name in moves}
-    return drivers - sides
 
 
 def _list_finer_waves(problem: Problem, candidate: Candidate) -> Iterator[Rival]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -83,6 +83,15 @@ class VisitedModels(NamedTuple):
                 levels[level] = weight[told].sum()
             included[g] = levels
         return included
+
+    def include_like(self, g: int, like: Collection[int], chosen: Sequence[int]) -> float:
+        """Compute the probability of the sets that have effect g, or as many effects among those
+        `like` it as the chosen ones have."""
+        table = self._tabulate(chosen)
+        known = np.full(table.candidates.max() + 1, -1)
+        known[list(like)] = 0
+        told = table.say_as_much(known, g, chosen)
+        return float(self.probability[told].sum())
 
     def _tabulate(self, chosen: Sequence[int]) -> _Table:
         """Tabulate which candidates are in which set."""

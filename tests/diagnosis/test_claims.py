@@ -622,3 +622,20 @@ def test_a_level_holds_no_more_than_what_it_builds_on(rng: np.random.Generator) 
     claim = build_claim(problem, candidate, np.array([0.95, 0.8, 0.99, 0.97]))
     assert claim.levels == (0.95, 0.8, 0.8, 0.8)
     assert claim.level == "place"
+
+
+@pytest.mark.parametrize(
+    ("levels", "rest"),
+    [
+        ((0.99, 0.2, 0.2, 0.2), "something else there (0.80)"),
+        ((0.99, 0.99, 0.2, 0.2), "another function of these (0.80)"),
+        ((0.99, 0.99, 0.99, 0.2), "another cause of this shape (0.80)"),
+    ],
+)
+def test_what_is_proven_is_not_told_to_be_chance(levels: tuple[float, ...], rest: str) -> None:
+    """Of a drive whose drivers were proven with 1.00 it was said that it could be chance, with 1.00."""
+    robot = load_robot("puma760")
+    uneven = Candidate(mechanism("gear-eccentricity:3", robot), CandidateKind.MECHANISM, 0.01)
+    assert f"it could be gear-eccentricity:3 (0.20) or {rest}" in describe_proven(
+        effect_of(uneven, *levels)
+    )

@@ -416,3 +416,20 @@ def test_shapes_that_the_data_do_not_determine_change_nothing(
     told = prove(concluded)
     assert [one.candidate.label for one in told.effects] == before
     assert told.path.count("pruned") == 1
+
+
+@pytest.mark.slow
+@seeds(3)
+def test_an_effect_is_named_again_where_those_beside_it_are_dropped(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One kept a name that its own set gave no probability, and was fitted as nothing."""
+    monkeypatch.setattr(conclusion, "MAX_TAKEN_BACK", 0)
+    search, planted, _ = search_lags(rng)
+    explored = explore(search, (), ignore)
+    proxy = next(g for g, c in enumerate(search.candidates) if c.label == "approach-backlash:2")
+    chosen = [planted[0], proxy, planted[2]]
+    mistaken = Conclusion(explored, chosen, search.fit_model(chosen, explored.fitted))
+    settled = conclusion._settle(mistaken)
+    assert set(settled.chosen) == set(planted)
+    assert "approach-backlash:2 -> settle:2" in explored.progress.path
