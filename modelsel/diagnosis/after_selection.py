@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._linalg import TINY
+from .._typing import Array
 from .evidence import RATIOS
 
 # shares of what is found that are smaller, at the median and at the ends of the interval
@@ -21,6 +22,10 @@ SMALLER = (0.5, 0.975, 0.025)
 NORMAL = 1.959964
 # explained sum of squares from which no search enlarges an effect
 PLAIN = 2000.0
+# factor above which an effect is about as large as it is estimated
+LARGE_SHARE = 0.9
+# share of an effect by which its interval reaches further down
+WIDER = 0.1
 
 
 class AfterSelection(NamedTuple):
@@ -29,6 +34,15 @@ class AfterSelection(NamedTuple):
     factor: float
     low: float
     high: float
+
+    def differs(self, estimate: Array, standard_error: Array) -> bool:
+        """Whether the search makes an effect of some terms (k,) smaller, or its interval reach further
+        down."""
+        is_known = standard_error > 0
+        sizes = estimate[is_known] / standard_error[is_known]
+        strength = max(float(np.linalg.norm(sizes)), NORMAL)
+        plain_low = 1 - NORMAL / strength
+        return self.factor < LARGE_SHARE or self.low < plain_low - WIDER
 
 
 def allow_for_search(square: float, limit: float, terms: int) -> AfterSelection:

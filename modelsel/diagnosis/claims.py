@@ -33,6 +33,7 @@ from .sure_drivers import sum_by_driver
 from .told_first import find_agreed, find_constant, sum_constants
 from .unlisted_shapes import Company, Price, Rival, list_company, list_rivals
 from .views import View
+from .wave_aliases import list_aliases, weigh_aliases
 
 # levels that findings of one place lose to one shape for all: their drivers stay the same
 SHAPED = [LEVELS.index(level) >= LEVELS.index("shape") for level in LEVELS]
@@ -85,6 +86,8 @@ def weigh_claims(search: Search, view: View, chosen: Sequence[int]) -> Weighed:
         if shape is not None:
             better.insert(0, (group.members, shape))
     for g, share in weigh_own_functions(search, view, chosen, levels).items():
+        levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
+    for g, share in weigh_aliases(search, chosen).items():
         levels[g] = np.where(SHAPED, levels[g] * share, levels[g])
     return Weighed(levels, drivers, better)
 
@@ -265,7 +268,8 @@ def build_claim(problem: Problem, told: Candidate, levels: Array) -> Claim:
     if len(acts) == 1:
         ((place, _),) = acts
         alike = find_alike(problem.robot, place)
-    return Claim(find_level(bounded), bounded, moves_joints, acts, alike)
+    claim = Claim(find_level(bounded), bounded, moves_joints, acts, alike)
+    return replace(claim, waves=list_aliases(problem, told))
 
 
 def find_moved_joint(problem: Problem, candidate: Candidate) -> int | None:

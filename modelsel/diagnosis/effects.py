@@ -23,7 +23,8 @@ class Claim:
     `moves_joints`: it acts along the motion of joints alone; `acts`: the places (frame, axis) where
     it does, each with the names that it depends on there, but for what hardly moves the target;
     `alike`: of one place the others that move every target as it does; `drivers`: where the place is
-    proven, but not all that it depends on, the names that are, with their probabilities."""
+    proven, but not all that it depends on, the names that are, with their probabilities; `waves`: of a
+    wave other numbers a turn that do the same at all readings."""
 
     level: str
     levels: tuple[float, ...]
@@ -31,6 +32,7 @@ class Claim:
     acts: tuple[tuple[tuple[int, str], frozenset[str]], ...] = ()
     alike: tuple[tuple[int, str], ...] = ()
     drivers: tuple[tuple[str, float], ...] = ()
+    waves: tuple[int, ...] = ()
 
     @property
     def probability(self) -> float:

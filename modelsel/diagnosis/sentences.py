@@ -7,11 +7,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from .._typing import Array
-from ..exceptions import write_percent, write_rounded
+from ..exceptions import choice_list, write_percent, write_rounded
 from ..measurements.state_names import StateKind, parse_state_name
 from ..mechanisms.causes import Applied, Bump
 from ..mechanisms.terms import Mechanism, Term, describe_frame_motion, letter
-from .after_selection import NORMAL, AfterSelection
 from .candidates import Candidate
 from .credible_sets import FOUND, Entry
 from .effects import Effect
@@ -31,10 +30,6 @@ LARGEST_MS = 0.5
 LARGEST_MRAD = 0.05
 # sizes that are unusual for an error of an arm, where the catalogue gives no range
 USUAL_SIZE = {"mm": 10.0, "rad": 0.02}
-# factor, allowing for the search, above which an effect is about as large as it is estimated
-LARGE_SHARE = 0.9
-# share of an effect by which its interval, allowing for the search, reaches further down
-WIDER = 0.1
 # alternatives that a sentence names
 NAMED_RIVALS = 3
 
@@ -253,10 +248,12 @@ def list_cautions(effect: Effect) -> list[str]:
             )
         cautions += _generate_size_cautions(term, float(value), float(error))
     after = effect.after_selection
-    if after is not None and _differs_after_selection(effect, after):
+    if after is not None and after.differs(effect.estimate, effect.standard_error):
         cautions.append(
             f"allowing for the search, its size is {100 * after.low:.0f} to {write_percent(after.high)} of this (95 %)"
         )
+    if effect.claim is not None and effect.claim.waves:
+        cautions.append(describe_aliases(effect.claim.waves))
     if effect.lasting:
         cautions.append(f"errors that last may do the same (probability {effect.lasting:.2f})")
     if effect.cancels is not None:
@@ -266,15 +263,6 @@ def list_cautions(effect: Effect) -> list[str]:
             "either does alone: the data do not determine the size of each"
         )
     return cautions
-
-
-def _differs_after_selection(effect: Effect, after: AfterSelection) -> bool:
-    """Whether the search makes an effect smaller, or its interval reach further down."""
-    is_known = effect.standard_error > 0
-    sizes = effect.estimate[is_known] / effect.standard_error[is_known]
-    strength = max(float(np.linalg.norm(sizes)), NORMAL)
-    plain_low = 1 - NORMAL / strength
-    return after.factor < LARGE_SHARE or after.low < plain_low - WIDER
 
 
 def _generate_sign_cautions(effect: Effect) -> Iterator[str]:
@@ -324,6 +312,18 @@ def describe_effect(effect: Effect, doubt: str = "") -> str:
         standing = f"{standing}, {doubt}"
     parts = [f"{what}: {amount}{standing}", *list_cautions(effect)]
     return "; ".join(parts) + "."
+
+
+def describe_aliases(waves: Sequence[int]) -> str:
+    """Say which other numbers of waves a turn do the same at all readings."""
+    numbers = [str(count) for count in waves[:NAMED_RIVALS]]
+    if len(waves) > NAMED_RIVALS:
+        numbers.append("more")
+    listed = choice_list(numbers)
+    return (
+        f"{listed} waves a turn do the same as the fitted wave at these readings; readings between "
+        "them would tell these apart"
+    )
 
 
 def list_rival_labels(effect: Effect) -> list[str]:
