@@ -85,9 +85,12 @@ def covariance(data: Measurements, instrument: Instrument) -> Array:
     return matrices
 
 
-def from_repeats(data: Measurements, placed: Index) -> Floor | None:
+def from_repeats(data: Measurements, placed: Index, residuals: Array | None = None) -> Floor | None:
     """Estimate the floor from the pooled standard deviation of positions at equal joint readings, per
-    target and placement of the instrument, `placed` (m,); None with too few."""
+    target and placement of the instrument, `placed` (m,); None with too few.
+
+    `residuals` (m, 3): what a model leaves of the positions, which knows what differs from one repeat to
+    the next (a payload, the side that a joint came from)."""
     repeats = find_repeats(data, placed)
     freedom = repeats.freedom
     if freedom < MIN_FREEDOM:
@@ -95,7 +98,8 @@ def from_repeats(data: Measurements, placed: Index) -> Floor | None:
     is_repeated = repeats.is_repeated
     count = repeats.count[repeats.posture[is_repeated]]
     unbiased = np.sqrt(count / (count - 1))
-    deviation = repeats.deviate(data.position)[is_repeated] * unbiased[:, None]
+    values = data.position if residuals is None else residuals
+    deviation = repeats.deviate(values)[is_repeated] * unbiased[:, None]
     return Floor(_pool_deviations(deviation), "repeats", freedom)
 
 

@@ -83,19 +83,19 @@ def _variances(chosen: Evaluation, floor: Floor, training: Problem) -> _Variance
     if floor.source != "repeats":
         known = floor.freedom if np.isfinite(floor.freedom) else STATED_FLOOR_FREEDOM
         return _Variances(total, freedom, 1.0, float(known))
-    within, known = sum_pure_error(training)
+    within, known = sum_pure_error(training, chosen.fit.residuals(training))
     coordinates = 3 * len(training)
     # rows of a posture all have what is unexplained
     share = coordinates / (coordinates - known)
     return _Variances(total - within, freedom - known, within / max(known, 1), known, share)
 
 
-def sum_pure_error(problem: Problem) -> tuple[float, float]:
-    """Return (sum of squares, degrees of freedom) of whitened positions at equal readings of one target, about their
-    means."""
+def sum_pure_error(problem: Problem, residuals: Array) -> tuple[float, float]:
+    """Return (sum of squares, degrees of freedom) of whitened residuals (m, c) of positions at equal readings of one
+    target, about their means: a model knows what differs from one repeat to the next."""
     repeats = find_repeats(problem.data, problem.placed)
     # about the means first: rows that share errors are mixed
-    deviations = repeats.deviate(problem.data.position)
+    deviations = repeats.deviate(residuals[:, :3])
     padded = np.pad(deviations, ((0, 0), (0, problem.components - 3)))
     squares = np.square(whitened(problem, padded)[:, :3])
     return float(squares.sum()), float(repeats.freedom)

@@ -31,7 +31,7 @@ from ..diagnosis.procedure import Nested, run_nested_folds
 from ..diagnosis.unexplained import describe_unexplained, estimate_floor, predict_remainder
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit
-from ..fitting.noise import Floor
+from ..fitting.noise import Floor, from_repeats
 from ..fitting.problem import Problem
 from ..fitting.undetermined import Unidentifiable, describe_unidentifiable
 from ..measurements.measurements import Measurements
@@ -301,10 +301,14 @@ def repeat_in_folds(
 def choose_noise_floor(split: Split, known: Floor | None, chosen: Evaluation) -> Floor:
     """Return the known noise floor, or else that of the chosen model's residuals.
 
+    That of repeats is what the chosen model leaves of them: it knows what differs from one to the next.
     Where not every coordinate was measured, it is told how many a row has on average.
     """
+    problem = split.problem
+    if known is not None and known.source == "repeats":
+        known = from_repeats(problem.data, problem.placed, chosen.residual[:, :3])
     floor = known or estimate_floor(chosen, split)
-    measured = split.problem.measured
+    measured = problem.measured
     if measured is None:
         return floor
     counts = measured[:, :3].sum(1)

@@ -315,3 +315,19 @@ def test_gross_errors_are_no_exchange(rng) -> None:
         )
         == ()
     )
+
+
+def test_what_a_model_knows_to_differ_between_repeats_is_no_noise(rng) -> None:
+    """Of postures measured without a load and with one, the load's part was told as noise, tenfold."""
+    at = campaign(rng, 25, times=3)
+    exact = at.data.position
+    moved = replace(at.data, position=exact + np.repeat(np.arange(3.0), 25)[:, None])
+    data = weighed(replace(at, data=moved))
+    raw = from_repeats(moved, at.placed)
+    chosen = SimpleNamespace(residual=exact - exact.mean(0))
+    told = choose_noise_floor(data, raw, chosen)
+    assert raw.coordinate_mm > 5 * SIGMA
+    assert told.source == "repeats"
+    assert told.coordinate_mm == pytest.approx(from_repeats(at.data, at.placed).coordinate_mm)
+    stated = Floor(0.2, "stated")
+    assert choose_noise_floor(data, stated, chosen) == stated
