@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._short_numbers import round_numbers
 from .._typing import Array
 from ..exceptions import write_rounded
 from ..results.model_schema import SignificanceRecord
@@ -24,7 +25,6 @@ from ..results.study_sentences import (
     format_share,
     format_weight,
     list_errors,
-    round_numbers,
 )
 from ..results.tables import label_ladder
 from .text_tables import Row, Span, fold_text, write_table

@@ -8,11 +8,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import floor, log10
 
+from .._short_numbers import round_numbers
 from ..diagnosis.sentences import choose_prefix
 from .details_schema import DetailsRecord, MeaningRecord
 from .model_schema import ParameterRecord
 from .schema import StudyRecord
-from .study_sentences import format_mm, format_p, round_numbers
+from .study_sentences import format_mm, format_p
 
 # of the expanded uncertainty, U = k u
 COVERAGE = 2.0

@@ -3,11 +3,11 @@ figures in them."""
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Sequence
 from math import copysign
 
+from .._short_numbers import round_numbers
 from ..diagnosis.signatures import PROVEN
 from ..diagnosis.stated_probability import (
     describe_level_probability,
@@ -43,7 +43,6 @@ MAX_PREDICTABLE_P = 0.05
 MIN_PREDICTABLE_SHARE = 0.01
 # the smallest p that drawn signs can tell: below it, p is a bound
 SMALLEST_P = 0.001
-LONG_NUMBER = re.compile(r"\d+\.\d{4,}")
 # mm from which three decimals are more than anyone reads
 LARGEST_FINE_MM = 9.9995
 SMALLEST_GAIN_MM = 1e-4  # mm; a smaller gain is told as this
@@ -191,11 +190,6 @@ def describe_noise_floor(record: StudyRecord) -> str:
 
 # -- findings
 # -------------------------------------------------------------------------------------------------------------------
-
-
-def round_numbers(cause: str) -> str:
-    """Return a cause with its long numbers rounded to four digits, for people to read."""
-    return LONG_NUMBER.sub(lambda match: f"{float(match[0]):.4g}", cause)
 
 
 def label_entries(entries: Sequence[EntryRecord]) -> list[str]:

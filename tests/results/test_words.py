@@ -12,6 +12,7 @@ import pytest
 from click.testing import CliRunner
 from report_studies import read_source
 
+from modelsel._short_numbers import round_numbers
 from modelsel.calibration.compensation import Commands
 from modelsel.cli.compensate import _sentence
 from modelsel.cli.main import run_command_line
@@ -25,7 +26,7 @@ from modelsel.report.pages.findings import advise_separation
 from modelsel.report.pages.parameter_uncertainty import _format_quantiles
 from modelsel.results.finding_schema import EntryRecord, ScrewRecord
 from modelsel.results.model_schema import QuantilesRecord, SignificanceRecord
-from modelsel.results.study_sentences import describe_probability, round_numbers
+from modelsel.results.study_sentences import describe_probability
 from modelsel.results.tables import label_models
 from modelsel.robot.files import load_robot
 

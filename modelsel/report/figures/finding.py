@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from ..._short_numbers import round_numbers
 from ..._typing import Array, Index
 from ...results.details_schema import PanelRecord
-from ...results.study_sentences import round_numbers
 from ..style import (
     AFTER,
     BEFORE,
