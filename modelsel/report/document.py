@@ -17,6 +17,8 @@ from ..results.schema import StudyRecord
 Block = dict[str, Any]
 # kinds of blocks that words may introduce
 SHOWN = ("table", "figure", "beside")
+# letters of a cell that is not broken
+MAX_WHOLE = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +77,13 @@ def make_table(
         "caption": caption,
         "widths": list(widths or [0.0] * len(columns)),
     }
+
+
+def share_room(texts: Sequence[str], share: float) -> float:
+    """Return the relative width of a table's column: its share of the room where a text is long enough to be
+    broken, else 0, as narrow as the text."""
+    longest = max(map(len, texts), default=0)
+    return share if longest > MAX_WHOLE else 0.0
 
 
 def put_beside(left: Sequence[Block], right: Sequence[Block], right_mm: float = 80.0) -> Block:

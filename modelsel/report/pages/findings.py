@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from functools import partial
 
+from ..._short_numbers import round_numbers
 from ...diagnosis.stated_probability import format_chance, format_probability
 from ...measurements.row_places import Where
 from ...measurements.state_names import StateKind, state_kind
@@ -21,13 +22,12 @@ from ...results.study_sentences import (
     format_gain,
     format_mm,
     label_entries,
-    round_numbers,
     weigh_listed_record,
     write_figures,
     write_levels,
 )
 from ...selection.gain import Change
-from ..document import Block, Source, make_heading, make_table, make_text, put_beside
+from ..document import Block, Source, make_heading, make_table, make_text, put_beside, share_room
 from ..figures.finding import draw_panels, name_axis
 
 MAX_ROWS = 12  # numbers of the rows of a fault
@@ -35,6 +35,8 @@ MAX_RIVALS = 5  # entries compared with the first
 MAX_ADVICE = 2  # ways to tell rivals apart
 PICTURE_MM = 70.0
 MAX_NAMES = 8  # explanations of a credible set
+# shares of the room between names, words and probabilities
+NAME_SHARE, WORDS_SHARE, PROBABILITY_SHARE = 0.55, 1.0, 0.45
 HOW_TO_READ = (
     "Open squares: what the model without the effect leaves about its axis; blue: what the chosen model leaves; large "
     "marks: means; orange: the fitted effect. Where the squares follow the line and the blue lies flat, the effect is there, "
@@ -94,7 +96,10 @@ def _write_grouped(source: Source, grouped: Sequence[int]) -> list[Block]:
     )
     if one_turns:
         caption += " mrad: how far the target is turned, where that prevails; rms beyond the base."
-    table = make_table(columns, rows, caption, [0.0, 0.4, 1.0, 0.0, 0.0, 0.0])
+    probabilities = [row[-1] for row in rows]
+    last = share_room(probabilities, PROBABILITY_SHARE)
+    widths = [0.0, NAME_SHARE, WORDS_SHARE, 0.0, 0.0, last]
+    table = make_table(columns, rows, caption, widths)
     return [
         make_heading("Smaller findings", 2),
         make_text(write_sum(record.small_findings), keep=True),

@@ -6,6 +6,7 @@ from __future__ import annotations
 from functools import partial
 from math import degrees
 
+from ..._short_numbers import round_numbers
 from ...results.details_schema import DetailsRecord
 from ...results.finding_advice import advise, list_frames
 from ...results.placements import describe_placements
@@ -16,7 +17,6 @@ from ...results.study_sentences import (
     describe_probability,
     format_mm,
     opening_sentences,
-    round_numbers,
 )
 from ..document import (
     Block,
@@ -27,6 +27,7 @@ from ..document import (
     make_table,
     make_text,
     put_beside,
+    share_room,
 )
 from ..figures import errormap, space
 from ..figures.arm import draw_marked
@@ -56,7 +57,8 @@ NAMED_COLUMNS = (
     ("worth, rms", "left"),
     ("probability", "left"),
 )
-NAMED_WIDTHS = [0.0, 0.5, 1.0, 0.0, 0.34]
+# shares of the room between names, advice and probabilities
+NAME_SHARE, ADVICE_SHARE, PROBABILITY_SHARE = 0.6, 1.0, 0.4
 MAX_CELLS = 6  # cells that the map's text for those who cannot see names
 
 
@@ -111,7 +113,10 @@ def _write_named(source: Source) -> list[Block]:
         caption += f" And {len(told) - len(shown)} more: see Findings."
     if grouped and small is not None:
         caption += f" {len(grouped)} smaller ones stand together in Findings."
-    return [*_write_marks(source, shown), make_table(NAMED_COLUMNS, rows, caption, NAMED_WIDTHS)]
+    probabilities = [row[-1] for row in rows]
+    last = share_room(probabilities, PROBABILITY_SHARE)
+    widths = [0.0, NAME_SHARE, ADVICE_SHARE, 0.0, last]
+    return [*_write_marks(source, shown), make_table(NAMED_COLUMNS, rows, caption, widths)]
 
 
 def _named_row(source: Source, k: int) -> list[str]:
