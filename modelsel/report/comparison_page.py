@@ -191,7 +191,8 @@ def _write_finding(campaign: Campaign, k: int) -> str:
     parts = [f"<b>{escape(drawn.label)}</b>", write_paragraph(drawn.what)]
     figures = []
     if finding.worst is not None and not finding.only_turns:
-        figures.append(f"at most {_format(finding.worst.mm)} mm")
+        beyond = ", beyond the measured joint readings" if finding.worst.mark else ""
+        figures.append(f"at most {_format(finding.worst.mm)} mm{beyond}")
     if finding.told_turning is not None:
         figures.append(
             f"at most {_format(finding.told_turning.mrad)} mrad of the target's orientation"

@@ -13,7 +13,7 @@ from ...measurements.row_places import Where
 from ...measurements.state_names import StateKind, state_kind
 from ...results.details_schema import FindingDetailsRecord
 from ...results.finding_advice import advise
-from ...results.finding_schema import EntryRecord, FindingRecord
+from ...results.finding_schema import BEYOND, BEYOND_WORDS, EntryRecord, FindingRecord
 from ...results.schema import StudyRecord
 from ...results.small_findings import split_findings, write_sum
 from ...results.study_sentences import (
@@ -96,6 +96,8 @@ def _write_grouped(source: Source, grouped: Sequence[int]) -> list[Block]:
     )
     if one_turns:
         caption += " mrad: how far the target is turned, where that prevails; rms beyond the base."
+    if any(BEYOND in size for row in rows for size in row[3:-1]):
+        caption += f" {BEYOND_WORDS}."
     probabilities = [row[-1] for row in rows]
     last = share_room(probabilities, PROBABILITY_SHARE)
     widths = [0.0, NAME_SHARE, WORDS_SHARE, 0.0, 0.0, last]
@@ -109,20 +111,28 @@ def _write_grouped(source: Source, grouped: Sequence[int]) -> list[Block]:
 
 def _write_sizes(finding: FindingRecord) -> list[str]:
     """Return the rms and the largest displacement of the target [mm]."""
-    worst = None if finding.worst is None else finding.worst.mm
-    return [format_mm(finding.rms_mm), format_mm(worst)]
+    worst = finding.worst
+    largest = "–" if worst is None else f"{format_mm(worst.mm)}{worst.mark}"
+    return [format_mm(finding.rms_mm), largest]
 
 
 def _write_both_sizes(finding: FindingRecord) -> list[str]:
     """Return the rms and the largest of what is told of a finding: displacement, turning, or both."""
-    moved = [f"{size} mm" for size in _write_sizes(finding)]
+    moved = [_add_unit(size) for size in _write_sizes(finding)]
     turning = finding.told_turning
     if turning is None:
         return moved
-    turned = [f"{format_mm(size)} mrad" for size in (turning.rms_mrad, turning.mrad)]
+    largest = f"{format_mm(turning.mrad)} mrad{turning.mark}"
+    turned = [f"{format_mm(turning.rms_mrad)} mrad", largest]
     if finding.only_turns:
         return turned
     return [f"{mm}, {mrad}" for mm, mrad in zip(moved, turned, strict=True)]
+
+
+def _add_unit(size: str) -> str:
+    """Add the unit to a length, before its mark."""
+    length = size.rstrip(BEYOND)
+    return size.replace(length, f"{length} mm")
 
 
 def name_finding(finding: FindingRecord, detail: FindingDetailsRecord) -> str:

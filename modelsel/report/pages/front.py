@@ -11,7 +11,7 @@ from ...results.details_schema import DetailsRecord
 from ...results.finding_advice import advise, list_frames
 from ...results.placements import describe_placements
 from ...results.schema import ErrorMapRecord, StudyRecord
-from ...results.small_findings import split_findings
+from ...results.small_findings import choose_shown, find_named, split_findings
 from ...results.study_sentences import (
     describe_noise_floor,
     describe_probability,
@@ -104,7 +104,9 @@ def _write_named(source: Source) -> list[Block]:
     if not findings:
         return []
     told, grouped = split_findings(findings, small)
-    shown = told[:MAX_NAMED]
+    labels = [drawn.label for drawn in source.details.findings]
+    named = find_named(source.record.verdict, labels)
+    shown = choose_shown(told, named, MAX_NAMED)
     rows = [_named_row(source, k) for k in shown]
     caption = f"{WORTH}. {PROBABILITY}"
     has_rivals = any(not finding.is_found for finding in findings)
