@@ -236,7 +236,8 @@ def test_a_figure_beyond_the_measured_readings_is_marked(drawn) -> None:
     lines = shown(source, Amount.SUMMARY)
     size = format_figure(source.record.findings[1].worst.mm)
     (marked,) = [line for line in lines if f"{size}*" in line]
-    assert "letter-b" in marked
+    below = lines[lines.index(marked) + 1]
+    assert "letter-b" in marked + below
     assert sum(BEYOND_WORDS in line for line in lines) == 1
     plain_lines = shown(source_of(*written(drawn)), Amount.SUMMARY)
     assert not any(BEYOND_WORDS in line for line in plain_lines)

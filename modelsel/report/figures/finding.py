@@ -29,7 +29,7 @@ MAX_TICKS = 5  # intervals between the numbers below a panel
 MAX_BINS = 12
 BIN_POINTS = 6  # of a bin, at least
 ONE_HEIGHT, EACH_HEIGHT = 1.7, 1.25  # inch
-LONGEST_AXIS = 30  # letters
+LONGEST_AXIS = 40  # letters
 # distinct values of a cause up to which they are drawn apart
 FEW_VALUES = 6
 # spreads points that share a value, evenly and without chance
