@@ -12,6 +12,10 @@ from .signatures import LEVELS, PROVEN
 FINE = 1000
 # p above which nothing is found
 MAX_CHANCE = 0.05
+# p below which nobody reads the digits
+LEAST_CHANCE = 1e-4
+# by how much 1 / p may miss a whole number
+ROUNDING = 1e-6
 
 
 def format_probability(probability: float) -> str:
@@ -28,11 +32,37 @@ def format_probability(probability: float) -> str:
 
 def format_chance(p: float) -> str:
     """Return a p-value with two digits, with three where it is above MAX_CHANCE and two would say
-    that it is not."""
+    that it is not; of a tiny one that it is below LEAST_CHANCE."""
+    if p < LEAST_CHANCE:
+        return f"below {LEAST_CHANCE:.4f}"
     written = f"{p:.2g}"
     if p > MAX_CHANCE >= float(written):
         written = f"{p:.3g}"
     return written
+
+
+def is_bound(p: float) -> bool:
+    """Return whether a p-value is the least that its simulations can tell: 1 / (draws + 1), where no
+    draw did as well."""
+    if not 0 < p <= MAX_CHANCE:
+        return False
+    draws = 1 / p
+    return abs(draws - round(draws)) < ROUNDING * draws
+
+
+def bound_chance(p: float) -> str:
+    """Return a simulated p-value within a sentence: "0.024", "at most 0.005"."""
+    written = format_chance(p)
+    is_least = is_bound(p) and p >= LEAST_CHANCE
+    return f"at most {written}" if is_least else written
+
+
+def write_chance(p: float) -> str:
+    """Return a simulated p-value in brackets: "p = 0.024", "p ≤ 0.005", "p < 0.0001"."""
+    if p < LEAST_CHANCE:
+        return f"p < {LEAST_CHANCE:.4f}"
+    relation = "≤" if is_bound(p) else "="
+    return f"p {relation} {format_chance(p)}"
 
 
 def find_stated_level(levels: Sequence[float]) -> int:

@@ -24,7 +24,7 @@ from .outcome import Diagnosis
 from .residual_tests import GROUP_LEVEL, compute_group_p
 from .sentences import format_angle, format_length
 from .state import LEVEL
-from .stated_probability import format_chance, format_probability
+from .stated_probability import format_chance, format_probability, write_chance
 
 # length scales of the kernel, in units of the sines and cosines of all joints' angles together
 LENGTHS = (0.3, 0.6, 1.2, 2.4)
@@ -292,7 +292,7 @@ def _describe_stop(diagnosis: Diagnosis) -> str:
     if count:
         stopped = f"The search stopped after {count_words(count, 'effect')}"
     return (
-        f"{stopped}, but something systematic may be left (p = {format_chance(diagnosis.left_p)}). It looks "
+        f"{stopped}, but something systematic may be left ({write_chance(diagnosis.left_p)}). It looks "
         f"most like {first.candidate.label} (probability {format_probability(first.probability)})."
     )
 

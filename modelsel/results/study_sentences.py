@@ -12,9 +12,9 @@ from ..diagnosis.signatures import PROVEN
 from ..diagnosis.stated_probability import (
     describe_level_probability,
     find_named_level,
-    format_chance,
     format_probability,
     scale_listed,
+    write_chance,
 )
 from ..exceptions import write_percent, write_rounded
 from ..measurements.row_places import Where
@@ -303,7 +303,7 @@ def describe_predictable(record: StudyRecord) -> str:
     predictable = record.nothing_else.predictable
     if predictable is None:
         return ""
-    chance = f"(p = {format_chance(predictable.p)})"
+    chance = f"({write_chance(predictable.p)})"
     if has_predictable_rest(record):
         return (
             f"Some smooth function of the configuration would still predict {write_percent(predictable.share)} of what is left "

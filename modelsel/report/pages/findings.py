@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from ..._short_numbers import round_numbers
-from ...diagnosis.stated_probability import format_chance, format_probability
+from ...diagnosis.stated_probability import bound_chance, format_probability
 from ...measurements.row_places import Where
 from ...measurements.state_names import StateKind, state_kind
 from ...results.details_schema import FindingDetailsRecord
@@ -214,7 +214,7 @@ def describe_proof(finding: FindingRecord, where: Where) -> str:
 
 def _describe_verdict(finding: FindingRecord, where: Where) -> str:
     """Return p-value, gain and rows in one line."""
-    chance = f"{format_chance(finding.p_value)} over the whole search"
+    chance = f"{bound_chance(finding.p_value)} over the whole search"
     parts = [
         f"Verdict: {finding.told_verdict}; chance alone would do as well with probability {chance}"
     ]
