@@ -55,7 +55,7 @@ ERRORS = ("rows", "nominal_rms_mm", "file_rms_mm", "model_rms_mm")
     "--within",
     type=click.FloatRange(min=1e-4),
     metavar="MM",
-    help="Of a grid: how near it shall be between its points.  [default: 0.01]",
+    help="Of a grid: the largest error allowed between its points.  [default: 0.01]",
 )
 @json_option
 def export_command(

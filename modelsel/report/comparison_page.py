@@ -213,7 +213,7 @@ def _write_parameters(comparison: Comparison) -> str:
     explained, tested = comparison.explained_by, comparison.changes
     parts = [_tabulate_explained(explained)] if explained else []
     if not explained and not comparison.target_motions:
-        parts.append(write_paragraph("No few parameters explain a change beyond chance."))
+        parts.append(write_paragraph("No small set of parameters explains a change beyond chance."))
     if tested:
         parameters = count_words(len(tested), "parameter")
         words = f"{parameters} tested one by one, {len(comparison.moved)} beyond chance"
