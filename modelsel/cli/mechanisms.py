@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import CHECK_FAILED
-from ._options import json_option, print_json
+from ._options import json_option, print_json, print_prose
 
 if TYPE_CHECKING:
     from ..mechanisms.terms import Mechanism
@@ -97,11 +97,11 @@ def _show(name: str | None, robot: str, as_json: bool) -> None:
     for card in cards:
         _print_card(card, in_full=name is not None)
     if name and not cards:
-        click.echo(f"{name} does not apply to {robot}.")
+        print_prose(f"{name} does not apply to {robot}.")
     if not name:
         absent = [stem for stem in registry if not build_mechanisms(stem, arm, registry)]
         if absent:
-            click.echo(f"Not on {robot}: {', '.join(absent)}.")
+            print_prose(f"Not on {robot}: {', '.join(absent)}.")
     for plugin, reason in broken.items():
         click.echo(f"plug-in {plugin} is left out: {reason}")
 
@@ -128,19 +128,19 @@ def _print_card(card: dict[str, Any], *, in_full: bool) -> None:
     if constants > 1:
         scanned = f" (one of {constants} scanned constants)"
     sentence = card["sentence"]
-    click.echo(f"{card['name']}: {sentence}{scanned}")
+    print_prose(f"{card['name']}: {sentence}{scanned}")
     if not in_full:
         return
     equation = card["equation"]
     source = card["source"]
     causes = ", ".join(card["usual_causes"])
     if causes:
-        click.echo(f"    usual causes  {causes}")
-    click.echo(f"    equation  {equation}")
-    click.echo(f"    source    {source}")
+        print_prose(f"    usual causes  {causes}")
+    print_prose(f"    equation  {equation}")
+    print_prose(f"    source    {source}")
     for term in card["terms"]:
         screws = ", ".join(term["screws"])
         symbol = f"{term['symbol']:8}"
         unit = term["unit"]
         expected = term["expected"]
-        click.echo(f"    {symbol} [{unit}]  {screws}{expected}")
+        print_prose(f"    {symbol} [{unit}]  {screws}{expected}")

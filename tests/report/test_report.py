@@ -626,9 +626,14 @@ def test_steps_of_the_search_say_what_changed(drawn) -> None:
     result, details = written(drawn)
     result["path"] = ["+ backlash:3", "backlash:3 -> backlash:3", "- a", "b -> c"]
     blocks = collect_blocks(source_of(result, details), drawing.PAGES, ("provenance",))
-    said = " ".join(b.get("text", "") for b in blocks)
-    steps = "+ backlash:3; backlash:3 → backlash:3 in another form; − a; b → c."
-    assert said.count(f"in this order: {steps}") == 1
+    (table,) = [block for block in blocks if block.get("caption", "").startswith("In this order")]
+    assert table["rows"] == [
+        ["1", "+", "backlash:3", ""],
+        ["2", "→", "backlash:3", "another form of the same"],
+        ["3", "−", "a", ""],
+        ["4", "→", "b", "c"],
+    ]
+    assert table["breaks"]
 
 
 def extended(result: dict, rng: np.random.Generator) -> dict:

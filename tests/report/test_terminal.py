@@ -248,3 +248,12 @@ def test_a_table_has_what_the_verdict_names() -> None:
     assert find_named(["Named: a and c."], labels) == {0, 3}
     assert choose_shown([0, 1, 2, 3], {0, 3}, 3) == [0, 1, 3]
     assert choose_shown([0, 1, 3], {1, 3}, 1) == [1, 3]
+
+
+def test_the_map_is_no_wider_than_the_terminal(drawn) -> None:
+    source = source_of(*written(drawn))
+    for width in (40, 60):
+        lines = shown(source, Amount.EVERYTHING, width)
+        (head,) = [k for k, line in enumerate(lines) if line.startswith("frame  ")]
+        assert all(len(line) <= width for line in lines[head : head + 30])
+        assert len(lines[head].split()) == 1 + min((width - 6) // 4, 14)
