@@ -86,10 +86,19 @@ def _describe_trial(trial: Trial) -> str:
 def _show(name: str | None, robot: str, as_json: bool) -> None:
     from ..mechanisms.registry import build_mechanisms, every, with_plugins
     from ..robot.files import load_robot
+    from .report_names import bare_name, explain_unregistered, find_faults
 
     arm = load_robot(robot)
     registry, broken = with_plugins(robot=arm)
-    mechanisms = build_mechanisms(name, arm, registry) if name else every(arm, registry)
+    if name and name not in registry:
+        name = bare_name(name)
+        explained = explain_unregistered(name, arm)
+        if explained and not as_json:
+            for line in explained:
+                print_prose(line)
+            return
+    faults = find_faults(name, arm) if name else ()
+    mechanisms = faults or (build_mechanisms(name, arm, registry) if name else every(arm, registry))
     cards = _list_cards(mechanisms)
     if as_json:
         print_json({"robot": robot, "mechanisms": cards, "broken_plugins": broken})

@@ -7,6 +7,7 @@ from functools import partial
 from math import degrees
 
 from ..._short_numbers import round_numbers
+from ...diagnosis.name_legend import explain_names
 from ...results.details_schema import DetailsRecord
 from ...results.finding_advice import advise, list_frames
 from ...results.placements import describe_placements
@@ -118,7 +119,17 @@ def _write_named(source: Source) -> list[Block]:
     probabilities = [row[-1] for row in rows]
     last = share_room(probabilities, PROBABILITY_SHARE)
     widths = [0.0, NAME_SHARE, ADVICE_SHARE, 0.0, last]
-    return [*_write_marks(source, shown), make_table(NAMED_COLUMNS, rows, caption, widths)]
+    table = make_table(NAMED_COLUMNS, rows, caption, widths)
+    legend = write_legend(source.details)
+    told_names = [make_text(f"Names: {legend}", "quiet")] if legend else []
+    return [*_write_marks(source, shown), table, *told_names]
+
+
+def write_legend(details: DetailsRecord) -> str:
+    """Write what the findings' names mean that no registry lists; nothing where there are none."""
+    labels = [drawn.label for drawn in details.findings]
+    lines = explain_names(labels, len(details.joints))
+    return f"{'; '.join(lines)}." if lines else ""
 
 
 def _named_row(source: Source, k: int) -> list[str]:
