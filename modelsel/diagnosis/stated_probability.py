@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from math import floor
 
 from .signatures import LEVELS, PROVEN
+from .simulation_counts import FAULT_DRAWS, FLIP_DRAWS
 
 # places of a probability that two would round up to PROVEN
 FINE = 1000
@@ -14,8 +15,10 @@ FINE = 1000
 MAX_CHANCE = 0.05
 # p below which nobody reads the digits
 LEAST_CHANCE = 1e-4
-# by how much 1 / p may miss a whole number
+# share by which a p-value that was written may miss its bound
 ROUNDING = 1e-6
+# draws of which the least decides the p-value of a finding
+SEARCH_DRAWS = (*FLIP_DRAWS, FAULT_DRAWS)
 
 
 def format_probability(probability: float) -> str:
@@ -41,27 +44,24 @@ def format_chance(p: float) -> str:
     return written
 
 
-def is_bound(p: float) -> bool:
-    """Return whether a p-value is the least that its simulations can tell: 1 / (draws + 1), where no
-    draw did as well."""
-    if not 0 < p <= MAX_CHANCE:
-        return False
-    draws = 1 / p
-    return abs(draws - round(draws)) < ROUNDING * draws
+def is_bound(p: float, draws: Sequence[int] = SEARCH_DRAWS) -> bool:
+    """Return whether a p-value is the least that its simulation, of one of these numbers of draws, can
+    tell: 1 / (draws + 1), where no draw did as well."""
+    least = [1 / (count + 1) for count in draws]
+    return any(abs(p - one) < ROUNDING * one for one in least)
 
 
 def bound_chance(p: float) -> str:
-    """Return a simulated p-value within a sentence: "0.024", "at most 0.005"."""
+    """Return the p-value of a search within a sentence: "0.024", "at most 0.0054"."""
     written = format_chance(p)
-    is_least = is_bound(p) and p >= LEAST_CHANCE
-    return f"at most {written}" if is_least else written
+    return f"at most {written}" if is_bound(p) else written
 
 
-def write_chance(p: float) -> str:
+def write_chance(p: float, draws: Sequence[int] = SEARCH_DRAWS) -> str:
     """Return a simulated p-value in brackets: "p = 0.024", "p ≤ 0.005", "p < 0.0001"."""
     if p < LEAST_CHANCE:
         return f"p < {LEAST_CHANCE:.4f}"
-    relation = "≤" if is_bound(p) else "="
+    relation = "≤" if is_bound(p, draws) else "="
     return f"p {relation} {format_chance(p)}"
 
 

@@ -9,6 +9,7 @@ from math import copysign
 
 from .._short_numbers import round_numbers
 from ..diagnosis.signatures import PROVEN
+from ..diagnosis.simulation_counts import REST_FLIPS
 from ..diagnosis.stated_probability import (
     describe_level_probability,
     find_named_level,
@@ -303,7 +304,7 @@ def describe_predictable(record: StudyRecord) -> str:
     predictable = record.nothing_else.predictable
     if predictable is None:
         return ""
-    chance = f"({write_chance(predictable.p)})"
+    chance = f"({write_chance(predictable.p, [REST_FLIPS])})"
     if has_predictable_rest(record):
         return (
             f"Some smooth function of the configuration would still predict {write_percent(predictable.share)} of what is left "
