@@ -30,6 +30,7 @@ from modelsel.report.document import (
     make_table,
     make_text,
     share_room,
+    use_minus,
     walk_blocks,
 )
 from modelsel.report.pages.appendix import write_outliers_page
@@ -189,7 +190,7 @@ def test_every_finding_stands_whole_on_a_page(drawn) -> None:
     for k, finding in enumerate(result["findings"], 1):
         (page,) = [p for p in found if f"Finding {k}:" in p]
         own = plain(page).partition(f"Finding{k}:")[2].partition(f"Finding{k + 1}:")[0]
-        assert plain(finding["sentence"]) in own
+        assert plain(use_minus(finding["sentence"])) in own
         assert "Whattodo." in own
         assert f"Verdict:{plain(finding['verdict'])}" in own
         assert ("Whatitcouldbe" in own) == (len(finding["credible_set"]) > 1)
@@ -790,3 +791,15 @@ def test_a_column_is_as_narrow_as_short_texts() -> None:
     assert share_room(["1.00", "0.96, rivals"], 0.4) == 0
     assert share_room(["1.00", "0.98 for the drivers, below 0.01 for the cause"], 0.4) == 0.4
     assert share_room([], 0.4) == 0
+
+
+def test_sentences_of_the_pdf_have_a_true_minus() -> None:
+    """As its tables have; names with a hyphen and formulas stay."""
+    words = (
+        "gear-ripple:4: m = -0.17 mrad, joints at -12°, -3°; sin(q1-20), 2026-11-05, exp(t/(-3))"
+    )
+    said = make_text(words)["text"]
+    assert (
+        said
+        == "gear-ripple:4: m = −0.17 mrad, joints at −12°, −3°; sin(q1-20), 2026-11-05, exp(t/(-3))"
+    )

@@ -185,8 +185,9 @@ def panel_height(points: Array, curve: Array, most: float = MAX_CURVE) -> float:
 
 def _label_panel(ax: Any, panel: _Panel) -> None:
     record = panel.record
-    # where a cause has few values, as before and after a jump, few points may stand at one of them
-    most = np.inf if _has_few_values(panel.x) else MAX_CURVE
+    # where a cause has few values, or a curve jumps, few points may stand beyond
+    is_whole = _has_few_values(panel.x) or record.kind == "curve"
+    most = np.inf if is_whole else MAX_CURVE
     top = panel_height(np.concatenate([panel.before, panel.after]), panel.curve, most)
     ax.set_ylim(-top, top)
     unit = "°" if record.against_unit == "deg" else record.against_unit

@@ -70,7 +70,7 @@ function scatter(panel) {
   const biggest = all.length ? all[Math.floor(0.98 * (all.length - 1))] : 1;
   const [factor, unit] = scaled(panel.unit, all.length ? all[Math.floor(0.99 * (all.length - 1))] : 1);
   const cause = rounded(panel.against);
-  const most = new Set(panel.x).size <= 6 ? Infinity : 3 * biggest, curved = Math.min(Math.max(0, ...panel.curve[1].map(Math.abs)), most);
+  const most = panel.kind === "curve" || new Set(panel.x).size <= 6 ? Infinity : 3 * biggest, curved = Math.min(Math.max(0, ...panel.curve[1].map(Math.abs)), most);
   const high = Math.max(biggest * factor * 1.2, curved * factor * 1.05, 1e-12);
   let low = Math.min(...panel.x, ...panel.curve[0]), far = Math.max(...panel.x, ...panel.curve[0]);
   if (!(far > low)) { low -= 1; far += 1; }
