@@ -123,7 +123,8 @@ class Candidate:
             return round_numbers(named)
         if self.kind is CandidateKind.PERIOD:
             repeated = mechanism.terms[0].screws[0].cause
-            return round_numbers(f"pattern that repeats on {repeated}")
+            named = f"pattern that repeats on {repeated}"
+            return round_numbers(named)
         words: list[str] = []
         for term in mechanism.terms:
             for screw in term.screws:

@@ -23,13 +23,17 @@ def explain_names(names: Sequence[str], joints: int | None = None) -> list[str]:
     """Explain what of the names is in no registry, each kind once, by the first that has it; nothing
     of names that are registered. `joints`: how many the arm has, where that is known."""
     text = "\n".join(names)
-    lines = [*_explain_place(text, joints), *_explain_shapes(text)]
+    lines = _explain_place(text, joints)
+    lines += _explain_shapes(text)
     if " & " in text:
         lines.append("a & b: two numbers fitted together, as a sine and a cosine of unknown phase")
     lines += _explain_derived(text)
-    numbered = [match for match in map(NUMBERED.search, names) if match is not None]
+    found = map(NUMBERED.search, names)
+    numbered = [match for match in found if match is not None]
     if numbered:
-        lines.append(f"({numbered[0][1]}) after a name: one of several effects of that name")
+        first, *_ = numbered
+        number = first[1]
+        lines.append(f"({number}) after a name: one of several effects of that name")
     return lines
 
 
@@ -57,7 +61,8 @@ def _explain_shapes(text: str) -> list[str]:
         lines.append(f"{waves[0]}: any product of a wave once a turn of the one and of the other")
     slow = SLOW.search(text)
     if slow is not None:
-        lines.append(f"{slow[0]}: a wave in time, {slow[1]} periods from the first row to the last")
+        periods = slow[1]
+        lines.append(f"{slow[0]}: a wave in time, {periods} periods from the first row to the last")
     return lines
 
 
@@ -74,9 +79,11 @@ def _explain_derived(text: str) -> list[str]:
 
 def describe_variable(variable: StateVariable) -> str:
     """Describe a derived name in full: what it is, and of which joint, frame and axis."""
-    if variable.frame is None and variable.axis is None:
+    is_whole = variable.frame is None and variable.axis is None
+    if is_whole:
         return variable.words
-    words = [variable.kind.value]
+    kind = variable.kind
+    words = [kind.value]
     if variable.joint is not None:
         words.append(f"joint {variable.joint}")
     if variable.frame is not None:

@@ -54,15 +54,19 @@ def is_bound(p: float, draws: Sequence[int] = SEARCH_DRAWS) -> bool:
 def bound_chance(p: float) -> str:
     """Return the p-value of a search within a sentence: "0.024", "at most 0.0054"."""
     written = format_chance(p)
-    return f"at most {written}" if is_bound(p) else written
+    if is_bound(p):
+        return f"at most {written}"
+    return written
 
 
 def write_chance(p: float, draws: Sequence[int] = SEARCH_DRAWS) -> str:
     """Return a simulated p-value in brackets: "p = 0.024", "p ≤ 0.005", "p < 0.0001"."""
     if p < LEAST_CHANCE:
         return f"p < {LEAST_CHANCE:.4f}"
-    relation = "≤" if is_bound(p, draws) else "="
-    return f"p {relation} {format_chance(p)}"
+    written = format_chance(p)
+    if is_bound(p, draws):
+        return f"p ≤ {written}"
+    return f"p = {written}"
 
 
 def find_stated_level(levels: Sequence[float]) -> int:

@@ -90,7 +90,10 @@ def _write_campaign(details: DetailsRecord) -> str:
 def _write_legend(details: DetailsRecord) -> str:
     """Write what the findings' names mean; nothing where they are all registered."""
     legend = write_legend(details)
-    return write_paragraph(f"Names: {legend}", "quiet") if legend else ""
+    if not legend:
+        return ""
+    words = f"Names: {legend}"
+    return write_paragraph(words, "quiet")
 
 
 def _link_sections(absent: set[str]) -> str:

@@ -91,8 +91,9 @@ class Abscissa:
         if self.kind == "step" and isinstance(cause, Applied):
             return np.sign(x)
         line = self._lay_out(x)
+        count = len(x)
         if line is None:
-            return np.zeros(len(x))
+            return np.zeros(count)
         values = np.asarray(cause.of(line))
         return np.broadcast_to(values, x.shape)
 
@@ -121,7 +122,8 @@ def choose_abscissa(cause: Cause, siblings: Sequence[Cause], units: Mapping[str,
     """Return what to draw a cause against; `siblings`: the causes at its place, `units`: of all names."""
     if isinstance(cause, Bump):
         unit = units.get(cause.name, "1")
-        return Abscissa(Named(cause.name, unit), "free")
+        driver = Named(cause.name, unit)
+        return Abscissa(driver, "free")
     if isinstance(cause, Applied) and cause.function == "sign":
         return Abscissa(cause.argument, "step")
     for sibling in siblings:
@@ -132,7 +134,9 @@ def choose_abscissa(cause: Cause, siblings: Sequence[Cause], units: Mapping[str,
     if isinstance(cause, Named):
         return Abscissa(cause, "line")
     variable = _find_variable(cause, units)
-    return Abscissa(cause, "line") if variable is None else Abscissa(variable, "curve")
+    if variable is None:
+        return Abscissa(cause, "line")
+    return Abscissa(variable, "curve")
 
 
 def _find_variable(cause: Cause, units: Mapping[str, str]) -> Cause | None:

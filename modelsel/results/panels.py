@@ -184,8 +184,9 @@ def _place_points(
     else:
         grid = _grid(x)
         curve = group.evaluate(grid)
-    x = abscissa.scale * x
-    grid = abscissa.scale * grid
+    scale = abscissa.scale
+    x = scale * x
+    grid = scale * grid
     return PanelPoints(x, before, after, weight, grid, curve)
 
 

@@ -214,7 +214,8 @@ def describe_proof(finding: FindingRecord, where: Where) -> str:
 
 def _describe_verdict(finding: FindingRecord, where: Where) -> str:
     """Return p-value, gain and rows in one line."""
-    chance = f"{bound_chance(finding.p_value)} over the whole search"
+    least = bound_chance(finding.p_value)
+    chance = f"{least} over the whole search"
     parts = [
         f"Verdict: {finding.told_verdict}; chance alone would do as well with probability {chance}"
     ]
