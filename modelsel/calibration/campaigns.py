@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .._short_numbers import round_numbers
 from .._typing import Array, Index
 from ..exceptions import StudyError
 from ..mechanisms.terms import Term
@@ -333,7 +334,7 @@ def _build_explanation(
 def _label_term(mechanism: str, term: Term) -> str:
     """Name a parameter by its place in the arm: γ3 (frame 3 rz); one that is not of the geometry by
     its mechanism: h2 (joint2-twist)."""
-    where = mechanism
+    where = round_numbers(mechanism)
     if mechanism in GEOMETRY_NAMES:
         first, *_ = term.screws
         where = f"frame {first.frame} {first.axis}"

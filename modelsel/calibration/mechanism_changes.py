@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from .._linalg import TINY, orthonormal_basis, project_out
+from .._short_numbers import round_numbers
 from .._typing import Array
 from ..exceptions import write_rounded
 from ..mechanisms.geometry import SETUP
@@ -59,7 +60,8 @@ class MechanismChange:
 def label_mechanism(name: str) -> str:
     """Return what a finding of a mechanism is called: of one that is not registered, place and
     cause."""
-    return re.sub(r"^(\d+ [tr][xyz]) (.+)$", r"frame \1 · \2", name)
+    label = re.sub(r"^(\d+ [tr][xyz]) (.+)$", r"frame \1 · \2", name)
+    return round_numbers(label)
 
 
 def two_sided_p(z: float) -> float:

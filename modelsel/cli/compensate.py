@@ -92,7 +92,7 @@ def compensate_command(
 ) -> None:
     """Correct joint commands so that the real target is where it is wanted.
 
-    TARGETS has a row a target: nominal commands q1_rad … (or _deg), wanted positions x_mm y_mm z_mm
+    TARGETS is a table with one row per target: nominal commands q1_rad … (or _deg), wanted positions x_mm y_mm z_mm
     (left out: where the nominal robot has the target) in the tracker's frame, wanted orientations,
     and what the model needs; or the columns, sheet and decimal mark of the study's own file. A
     table has commands in the units in which they were given; a program

@@ -55,7 +55,7 @@ ERRORS = ("rows", "nominal_rms_mm", "file_rms_mm", "model_rms_mm")
     "--within",
     type=click.FloatRange(min=1e-4),
     metavar="MM",
-    help="Of a grid: how near it shall be between its points.  [default: 0.01]",
+    help="Of a grid: the largest error allowed between its points.  [default: 0.01]",
 )
 @json_option
 def export_command(
@@ -152,10 +152,12 @@ def _to_dict(made: Exported) -> dict[str, Any]:
 
 
 def _print_export(made: Exported, out: Path) -> None:
+    from ..calibration.export.form import write_difference
+
     if made.worse is not None:
         print_prose(f"Warning: {made.worse}.")
     exact = made.error_mm < ROUNDING_MM
-    size = "less than 0.001 µm" if exact else f"at most {write_rounded(made.error_mm * 1e3, 2)} µm"
+    size = "less than 0.001 µm" if exact else f"at most {write_difference(made.error_mm)}"
     print_prose(
         f"Written: {out}. Read back, it differs from the calibrated model by {size} in what it can carry, over "
         f"{made.configurations:,} configurations."

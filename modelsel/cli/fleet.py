@@ -17,7 +17,7 @@ from ._output_path import OutputPath
     "--out", type=OutputPath(file_okay=False), help="Output folder; default reports/<fleet folder>."
 )
 @click.option(
-    "--workers", type=click.IntRange(1), help="Workers on this machine; default one a core."
+    "--workers", type=click.IntRange(1), help="Workers on this machine; by default one per core."
 )
 @click.option(
     "--scheduler",

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ..exceptions import CHECK_FAILED
-from ._options import json_option, print_json
+from ._options import json_option, print_json, print_prose
 
 if TYPE_CHECKING:
     from ..mechanisms.terms import Mechanism
@@ -86,10 +86,19 @@ def _describe_trial(trial: Trial) -> str:
 def _show(name: str | None, robot: str, as_json: bool) -> None:
     from ..mechanisms.registry import build_mechanisms, every, with_plugins
     from ..robot.files import load_robot
+    from .report_names import bare_name, explain_unregistered, find_faults
 
     arm = load_robot(robot)
     registry, broken = with_plugins(robot=arm)
-    mechanisms = build_mechanisms(name, arm, registry) if name else every(arm, registry)
+    if name and name not in registry:
+        name = bare_name(name)
+        explained = explain_unregistered(name, arm)
+        if explained and not as_json:
+            for line in explained:
+                print_prose(line)
+            return
+    faults = find_faults(name, arm) if name else ()
+    mechanisms = faults or (build_mechanisms(name, arm, registry) if name else every(arm, registry))
     cards = _list_cards(mechanisms)
     if as_json:
         print_json({"robot": robot, "mechanisms": cards, "broken_plugins": broken})
@@ -97,11 +106,11 @@ def _show(name: str | None, robot: str, as_json: bool) -> None:
     for card in cards:
         _print_card(card, in_full=name is not None)
     if name and not cards:
-        click.echo(f"{name} does not apply to {robot}.")
+        print_prose(f"{name} does not apply to {robot}.")
     if not name:
         absent = [stem for stem in registry if not build_mechanisms(stem, arm, registry)]
         if absent:
-            click.echo(f"Not on {robot}: {', '.join(absent)}.")
+            print_prose(f"Not on {robot}: {', '.join(absent)}.")
     for plugin, reason in broken.items():
         click.echo(f"plug-in {plugin} is left out: {reason}")
 
@@ -128,19 +137,19 @@ def _print_card(card: dict[str, Any], *, in_full: bool) -> None:
     if constants > 1:
         scanned = f" (one of {constants} scanned constants)"
     sentence = card["sentence"]
-    click.echo(f"{card['name']}: {sentence}{scanned}")
+    print_prose(f"{card['name']}: {sentence}{scanned}")
     if not in_full:
         return
     equation = card["equation"]
     source = card["source"]
     causes = ", ".join(card["usual_causes"])
     if causes:
-        click.echo(f"    usual causes  {causes}")
-    click.echo(f"    equation  {equation}")
-    click.echo(f"    source    {source}")
+        print_prose(f"    usual causes  {causes}")
+    print_prose(f"    equation  {equation}")
+    print_prose(f"    source    {source}")
     for term in card["terms"]:
         screws = ", ".join(term["screws"])
         symbol = f"{term['symbol']:8}"
         unit = term["unit"]
         expected = term["expected"]
-        click.echo(f"    {symbol} [{unit}]  {screws}{expected}")
+        print_prose(f"    {symbol} [{unit}]  {screws}{expected}")

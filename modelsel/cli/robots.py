@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from ..exceptions import count_words
-from ._options import dh_option, json_option, print_json, read_robot_option
+from ._options import dh_option, json_option, print_json, print_prose, read_robot_option
 
 
 @click.command("robots")
@@ -25,13 +25,13 @@ def robots_command(name: str | None, convention: str | None, as_json: bool) -> N
         return
     for card in cards:
         joints = count_words(card["joints"], "joint")
-        click.echo(
+        print_prose(
             f"{card['name']}: {joints}, links of {card['links_mm']:,.0f} mm in all. {card['source']}"
         )
         if name:
             for k, joint in enumerate(card["chain"], 1):
                 mass = "not known" if joint["mass_kg"] is None else f"{joint['mass_kg']:g} kg"
-                click.echo(
+                print_prose(
                     f"  joint {k} ({joint['kind']}), limits {joint['limits']}, mass {mass}; transform before it [mm]:"
                 )
                 for row in joint["transform_mm"]:

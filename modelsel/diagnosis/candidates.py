@@ -17,6 +17,7 @@ from itertools import chain
 
 import numpy as np
 
+from .._short_numbers import round_numbers
 from .._typing import Array
 from ..fitting.design import Model
 from ..fitting.problem import Problem
@@ -109,7 +110,7 @@ class Candidate:
         return f"{place} · {causes}"
 
     def causes(self, conjunction: str) -> str:
-        """Its causes in words, joined by a conjunction."""
+        """Its causes in words, joined by a conjunction, their long numbers rounded."""
         mechanism = self.mechanism
         if self.kind is CandidateKind.SHAPE:
             listed = ", ".join(sorted(mechanism.names()))
@@ -118,14 +119,16 @@ class Candidate:
             first, second = sorted(mechanism.names())
             return f"waves of {first} times waves of {second}"
         if self.kind in NAMED_IN_WORDS:
-            return mechanism.name.split(" ", 2)[2]
+            _, _, named = mechanism.name.split(" ", 2)
+            return round_numbers(named)
         if self.kind is CandidateKind.PERIOD:
             repeated = mechanism.terms[0].screws[0].cause
-            return f"pattern that repeats on {repeated}"
+            named = f"pattern that repeats on {repeated}"
+            return round_numbers(named)
         words: list[str] = []
         for term in mechanism.terms:
             for screw in term.screws:
-                cause = str(screw.cause)
+                cause = round_numbers(str(screw.cause))
                 if cause not in words:
                     words.append(cause)
         return conjunction.join(words)

@@ -18,9 +18,8 @@ from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..mechanisms.terms import Mechanism
 from .outliers import MATCH_THRESHOLD, estimate_scale
+from .simulation_counts import FAULT_DRAWS
 
-# random directions that say how often chance does as well
-DRAWS = 1999
 # largest p-value, and least posterior probability, at which a fault is reported
 MAX_P = 0.05
 MIN_PROBABILITY = 0.95
@@ -177,12 +176,12 @@ def _match(measured: Array, predicted: Array, near: float) -> tuple[Index, Mask]
 
 def _compute_chance(rows: _Outlying, rng: np.random.Generator) -> float:
     """Compute how often residuals of the same lengths in random directions fit as many rows."""
-    direction = rng.standard_normal((DRAWS, len(rows.index), 3))
+    direction = rng.standard_normal((FAULT_DRAWS, len(rows.index), 3))
     direction /= np.linalg.norm(direction, axis=2, keepdims=True)
     near, predicted = MATCH_THRESHOLD * rows.scale, rows.predicted
     drawn = predicted + direction * rows.size[:, None]
     matches = np.array([_match(one, predicted, near)[1].sum() for one in drawn])
-    return float((1 + (matches >= rows.fits.sum()).sum()) / (DRAWS + 1))
+    return float((1 + (matches >= rows.fits.sum()).sum()) / (FAULT_DRAWS + 1))
 
 
 def _generate_faults(problem: Problem, rows: _Outlying, p: float) -> Iterator[Fault]:

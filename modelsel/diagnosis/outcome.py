@@ -15,7 +15,7 @@ from .candidates import Candidate
 from .credible_sets import CredibleSet
 from .effects import DROPPED, Effect
 from .sentences import describe_effect
-from .stated_probability import format_chance
+from .stated_probability import write_chance
 from .weighed_models import WeighedModel
 
 
@@ -65,7 +65,7 @@ class Diagnosis:
         for effect in self.effects:
             sentence = describe_effect(effect)
             stem = sentence.rstrip(".")
-            findings.append(f"{stem}; p = {format_chance(effect.p)}.")
+            findings.append(f"{stem}; {write_chance(effect.p)}.")
         return tuple(findings)
 
     @property
@@ -94,5 +94,5 @@ class Diagnosis:
             numbered = f"  {k}. {sentence}"
             lines.append(numbered)
         if self.left is not None:
-            lines.append(f"  The strongest of what is left has p = {format_chance(self.left_p)}.")
+            lines.append(f"  The strongest of what is left has {write_chance(self.left_p)}.")
         return "\n".join(lines)

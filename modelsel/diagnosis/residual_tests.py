@@ -21,8 +21,7 @@ from .evidence import Chance
 from .scan import Scan
 from .screw_columns import split_range
 
-# sign draws of small and of large studies, and draws after which a clear answer may stop
-FLIP_DRAWS = (999, 185)
+# sign draws after which a clear answer may stop
 CHUNK = 37
 # rows whose units are given back what the fit took at a time
 PIECE = 4096

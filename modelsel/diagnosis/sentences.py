@@ -170,7 +170,7 @@ def _describe_free_function(terms: Sequence[Term], estimate: Array) -> str:
         return text
     named = []
     for count, amplitude in find_waves(terms, estimate):
-        shown = format_quantity(amplitude, None, "rad")
+        shown = format_quantity(amplitude, None, "rad", heights["rad"])
         named.append(f"{shown} in {count} waves a turn")
     if named:
         text += f", mostly {' and '.join(named)}"

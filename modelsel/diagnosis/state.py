@@ -29,18 +29,17 @@ from .joint_curves import collect_curves, find_better_curve, see_rest
 from .kept_causes import KeptCauses
 from .mechanism_families import Family, find_families
 from .options import DEFAULT_OPTIONS
-from .residual_tests import FLIP_DRAWS, adjust_residual, compute_flip_p, draw_flips, partition_rows
+from .residual_tests import adjust_residual, compute_flip_p, draw_flips, partition_rows
 from .scan import Response, Scan
 from .screening import build_scan_for
 from .signatures import read_signatures
+from .simulation_counts import FLIP_DRAWS, NULL_DRAWS
 from .views import View, Views, build_view
 
 # largest family-wise p-value of an effect
 LEVEL = 0.05
-# numbers in the candidates' columns from which a study is large, and null draws of small and of
-# large studies
+# numbers in the candidates' columns from which a study is large
 LARGE_STUDY = 3e6
-NULL_DRAWS = (999, 499)
 
 
 def extend_model(base: Model, chosen: Sequence[Candidate]) -> Model:

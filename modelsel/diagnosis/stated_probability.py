@@ -7,11 +7,18 @@ from collections.abc import Sequence
 from math import floor
 
 from .signatures import LEVELS, PROVEN
+from .simulation_counts import FAULT_DRAWS, FLIP_DRAWS
 
 # places of a probability that two would round up to PROVEN
 FINE = 1000
 # p above which nothing is found
 MAX_CHANCE = 0.05
+# p below which nobody reads the digits
+LEAST_CHANCE = 1e-4
+# share by which a p-value that was written may miss its bound
+ROUNDING = 1e-6
+# draws of which the least decides the p-value of a finding
+SEARCH_DRAWS = (*FLIP_DRAWS, FAULT_DRAWS)
 
 
 def format_probability(probability: float) -> str:
@@ -28,11 +35,38 @@ def format_probability(probability: float) -> str:
 
 def format_chance(p: float) -> str:
     """Return a p-value with two digits, with three where it is above MAX_CHANCE and two would say
-    that it is not."""
+    that it is not; of a tiny one that it is below LEAST_CHANCE."""
+    if p < LEAST_CHANCE:
+        return f"below {LEAST_CHANCE:.4f}"
     written = f"{p:.2g}"
     if p > MAX_CHANCE >= float(written):
         written = f"{p:.3g}"
     return written
+
+
+def is_bound(p: float, draws: Sequence[int] = SEARCH_DRAWS) -> bool:
+    """Return whether a p-value is the least that its simulation, of one of these numbers of draws, can
+    tell: 1 / (draws + 1), where no draw did as well."""
+    least = [1 / (count + 1) for count in draws]
+    return any(abs(p - one) < ROUNDING * one for one in least)
+
+
+def bound_chance(p: float) -> str:
+    """Return the p-value of a search within a sentence: "0.024", "at most 0.0054"."""
+    written = format_chance(p)
+    if is_bound(p):
+        return f"at most {written}"
+    return written
+
+
+def write_chance(p: float, draws: Sequence[int] = SEARCH_DRAWS) -> str:
+    """Return a simulated p-value in brackets: "p = 0.024", "p ≤ 0.005", "p < 0.0001"."""
+    if p < LEAST_CHANCE:
+        return f"p < {LEAST_CHANCE:.4f}"
+    written = format_chance(p)
+    if is_bound(p, draws):
+        return f"p ≤ {written}"
+    return f"p = {written}"
 
 
 def find_stated_level(levels: Sequence[float]) -> int:

@@ -23,15 +23,14 @@ from .evidence import RATIOS
 from .outcome import Diagnosis
 from .residual_tests import GROUP_LEVEL, compute_group_p
 from .sentences import format_angle, format_length
+from .simulation_counts import REST_FLIPS
 from .state import LEVEL
-from .stated_probability import format_chance, format_probability
+from .stated_probability import format_chance, format_probability, write_chance
 
 # length scales of the kernel, in units of the sines and cosines of all joints' angles together
 LENGTHS = (0.3, 0.6, 1.2, 2.4)
 # noise variance over signal variance
 NOISE_RATIOS = (0.3, 1.0, 3.0, 10.0)
-# sign draws
-FLIPS = 199
 # configurations that are needed, and that are used at most: more are thinned evenly
 MIN_CONFIGURATIONS = 20
 MAX_CONFIGURATIONS = 800
@@ -84,12 +83,12 @@ def estimate_predictability(
     unit = np.arange(len(y))
     if compute_group_p(data, residual, rng) <= GROUP_LEVEL:
         unit = np.unique(data.group[rows], return_inverse=True)[1]
-    flips = rng.choice([-1.0, 1.0], (FLIPS, int(unit.max()) + 1))[:, unit]
+    flips = rng.choice([-1.0, 1.0], (REST_FLIPS, int(unit.max()) + 1))[:, unit]
     flipped = (flips[:, :, None] * y).transpose(1, 0, 2)
     responses = np.concatenate([y[:, None], flipped], axis=1)
     explained = _compute_explained(_compute_distances(data.q[rows], prismatic), responses)
     as_large = (explained[1:] >= explained[0]).sum()
-    return Predictable(float(explained[0]), float((1 + as_large) / (FLIPS + 1)))
+    return Predictable(float(explained[0]), float((1 + as_large) / (REST_FLIPS + 1)))
 
 
 def _thin(count: int) -> Index:
@@ -292,7 +291,7 @@ def _describe_stop(diagnosis: Diagnosis) -> str:
     if count:
         stopped = f"The search stopped after {count_words(count, 'effect')}"
     return (
-        f"{stopped}, but something systematic may be left (p = {format_chance(diagnosis.left_p)}). It looks "
+        f"{stopped}, but something systematic may be left ({write_chance(diagnosis.left_p)}). It looks "
         f"most like {first.candidate.label} (probability {format_probability(first.probability)})."
     )
 

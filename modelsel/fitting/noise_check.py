@@ -112,14 +112,14 @@ def describe_lack(
 ) -> str:
     """Put the comparison in words: `what` is stated to be `floor`, and `left` is left [`scale`, of one
     coordinate]."""
-    times = f"1/{write_rounded(found.factor)} of"
+    times = f"{write_rounded(found.factor)} times smaller than"
     if found.factor < 1:
-        times = f"{write_rounded(1 / found.factor)} times"
+        times = f"{write_rounded(1 / found.factor)} times as large as"
     stated = f"{floor:.6g} {scale}"
     remaining = f"{write_rounded(left)} {scale}"
     squares = [write_rounded(factor**2) for factor in (found.factor, found.low, found.high)]
     return (
         f"{what}: the standard uncertainty of one coordinate is stated as {stated}, {times} what {model} "
         f"({remaining}; chi-square over its degrees of freedom {squares[0]}, where {squares[1]} to "
-        f"{squares[2]} holds 99.9 % of chance)."
+        f"{squares[2]} would be chance in 99.9 % of cases)."
     )

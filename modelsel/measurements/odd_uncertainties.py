@@ -53,7 +53,7 @@ def _find_odd(median: Array, names: tuple[str, ...], unit: str) -> list[Note]:
 
 def _describe(name: str, own: float, typical: float, ratio: float, unit: str) -> Note:
     factor = write_rounded(max(ratio, 1 / ratio), 2)
-    much = f"{factor} times" if ratio > 1 else f"1/{factor} of"
+    much = f"{factor} times larger than" if ratio > 1 else f"{factor} times smaller than"
     likely = [
         f"Most likely they are in {other}. "
         for times, other in UNITS[unit].items()

@@ -131,9 +131,10 @@ def encoder_scale(robot: Robot, joint: int) -> Mechanism:
     return Mechanism(
         f"encoder-scale:{joint}",
         (Term(f"s{joint}", screws, SCALE),),
-        f"{_begin(robot, joint)} moves more (or less) than its reading says, in proportion.",
+        f"{_begin(robot, joint)} moves more than its reading says, in proportion.",
         f"θ{joint} = (1 + s) {reading}",
         "Whitney, Lozinski & Rourke 1986",
+        f"{_begin(robot, joint)} moves less than its reading says, in proportion.",
         usual_causes=(
             "gear ratio or encoder count in the controller",
             "slipping belt",

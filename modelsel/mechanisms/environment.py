@@ -271,9 +271,10 @@ def tracker_scale(robot: Robot) -> Mechanism:
                 (1e-7, 2e-3),
             ),
         ),
-        "Measured lengths are too long or too short in proportion.",
+        "Measured lengths are too long in proportion.",
         "x = (1 + σ) x",
         "ISO 10360-10, laser trackers: scale",
+        "Measured lengths are too short in proportion.",
         usual_causes=(
             "instrument's scale",
             "air temperature and pressure given to it",

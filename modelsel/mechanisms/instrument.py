@@ -62,9 +62,10 @@ def tracker_range(robot: Robot) -> Mechanism:
     return Mechanism(
         "tracker-range",
         (Term("ρ0", _shift(robot, "beam"), (1e-3, 20.0)),),
-        "Distances from the instrument are too long or too short by the same amount everywhere.",
+        "Distances from the instrument are too long by the same amount everywhere.",
         "x = x + ρ0 · direction of the beam",
         "ISO 10360-10, laser trackers: distances; offset of the reflector",
+        "Distances from the instrument are too short by the same amount everywhere.",
         usual_causes=(
             "offset of another reflector given to the instrument",
             "zero of its distance meter",

@@ -191,7 +191,8 @@ def _write_finding(campaign: Campaign, k: int) -> str:
     parts = [f"<b>{escape(drawn.label)}</b>", write_paragraph(drawn.what)]
     figures = []
     if finding.worst is not None and not finding.only_turns:
-        figures.append(f"at most {_format(finding.worst.mm)} mm")
+        beyond = ", beyond the measured joint readings" if finding.worst.mark else ""
+        figures.append(f"at most {_format(finding.worst.mm)} mm{beyond}")
     if finding.told_turning is not None:
         figures.append(
             f"at most {_format(finding.told_turning.mrad)} mrad of the target's orientation"
@@ -212,7 +213,7 @@ def _write_parameters(comparison: Comparison) -> str:
     explained, tested = comparison.explained_by, comparison.changes
     parts = [_tabulate_explained(explained)] if explained else []
     if not explained and not comparison.target_motions:
-        parts.append(write_paragraph("No few parameters explain a change beyond chance."))
+        parts.append(write_paragraph("No small set of parameters explains a change beyond chance."))
     if tested:
         parameters = count_words(len(tested), "parameter")
         words = f"{parameters} tested one by one, {len(comparison.moved)} beyond chance"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
@@ -17,6 +18,10 @@ from ..results.schema import StudyRecord
 Block = dict[str, Any]
 # kinds of blocks that words may introduce
 SHOWN = ("table", "figure", "beside")
+# a hyphen that stands for a minus: before a number, after a blank
+HYPHEN = re.compile(r"(?<=\s)-(?=\d)")
+# letters of a cell that is not broken
+MAX_WHOLE = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +60,14 @@ def make_heading(text: str, level: int = 1, opens: bool = False) -> Block:
     return {"kind": "heading", "text": text, "level": level, "opens": opens}
 
 
+def use_minus(words: str) -> str:
+    """Return words in which numbers have a true minus sign, as in the tables; formulas stay."""
+    return HYPHEN.sub("−", words)
+
+
 def make_text(words: str, style: str = "body", keep: bool = False) -> Block:
     """Return a paragraph; style body, quiet or lead; kept on one page with what follows if told so."""
-    return {"kind": "text", "text": words, "style": style, "keep": keep}
+    return {"kind": "text", "text": use_minus(words), "style": style, "keep": keep}
 
 
 def make_table(
@@ -77,6 +87,13 @@ def make_table(
     }
 
 
+def share_room(texts: Sequence[str], share: float) -> float:
+    """Return the relative width of a table's column: its share of the room where a text is long enough to be
+    broken, else 0, as narrow as the text."""
+    longest = max(map(len, texts), default=0)
+    return share if longest > MAX_WHOLE else 0.0
+
+
 def put_beside(left: Sequence[Block], right: Sequence[Block], right_mm: float = 80.0) -> Block:
     """Return blocks in two columns, on one page."""
     return {"kind": "beside", "left": list(left), "right": list(right), "right_mm": right_mm}
@@ -94,7 +111,7 @@ def walk_blocks(blocks: Sequence[Block]) -> Iterator[Block]:
 
 def make_list(items: Sequence[str]) -> Block:
     """Return a list of sentences."""
-    return {"kind": "points", "items": list(items)}
+    return {"kind": "points", "items": list(map(use_minus, items))}
 
 
 Page = Callable[[Source], list[Block]]

@@ -33,7 +33,7 @@ from .html_parts import write_paragraph
 from .notes_section import write_certainty_section, write_notes_section
 from .pages.appendix import list_provenance
 from .pages.findings import describe_advice, describe_proof
-from .pages.front import WORTH, list_campaign
+from .pages.front import WORTH, list_campaign, write_legend
 from .pages.parameter_uncertainty import CERTAINTY_TITLE
 from .parameters_section import write_parameters
 
@@ -68,6 +68,7 @@ def write_page(source: Source) -> bytes:
         repeatability=write_error_parts(record.repeatability),
         parameters=parameters,
         certainty=certainty,
+        legend=_write_legend(source.details),
         notes=write_notes_section(source),
         sections=_link_sections(absent),
         setup=_write_setup(record.registration),
@@ -84,6 +85,15 @@ def _write_campaign(details: DetailsRecord) -> str:
     """Write what the study file says of the campaign; nothing where it says nothing."""
     said = list_campaign(details)
     return write_paragraph(" · ".join(said), "quiet") if said else ""
+
+
+def _write_legend(details: DetailsRecord) -> str:
+    """Write what the findings' names mean; nothing where they are all registered."""
+    legend = write_legend(details)
+    if not legend:
+        return ""
+    words = f"Names: {legend}"
+    return write_paragraph(words, "quiet")
 
 
 def _link_sections(absent: set[str]) -> str:

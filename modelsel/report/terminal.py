@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from ..diagnosis.name_legend import explain_names
 from ..exceptions import count_words, number_repeated, sentence_list, write_numbered
 from ..measurements.row_places import where_from_record
 from ..notices import ALARMS
@@ -119,6 +120,7 @@ def _detail_sentences(record: StudyRecord, details: DetailsRecord) -> list[str]:
     sentences = [
         _describe_models(record),
         *write_finding_lines(record),
+        *_legend_sentences(details),
         *write_repeatability_lines(record.repeatability),
         record.nothing_else.sentence,
         describe_predictable(record),
@@ -130,6 +132,13 @@ def _detail_sentences(record: StudyRecord, details: DetailsRecord) -> list[str]:
         *_correlation_sentences(record),
     ]
     return [sentence for sentence in sentences if sentence]
+
+
+def _legend_sentences(details: DetailsRecord) -> list[str]:
+    """Return what the findings' names mean that no registry lists, a line each."""
+    labels = [drawn.label for drawn in details.findings]
+    lines = explain_names(labels, len(details.joints))
+    return ["Names:", *(f"    {line}" for line in lines)] if lines else []
 
 
 def _describe_models(record: StudyRecord) -> str:

@@ -3,17 +3,20 @@ models' errors, and where the rest is told."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import NamedTuple
+
 from ..diagnosis.signatures import PROVEN
 from ..diagnosis.stated_probability import format_probability
 from ..exceptions import choice_list, sentence_list
 from ..measurements.row_places import where_from_record
 from ..notices import ALARMS
 from ..results.details_schema import DetailsRecord, FindingDetailsRecord
-from ..results.finding_schema import FindingRecord
+from ..results.finding_schema import BEYOND, BEYOND_WORDS, FindingRecord
 from ..results.quantities import format_figure
 from ..results.repeatability import summarise_repeatability
 from ..results.schema import StudyRecord
-from ..results.small_findings import split_findings, write_sum
+from ..results.small_findings import find_named, split_findings, write_sum
 from ..results.study_sentences import (
     describe_name_probability,
     describe_outliers,
@@ -41,7 +44,7 @@ UNCONVERGED = "unconverged"
 
 def summarise_study(record: StudyRecord, details: DetailsRecord, width: int) -> list[str]:
     """Write what follows the verdict: the findings in their order, the models' errors,
-    and what does not repeat. Of more findings than a screen holds, it says how many are left out."""
+    and what does not repeat. Of more findings than a screen holds, the last are told in short."""
     verdict = sum(len(fold_text(sentence, width)) for sentence in opening_sentences(record))
     room = MAX_LINES - OTHER_LINES - verdict
     rest = [line for one in _list_remarks(record, details) for line in fold_text(one, width)]
@@ -65,37 +68,103 @@ def write_closing(record: StudyRecord, width: int) -> list[str]:
 def _write_findings(
     record: StudyRecord, details: DetailsRecord, width: int, room: int
 ) -> list[str]:
+    """Write the findings that are told one by one: the last ones in short where a screen has no room
+    for all, and the last of those that the verdict does not name not at all."""
     told, grouped = split_findings(record.findings, record.small_findings)
     if not told:
         return []
-    lines = fold_text("Findings, and the most that each moves the target [mm]:", width)
-    count = 0
-    for k in told:
-        finding = _write_finding(record.findings[k], details.findings[k], width)
-        if count and len(lines) + len(finding) > room:
-            break
-        lines += finding
-        count += 1
-    left_out = len(told) - count
-    if left_out:
-        lines.append(f"{'…':>{SIZE_WIDTH}}  {left_out} more, which --verbose shows")
+    head = fold_text("Findings, and the most that each moves the target [mm]:", width)
+    last = []
+    if any(_is_beyond(record.findings[k]) for k in told):
+        last += fold_text(BEYOND_WORDS, width, HANGING)
     if grouped and record.small_findings is not None:
-        lines += fold_text(write_sum(record.small_findings), width)
-    return lines
+        last += fold_text(write_sum(record.small_findings), width)
+    labels = [drawn.label for drawn in details.findings]
+    named = find_named(record.verdict, labels)
+    written = {}
+    for k in told:
+        finding, drawn = record.findings[k], details.findings[k]
+        whole = _write_finding(finding, drawn, width)
+        short = _write_short(finding, drawn, width)
+        written[k] = _Written(whole, min(short, whole, key=len))
+    lines = _fit_findings(written, named, room - len(head) - len(last))
+    return [*head, *lines, *last]
+
+
+class _Written(NamedTuple):
+    """The lines of a finding: all, and the fewest that name it."""
+
+    whole: list[str]
+    short: list[str]
+
+
+def _fit_findings(written: Mapping[int, _Written], named: set[int], room: int) -> list[str]:
+    """Return the lines of findings: in short from the last one on until they fit, then without the
+    last ones that are not named, of which the first stays."""
+    lines = {k: one.whole for k, one in written.items()}
+    first, *others = written
+    backwards = [*reversed(others), first]
+    for k in backwards:
+        if _count_lines(lines) <= room:
+            break
+        lines[k] = written[k].short
+    dropped = 0
+    for k in backwards:
+        # the line that counts those left out needs room, too
+        if _count_lines(lines) + bool(dropped) <= room:
+            break
+        if k not in named and k != first:
+            del lines[k]
+            dropped += 1
+    listed = [line for one in lines.values() for line in one]
+    if dropped:
+        listed.append(f"{'…':>{SIZE_WIDTH}}  {dropped} more, which --verbose shows")
+    return listed
+
+
+def _count_lines(lines: Mapping[int, list[str]]) -> int:
+    return sum(map(len, lines.values()))
+
+
+def _is_beyond(finding: FindingRecord) -> bool:
+    """Return whether a figure of a finding is told with a mark."""
+    return BEYOND in _write_size(finding) + _write_turning(finding)
+
+
+def _write_size(finding: FindingRecord) -> str:
+    """Write how far a finding moves the target, with its mark; a dash where it does not."""
+    worst = finding.worst
+    if worst is None or finding.only_turns:
+        return f"{'–':>{SIZE_WIDTH}} "
+    return f"{format_figure(worst.mm):>{SIZE_WIDTH}}{worst.mark or ' '}"
+
+
+def _write_turning(finding: FindingRecord) -> str:
+    """Write how far a finding turns the target, where that is told."""
+    turning = finding.told_turning
+    if turning is None:
+        return ""
+    return f"turns the target by at most {format_figure(turning.mrad)} mrad{turning.mark}; "
 
 
 def _write_finding(finding: FindingRecord, drawn: FindingDetailsRecord, width: int) -> list[str]:
     """Write a finding: how much it moves, what it says as far as it is proven, and its standing."""
-    worst = finding.worst
-    if finding.first.is_fault and worst is None:
-        return fold_text(f"{'–':>{SIZE_WIDTH}}  {finding.sentence}", width, hanging=HANGING)
-    size = "–" if worst is None or finding.only_turns else format_figure(worst.mm)
-    lines = fold_text(f"{size:>{SIZE_WIDTH}}  {drawn.what}", width, hanging=HANGING)
+    size = _write_size(finding)
+    if finding.first.is_fault and finding.worst is None:
+        return fold_text(f"{size} {finding.sentence}", width, hanging=HANGING)
+    lines = fold_text(f"{size} {drawn.what}", width, hanging=HANGING)
     standing = _describe_standing(finding, drawn.label)
-    if finding.told_turning is not None:
-        turned = format_figure(finding.told_turning.mrad)
-        standing = f"turns the target by at most {turned} mrad; {standing}"
-    return lines + fold_text(standing, width, HANGING)
+    return lines + fold_text(_write_turning(finding) + standing, width, HANGING)
+
+
+def _write_short(finding: FindingRecord, drawn: FindingDetailsRecord, width: int) -> list[str]:
+    """Write a finding in short: how much it moves, its name and how probable that is."""
+    turning = _write_turning(finding)
+    probability = describe_probability(finding)
+    words = f"{drawn.label}, {turning}probability {probability}"
+    words += "" if finding.is_found else ", with rivals"
+    words += ", doubtful" if finding.doubtful else ""
+    return fold_text(f"{_write_size(finding)} {words}", width, hanging=HANGING)
 
 
 def _describe_standing(finding: FindingRecord, label: str) -> str:

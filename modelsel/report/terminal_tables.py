@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._short_numbers import round_numbers
 from .._typing import Array
 from ..exceptions import write_rounded
 from ..results.model_schema import SignificanceRecord
@@ -24,7 +25,6 @@ from ..results.study_sentences import (
     format_share,
     format_weight,
     list_errors,
-    round_numbers,
 )
 from ..results.tables import label_ladder
 from .text_tables import Row, Span, fold_text, write_table
@@ -137,7 +137,8 @@ def _show_map(whole: ErrorMapRecord, console: Console) -> None:
     from rich.text import Text
 
     f, p = np.array(whole.f, dtype=float), np.array(whole.p_family_wise, dtype=float)
-    columns = _strongest_columns(f)
+    fitting = (console.width - PLACE_WIDTH) // CELL_WIDTH
+    columns = _strongest_columns(f, max(min(MAX_MAP_COLUMNS, fitting), 1))
     title = (
         f"Error map: F of each place and cause alone, beyond the base, for the {len(columns)} strongest causes "
         "(· < 3, ░ < 10, ▒ < 30, ▓ < 100, █; blank: not scanned; bold: p < 0.05 over the whole map)"
@@ -168,11 +169,11 @@ def _explain_letters(causes: Sequence[str], width: int) -> list[str]:
     ]
 
 
-def _strongest_columns(f: Array) -> list[int]:
-    """Return the causes whose best cell stands out most, in the map's order."""
+def _strongest_columns(f: Array, most: int) -> list[int]:
+    """Return at most so many causes whose best cell stands out most, in the map's order."""
     best = np.where(np.isnan(f), 0.0, f).max(axis=0)
     order = np.argsort(-best, kind="stable")
-    strongest: list[int] = order[:MAX_MAP_COLUMNS].tolist()
+    strongest: list[int] = order[:most].tolist()
     return sorted(strongest)
 
 

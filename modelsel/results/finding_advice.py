@@ -51,7 +51,7 @@ class Advice(NamedTuple):
 _ANGLE = (MODEL, "correct it over the angle of {joint}; that holds until the joint is taken apart")
 _LOAD = (
     MODEL,
-    "the pose tells it, under the load that was measured; for other loads, record payload_kg and measure again",
+    "the joint angles alone predict it, under the load that was measured; for other loads, record payload_kg and measure again",
 )
 _WARM = (MODEL, "with the temperature measured along, or calibrate and work at one temperature")
 _INSTRUMENT = (
@@ -103,7 +103,7 @@ BY_STEM = {
     "base-rocking": (ADJUST, "hold the base fast on what it stands on, and measure again"),
     "backlash": (
         ADJUST,
-        "take up the play of {joint} if it can be; until then the model follows it by the pose",
+        "take up the play of {joint} if it can be; until then the model predicts it from the joint angles",
     ),
     "approach-backlash": _PLAY,
     "overshoot": _STILL,
@@ -145,12 +145,12 @@ _RIVALS = (
 )
 _UNNAMED = (
     MODEL,
-    "no registered mechanism describes it; the model corrects it, what moves has to be looked at",
+    "no registered mechanism describes it; the model corrects it, but have a look at what moves",
 )
-_OF_A_PLUGIN = (MODEL, "the model corrects it, what moves has to be looked at")
+_OF_A_PLUGIN = (MODEL, "the model corrects it, but have a look at what moves")
 _CONTRARY = (
     MODEL,
-    "the pose says it, so the model corrects it; no play or spring of {joint} explains it",
+    "the joint angles predict it, so the model corrects it; no play or spring of {joint} explains it",
 )
 _CAUSE_OPEN = (
     MODEL,

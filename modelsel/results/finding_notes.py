@@ -76,8 +76,8 @@ def surprise_notes(split: Split, chosen: Evaluation) -> tuple[Note, ...]:
     sentence = (
         f"The held-out configurations err by {found} rms where cross-validation within the "
         f"estimation configurations promises {promised} (by chance with probability "
-        f"{p:.1g}): something acts there that the estimation configurations do not show. Neither the findings nor "
-        "their absence speak of it: let some such configurations fit the models, too."
+        f"{format_chance(p)}): something acts there that the estimation configurations do not show. The findings say nothing "
+        "about it: let some such configurations fit the models, too."
     )
     return (Note("held-out-surprise", sentence),)
 

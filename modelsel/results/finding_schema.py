@@ -13,6 +13,9 @@ from ..selection.gain import Change, Gain, OrientationGain
 from .record_types import Axis, Figure, Texts
 
 FAULT = "fault:"  # begins the name of a data fault
+# marks a figure of joint readings that were not measured, and what it says
+BEYOND = "*"
+BEYOND_WORDS = "* there a joint stands beyond its measured range"
 
 
 class ScrewRecord(StrictRecord):
@@ -145,6 +148,11 @@ class WorstRecord(StrictRecord):
     unmeasured_joints: list[Whole]
     text: Text
 
+    @property
+    def mark(self) -> str:
+        """What marks a figure that is of joint readings beyond the measured ones."""
+        return BEYOND if self.unmeasured_joints else ""
+
 
 class TurningRecord(StrictRecord):
     """How far a finding turns the target, and the configuration at which it turns it most."""
@@ -157,6 +165,11 @@ class TurningRecord(StrictRecord):
     unmeasured_joints: list[Whole]
     text: Text
     prevails: bool
+
+    @property
+    def mark(self) -> str:
+        """What marks a figure that is of joint readings beyond the measured ones."""
+        return BEYOND if self.unmeasured_joints else ""
 
 
 class SmallFindingsRecord(StrictRecord):

@@ -50,8 +50,9 @@ def measure_axes(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
 
 
 def measure_range(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
-    """Measure by how much every distance is too long."""
-    yield express("every distance too long by", fitted.range_of(np.ones(1)), "mm")
+    """Measure by how much every distance is too long, or too short."""
+    side = "short" if fitted.estimate[0] < 0 else "long"
+    yield express(f"every distance too {side} by", fitted.range_of(np.ones(1)), "mm")
 
 
 def measure_errors(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:

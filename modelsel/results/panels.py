@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -21,12 +21,12 @@ from ..diagnosis.distinct_places import Place
 from ..diagnosis.sentences import label_effect
 from ..fitting.design import PLACE, compute_columns
 from ..fitting.problem import Problem
-from ..mechanisms.causes import Applied, Bump, Cause, Named, find_bump
+from ..mechanisms.causes import Cause, find_bump
 from ..mechanisms.terms import Term
-from ..mechanisms.waves import find_common_wave, read_wave
 from .covariate_panel import draw_covariate, find_covariate
 from .finding_records import Finding
 from .map_details import MIN_DISPLACEMENT
+from .panel_abscissae import Abscissa, choose_abscissa
 from .panel_points import CURVE_POINTS, PanelPoints, select_points
 from .study_run import StudyRun
 
@@ -36,44 +36,10 @@ MAX_PANELS = 3
 MIN_LEVER = 0.2
 # share of the largest displacement: rows with less show noise, no effect
 MIN_EFFECT = 0.02
-# waves per turn from which they are folded onto one
-MIN_FOLDED_WAVES = 3
 # of a displacement or a lever that may be zero
 TINY = 1e-9
 
-Kind = Literal["line", "wave", "step", "free"]
 Values = dict[str, Any]
-
-
-@dataclass(frozen=True)
-class _Line:
-    """Values along one axis: enough of a state for a cause of one name."""
-
-    name: str
-    values: Array
-
-    def value(self, name: str) -> Array:
-        """Return the values, whatever the name."""
-        return self.values
-
-
-@dataclass(frozen=True)
-class _Abscissa:
-    """What causes are drawn against, in which manner, and how many waves they make per turn of it."""
-
-    variable: Cause
-    kind: Kind
-    waves: float = 1.0
-
-    @property
-    def is_angle(self) -> bool:
-        """Whether it is drawn in degrees."""
-        return self.variable.unit == "rad"
-
-    @property
-    def is_folded(self) -> bool:
-        """Whether all waves of a turn are laid over each other."""
-        return self.waves >= MIN_FOLDED_WAVES and self.is_angle
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,33 +47,17 @@ class _Group:
     """Coefficients and causes of one finding that act at the same places and are drawn against one variable."""
 
     places: tuple[Place, ...]
-    abscissa: _Abscissa
+    abscissa: Abscissa
     parts: tuple[tuple[float, Cause], ...]
 
     def evaluate(self, x: Array) -> Array:
         """Return the fitted twist where the variable is x."""
         twist = np.zeros(len(x))
         for coefficient, cause in self.parts:
-            values = self._cause_along(cause, x)
+            values = self.abscissa.evaluate(cause, x)
             part = coefficient * values
             twist = twist + part
         return twist
-
-    def _cause_along(self, cause: Cause, x: Array) -> Array:
-        variable = self.abscissa.variable
-        if self.abscissa.kind == "line":
-            return x
-        wave = read_wave(cause)
-        if self.abscissa.kind == "wave" and wave is not None:
-            return wave.evaluate(x)
-        if self.abscissa.kind == "step" and isinstance(cause, Applied):
-            return np.sign(x)
-        if isinstance(variable, Named):
-            line = _Line(variable.name, x)
-            values = cause.of(line)
-            return np.asarray(values)
-        count = len(x)
-        return np.zeros(count)
 
 
 def describe_panels(run: StudyRun, problem: Problem, field: Array, rows: Index) -> list[Values]:
@@ -169,32 +119,15 @@ def _group_terms(terms: Sequence[Term], estimate: Array, units: Mapping[str, str
         return []
     places = [tuple((screw.frame, screw.axis) for screw in term.screws) for term in terms]
     causes = [term.screws[0].cause for term in terms]
-    parts: dict[tuple[tuple[Place, ...], _Abscissa], list[tuple[float, Cause]]] = {}
+    parts: dict[tuple[tuple[Place, ...], Abscissa], list[tuple[float, Cause]]] = {}
     siblings: dict[tuple[Place, ...], list[Cause]] = {}
     for place, cause in zip(places, causes, strict=True):
         siblings.setdefault(place, []).append(cause)
     for place, cause, coefficient in zip(places, causes, estimate, strict=True):
-        abscissa = _choose_abscissa(cause, siblings[place], units)
+        abscissa = choose_abscissa(cause, siblings[place], units)
         same = parts.setdefault((place, abscissa), [])
         same.append((float(coefficient), cause))
     return [_Group(place, abscissa, tuple(each)) for (place, abscissa), each in parts.items()]
-
-
-def _choose_abscissa(
-    cause: Cause, siblings: Sequence[Cause], units: Mapping[str, str]
-) -> _Abscissa:
-    """Return what to draw a cause against: a wave against its angle, a sign against its argument."""
-    if isinstance(cause, Bump):
-        unit = units.get(cause.name, "1")
-        return _Abscissa(Named(cause.name, unit), "free")
-    if isinstance(cause, Applied) and cause.function == "sign":
-        return _Abscissa(cause.argument, "step")
-    for sibling in siblings:
-        wave = find_common_wave((cause, sibling))
-        if wave is not None:
-            angle, count = wave
-            return _Abscissa(angle, "wave", count)
-    return _Abscissa(cause, "line")
 
 
 def _draw_group(
@@ -220,7 +153,8 @@ def _draw_group(
     return size, {
         "frames": [frame for frame, _ in group.places],
         "axis": first_axis,
-        **_describe_abscissa(abscissa),
+        "against": abscissa.words,
+        "against_unit": abscissa.unit,
         "unit": "rad" if first_axis[0] == "r" else "mm",
         "kind": abscissa.kind,
         **points.describe(),
@@ -240,7 +174,7 @@ def _observed_part(moved: Array) -> slice:
 def _place_points(
     group: _Group, x: Array, before: Array, after: Array, weight: Array
 ) -> PanelPoints:
-    """Return the points and the fitted curve, folded where waves are, in degrees where the variable is an angle."""
+    """Return the points and the fitted curve, folded where waves are, in the unit that is drawn."""
     abscissa = group.abscissa
     if abscissa.is_folded:
         turn = 2 * np.pi
@@ -250,9 +184,9 @@ def _place_points(
     else:
         grid = _grid(x)
         curve = group.evaluate(grid)
-    if abscissa.is_angle:
-        x = np.degrees(x)
-        grid = np.degrees(grid)
+    scale = abscissa.scale
+    x = scale * x
+    grid = scale * grid
     return PanelPoints(x, before, after, weight, grid, curve)
 
 
@@ -261,16 +195,6 @@ def _grid(x: Array) -> Array:
     if np.ptp(x) > 0:
         return np.linspace(x.min(), x.max(), CURVE_POINTS)
     return np.array([x[0], x[0] + 1.0])
-
-
-def _describe_abscissa(abscissa: _Abscissa) -> Values:
-    against = str(abscissa.variable)
-    if abscissa.is_folded:
-        against = f"{abscissa.waves:g}*{against}, folded"
-    unit = abscissa.variable.unit
-    if abscissa.is_angle:
-        unit = "deg"
-    return {"against": against, "against_unit": unit}
 
 
 def _draw_displacement(

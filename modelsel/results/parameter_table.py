@@ -8,11 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import floor, log10
 
+from .._short_numbers import round_numbers
+from ..calibration.mechanism_changes import GEOMETRY_NAMES
 from ..diagnosis.sentences import choose_prefix
 from .details_schema import DetailsRecord, MeaningRecord
 from .model_schema import ParameterRecord
 from .schema import StudyRecord
-from .study_sentences import format_mm, format_p, round_numbers
+from .study_sentences import format_mm, format_p
 
 # of the expanded uncertainty, U = k u
 COVERAGE = 2.0
@@ -96,6 +98,24 @@ def shorten_symbols(symbols: Sequence[str]) -> list[str]:
         own = _tell_apart(symbol, symbols) if is_shared else _cut_symbol(short)
         shortened.append(own)
     return shortened
+
+
+def number_owners(symbols: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return symbols with the numbers of their mechanisms in place of the names, "m (1)", and the
+    mechanisms in their order; those of the geometry stay bare."""
+    labels = []
+    owners: list[str] = []
+    for symbol in symbols:
+        bare, _, owner = symbol.partition(" of ")
+        is_symbol = bool(owner) and " " not in bare
+        label = bare if is_symbol else symbol
+        if is_symbol and owner not in GEOMETRY_NAMES:
+            if owner not in owners:
+                owners.append(owner)
+            number = owners.index(owner) + 1
+            label = f"{bare} ({number})"
+        labels.append(label)
+    return labels, owners
 
 
 def _tell_apart(symbol: str, symbols: Sequence[str]) -> str:

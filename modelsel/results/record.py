@@ -9,6 +9,7 @@ from typing import Any
 
 from .._json import to_plain
 from .._records import parse_record
+from .._short_numbers import round_numbers
 from ..diagnosis.candidates import Candidate
 from ..diagnosis.claim_sentences import is_settled, list_likelier
 from ..diagnosis.effects import Effect
@@ -154,7 +155,8 @@ def _name_apart(candidates: Sequence[Candidate]) -> dict[Mechanism, str]:
         label = one.label
         names[one.mechanism] = label
         if shared[label] > 1 and one.screws:
-            names[one.mechanism] = f"{label}, {one.mechanism.terms[0].screws[0].cause}"
+            cause = one.mechanism.terms[0].screws[0].cause
+            names[one.mechanism] = f"{label}, {round_numbers(str(cause))}"
     return names
 
 

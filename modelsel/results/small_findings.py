@@ -54,3 +54,22 @@ def split_findings(
     if small is None or len(rest) < MIN_GROUPED:
         return sorted([*main, *rest]), []
     return main, rest
+
+
+def find_named(verdict: Sequence[str], labels: Sequence[str]) -> set[int]:
+    """Find the places of the findings, given by their labels, that a verdict names; of those with one
+    label the first."""
+    told = " ".join(verdict)
+    first: dict[str, int] = {}
+    for place, label in enumerate(labels):
+        first.setdefault(label, place)
+    return {place for label, place in first.items() if label in told}
+
+
+def choose_shown(told: Sequence[int], named: set[int], most: int) -> list[int]:
+    """Choose the places of findings that a table of `most` rows has, in their order: those that the
+    verdict names are never left out."""
+    kept = [place for place in told if place in named]
+    others = [place for place in told if place not in named]
+    room = max(most - len(kept), 0)
+    return sorted([*kept, *others[:room]])

@@ -3,18 +3,19 @@ figures in them."""
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Sequence
 from math import copysign
 
+from .._short_numbers import round_numbers
 from ..diagnosis.signatures import PROVEN
+from ..diagnosis.simulation_counts import REST_FLIPS
 from ..diagnosis.stated_probability import (
     describe_level_probability,
     find_named_level,
-    format_chance,
     format_probability,
     scale_listed,
+    write_chance,
 )
 from ..exceptions import write_percent, write_rounded
 from ..measurements.row_places import Where
@@ -43,7 +44,6 @@ MAX_PREDICTABLE_P = 0.05
 MIN_PREDICTABLE_SHARE = 0.01
 # the smallest p that drawn signs can tell: below it, p is a bound
 SMALLEST_P = 0.001
-LONG_NUMBER = re.compile(r"\d+\.\d{4,}")
 # mm from which three decimals are more than anyone reads
 LARGEST_FINE_MM = 9.9995
 SMALLEST_GAIN_MM = 1e-4  # mm; a smaller gain is told as this
@@ -193,11 +193,6 @@ def describe_noise_floor(record: StudyRecord) -> str:
 # -------------------------------------------------------------------------------------------------------------------
 
 
-def round_numbers(cause: str) -> str:
-    """Return a cause with its long numbers rounded to four digits, for people to read."""
-    return LONG_NUMBER.sub(lambda match: f"{float(match[0]):.4g}", cause)
-
-
 def label_entries(entries: Sequence[EntryRecord]) -> list[str]:
     """Return the names of a credible set; where one stands there more than once, with the cause that tells them
     apart."""
@@ -309,7 +304,7 @@ def describe_predictable(record: StudyRecord) -> str:
     predictable = record.nothing_else.predictable
     if predictable is None:
         return ""
-    chance = f"(p = {format_chance(predictable.p)})"
+    chance = f"({write_chance(predictable.p, [REST_FLIPS])})"
     if has_predictable_rest(record):
         return (
             f"Some smooth function of the configuration would still predict {write_percent(predictable.share)} of what is left "

@@ -42,6 +42,8 @@ PLAYS = ("backlash", "approach-backlash", "overshoot")
 SIDES = "difference between the two directions"
 # K over which thermal effects are told; rad and mm over which slopes are
 RISE = 10.0
+# where a turn of a joint moves the target most; the worst over all readings is told beside it
+AT_LONGEST = "at the target at the longest lever"
 QUARTER_TURN = np.pi / 2
 METRE = 1000.0
 # joints of an arm that has a wrist of three
@@ -120,7 +122,7 @@ def _measure_play(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     lever = _find_wrist_lever(fitted, screw.frame)
     moved = whole.scale(lever.mm)
     at = f"at the {lever.point}"
-    yield express(f"{words} {at}", moved, "mm", f"{at} at most, from side to side")
+    yield express(f"{words} {at}", moved, "mm", f"{at} from side to side")
 
 
 def _measure_sides(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
@@ -177,7 +179,7 @@ def _measure_rocking(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     moved = fitted.moved_at(row)
     moved = moved.scale(2.0)
     yield express(
-        "from side to side, at the target", moved, "mm", "at the target at most, from side to side"
+        "from side to side, at the target", moved, "mm", "at the target from side to side"
     )
 
 
@@ -214,7 +216,7 @@ def _measure_curve(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     yield express("peak to peak", height.scale(ARC_SECONDS), "arcsec")
     lever = _find_lever(fitted, frame)
     moved = height.scale(lever)
-    yield express("peak to peak at the target", moved, "mm", "at the target at most")
+    yield express("peak to peak at the target", moved, "mm", AT_LONGEST)
 
 
 # -- slopes
@@ -240,7 +242,7 @@ def _measure_slope(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
         yield express(words, turn, "arcsec", words)
         lever = _find_lever(fitted, screw.frame)
         moved = over.scale(lever)
-        yield express(f"{words}, at the target", moved, "mm", "at the target at most")
+        yield express(f"{words}, at the target", moved, "mm", AT_LONGEST)
 
 
 def _describe_driver(mechanism: Mechanism, cause: Cause, robot: Robot) -> str:
@@ -292,7 +294,7 @@ def _measure_warm_target(reference: float, warm: Fitted) -> Usable:
     row = warm.find_worst()
     moved = warm.moved_at(row)
     words = f"at the target per 10 K, counted from {reference:g} °C"
-    return express(words, moved, "mm", "at the target at most, per 10 K")
+    return express(words, moved, "mm", "at the target per 10 K")
 
 
 # -- set-up and tool

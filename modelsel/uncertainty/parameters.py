@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from .._linalg import connected_components
+from .._short_numbers import round_numbers
 from .._typing import Array, Mask
 from ..diagnosis.residual_tests import GROUP_LEVEL, compute_group_p
 from ..exceptions import number_repeated, write_numbered
@@ -188,9 +189,18 @@ def add_posterior(
     return tuple(described)
 
 
+def _name_parameter(parameter: Parameter) -> str:
+    """Name a parameter with its mechanism, once."""
+    owner = round_numbers(parameter.mechanism)
+    symbol = parameter.symbol
+    if f" of {owner}" in symbol:
+        return symbol
+    return f"{symbol} ({owner})"
+
+
 def note_differences(parameters: Sequence[Parameter]) -> tuple[Note, ...]:
     """Warn of the parameters whose standard errors differ."""
-    named = [f"{p.symbol} ({p.mechanism})" for p in parameters if p.differ]
+    named = [_name_parameter(p) for p in parameters if p.differ]
     if not named:
         return ()
     shown = ", ".join(named[:MAX_NAMED])
@@ -241,7 +251,7 @@ def label_terms(model: Model) -> tuple[str, ...]:
     for symbol, owner in zip(symbols, owners, strict=True):
         label = symbol
         if symbols.count(symbol) > 1:
-            label = f"{symbol} of {owner}"
+            label = f"{symbol} of {round_numbers(owner)}"
         labels.append(label)
     numbers = number_repeated(labels)
     numbered = map(write_numbered, labels, numbers)

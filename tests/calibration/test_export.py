@@ -27,6 +27,7 @@ from modelsel.calibration.constant_part import (
     split_parts,
 )
 from modelsel.calibration.export import FORMS, export
+from modelsel.calibration.export.form import write_difference
 from modelsel.calibration.export.python import read_module_data
 from modelsel.calibration.prediction import predict
 from modelsel.cli.main import run_command_line
@@ -530,3 +531,9 @@ def test_written_urdf_keeps_masses() -> None:
     np.testing.assert_allclose(
         [j.com for j in back.joints], [j.com for j in robot.joints], atol=1e-9
     )
+
+
+def test_small_differences_are_in_micrometres_and_no_others() -> None:
+    """310 µm stood beside 0.31 mm."""
+    assert write_difference(0.0031) == "3.1 µm"
+    assert write_difference(0.31) == "0.31 mm"

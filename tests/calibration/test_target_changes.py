@@ -339,7 +339,7 @@ def test_targets_stand_on_the_page(rng) -> None:
     page = _write_parameters(compared(rng, before, before.moved(only(0, np.ones(3), 2))))
     assert "<b>&lt;one&gt;</b>" in page
     assert "target on the flange" in page
-    assert "No few parameters" not in page
+    assert "No small set of parameters" not in page
 
 
 # -- the fewest terms, with groups

@@ -5,11 +5,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.candidate_kinds import CandidateKind
+from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
-from modelsel.mechanisms.causes import Cause, Named, Number, sign
+from modelsel.mechanisms.causes import Cause, Named, Number, cos, q, sign
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
@@ -57,3 +58,14 @@ def test_no_candidate_needs_the_reading_of_a_joint_that_stands_still(
     named = {name for one in build_candidates(at, Model(()), ()) for name in one.mechanism.names()}
     readings = {f"q{j}" for j in range(1, ARM.n + 1)}
     assert named & readings == readings - {f"q{still}"}
+
+
+def test_a_label_has_short_numbers_where_the_cause_keeps_all() -> None:
+    """A constant of the arm's geometry has ten digits; people read four, files keep ten."""
+    cause = Named("payload_kg", "kg") * cos(q(2) + q(3) - Number(0.2277659657))
+    cell = Mechanism("3 rz cell", (Term("m", (Screw(3, "rz", cause),)),))
+    candidate = Candidate(cell, CandidateKind.CELL, 1.0)
+    assert candidate.label == "frame 3 rz · payload_kg*cos(q2+q3-0.2278)"
+    assert candidate.causes(" and ") == "payload_kg*cos(q2+q3-0.2278)"
+    (screw,) = cell.terms[0].screws
+    assert str(screw.cause) == "payload_kg*cos(q2+q3-0.2277659657)"

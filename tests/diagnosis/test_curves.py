@@ -17,13 +17,14 @@ from modelsel.diagnosis.credible_sets import ask, include_candidate
 from modelsel.diagnosis.joint_curves import chain_effects, collect_curves, find_own_joint, see_rest
 from modelsel.diagnosis.outcome import Diagnosis
 from modelsel.diagnosis.scan import Released, build_scan, compute_basis
+from modelsel.diagnosis.sentences import describe_amount
 from modelsel.diagnosis.simple_shapes import find_own_wave
 from modelsel.diagnosis.state import LEVEL, Search
 from modelsel.diagnosis.unregistered import BETWEEN
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.problem import Problem
-from modelsel.mechanisms.causes import Named, cos, q, sin
+from modelsel.mechanisms.causes import Bump, Named, cos, q, sin
 from modelsel.mechanisms.environment import STEPS
 from modelsel.mechanisms.registry import every, mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
@@ -260,3 +261,15 @@ def test_beyond_a_shrunk_model_is_beyond_it_with_its_terms_integrated_out(
         strength = view.scan.strength(view.response.column).whole[g, 0]
         assert strength == pytest.approx((x @ P @ y) ** 2 / (x @ P @ x), rel=1e-5)
     assert view.residual @ view.residual == pytest.approx(y @ P @ y, rel=1e-6)
+
+
+def test_waves_of_one_curve_share_a_unit() -> None:
+    """0.114 mrad stood beside 67.7 µrad in one sentence."""
+    width = np.radians(4.0)
+    centres = np.arange(-np.pi, np.pi, width)
+    terms = [Term(f"f{k}", (Screw(1, "rz", Bump("q1", c, width)),)) for k, c in enumerate(centres)]
+    heights = 1.3e-4 * np.sin(13 * centres) + 9e-5 * np.sin(27 * centres)
+    said = describe_amount(terms, heights, np.full(len(terms), 1e-6))
+    assert said.count("in 13 waves a turn") == said.count("in 27 waves a turn") == 1
+    assert " mrad in 27" in said
+    assert "µrad" not in said

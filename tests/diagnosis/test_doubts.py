@@ -12,7 +12,8 @@ from builders import bind, planted, small_arm, study_of
 from scipy.stats import f as fisher
 from scipy.stats import kstest, multivariate_t
 
-from modelsel.diagnosis.data_faults import DRAWS, find_misplaced_rows
+from modelsel.diagnosis.data_faults import find_misplaced_rows
+from modelsel.diagnosis.simulation_counts import FAULT_DRAWS
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor, from_repeats
@@ -295,7 +296,7 @@ def test_a_faults_probability_is_a_posterior(rng) -> None:
         )
         factor *= (1 + there / anywhere) / 2
     assert fault.probability == pytest.approx(factor / (1 + factor), rel=1e-9)
-    assert 1 - fault.probability < 0.1 / (DRAWS + 1)
+    assert 1 - fault.probability < 0.1 / (FAULT_DRAWS + 1)
     assert describe_fault(fault)["credible_set"][0]["probability"] == fault.probability
 
 

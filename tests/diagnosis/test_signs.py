@@ -223,7 +223,10 @@ def test_play_is_short_of_the_reading_and_overshoot_past_it(
         ),
         ("settle:3", 1, "settle:3 with the opposite sign", "Joint 3 is past its reading"),
         ("settle:3", -1, "settle:3", "Joint 3 is short of its reading"),
-        ("encoder-scale:3", -1, "encoder-scale:3", "Joint 3 moves more (or less)"),
+        ("encoder-scale:3", 1, "encoder-scale:3", "Joint 3 moves more than its reading says"),
+        ("encoder-scale:3", -1, "encoder-scale:3", "Joint 3 moves less than its reading says"),
+        ("tracker-scale", 1, "tracker-scale", "Measured lengths are too long"),
+        ("tracker-scale", -1, "tracker-scale", "Measured lengths are too short"),
     ],
 )
 def test_a_sign_that_physics_forbids_is_not_told_as_the_mechanism(name, sign, label, words) -> None:

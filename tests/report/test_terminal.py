@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import copy
 import io
 import json
 import shutil
@@ -17,6 +18,9 @@ from modelsel.report.terminal import WIDTH, Amount, show_study
 from modelsel.report.terminal_fleet import write_fleet
 from modelsel.report.terminal_summary import _describe_standing
 from modelsel.report.text_tables import Row, Span, write_numbered_tables, write_table
+from modelsel.results.finding_schema import BEYOND_WORDS
+from modelsel.results.quantities import format_figure
+from modelsel.results.small_findings import choose_shown, find_named
 from modelsel.results.study_sentences import describe_name_probability, format_mm
 
 SCREEN = 40
@@ -200,3 +204,56 @@ def test_errors_in_full_say_which_configurations_they_are_of(drawn) -> None:
     said = f"Estimation configurations: {format_mm(first.mean_mm)} mm mean and"
     assert f"{said} {format_mm(first.max_mm)} mm at worst with the nominal model, " in text
     assert f"{format_mm(last.mean_mm)} mm mean with the chosen one (" in text
+
+
+def named_last(folder: Path) -> Source:
+    """Twelve findings with names of their own, of which the verdict names the last; the second's
+    largest figure is of joint readings that were not measured."""
+    result, details = written(folder)
+    result["findings"] = [*result["findings"], *copy.deepcopy(result["findings"])]
+    details["findings"] = [*details["findings"], *copy.deepcopy(details["findings"])]
+    for number, one in enumerate(details["findings"]):
+        one["label"] = f"letter-{'abcdefghijkl'[number]}"
+    result["findings"][1]["worst"]["unmeasured_joints"] = [1, 4]
+    result["verdict"] = ["One error was named: letter-l."] * 9
+    return source_of(result, details)
+
+
+def test_what_the_verdict_names_is_never_left_out(drawn) -> None:
+    """The others are told in short before they are counted."""
+    lines = shown(named_last(drawn), Amount.SUMMARY)
+    (last,) = [line for line in lines if "letter-l," in line]
+    assert "letter-l, probability" in last
+    assert any("letter-b, probability" in line for line in lines)
+    assert len(lines) < SCREEN - 2
+    narrow = shown(named_last(drawn), Amount.SUMMARY, 40)
+    assert any("letter-l" in line for line in narrow[20:])
+    assert any("more, which --verbose shows" in line for line in narrow)
+
+
+def test_a_figure_beyond_the_measured_readings_is_marked(drawn) -> None:
+    source = named_last(drawn)
+    lines = shown(source, Amount.SUMMARY)
+    size = format_figure(source.record.findings[1].worst.mm)
+    (marked,) = [line for line in lines if f"{size}*" in line]
+    below = lines[lines.index(marked) + 1]
+    assert "letter-b" in marked + below
+    assert sum(BEYOND_WORDS in line for line in lines) == 1
+    plain_lines = shown(source_of(*written(drawn)), Amount.SUMMARY)
+    assert not any(BEYOND_WORDS in line for line in plain_lines)
+
+
+def test_a_table_has_what_the_verdict_names() -> None:
+    labels = ["a", "b", "a", "c"]
+    assert find_named(["Named: a and c."], labels) == {0, 3}
+    assert choose_shown([0, 1, 2, 3], {0, 3}, 3) == [0, 1, 3]
+    assert choose_shown([0, 1, 3], {1, 3}, 1) == [1, 3]
+
+
+def test_the_map_is_no_wider_than_the_terminal(drawn) -> None:
+    source = source_of(*written(drawn))
+    for width in (40, 60):
+        lines = shown(source, Amount.EVERYTHING, width)
+        (head,) = [k for k, line in enumerate(lines) if line.startswith("frame  ")]
+        assert all(len(line) <= width for line in lines[head : head + 30])
+        assert len(lines[head].split()) == 1 + min((width - 6) // 4, 14)

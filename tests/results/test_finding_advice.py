@@ -69,7 +69,7 @@ def test_only_what_no_mechanism_describes_is_said_to_have_none(drawn, name) -> N
     sentence = advise(record, finding.model_copy(update={"credible_set": [first]})).sentence
     assert "it has no name" not in sentence
     assert ("no registered mechanism describes it" in sentence) == (name is None)
-    assert "what moves has to be looked at" in sentence
+    assert "but have a look at what moves" in sentence
 
 
 def test_a_free_function_of_a_joint_is_a_correction_over_its_angle(drawn) -> None:

@@ -22,6 +22,7 @@ from modelsel.results.arm_details import (
 from modelsel.results.parameter_table import (
     compute_parameter_p,
     find_standard_uncertainty,
+    number_owners,
     tabulate_calibrated,
     write_number_plainly,
 )
@@ -153,3 +154,12 @@ def test_places_in_words() -> None:
     assert describe_place(robot, 2, "rz", constant=False) == "joint 2, its turn"
     assert describe_place(robot, 4, "ry") == "joint 4, its axis tilted about y"
     assert describe_place(robot, 7, "tx") == "target along the flange's x"
+
+
+def test_symbols_of_several_mechanisms_have_their_numbers() -> None:
+    """Titles of panels were all cut to "m of 3 rz pay…"."""
+    symbols = ["c5 of geometric", "c5 of joint-compliance:5", "m of 3 rz x", "h1", "m of 3 rz y"]
+    labels, owners = number_owners([*symbols, "noise scale"])
+    assert labels[:5] == ["c5", "c5 (1)", "m (2)", "h1", "m (3)"]
+    assert labels[5:] == ["noise scale"]
+    assert owners == ["joint-compliance:5", "3 rz x", "3 rz y"]

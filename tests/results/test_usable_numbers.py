@@ -74,7 +74,7 @@ def test_play_is_the_whole_step_and_its_millimetres_are_those_of_the_wrist() -> 
     assert got["play at the wrist"] == (pytest.approx(largest, rel=1e-4), "mm")
     turn, moved = (one.text for one in list_usable(one, effect))
     assert turn.endswith("of play from side to side, or 41.3 arc seconds")
-    assert moved.endswith("at the wrist at most, from side to side")
+    assert moved.endswith("at the wrist from side to side")
 
 
 def test_a_joint_of_the_wrist_has_its_play_at_the_target() -> None:
@@ -429,3 +429,20 @@ def test_a_reflectors_error_is_told_of_distances_that_were_measured() -> None:
     measured = effect.moved()[:, : effect.workspace.measured]
     assert unit == "mm"
     assert value == pytest.approx(np.linalg.norm(measured, axis=0).max())
+
+
+@pytest.mark.parametrize("name", ["approach-backlash:2", "encoder-scale:5", "settle:3"])
+def test_only_the_worst_is_told_as_at_most(name: str) -> None:
+    """A second "at most" beside that of the worst said nothing of how the two differ."""
+    one = mechanism(name, ARM)
+    texts = [number.text for number in list_usable(one, fitted(one, -1e-4))]
+    assert texts
+    assert not any("at most" in text for text in texts)
+
+
+@pytest.mark.parametrize(("sign", "side"), [(1, "long"), (-1, "short")])
+def test_distances_are_too_long_or_too_short_by_their_sign(sign: int, side: str) -> None:
+    one = mechanism("tracker-range", ARM)
+    effect = fitted(one, sign * 0.1)
+    (number,) = list_usable(one, effect)
+    assert number.text.startswith(f"every distance too {side} by 0.100 mm")

@@ -12,11 +12,13 @@ import pytest
 from click.testing import CliRunner
 from report_studies import read_source
 
+from modelsel._short_numbers import round_numbers
 from modelsel.calibration.compensation import Commands
 from modelsel.cli.compensate import _sentence
 from modelsel.cli.main import run_command_line
 from modelsel.diagnosis.fitted_curves import find_waves, measure_heights
 from modelsel.diagnosis.sentences import describe_amount, format_angle, format_quantity
+from modelsel.diagnosis.stated_probability import bound_chance, format_chance, write_chance
 from modelsel.mechanisms.causes import Bump
 from modelsel.mechanisms.terms import Screw, Term
 from modelsel.report.figures.finding import panel_height
@@ -25,7 +27,7 @@ from modelsel.report.pages.findings import advise_separation
 from modelsel.report.pages.parameter_uncertainty import _format_quantiles
 from modelsel.results.finding_schema import EntryRecord, ScrewRecord
 from modelsel.results.model_schema import QuantilesRecord, SignificanceRecord
-from modelsel.results.study_sentences import describe_probability, round_numbers
+from modelsel.results.study_sentences import describe_probability
 from modelsel.results.tables import label_models
 from modelsel.robot.files import load_robot
 
@@ -252,3 +254,16 @@ def test_probability_of_a_name_is_that_of_all_its_entries(drawn) -> None:
     for finding in read_source(drawn).record.findings:
         told = describe_probability(finding).partition(";")[0]
         assert f"probability {told}" in finding.sentence
+
+
+def test_the_least_p_of_a_simulation_is_a_bound() -> None:
+    """(1 + 0) / (B + 1) says that no draw did as well."""
+    assert bound_chance(1 / 186) == "at most 0.0054"
+    assert bound_chance(3 / 200) == "0.015"
+    assert bound_chance(0.5) == "0.5"
+    assert bound_chance(2 / 186) == "0.011"
+    assert write_chance(1 / 200, [199]) == "p ≤ 0.005"
+    assert write_chance(5 / 200, [199]) == "p = 0.025"
+    assert write_chance(4e-6) == "p < 0.0001"
+    assert format_chance(4e-6) == "below 0.0001"
+    assert bound_chance(1e-6) == "below 0.0001"

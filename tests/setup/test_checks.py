@@ -182,7 +182,7 @@ def test_stated_uncertainties_are_held_against_what_is_left(stated, words, rng, 
         f"sx_mm, sy_mm, sz_mm: the standard uncertainty of one coordinate is stated as {stated * NOISE:.3g} mm"
         in sentence
     )
-    assert "holds 99.9 % of chance" in sentence
+    assert "would be chance in 99.9 % of cases" in sentence
     assert result.run.floor.source == "estimated"  # not believed, in figures or criteria
     assert result.run.floor.coordinate_mm == pytest.approx(NOISE, rel=0.25)
     assert not result.split.known_sigma

@@ -15,7 +15,7 @@ from ..._arguments import check_type
 from ..._choices import EXPORT_FORMS
 from ..._names import find_name_problem, quote_name
 from ..._typing import Array
-from ...exceptions import StudyError, suggest, write_rounded
+from ...exceptions import StudyError, suggest
 from ...mechanisms.causes import Named
 from ...mechanisms.serialization import cause_from_record, cause_record
 from ...mechanisms.terms import Screw, Term
@@ -34,7 +34,7 @@ from ..constant_part import (
 )
 from .chains import to_dh, to_urdf
 from .corrections import to_csv
-from .form import Exported, describe_left_out, measure_whole
+from .form import Exported, describe_left_out, measure_whole, write_difference
 from .grid import to_grid
 from .grid_options import GridOptions
 from .lookup import (
@@ -225,7 +225,7 @@ def to_table(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     if most > 10 * MAX_INTERPOLATION_MM:
         jump = ", beside a jump"
     remarks.append(
-        f"interpolated linearly: {write_rounded(rms * 1e3, 2)} µm rms, {write_rounded(most * 1e3, 2)} µm at most{jump}"
+        f"interpolated linearly: {write_difference(rms)} rms, {write_difference(most)} at most{jump}"
     )
     return Exported(text, most, len(at), notes=tuple(remarks))
 

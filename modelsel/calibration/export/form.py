@@ -17,6 +17,9 @@ from ..prediction import compute_pose
 if TYPE_CHECKING:
     from ..calibration import Calibration
 
+# mm below which a length is told in µm
+LEAST_MM = 1e-2
+
 
 @dataclass(frozen=True)
 class Exported:
@@ -106,3 +109,10 @@ def measure_whole(c: Calibration, text: str, read: Callable[[str, int], list[Par
         return compute_points(at, read(text, target)) - wanted
 
     return measure_export(c, text, compute_difference)
+
+
+def write_difference(mm: float) -> str:
+    """Write a length [mm] with two digits, in µm where it is below LEAST_MM."""
+    if mm < LEAST_MM:
+        return f"{write_rounded(mm * 1e3, 2)} µm"
+    return f"{write_rounded(mm, 2)} mm"

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from ..._short_numbers import round_numbers
 from ..._typing import Array, Index
 from ...results.details_schema import PanelRecord
-from ...results.study_sentences import round_numbers
 from ..style import (
     AFTER,
     BEFORE,
@@ -29,7 +29,7 @@ MAX_TICKS = 5  # intervals between the numbers below a panel
 MAX_BINS = 12
 BIN_POINTS = 6  # of a bin, at least
 ONE_HEIGHT, EACH_HEIGHT = 1.7, 1.25  # inch
-LONGEST_AXIS = 30  # letters
+LONGEST_AXIS = 40  # letters
 # distinct values of a cause up to which they are drawn apart
 FEW_VALUES = 6
 # spreads points that share a value, evenly and without chance
@@ -185,8 +185,9 @@ def panel_height(points: Array, curve: Array, most: float = MAX_CURVE) -> float:
 
 def _label_panel(ax: Any, panel: _Panel) -> None:
     record = panel.record
-    # where a cause has few values, as before and after a jump, few points may stand at one of them
-    most = np.inf if _has_few_values(panel.x) else MAX_CURVE
+    # where a cause has few values, or a curve jumps, few points may stand beyond
+    is_whole = _has_few_values(panel.x) or record.kind == "curve"
+    most = np.inf if is_whole else MAX_CURVE
     top = panel_height(np.concatenate([panel.before, panel.after]), panel.curve, most)
     ax.set_ylim(-top, top)
     unit = "°" if record.against_unit == "deg" else record.against_unit

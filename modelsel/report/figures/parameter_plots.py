@@ -9,6 +9,7 @@ import numpy as np
 
 from ..._typing import Array
 from ...results.model_schema import CorrelationRecord, TraceRecord
+from ...results.parameter_table import number_owners
 from ..style import AFTER, BLUE, GREY, HALF_WIDTH, ORANGE, shorten, svg, use_style
 
 MAX_DRAWN = 5  # parameters of the posterior's picture
@@ -16,7 +17,7 @@ MAX_MATRIX = 32  # parameters of the correlation's picture
 HEIGHT = 2.75  # inch
 LONGEST_TITLE = 14  # letters
 LETTER_SHARE = 0.09  # of a panel's width, that a letter of a tick's label needs
-LONGEST_LABEL = 9  # letters beside the matrix
+LONGEST_LABEL = 10  # letters beside the matrix
 LABEL_COLUMN = 140.0  # points that the labels of a matrix share
 # |r| up to which no mark is drawn
 MIN_CORRELATION = 0.1
@@ -29,7 +30,7 @@ MIN_CORRELATION = 0.1
 def draw_correlation(correlation: CorrelationRecord) -> bytes:
     """Draw the correlation matrix of the estimates, clusters first; size and shade grow with |r|, hollow where it is
     negative."""
-    symbols = _order_symbols(correlation)
+    symbols = order_symbols(correlation)
     matrix = _select_matrix(correlation, symbols)
     row, column = np.tril_indices(len(symbols), -1)
     r = np.nan_to_num(matrix[row, column])
@@ -57,7 +58,7 @@ def draw_correlation(correlation: CorrelationRecord) -> bytes:
         return svg(fig, "Correlation of the estimates")
 
 
-def _order_symbols(correlation: CorrelationRecord) -> list[str]:
+def order_symbols(correlation: CorrelationRecord) -> list[str]:
     """Return the symbols to draw, those of clusters first."""
     clustered = [symbol for cluster in correlation.clusters for symbol in cluster]
     symbols = dict.fromkeys([*clustered, *correlation.symbols])
@@ -74,7 +75,8 @@ def _select_matrix(correlation: CorrelationRecord, symbols: Sequence[str]) -> Ar
 
 def _label_matrix(ax: Any, symbols: Sequence[str]) -> None:
     count = len(symbols)
-    labels = [shorten(symbol, LONGEST_LABEL) for symbol in symbols]
+    numbered, _ = number_owners(symbols)
+    labels = [shorten(label, LONGEST_LABEL) for label in numbered]
     size = min(5.2, LABEL_COLUMN / count)
     ax.set_xticks(range(count), labels, rotation=90, fontsize=size)
     ax.set_yticks(range(count), labels, fontsize=size)
@@ -93,10 +95,11 @@ def draw_posterior(trace: TraceRecord, units: Mapping[str, tuple[float, str]]) -
     by name, what the values are divided by, and the unit then."""
     draws = np.array(trace.draws, dtype=float)[:, :MAX_DRAWN]
     names = trace.names[:MAX_DRAWN]
+    labels, _ = number_owners(names)
     scaled = []
-    for index, name in enumerate(names):
+    for index, (name, label) in enumerate(zip(names, labels, strict=True)):
         factor, unit = units.get(name, (1.0, ""))
-        scaled.append((_title_draws(name, unit), draws[:, index] / factor))
+        scaled.append((_title_draws(label, unit), draws[:, index] / factor))
     count = len(names)
     with use_style() as sheets:
         fig = sheets.figure(figsize=(HALF_WIDTH, HEIGHT), layout="constrained")

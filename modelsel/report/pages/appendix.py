@@ -9,6 +9,10 @@ from ..document import Block, Source, make_heading, make_list, make_table, make_
 from .findings import name_finding
 
 MAX_ROWS = 60  # numbers of outlying rows
+PATH_CAPTION = (
+    "In this order effects joined the model (+), were dropped (−) or gave way to others (→). Another form of the same has "
+    "other constants, or a curve that is fitted anew."
+)
 MAX_FAULTY_ROWS = 12  # numbers of the rows of a fault
 HASH_NAMES = {
     "data_sha256": "measurements, SHA-256",
@@ -76,7 +80,7 @@ def write_provenance_page(source: Source) -> list[Block]:
         make_table(columns, rows, "", [0.0, 1.0]) | {"dense": True},
     ]
     if record.path:
-        blocks += [make_heading("How the model grew", 2), make_text(_path_sentence(record.path))]
+        blocks += _write_path(record.path)
     reproducibility = (
         "The same measurements, study file and seed give the same bytes of result.json, of this report and of report.html. "
         "Every number in the text is from result.json."
@@ -84,18 +88,20 @@ def write_provenance_page(source: Source) -> list[Block]:
     return [*blocks, make_text(reproducibility, "quiet")]
 
 
-def _path_sentence(path: list[str]) -> str:
-    """Return the steps of the search."""
-    steps = [_write_step(step) for step in path]
-    return (
-        "An effect joined (+), was dropped (−) or got a better name (→), in this order: "
-        f"{'; '.join(steps)}."
-    )
+def _write_path(path: list[str]) -> list[Block]:
+    """Write the steps of the search as a table that breaks between pages."""
+    rows = [[str(number), *_split_step(step)] for number, step in enumerate(path, 1)]
+    columns = [("", "right"), ("", "left"), ("effect", "left"), ("in its place", "left")]
+    table = make_table(columns, rows, PATH_CAPTION, [0.0, 0.0, 1.0, 1.0])
+    heading = make_heading("How the model grew", 2)
+    return [heading, table | {"dense": True, "breaks": True}]
 
 
-def _write_step(step: str) -> str:
-    """Return a step of the search; a name that stays has another form of the same."""
+def _split_step(step: str) -> list[str]:
+    """Return a step's mark, its effect, and what took the place of that; a name that stays has
+    another fitted curve or other constants."""
     before, arrow, after = step.partition(" -> ")
-    if arrow and before == after:
-        return f"{after} → {after} in another form"
-    return step.replace("->", "→").replace("- ", "− ")
+    if arrow:
+        return ["→", before, "another form of the same" if before == after else after]
+    mark, _, effect = step.partition(" ")
+    return [mark.replace("-", "−"), effect, ""]

@@ -7,12 +7,13 @@ import re
 from collections.abc import Sequence
 from functools import partial
 
-from ...diagnosis.stated_probability import format_chance, format_probability
+from ..._short_numbers import round_numbers
+from ...diagnosis.stated_probability import bound_chance, format_probability
 from ...measurements.row_places import Where
 from ...measurements.state_names import StateKind, state_kind
 from ...results.details_schema import FindingDetailsRecord
 from ...results.finding_advice import advise
-from ...results.finding_schema import EntryRecord, FindingRecord
+from ...results.finding_schema import BEYOND, BEYOND_WORDS, EntryRecord, FindingRecord
 from ...results.schema import StudyRecord
 from ...results.small_findings import split_findings, write_sum
 from ...results.study_sentences import (
@@ -21,13 +22,12 @@ from ...results.study_sentences import (
     format_gain,
     format_mm,
     label_entries,
-    round_numbers,
     weigh_listed_record,
     write_figures,
     write_levels,
 )
 from ...selection.gain import Change
-from ..document import Block, Source, make_heading, make_table, make_text, put_beside
+from ..document import Block, Source, make_heading, make_table, make_text, put_beside, share_room
 from ..figures.finding import draw_panels, name_axis
 
 MAX_ROWS = 12  # numbers of the rows of a fault
@@ -35,6 +35,8 @@ MAX_RIVALS = 5  # entries compared with the first
 MAX_ADVICE = 2  # ways to tell rivals apart
 PICTURE_MM = 70.0
 MAX_NAMES = 8  # explanations of a credible set
+# shares of the room between names, words and probabilities
+NAME_SHARE, WORDS_SHARE, PROBABILITY_SHARE = 0.55, 1.0, 0.45
 HOW_TO_READ = (
     "Open squares: what the model without the effect leaves about its axis; blue: what the chosen model leaves; large "
     "marks: means; orange: the fitted effect. Where the squares follow the line and the blue lies flat, the effect is there, "
@@ -94,7 +96,12 @@ def _write_grouped(source: Source, grouped: Sequence[int]) -> list[Block]:
     )
     if one_turns:
         caption += " mrad: how far the target is turned, where that prevails; rms beyond the base."
-    table = make_table(columns, rows, caption, [0.0, 0.4, 1.0, 0.0, 0.0, 0.0])
+    if any(BEYOND in size for row in rows for size in row[3:-1]):
+        caption += f" {BEYOND_WORDS}."
+    probabilities = [row[-1] for row in rows]
+    last = share_room(probabilities, PROBABILITY_SHARE)
+    widths = [0.0, NAME_SHARE, WORDS_SHARE, 0.0, 0.0, last]
+    table = make_table(columns, rows, caption, widths)
     return [
         make_heading("Smaller findings", 2),
         make_text(write_sum(record.small_findings), keep=True),
@@ -104,20 +111,28 @@ def _write_grouped(source: Source, grouped: Sequence[int]) -> list[Block]:
 
 def _write_sizes(finding: FindingRecord) -> list[str]:
     """Return the rms and the largest displacement of the target [mm]."""
-    worst = None if finding.worst is None else finding.worst.mm
-    return [format_mm(finding.rms_mm), format_mm(worst)]
+    worst = finding.worst
+    largest = "–" if worst is None else f"{format_mm(worst.mm)}{worst.mark}"
+    return [format_mm(finding.rms_mm), largest]
 
 
 def _write_both_sizes(finding: FindingRecord) -> list[str]:
     """Return the rms and the largest of what is told of a finding: displacement, turning, or both."""
-    moved = [f"{size} mm" for size in _write_sizes(finding)]
+    moved = [_add_unit(size) for size in _write_sizes(finding)]
     turning = finding.told_turning
     if turning is None:
         return moved
-    turned = [f"{format_mm(size)} mrad" for size in (turning.rms_mrad, turning.mrad)]
+    largest = f"{format_mm(turning.mrad)} mrad{turning.mark}"
+    turned = [f"{format_mm(turning.rms_mrad)} mrad", largest]
     if finding.only_turns:
         return turned
     return [f"{mm}, {mrad}" for mm, mrad in zip(moved, turned, strict=True)]
+
+
+def _add_unit(size: str) -> str:
+    """Add the unit to a length, before its mark."""
+    length = size.rstrip(BEYOND)
+    return size.replace(length, f"{length} mm")
 
 
 def name_finding(finding: FindingRecord, detail: FindingDetailsRecord) -> str:
@@ -199,7 +214,8 @@ def describe_proof(finding: FindingRecord, where: Where) -> str:
 
 def _describe_verdict(finding: FindingRecord, where: Where) -> str:
     """Return p-value, gain and rows in one line."""
-    chance = f"{format_chance(finding.p_value)} over the whole search"
+    least = bound_chance(finding.p_value)
+    chance = f"{least} over the whole search"
     parts = [
         f"Verdict: {finding.told_verdict}; chance alone would do as well with probability {chance}"
     ]

@@ -6,17 +6,18 @@ from __future__ import annotations
 from functools import partial
 from math import degrees
 
+from ..._short_numbers import round_numbers
+from ...diagnosis.name_legend import explain_names
 from ...results.details_schema import DetailsRecord
 from ...results.finding_advice import advise, list_frames
 from ...results.placements import describe_placements
 from ...results.schema import ErrorMapRecord, StudyRecord
-from ...results.small_findings import split_findings
+from ...results.small_findings import choose_shown, find_named, split_findings
 from ...results.study_sentences import (
     describe_noise_floor,
     describe_probability,
     format_mm,
     opening_sentences,
-    round_numbers,
 )
 from ..document import (
     Block,
@@ -27,6 +28,7 @@ from ..document import (
     make_table,
     make_text,
     put_beside,
+    share_room,
 )
 from ..figures import errormap, space
 from ..figures.arm import draw_marked
@@ -56,7 +58,8 @@ NAMED_COLUMNS = (
     ("worth, rms", "left"),
     ("probability", "left"),
 )
-NAMED_WIDTHS = [0.0, 0.5, 1.0, 0.0, 0.34]
+# shares of the room between names, advice and probabilities
+NAME_SHARE, ADVICE_SHARE, PROBABILITY_SHARE = 0.6, 1.0, 0.4
 MAX_CELLS = 6  # cells that the map's text for those who cannot see names
 
 
@@ -102,7 +105,9 @@ def _write_named(source: Source) -> list[Block]:
     if not findings:
         return []
     told, grouped = split_findings(findings, small)
-    shown = told[:MAX_NAMED]
+    labels = [drawn.label for drawn in source.details.findings]
+    named = find_named(source.record.verdict, labels)
+    shown = choose_shown(told, named, MAX_NAMED)
     rows = [_named_row(source, k) for k in shown]
     caption = f"{WORTH}. {PROBABILITY}"
     has_rivals = any(not finding.is_found for finding in findings)
@@ -111,7 +116,20 @@ def _write_named(source: Source) -> list[Block]:
         caption += f" And {len(told) - len(shown)} more: see Findings."
     if grouped and small is not None:
         caption += f" {len(grouped)} smaller ones stand together in Findings."
-    return [*_write_marks(source, shown), make_table(NAMED_COLUMNS, rows, caption, NAMED_WIDTHS)]
+    probabilities = [row[-1] for row in rows]
+    last = share_room(probabilities, PROBABILITY_SHARE)
+    widths = [0.0, NAME_SHARE, ADVICE_SHARE, 0.0, last]
+    table = make_table(NAMED_COLUMNS, rows, caption, widths)
+    legend = write_legend(source.details)
+    told_names = [make_text(f"Names: {legend}", "quiet")] if legend else []
+    return [*_write_marks(source, shown), table, *told_names]
+
+
+def write_legend(details: DetailsRecord) -> str:
+    """Write what the findings' names mean that no registry lists; nothing where there are none."""
+    labels = [drawn.label for drawn in details.findings]
+    lines = explain_names(labels, len(details.joints))
+    return f"{'; '.join(lines)}." if lines else ""
 
 
 def _named_row(source: Source, k: int) -> list[str]:

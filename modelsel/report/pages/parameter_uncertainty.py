@@ -7,6 +7,7 @@ from functools import partial
 
 from ...diagnosis.sentences import choose_prefix
 from ...results.model_schema import QuantilesRecord, SamplingRecord
+from ...results.parameter_table import number_owners
 from ...results.schema import StudyRecord
 from ...results.study_sentences import describe_predictable, format_mm, write_sampling_sentences
 from ..document import (
@@ -125,6 +126,7 @@ def _write_correlation(source: Source) -> list[Block]:
     caption = "Correlation of the estimates, clusters together. Filled: positive; open ring: negative; the larger, the stronger."
     if count > drawn:
         caption += f" {drawn} of {count} parameters are drawn, the clusters first."
+    caption += _explain_numbers(parameter_plots.order_symbols(correlation))
     words = f"Correlation matrix of {count} parameters in {len(clusters)} clusters."
     draw = partial(parameter_plots.draw_correlation, correlation)
     return [source.add_figure("correlation", draw, caption, words)]
@@ -169,10 +171,19 @@ def _write_draws(source: Source, sampling: SamplingRecord) -> list[Block]:
         "Draws from the posterior of the informative few. A narrow slanting cloud: two "
         "parameters that the data know only together."
     )
-    names = ", ".join(trace.names[: parameter_plots.MAX_DRAWN])
+    drawn = trace.names[: parameter_plots.MAX_DRAWN]
+    caption += _explain_numbers(drawn)
+    names = ", ".join(drawn)
     draw = partial(parameter_plots.draw_posterior, trace, units)
     words = f"Pairwise posterior draws of {names}."
     return [source.add_figure("posterior", draw, caption, words)]
+
+
+def _explain_numbers(symbols: Sequence[str]) -> str:
+    """Return of which mechanisms the numbered symbols are; nothing where none is numbered."""
+    _, owners = number_owners(symbols)
+    listed = [f"({number}) {owner}" for number, owner in enumerate(owners, 1)]
+    return f" Numbers in brackets: {'; '.join(listed)}." if listed else ""
 
 
 QUANTILE_COLUMNS = (

@@ -11,7 +11,7 @@ function numbers(data, i, j) {
   };
   const fitted = rows.map((k) => slopes.reduce((sum, b, n) => sum + b * causes[n][k], 0));
   const before = about(details.rungs[details.base]).map((v, n) => v + fitted[n]), after = about(details.rungs[details.rungs.length - 1]);
-  const out = { unit: place.axis[0] === "r" ? "rad" : "mm", before, after, kind: "line", title: `Residual about ${placeName(place)}` };
+  const out = { unit: place.axis[0] === "r" ? "rad" : "mm", before, after, kind: "line", frames: [place.frame], axis: place.axis, title: `Residual about ${placeName(place)}` };
   if (angle) {
     const turn = 2 * Math.PI, fold = column.wave >= 3, own = rows.map((k) => angle[k]);
     out.x = own.map((a) => (fold ? ((column.wave * a) % turn + turn) % turn : a) * 180 / Math.PI);

@@ -56,14 +56,21 @@ function ticks(low, high) {
   return out;
 }
 
-// panel: {x, before, after, curve: [[x], [y]], unit, against, against_unit, title}
+// What turns or shifts, in words, as the PDF's pictures have it.
+function motionOf(panel) {
+  if (!panel.frames || !panel.frames.length) return "displacement along the effect";
+  const motion = panel.axis[0] === "r" ? "turn about" : "shift along";
+  return `${motion} ${panel.axis[1]} of frame ${panel.frames.slice(0, 3).join(" and ")}`;
+}
+
+// panel: {x, before, after, curve: [[x], [y]], unit, against, against_unit, title, frames, axis}
 function scatter(panel) {
   const width = 460, height = 300, left = 52, right = 10, top = 14, bottom = 42;
   const all = [...panel.before, ...panel.after].map(Math.abs).sort((a, b) => a - b);
   const biggest = all.length ? all[Math.floor(0.98 * (all.length - 1))] : 1;
   const [factor, unit] = scaled(panel.unit, all.length ? all[Math.floor(0.99 * (all.length - 1))] : 1);
   const cause = rounded(panel.against);
-  const most = new Set(panel.x).size <= 6 ? Infinity : 3 * biggest, curved = Math.min(Math.max(0, ...panel.curve[1].map(Math.abs)), most);
+  const most = panel.kind === "curve" || new Set(panel.x).size <= 6 ? Infinity : 3 * biggest, curved = Math.min(Math.max(0, ...panel.curve[1].map(Math.abs)), most);
   const high = Math.max(biggest * factor * 1.2, curved * factor * 1.05, 1e-12);
   let low = Math.min(...panel.x, ...panel.curve[0]), far = Math.max(...panel.x, ...panel.curve[0]);
   if (!(far > low)) { low -= 1; far += 1; }
@@ -79,7 +86,7 @@ function scatter(panel) {
   for (const t of ticks(low, far)) svg.append(mark("text", { x: X(t), y: height - bottom + 15, "text-anchor": "middle" }, digits(t)));
   const against = panel.against_unit && panel.against_unit !== "1" ? ` [${panel.against_unit === "deg" ? "°" : panel.against_unit}]` : "";
   svg.append(mark("text", { x: (left + width) / 2, y: height - 8, "text-anchor": "middle" }, cause + against));
-  svg.append(mark("text", { x: 2, y: 10 }, unit));
+  svg.append(mark("text", { x: 2, y: 10 }, `${motionOf(panel)} [${unit}]`));
   const inside = (v) => Math.abs(v * factor) <= high;
   panel.x.forEach((x, k) => {
     if (inside(panel.before[k])) svg.append(mark("rect", { x: X(x) - 2, y: Y(panel.before[k]) - 2, width: 4, height: 4, fill: "none", stroke: "var(--before)" }));

@@ -1,0 +1,42 @@
+"""What names in a report mean that no registry lists."""
+
+from __future__ import annotations
+
+import pytest
+
+from modelsel.diagnosis.name_legend import explain_names
+
+
+def test_registered_names_need_no_legend() -> None:
+    assert explain_names(["gravity-twist", "backlash:3 with the opposite sign"], 6) == []
+
+
+def test_every_kind_of_name_is_explained_once() -> None:
+    names = [
+        "frame 7 ry · torque5_6",
+        "frame 3 tx · waves of q1 times waves of q2",
+        "frame 3 rx · 1.5 waves along the campaign",
+        "frame 1 tx · free(beam_aside_z)",
+        "frame 1 rz · sin(2*q2) & cos(2*q2)",
+        "frame 2 tz · approach1",
+        "frame 2 tz · approach2",
+        "fault:tracker-bumped (2)",
+    ]
+    assert explain_names(names, 6) == [
+        "frame 7 ry · cause: frame 7 turns about its y axis with the cause",
+        "frame 7: the target",
+        "free(beam_aside_z): a function of beam_aside_z of any shape, fitted to the data",
+        "waves of q1 times waves of q2: any product of a wave once a turn of the one and of the other",
+        "1.5 waves along the campaign: a wave in time, 1.5 periods from the first row to the last",
+        "a & b: two numbers fitted together, as a sine and a cosine of unknown phase",
+        "torque5_6: torque of 1 kg at a frame about a joint's axis, joint 5, frame 6",
+        "beam_aside_z: level direction across the beam, z component",
+        "approach1: the side that joint 1 came from",
+        "(2) after a name: one of several effects of that name",
+    ]
+
+
+@pytest.mark.parametrize(("joints", "said"), [(6, False), (2, True), (None, False)])
+def test_the_frame_of_the_target_is_said_where_it_is_named(joints, said) -> None:
+    lines = explain_names(["frame 3 rx · q1"], joints)
+    assert ("frame 3: the target" in lines) == said
