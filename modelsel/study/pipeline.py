@@ -148,12 +148,14 @@ def _analyse_prepared(
         study, split, registry, steps, choose_constants(candidates, diagnosis.single_f)
     )
 
+    # the table of subsets leaves out the same rows as the ladder
+    split = exclude_held_out_outliers(split, ladder)
+    ladder = [remeasure(evaluation, split) for evaluation in ladder]
+
     say(SUBSETS)
     comparison = compare_candidates(study, split, steps[0], diagnosis, candidates)
 
     say(GAIN)
-    split = exclude_held_out_outliers(split, ladder)
-    ladder = [remeasure(evaluation, split) for evaluation in ladder]
     chosen = ladder[-1]
     faults = find_data_faults(study, split, chosen, notes)
     resampled = resample_held_out(study, split, [ladder[0], chosen, *steps])
