@@ -171,6 +171,7 @@ def _analyse_prepared(
 
     is_stated = study.robot.gravity is not None
     # every warning is collected here, in the order in which it is reported
+    gain = nominal_errors.gain_of(chosen_errors)
     warnings = [
         *notes,
         *note_other_gravity(
@@ -179,7 +180,7 @@ def _analyse_prepared(
         *untested.note(),
         *collect_diagnosis_notes(study, split, diagnosis, noise_notes, detection_limit.mm),
         *collect_comparison_notes(comparison, chosen),
-        *harmful_base_notes(study.model.base, nominal_errors.gain_of(step_errors[0])),
+        *harmful_base_notes(study.model.base, nominal_errors.gain_of(step_errors[0]), gain),
         *collect_held_out_notes(split, chosen, findings),
         *collect_fit_notes(split, ladder, floor, floor_doubted=bool(noise_notes)),
     ]
@@ -190,7 +191,7 @@ def _analyse_prepared(
         ladder=tuple(ladder),
         comparison=comparison,
         chosen=chosen,
-        gain=nominal_errors.gain_of(chosen_errors),
+        gain=gain,
         nested=within_folds,
         unidentifiable=list_unidentifiable(chosen.fit),
     )
