@@ -19,6 +19,7 @@ from ..results.schema import RegistrationRecord, StudyRecord
 from ..results.small_findings import split_findings
 from ..results.study_sentences import (
     describe_split,
+    label_entries,
     opening_sentences,
     weigh_listed_record,
     write_figures,
@@ -134,6 +135,7 @@ def _page_data(source: Source) -> dict[str, Any]:
         "worth": f"{WORTH}.",
         "prefixes": PREFIXES,
         "advice": [_describe_advice(source, finding) for finding in record.findings],
+        "entries": [label_entries(finding.credible_set) for finding in record.findings],
         "listed": [weigh_listed_record(finding) for finding in record.findings],
     }
 

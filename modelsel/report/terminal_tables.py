@@ -106,7 +106,7 @@ def _subset_table(record: StudyRecord, width: int) -> tuple[str, list[str], str]
         row = Row(words, figures, subset.note)
         rows.append(row)
     title = (
-        f"Best of {candidates.compared:,} candidate models, by cross-validation: errors in mm; weight: "
+        f"Best of {candidates.compared:,} candidate models, by weighted CV: errors in mm; weight: "
         "probability among them"
     )
     if common:

@@ -41,12 +41,16 @@ def restriction_notes(candidates: Sequence[str] | str) -> tuple[Note, ...]:
     return (Note("candidates-restricted", sentence),)
 
 
-def harmful_base_notes(base: Sequence[str], gain: Gain) -> tuple[Note, ...]:
-    """Return the warning about a base model that errs more on held-out rows than the nominal arm does.
+def harmful_base_notes(base: Sequence[str], gain: Gain, chosen: Gain) -> tuple[Note, ...]:
+    """Return the warning about a base model that errs more on held-out rows than the nominal arm does,
+    where the chosen model does no better than the nominal arm, either.
 
-    `gain`: from the nominal arm to the base."""
+    `gain`, `chosen`: from the nominal arm to the base, and to the chosen model."""
     before, after = gain.held_out_rms_before_mm, gain.held_out_rms_after_mm
     if before is None or after is None or after <= before:
+        return ()
+    change = chosen.change
+    if change is not None and change.fall > 0:
         return ()
     sentence = (
         f"On the held-out configurations the fitted base model ({sentence_list(base)}) errs by {write_rounded(after)} mm rms "

@@ -18,12 +18,11 @@ from ..fitting.design import directions, field_of, residuals
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..measurements.reference_temperature import TEMPERATURE
-from ..mechanisms.serialization import describe_mechanism
-from ..mechanisms.terms import Mechanism
 from .arm_details import describe_arm, describe_meanings, find_middling_row
 from .details_schema import DetailsRecord
 from .finding_postures import describe_postures
 from .map_details import describe_map
+from .mechanism_cards import describe_cards, key_cards, list_finding_cards
 from .panels import describe_panels
 from .reading import SCHEMA
 from .study_run import StudyRun
@@ -88,6 +87,7 @@ def _prepare(problem: Problem, rows: Index) -> _Drawing:
 def _values(run: StudyRun, drawing: _Drawing) -> Values:
     """Return the file's keys, in their order."""
     everything = run.problem.data
+    keys = key_cards(run)
     return {
         "schema": SCHEMA,
         "data_sha256": run.provenance["data_sha256"],
@@ -103,9 +103,9 @@ def _values(run: StudyRun, drawing: _Drawing) -> Values:
         "parameters": describe_meanings(run.problem, run.models.chosen.fit),
         "base": run.models.ladder.index(run.base),
         "rungs": _describe_residuals(run, drawing),
-        "map": describe_map(run, drawing.problem, drawing.displacement),
-        "cards": {m.name: _describe_card(m) for m in _mentioned_mechanisms(run)},
-        "findings": _describe_findings(run, drawing),
+        "map": describe_map(run, drawing.problem, drawing.displacement, keys),
+        "cards": describe_cards(keys),
+        "findings": _describe_findings(run, drawing, list_finding_cards(run, keys)),
     }
 
 
@@ -151,11 +151,12 @@ def _describe_joints(run: StudyRun) -> list[Values]:
     ]
 
 
-def _describe_findings(run: StudyRun, drawing: _Drawing) -> list[Values]:
-    """Return of every finding its panels, and the arm where it errs most."""
+def _describe_findings(run: StudyRun, drawing: _Drawing, cards: list[Values]) -> list[Values]:
+    """Return of every finding its panels, the arm where it errs most, and which card is its own."""
     panels = describe_panels(run, drawing.problem, drawing.field, drawing.rows)
     postures = describe_postures(run)
-    return [one | {"posture": posture} for one, posture in zip(panels, postures, strict=True)]
+    parts = zip(panels, postures, cards, strict=True)
+    return [one | {"posture": posture} | card for one, posture, card in parts]
 
 
 def _describe_residuals(run: StudyRun, drawing: _Drawing) -> list[Values]:
@@ -168,26 +169,6 @@ def _describe_residuals(run: StudyRun, drawing: _Drawing) -> list[Values]:
         rotation = round_nested(residual[:, 3:], 6) if has_rotation else None
         rungs.append({"residual_mm": round_nested(position, 4), "rotation_rad": rotation})
     return rungs
-
-
-def _mentioned_mechanisms(run: StudyRun) -> list[Mechanism]:
-    """Return every registered mechanism that a cell or a credible set names, once by name."""
-    entries = [
-        entry for finding in run.diagnosis.findings for entry in finding.effect.named.entries
-    ]
-    named = [entry.candidate.mechanism for entry in entries if entry.candidate.registered]
-    mentioned = [*run.diagnosis.error_map.named.values(), *named]
-    first = {mechanism.name: mechanism for mechanism in reversed(mentioned)}
-    return [first[name] for name in sorted(first)]
-
-
-def _describe_card(mechanism: Mechanism) -> Values:
-    """Return a mechanism's card, its pairs as lists."""
-    card: Values = describe_mechanism(mechanism)
-    for term in card["terms"]:
-        if term["size"] is not None:
-            term["size"] = list(term["size"])
-    return card
 
 
 def round_nested(values: Array, digits: int) -> list[Any]:

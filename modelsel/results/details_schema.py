@@ -164,7 +164,7 @@ class PostureRecord(StrictRecord):
 
 
 class FindingDetailsRecord(StrictRecord):
-    """What is drawn of a finding."""
+    """What is drawn of a finding; `card`: the key of its mechanism's card among `cards`."""
 
     label: Text
     what: Text
@@ -172,6 +172,7 @@ class FindingDetailsRecord(StrictRecord):
     more_panels: Whole
     rivals: Texts
     posture: PostureRecord | None = None
+    card: Text | None = None
 
 
 class DetailsRecord(StrictRecord):

@@ -7,11 +7,15 @@ from __future__ import annotations
 from math import inf
 from typing import NamedTuple
 
+from ..diagnosis.claim_sentences import name_drivers
+from ..diagnosis.data_faults import FaultKind
 from ..diagnosis.signatures import LEVELS
 from ..exceptions import sentence_list
+from ..measurements.state_names import parse_state_name
 from ..mechanisms.instrument import MISREADINGS
 from ..selection.gain import Change
-from .finding_schema import FindingRecord
+from ..setup.registration import MIN_CONFIGURATIONS
+from .finding_schema import EntryRecord, FindingRecord
 from .schema import StudyRecord
 from .study_sentences import format_gain
 
@@ -135,6 +139,21 @@ BY_STEM = {
     "refraction": _INSTRUMENT,
 }
 _FAULT = (MEASURE, "the rows that it concerns again, or correct them in the file")
+_TWO_PLACEMENTS = (
+    MODEL,
+    'each placement as a group of its own, with register = "per group"; find what moved',
+)
+# faults that concern all rows: to measure these again, something has to be done otherwise
+_OF_ALL_ROWS = {
+    FaultKind.READ_TOO_EARLY.label: (
+        MEASURE,
+        "again with the arm at rest when joints are read and targets measured; leave it out of the controller",
+    ),
+    FaultKind.TIME_OFFSET.label: (
+        MEASURE,
+        "again with positions and joint readings of the same moments, or shift the times of the one in the file",
+    ),
+}
 _DOUBTFUL = (
     MEASURE,
     "more configurations before anything is done; held-out ones do not confirm it",
@@ -188,7 +207,7 @@ def _choose(record: StudyRecord, finding: FindingRecord) -> tuple[str, str]:
     name = fitted.mechanism or ""
     stem, _, _ = name.partition(":")
     if fitted.is_fault:
-        return _FAULT
+        return _choose_for_fault(record, finding)
     if finding.doubtful:
         return _DOUBTFUL
     claim = finding.claim
@@ -196,6 +215,26 @@ def _choose(record: StudyRecord, finding: FindingRecord) -> tuple[str, str]:
     if not finding.is_found or is_place_alone:
         return _INSTRUMENT if stem in SET_UP else _RIVALS
     return _choose_by_name(record, finding, stem)
+
+
+def _choose_for_fault(record: StudyRecord, finding: FindingRecord) -> tuple[str, str]:
+    """Choose what to do about a fault of the data: a long stretch is not measured again."""
+    name = finding.fitted_entry.mechanism or ""
+    if name in _OF_ALL_ROWS:
+        return _OF_ALL_ROWS[name]
+    if name == FaultKind.TRACKER_BUMPED.label and _parts_placements(record, finding):
+        return _TWO_PLACEMENTS
+    return _FAULT
+
+
+def _parts_placements(record: StudyRecord, finding: FindingRecord) -> bool:
+    """Return whether the rows before a bump and those after it are enough for a placement each."""
+    counts = record.configurations
+    rows = max(len(counts.estimation_rows), 1)
+    after = len(finding.rows or [])
+    fewer = min(after, rows - after)
+    share = fewer / rows
+    return share * counts.estimation >= MIN_CONFIGURATIONS
 
 
 def _choose_by_name(record: StudyRecord, finding: FindingRecord, stem: str) -> tuple[str, str]:
@@ -209,9 +248,20 @@ def _choose_by_name(record: StudyRecord, finding: FindingRecord, stem: str) -> t
     if stem in WEARING and any(LARGE in note for note in noted):
         return _INSPECT
     if stem not in BY_STEM and all(screw.is_free for screw in fitted.screws):
-        return _ANGLE
+        return MODEL, _correct_over_drivers(fitted)
     unlisted = _OF_A_PLUGIN if stem else _UNNAMED
     return BY_STEM.get(stem, unlisted)
+
+
+def _correct_over_drivers(fitted: EntryRecord) -> str:
+    """Return that a free function is to be corrected over what drives it, whatever frame it moves."""
+    names = {screw.free_driver for screw in fitted.screws}
+    how = f"correct it over {name_drivers(names)}"
+    variables = [parse_state_name(name) for name in names]
+    if all(one is not None and one.joint is not None for one in variables):
+        joint = "the joint is" if len(names) == 1 else "a joint is"
+        how += f"; that holds until {joint} taken apart"
+    return how
 
 
 def _name_places(finding: FindingRecord) -> list[str]:

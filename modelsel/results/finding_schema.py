@@ -37,6 +37,11 @@ class ScrewRecord(StrictRecord):
         """Whether the cause is a free function of a joint."""
         return self.cause.startswith("free(")
 
+    @property
+    def free_driver(self) -> str:
+        """What its free function depends on; the whole cause where it is none."""
+        return self.cause.removeprefix("free(").removesuffix(")")
+
 
 class EntryRecord(StrictRecord):
     """One explanation of a credible set."""

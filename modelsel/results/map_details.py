@@ -20,8 +20,10 @@ from ..diagnosis.scan import compute_basis
 from ..fitting.design import PLACE, blocks, field_of
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Cause, Named
+from ..mechanisms.terms import Mechanism
 from ..mechanisms.waves import find_common_wave
 from ..selection.evaluation import Evaluation
+from .mechanism_cards import find_card
 from .study_run import StudyRun
 
 # rows from which the slopes are taken: they are one block of the design
@@ -35,16 +37,18 @@ SIGNIFICANT_DIGITS = 5
 Values = dict[str, Any]
 
 
-def describe_map(run: StudyRun, problem: Problem, field: Array) -> Values:
-    """Return places with their displacement (m, 3) at the drawn rows, causes, slopes by cell, and the registered
-    names of cells."""
+def describe_map(
+    run: StudyRun, problem: Problem, field: Array, cards: dict[Mechanism, str]
+) -> Values:
+    """Return places with their displacement (m, 3) at the drawn rows, causes, slopes by cell, and the keys of the
+    `cards` of cells that have a registered name."""
     whole = run.diagnosis.error_map
     names = sorted(whole.named.items(), key=lambda item: item[0])
     return {
         "places": [_describe_place(frame, axis, problem, field) for frame, axis in whole.where],
         "columns": [describe_column(causes, problem) for causes in whole.why],
         "slopes": _slopes(run) if whole.where else [],
-        "named": [[row, column, mechanism.name] for (row, column), mechanism in names],
+        "named": [[row, column, find_card(cards, one)] for (row, column), one in names],
     }
 
 

@@ -29,7 +29,8 @@ from .small_findings import split_findings
 # what the table of subsets is for, said with it
 TABLE_PURPOSE = (
     "The table asks which names predict best together, and may add one by chance; naming asks of each whether chance "
-    "would do as well, over all that was scanned. Only naming makes findings, and the two may differ."
+    "would do as well, over all that was scanned. Only naming makes findings, and the two may differ. Weighted CV, which notes go by, counts every cross-validated error in "
+    "units of its noise, orientations among them; CV rms is of positions alone, in mm."
 )
 # the sets of effects that the search has weighed, and what their table is for
 SETS_TITLE = "Sets of effects and their probabilities"

@@ -174,22 +174,35 @@ def _describe_named(every: NamedErrors, extends: bool) -> str:
     if not errors:
         sentences.append("No error beyond the base model was named.")
         return " ".join(sentences)
-    small = [one for one in errors if not one.matters]
+    small = [one for one in every.each if not one.matters]
     is_grouped = len(small) >= MIN_GROUPED
     told = [one for one in errors if one.matters or not is_grouped]
     settled = [one for one in told if one.is_settled]
     unsettled = [one for one in told if not one.is_settled]
     sentences += [*_describe_settled(settled), *_describe_unsettled(unsettled, bool(settled))]
     sentences += _explain_free_function(" ".join(sentences))
-    if is_grouped:
-        which = "smaller ones together" if told else "small errors beyond the base together"
+    if is_grouped and len(told) < len(errors):
+        among = _count_small_faults(small)
+        alone = "small findings" if among else "small errors beyond the base"
+        which = "smaller ones" if told else alone
         effect = _describe_small_effect(every)
-        sentences.append(f"{write_number(len(small))} {which} {effect}.")
+        sentences.append(f"{write_number(len(small))} {which}{among} together {effect}.")
     if not extends:
         is_one = len(errors) == 1
         added = "does not add it" if is_one else "adds none of them"
         sentences.append(f"The study {added} to the model.")
     return " ".join(sentences)
+
+
+def _count_small_faults(small: Sequence[Named]) -> str:
+    """Return how many of the small findings are faults, which are named by themselves, too."""
+    count = sum(one.is_fault for one in small)
+    if not count:
+        return ""
+    if count == 1:
+        return ", a fault among them,"
+    number = write_number(count).lower()
+    return f", {number} faults among them,"
 
 
 def _describe_small_effect(every: NamedErrors) -> str:

@@ -349,8 +349,8 @@ def _annotate(
         undefined = space.sigma is None and space.rows - subsets.rank[s] < 3
         remarks = {
             "one-standard-error choice": s == scores.pick,
-            "lowest CV": best,
-            "not distinguishable from the lowest CV": (
+            "lowest weighted CV": best,
+            "not distinguishable from the lowest weighted CV": (
                 not best and excess < 2 * scores.deviation[s]
             ),
             "lowest BIC and AICc: criteria disagree": s == lowest_bic == lowest_aicc and not best,

@@ -148,12 +148,14 @@ def _analyse_prepared(
         study, split, registry, steps, choose_constants(candidates, diagnosis.single_f)
     )
 
+    # the table of subsets leaves out the same rows as the ladder
+    split = exclude_held_out_outliers(split, ladder)
+    ladder = [remeasure(evaluation, split) for evaluation in ladder]
+
     say(SUBSETS)
     comparison = compare_candidates(study, split, steps[0], diagnosis, candidates)
 
     say(GAIN)
-    split = exclude_held_out_outliers(split, ladder)
-    ladder = [remeasure(evaluation, split) for evaluation in ladder]
     chosen = ladder[-1]
     faults = find_data_faults(study, split, chosen, notes)
     resampled = resample_held_out(study, split, [ladder[0], chosen, *steps])
@@ -169,6 +171,7 @@ def _analyse_prepared(
 
     is_stated = study.robot.gravity is not None
     # every warning is collected here, in the order in which it is reported
+    gain = nominal_errors.gain_of(chosen_errors)
     warnings = [
         *notes,
         *note_other_gravity(
@@ -177,7 +180,7 @@ def _analyse_prepared(
         *untested.note(),
         *collect_diagnosis_notes(study, split, diagnosis, noise_notes, detection_limit.mm),
         *collect_comparison_notes(comparison, chosen),
-        *harmful_base_notes(study.model.base, nominal_errors.gain_of(step_errors[0])),
+        *harmful_base_notes(study.model.base, nominal_errors.gain_of(step_errors[0]), gain),
         *collect_held_out_notes(split, chosen, findings),
         *collect_fit_notes(split, ladder, floor, floor_doubted=bool(noise_notes)),
     ]
@@ -188,7 +191,7 @@ def _analyse_prepared(
         ladder=tuple(ladder),
         comparison=comparison,
         chosen=chosen,
-        gain=nominal_errors.gain_of(chosen_errors),
+        gain=gain,
         nested=within_folds,
         unidentifiable=list_unidentifiable(chosen.fit),
     )

@@ -195,7 +195,7 @@ def test_nothing_that_is_named_is_larger_than_a_small_screw(rng: np.random.Gener
     ],
 )
 def test_geometry_that_is_worse_than_nominal_is_said(gain: Gain, words: str) -> None:
-    (note,) = harmful_base_notes(("geometric",), gain)
+    (note,) = harmful_base_notes(("geometric",), gain, gain)
     assert note.code == "base-worse-than-nominal"
     assert words in note.sentence
 
@@ -204,7 +204,14 @@ def test_geometry_that_is_worse_than_nominal_is_said(gain: Gain, words: str) -> 
     "gain", [Gain(0.3, 0.2, (0.05, 0.15)), Gain(None, None, None), Gain(0.3, 0.3, None)]
 )
 def test_geometry_that_is_not_worse_is_not(gain: Gain) -> None:
-    assert harmful_base_notes(("geometric",), gain) == ()
+    assert harmful_base_notes(("geometric",), gain, gain) == ()
+
+
+def test_geometry_that_is_worse_is_no_matter_where_the_chosen_model_gains() -> None:
+    """What the base leaves is what was found beyond it: nominal parameters are no better."""
+    base = Gain(0.2961, 0.2963, (-0.01, 0.01))
+    assert harmful_base_notes(("geometric",), base, Gain(0.2961, 0.0782, (0.2, 0.24))) == ()
+    assert harmful_base_notes(("geometric",), base, Gain(0.2961, 0.2962, None))
 
 
 @pytest.mark.parametrize(

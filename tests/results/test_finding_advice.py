@@ -72,13 +72,49 @@ def test_only_what_no_mechanism_describes_is_said_to_have_none(drawn, name) -> N
     assert "but have a look at what moves" in sentence
 
 
-def test_a_free_function_of_a_joint_is_a_correction_over_its_angle(drawn) -> None:
+@pytest.mark.parametrize(
+    ("driver", "words"),
+    [
+        ("q1", "over the reading of joint 1; that holds until the joint is taken apart"),
+        ("q2", "over the reading of joint 2; that holds until the joint is taken apart"),
+        ("move3", "over the last move of joint 3; that holds until the joint is taken apart"),
+        ("temperature_C", "over the temperature"),
+    ],
+)
+def test_a_free_function_is_corrected_over_its_driver_whatever_frame_moves(
+    drawn, driver, words
+) -> None:
     record = read_source(drawn).record
     finding = record.findings[1]
-    screws = [finding.first.screws[0].model_copy(update={"cause": "free(q1)", "frame": 1})]
-    free = finding.first.model_copy(update={"mechanism": None, "screws": screws})
-    advice = advise(record, finding.model_copy(update={"credible_set": [free]}))
-    assert "over the angle of joint 1" in advice.sentence
+    free = {"cause": f"free({driver})", "frame": 1}
+    screws = [finding.first.screws[0].model_copy(update=free)]
+    entry = finding.first.model_copy(update={"mechanism": None, "screws": screws})
+    advice = advise(record, finding.model_copy(update={"credible_set": [entry]}))
+    assert advice.sentence == f"Model: correct it {words}."
+
+
+@pytest.mark.parametrize(
+    ("name", "rows", "words"),
+    [
+        ("fault:tracker-bumped", 2, "Measure: the rows that it concerns again"),
+        ("fault:tracker-bumped", 30, "Model: each placement as a group of its own"),
+        ("fault:tracker-bumped", 58, "Measure: the rows that it concerns again"),
+        ("fault:row-order", 30, "Measure: the rows that it concerns again"),
+        ("fault:read-too-early", 60, "Measure: again with the arm at rest"),
+        ("fault:time-offset", 60, "Measure: again with positions and joint readings of the same"),
+    ],
+)
+def test_a_fault_of_many_rows_is_not_measured_again(drawn, name, rows, words) -> None:
+    """Sixty configurations: two placements need four of them each."""
+    record = read_source(drawn).record
+    counts = {"estimation": 60, "estimation_rows": list(range(60))}
+    record = record.model_copy(
+        update={"configurations": record.configurations.model_copy(update=counts)}
+    )
+    finding = record.findings[1]
+    entry = finding.first.model_copy(update={"mechanism": name})
+    changed = {"credible_set": [entry], "rows": list(range(rows))}
+    assert advise(record, finding.model_copy(update=changed)).sentence.startswith(words)
 
 
 def test_larger_than_usual_is_inspected(drawn) -> None:

@@ -85,6 +85,26 @@ def test_a_joint_of_the_wrist_has_its_play_at_the_target() -> None:
     )
 
 
+@pytest.mark.parametrize("least", [0.0, -1.0])
+@pytest.mark.parametrize(
+    "one",
+    [
+        mechanism("approach-backlash:2", ARM),
+        one_screw(2, "tz", Named("approach1")),
+        mechanism("overshoot:1", ARM),
+    ],
+)
+def test_a_side_that_was_not_measured_is_not_told(one: Mechanism, least: float) -> None:
+    """Of a direction that no row has, the difference to the other is not known."""
+    space = workspace_of()
+    data = space.problem.data
+    sides = np.where(np.arange(len(data)) % 10, 1.0, least)[:, None] * np.ones(ARM.n)
+    data = replace(data, approach=sides)
+    space = replace(space, problem=replace(space.problem, data=data))
+    effect = Fitted(one.terms, np.full(len(one.terms), 1e-4), np.eye(len(one.terms)), space)
+    assert bool(list_usable(one, effect)) == (least < 0)
+
+
 @pytest.mark.parametrize(
     ("size", "unit", "words"),
     [

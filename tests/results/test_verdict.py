@@ -199,6 +199,23 @@ def test_small_findings_are_told_by_their_sum() -> None:
 
 
 @pytest.mark.parametrize(
+    ("faults", "errors", "words"),
+    [
+        (1, 3, "Four smaller ones, a fault among them, together move"),
+        (2, 1, "Three smaller ones, two faults among them, together move"),
+        (0, 3, "Three smaller ones together move"),
+    ],
+)
+def test_small_faults_count_where_they_are_in_the_sum(faults, errors, words) -> None:
+    """The sum has them, and so has the number; those that matter stand by themselves."""
+    names = [f"fault:{k}" for k in range(faults)] + [f"e{k}" for k in range(errors)]
+    small = [(name, True, False) for name in names]
+    second = said([("fault:big", True), ("a", True), *small])[1]
+    assert second.endswith(f"{words} the target by 0.0213 mm rms.")
+    assert all(name in second for name in names[:faults])
+
+
+@pytest.mark.parametrize(
     ("verdict", "levels", "registered", "settled"),
     [
         ("found", (1.0, 1.0, 1.0, 0.97), True, True),

@@ -123,6 +123,18 @@ def test_choice_where_aic_and_bic_fail(size, rng) -> None:
 
 
 @pytest.mark.integration
+@seeds(1)
+def test_notes_go_by_the_weighted_errors_of_cross_validation(rng) -> None:
+    """Orientations weigh, and CV rms does not have them: the row with the note is the first, of
+    whatever CV rms, and the note says what it goes by."""
+    offered = (*(mechanism(name, ARM) for name in TRUE), harmonics(0, rng, 3))
+    table = compared(study(rng, 1.0, estimation=60), offered)
+    first = table.best[0]
+    assert "lowest weighted CV" in first.note.split("; ")
+    assert not any("lowest CV" in row.note for row in table.best)
+
+
+@pytest.mark.integration
 @seeds(1, 2)
 def test_table(rng) -> None:
     """Rows are measured one linear step from the base's fit, which the exact fit bears out; the
@@ -141,7 +153,7 @@ def test_table(rng) -> None:
     assert 0 < sum(r.weight for r in table.best) <= 1 + 1e-9
     (marked,) = [r for r in table.best if "one-standard-error choice" in r.note]
     assert marked.names == table.choice
-    assert sum(part == "lowest CV" for r in table.best for part in r.note.split("; ")) == 1
+    assert sum(part == "lowest weighted CV" for r in table.best for part in r.note.split("; ")) == 1
     for row in table.best:
         again = evaluate(data, BASE + tuple(c for c in offered if c.name in row.names), row.names)
         assert row.rank == again.rank
@@ -172,7 +184,7 @@ def test_one_definition_of_every_criterion(known, rng) -> None:
     values = Table(data, offered)
     every = bic(values.rss, values.n, values.rank, 1.0 if known else None)
     lowest = values.names[int(np.argmin(every))]
-    assert "lowest BIC" in rows[lowest].note or "lowest CV" in rows[lowest].note
+    assert "lowest BIC" in rows[lowest].note or "lowest weighted CV" in rows[lowest].note
     assert rows[lowest].bic == min(row.bic for row in table.best)
     if known:
         two = list(rows)[:2]

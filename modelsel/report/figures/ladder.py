@@ -39,6 +39,12 @@ FEW_RUNGS = 4
 NOISE_SHARE = 0.22
 # mm: a smaller error is drawn there, a logarithm has no zero
 SMALLEST_ERROR = 1e-4
+# what the zone of noise is called, by the source of the noise floor; noise alone by any other
+ZONE_NAMES = {
+    "stated": "stated noise",
+    "instrument": "stated noise",
+    "estimated": "what does\nnot repeat",
+}
 LINE_STYLES = ("-", "--", "-.", ":", (0, (5, 1)), "-")
 
 
@@ -69,12 +75,13 @@ def label_way(record: StudyRecord, rungs: Sequence[int]) -> list[str]:
 @dataclass(frozen=True, eq=False)
 class _Scale:
     """The ladder's errors [mm] by row: on estimation configurations, and those that count; what noise alone would
-    leave; the ends of the axis."""
+    leave, and its name; the ends of the axis."""
 
     estimation: Array
     shown: Array
     is_held_out: bool
     noise: float
+    zone: str
     low: float
     high: float
 
@@ -126,7 +133,8 @@ def _scale(rungs: Sequence[RungRecord], floor: NoiseFloorRecord) -> _Scale:
     lowest = min(np.nanmin(errors) / 1.7, noise / max(zone, 3.2))
     low = max(lowest, 1e-9)
     shown = held_out if is_held_out else estimation
-    return _Scale(estimation, shown, is_held_out, noise, float(low), float(high))
+    name = ZONE_NAMES.get(floor.source, "noise alone")
+    return _Scale(estimation, shown, is_held_out, noise, name, float(low), float(high))
 
 
 def _rms_noise(floor: NoiseFloorRecord) -> float:
@@ -137,7 +145,7 @@ def _rms_noise(floor: NoiseFloorRecord) -> float:
 
 
 def _draw_noise(ax: Any, scale: _Scale) -> None:
-    """Draw the zone where nothing but noise is left."""
+    """Draw the zone where nothing is left but noise, or what does not repeat."""
     rungs = len(scale.rows)
     is_tall = rungs > FEW_RUNGS
     ax.axvspan(scale.low, scale.noise, color="#EFEFEF", lw=0)
@@ -146,7 +154,7 @@ def _draw_noise(ax: Any, scale: _Scale) -> None:
         np.sqrt(scale.low * scale.noise),
         # above the last rung, whose marks may stand in the zone
         rungs / 2 - 0.5 if is_tall else max(rungs / 2 - 1, 0.0),
-        f"noise alone\n{format_figure(scale.noise)} mm",
+        f"{scale.zone}\n{format_figure(scale.noise)} mm",
         rotation=90 if is_tall else 0,
         ha="center",
         va="center",

@@ -8,6 +8,7 @@ from math import degrees
 
 from ..._short_numbers import round_numbers
 from ...diagnosis.name_legend import explain_names
+from ...exceptions import sentence_list
 from ...results.details_schema import DetailsRecord
 from ...results.finding_advice import advise, list_frames
 from ...results.placements import describe_placements
@@ -60,6 +61,15 @@ NAMED_COLUMNS = (
 )
 # shares of the room between names, advice and probabilities
 NAME_SHARE, ADVICE_SHARE, PROBABILITY_SHARE = 0.6, 1.0, 0.4
+# what bounds the grey zone of the ladder, by the source of the noise floor
+ZONES = {
+    "stated": "the noise as it is stated",
+    "instrument": "the noise that the instrument's figures state",
+    "repeats": "what differs between repeats of one posture",
+    "target pairs": "the noise that pairs of targets show",
+    "estimated": "what does not repeat, of the instrument and of the arm",
+}
+DOUBTED_NOISE = "stated-uncertainty"  # the code of the note
 MAX_CELLS = 6  # cells that the map's text for those who cannot see names
 
 
@@ -78,11 +88,20 @@ def write_first_page(source: Source) -> list[Block]:
         "ladder",
         partial(draw_ladder, record),
         "Rms position error of each model on the way from the nominal to the chosen one. Each row adds "
-        "one finding; in the grey zone nothing but noise is left." + _note_registration(record),
+        f"one finding; {describe_zone(record)}{_note_registration(record)}",
         _ladder_words(record),
     )
     lead = [make_text(sentence, "lead") for sentence in opening_sentences(record)]
     return [title, *lead, figure, *_write_named(source)]
+
+
+def describe_zone(record: StudyRecord) -> str:
+    """Return what is left in the grey zone of the ladder: its bound is as good as the noise floor."""
+    left = ZONES.get(record.noise_floor.source, "noise")
+    zone = f"in the grey zone nothing is left but {left}."
+    if any(note.code == DOUBTED_NOISE for note in record.warnings):
+        zone += " What is stated is doubted: see the notes."
+    return zone
 
 
 def _note_registration(record: StudyRecord) -> str:
@@ -276,12 +295,28 @@ def write_error_map_page(source: Source) -> list[Block]:
         "finding. One effect darkens every cell that moves the target like it, so most dark cells are echoes."
     )
     legend = (
-        "tx ty tz shift along, rx ry rz turn about the axes of a frame; rz of frames 1 to n is the joint's own rotation. "
+        f"tx ty tz shift along, rx ry rz turn about the axes of a frame; {describe_own_motion(source.details)}. "
         "a & b: two numbers fitted together, as a sine and a cosine of unknown phase."
     )
     figure = source.add_figure("error-map", draw, caption, _map_words(whole, columns))
     told = [make_text(explanation), make_text(legend, "quiet")]
     return [keep_together([make_heading("Error map"), *told, figure])]
+
+
+def describe_own_motion(details: DetailsRecord) -> str:
+    """Return at which axis of its frame a joint moves by itself: sliding ones along z."""
+    turning = [str(k) for k, joint in enumerate(details.joints, 1) if joint.unit == "rad"]
+    sliding = [str(k) for k, joint in enumerate(details.joints, 1) if joint.unit == "mm"]
+    if not sliding:
+        return "rz of frames 1 to n is the joint's own rotation"
+    if not turning:
+        return "tz of frames 1 to n is the joint's own shift"
+    return f"rz of {_count_frames(turning)} is the joint's own rotation, tz of {_count_frames(sliding)} its own shift"
+
+
+def _count_frames(numbers: list[str]) -> str:
+    word = "frame" if len(numbers) == 1 else "frames"
+    return f"{word} {sentence_list(numbers)}"
 
 
 def _map_words(whole: ErrorMapRecord, columns: list[int]) -> str:

@@ -34,6 +34,15 @@ DRIVERS = (
     "error that repeats with the quantity below it. report.html has the residuals as vectors in the workspace."
 )
 CERTAINTY_TITLE = "How well the parameters are known"
+# what names of scales of the noise begin with, and what such a scale is
+NOISE = "noise"
+SCALE_OF_NOISE = (
+    " Noise: standard deviation of one coordinate, or a multiple of what is stated or estimated."
+)
+SCALE_BESIDE_PARTS = (
+    " Noise: of one coordinate, without what else does not repeat, so that it may be far below the noise floor, or a "
+    "multiple of what is stated or estimated. All parts of what does not repeat grow with it."
+)
 DETERMINED = "The data determine every parameter of the chosen model."
 
 
@@ -143,7 +152,7 @@ def write_posterior_page(source: Source) -> list[Block]:
     words = write_certainty(source.record)
     correlation = _write_correlation(source)
     draws = _write_draws(source, sampling) if sampling is not None and sampling.converged else []
-    table = [] if sampling is None else _write_quantiles(sampling.quantiles)
+    table = [] if sampling is None else _write_quantiles(sampling.quantiles, source.record)
     heading = make_heading(CERTAINTY_TITLE)
     if correlation and draws:
         whole = keep_together([heading, *words, put_beside(correlation, draws)])
@@ -197,12 +206,14 @@ QUANTILE_COLUMNS = (
 )
 
 
-def _write_quantiles(quantiles: Sequence[QuantilesRecord]) -> list[Block]:
+def _write_quantiles(quantiles: Sequence[QuantilesRecord], record: StudyRecord) -> list[Block]:
     """Write the table of quantiles; nothing where there are none."""
     if not quantiles:
         return []
     rows = [[one.name, *_format_quantiles(one)] for one in quantiles[:MAX_QUANTILES]]
     caption = "Sampled as described above; the closed form is that of least squares."
+    if any(one.name.startswith(NOISE) for one in quantiles):
+        caption += SCALE_BESIDE_PARTS if len(record.repeatability) > 1 else SCALE_OF_NOISE
     table = make_table(QUANTILE_COLUMNS, rows, caption, [0.0] * len(QUANTILE_COLUMNS))
     return [table | {"dense": True}]
 

@@ -79,7 +79,7 @@ function cellPanel(data, i, j, openFinding) {
   for (const [finding, k] of findings.slice(0, 3)) {
     const button = el("button", { type: "button", text: `Finding ${k + 1}: ${data.details.findings[k].label}` });
     button.addEventListener("click", () => openFinding(k));
-    out.push(button, probabilities(finding.credible_set.slice(0, 8).map((e, n) => [data.details.findings[k].rivals[n], e.probability * data.listed[k], e.alike])));
+    out.push(button, probabilities(finding.credible_set.slice(0, 8).map((e, n) => [data.entries[k][n], e.probability * data.listed[k], e.alike])));
   }
   out.push(el("h3", { text: "Mechanism" }));
   out.push((name && card(data, name[2])) || el("p", { class: "quiet", text: "No registered mechanism acts at this place by this cause alone." }));
@@ -99,11 +99,11 @@ function findingPanel(data, k) {
   for (const p of said.panels) out.push(scatter({ ...p, title: p.frames.length ? `Residual about frame ${p.frames.join(", ")} ${p.axis}` : "Displacement" }));
   if (said.panels.length) out.push(el("p", { class: "quiet", text: "Squares: without this effect. Dots: with it. Line: the fitted effect." }));
   if (said.posture) out.push(...posed(finding, said.posture));
-  const shown = finding.credible_set.slice(0, 12).map((e, n) => [said.rivals[n], e.probability * data.listed[k], e.alike]);
+  const shown = finding.credible_set.slice(0, 12).map((e, n) => [data.entries[k][n], e.probability * data.listed[k], e.alike]);
   const rest = shown.reduce((left, [, probability]) => left - probability, 1);
   out.push(el("h3", { text: "Credible set" }), probabilities(shown));
   if (rest >= LEAST_REST) out.push(el("p", { class: "quiet", text: `The other ${rest.toFixed(2)} is the probability of less likely explanations, and of shapes that are in no list.` }));
-  const found = card(data, finding.credible_set.length ? finding.credible_set[finding.fitted].mechanism : null);
+  const found = card(data, said.card || (finding.credible_set.length ? finding.credible_set[finding.fitted].mechanism : null));
   if (found) out.push(el("h3", { text: "Mechanism" }), found);
   return out;
 }

@@ -1,0 +1,81 @@
+"""Cards of mechanisms, and the key that each has in details.json.
+
+Mechanisms of several constants share a name, as steps at other moments do: the one that a finding is
+fitted as has a card of its own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from ..mechanisms.serialization import describe_mechanism
+from ..mechanisms.terms import Mechanism
+from .study_run import StudyRun
+
+Values = dict[str, Any]
+
+
+def key_cards(run: StudyRun) -> dict[Mechanism, str]:
+    """Return the key of every mechanism that has a card: its name, or where another one has that, its
+    name and a number.
+
+    Those that findings are fitted as come first, then one of every other name that a cell of the map
+    or a credible set has."""
+    keys: dict[Mechanism, str] = {}
+    count: dict[str, int] = {}
+    for mechanism in _list_fitted(run):
+        if mechanism in keys:
+            continue
+        name = mechanism.name
+        before = count.get(name, 0)
+        keys[mechanism] = f"{name} #{before + 1}" if before else name
+        count[name] = before + 1
+    for mechanism in _list_mentioned(run):
+        if mechanism.name not in count:
+            keys[mechanism] = mechanism.name
+            count[mechanism.name] = 1
+    return keys
+
+
+def find_card(keys: dict[Mechanism, str], mechanism: Mechanism) -> str:
+    """Return the key of a mechanism's card; of one that has none, its name."""
+    return keys.get(mechanism, mechanism.name)
+
+
+def describe_cards(keys: dict[Mechanism, str]) -> Values:
+    """Return the cards by their keys, sorted."""
+    by_key = {key: mechanism for mechanism, key in keys.items()}
+    return {key: _describe_card(by_key[key]) for key in sorted(by_key)}
+
+
+def list_finding_cards(run: StudyRun, keys: dict[Mechanism, str]) -> list[Values]:
+    """Return of every finding of result.json the key of its card, where it has one."""
+    faults: list[Values] = [{} for _ in run.diagnosis.faults]
+    findings = []
+    for finding in run.diagnosis.findings:
+        mechanism = finding.effect.candidate.mechanism
+        findings.append({"card": keys[mechanism]} if mechanism in keys else {})
+    return [*faults, *findings]
+
+
+def _list_fitted(run: StudyRun) -> list[Mechanism]:
+    """List the registered mechanisms that findings are fitted as."""
+    candidates = [finding.effect.candidate for finding in run.diagnosis.findings]
+    return [one.mechanism for one in candidates if one.registered]
+
+
+def _list_mentioned(run: StudyRun) -> list[Mechanism]:
+    """List the registered mechanisms that a cell of the map or a credible set names."""
+    entries = [
+        entry for finding in run.diagnosis.findings for entry in finding.effect.named.entries
+    ]
+    named = [entry.candidate.mechanism for entry in entries if entry.candidate.registered]
+    return [*run.diagnosis.error_map.named.values(), *named]
+
+
+def _describe_card(mechanism: Mechanism) -> Values:
+    """Return a mechanism's card, its pairs as lists."""
+    card: Values = describe_mechanism(mechanism)
+    for term in card["terms"]:
+        if term["size"] is not None:
+            term["size"] = list(term["size"])
+    return card
