@@ -29,10 +29,11 @@ def describe_value(value: Any) -> str:
 def name_type(value: Any) -> str:
     """Name the type of a value; with its module where another program's type has a usual name."""
     kind = type(value)
+    name = kind.__name__
     package, _, _ = kind.__module__.partition(".")
     if package in ("builtins", "modelsel", "numpy"):
-        return kind.__name__
-    return f"{package}.{kind.__name__}"
+        return name
+    return f"{package}.{name}"
 
 
 def check_type(name: str, value: Any, kind: type | tuple[type, ...], expected: str) -> None:

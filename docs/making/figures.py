@@ -15,7 +15,6 @@ from arm import short
 from campaigns import BASE, NOISE, ROBOT, View, effect, look, measured
 
 from modelsel._typing import Array
-from modelsel.diagnosis.conclusion import build_empty
 from modelsel.diagnosis.credible_sets import ask
 from modelsel.diagnosis.evidence import (
     RATIOS,
@@ -25,6 +24,7 @@ from modelsel.diagnosis.evidence import (
     normalise_strength,
     sum_evidence,
 )
+from modelsel.diagnosis.outcome import build_empty
 from modelsel.diagnosis.state import LEVEL
 from modelsel.diagnosis.unexplained import POWER, compute_detection_limit
 from modelsel.mechanisms.registry import mechanism

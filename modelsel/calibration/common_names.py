@@ -61,9 +61,10 @@ class CommonNames:
         """Arrange what the second campaign has of each of its names by the common numbering, with
         the first's values for what the second does not have."""
         count = len(self.names)
-        shape = own.shape[1:]
+        of_each = own.shape[1:]
+        shape = count, *of_each
         known = len(self.first)
-        arranged = np.empty((count, *shape))
+        arranged = np.empty(shape)
         arranged[:known] = first
         arranged[self.places] = own
         return arranged

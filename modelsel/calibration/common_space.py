@@ -201,7 +201,8 @@ def _order_terms(placing: Mechanism, a: Calibration, b: Calibration) -> tuple[Te
 
 def _place_offsets(terms: Sequence[Term], separate: Sequence[Sequence[Term]]) -> Index:
     """Return the places (targets, 3) of the targets' offsets among all terms."""
-    place_of = {term.key: k for k, term in enumerate(terms)}
+    numbered = enumerate(terms)
+    place_of = {term.key: k for k, term in numbered}
     places = []
     for own in separate:
         for term in own:

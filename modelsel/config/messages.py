@@ -95,7 +95,8 @@ def describe_error(error: Any) -> str:
     message = message.replace(" after validation", "")
     value = error["input"]
     if isinstance(value, bool):
-        return f"{message}, found {str(value).lower()}"
+        written = str(value).lower()
+        return f"{message}, found {written}"
     shown = _show(value)
     return f"{message}, found {shown!r}"
 

@@ -113,7 +113,8 @@ class Candidate:
         """Its causes in words, joined by a conjunction, their long numbers rounded."""
         mechanism = self.mechanism
         if self.kind is CandidateKind.SHAPE:
-            listed = ", ".join(sorted(mechanism.names()))
+            drivers = sorted(mechanism.names())
+            listed = ", ".join(drivers)
             return f"free({listed})"
         if self.kind is CandidateKind.WAVE_PRODUCT:
             first, second = sorted(mechanism.names())

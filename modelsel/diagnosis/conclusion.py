@@ -13,7 +13,6 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import number_repeated
-from ..fitting.design import Model
 from ..fitting.least_squares import STEP_MM, Fit
 from ..fitting.shrinkage import fit_shrunk
 from ..mechanisms.terms import Mechanism
@@ -38,23 +37,6 @@ MAX_OFFERS = 4
 MAX_TAKEN_BACK = 2
 # share of either of two effects below which what is left of both is reported
 MAX_CANCELLED = 0.5
-
-
-def build_empty(base: Model, base_fit: Fit) -> Diagnosis:
-    """Build the diagnosis without candidates: nothing may extend the base."""
-    nothing = np.zeros(0)
-    return Diagnosis(
-        base=base,
-        effects=(),
-        model=base,
-        fit=base_fit,
-        path=(),
-        left=None,
-        left_p=1.0,
-        held_back=None,
-        bound=np.inf,
-        single_f=nothing,
-    )
 
 
 @dataclass(frozen=True, eq=False)

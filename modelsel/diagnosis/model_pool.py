@@ -228,7 +228,8 @@ class Pool:
     def _offer(self, chosen: Sequence[int]) -> Mask:
         """Mask (P,) of what may be added to a set."""
         excluded = self.exclude[:, chosen]
-        is_offered: Mask = ~np.any(excluded, axis=1)
+        is_excluded = np.any(excluded, axis=1)
+        is_offered: Mask = ~is_excluded
         is_offered[chosen] = False
         return is_offered
 

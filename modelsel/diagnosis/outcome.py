@@ -96,3 +96,20 @@ class Diagnosis:
         if self.left is not None:
             lines.append(f"  The strongest of what is left has {write_chance(self.left_p)}.")
         return "\n".join(lines)
+
+
+def build_empty(base: Model, base_fit: Fit) -> Diagnosis:
+    """Build the diagnosis without candidates: nothing may extend the base."""
+    nothing = np.zeros(0)
+    return Diagnosis(
+        base=base,
+        effects=(),
+        model=base,
+        fit=base_fit,
+        path=(),
+        left=None,
+        left_p=1.0,
+        held_back=None,
+        bound=np.inf,
+        single_f=nothing,
+    )

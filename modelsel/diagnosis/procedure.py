@@ -116,7 +116,8 @@ def _resolve_candidates(
     if _takes_all(candidates):
         return (*build_faults(robot), *every(robot, registry))
     mechanisms: list[Mechanism] = []
-    for name in collect_names("candidates", candidates):
+    names = collect_names("candidates", candidates)
+    for name in names:
         mechanisms += build_mechanisms(name, robot, registry)
     return tuple(mechanisms)
 

@@ -31,12 +31,12 @@ from ..mechanisms.terms import Mechanism
 from ..selection.evaluation import Split
 from ..selection.structure_criterion import compute_criterion
 from .candidates import Candidate
-from .conclusion import build_empty, conclude, prove
+from .conclusion import conclude, prove
 from .driver_functions import IN_TIME
 from .effects import Effect
 from .kept_causes import KeptCauses
 from .options import DiagnosisOptions
-from .outcome import Diagnosis
+from .outcome import Diagnosis, build_empty
 from .reshaping import improve_shapes, look_closer
 from .state import Search, extend_model
 from .stepwise import Exploration, explore

@@ -71,7 +71,7 @@ def read_parts(candidate: Candidate, told: Candidate) -> Parts:
     `told`: the candidate without the screws that hardly move the target. Several candidates that
     have its parts between them, and no others, say together what it says."""
     mechanism = candidate.mechanism
-    names = list_drivers(told)
+    names = list_drivers_by_place(told)
     places = frozenset(names)
     drivers = frozenset((place, name) for place in names for name in names[place])
     terms = frozenset(term.key for term in mechanism.terms)
@@ -84,10 +84,10 @@ def _read_place(candidate: Candidate) -> Hashable:
 
 def read_drivers(candidate: Candidate) -> Hashable:
     """Read where a candidate moves the arm, and on what that depends; None for nothing."""
-    return frozenset(list_drivers(candidate).items()) or None
+    return frozenset(list_drivers_by_place(candidate).items()) or None
 
 
-def list_drivers(candidate: Candidate) -> dict[tuple[int, str], frozenset[str]]:
+def list_drivers_by_place(candidate: Candidate) -> dict[tuple[int, str], frozenset[str]]:
     """List the places where a candidate acts, each with what it depends on there."""
     names_by_place = candidate.mechanism.names_by_place()
     drivers = {}

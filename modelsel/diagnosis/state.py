@@ -349,6 +349,7 @@ class Search:
             first_term = candidate.mechanism.terms[0]
             screw = first_term.screws[0]
             return "joint", screw.frame
-        if self.bumped[g]:
-            return "bump", int(self.bumped[g])
+        joint = int(self.bumped[g])
+        if joint:
+            return "bump", joint
         return "candidate", g

@@ -12,7 +12,7 @@ import numpy as np
 
 from .._typing import Array
 from .candidates import Candidate
-from .signatures import PROVEN, add_sides, list_drivers
+from .signatures import PROVEN, add_sides, list_drivers_by_place
 from .state import Search
 from .unlisted_shapes import Rival
 from .weighed_models import VisitedModels
@@ -28,7 +28,8 @@ def sum_by_driver(
     name that it depends on.
 
     They are of all candidates, then of the rivals. An effect of several places has none."""
-    drivers = list_drivers(search.acting_parts[g])
+    told = search.acting_parts[g]
+    drivers = list_drivers_by_place(told)
     if len(drivers) != 1:
         return {}
     (names,) = drivers.values()
@@ -78,5 +79,5 @@ def find_sure(
 
 def _depend(candidate: Candidate) -> frozenset[str]:
     """Return what a candidate depends on, at any place; a last move says its side, too."""
-    drivers = list_drivers(candidate)
+    drivers = list_drivers_by_place(candidate)
     return add_sides(frozenset[str]().union(*drivers.values()))

@@ -71,7 +71,8 @@ def note_other_gravity(
     """Return the warning that joints wind up as if gravity had another direction, beside a fitted base
     and beside what of the mechanisms that were `found` does not depend on it; nothing where the study
     states it (`is_stated`), or where the `notes` question it already."""
-    if is_stated or any(note.code == UPWARDS for note in notes):
+    is_questioned = any(note.code == UPWARDS for note in notes)
+    if is_stated or is_questioned:
         return []
     other = find_other_gravity(problem, fitted)
     beside = [one for one in found if not any(map(needs_gravity, one.names()))]

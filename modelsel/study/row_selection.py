@@ -140,7 +140,8 @@ def drop_unknown_targets(
     if is_kept.all():
         return data, estimation, []
     dropped = data.target[~is_kept]
-    names = [f'"{data.targets[k]}"' for k in np.unique(dropped)]
+    numbers = np.unique(dropped)
+    names = [f'"{data.targets[k]}"' for k in numbers]
     listed = sentence_list(names)
     note = Note(
         "target-unseen",
