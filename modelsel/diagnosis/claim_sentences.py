@@ -38,6 +38,7 @@ SEEN_WRONGLY = "The instrument measures wrongly, by an amount that depends on wh
 NAMED_RIVALS = 3
 # probability of what is not named beside them, above which that is said
 MOST = 0.5
+SOMETHING_ELSE = "something else"
 
 
 class ClaimedLevel(NamedTuple):
@@ -248,6 +249,18 @@ def _list_entries(effect: Effect) -> str:
         written = format_probability(left)
         words.append(f"something else, or chance ({written})")
     return choice_list(words)
+
+
+def tell_rest(effect: Effect, labels: Sequence[str]) -> list[str]:
+    """Tell what is not listed in place of those labels that are less probable, where that is likelier
+    than everything that is."""
+    scale = weigh_listed(effect)
+    weights = effect.named.sum_by_label()
+    left = 1.0 - scale * sum(weights.values())
+    if left <= MOST:
+        return list(labels)
+    likely = [label for label in labels if scale * weights[label] > left]
+    return [*likely, SOMETHING_ELSE]
 
 
 def _name_entry(effect: Effect, label: str) -> str:
