@@ -45,6 +45,7 @@ REST = {
 }
 # probability of what is not named beside them, above which that is said
 MOST = 0.5
+SOMETHING_ELSE = "something else"
 
 
 class ClaimedLevel(NamedTuple):
@@ -281,6 +282,18 @@ def _name_rest(effect: Effect) -> str:
         # several effects together, or none
         return "something else, or chance"
     return REST[claim.level]
+
+
+def tell_rest(effect: Effect, labels: Sequence[str]) -> list[str]:
+    """Tell what is not listed in place of those labels that are less probable, where that is likelier
+    than everything that is."""
+    scale = weigh_listed(effect)
+    weights = effect.named.sum_by_label()
+    left = 1.0 - scale * sum(weights.values())
+    if left <= MOST:
+        return list(labels)
+    likely = [label for label in labels if scale * weights[label] > left]
+    return [*likely, SOMETHING_ELSE]
 
 
 def _name_entry(effect: Effect, label: str) -> str:

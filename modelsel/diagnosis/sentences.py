@@ -15,6 +15,7 @@ from .candidates import Candidate
 from .credible_sets import FOUND, Entry
 from .effects import Effect
 from .fitted_curves import find_waves, measure_heights
+from .rival_names import NAMED_RIVALS, describe_open_names, list_rival_labels
 from .sign_constraints import are_unsigned_negative, find_contrary_terms
 from .stated_probability import describe_level_probability, format_probability, scale_listed
 
@@ -30,8 +31,6 @@ LARGEST_MS = 0.5
 LARGEST_MRAD = 0.05
 # sizes that are unusual for an error of an arm, where the catalogue gives no range
 USUAL_SIZE = {"mm": 10.0, "rad": 0.02}
-# alternatives that a sentence names
-NAMED_RIVALS = 3
 
 
 def choose_prefix(size: float, unit: str) -> tuple[float, str]:
@@ -326,19 +325,6 @@ def describe_aliases(waves: Sequence[int]) -> str:
     )
 
 
-def list_rival_labels(effect: Effect) -> list[str]:
-    """List the labels of other mechanisms in the credible set, the most probable first."""
-    candidate = effect.candidate
-    labels: list[str] = []
-    for entry in effect.named.entries:
-        rival = entry.candidate
-        label = rival.label
-        is_other = rival.mechanism != candidate.mechanism
-        if is_other and label != candidate.label:
-            labels.append(label)
-    return list(dict.fromkeys(labels))
-
-
 def _describe_probability(effect: Effect) -> str:
     candidate = effect.candidate
     entries = effect.named.entries
@@ -390,6 +376,5 @@ def _describe_rivals(effect: Effect) -> str:
         written = format_probability(scale * weight)
         odds.append(f"{label} {written}")
     listed = ", ".join(odds)
-    others = list_rival_labels(effect)[:NAMED_RIVALS]
-    rivals = ", ".join(others) or "others"
-    return f"; the data cannot tell this apart from {rivals} ({listed})"
+    left = describe_open_names(effect)
+    return f"; {left} ({listed})"

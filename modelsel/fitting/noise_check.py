@@ -78,7 +78,7 @@ def name_likeliest_mistake(
     ratio: float, where: str, scale: str = "mm", *, parts_found: bool = False
 ) -> str:
     """Name the mistake that makes a stated uncertainty `ratio` times as large as what is left; `where` it is
-    stated; `scale`: "mm" or "rad"; `parts_found`: what does not repeat was found, and is not in what is left."""
+    stated; `scale`: "mm" or "rad"; `parts_found`: what does not repeat was looked for, and is not in what is left."""
     near = []
     for unit, words in UNIT_MISTAKES[scale]:
         distance = abs(np.log(ratio / unit))

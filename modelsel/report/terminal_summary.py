@@ -175,6 +175,8 @@ def _describe_standing(finding: FindingRecord, label: str) -> str:
         # what it could be stands above, with the probabilities
         return f"{_begin_naming(finding)} {label}{doubt}"
     if not finding.is_found:
+        if finding.is_constant_open:
+            return f"{label}, the constant is open (--verbose lists its values){doubt}"
         rivals = _weigh_names(finding)
         more = len(rivals) - SHOWN_RIVALS + finding.more_entries
         others = [f"{more} more"] if more > 0 else []

@@ -327,6 +327,17 @@ class FindingRecord(StrictRecord):
         return self.verdict == "found"
 
     @property
+    def is_constant_open(self) -> bool:
+        """Whether the data leave a constant open and no more: every listed name is that of the fitted
+        explanation, or with some constant the same displacement."""
+        fitted = self.fitted_entry
+        entries = self.credible_set
+        twins = {entry.name for entry in entries if entry.cells == fitted.cells}
+        names = {entry.name for entry in entries}
+        constants = {entry.cells for entry in entries if entry.name == fitted.name}
+        return len(constants) > 1 and names <= twins
+
+    @property
     def is_name_open(self) -> bool:
         """Whether the data leave its name open: the level that it says is not proven."""
         levels = self.level_probabilities

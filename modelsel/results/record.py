@@ -11,9 +11,11 @@ from .._json import to_plain
 from .._records import parse_record
 from .._short_numbers import round_numbers
 from ..diagnosis.candidates import Candidate
-from ..diagnosis.claim_sentences import is_settled, list_likelier
+from ..diagnosis.claim_sentences import is_settled, list_likelier, tell_rest
 from ..diagnosis.effects import Effect
-from ..diagnosis.sentences import NAMED_RIVALS, label_effect, list_rival_labels
+from ..diagnosis.rival_names import NAMED_RIVALS, list_rival_labels, list_twin_labels
+from ..diagnosis.sentences import label_effect
+from ..diagnosis.signatures import PROVEN
 from ..measurements.measurements import Measurements
 from ..mechanisms.terms import Mechanism
 from ..notices import HOPELESS_FIT, Note
@@ -122,14 +124,17 @@ def collect_named(diagnosis: Explanation, figures: FindingFigures) -> list[Named
 
 
 def _list_rivals(effect: Effect) -> tuple[str, ...]:
-    """List what else a finding could be, but not other places of one motion: a shift along one axis of a frame
-    and along another frame's may be the same."""
-    labels = list_rival_labels(effect)
-    if not effect.candidate.registered:
+    """List what else a finding could be, but not other names of one displacement, and, where the place is proven,
+    not other places of one motion: a shift along one axis of a frame and along another frame's may be the
+    same. What is less probable than all that is not listed gives way to that."""
+    twins = list_twin_labels(effect)
+    labels = [label for label in list_rival_labels(effect) if label not in twins]
+    is_place_proven = effect.claim is None or effect.claim.levels[0] >= PROVEN
+    if is_place_proven and not effect.candidate.registered:
         alike = [entry.candidate for entry in effect.named.entries if entry.alike]
         same = [one.label for one in alike if not one.registered]
         labels = [label for label in labels if label not in same]
-    return tuple(labels[:NAMED_RIVALS])
+    return tuple(tell_rest(effect, labels[:NAMED_RIVALS]))
 
 
 def _weighed_models(run: StudyRun) -> list[Values]:

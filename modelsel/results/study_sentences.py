@@ -36,7 +36,9 @@ TABLE_PURPOSE = (
 SETS_TITLE = "Sets of effects and their probabilities"
 SETS_PURPOSE = (
     "Probability among all sets that the search weighed around the findings: one effect more or less, one for another, "
-    "two for one, one for two. What a finding claims with 0.9 or more holds in as many of them."
+    "two for one, one for two. What a finding claims with 0.9 or more holds in as many of them. Where a likelier set "
+    "only adds effects or leaves some out, the findings stand: the stepwise search has tested these steps under more than one null "
+    "distribution, not only under independent noise."
 )
 # what figures that take the names as given do not say
 NOMINAL_CAVEAT = "take the names as given: the search is not repeated for them; the p of a finding is that of the whole search."

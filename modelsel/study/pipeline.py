@@ -139,7 +139,8 @@ def _analyse_prepared(
     split, diagnosis, candidates = diagnose_weighed(
         study, registry, split, base, mechanisms, options, say
     )
-    split, floor, noise_notes = check_stated_noise(split, floor, diagnosis.fit)
+    parts_sought = bool(diagnosis.errors.parts)
+    split, floor, noise_notes = check_stated_noise(split, floor, diagnosis.fit, parts_sought)
     notes = (*notes, *note_untold_parts(study.noise, split))
 
     say(LADDER)

@@ -20,6 +20,14 @@ def follows_gravity(rivals: Rivals) -> bool:
     return any(variable is not None and variable.family.by_gravity for variable in variables)
 
 
+def _name_group(names: Sequence[str]) -> str:
+    """Name the rivals of one finding, each once; where they differ in a constant alone, how many they are."""
+    distinct = list(dict.fromkeys(names))
+    if len(distinct) == 1:
+        return f"{distinct[0]} with {len(names)} constants"
+    return choice_list(distinct)
+
+
 def describe_rivals(
     rivals: Sequence[Sequence[str]],
     probabilities: Sequence[float],
@@ -31,7 +39,7 @@ def describe_rivals(
     and after `count` configurations; where these hardly raise it, what else may."""
     if not probabilities:
         return "No finding of this study has rivals that these configurations could tell apart."
-    groups = "; ".join(choice_list(list(dict.fromkeys(names))) for names in rivals)
+    groups = "; ".join(_name_group(names) for names in rivals)
     comparison = ""
     if random_probability is not None:
         comparison = f" ({4 * count} drawn at random: {random_probability:.2f})"

@@ -32,12 +32,13 @@ INSTRUMENT_UNITS = (
 
 
 def check_stated_noise(
-    split: Split, floor: Floor | None, fitted: Fit
+    split: Split, floor: Floor | None, fitted: Fit, parts_sought: bool = False
 ) -> tuple[Split, Floor | None, tuple[Note, ...]]:
     """Check the noise floor against the residuals of a fitted model.
 
     A floor that cannot be true is dropped (None), to be estimated from the residuals instead. The
     notes hold what is far off; what is a little off is left to the chosen model's lack-of-fit test.
+    `parts_sought`: errors that do not repeat were looked for, beside the instrument's.
     """
     training = split.training
     comparison = _compare_with_floor(training, fitted, floor, POSITION)
@@ -54,7 +55,7 @@ def check_stated_noise(
         return replace(split, known_sigma=False), None, (note,)
     if not mismatch.far:
         return split, floor, ()
-    note = _describe_wrong_statement(split, floor, mismatch, left_mm)
+    note = _describe_wrong_statement(split, floor, mismatch, left_mm, parts_sought)
     if mismatch.refuted:
         unweighted = replace(split, known_sigma=False)
         return unweighted, None, (note,)
@@ -155,7 +156,9 @@ def _rms_of_part(
     return float(rms)
 
 
-def _describe_wrong_statement(split: Split, floor: Floor, mismatch: Lack, left_mm: float) -> Note:
+def _describe_wrong_statement(
+    split: Split, floor: Floor, mismatch: Lack, left_mm: float, parts_sought: bool
+) -> Note:
     """Return the note on a floor that the study, its data or the instrument's figures state."""
     data = split.problem.data
     if floor.source == "instrument":
@@ -169,7 +172,9 @@ def _describe_wrong_statement(split: Split, floor: Floor, mismatch: Lack, left_m
     has_parts = _has_parts(split.problem)
     model = LEFT_BESIDE_PARTS if has_parts else LEFT
     ratio = 1 / mismatch.factor
-    mistake = name_likeliest_mistake(ratio, place, parts_found=has_parts)
+    # what was looked for is told elsewhere, found or not
+    is_told = has_parts or parts_sought
+    mistake = name_likeliest_mistake(ratio, place, parts_found=is_told)
     is_unit = not 1 / NEAR_UNIT < ratio < NEAR_UNIT
     if floor.source == "instrument" and is_unit:
         mistake = INSTRUMENT_UNITS
