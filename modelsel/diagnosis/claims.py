@@ -277,5 +277,6 @@ def find_moved_joint(problem: Problem, candidate: Candidate) -> int | None:
     places = list(candidate.mechanism.names_by_place())
     if len(places) != 1:
         return None
-    ((frame, _),) = places
-    return frame if is_joint_motion(problem.robot, places[0]) else None
+    (place,) = places
+    frame, _ = place
+    return frame if is_joint_motion(problem.robot, place) else None

@@ -183,8 +183,9 @@ def _take_back(concluded: Conclusion) -> Conclusion:
         path = [*explored.progress.path, f"{before} -> {after}"]
         start = concluded.view.fitted
         # what stays keeps its order
-        chosen = [g for g in now if g in better]
-        chosen += [g for g in better if g not in chosen]
+        kept = [g for g in now if g in better]
+        new = [g for g in better if g not in kept]
+        chosen = [*kept, *new]
         further = explore_further(explored.search, chosen, start, path)
         if further is None:
             break

@@ -34,7 +34,8 @@ def generate_finer_waves(problem: Problem, found: Mechanism) -> Iterator[Mechani
     if not count or len(found.terms) > 2:
         return
     column = joint - 1
-    own = problem.robot.joints[column]
+    robot = problem.robot
+    own = robot.joints[column]
     readings = problem.data.q[:, column]
     width = float(np.ptp(readings))
     if own.prismatic:

@@ -82,6 +82,9 @@ def weigh_aliases(search: Search, chosen: Sequence[int]) -> dict[int, float]:
             (c.prior for c in search.candidates if c.registered_name == ripple), default=0.0
         )
         is_ripple = own.registered_name == ripple
-        counted = [n for n in aliases if is_ripple or n > WAVES[-1]]
-        shares[g] = own.prior / (own.prior + prior * len(counted))
+        last = WAVES[-1]
+        counted = [n for n in aliases if is_ripple or n > last]
+        others = prior * len(counted)
+        total = own.prior + others
+        shares[g] = own.prior / total
     return shares

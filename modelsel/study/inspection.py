@@ -283,7 +283,8 @@ def _shorten_list(names: list[str]) -> str:
 
 
 def _format_joint(joint: dict[str, Any]) -> str:
-    name = f"Joint {joint['joint']}"
+    number = joint["joint"]
+    name = f"Joint {number}"
     if not joint["moves"]:
         return f"{name}: does not move: errors that grow with it cannot be seen"
     limits = np.array([joint["low"], joint["high"]])
