@@ -106,7 +106,7 @@ def _is_near_registered(c: Calibration, at: Problem) -> bool:
     """Return whether the data are near the arm with the tracker and the target found again."""
     try:
         registration = register_again(c, at)
-    except DataError:
+    except (DataError, NotEstimable):
         return False
     problem = registration.problem
     residual = problem.data.position - predict(c, problem)

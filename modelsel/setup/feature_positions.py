@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._typing import Array, Index, Mask
-from ..exceptions import DataError
+from ..exceptions import NotEstimable, count_words
 from ..fitting.design import residuals
 from ..fitting.observation import Fixtures
 from ..fitting.problem import Problem
@@ -40,7 +40,7 @@ class _Place(NamedTuple):
 def place_features(problem: Problem, use: Mask) -> Problem:
     """Place the features from the rows `use` (mask), those that are known as they are known.
 
-    Raises DataError where the rows do not determine where one is."""
+    Raises NotEstimable where the rows do not determine where one is."""
     gauges = problem.data.gauges
     if gauges is None:
         return problem
@@ -100,17 +100,17 @@ def _find_place(feature: Feature, x: Array, length: Array) -> _Place:
 
 
 def _require_rows(feature: Feature, count: int) -> None:
-    """Raise DataError where a feature that is not known has too few rows."""
+    """Raise NotEstimable where a feature that is not known has too few rows."""
     needed = MIN_ROWS[feature.kind]
     if "length" in feature.free:
         needed += 1
     is_same_point = feature.kind == "same-point"
     has_start = is_same_point or feature.position is not None
     if count < needed and feature.free and not has_start:
-        raise DataError(
-            f'feature "{feature.name}" ({feature.kind}) has {count} estimation rows; to place it '
-            f"takes {needed}.",
-            remedy="Measure more, or give its position_mm under [measurements.features].",
+        raise NotEstimable(
+            f'feature "{feature.name}" ({feature.kind}) has {count_words(count, "estimation row")}; '
+            f"to place it takes {needed}. Measure more, or give its position_mm under "
+            "[measurements.features]."
         )
 
 
@@ -142,18 +142,17 @@ def _compute_offset(position: Array, x: Array, reading: Array) -> float:
 
 def _solve_anchor(feature: Feature, x: Array, reading: Array, known: float, is_open: bool) -> Array:
     """Solve |near|² − full² = 2 near · c + 2 full ℓ + constant for the anchor, near = x − middle and
-    full = reading + known length. Raises DataError where the positions lie in a plane."""
+    full = reading + known length. Raises NotEstimable where the positions lie in a plane."""
     middle = x.mean(0)
     near = x - middle
     full = reading + known
     extent = np.linalg.svd(near, compute_uv=False)
     is_flat = extent[2] < FLAT * extent[0]
     if is_flat:
-        raise DataError(
+        raise NotEstimable(
             f'the positions from which feature "{feature.name}" ({feature.kind}) is measured lie in '
-            "a plane: it could stand on either side of it.",
-            remedy="Measure more widely, or give a first guess: "
-            f"[measurements.features.{feature.name}] position_mm = [x, y, z], estimate = true.",
+            "a plane: it could stand on either side of it. Measure more widely, or give a first guess: "
+            f"[measurements.features.{feature.name}] position_mm = [x, y, z], estimate = true."
         )
     constant = np.ones(len(x))
     columns = [2 * near, constant]

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from .._typing import Array, Index, Mask
-from ..exceptions import DataError, NotEstimable, count_words, sentence_list, write_rounded
+from ..exceptions import NotEstimable, count_words, sentence_list, write_rounded
 from ..fitting.problem import Problem
 from ..notices import Note
 from .adjustment import GROSS, refine_robustly, refine_without_gross_rows
@@ -45,8 +45,7 @@ SPREAD_ADVICE = "Measure points that spread in all directions of the room"
 def register(problem: Problem, use: Mask, per_group: bool) -> Problem:
     """Find placement(s) and tools from the rows `use` (mask) of a problem.
 
-    Raises DataError with too few rows, NotEstimable where the rows do not determine how the tracker
-    stands."""
+    Raises NotEstimable with too few rows, or where these do not determine how the tracker stands."""
     gauges = problem.data.gauges
     if gauges is not None:
         points = use & gauges.of("point")
@@ -80,10 +79,10 @@ def _register_points(problem: Problem, use: Mask, per_group: bool) -> Problem:
     count = selected.data.configurations
     if count < MIN_CONFIGURATIONS:
         verb = "has" if count == 1 else "have"
-        raise DataError(
+        raise NotEstimable(
             f"{count_words(count, 'estimation configuration')} {verb} a measured point; registration needs "
-            f"{MIN_CONFIGURATIONS}.",
-            remedy="Measure more points, or leave register out: the other rows are evaluated in the robot's own frame.",
+            f"{MIN_CONFIGURATIONS}. Measure more points, or leave register out: the other rows are "
+            "evaluated in the robot's own frame."
         )
     points = replace(selected, data=replace(selected.data, gauges=None))
     registered = register(points, np.ones(len(points), bool), per_group)
@@ -101,10 +100,9 @@ def _require_configurations(problem: Problem, group: Index, count: int, per_grou
         if configurations < MIN_CONFIGURATIONS:
             counted = count_words(configurations, "estimation configuration")
             verb = "has" if per_group else "have"
-            raise DataError(
+            raise NotEstimable(
                 f"{name_group(problem, g, per_group)} {verb} {counted}; registration needs "
-                f"{MIN_CONFIGURATIONS} per placement.",
-                remedy="Measure more, or choose another [split].",
+                f"{MIN_CONFIGURATIONS} per placement. Measure more, or choose another [split]."
             )
 
 

@@ -16,7 +16,7 @@ from ..fitting.nested import Reduced, fit_within
 from ..fitting.problem import Problem
 from ..mechanisms.geometry import build_setup
 from ..mechanisms.registry import Registry, mechanism
-from ..mechanisms.terms import Mechanism, Screw
+from ..mechanisms.terms import FixtureTerm, Mechanism, Screw
 from ..selection.evaluation import Evaluation, Split, evaluate, summarise_errors
 from .own_causes import build_own_mechanisms
 from .untested_candidates import require_causes
@@ -66,6 +66,23 @@ def build_model(
     mechanisms = [placement] if placement.terms else []
     mechanisms += [chosen.get(name) or mechanism(name, problem.robot, registry) for name in names]
     require_causes(problem, mechanisms)
+    return Model(tuple(mechanisms))
+
+
+def build_nominal(study: Study, problem: Problem, registry: Registry) -> Model:
+    """Return the nominal model: what registration left open, where the study asks for it.
+
+    Else the targets are where the study says they are, and only what is not known of the features
+    that rows share is fitted: without it these rows could not be predicted."""
+    model = build_model(study, problem, registry, ())
+    if study.robot.register_:
+        return model
+    mechanisms = []
+    for setup in model.mechanisms:
+        of_features = tuple(term for term in setup.terms if isinstance(term, FixtureTerm))
+        if of_features:
+            kept = replace(setup, terms=of_features)
+            mechanisms.append(kept)
     return Model(tuple(mechanisms))
 
 
@@ -142,7 +159,7 @@ def evaluate_ladder(
     """
     base = steps[0]
     problem = split.problem
-    nominal_model = build_model(study, problem, registry, ())
+    nominal_model = build_nominal(study, problem, registry)
     nominal = evaluate(split, nominal_model, NOMINAL)
     ladder = [nominal]
     own_rungs = study.model.ladder

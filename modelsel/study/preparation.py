@@ -209,9 +209,9 @@ def _check_enough_configurations(study: Study, data: Measurements, estimation: M
             "measure more configurations."
         )
     if count_distinct(data.block[estimation]) < 2:
-        raise StudyError(
+        raise NotEstimable(
             "split: the estimation rows have one set of joint readings: nothing can be compared "
-            "or cross-validated."
+            "or cross-validated. Let more configurations estimate ([split] estimation)."
         )
 
 

@@ -25,7 +25,7 @@ from modelsel.diagnosis.candidate_columns import stack_design
 from modelsel.diagnosis.outliers import estimate_scale, find_gross_outliers
 from modelsel.diagnosis.procedure import diagnose_split
 from modelsel.diagnosis.screw_columns import build_screw_columns
-from modelsel.exceptions import DataError, StudyError
+from modelsel.exceptions import DataError, NotEstimable, StudyError
 from modelsel.fitting.batch import Ensemble
 from modelsel.fitting.design import Model, compute_design, residuals
 from modelsel.fitting.least_squares import fit
@@ -350,7 +350,8 @@ def test_what_a_set_up_cannot_be_is_refused(tmp_path) -> None:
     c.points(3)
     c.wires(60)
     with pytest.raises(
-        DataError, match="3 estimation configurations have a measured point; registration needs 4"
+        NotEstimable,
+        match="3 estimation configurations have a measured point; registration needs 4",
     ):
         prepared(made(c, tmp_path), 63, register=True)
     for k, row in enumerate(c.rows):
@@ -370,7 +371,7 @@ def test_what_a_set_up_cannot_be_is_refused(tmp_path) -> None:
         np.array(["held-out"] * 3 + ["estimation"] * 3 + ["held-out"] * 57, dtype=object),
     )
     with pytest.raises(
-        DataError, match=r'feature "w1" \(wire\) has 3 estimation rows; to place it takes 4'
+        NotEstimable, match=r'feature "w1" \(wire\) has 3 estimation rows; to place it takes 4'
     ):
         prepare(study(column="role"), PUMA, few, sides)
 
@@ -408,7 +409,7 @@ def test_an_anchor_beside_a_plane_of_positions_needs_a_first_guess(tmp_path) -> 
     c.add("wire", q, "w1", length_mm=np.linalg.norm(c.exact(q) - ANCHORS["w1"], axis=1))
     c.points(20)
     with pytest.raises(
-        DataError, match=r"lie in a plane: it could stand on either side.*estimate = true"
+        NotEstimable, match=r"lie in a plane: it could stand on either side.*estimate = true"
     ):
         prepared(made(c, tmp_path), 40)
     data = prepared(

@@ -11,7 +11,7 @@ import pytest
 from builders import seeds
 from scipy.spatial.transform import Rotation
 
-from modelsel.exceptions import DataError
+from modelsel.exceptions import NotEstimable
 from modelsel.fitting.design import residuals
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import Orientation, build_measurements
@@ -193,7 +193,7 @@ def test_too_few_configurations(groups, rng) -> None:
     last = at.data.group == groups - 1
     use[np.flatnonzero(last)[6:]] = False  # three configurations of two targets
     where = f"group day{groups - 1} has" if groups > 1 else "the data have"
-    with pytest.raises(DataError, match=f"{where} 3 estimation configurations") as caught:
+    with pytest.raises(NotEstimable, match=f"{where} 3 estimation configurations") as caught:
         register(at, use, per_group=groups > 1)
-    assert caught.value.exit_code == 3
-    assert "Measure more" in caught.value.remedy
+    assert caught.value.exit_code == 4
+    assert "Measure more" in str(caught.value)
