@@ -25,7 +25,7 @@ ARM = load_robot("puma560")
 def test_where_joints_were_looked_at_their_repeatability_is_not_suspected(rng, sought) -> None:
     """Otherwise one sentence would say that no joint was found, and the next that it is the arm."""
     q = ARM.draw(rng, 80)
-    position = forward(ARM, q, np.array(OFF_AXIS)) + rng.normal(0, 0.05, (80, 3))
+    position = forward(ARM, q, np.array(OFF_AXIS)) + rng.normal(0, 0.08, (80, 3))
     at = bind(ARM, build_measurements(q, position))
     at = replace(at, whitening=Whitening(1 / 0.01))
     fitted = fit(at, Model((mechanism("geometric", ARM),)))
