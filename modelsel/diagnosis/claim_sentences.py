@@ -289,11 +289,17 @@ def tell_rest(effect: Effect, labels: Sequence[str]) -> list[str]:
     than everything that is."""
     scale = weigh_listed(effect)
     weights = effect.named.sum_by_label()
-    left = 1.0 - scale * sum(weights.values())
+    listed = sum(weights.values())
+    left = 1.0 - scale * listed
     if left <= MOST:
         return list(labels)
-    likely = [label for label in labels if scale * weights[label] > left]
-    return [*likely, SOMETHING_ELSE]
+    likely = []
+    for label in labels:
+        probability = scale * weights[label]
+        if probability > left:
+            likely.append(label)
+    likely.append(SOMETHING_ELSE)
+    return likely
 
 
 def _name_entry(effect: Effect, label: str) -> str:

@@ -27,33 +27,58 @@ def list_twin_labels(effect: Effect) -> list[str]:
     """List the labels of other mechanisms that are, with the same constants, the same displacement:
     no measurement tells them from the effect."""
     own = effect.candidate
-    twins = [one.candidate for one in effect.named.entries if one.candidate.screws == own.screws]
-    return list(dict.fromkeys(one.label for one in twins if one.label != own.label))
+    screws = own.screws
+    labels: list[str] = []
+    for entry in effect.named.entries:
+        candidate = entry.candidate
+        label = candidate.label
+        if label == own.label or label in labels:
+            continue
+        if candidate.screws == screws:
+            labels.append(label)
+    return labels
 
 
 def describe_open_names(effect: Effect) -> str:
     """Describe what the data leave open: rivals, or the constant alone; and other names of the effect."""
     twins = list_twin_labels(effect)
-    others = [label for label in list_rival_labels(effect) if label not in twins]
-    rivals = ", ".join(others[:NAMED_RIVALS]) or "others"
-    left = f"the data cannot tell this apart from {rivals}"
+    labels = list_rival_labels(effect)
+    others = [label for label in labels if label not in twins]
+    shown = others[:NAMED_RIVALS]
+    rivals = ", ".join(shown)
+    left = f"the data cannot tell this apart from {rivals or 'others'}"
     if not others and _has_constants(effect):
-        left = f"the data do not settle {_name_constant(effect)}"
+        constant = _name_constant(effect)
+        left = f"the data do not settle {constant}"
     if not twins:
         return left
-    verb = "is another name" if len(twins) == 1 else "are other names"
-    return f"{left}; {sentence_list(twins)} {verb} of the same displacement"
+    verb = "are other names"
+    if len(twins) == 1:
+        verb = "is another name"
+    names = sentence_list(twins)
+    return f"{left}; {names} {verb} of the same displacement"
 
 
 def _has_constants(effect: Effect) -> bool:
     """Return whether the effect's own name is listed with another constant."""
     own = effect.candidate
-    listed = [one.candidate for one in effect.named.entries]
-    return any(one.label == own.label and one.mechanism != own.mechanism for one in listed)
+    for entry in effect.named.entries:
+        candidate = entry.candidate
+        if candidate.label != own.label:
+            continue
+        if candidate.mechanism != own.mechanism:
+            return True
+    return False
 
 
 def _name_constant(effect: Effect) -> str:
     """Name the constant in which explanations of one name differ."""
-    variables = [parse_state_name(name) for name in effect.candidate.mechanism.names()]
-    kinds = {one.kind for one in variables if one is not None}
-    return "the moment" if kinds == {StateKind.PROGRESS} else "its constant"
+    mechanism = effect.candidate.mechanism
+    names = mechanism.names()
+    for name in names:
+        variable = parse_state_name(name)
+        if variable is None:
+            return "its constant"
+        if variable.kind is not StateKind.PROGRESS:
+            return "its constant"
+    return "the moment"

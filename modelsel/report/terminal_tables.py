@@ -21,6 +21,7 @@ from ..results.study_sentences import (
     common_mechanisms,
     describe_sets,
     format_mm,
+    format_motion,
     format_p,
     format_share,
     format_weight,
@@ -195,8 +196,8 @@ def _significance_table(
     rows = []
     for one in mechanisms:
         figures = (
-            format_mm(one.mean_mm),
-            format_mm(one.max_mm),
+            format_motion(one.mean_mm, one.mean_mrad),
+            format_motion(one.max_mm, one.max_mrad),
             _format_figure(one.f),
             format_p(one.p),
             _format_figure(one.log10_evidence),

@@ -230,11 +230,14 @@ def _choose_for_fault(record: StudyRecord, finding: FindingRecord) -> tuple[str,
 def _parts_placements(record: StudyRecord, finding: FindingRecord) -> bool:
     """Return whether the rows before a bump and those after it are enough for a placement each."""
     counts = record.configurations
-    rows = max(len(counts.estimation_rows), 1)
-    after = len(finding.rows or [])
-    fewer = min(after, rows - after)
-    share = fewer / rows
-    return share * counts.estimation >= MIN_CONFIGURATIONS
+    estimation = counts.estimation_rows
+    concerned = finding.rows or []
+    rows = len(estimation)
+    after = len(concerned)
+    before = rows - after
+    fewer = min(after, before)
+    least = MIN_CONFIGURATIONS * rows
+    return fewer * counts.estimation >= least > 0
 
 
 def _choose_by_name(record: StudyRecord, finding: FindingRecord, stem: str) -> tuple[str, str]:
@@ -256,12 +259,18 @@ def _choose_by_name(record: StudyRecord, finding: FindingRecord, stem: str) -> t
 def _correct_over_drivers(fitted: EntryRecord) -> str:
     """Return that a free function is to be corrected over what drives it, whatever frame it moves."""
     names = {screw.free_driver for screw in fitted.screws}
-    how = f"correct it over {name_drivers(names)}"
-    variables = [parse_state_name(name) for name in names]
-    if all(one is not None and one.joint is not None for one in variables):
-        joint = "the joint is" if len(names) == 1 else "a joint is"
-        how += f"; that holds until {joint} taken apart"
-    return how
+    drivers = name_drivers(names)
+    how = f"correct it over {drivers}"
+    for name in names:
+        variable = parse_state_name(name)
+        if variable is None:
+            return how
+        if variable.joint is None:
+            return how
+    joint = "a joint is"
+    if len(names) == 1:
+        joint = "the joint is"
+    return f"{how}; that holds until {joint} taken apart"
 
 
 def _name_places(finding: FindingRecord) -> list[str]:

@@ -40,7 +40,9 @@ class ScrewRecord(StrictRecord):
     @property
     def free_driver(self) -> str:
         """What its free function depends on; the whole cause where it is none."""
-        return self.cause.removeprefix("free(").removesuffix(")")
+        cause = self.cause
+        inner = cause.removeprefix("free(")
+        return inner.removesuffix(")")
 
 
 class EntryRecord(StrictRecord):
@@ -330,12 +332,20 @@ class FindingRecord(StrictRecord):
     def is_constant_open(self) -> bool:
         """Whether the data leave a constant open and no more: every listed name is that of the fitted
         explanation, or with some constant the same displacement."""
-        fitted = self.fitted_entry
-        entries = self.credible_set
-        twins = {entry.name for entry in entries if entry.cells == fitted.cells}
-        names = {entry.name for entry in entries}
-        constants = {entry.cells for entry in entries if entry.name == fitted.name}
-        return len(constants) > 1 and names <= twins
+        own = self.fitted_entry
+        cells = own.cells
+        twins = set()
+        names = set()
+        constants = set()
+        for entry in self.credible_set:
+            name = entry.name
+            names.add(name)
+            if entry.cells == cells:
+                twins.add(name)
+            if name == own.name:
+                constants.add(entry.cells)
+        is_open = len(constants) > 1
+        return is_open and names <= twins
 
     @property
     def is_name_open(self) -> bool:

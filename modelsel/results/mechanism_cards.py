@@ -38,38 +38,61 @@ def key_cards(run: StudyRun) -> dict[Mechanism, str]:
 
 def find_card(keys: dict[Mechanism, str], mechanism: Mechanism) -> str:
     """Return the key of a mechanism's card; of one that has none, its name."""
-    return keys.get(mechanism, mechanism.name)
+    name = mechanism.name
+    key = keys.get(mechanism)
+    if key is None:
+        return name
+    return key
 
 
 def describe_cards(keys: dict[Mechanism, str]) -> Values:
     """Return the cards by their keys, sorted."""
-    by_key = {key: mechanism for mechanism, key in keys.items()}
-    return {key: _describe_card(by_key[key]) for key in sorted(by_key)}
+    cards: Values = {}
+    for mechanism, key in keys.items():
+        card = _describe_card(mechanism)
+        cards[key] = card
+    order = sorted(cards)
+    return {key: cards[key] for key in order}
 
 
 def list_finding_cards(run: StudyRun, keys: dict[Mechanism, str]) -> list[Values]:
     """Return of every finding of result.json the key of its card, where it has one."""
-    faults: list[Values] = [{} for _ in run.diagnosis.faults]
-    findings = []
-    for finding in run.diagnosis.findings:
+    diagnosis = run.diagnosis
+    cards: list[Values] = [{} for _ in diagnosis.faults]
+    for finding in diagnosis.findings:
         mechanism = finding.effect.candidate.mechanism
-        findings.append({"card": keys[mechanism]} if mechanism in keys else {})
-    return [*faults, *findings]
+        key = keys.get(mechanism)
+        card: Values = {}
+        if key is not None:
+            card["card"] = key
+        cards.append(card)
+    return cards
 
 
 def _list_fitted(run: StudyRun) -> list[Mechanism]:
     """List the registered mechanisms that findings are fitted as."""
-    candidates = [finding.effect.candidate for finding in run.diagnosis.findings]
-    return [one.mechanism for one in candidates if one.registered]
+    fitted = []
+    for finding in run.diagnosis.findings:
+        candidate = finding.effect.candidate
+        mechanism = candidate.mechanism
+        if candidate.registered:
+            fitted.append(mechanism)
+    return fitted
 
 
 def _list_mentioned(run: StudyRun) -> list[Mechanism]:
     """List the registered mechanisms that a cell of the map or a credible set names."""
-    entries = [
-        entry for finding in run.diagnosis.findings for entry in finding.effect.named.entries
-    ]
-    named = [entry.candidate.mechanism for entry in entries if entry.candidate.registered]
-    return [*run.diagnosis.error_map.named.values(), *named]
+    diagnosis = run.diagnosis
+    cells = diagnosis.error_map.named
+    mentioned = list(cells.values())
+    for finding in diagnosis.findings:
+        named = finding.effect.named
+        for entry in named.entries:
+            candidate = entry.candidate
+            mechanism = candidate.mechanism
+            if candidate.registered:
+                mentioned.append(mechanism)
+    return mentioned
 
 
 def _describe_card(mechanism: Mechanism) -> Values:

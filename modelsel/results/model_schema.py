@@ -153,6 +153,7 @@ class ParameterRecord(StrictRecord):
     max_mm: Figure
     configurations: Figure
     differ: bool
+    max_mrad: Figure = None
 
 
 class CorrelatedRecord(StrictRecord):
@@ -190,6 +191,8 @@ class SignificanceRecord(StrictRecord):
     catalogue: Text
     stability: Figure
     number: Whole | None = None
+    mean_mrad: Figure = None
+    max_mrad: Figure = None
 
     @property
     def label(self) -> str:

@@ -14,7 +14,7 @@ from ..diagnosis.sentences import choose_prefix
 from .details_schema import DetailsRecord, MeaningRecord
 from .model_schema import ParameterRecord
 from .schema import StudyRecord
-from .study_sentences import format_mm, format_p
+from .study_sentences import format_motion, format_p
 
 # of the expanded uncertainty, U = k u
 COVERAGE = 2.0
@@ -171,7 +171,7 @@ def _write_row(
         expanded="–" if u is None else write_number_plainly(COVERAGE * u / factor, decimals),
         unit=unit,
         p=format_p(compute_parameter_p(parameter)),
-        moves=format_mm(parameter.max_mm),
+        moves=format_motion(parameter.max_mm, parameter.max_mrad),
         max_mm=parameter.max_mm or 0.0,
         together=together,
     )

@@ -127,14 +127,30 @@ def _list_rivals(effect: Effect) -> tuple[str, ...]:
     """List what else a finding could be, but not other names of one displacement, and, where the place is proven,
     not other places of one motion: a shift along one axis of a frame and along another frame's may be the
     same. What is less probable than all that is not listed gives way to that."""
-    twins = list_twin_labels(effect)
-    labels = [label for label in list_rival_labels(effect) if label not in twins]
-    is_place_proven = effect.claim is None or effect.claim.levels[0] >= PROVEN
-    if is_place_proven and not effect.candidate.registered:
-        alike = [entry.candidate for entry in effect.named.entries if entry.alike]
-        same = [one.label for one in alike if not one.registered]
-        labels = [label for label in labels if label not in same]
-    return tuple(tell_rest(effect, labels[:NAMED_RIVALS]))
+    candidate = effect.candidate
+    left_out = list_twin_labels(effect)
+    claim = effect.claim
+    is_place_proven = claim is None or claim.levels[0] >= PROVEN
+    if is_place_proven and not candidate.registered:
+        left_out += _list_same_motions(effect)
+    labels = list_rival_labels(effect)
+    rivals = [label for label in labels if label not in left_out]
+    shown = rivals[:NAMED_RIVALS]
+    told = tell_rest(effect, shown)
+    return tuple(told)
+
+
+def _list_same_motions(effect: Effect) -> list[str]:
+    """List places without a registered name that move the target as the effect does."""
+    labels = []
+    for entry in effect.named.entries:
+        candidate = entry.candidate
+        label = candidate.label
+        if candidate.registered:
+            continue
+        if entry.alike:
+            labels.append(label)
+    return labels
 
 
 def _weighed_models(run: StudyRun) -> list[Values]:

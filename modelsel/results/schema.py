@@ -292,7 +292,8 @@ class StudyRecord(StrictRecord):
     )
     parameters: list[ParameterRecord] = Field(
         description="for each estimable parameter: `symbol mechanism unit estimate standard_error "
-        "bootstrap_error posterior_error low high mean_mm max_mm configurations differ`; "
+        "bootstrap_error posterior_error low high mean_mm max_mm configurations differ`, with measured orientations also `max_mrad` (how far "
+        "it turns the target); "
         "`low` and `high` are the ends of its [95 % "
         "interval](../explanation/statistics.md#how-sure-it-is)"
     )
@@ -303,7 +304,7 @@ class StudyRecord(StrictRecord):
     significance: list[SignificanceRecord] = Field(
         description="for each mechanism: `mechanism parameters mean_mm max_mm f p log10_evidence "
         "cv_rms_mm cv_rms_without_mm held_out_rms_mm held_out_rms_without_mm catalogue "
-        "stability number`. `p` is nominal: it and `stability` take the names as given. `f` "
+        "stability number`, with measured orientations also `mean_mrad max_mrad`. `p` is nominal: it and `stability` take the names as given. `f` "
         "and `p` are null for free functions, which are shrunk. `number` distinguishes "
         "mechanisms of the same name, as in the ladder; otherwise it is null"
     )

@@ -70,6 +70,15 @@ def format_mm(value: float | None) -> str:
     return f"{value:.3f}" if is_fine else f"{value:.2f}"
 
 
+def format_motion(mm: float | None, mrad: float | None) -> str:
+    """Return a displacement [mm]; of what moves the target by nothing that three decimals show, how
+    far it turns it, with its unit."""
+    moved = format_mm(mm)
+    if not mrad or moved != format_mm(0.0):
+        return moved
+    return f"{write_rounded(mrad)} mrad"
+
+
 def format_gain(value: float) -> str:
     """Return a change of a length [mm] as `format_mm` does; of one that is smaller a digit more, no less
     than SMALLEST_GAIN_MM, so that its sign is seen."""

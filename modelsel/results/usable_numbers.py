@@ -110,7 +110,7 @@ def _measure_play(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     """Measure the whole step between the two sides, and what it is at the wrist; nothing where one
     side alone was measured."""
     screw = mechanism.terms[0].screws[0]
-    if not _has_both_sides(screw.cause, fitted):
+    if not fitted.workspace.has_both_sides(screw.cause):
         return
     words = _describe_step(mechanism, fitted)
     both_sides = np.array([2.0])
@@ -132,18 +132,10 @@ def _measure_sides(mechanism: Mechanism, fitted: Fitted) -> Iterator[Usable]:
     """Measure the whole step of a place that has no registered name; nothing where one side alone
     was measured."""
     screw = mechanism.terms[0].screws[0]
-    if not _has_both_sides(screw.cause, fitted):
+    if not fitted.workspace.has_both_sides(screw.cause):
         return
     whole = fitted.range_of(np.array([2.0]))
     yield _express_motion(SIDES, whole, screw.axis)
-
-
-def _has_both_sides(cause: Cause, fitted: Fitted) -> bool:
-    """Return whether a cause has either sign among the measured rows."""
-    workspace = fitted.workspace
-    sides = workspace.problem.cause(cause)
-    measured = np.broadcast_to(sides, len(workspace.q))[: workspace.measured]
-    return bool(measured.min() < 0 < measured.max())
 
 
 def _express_motion(words: str, motion: Range, axis: str, where: str = "") -> Usable:

@@ -16,6 +16,7 @@ from .._linalg import TINY
 from .._typing import Array, Index
 from ..fitting.design import PLACE, compute_columns, field_of
 from ..fitting.problem import Problem
+from ..mechanisms.causes import Cause
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Pose
 
@@ -103,6 +104,18 @@ class Workspace:
             if screw.frame == frame:
                 out[PLACE[screw.axis]] += self.problem.cause(screw.cause)
         return out[axes]
+
+    def has_both_sides(self, cause: Cause) -> bool:
+        """Return whether a cause has either sign among the measured rows."""
+        rows = len(self.q)
+        count = self.measured
+        values = self.problem.cause(cause)
+        everywhere = np.broadcast_to(values, rows)
+        measured = everywhere[:count]
+        low = measured.min()
+        high = measured.max()
+        is_both = low < 0 < high
+        return bool(is_both)
 
     def at_covariate(self, name: str, value: float) -> Workspace:
         """Return the workspace with one covariate held at a value."""

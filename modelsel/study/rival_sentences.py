@@ -22,10 +22,13 @@ def follows_gravity(rivals: Rivals) -> bool:
 
 def _name_group(names: Sequence[str]) -> str:
     """Name the rivals of one finding, each once; where they differ in a constant alone, how many they are."""
-    distinct = list(dict.fromkeys(names))
-    if len(distinct) == 1:
-        return f"{distinct[0]} with {len(names)} constants"
-    return choice_list(distinct)
+    once = dict.fromkeys(names)
+    distinct = list(once)
+    count = len(names)
+    if len(distinct) > 1:
+        return choice_list(distinct)
+    (name,) = distinct
+    return f"{name} with {count} constants"
 
 
 def describe_rivals(

@@ -20,6 +20,7 @@ from ..notices import Note
 from ..selection.cross_validation import fold_by_unit
 from ..selection.evaluation import Split
 from .bootstrap import Bootstrap, run_bootstrap
+from .motion_sums import MILLIRADIAN
 from .posterior import Draws
 from .sampler import Sampling
 
@@ -48,6 +49,7 @@ class Parameter:
     mean_mm, max_mm: displacement it causes over the measured configurations.
     configurations: how many configurations (or groups) it rests on.
     differ: whether the standard errors differ.
+    max_mrad: how far it turns the target at most; None where no orientation was measured.
     """
 
     symbol: str
@@ -63,6 +65,7 @@ class Parameter:
     max_mm: float
     configurations: float
     differ: bool
+    max_mrad: float | None = None
 
 
 def describe_parameters(split: Split, fitted: Fit, boot: Bootstrap) -> tuple[Parameter, ...]:
@@ -78,6 +81,7 @@ def describe_parameters(split: Split, fitted: Fit, boot: Bootstrap) -> tuple[Par
     quantile = stdtrit(np.maximum(boot.units - 1, 1), UPPER)
     half_width = quantile * np.maximum(boot.errors, error)
     mean, largest = measure_displacement(split, fitted)
+    turns = measure_turning(split, fitted)
     labels = label_terms(fitted.model)
     owners = list_owners(fitted.model)
     parameters = []
@@ -99,6 +103,7 @@ def describe_parameters(split: Split, fitted: Fit, boot: Bootstrap) -> tuple[Par
                 max_mm=float(largest[k]),
                 configurations=units,
                 differ=_differ(errors, units),
+                max_mrad=None if turns is None else float(turns[k]),
             )
         )
     return tuple(parameters)
@@ -162,6 +167,28 @@ def measure_displacement(split: Split, fitted: Fit) -> tuple[Array, Array]:
         largest = np.maximum(largest, block_largest)
     mean = total / rows
     return mean, largest
+
+
+def measure_turning(split: Split, fitted: Fit) -> Array | None:
+    """Compute how far each parameter (p,) turns the target at most [mrad], as `measure_displacement`
+    does; None where no orientation was measured."""
+    problem = split.problem
+    if problem.components == 3:
+        return None
+    good = ~split.outlying
+    problem = problem.take(good)
+    problem = problem.unweighted()
+    theta = fitted.theta
+    amount = np.abs(theta)
+    largest = np.zeros(len(theta))
+    at = fitted.at()
+    for _, columns, _ in blocks(problem, fitted.terms, at):
+        rotations = columns[:, 3:]
+        angle = np.linalg.norm(rotations, axis=1)
+        block_largest = angle.max(1)
+        largest = np.maximum(largest, block_largest)
+    turned = largest * amount
+    return np.asarray(turned / MILLIRADIAN)
 
 
 def add_posterior(

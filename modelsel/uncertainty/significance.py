@@ -31,6 +31,7 @@ from ..selection.moments import (
     measure_moments,
 )
 from .bootstrap import Bootstrap
+from .motion_sums import Motion, MotionSum
 from .stability import MIN_DETERMINED, count_determined, measure_stability
 
 # configurations of which halves are drawn singly; more are drawn in bundles
@@ -45,6 +46,7 @@ class Significance:
     mechanism, parameters: its name and the symbols of its estimable terms.
     number: which it is of several mechanisms of one name, as the ladder and the symbols have it.
     mean_mm, max_mm: displacement it causes over the measured configurations.
+    mean_mrad, max_mrad: how far it turns the target there; None where no orientation was measured.
     f, p: nested F of the model against the model without it, and its p, no smaller than the posture
         bootstrap's.
     log10_evidence: Bayes factor for it, given all other mechanisms.
@@ -70,6 +72,8 @@ class Significance:
     catalogue: str
     stability: float | None
     number: int | None = None
+    mean_mrad: float | None = None
+    max_mrad: float | None = None
 
 
 def assess_significance(
@@ -112,8 +116,8 @@ def assess_significance(
             Significance(
                 mechanism=reported.get(mechanism, mechanism.name),
                 parameters=tuple(model.terms[i].symbol for i in terms[k] if i in kept),
-                mean_mm=displaced[k][0],
-                max_mm=displaced[k][1],
+                mean_mm=displaced[k].mean_mm,
+                max_mm=displaced[k].max_mm,
                 f=f,
                 p=p,
                 log10_evidence=evidence,
@@ -124,6 +128,8 @@ def assess_significance(
                 catalogue=check_catalogue(fitted, terms[k]),
                 stability=stability[k],
                 number=numbers.get(mechanism),
+                mean_mrad=displaced[k].mean_mrad,
+                max_mrad=displaced[k].max_mrad,
             )
         )
     return tuple(sorted(assessed, key=lambda s: -s.mean_mm))
@@ -164,11 +170,9 @@ def _unshared_terms(model: Model, mechanism: Mechanism, fitted: Fit) -> list[int
     return unshared
 
 
-def _displace(
-    split: Split, fitted: Fit, groups: Sequence[Sequence[int]]
-) -> list[tuple[float, float]]:
-    """Compute the (mean, largest) displacement [mm] of the target that each group of terms causes
-    on the exact chain, over all measured configurations."""
+def _displace(split: Split, fitted: Fit, groups: Sequence[Sequence[int]]) -> list[Motion]:
+    """Compute how each group of terms moves and turns the target on the exact chain, over all
+    measured configurations."""
     good = ~split.outlying
     problem = split.problem.take(good)
     problem = problem.unweighted()
@@ -176,21 +180,17 @@ def _displace(
     without = np.tile(fitted.theta, (count, 1))
     for row, group in zip(without, groups, strict=True):
         row[list(group)] = 0.0
-    total = np.zeros(count)
-    largest = np.zeros(count)
+    motions = [MotionSum() for _ in groups]
     model_theta = fitted.theta[None]
     for _, part in problem.parts():
         ensemble = Ensemble(part, fitted.terms)
         residual = ensemble.residuals(model_theta)
-        full = residual[0, :3]
-        for g, theta in enumerate(without):
+        full = residual[0]
+        for motion, theta in zip(motions, without, strict=True):
             residual = ensemble.residuals(theta[None])
-            change = residual[0, :3] - full
-            size = np.linalg.norm(change, axis=0)
-            total[g] += size.sum()
-            largest[g] = max(largest[g], size.max())
-    mean = total / len(problem)
-    return list(zip(mean.tolist(), largest.tolist(), strict=True))
+            change = residual[0] - full
+            motion.add(change)
+    return [motion.summarise(problem) for motion in motions]
 
 
 def compare_nested(

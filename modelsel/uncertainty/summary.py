@@ -94,15 +94,23 @@ class Confidence:
         """Return the result file's entries."""
         return {
             "sampling": None if self.sampling is None else self.sampling.to_dict(),
-            "parameters": [asdict(p) for p in self.parameters],
+            "parameters": [_write_known(p) for p in self.parameters],
             "correlation": {
                 "symbols": list(self.correlation.symbols),
                 "matrix": self.correlation.matrix,
                 "pairs": [asdict(p) for p in self.correlation.pairs],
                 "clusters": [list(c) for c in self.correlation.clusters],
             },
-            "significance": [asdict(s) for s in self.significance],
+            "significance": [_write_known(s) for s in self.significance],
         }
+
+
+def _write_known(one: Parameter | Significance) -> dict[str, Any]:
+    """Write a record's values, without those of turning where no orientation was measured."""
+    values = asdict(one)
+    if one.max_mrad is None:
+        return {key: value for key, value in values.items() if not key.endswith("_mrad")}
+    return values
 
 
 def assess_confidence(split: Split, fitted: Fit, names: Sequence[str], seed: int) -> Confidence:

@@ -85,6 +85,23 @@ def test_rivals_of_one_name_are_told_together(drawn) -> None:
     assert told.count(first.name) == 1
 
 
+def test_where_a_constant_alone_is_open_twins_are_no_rivals(drawn) -> None:
+    finding = read_source(drawn).record.findings[1]
+    first = finding.first
+    steps = []
+    for at in (0.4, 0.3):
+        screws = [first.screws[0].model_copy(update={"cause": f"(sign(progress-{at})+1)/2"})]
+        for name in ("fault:tracker-bumped", "tracker-step"):
+            change = {"mechanism": name, "probability": 0.24, "screws": screws}
+            steps.append(first.model_copy(update=change))
+    change = {"verdict": "cannot be told apart", "claim": None, "doubtful": False}
+    step = finding.model_copy(update=change | {"credible_set": steps})
+    told = _describe_standing(step, "fault:tracker-bumped (3)")
+    assert told == "fault:tracker-bumped (3), the constant is open (--verbose lists its values)"
+    rival = step.model_copy(update={"credible_set": [*steps, first]})
+    assert _describe_standing(rival, "a").startswith("not told apart: ")
+
+
 def test_more_findings_than_a_screen_holds_are_counted(drawn) -> None:
     source = crowded(drawn)
     lines = shown(source, Amount.SUMMARY)

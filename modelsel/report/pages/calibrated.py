@@ -13,7 +13,13 @@ from ...results.parameter_table import (
     count_free,
     tabulate_calibrated,
 )
-from ...results.study_sentences import NOMINAL_CAVEAT, format_mm, format_p, format_share
+from ...results.study_sentences import (
+    NOMINAL_CAVEAT,
+    format_mm,
+    format_motion,
+    format_p,
+    format_share,
+)
 from ..document import Block, Source, make_heading, make_list, make_table
 from ..figures.arm import draw_frames
 
@@ -117,6 +123,8 @@ def _write_mechanisms(mechanisms: Sequence[SignificanceRecord]) -> list[Block]:
         "Mean and worst displacement of the target by each mechanism, over the measured configurations. Held-out: rms "
         "without it and with it."
     )
+    if any("mrad" in figure for figure in figures["worst mm"]):
+        caption += " Of what only turns the target, how far it turns it."
     if "stable" in figures:
         caption += " Stable: share of half-samples in which it stays significant."
     if {"nominal p", "stable"} & set(figures):
@@ -136,8 +144,8 @@ def _significance_columns(mechanisms: Sequence[SignificanceRecord]) -> dict[str,
         for one in mechanisms
     ]
     columns = {
-        "mean mm": [format_mm(one.mean_mm) for one in mechanisms],
-        "worst mm": [format_mm(one.max_mm) for one in mechanisms],
+        "mean mm": [format_motion(one.mean_mm, one.mean_mrad) for one in mechanisms],
+        "worst mm": [format_motion(one.max_mm, one.max_mrad) for one in mechanisms],
         "nominal p": [format_p(one.p) for one in mechanisms],
         "log10 evidence": [_signed(one.log10_evidence) for one in mechanisms],
         "held-out rms mm": held_out_rms,

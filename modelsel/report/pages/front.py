@@ -97,9 +97,11 @@ def write_first_page(source: Source) -> list[Block]:
 
 def describe_zone(record: StudyRecord) -> str:
     """Return what is left in the grey zone of the ladder: its bound is as good as the noise floor."""
-    left = ZONES.get(record.noise_floor.source, "noise")
+    source = record.noise_floor.source
+    left = ZONES.get(source, "noise")
     zone = f"in the grey zone nothing is left but {left}."
-    if any(note.code == DOUBTED_NOISE for note in record.warnings):
+    codes = [note.code for note in record.warnings]
+    if DOUBTED_NOISE in codes:
         zone += " What is stated is doubted: see the notes."
     return zone
 
@@ -305,18 +307,28 @@ def write_error_map_page(source: Source) -> list[Block]:
 
 def describe_own_motion(details: DetailsRecord) -> str:
     """Return at which axis of its frame a joint moves by itself: sliding ones along z."""
-    turning = [str(k) for k, joint in enumerate(details.joints, 1) if joint.unit == "rad"]
-    sliding = [str(k) for k, joint in enumerate(details.joints, 1) if joint.unit == "mm"]
+    frames: dict[str, list[str]] = {"rad": [], "mm": []}
+    for number, joint in enumerate(details.joints, 1):
+        same = frames[joint.unit]
+        name = str(number)
+        same.append(name)
+    turning = frames["rad"]
+    sliding = frames["mm"]
     if not sliding:
         return "rz of frames 1 to n is the joint's own rotation"
     if not turning:
         return "tz of frames 1 to n is the joint's own shift"
-    return f"rz of {_count_frames(turning)} is the joint's own rotation, tz of {_count_frames(sliding)} its own shift"
+    turned = _count_frames(turning)
+    shifted = _count_frames(sliding)
+    return f"rz of {turned} is the joint's own rotation, tz of {shifted} its own shift"
 
 
 def _count_frames(numbers: list[str]) -> str:
-    word = "frame" if len(numbers) == 1 else "frames"
-    return f"{word} {sentence_list(numbers)}"
+    listed = sentence_list(numbers)
+    word = "frames"
+    if len(numbers) == 1:
+        word = "frame"
+    return f"{word} {listed}"
 
 
 def _map_words(whole: ErrorMapRecord, columns: list[int]) -> str:
