@@ -171,6 +171,9 @@ def test_confidence_in_blocks(split: Split, blocks) -> None:
         split, fitted, model.names, boot, generator(3, "halves"), max_bundles=60
     )
     for a, b in zip(map(asdict, bundled), before["significance"], strict=True):
+        # no orientation was measured, and the record has no turns
+        assert a.pop("mean_mrad") is None
+        assert a.pop("max_mrad") is None
         assert abs(a["stability"] - b["stability"]) <= 0.3
         near(
             {k: v for k, v in a.items() if k != "stability"},
