@@ -43,9 +43,10 @@ class LackOfFit:
 
 @dataclass(frozen=True)
 class _Variances:
-    """Sums of squares in units of the floor's variance: what a model leaves with its degrees of freedom, the
-    `pure` variance of repeats with its own, and the share of an unexplained variance that the former see."""
+    """Sums of squares in `unit_mm` squared: what a model leaves with its degrees of freedom, the `pure` variance of
+    repeats with its own, and the share of an unexplained variance that the former see."""
 
+    unit_mm: float
     total: float
     freedom: float
     pure: float
@@ -66,7 +67,7 @@ def measure_lack_of_fit(chosen: Evaluation, floor: Floor | None, split: Split) -
     if parts.freedom < 1 or parts.pure_freedom < MIN_FLOOR_FREEDOM or parts.pure <= 0:
         return None
     f = max(parts.total / parts.freedom / parts.pure, 0.0)
-    sigma = floor.coordinate_mm * np.sqrt(parts.pure)
+    sigma = parts.unit_mm * np.sqrt(parts.pure)
     bounds = [fdtri(parts.freedom, parts.pure_freedom, q) for q in (0.975, 0.025)]
     ratios = np.array([f, f / bounds[0], f / bounds[1]])
     unexplained = sigma * np.sqrt(np.maximum(ratios - 1, 0.0) / parts.share)
@@ -82,12 +83,17 @@ def _variances(chosen: Evaluation, floor: Floor, training: Problem) -> _Variance
     freedom = chosen.fit.freedom * int(counted.sum()) / training.coordinates
     if floor.source != "repeats":
         known = floor.freedom if np.isfinite(floor.freedom) else STATED_FLOOR_FREEDOM
-        return _Variances(total, freedom, 1.0, float(known))
+        return _Variances(floor.coordinate_mm, total, freedom, 1.0, float(known))
     within, known = sum_pure_error(training, chosen.fit.residuals(training))
     coordinates = 3 * len(training)
     # rows of a posture all have what is unexplained
     share = coordinates / (coordinates - known)
-    return _Variances(total - within, freedom - known, within / max(known, 1), known, share)
+    # the rows have the weight of repeats before a model was known
+    stated = training.whitening.as_stated()
+    unit_mm = 1 / stated.typical_weight()
+    lacking = total - within
+    pure = within / max(known, 1)
+    return _Variances(unit_mm, lacking, freedom - known, pure, known, share)
 
 
 def sum_pure_error(problem: Problem, residuals: Array) -> tuple[float, float]:

@@ -333,3 +333,14 @@ def test_what_a_model_knows_to_differ_between_repeats_is_no_noise(rng) -> None:
     assert told.coordinate_mm == pytest.approx(from_repeats(at.data, at.placed).coordinate_mm)
     stated = Floor(0.2, "stated")
     assert choose_noise_floor(data, stated, chosen) == stated
+
+
+def test_the_pure_error_of_repeats_is_the_same_whatever_floor_is_told(rng) -> None:
+    """With the floor that the chosen model leaves, a tenth of the rows' weight, it was told as a tenth."""
+    data = weighed(campaign(rng, 25, times=3))
+    base = evaluate(data, BASE, ("geometric",))
+    floor = from_repeats(data.problem.data, data.problem.placed)
+    told = replace(floor, coordinate_mm=floor.coordinate_mm / 10)
+    first, second = (measure_lack_of_fit(base, one, data) for one in (floor, told))
+    assert first == second
+    assert first.floor_mm == pytest.approx(SIGMA, rel=0.2)
