@@ -12,6 +12,7 @@ from ..mechanisms.terms import describe_frame_motion
 from .candidate_kinds import CandidateKind
 from .credible_sets import FOUND
 from .effects import Effect
+from .rival_names import NAMED_RIVALS
 from .sentences import (
     describe_amount,
     describe_candidate,
@@ -34,8 +35,6 @@ COLUMNS = {
 MOST_DRIVERS = 6
 # what all errors of an instrument say that follow from where the target is
 SEEN_WRONGLY = "The instrument measures wrongly, by an amount that depends on where the target is"
-# names of rivals that a place which is not proven is told with
-NAMED_RIVALS = 3
 # what else a finding could be that is proven down to a level
 REST = {
     "place": "something else there",

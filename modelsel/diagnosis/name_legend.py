@@ -15,6 +15,7 @@ SLOW = re.compile(r"([\d.]+) waves along the campaign")
 NUMBERED = re.compile(r" \((\d+)\)$")
 FREE = re.compile(r"free\(([^()]+)\)")
 MOTIONS = {"t": "shifts along", "r": "turns about"}
+PAIR = "a & b: two numbers fitted together, as a sine and a cosine of unknown phase"
 # a name that begins so is of an effect that no registry has
 FRAME = "frame "
 
@@ -26,7 +27,7 @@ def explain_names(names: Sequence[str], joints: int | None = None) -> list[str]:
     lines = _explain_place(text, joints)
     lines += _explain_shapes(text)
     if " & " in text:
-        lines.append("a & b: two numbers fitted together, as a sine and a cosine of unknown phase")
+        lines.append(PAIR)
     lines += _explain_derived(text)
     found = map(NUMBERED.search, names)
     numbered = [match for match in found if match is not None]

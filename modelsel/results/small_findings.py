@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from .finding_schema import FindingRecord, SmallFindingsRecord
@@ -63,7 +64,14 @@ def find_named(verdict: Sequence[str], labels: Sequence[str]) -> set[int]:
     first: dict[str, int] = {}
     for place, label in enumerate(labels):
         first.setdefault(label, place)
-    return {place for label, place in first.items() if label in told}
+    return {place for label, place in first.items() if _has_name(told, label)}
+
+
+def _has_name(told: str, label: str) -> bool:
+    """Return whether a text has a name, and not as a part of another: backlash:1, approach-backlash:1."""
+    before, after = r"(?<![\w-])", r"(?!\w)"
+    whole = f"{before}{re.escape(label)}{after}"
+    return re.search(whole, told) is not None
 
 
 def choose_shown(told: Sequence[int], named: set[int], most: int) -> list[int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -80,8 +81,7 @@ def describe_parameters(split: Split, fitted: Fit, boot: Bootstrap) -> tuple[Par
     error = fitted.standard_errors
     quantile = stdtrit(np.maximum(boot.units - 1, 1), UPPER)
     half_width = quantile * np.maximum(boot.errors, error)
-    mean, largest = measure_displacement(split, fitted)
-    turns = measure_turning(split, fitted)
+    mean, largest, turns = measure_motions(split, fitted)
     labels = label_terms(fitted.model)
     owners = list_owners(fitted.model)
     parameters = []
@@ -141,8 +141,17 @@ def _differ(errors: Sequence[float], configurations: float) -> bool:
     return largest > limit
 
 
-def measure_displacement(split: Split, fitted: Fit) -> tuple[Array, Array]:
-    """Compute the (mean, largest) displacement (p,) [mm] of the target that each parameter causes.
+class Motions(NamedTuple):
+    """The mean and the largest displacement (p,) [mm] of the target that each parameter causes, and how
+    far it turns the target at most (p,) [mrad]; None where no orientation was measured."""
+
+    mean_mm: Array
+    max_mm: Array
+    max_mrad: Array | None
+
+
+def measure_motions(split: Split, fitted: Fit) -> Motions:
+    """Measure how far each parameter (p,) moves and turns the target.
 
     Over all measured configurations without outliers, held out or not: the workspace as it was
     measured. Linear about the optimum."""
@@ -156,7 +165,8 @@ def measure_displacement(split: Split, fitted: Fit) -> tuple[Array, Array]:
     count = len(theta)
     total = np.zeros(count)
     largest = np.zeros(count)
-    # the columns are displacements per unit of a parameter
+    turned = np.zeros(count)
+    # the columns are displacements, and turns, per unit of a parameter
     at = fitted.at()
     for _, columns, _ in blocks(problem, fitted.terms, at):
         positions = columns[:, :3]
@@ -165,30 +175,14 @@ def measure_displacement(split: Split, fitted: Fit) -> tuple[Array, Array]:
         block_largest = size.max(1)
         total += size.sum(1)
         largest = np.maximum(largest, block_largest)
-    mean = total / rows
-    return mean, largest
-
-
-def measure_turning(split: Split, fitted: Fit) -> Array | None:
-    """Compute how far each parameter (p,) turns the target at most [mrad], as `measure_displacement`
-    does; None where no orientation was measured."""
-    problem = split.problem
-    if problem.components == 3:
-        return None
-    good = ~split.outlying
-    problem = problem.take(good)
-    problem = problem.unweighted()
-    theta = fitted.theta
-    amount = np.abs(theta)
-    largest = np.zeros(len(theta))
-    at = fitted.at()
-    for _, columns, _ in blocks(problem, fitted.terms, at):
         rotations = columns[:, 3:]
         angle = np.linalg.norm(rotations, axis=1)
-        block_largest = angle.max(1)
-        largest = np.maximum(largest, block_largest)
-    turned = largest * amount
-    return np.asarray(turned / MILLIRADIAN)
+        turn = angle * amount
+        turned = np.maximum(turned, turn.max(1))
+    mean = total / rows
+    if problem.components == 3:
+        return Motions(mean, largest, None)
+    return Motions(mean, largest, turned / MILLIRADIAN)
 
 
 def add_posterior(

@@ -31,7 +31,7 @@ from .parameters import (
     describe_parameters,
     label_terms,
     mask_free_functions,
-    measure_displacement,
+    measure_motions,
     note_differences,
 )
 from .posterior import choose_draw_count, linear_posterior, summarise_importance, weight_draws
@@ -240,7 +240,7 @@ def _choose_coefficients(
         wanted = [k for k in plain if k not in leaning] or plain
     if over == "all":
         wanted = plain
-    mean, _ = measure_displacement(split, fitted)
+    mean = measure_motions(split, fitted).mean_mm
     ordered = sorted(wanted, key=lambda k: -mean[k])
     limit = MAX_SAMPLED[over]
     strongest = sorted(ordered[:limit])

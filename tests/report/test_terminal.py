@@ -263,6 +263,9 @@ def test_a_figure_beyond_the_measured_readings_is_marked(drawn) -> None:
 def test_a_table_has_what_the_verdict_names() -> None:
     labels = ["a", "b", "a", "c"]
     assert find_named(["Named: a and c."], labels) == {0, 3}
+    # a name within another one is not named
+    parts = ["backlash:1", "approach-backlash:1", "backlash:12"]
+    assert find_named(["Named: approach-backlash:1 and backlash:12."], parts) == {1, 2}
     assert choose_shown([0, 1, 2, 3], {0, 3}, 3) == [0, 1, 3]
     assert choose_shown([0, 1, 3], {1, 3}, 1) == [1, 3]
 

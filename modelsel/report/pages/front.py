@@ -7,7 +7,7 @@ from functools import partial
 from math import degrees
 
 from ..._short_numbers import round_numbers
-from ...diagnosis.name_legend import explain_names
+from ...diagnosis.name_legend import PAIR, explain_names
 from ...exceptions import sentence_list
 from ...results.details_schema import DetailsRecord
 from ...results.finding_advice import advise, list_frames
@@ -298,7 +298,7 @@ def write_error_map_page(source: Source) -> list[Block]:
     )
     legend = (
         f"tx ty tz shift along, rx ry rz turn about the axes of a frame; {describe_own_motion(source.details)}. "
-        "a & b: two numbers fitted together, as a sine and a cosine of unknown phase."
+        f"{PAIR}."
     )
     figure = source.add_figure("error-map", draw, caption, _map_words(whole, columns))
     told = [make_text(explanation), make_text(legend, "quiet")]
