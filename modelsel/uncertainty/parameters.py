@@ -141,7 +141,7 @@ def _differ(errors: Sequence[float], configurations: float) -> bool:
     return largest > limit
 
 
-class Motions(NamedTuple):
+class ParameterMotions(NamedTuple):
     """The mean and the largest displacement (p,) [mm] of the target that each parameter causes, and how
     far it turns the target at most (p,) [mrad]; None where no orientation was measured."""
 
@@ -150,7 +150,7 @@ class Motions(NamedTuple):
     max_mrad: Array | None
 
 
-def measure_motions(split: Split, fitted: Fit) -> Motions:
+def measure_motions(split: Split, fitted: Fit) -> ParameterMotions:
     """Measure how far each parameter (p,) moves and turns the target.
 
     Over all measured configurations without outliers, held out or not: the workspace as it was
@@ -181,8 +181,8 @@ def measure_motions(split: Split, fitted: Fit) -> Motions:
         turned = np.maximum(turned, turn.max(1))
     mean = total / rows
     if problem.components == 3:
-        return Motions(mean, largest, None)
-    return Motions(mean, largest, turned / MILLIRADIAN)
+        return ParameterMotions(mean, largest, None)
+    return ParameterMotions(mean, largest, turned / MILLIRADIAN)
 
 
 def add_posterior(
