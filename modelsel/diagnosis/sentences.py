@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from .._typing import Array
-from ..exceptions import choice_list, write_percent, write_rounded
+from ..exceptions import sentence_list, write_percent, write_rounded
 from ..measurements.state_names import StateKind, parse_state_name
 from ..mechanisms.causes import Applied, Bump
 from ..mechanisms.terms import Mechanism, Term, describe_frame_motion, letter
@@ -315,13 +315,13 @@ def describe_effect(effect: Effect, doubt: str = "") -> str:
 
 def describe_aliases(waves: Sequence[int]) -> str:
     """Say which other numbers of waves a turn do the same at all readings."""
-    numbers = [str(count) for count in waves[:NAMED_RIVALS]]
+    shown = [str(count) for count in waves[:NAMED_RIVALS]]
+    listed = f"{sentence_list(shown)} waves a turn"
     if len(waves) > NAMED_RIVALS:
-        numbers.append("more")
-    listed = choice_list(numbers)
+        listed = f"{', '.join(shown)} and other numbers of waves a turn"
     return (
-        f"{listed} waves a turn do the same as the fitted wave at these readings; readings between "
-        "them would tell these apart"
+        f"{listed} do the same at these readings as the fitted wave; readings between these would "
+        "tell them apart"
     )
 
 

@@ -14,6 +14,7 @@ from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate
 from modelsel.diagnosis.claim_sentences import describe_proven
 from modelsel.diagnosis.procedure import diagnose
+from modelsel.diagnosis.sentences import describe_aliases
 from modelsel.diagnosis.simple_shapes import find_own_wave
 from modelsel.diagnosis.unregistered import build_wave
 from modelsel.diagnosis.wave_aliases import MOST_WAVES, list_aliases
@@ -99,9 +100,15 @@ def test_a_ripple_is_named_only_where_its_number_can_be_told(
         assert found.claim.level == "drivers"
         _, fitted = find_own_wave(found.candidate.mechanism)
         assert {fitted, *found.claim.waves} >= {waves, 36 - waves, 36 + waves}
-        assert "waves a turn do the same as the fitted wave at these readings" in said
+        assert "waves a turn do the same at these readings as the fitted wave" in said
         assert "turns unevenly" not in said
     else:
         assert found.claim.level == "cause"
         assert f"{waves} waves a turn" in said
         assert "at these readings" not in said
+
+
+def test_other_numbers_are_told_few_or_many() -> None:
+    assert describe_aliases((8, 28)).startswith("8 and 28 waves a turn do the same")
+    many = describe_aliases((8, 28, 64, 80))
+    assert many.startswith("8, 28, 64 and other numbers of waves a turn do the same")
