@@ -12,6 +12,7 @@ from report_studies import read_source, terminal_lines
 
 from modelsel import Study
 from modelsel.measurements.measurements import build_measurements
+from modelsel.report.document import use_minus
 from modelsel.report.pages.front import write_data_page
 from modelsel.results.placements import describe_placements
 from modelsel.results.schema import BaseRecord
@@ -74,7 +75,8 @@ def test_registered_once(rng, tmp_path) -> None:
     assert f"Registered: b{words[0][1:]}" in lines
     assert f"Registered: t{words[1][1:]}" in lines
     result.save(tmp_path)
-    assert words in [block.get("items") for block in write_data_page(read_source(tmp_path))]
+    items = [block.get("items") for block in write_data_page(read_source(tmp_path))]
+    assert [use_minus(one) for one in words] in items
     result.report(tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "Where the tracker and the target stand</h2>" in page
