@@ -34,10 +34,10 @@ from .screw_places import Place, build_places, find_fields
 # that are held together
 CACHED_ROWS = 1024
 TOGETHER = 1_500_000
-# all rows of a block
-EVERY = slice(None)
+EVERY = slice(None)  # all rows of a block
 # products of columns, rows and vectors from which a second core pays
 MANY_PRODUCTS = 5e7
+MOST_TWICE = 64_000_000  # bytes of causes up to which they are kept in single precision, too
 # share of the memory of a diagnosis that the values of the causes may take
 CAUSES_SHARE = 0.85
 
@@ -62,9 +62,17 @@ class _RowBlock:
     mixing: Mixing | None
     weights: PlaceWeights
 
-    def evaluate_wide(self) -> Array:
-        """Return the causes (w, m) that are not zero at most rows."""
-        return evaluate_everywhere(self.problem, self.wide) if self.kept is None else self.kept
+    def evaluate_wide(self, is_single: bool = False) -> NDArray[Any]:
+        """Return the causes (w, m) that are not zero at most rows, in single precision if few."""
+        if self.kept is None:
+            return evaluate_everywhere(self.problem, self.wide)
+        is_kept_twice = is_single and self.kept.nbytes <= MOST_TWICE
+        return self._single if is_kept_twice else self.kept
+
+    @cached_property
+    def _single(self) -> NDArray[np.float32]:
+        assert self.kept is not None
+        return self.kept.astype(np.float32)
 
     def evaluate_causes(self, which: Index, rows: Rows = EVERY) -> Array:
         """Return some causes (k, ...) of some rows."""
@@ -154,7 +162,7 @@ class ScrewColumns:
         parts = 2 if is_large else 1
         out = np.zeros((self.count, matrix.shape[1]), matrix.dtype)
         for block in self.blocks:
-            causes = block.evaluate_wide()
+            causes = block.evaluate_wide(values.dtype == np.float32)
             arranged = block.arrange(matrix)
             halves = list(split_range(len(arranged), -(-len(arranged) // parts)))
             # what is summed apart has a place of its own, but for the first
@@ -177,7 +185,7 @@ class ScrewColumns:
     def _add_up(
         self,
         block: _RowBlock,
-        causes: Array,
+        causes: NDArray[Any],
         values: NDArray[Any],
         part: tuple[slice, NDArray[Any]],
     ) -> None:

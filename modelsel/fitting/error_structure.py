@@ -19,13 +19,14 @@ import numpy as np
 from .._linalg import TINY
 from .._typing import Index, Mask
 from .design import compute_design
+from .largest_likelihood import maximise_likelihood
 from .least_squares import Fit
 from .noise import compute_interval
 from .part_certainty import bound_instrument, count_freedom, measure_certainty
 from .part_trials import LEVEL, change_length, compute_p, find_next
 from .possible_parts import MIN_LEVELS, PossiblePart
 from .problem import Problem
-from .restricted_likelihood import Likelihood, LinearModel, evaluate_likelihood, maximise_likelihood
+from .restricted_likelihood import Likelihood, LinearModel, evaluate_likelihood
 from .shared_errors import MAX_BLOCK, SharedError, SharedErrors, group_blocks, keep_within, mix
 from .whitening import Whitening
 

@@ -9,8 +9,9 @@ import numpy as np
 
 from .._linalg import TINY
 from .._typing import Array
+from .largest_likelihood import is_at_most
 from .noise import compute_interval
-from .restricted_likelihood import Likelihood, is_at_most
+from .restricted_likelihood import Likelihood
 
 # factor by which a correlation length is changed, for the derivative by it
 STEP = 1.05

@@ -10,8 +10,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from .error_directions import compute_alignment_p
+from .largest_likelihood import maximise_likelihood
 from .possible_parts import DIRECTIONS, PossiblePart
-from .restricted_likelihood import Likelihood, evaluate_likelihood, maximise_likelihood
+from .restricted_likelihood import Likelihood, evaluate_likelihood
 from .shared_errors import SharedError
 
 # probability with which chance gives a part that is none, and up to which a part that is not taken

@@ -4,37 +4,21 @@ With H = I + Σ_k ρ_k V_k the rows' covariance over the variance φ of one coor
 P = H⁻¹ − H⁻¹X (XᵀH⁻¹X)⁻¹ XᵀH⁻¹, twice the logarithm of the restricted likelihood is, φ at its best,
     −n ln(yᵀPy) − ln|H| − ln|XᵀH⁻¹X|                     (Patterson & Thompson 1971, Biometrika 58, 545).
 Where the variance of a part is known, ρ is that over φ, and φ is sought with the others.
-It is maximised over ρ ≥ 0 with its exact slope; standard errors are by the average information
-(Gilmour, Thompson & Cullis 1995, Biometrics 51, 1440)."""
+Standard errors are by the average information (Gilmour, Thompson & Cullis 1995, Biometrics 51,
+1440)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
 from .._linalg import TINY
-from .._typing import Array, Mask
+from .._typing import Array
 from .shared_errors import Layout, Precision, SharedError, confine, keep_within
-
-# of L-BFGS-B: changes of twice the log likelihood, and its slope, at which it ends
-EXACT = {"maxiter": 60, "ftol": 1e-13, "gtol": 1e-5}
-ROUGH = {"maxiter": 20, "ftol": 1e-7, "gtol": 3e-2}
-# times the mean square of ε that a part's is at most: where the parts have as many draws as the rows of a
-# visit have coordinates, they explain whatever is left, and rows without noise would decide everything
-MOST_OF_ALL = 30.0
-# the same where the parts have at most so many draws for every coordinate, of which the targets of a
-# visit, on one rigid body, have six at most
-FEW_DRAWS = 0.7
-OF_A_BODY = 6
-MOST_OF_FEW = 1e4
-# share of the most from which a part is at it
-AT_MOST = 0.99
-# the same where the maximum is sought at least, and below which a part is none
-LEAST, NO_PART = 3e-7, 3e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,140 +143,3 @@ def _choose_phi(parts: Sequence[SharedError], square: float, freedom: float) -> 
         if part.known is not None:
             return part.known / part.variance
     return square / freedom
-
-
-@dataclass
-class _Best:
-    """The best likelihood that a search has seen, which begins and mostly ends there: it is not
-    computed again."""
-
-    evaluate: Callable[[Array], Likelihood]
-    x: Array
-    at: Likelihood
-
-    def look(self, x: Array) -> Likelihood:
-        """Return the likelihood at x."""
-        is_here = np.array_equal(x, self.x)
-        if is_here:
-            return self.at
-        at = self.evaluate(x)
-        if not at.log < self.at.log:
-            self.x, self.at = x.copy(), at
-        return at
-
-
-def maximise_likelihood(
-    model: LinearModel,
-    parts: Sequence[SharedError],
-    held: Sequence[SharedError] = (),
-    exact: bool = True,
-) -> Likelihood:
-    """Maximise the restricted likelihood over the variances of parts, from those that they have.
-
-    Parts that are `held` keep theirs; where parts are of known variance, φ is sought in their
-    place. A part whose variance ends at nought is none of the result's. Unless `exact`, twice the
-    log likelihood is within some hundredths of its maximum."""
-    every = [*held, *parts]
-    if not parts:
-        return evaluate_likelihood(model, every)
-    # a seventh of a second, which studies without such parts need not spend
-    from scipy.optimize import minimize
-
-    is_known = np.array([part.known is not None for part in every])
-    is_sought = ~is_known & (np.arange(len(every)) >= len(held))
-    unit = 1 / np.array([_mean_square(part) for part in every])
-    least, most = LEAST * unit, _choose_most(every) * unit
-    # where a model leaves next to nothing, a variance that is guessed from it can be beyond all bounds
-    guessed = np.array([part.variance for part in every])
-    every = _set_variances(every, np.where(is_sought, np.clip(guessed, least, most), guessed))
-    layout = lay_out(every)
-    start = np.log([part.variance for part in every])
-    first = evaluate_likelihood(model, every, layout)
-    scale = _choose_scale(first, is_sought)
-    # what the logarithms of the variances go by: their own, and that of φ where some are known
-    steps = np.eye(len(every))[:, is_sought]
-    if is_known.any():
-        steps = np.column_stack([steps, -is_known.astype(float)])
-        scale = np.append(scale, np.sqrt(model.freedom))
-    moves = np.flatnonzero(is_sought | is_known)
-
-    def evaluate(x: Array) -> Likelihood:
-        variance = np.exp(start + steps @ (x / scale))
-        return evaluate_likelihood(model, _set_variances(every, variance), layout)
-
-    best = _Best(evaluate, np.zeros(len(scale)), first)
-
-    def lose(x: Array) -> tuple[float, Array]:
-        at = best.look(x)
-        variance = np.array([part.variance for part in at.parts])
-        slopes = np.array([at.slope(at.parts[k])[0] for k in moves])
-        loss = -steps[moves].T @ (slopes * variance[moves])
-        if is_known.any():
-            loss[-1] += model.freedom - at.square / at.phi
-        return -at.log, loss / scale
-
-    low = np.log(least) - start
-    high = np.log(most) - start
-    bounds = np.stack([low, high])[:, is_sought]
-    if is_known.any():
-        bounds = np.column_stack([bounds, [-high[is_known].min(), -low[is_known].max()]])
-    options = EXACT if exact else ROUGH
-    found = minimize(
-        lose, best.x, jac=True, method="L-BFGS-B", bounds=(bounds * scale).T, options=options
-    )
-    ended = best.look(found.x)
-    variance = np.array([part.variance for part in ended.parts])
-    is_there = ~is_sought | (variance >= NO_PART * unit)
-    if is_there.all():
-        return ended
-    there = [part for part, kept in zip(ended.parts, is_there, strict=True) if kept]
-    return evaluate_likelihood(model, there)
-
-
-def _choose_scale(at: Likelihood, is_sought: Mask) -> Array:
-    """Choose (k,) what makes the likelihood about equally curved in the logarithms of the variances
-    that are sought."""
-    scale = []
-    for k in np.flatnonzero(is_sought):
-        part = at.parts[k]
-        information = float(at.information(at.slope(part)[1])[0, 0])
-        curvature = information * part.variance**2
-        scale.append(np.sqrt(max(curvature, 1.0)))
-    return np.array(scale)
-
-
-def _choose_most(parts: Sequence[SharedError]) -> float:
-    """Choose how many times the mean square of ε a part's may be."""
-    if any(part.time is not None for part in parts):
-        return MOST_OF_ALL
-    levels = [len(np.unique(part.level)) for part in parts]
-    draws = sum(count * part.loading.shape[2] for count, part in zip(levels, parts, strict=True))
-    finest = parts[int(np.argmax(levels))]
-    has_few = draws <= FEW_DRAWS * _count_motions(finest)
-    return MOST_OF_FEW if has_few else MOST_OF_ALL
-
-
-def _count_motions(part: SharedError) -> int:
-    """Count the numbers that rows of each level can differ in from the model: their coordinates, and those
-    of a rigid body at most, which the targets of a visit are on."""
-    _, components, _ = part.loading.shape
-    _, rows = np.unique(part.level, return_counts=True)
-    return int(np.minimum(rows * components, OF_A_BODY).sum())
-
-
-def is_at_most(parts: Sequence[SharedError]) -> bool:
-    """Whether one of the parts is as large as it may be: ε could be smaller then, down to nothing."""
-    sought = [part for part in parts if part.known is None]
-    if not sought:
-        return False
-    largest = max(part.variance * _mean_square(part) for part in sought)
-    return largest > AT_MOST * _choose_most(parts)
-
-
-def _mean_square(part: SharedError) -> float:
-    """Compute the mean square of a row's coordinate by draws of unit variance."""
-    return max(float(np.square(part.loading).sum(2).mean()), TINY)
-
-
-def _set_variances(parts: Sequence[SharedError], variance: Array) -> list[SharedError]:
-    return [replace(part, variance=float(v)) for part, v in zip(parts, variance, strict=True)]

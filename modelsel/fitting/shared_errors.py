@@ -81,7 +81,7 @@ class SharedError:
         """Compute the product (m, c, p) of the part's covariance, of unit variance, with values
         (m, c, p)."""
         _, mixed = self._share(values)
-        return np.asarray(np.einsum("mcd,mdp->mcp", self.loading, mixed, optimize=True))
+        return np.asarray(np.matmul(self.loading, mixed))
 
     def measure(self, values: Array) -> float:
         """Compute the sum over the columns of values (m, c, p) of their product with the part's
@@ -91,7 +91,7 @@ class SharedError:
 
     def _share(self, values: Array) -> tuple[Array, Array]:
         """Return values (m, c, p) by draw (m, d, p), and what the rows have of one another's."""
-        inner = np.einsum("mcd,mcp->mdp", self.loading, values, optimize=True)
+        inner = np.matmul(self.loading.transpose(0, 2, 1), values)
         if self.time is None:
             return inner, self._add_up(inner)
         mixed = np.empty_like(inner)
@@ -256,24 +256,24 @@ def _combine(variances: Sequence[float], spreads: Array) -> Array:
 
 
 def _invert(matrices: Array) -> tuple[Array, float]:
-    """Invert positive matrices (B, n, n): (their inverses, the sum of the logarithms of their
-    determinants)."""
+    """Invert positive matrices (B, n, n), which are overwritten: (their inverses, the sum of the
+    logarithms of their determinants)."""
     size = matrices.shape[1]
     if size <= SMALL:
         lower = np.linalg.cholesky(matrices)
         half = np.linalg.inv(lower)
         inverse = np.matmul(half.transpose(0, 2, 1), half)
         return np.asarray(inverse), _sum_logs(lower)
-    inverse = np.empty_like(matrices)
-    total = 0.0
-    for one, out in zip(matrices, inverse, strict=True):
-        factor, info = dpotrf(one, lower=1)
+    for one in matrices:
+        # the transpose is contiguous by columns: LAPACK works in it, and nothing is copied
+        _, info = dpotrf(one.T, lower=1, overwrite_a=1)
         if info:
             raise np.linalg.LinAlgError("a covariance of rows is not positive")
-        total += _sum_logs(factor[None])
-        solved, _ = dpotri(factor, lower=1, overwrite_c=1)
-        np.add(solved, np.tril(solved, -1).T, out=out)
-    return inverse, total
+    total = _sum_logs(matrices)
+    for one in matrices:
+        dpotri(one.T, lower=1, overwrite_c=1)
+        np.add(one, np.triu(one, 1).T, out=one)
+    return matrices, total
 
 
 def _sum_logs(lower: NDArray[Any]) -> float:

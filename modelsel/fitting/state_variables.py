@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -85,8 +86,12 @@ class StateVariables:
 
     def names(self) -> dict[str, str]:
         """Return every name that a cause may use, with its unit."""
-        units = state_units(self.robot)
-        return units | {name: covariate_unit(name) for name in self.data.covariates}
+        return dict(self._units)
+
+    @cached_property
+    def _units(self) -> dict[str, str]:
+        covariates = {name: covariate_unit(name) for name in self.data.covariates}
+        return state_units(self.robot) | covariates
 
     def value(self, name: str) -> Array:
         """Return the values (m,) of a name. Raises StudyError for one that there is not."""

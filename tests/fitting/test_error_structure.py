@@ -17,11 +17,12 @@ from modelsel._typing import Array
 from modelsel.fitting import error_structure, part_trials
 from modelsel.fitting.design import Model, compute_design
 from modelsel.fitting.error_structure import ErrorStructure, _build_model, find_structure
+from modelsel.fitting.largest_likelihood import maximise_likelihood
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.part_trials import _score
 from modelsel.fitting.possible_parts import PossiblePart, list_parts
 from modelsel.fitting.problem import Problem
-from modelsel.fitting.restricted_likelihood import evaluate_likelihood, maximise_likelihood
+from modelsel.fitting.restricted_likelihood import evaluate_likelihood
 from modelsel.fitting.shared_errors import SharedErrors
 from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import build_measurements

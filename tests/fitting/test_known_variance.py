@@ -9,13 +9,9 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from modelsel.fitting.largest_likelihood import MOST_OF_FEW, maximise_likelihood
 from modelsel.fitting.possible_parts import PossiblePart, choose_parts
-from modelsel.fitting.restricted_likelihood import (
-    MOST_OF_FEW,
-    LinearModel,
-    evaluate_likelihood,
-    maximise_likelihood,
-)
+from modelsel.fitting.restricted_likelihood import LinearModel, evaluate_likelihood
 from modelsel.fitting.shared_errors import SharedError
 
 ROWS, VISITS = 90, 30

@@ -14,14 +14,14 @@ from builders import OFF_AXIS, bind, seeds
 from modelsel._typing import Array
 from modelsel.fitting.design import Model
 from modelsel.fitting.error_structure import ErrorStructure, find_structure
-from modelsel.fitting.least_squares import fit
-from modelsel.fitting.possible_parts import list_parts
-from modelsel.fitting.restricted_likelihood import (
+from modelsel.fitting.largest_likelihood import (
     MOST_OF_ALL,
     MOST_OF_FEW,
     _choose_most,
     _count_motions,
 )
+from modelsel.fitting.least_squares import fit
+from modelsel.fitting.possible_parts import list_parts
 from modelsel.fitting.shared_errors import SharedError
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism

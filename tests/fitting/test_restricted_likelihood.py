@@ -14,15 +14,11 @@ from builders import seeds
 from scipy.stats import f, multivariate_normal
 
 from modelsel._typing import Array
-from modelsel.fitting import restricted_likelihood
+from modelsel.fitting import largest_likelihood
+from modelsel.fitting.largest_likelihood import maximise_likelihood
 from modelsel.fitting.noise import compute_interval
 from modelsel.fitting.part_trials import compute_p
-from modelsel.fitting.restricted_likelihood import (
-    Likelihood,
-    LinearModel,
-    evaluate_likelihood,
-    maximise_likelihood,
-)
+from modelsel.fitting.restricted_likelihood import Likelihood, LinearModel, evaluate_likelihood
 from modelsel.fitting.shared_errors import SharedError
 
 FOLDER = Path(__file__).parent / "mixed"
@@ -275,7 +271,7 @@ def test_no_point_of_a_search_is_evaluated_twice(
         seen.append(tuple(part.variance for part in given[1]))
         return evaluate_likelihood(*given)
 
-    monkeypatch.setattr(restricted_likelihood, "evaluate_likelihood", evaluate)
+    monkeypatch.setattr(largest_likelihood, "evaluate_likelihood", evaluate)
     at = maximise_likelihood(model, parts)
     assert len(set(seen)) == len(seen) > 2
     assert at.log == pytest.approx(evaluate_likelihood(model, at.parts).log, rel=1e-12)
