@@ -1,8 +1,8 @@
 """The variances at which the restricted likelihood of the parts of the errors is largest.
 
 It is maximised over ρ ≥ 0, in the logarithms of the variances, by its exact slope: first in Newton
-steps by the average information, which are near the maximum after few, then by L-BFGS-B from
-there, which ends at once where they have arrived."""
+steps by the average information, which mostly arrive after few, else by L-BFGS-B from where they
+end."""
 
 from __future__ import annotations
 
@@ -19,8 +19,10 @@ from .shared_errors import SharedError
 # of L-BFGS-B: changes of twice the log likelihood, and its slope, at which it ends
 EXACT = {"maxiter": 60, "ftol": 1e-13, "gtol": 1e-5}
 ROUGH = {"maxiter": 20, "ftol": 1e-7, "gtol": 3e-2}
-# slopes at which Newton steps end: the last step, which is short, costs one likelihood
-EXACT_SLOPE, ROUGH_SLOPE = 1e-7, 3e-2
+# what the next Newton step would add to twice the log likelihood where they end, and the share of
+# it that is rounding
+EXACT_GAIN, ROUGH_GAIN = 1e-13, 1e-3
+ROUNDING = 1e-12
 # Newton steps at most, and by how much each may raise or lower the logarithm of a variance: beyond
 # that the information, which is that of where it stands, says little
 MOST_NEWTON_STEPS = 10
@@ -53,9 +55,6 @@ def maximise_likelihood(
     every = [*held, *parts]
     if not parts:
         return evaluate_likelihood(model, every)
-    # a seventh of a second, which studies without such parts need not spend
-    from scipy.optimize import minimize
-
     is_known = np.array([part.known is not None for part in every])
     is_sought = ~is_known & (np.arange(len(every)) >= len(held))
     unit = 1 / np.array([_mean_square(part) for part in every])
@@ -63,14 +62,8 @@ def maximise_likelihood(
     # where a model leaves next to nothing, a variance that is guessed from it can be beyond all bounds
     guessed = np.array([part.variance for part in every])
     every = _set_variances(every, np.where(is_sought, np.clip(guessed, least, most), guessed))
-    options = EXACT if exact else ROUGH
     ascent = _begin(model, every, is_sought, np.log(np.stack([least, most], axis=1)))
-    if not is_known.any():
-        ascent.take_newton_steps(EXACT_SLOPE if exact else ROUGH_SLOPE)
-    found = minimize(
-        ascent.lose, ascent.x, jac=True, method="L-BFGS-B", bounds=ascent.bounds, options=options
-    )
-    ended = ascent.look(found.x)
+    ended = ascent.climb(exact)
     variance = np.array([part.variance for part in ended.parts])
     is_there = ~is_sought | (variance >= NO_PART * unit)
     if is_there.all():
@@ -126,7 +119,7 @@ class _Ascent:
     bounds: Array
     x: Array
     at: Likelihood
-    _slope: tuple[Array, Array] | None = field(default=None, repr=False)
+    _slopes: tuple[Array, Array] | None = field(default=None, repr=False)
 
     def look(self, x: Array) -> Likelihood:
         """Return the likelihood at x."""
@@ -135,56 +128,83 @@ class _Ascent:
             return self.at
         at = self.evaluate(x)
         if not at.log < self.at.log:
-            self.x, self.at, self._slope = x.copy(), at, None
+            self.x, self.at, self._slopes = x.copy(), at, None
         return at
 
     def lose(self, x: Array) -> tuple[float, Array]:
         """Compute what is minimised at x: less twice the log likelihood, and its slope (s,)."""
         at = self.look(x)
-        slope, _ = self._differentiate(at)
-        return -at.log, -slope
+        by_variance, _ = self._differentiate(at)
+        slope = self.steps.T @ (by_variance * self._list_variances(at))
+        if self.of_phi:
+            slope[-1] -= at.model.freedom - at.square / at.phi
+        return -at.log, -slope / self.scale
 
-    def take_newton_steps(self, tolerance: float) -> None:
-        """Take Newton steps as long as they raise the likelihood, and until its slope is below a
-        tolerance."""
+    def climb(self, exact: bool) -> Likelihood:
+        """Return the largest likelihood; unless `exact`, twice its logarithm to some hundredths."""
+        tolerance = EXACT_GAIN if exact else ROUGH_GAIN
+        has_arrived = not self.of_phi and self._take_newton_steps(tolerance)
+        if has_arrived:
+            return self.at
+        # a seventh of a second, which most studies need not spend
+        from scipy.optimize import minimize
+
+        options = EXACT if exact else ROUGH
+        found = minimize(
+            self.lose, self.x, jac=True, method="L-BFGS-B", bounds=self.bounds, options=options
+        )
+        return self.look(found.x)
+
+    def _take_newton_steps(self, tolerance: float) -> bool:
+        """Take Newton steps as long as they raise the likelihood; returns whether the next one is
+        expected to raise its logarithm by no more than a tolerance."""
         low, high = self.bounds.T
         for _ in range(MOST_NEWTON_STEPS):
-            slope, moved = self._differentiate(self.at)
-            is_stuck = (self.x <= low) & (slope < 0) | (self.x >= high) & (slope > 0)
-            free = np.flatnonzero(~is_stuck)
-            if np.abs(slope[free]).max(initial=0.0) <= tolerance:
-                return
-            step = np.zeros(len(self.x))
-            step[free] = self._choose_step(slope, moved, free)
+            step, gain = self._choose_step()
+            if gain <= tolerance:
+                return True
             before = self.at.log
             after = self.look(np.clip(self.x + step, low, high))
             if not after.log > before:
-                return
+                return gain <= ROUNDING * abs(before)
+        return False
 
-    def _choose_step(self, slope: Array, moved: Array, free: Index) -> Array:
-        """Choose the step of those of x that are free, from the slope (s,) and V P y (m, c, s)."""
-        variance = np.array([self.at.parts[k].variance for k in self.moves])
-        unit = variance / self.scale
-        information = self.at.information(moved) * np.outer(unit, unit)
-        own = information[np.ix_(free, free)]
-        newton = np.linalg.lstsq(own, slope[free], rcond=None)[0]
-        scale = self.scale[free]
-        return np.clip(newton, -LARGEST_FALL * scale, LARGEST_RISE * scale)
+    def _choose_step(self) -> tuple[Array, float]:
+        """Choose the next step (s,) of x, and what it would add to twice the log likelihood if that
+        were a parabola in the variances.
+
+        The variance of a part that seems to be none has a slope, too: it may rise again."""
+        low, high = self.bounds.T
+        slope, moved = self._differentiate(self.at)
+        is_none = self.x < low + np.log(NO_PART / LEAST) * self.scale
+        is_stuck = is_none & (slope < 0) | (self.x >= high) & (slope > 0)
+        free = np.flatnonzero(~is_stuck)
+        information = self.at.information(moved[:, :, free])
+        unit = np.sqrt(np.maximum(np.diagonal(information), TINY))
+        by_unit = slope[free] / unit
+        newton = np.linalg.lstsq(information / np.outer(unit, unit), by_unit, rcond=None)[0]
+        gain = float(by_unit @ newton)
+        share = newton / unit / self._list_variances(self.at)[free]
+        # far below its size, a variance rises to where its slope tells that it is
+        largest = np.maximum(LARGEST_RISE, np.log1p(np.maximum(share, 0.0)))
+        step = np.zeros(len(self.x))
+        step[free] = np.clip(share, -LARGEST_FALL, largest) * self.scale[free]
+        return step, gain
+
+    def _list_variances(self, at: Likelihood) -> Array:
+        """List (k,) the variances of the parts whose variances change."""
+        return np.array([at.parts[k].variance for k in self.moves])
 
     def _differentiate(self, at: Likelihood) -> tuple[Array, Array]:
-        """Compute the slope (s,) of twice the log likelihood, and V P y (m, c, k) of the parts whose
-        variances change."""
-        if at is self.at and self._slope is not None:
-            return self._slope
+        """Compute the slopes (k,) of twice the log likelihood by the variances that change, and V P y
+        (m, c, k) of their parts."""
+        if at is self.at and self._slopes is not None:
+            return self._slopes
         own = [at.slope(at.parts[k]) for k in self.moves]
-        variance = np.array([at.parts[k].variance for k in self.moves])
-        by_part = np.array([slope for slope, _ in own]) * variance
-        slope = self.steps.T @ by_part
-        if self.of_phi:
-            slope[-1] -= at.model.freedom - at.square / at.phi
-        known = slope / self.scale, np.concatenate([moved for _, moved in own], axis=2)
+        slopes = np.array([slope for slope, _ in own])
+        known = slopes, np.concatenate([moved for _, moved in own], axis=2)
         if at is self.at:
-            self._slope = known
+            self._slopes = known
         return known
 
 

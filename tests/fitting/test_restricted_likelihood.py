@@ -278,6 +278,37 @@ def test_no_point_of_a_search_is_evaluated_twice(
     assert at.log > evaluate_likelihood(model, parts).log
 
 
+@seeds(1, 2, 3)
+def test_newton_steps_end_where_the_library_does_with_fewer_likelihoods(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where one of the parts is none, and where a guess is far off."""
+    sizes = rng.uniform(0.5, 3.0, 2)
+    first, second, none = (rng.integers(0, 15, 120) for _ in range(3))
+    y = sizes[0] * rng.normal(size=15)[first] + sizes[1] * rng.normal(size=15)[second]
+    model = model_of(np.ones((120, 1)), y + rng.normal(size=120))
+    guesses = 10 ** rng.uniform(-3, 1, 3)
+    labels = (first, second, none)
+    parts = [part_of(*own) for own in zip(labels, [None] * 3, guesses.tolist(), strict=True)]
+    counts = []
+
+    def evaluate(*given: Any) -> Likelihood:
+        counts[-1] += 1
+        return evaluate_likelihood(*given)
+
+    monkeypatch.setattr(largest_likelihood, "evaluate_likelihood", evaluate)
+    ends = []
+    for steps in (largest_likelihood.MOST_NEWTON_STEPS, 0):
+        monkeypatch.setattr(largest_likelihood, "MOST_NEWTON_STEPS", steps)
+        counts.append(0)
+        ends.append(maximise_likelihood(model, parts))
+    by_newton, by_library = ends
+    assert by_newton.log >= by_library.log - 1e-9
+    variances = [part.variance for part in by_newton.parts]
+    assert variances == pytest.approx([part.variance for part in by_library.parts], rel=1e-4)
+    assert counts[0] < counts[1]
+
+
 @seeds(1, 2)
 def test_the_slope_of_a_part_that_is_not_there_yet(rng: np.random.Generator) -> None:
     """A part whose draws no block joins is judged beside the others: at nought, one-sided."""
