@@ -33,6 +33,7 @@ class Note:
             raise KeyError(f"{self.code}: describe the code in modelsel.notices.CODES")
 
 
+STEP_SIDE_OPEN = "step-side-open"
 SETUP_MISTAKE, OTHER_ROBOT = "setup-mistake", "other-robot"
 ROWS_MISTAKEN, HOPELESS_FIT = "rows-mistaken", "hopeless-fit"
 
@@ -95,6 +96,7 @@ CODES = {
     "fit-unsettled": "a model of the ladder was not fitted to its minimum, which is far from the nominal arm",
     "table-differs": "the table of subsets chooses another model than naming",
     "search-unproven": "the best subset found by BIC is not proven to be the best",
+    STEP_SIDE_OPEN: "held-out rows lie between the estimation rows that a step lies between",
     "held-out-against": "held-out rows speak against a finding",
     "held-out-surprise": "held-out errors are larger than cross-validation promises",
     "held-out-far": "a few held-out rows err far more than any does in cross-validation",

@@ -47,6 +47,7 @@ from .outliers import (
 )
 from .separation import Inquiry, separate
 from .session_steps import place_steps
+from .step_sides import find_open_sides, mark_open
 
 # rounds of outliers and names in turn
 MAX_ROUNDS = 3
@@ -264,9 +265,11 @@ class Nested:
 
 
 class _Fold(NamedTuple):
-    """One fold: its rows (mask), their residuals under base and chosen model, the names found."""
+    """One fold: its rows (mask), those of them whose side of a step was not known without it (mask), their
+    residuals under base and chosen model, the names found."""
 
     rows: Mask
+    undecided: Mask
     base: Array
     chosen: Array
     names: list[str]
@@ -283,8 +286,11 @@ def _run_fold(k: int, split: Split, inquiry: Inquiry, fold: Index) -> _Fold:
     problem = split.problem.take(outside)
     base_fit = fit(inside.training, base)
     names = [effect.candidate.label for effect in diagnosis.effects]
+    mechanisms = diagnosis.model.mechanisms
+    sides = find_open_sides(split.problem, inside.used, mechanisms, diagnosis.effects)
     return _Fold(
         rows=outside,
+        undecided=mark_open(sides, outside),
         base=base_fit.residuals(problem),
         chosen=diagnosis.fit.residuals(problem),
         names=names,
@@ -304,7 +310,8 @@ def run_nested_folds(  # noqa: PLR0913  what is asked, and how
 ) -> Nested:
     """Repeat outliers, naming and fit without each fold of the estimation configurations.
 
-    The folds run in parallel; the result does not depend on the number of workers. Raises
+    Rows whose side of a step is not known without their fold are left out of the errors, unless all
+    are. The folds run in parallel; the result does not depend on the number of workers. Raises
     StudyError where their processes end before they are done."""
     from concurrent.futures import ProcessPoolExecutor
     from concurrent.futures.process import BrokenProcessPool
@@ -329,10 +336,14 @@ def run_nested_folds(  # noqa: PLR0913  what is asked, and how
     shape = len(fold), split.problem.components
     before = np.full(shape, np.nan)
     after = np.full(shape, np.nan)
+    undecided = np.zeros(len(fold), bool)
     for one in done:
         before[one.rows] = one.base
         after[one.rows] = one.chosen
+        undecided |= one.undecided
     outlying = split.outlying[rows]
+    if not (outlying | undecided[rows]).all():
+        outlying = outlying | undecided[rows]
     return Nested(
         folds=count,
         base=summarise_errors(before[rows], outlying),

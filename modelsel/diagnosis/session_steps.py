@@ -68,6 +68,12 @@ def _list_zero_steps(robot: Robot) -> dict[str, Build]:
     return steps
 
 
+def name_steps(robot: Robot) -> frozenset[str]:
+    """Name the mechanisms that are steps at a moment which the data tell."""
+    zeros = _list_zero_steps(robot)
+    return frozenset(STEPS | zeros)
+
+
 def _build_zero_step(joint: int, robot: Robot, at: float) -> Mechanism:
     return environment.zero_step(robot, joint, at)
 

@@ -69,7 +69,7 @@ def _values(run: StudyRun) -> Values:
         "chosen": _chosen(run),
         "path": list(diagnosis.search.path),
         "error_map": _error_map(diagnosis),
-        "outliers": data.row[run.split.outlying],
+        "outliers": data.row[run.split.outliers],
         "unidentifiable": [
             {"sentence": one.sentence, "parameters": list(one.parameters)}
             for one in models.unidentifiable

@@ -90,7 +90,7 @@ class StudyRun:
     def residual_columns(self) -> dict[str, NDArray[np.generic]]:
         """Return measured minus predicted, (m,) columns by name: mm (and rad, where orientations were measured) in
         the tracker's frame, of the nominal, the base and the chosen model; the row of the file, whether it
-        estimates, and whether it is an outlier."""
+        estimates, and whether the errors leave it out as an outlier, or as on an unknown side of a step."""
         columns: dict[str, NDArray[np.generic]] = {
             "row": self.problem.data.row,
             "estimation": self.split.estimation,

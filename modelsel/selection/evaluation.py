@@ -42,6 +42,8 @@ class Split:
     outlying: mask (m,) of rows that are left out of fits and errors.
     folds: fold (m,) of every estimation row; −1 where a row is not used to fit.
     known_sigma: whether the standard deviation of whitened rows is known to be one.
+    undecided: those of the outlying rows (m,) that are no outliers, where there are any: held-out
+        rows of which no estimation row tells on which side of a step they are.
     """
 
     problem: Problem
@@ -49,6 +51,14 @@ class Split:
     outlying: Mask
     folds: Index
     known_sigma: bool
+    undecided: Mask | None = None
+
+    @property
+    def outliers(self) -> Mask:
+        """Mask (m,) of the outlying rows that are bad shots."""
+        if self.undecided is None:
+            return self.outlying
+        return self.outlying & ~self.undecided
 
     @property
     def used(self) -> Mask:

@@ -166,7 +166,7 @@ def check_chosen_model(
 
 
 def _check_slipped_rows(split: Split, fitted: Fit, faults: Sequence[Fault]) -> list[Note]:
-    outlying = split.outlying
+    outlying = split.outliers
     is_slipped = outlying & split.estimation
     if is_slipped.all():
         return []

@@ -27,7 +27,7 @@ def exclude_held_out_outliers(split: Split, ladder: Sequence[Evaluation]) -> Spl
     would be marked, and more than one, beside those that a slip explains, these alone are.
     """
     held_out = ~split.estimation
-    far = held_out
+    far = held_out & ~split.outlying
     for evaluation in ladder[1:]:
         far = _find_far(split, evaluation, far)
     share = MAX_OUTLIER_SHARE * held_out.sum()
@@ -46,7 +46,7 @@ def exclude_held_out_outliers(split: Split, ladder: Sequence[Evaluation]) -> Spl
 def _find_slipped(split: Split, evaluation: Evaluation, far: Mask) -> Mask:
     """Find the rows (m,) that a slip explains, of those `far` off: no matter of chance."""
     slipped = np.zeros(len(far), bool)
-    suspected = far | split.outlying
+    suspected = far | split.outliers
     for each in explain_rows(split.problem, evaluation.fit.residuals, suspected):
         slipped |= each.rows
     return slipped & far

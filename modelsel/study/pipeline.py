@@ -70,6 +70,7 @@ from .model_ladder import (
     searches_cells,
 )
 from .noise_parts import note_untold_parts
+from .open_rows import exclude_open_rows
 from .orientation_weights import diagnose_weighed
 from .own_causes import build_own_candidates
 from .preparation import prepare, read_instrument
@@ -150,6 +151,7 @@ def _analyse_prepared(
     )
 
     # the table of subsets leaves out the same rows as the ladder
+    split, side_notes = exclude_open_rows(split, ladder[-1], diagnosis.effects)
     split = exclude_held_out_outliers(split, ladder)
     ladder = [remeasure(evaluation, split) for evaluation in ladder]
 
@@ -182,6 +184,7 @@ def _analyse_prepared(
         *collect_diagnosis_notes(study, split, diagnosis, noise_notes, detection_limit.mm),
         *collect_comparison_notes(comparison, chosen),
         *harmful_base_notes(study.model.base, nominal_errors.gain_of(step_errors[0]), gain),
+        *side_notes,
         *collect_held_out_notes(split, chosen, findings),
         *collect_fit_notes(split, ladder, floor, floor_doubted=bool(noise_notes)),
     ]
@@ -262,7 +265,7 @@ def find_data_faults(
 ) -> tuple[Fault, ...]:
     """Return the faults among the outlying rows that no note of the preparation reports already."""
     rng = generator(study.seed, "null")
-    faults = find_misplaced_rows(split.problem, split.outlying, chosen.fit, rng)
+    faults = find_misplaced_rows(split.problem, split.outliers, chosen.fit, rng)
     return drop_known_faults(faults, notes)
 
 

@@ -11,6 +11,7 @@ import pytest
 from browser import chromium, opened, resize
 from report_studies import read_source, source_of, written
 
+from modelsel.notices import STEP_SIDE_OPEN
 from modelsel.report.document import walk_blocks
 from modelsel.report.html import write_page
 from modelsel.report.pages.appendix import write_outliers_page
@@ -69,6 +70,15 @@ def test_no_outlier_is_said_too(drawn) -> None:
         "Outliers and notes",
         "No row was left out.",
     ]
+
+
+def test_rows_on_an_unknown_side_of_a_step_are_left_out_and_no_outliers(drawn) -> None:
+    result, details = written(drawn)
+    note = "1 held-out row lies between line 38 and line 40."
+    result["outliers"] = []
+    result["warnings"] = [{"code": STEP_SIDE_OPEN, "sentence": note}]
+    said = read_pieces(write_section(result, details, "notes"))
+    assert said == ["Outliers and notes", "No row was left out as an outlier.", "Notes", note]
 
 
 def test_unconverged_chains_are_said(drawn) -> None:

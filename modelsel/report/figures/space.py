@@ -117,4 +117,4 @@ def _draw_targets(ax: Any, details: DetailsRecord, targets: Array) -> None:
     if (~estimation).any():
         ax.scatter(*targets[~estimation].T, **dots, depthshade=False, label="held-out")
     if outlying.any():
-        ax.scatter(*targets[outlying].T, **crosses, depthshade=False, label="outlier")
+        ax.scatter(*targets[outlying].T, **crosses, depthshade=False, label="left out")

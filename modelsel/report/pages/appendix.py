@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ...notices import ALARMS
+from ...notices import ALARMS, STEP_SIDE_OPEN
 from ...results.schema import StudyRecord
 from ...results.study_sentences import count_rows, describe_outliers
 from ..document import Block, Source, make_heading, make_list, make_table, make_text
@@ -53,6 +53,9 @@ def _outlier_sentence(source: Source) -> str:
     """Return which rows were left out, and how they are counted."""
     where = source.where
     sentence = describe_outliers(source.record, where, MAX_ROWS)
+    codes = {one.code for one in source.record.warnings}
+    if not sentence and STEP_SIDE_OPEN in codes:
+        return "No row was left out as an outlier."
     if not sentence:
         return "No row was left out."
     is_plain = where.is_text and where.at is None

@@ -1,0 +1,107 @@
+"""The sides of steps: a row that was held out, between the two estimation rows that a step lies between,
+was measured before it or after it, and no estimation row tells which.
+
+A step's moment is known from the rows that models are fitted to, up to the rows on either side of it.
+What was measured at the held-out rows is not looked at: what is said of them stays a prediction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .._typing import Mask
+from ..fitting.problem import Problem
+from ..mechanisms.environment import find_step_moments
+from ..mechanisms.terms import Mechanism
+from .effects import Effect
+from .session_steps import list_changes, name_steps
+
+
+@dataclass(frozen=True, eq=False)
+class OpenSide:
+    """The held-out `rows` (m,) whose side of a step is not known.
+
+    `step`: the step's name; `before`, `after`: the indices of the estimation rows around them."""
+
+    step: str
+    rows: Mask
+    before: int
+    after: int
+
+
+def find_open_sides(
+    problem: Problem, used: Mask, mechanisms: Sequence[Mechanism], effects: Sequence[Effect]
+) -> tuple[OpenSide, ...]:
+    """Find the held-out rows whose side of a fitted model's steps is not known.
+
+    `used` (m,): the rows that it was fitted to. Where more than one moment of a step is likely, as the
+    credible sets of `effects` tell, the rows between these are open, too. A step that stands where
+    sessions meet leaves none open but those of sessions without estimation rows."""
+    steps = name_steps(problem.robot)
+    found = []
+    for mechanism in mechanisms:
+        if mechanism.name not in steps:
+            continue
+        moments = _list_moments(mechanism, effects)
+        side = _find_open(problem, used, mechanism.name, moments)
+        if side is not None:
+            found.append(side)
+    return tuple(found)
+
+
+def _list_moments(mechanism: Mechanism, effects: Sequence[Effect]) -> list[float]:
+    """List a step's likely moments: its own, and those of its name in its credible set."""
+    alike = {mechanism}
+    for effect in effects:
+        if effect.candidate.mechanism != mechanism:
+            continue
+        for entry in effect.named.entries:
+            other = entry.candidate.mechanism
+            if other.name == mechanism.name:
+                alike.add(other)
+    moments = set[float]()
+    for one in alike:
+        for term in one.terms:
+            for screw in term.screws:
+                moments |= find_step_moments(screw.cause)
+    return sorted(moments)
+
+
+def _find_open(
+    problem: Problem, used: Mask, step: str, moments: Sequence[float]
+) -> OpenSide | None:
+    """Find the rows between the estimation rows around a step's moments; None where there are none."""
+    progress = problem.data.progress
+    earlier = np.flatnonzero(used & (progress < moments[0]))
+    later = np.flatnonzero(used & (progress > moments[-1]))
+    if not (earlier.size and later.size):
+        return None
+    last = earlier[progress[earlier].argmax()]
+    first = later[progress[later].argmin()]
+    low, high = _narrow(problem, moments, progress[last], progress[first])
+    between = (low < progress) & (progress < high)
+    rows = between & ~used
+    if not rows.any():
+        return None
+    return OpenSide(step, rows, int(last), int(first))
+
+
+def _narrow(
+    problem: Problem, moments: Sequence[float], low: float, high: float
+) -> tuple[float, float]:
+    """Narrow an interval to the moments in it where sessions meet, if the step stands at such ones."""
+    changes = [moment for moment, _ in list_changes(problem.data)]
+    if not set(moments) <= set(changes):
+        return low, high
+    within = [moment for moment in changes if low < moment < high]
+    return within[0], within[-1]
+
+
+def mark_open(sides: Sequence[OpenSide], held_out: Mask) -> Mask:
+    """Mark the held-out rows (m,) whose side of some step is not known."""
+    marked = np.zeros(len(held_out), bool)
+    for side in sides:
+        marked |= side.rows
+    return np.asarray(marked & held_out)

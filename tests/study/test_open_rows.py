@@ -1,0 +1,74 @@
+"""Held-out rows on an unknown side of a step are left out of the held-out errors, and told."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from builders import OFF_AXIS
+from exact import flanges_of
+
+from modelsel import Study, run_study
+from modelsel.notices import STEP_SIDE_OPEN
+from modelsel.results.schema import StudyRecord
+from modelsel.robot.files import load_robot
+
+ROBOT = load_robot("puma760")
+ROWS, FIRST = 90, 50
+NOISE = 0.03
+
+
+def moved_instrument(held_out: list[int], rng: np.random.Generator) -> Study:
+    """A campaign whose instrument is moved by 1 mm before row FIRST."""
+    q = ROBOT.draw(rng, ROWS)
+    flange = flanges_of(ROBOT, q)
+    position = flange[:, :3, 3] + flange[:, :3, :3] @ np.array(OFF_AXIS)
+    position[FIRST:] += [0.6, -0.8, 0.0]
+    position += rng.normal(0, NOISE, position.shape)
+    frame = pd.DataFrame({f"q{k + 1}_rad": q[:, k] for k in range(ROBOT.n)})
+    frame[["x_mm", "y_mm", "z_mm"]] = position
+    frame["role"] = ["held-out" if k in held_out else "estimation" for k in range(ROWS)]
+    return Study(
+        name="moved",
+        robot={"name": "puma760", "tool_mm": OFF_AXIS},
+        measurements=frame,
+        split={"column": "role"},
+        model={"candidates": ["tracker-step", "zero-step"]},
+    )
+
+
+def run(held_out: list[int], rng: np.random.Generator) -> tuple[StudyRecord, list[str]]:
+    record = run_study(moved_instrument(held_out, rng), sampling=False).record
+    told = [one.sentence for one in record.warnings if one.code == STEP_SIDE_OPEN]
+    return record, told
+
+
+@pytest.mark.integration
+def test_rows_around_a_step_are_left_out_and_told(rng: np.random.Generator) -> None:
+    around = [FIRST - 3, FIRST - 2, FIRST - 1]
+    record, told = run([*range(5, 45, 4), *around, *range(60, 90, 4)], rng)
+    name = record.chosen.mechanisms[-1]
+    sentence = (
+        f"3 held-out rows lie between row {FIRST - 4} and row {FIRST}, as the step {name} does: whether they "
+        "were measured before or after it, the estimation rows cannot tell, and they are left out of "
+        "the held-out errors."
+    )
+    assert told == [sentence]
+    errors = record.ladder[-1].held_out
+    assert {rung.held_out.left_out for rung in record.ladder} == {3}
+    assert errors.max_mm < 8 * NOISE < errors.mean_all_mm * (errors.rows + 3)
+    assert record.outliers == []
+
+
+@pytest.mark.integration
+def test_where_all_rows_would_be_left_out_they_stay(rng: np.random.Generator) -> None:
+    record, told = run([FIRST - 1], rng)
+    assert [one.endswith("the held-out errors may be too large.") for one in told] == [True]
+    assert record.ladder[-1].held_out.rows == 1
+
+
+@pytest.mark.integration
+def test_nothing_is_told_where_the_step_has_its_place(rng: np.random.Generator) -> None:
+    record, told = run([*range(5, 45, 4), *range(60, 90, 4)], rng)
+    assert "step" in record.chosen.mechanisms[-1]
+    assert told == []
