@@ -106,6 +106,7 @@ CODES = {
     "uneven-noise": "an effect is not named because uneven or shared noise would explain it too",
     "lack-of-fit": "the chosen model leaves clearly more, or less, than the noise floor",
     "limit-below-left": "more is left than the noise explains, in a form no single cause has",
+    "readings-rounded": "joint readings are multiples of a coarse step: rounding to it would be a good part of the noise",
     # uncertainty
     "errors-differ": "standard errors of a parameter differ between their methods",
     "residuals-together": "residuals are correlated within groups: errors last between configurations",

@@ -24,8 +24,9 @@ JOINT = "joint"
 MAX_MICROMETRES = 0.1
 # ratio of an interval's ends below which two digits would not show it
 CLOSE_ENDS = 1.1
-# factor within which rounding explains how well a joint repeats
-AS_LARGE = 1.2
+# share of a joint's standard deviation below which that of rounding is not told: with nine tenths of
+# the variance another cause is to be found
+TOLD_SHARE = 1 / 3
 # share that rounds to one percent
 MIN_SHARE = 0.005
 # lines of a terminal
@@ -160,12 +161,16 @@ def _describe_joint(part: ErrorPart, size: str, effect: str) -> str:
 
 
 def _explain_by_rounding(part: ErrorPart, rounding: Rounding | None) -> str:
-    """Say that a joint repeats no better than its readings are rounded, where these explain it."""
-    if rounding is None or not part.low / AS_LARGE < rounding.scale < part.high * AS_LARGE:
+    """Say what rounding of its readings leaves of a joint, unless that is little, or more than there is:
+    then they were not rounded."""
+    if rounding is None or not part.low * TOLD_SHARE < rounding.scale < part.high:
         return ""
     factor, unit = _choose_unit(rounding.scale, part.unit)
     left = f"{round_digits(rounding.scale / factor)} {unit}"
-    return f" Its readings are rounded to {rounding.step}, which alone leaves {left}: give them with more digits."
+    return (
+        f" Its readings are multiples of {rounding.step}; if they were rounded to that, this alone leaves {left}: "
+        "record them with more digits."
+    )
 
 
 # -- figures

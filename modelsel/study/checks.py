@@ -31,6 +31,7 @@ from ..notices import (
     Note,
     list_alarms,
 )
+from ..results.rounding_effect import note_rounding
 from ..robot.files import builtin_names, load_robot
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Evaluation, Split, measure_orientation
@@ -144,7 +145,7 @@ def check_chosen_model(
     """Return the warnings that the chosen model itself gives rise to.
 
     They concern rows that a slip explains, parameters beyond makers' tolerances, a hopeless fit,
-    and a detection limit far below what is left. `notes`: the warnings so far. Where these report a
+    a detection limit far below what is left, and joint readings that may have been rounded. `notes`: the warnings so far. Where these report a
     mistake of the set-up or another robot, parameters beyond tolerances are no further warning: the
     mistake is not corrected, and the parameters make up for it. Rows of `faults` are reported as
     such.
@@ -162,7 +163,9 @@ def check_chosen_model(
         note = Note(HOPELESS_FIT, hopeless)
         return (*new_notes, note)
     limit_notes = _check_detection_limit(chosen, floor, limit_mm)
-    return (*new_notes, *limit_notes)
+    left_mm = chosen.estimation.rms_mm
+    rounding_notes = note_rounding(split.training, chosen.fit, left_mm, _row_noise(floor))
+    return (*new_notes, *limit_notes, *rounding_notes)
 
 
 def _check_slipped_rows(split: Split, fitted: Fit, faults: Sequence[Fault]) -> list[Note]:

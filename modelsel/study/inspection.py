@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ..exceptions import DataError, NotEstimable, count_words, write_percent, write_rounded
 from ..fitting.design import Model, residuals
 from ..fitting.identifiability import as_drawn, identify
+from ..fitting.least_squares import fit
 from ..fitting.noise import Floor, from_repeats, from_target_pairs
 from ..fitting.prior import fitted_terms
 from ..fitting.problem import Problem
@@ -19,8 +20,10 @@ from ..measurements.features import KINDS
 from ..measurements.measurements import Measurements
 from ..measurements.visits import count_distinct
 from ..mechanisms.geometry import build_setup, geometric
-from ..notices import SETUP_MISTAKE, list_alarms
+from ..notices import SETUP_MISTAKE, Note, list_alarms
 from ..results.placements import describe_placements, locate_placements
+from ..results.rounded_readings import find_rounding
+from ..results.rounding_effect import note_rounding
 from ..results.schema import RegistrationRecord
 from ..robot.kinematics import Robot
 from ..setup.feature_positions import place_features
@@ -47,6 +50,7 @@ MIN_MOTION = 1e-6  # rad or mm: a joint with a smaller range does not move
 def inspect_measurements(robot: Robot, data: Measurements) -> dict[str, Any]:
     """Describe measurements: what they hold, and what they determine of the geometry."""
     found = _find_placement(robot, data)
+    notes = [*data.notes, *_note_rounding(data, found)]
     return {
         "rows": len(data),
         "configurations": data.configurations,
@@ -61,7 +65,7 @@ def inspect_measurements(robot: Robot, data: Measurements) -> dict[str, Any]:
         **_describe_geometry(robot, data, found),
         "repeatability": _describe_repeatability(robot, data),
         **_describe_registration(found),
-        "warnings": [{"code": note.code, "sentence": note.sentence} for note in data.notes],
+        "warnings": [{"code": note.code, "sentence": note.sentence} for note in notes],
     }
 
 
@@ -136,10 +140,7 @@ def _describe_geometry(
     all_rows = np.ones(len(data), bool)
     problem = Problem(robot, data, tools)
     problem = place_features(problem, all_rows)
-    features = () if data.gauges is None else data.gauges.features
-    oriented = data.rotation is not None
-    placement = build_setup(robot, targets, 1, False, oriented, features)
-    model = Model((placement, geometric(robot)))
+    model = _build_geometry(robot, data)
     terms = model.terms
     reduction = reduce_problem(problem, terms)
     identified = identify(reduction)
@@ -156,6 +157,34 @@ def _describe_geometry(
         parameters = list(group.parameters)
         groups.append({"sentence": group.sentence, "parameters": parameters})
     return {"geometry": geometry, "unidentifiable": groups}
+
+
+def _build_geometry(robot: Robot, data: Measurements) -> Model:
+    """Build the geometric model, with what may be open of the set-up."""
+    features = () if data.gauges is None else data.gauges.features
+    oriented = data.rotation is not None
+    placement = build_setup(robot, len(data.targets), 1, False, oriented, features)
+    return Model((placement, geometric(robot)))
+
+
+def _note_rounding(data: Measurements, found: _Placement | None) -> tuple[Note, ...]:
+    """Say which readings may have been rounded, beside what the geometric model leaves of the points, or
+    the noise that is known without it."""
+    if found is None or not find_rounding(data):
+        return ()
+    problem = found.problem.take(found.use)
+    try:
+        fitted = fit(problem, _build_geometry(problem.robot, data))
+    except NotEstimable:
+        return ()
+    left = np.linalg.norm(fitted.residuals(problem)[:, :3], axis=1)
+    left_mm = float(np.sqrt(np.square(left).mean()))
+    share = fitted.freedom / fitted.rows
+    noise_mm = left_mm / np.sqrt(share)
+    known = _estimate_noise_floor(data)
+    if known is not None:
+        noise_mm = known["coordinate_mm"] * np.sqrt(3)
+    return note_rounding(problem, fitted, left_mm, float(noise_mm))
 
 
 def _describe_repeatability(robot: Robot, data: Measurements) -> dict[str, Any]:

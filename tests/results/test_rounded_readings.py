@@ -61,13 +61,43 @@ def test_readings_with_their_digits_and_few_commanded_ones_are_not_rounded(
     assert find_rounding(read(few)) == {}
 
 
-@pytest.mark.parametrize(("scale", "told"), [(TENTH, True), (0.5 * TENTH, False)])
-def test_rounding_is_the_reason_only_where_it_is_as_large(rng, scale, told) -> None:
+@pytest.mark.parametrize(("digits", "found"), [(12, 0.1), (9, 0.1), (6, 0.1), (3, 0.001)])
+def test_degrees_are_found_in_a_column_of_radians(rng: np.random.Generator, digits, found) -> None:
+    """As long as its own digits tell: of three those are found alone."""
+    frame = campaign(rng, 0.1)
+    radians = campaign(rng, 0.0, unit="rad")
+    for j in range(1, 7):
+        radians[f"q{j}_rad"] = np.radians(frame[f"q{j}_deg"]).round(digits)
+    first = find_rounding(read(radians))["joint 1"]
+    step = np.radians(found) if found == 0.1 else found
+    assert first.scale == pytest.approx(step / np.sqrt(12))
+    assert first.step == ("0.1°" if found == 0.1 else "0.001 rad")
+
+
+def test_readings_near_whole_degrees_are_not_rounded(rng: np.random.Generator) -> None:
+    """A controller that stands up to a hundredth of a degree off what was commanded."""
+    frame = campaign(rng, 1.0)
+    radians = campaign(rng, 0.0, unit="rad")
+    for j in range(1, 7):
+        off = rng.uniform(-0.01, 0.01, len(frame))
+        frame[f"q{j}_deg"] += off
+        radians[f"q{j}_rad"] = np.radians(frame[f"q{j}_deg"]).round(6)
+    assert find_rounding(read(frame)) == {}
+    assert find_rounding(read(radians)) == {}
+
+
+@pytest.mark.parametrize(
+    ("scale", "told"), [(TENTH, True), (2 * TENTH, True), (5 * TENTH, False), (0.5 * TENTH, False)]
+)
+def test_rounding_is_told_where_it_is_a_good_part_and_not_more_than_all(rng, scale, told) -> None:
     own = part("joint 2", scale, 0.9 * scale, 1.1 * scale)
     rounding = find_rounding(read(campaign(rng, 0.1)))
     described = describe_errors(ErrorStructure((INSTRUMENT, own)), rounding)
     said = next(one["sentence"] for one in described if one["part"] == "joint 2")
-    reason = "Its readings are rounded to 0.1°, which alone leaves 0.50 mrad: give them with more digits."
+    reason = (
+        "Its readings are multiples of 0.1°; if they were rounded to that, this alone leaves 0.50 mrad: "
+        "record them with more digits."
+    )
     assert (reason in said) is told
 
 
@@ -78,4 +108,7 @@ def test_a_study_of_rounded_readings_says_why_its_joints_do_not_repeat(rng) -> N
     )
     said = {one.part: one.sentence for one in run_study(study, sampling=False).record.repeatability}
     for joint in ("joint 1", "joint 2"):
-        assert "rounded to 0.1°, which alone leaves 0.50 mrad" in said[joint]
+        assert (
+            "multiples of 0.1°; if they were rounded to that, this alone leaves 0.50 mrad"
+            in said[joint]
+        )
