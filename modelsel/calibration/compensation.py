@@ -33,6 +33,7 @@ from .command_notes import (
     list_joints_of,
 )
 from .commands_table import build_commands_table, find_carried_columns
+from .expected_noise import describe_other_noise, expect_noise
 from .large_changes import check_bound, find_weakest, refuse_large_changes
 from .prediction import compute_pose, compute_sensitivities, predict, to_tracker_frame
 
@@ -62,7 +63,8 @@ class Commands:
     play where a direction of approach is unknown; `before_rad`
     and `left_rad` the same of wanted orientations, None without, and `model_rad`, None also where the
     study measured no orientations and cannot know it; `beyond` (m, n) commands beyond a
-    joint's limits; `weakest` (m,) [rad/mm]: of `find_weakest`."""
+    joint's limits; `weakest` (m,) [rad/mm]: of `find_weakest`; `noise_mm`: the noise of one coordinate
+    that is expected."""
 
     q: Array
     change: Array
@@ -76,6 +78,7 @@ class Commands:
     model_rad: Array | None = None
     beyond: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), bool))
     weakest: Array = field(default_factory=lambda: np.zeros(0))
+    noise_mm: float = np.nan
 
     @property
     def reached(self) -> NDArray[np.bool_]:
@@ -237,7 +240,8 @@ def _summarise_commands(
     model_mm = np.sqrt(position_variance)
     before_mm = np.linalg.norm(before[:, :3], axis=1)
     left_mm = np.linalg.norm(left[:, :3], axis=1)
-    noise = 3 * c.floor.coordinate_mm**2
+    sigma, _ = expect_noise(c, factors[:, :3])
+    noise = 3 * sigma**2
     unknown = _compute_unknown_approach(c, there)
     expected_square = left_mm**2 + model_mm**2 + noise + unknown
     expected_mm = np.sqrt(expected_square)
@@ -263,6 +267,7 @@ def _summarise_commands(
         left_rad=left_rad,
         model_rad=model_rad,
         beyond=beyond,
+        noise_mm=sigma,
     )
 
 
@@ -332,6 +337,7 @@ def note_commands(c: Calibration, commands: Commands, data: Measurements) -> lis
         *describe_left_out_instrument(c),
         *describe_extrapolation(c, data),
         *describe_order_dependence(c, data),
+        *describe_other_noise(c, commands.noise_mm),
         *describe_limit_violations(commands),
     ]
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from .._typing import Array
 from ..exceptions import write_rounded
 from ..fitting.noise_check import name_likeliest_mistake
 from ..measurements.columns import MIN_UNCERTAINTY
-from .calibration import Calibration
+
+if TYPE_CHECKING:
+    from .calibration import Calibration
 
 # of the errors to those expected, from which more than noise is seen
 MIN_FACTOR = 1.1
@@ -38,6 +42,19 @@ def expect_noise(c: Calibration, spread: Array) -> tuple[float, float]:
     if held_out > MIN_FACTOR * sigma:
         sigma = held_out
     return max(sigma, MIN_UNCERTAINTY), freedom
+
+
+def describe_other_noise(c: Calibration, sigma: float) -> list[str]:
+    """Say that errors are expected with another noise, `sigma` [mm], than the study states."""
+    stated = c.floor.coordinate_mm
+    if not np.isinf(c.floor.freedom) or np.isclose(sigma, max(stated, MIN_UNCERTAINTY)):
+        return []
+    shown = write_rounded(sigma, 2)
+    sentence = (
+        f"the expected errors hold a noise of {shown} mm per coordinate, as the study's held-out "
+        f"configurations showed it, and not the stated {write_rounded(stated, 2)} mm."
+    )
+    return [sentence]
 
 
 def _measure_held_out(c: Calibration) -> float:

@@ -167,7 +167,7 @@ def _analyse_prepared(
     findings = judge_beside_others(findings, study, split, steps[-1], diagnosis)
     findings = add_orientation_gains(findings, diagnosis, split, steps, chosen, study.seed)
     within_folds = repeat_in_folds(study, split, base, mechanisms, say)
-    noise = choose_noise_floor(split, floor, chosen)
+    noise = choose_noise_floor(split, floor, steps[-1])
     detection_limit = describe_unexplained(
         diagnosis, candidates, split, steps[-1], reason=untested.reason, has_faults=bool(faults)
     )
@@ -188,8 +188,9 @@ def _analyse_prepared(
         *collect_held_out_notes(split, chosen, findings),
         *collect_fit_notes(split, ladder, floor, floor_doubted=bool(noise_notes)),
     ]
+    limit_mm = detection_limit.mm if _adds_named(chosen, steps) else None
     warnings += check_chosen_model(
-        split, chosen, noise, detection_limit.mm, warnings, study.robot.register_, faults
+        split, chosen, noise, limit_mm, warnings, study.robot.register_, faults
     )
     models = ModelSearch(
         ladder=tuple(ladder),
@@ -305,16 +306,22 @@ def repeat_in_folds(
     return run_nested_folds(split, base, mechanisms, study.seed, cells, folds, options, say=say)
 
 
-def choose_noise_floor(split: Split, known: Floor | None, chosen: Evaluation) -> Floor:
-    """Return the known noise floor, or else that of the chosen model's residuals.
+def _adds_named(chosen: Evaluation, steps: Sequence[Evaluation]) -> bool:
+    """Return whether the chosen model has all that was named: else what it leaves is known."""
+    return chosen.fit is steps[-1].fit
 
-    That of repeats is what the chosen model leaves of them: it knows what differs from one to the next.
+
+def choose_noise_floor(split: Split, known: Floor | None, named: Evaluation) -> Floor:
+    """Return the known noise floor, or else that of the residuals of the model with all that was
+    `named`, which `candidates = []` keeps out of the chosen one: these errors are no noise.
+
+    That of repeats is what this model leaves of them: it knows what differs from one to the next.
     Where not every coordinate was measured, it is told how many a row has on average.
     """
     problem = split.problem
     if known is not None and known.source == "repeats":
-        known = from_repeats(problem.data, problem.placed, chosen.residual[:, :3])
-    floor = known or estimate_floor(chosen, split)
+        known = from_repeats(problem.data, problem.placed, named.residual[:, :3])
+    floor = known or estimate_floor(named, split)
     measured = problem.measured
     if measured is None:
         return floor
