@@ -3,7 +3,8 @@
 A temperature that was read once a session tells the sessions apart, as a joint that was set anew
 between them does; one that rose all day tells the time. Its finding stands against the same with a
 step between the sessions, and with the course of the campaign, in the covariate's place: together these
-are as probable beforehand, and the data decide as far as the covariate went another way."""
+are as probable beforehand, and the data decide as far as the covariate went another way. A finding that
+depends on time stands in the same way against what depends on a covariate that went with it."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ from ..exceptions import write_percent
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..mechanisms.causes import Applied, Cause, Combined, Named, Number
-from ..mechanisms.environment import step_after
+from ..mechanisms.environment import PROGRESS, step_after
 from ..mechanisms.motors import joint_axis
 from ..mechanisms.terms import Mechanism, Term
 from .driver_functions import IN_TIME
@@ -31,6 +32,8 @@ CONFOUNDED = 0.7
 MOST_TERMS, MOST_STEPS = 8, 6
 # power of the course of the campaign that a covariate may go with
 MOST_POWER = 3
+# of the largest, below which courses are told as alike
+SMOOTH = 1e-6
 # rows of a session, on average, from which its mean says something
 FEWEST_ROWS = 4
 # share of a covariate's range by which it jumps
@@ -39,10 +42,18 @@ JUMP = 0.4
 
 def generate_confounded(problem: Problem, found: Mechanism) -> Iterator[list[Mechanism]]:
     """Generate a finding's terms with what else changed in the place of its covariate, by sorts: steps
-    between sessions; time; warming up. None where it has no covariate, or one that went its own way."""
+    between sessions; time; warming up; in the place of time a covariate's course, alone and with its
+    square. None where it has no covariate, or one that went its own way."""
     name = find_confounded(problem, found)
     count = len(found.terms)
     if name is None or count > MOST_TERMS:
+        return
+    if name not in found.names():
+        middle = _round_middle(problem.data.covariates[name])
+        apart = _smooth(problem, name) - middle
+        linear = _build_beside(found, IN_TIME, [apart])
+        square = _build_beside(found, IN_TIME, [apart, apart * apart])
+        yield [linear, square]
         return
     moments = _list_moments(problem.data, name)
     if moments:
@@ -64,12 +75,18 @@ def generate_confounded(problem: Problem, found: Mechanism) -> Iterator[list[Mec
 
 def find_confounded(problem: Problem, found: Mechanism) -> str | None:
     """Find the covariate that a mechanism depends on, if it has one that sessions or the course of the
-    campaign may stand for."""
-    names = found.names() & set(problem.data.covariates) - IN_TIME
-    if len(names) != 1:
+    campaign may stand for; of one that depends on time the covariate that went most with these."""
+    data = problem.data
+    covariates = set(data.covariates) - IN_TIME
+    own = found.names() & covariates
+    if len(own) > 1:
         return None
-    (name,) = names
-    return name if _measure_confounded(problem.data, name) >= CONFOUNDED else None
+    candidates = own
+    if not own and found.names() & IN_TIME:
+        candidates = frozenset(covariates)
+    shares = {name: _measure_confounded(data, name) for name in sorted(candidates)}
+    likely = [name for name in shares if shares[name] >= CONFOUNDED]
+    return max(likely, key=lambda name: shares[name], default=None)
 
 
 def _list_moments(data: Measurements, name: str) -> list[tuple[float, str]]:
@@ -140,21 +157,69 @@ def _leave_sessions(data: Measurements, columns: Array) -> Array:
     return left
 
 
+def _smooth(problem: Problem, name: str) -> Cause:
+    """Build the course in time that a covariate is read off with errors of its own: powers of the
+    campaign's course and warming up, fitted to its readings."""
+    course: list[Cause] = [PROGRESS]
+    for _ in range(1, MOST_POWER):
+        course.append(course[-1] * PROGRESS)
+    course += [cause for cause in build_warming_causes(problem) if cause != PROGRESS]
+    columns = [np.asarray(cause.of(problem.state)) for cause in course]
+    design = np.stack([np.ones(len(problem)), *columns], axis=1)
+    coefficients, *_ = np.linalg.lstsq(design, problem.data.covariates[name], rcond=SMOOTH)
+    start, *slopes = coefficients.tolist()
+    smooth: Cause = Number(start)
+    for slope, cause in zip(slopes, course, strict=True):
+        smooth = smooth + slope * cause
+    return smooth
+
+
+def _round_middle(values: Array) -> float:
+    """Return the middle of a covariate's range in few digits, as formulas print it."""
+    middle = (values.min() + values.max()) / 2
+    return float(f"{middle:.4g}")
+
+
 def _put(found: Mechanism, name: str, course: Sequence[Cause]) -> Mechanism:
     """Put functions with coefficients of their own in a covariate's place."""
+    return _build_beside(found, frozenset((name,)), course)
+
+
+def _build_beside(found: Mechanism, names: frozenset[str], course: Sequence[Cause]) -> Mechanism:
+    """Build a finding's terms with functions of another course in the place of some names."""
     terms = []
     acts: dict[str, None] = {}
     for number, term in enumerate(found.terms, 1):
         for part, function in enumerate(course, 1):
             screws = []
             for screw in term.screws:
-                cause = substitute(screw.cause, name, function)
+                cause = substitute_all(screw.cause, names, function)
                 screws.append(replace(screw, cause=cause))
                 acts[f"{screw.frame} {screw.axis} {cause}"] = None
             put = Term(f"a{number}{part}", tuple(screws))
             terms.append(put)
     words = "; ".join(acts)
     return Mechanism(words, tuple(terms))
+
+
+def substitute_all(cause: Cause, names: frozenset[str], value: Cause) -> Cause:
+    """Put a value in the place of one covariate's name in a formula, or in that of all of it that
+    depends on time alone."""
+    if not names & IN_TIME:
+        (name,) = names
+        return substitute(cause, name, value)
+    own = cause.names()
+    if own and own <= names:
+        return value
+    match cause:
+        case Combined(_, left, right):
+            left = substitute_all(left, names, value)
+            right = substitute_all(right, names, value)
+            return replace(cause, left=left, right=right)
+        case Applied(_, argument):
+            argument = substitute_all(argument, names, value)
+            return replace(cause, argument=argument)
+    return cause
 
 
 def substitute(cause: Cause, name: str, value: Cause) -> Cause:

@@ -34,24 +34,28 @@ def sum_by_driver(
         return {}
     (names,) = drivers.values()
     total = dict.fromkeys(sorted(names), 0.0)
-    for candidate, share in _list_explanations(search, g, probability, rivals):
-        for name in names & _depend(candidate):
+    for own, share in _list_explanations(search, g, probability, rivals):
+        for name in names & own:
             total[name] += share
     return total
 
 
 def _list_explanations(
     search: Search, g: int, probability: Array, rivals: Sequence[Rival]
-) -> Iterator[tuple[Candidate, float]]:
-    """List the explanations that act where an effect does, with their probabilities."""
+) -> Iterator[tuple[frozenset[str], float]]:
+    """List what the explanations depend on that act where an effect does, with their probabilities."""
     known = search.signatures[0]
     count = len(known)
     counts = (known == known[g]) & (probability[:count] > NEGLIGIBLE)
     for k in np.flatnonzero(counts).tolist():
-        yield search.acting_parts[k], float(probability[k])
+        yield _depend(search.acting_parts[k]), float(probability[k])
     for rival, share in zip(rivals, probability[count:].tolist(), strict=True):
-        if rival.agrees:
-            yield rival.candidate, share
+        if not rival.agrees:
+            continue
+        drivers = rival.stands_for
+        if drivers is None:
+            drivers = _depend(rival.candidate)
+        yield drivers, share
 
 
 def find_sure(

@@ -11,7 +11,7 @@ near its own, which are one question with it; to a covariate what else changed w
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import NamedTuple
 
@@ -21,8 +21,9 @@ from ..mechanisms.terms import Mechanism
 from .candidate_kinds import CandidateKind
 from .candidates import Candidate
 from .changing_shapes import generate_changing
-from .confounded_covariates import generate_confounded
+from .confounded_covariates import find_confounded, generate_confounded
 from .distinct_places import Place
+from .driver_functions import IN_TIME
 from .finer_waves import generate_finer_waves
 from .free_functions import (
     Drivers,
@@ -64,10 +65,12 @@ CHANGING = 0.05
 @dataclass(frozen=True)
 class Rival:
     """Another explanation of a finding, with what it agrees in: "shape" (all but its constant),
-    "drivers" (and so the place), "place" (other drivers there), or "" (another place)."""
+    "drivers" (and so the place), "place" (other drivers there), or "" (another place); `stands_for`: what
+    it depends on, where its formula has the course of that in time instead."""
 
     candidate: Candidate
     agrees: str
+    stands_for: Drivers | None = None
 
 
 @dataclass(frozen=True)
@@ -197,10 +200,16 @@ def _list_elsewhere(problem: Problem, candidate: Candidate, prior: float) -> Ite
 
 def _list_confounded(problem: Problem, candidate: Candidate, prior: float) -> Iterator[Rival]:
     """List what else changed when a finding's covariate did: together as probable as the finding."""
-    sorts = list(generate_confounded(problem, candidate.mechanism))
+    own = candidate.mechanism
+    sorts = list(generate_confounded(problem, own))
+    stands_for = None
+    covariate = find_confounded(problem, own)
+    if covariate is not None and covariate not in own.names():
+        stands_for = (own.names() - IN_TIME) | {covariate}
     for mechanisms in sorts:
         share = prior / len(sorts)
-        yield from _weigh(mechanisms, "place", share, CandidateKind.CELL)
+        for rival in _weigh(mechanisms, "place", share, CandidateKind.CELL):
+            yield replace(rival, stands_for=stands_for)
 
 
 def _compare_drivers(mechanisms: Sequence[Mechanism], drivers: Drivers) -> str:

@@ -9,19 +9,24 @@ from builders import OFF_AXIS, bind
 from exact import flanges_of
 from searches import search_separated
 
-from modelsel.diagnosis.candidates import build_candidates
+from modelsel.diagnosis.candidate_kinds import CandidateKind
+from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.confounded_covariates import (
     find_confounded,
     generate_confounded,
     substitute,
+    substitute_all,
 )
+from modelsel.diagnosis.driver_functions import IN_TIME
 from modelsel.diagnosis.signatures import LEVELS, PROVEN
+from modelsel.diagnosis.unlisted_shapes import list_rivals
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
-from modelsel.mechanisms.causes import Named, cos, q
+from modelsel.mechanisms.causes import Applied, Cause, Named, cos, q
 from modelsel.mechanisms.environment import temperature_rise
 from modelsel.mechanisms.registry import every, mechanism
+from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.robot.files import load_robot
 
 ARM = load_robot("ur5e")
@@ -81,12 +86,62 @@ def test_steps_between_sessions_are_rivals(rng: np.random.Generator) -> None:
     )
 
 
+def in_time(cause: Cause) -> Mechanism:
+    """A joint that is off by a function of time."""
+    return Mechanism("in time", (Term("m", (Screw(ZERO, "rz", cause),)),))
+
+
+@pytest.mark.unit
+def test_all_that_depends_on_time_gives_way_to_a_covariate() -> None:
+    warm = temperature_rise(20.0)
+    decay = Applied("exp", (Named("time_s", "s") - 17.0) / -455.0)
+    assert substitute_all(decay, IN_TIME, warm) == warm
+    assert str(substitute_all(cos(q(2)) * decay, IN_TIME, warm)) == "cos(q2)*(temperature_C-20)"
+    assert substitute_all(cos(q(2)), IN_TIME, warm) == cos(q(2))
+
+
+@pytest.mark.unit
+def test_a_temperature_that_went_with_time_is_a_rival_of_time(rng: np.random.Generator) -> None:
+    """Without its reading's own errors: alone, and with its square."""
+    course = 1 - np.exp(-4 * np.linspace(0, 1, ROWS))
+    at = measure(21 + 5 * course + rng.normal(0, 0.1, ROWS), np.zeros(ROWS), 1, rng)
+    drift = in_time(Named("progress"))
+    assert find_confounded(at, drift) == "temperature_C"
+    ((linear, squared),) = generate_confounded(at, drift)
+    first, second = (np.asarray(t.screws[0].cause.of(at.state)) for t in squared.terms)
+    np.testing.assert_allclose(second, first**2)
+    assert linear.terms[0].screws == squared.terms[0].screws
+    assert np.std(first - 5 * course) < 0.05
+
+
+@pytest.mark.unit
+def test_a_temperature_of_its_own_course_is_no_rival_of_time(rng: np.random.Generator) -> None:
+    at = measure(rng.uniform(18, 30, ROWS), np.zeros(ROWS), 1, rng)
+    drift = in_time(Named("progress"))
+    assert find_confounded(at, drift) is None
+    assert not list(generate_confounded(at, drift))
+
+
+@pytest.mark.unit
+def test_rivals_of_time_stand_for_the_temperature(rng: np.random.Generator) -> None:
+    """Whatever their formula: what lasts in time is not proven by them."""
+    course = np.linspace(0, 1, ROWS)
+    at = measure(21 + 5 * course + rng.normal(0, 0.1, ROWS), np.zeros(ROWS), 1, rng)
+    found = Candidate(in_time(Named("progress")), CandidateKind.CELL, 0.01)
+    own = [one for one in list_rivals(at, found) if one.stands_for is not None]
+    assert len(own) == 2
+    assert {one.stands_for for one in own} == {frozenset(("temperature_C",))}
+    assert sum(one.candidate.prior for one in own) == pytest.approx(0.01)
+
+
 def plant(course: str, rng: np.random.Generator) -> Problem:
     """A zero that moves between the sessions, with time, or with a temperature of its own course."""
     size = float(rng.uniform(3e-4, 5e-4))
     time = np.linspace(0, 1, ROWS)
     if course == "sessions":
         return measure(twice(21, 27), twice(0, size), 2, rng)
+    if course == "time alone":
+        return measure(rng.uniform(21, 27, ROWS), size * time, 1, rng)
     if course == "time":
         return measure(21 + 6 * time + rng.normal(0, 0.02, ROWS), size * time, 1, rng)
     warm = rng.uniform(21, 27, ROWS)
@@ -94,7 +149,9 @@ def plant(course: str, rng: np.random.Generator) -> Problem:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("course", "proven"), [("sessions", 0), ("time", 0), ("its own", 4)])
+@pytest.mark.parametrize(
+    ("course", "proven"), [("sessions", 0), ("time", 0), ("its own", 4), ("time alone", 4)]
+)
 def test_a_temperature_is_proven_where_it_went_its_own_way(
     course: str, proven: int, rng: np.random.Generator
 ) -> None:
