@@ -101,6 +101,9 @@ def fix_members(cause: Cause, target: int) -> Cause:
         return cause
     left = fix_members(cause.left, target)
     right = fix_members(cause.right, target)
+    none = Number(0.0)
+    if cause.operator == "*" and none in (left, right):
+        return none
     if isinstance(left, Number) and isinstance(right, Number):
         operate = ARITHMETIC[cause.operator]
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -30,7 +30,7 @@ from .data_faults import FaultKind, find_fault_kind
 from .joint_shapes import generate_joint_shapes
 from .options import DEFAULT_OPTIONS, DiagnosisOptions
 from .own_candidates import OwnCandidates, Screws, select_beyond
-from .prior_weights import choose_weight
+from .prior_weights import weigh_names
 from .scanned_constants import drop_equal_constants
 from .time_waves import generate_time_waves
 from .unregistered import (
@@ -299,7 +299,7 @@ def _weigh_registered(
     mechanisms: Sequence[Mechanism], share: float, weights: Mapping[str, float], asked: bool
 ) -> Iterable[Candidate]:
     constants = Counter(m.name for m in mechanisms)
-    weight = {name: choose_weight(name, weights) for name in constants}
+    weight = weigh_names(mechanisms, weights)
     total = sum(weight.values())
     for m in mechanisms:
         share_of_name = share * weight[m.name] / total

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+from ..mechanisms.environment import find_moved_target
+from ..mechanisms.terms import Mechanism
 
 # findings that a name is credited with before any outcome is known: what nine in ten that are
 # right would leave
@@ -28,3 +32,21 @@ def choose_weight(name: str, weights: Mapping[str, float]) -> float:
     else 1."""
     stem, _, _ = name.partition(":")
     return weights.get(name, weights.get(stem, 1.0))
+
+
+def weigh_names(mechanisms: Sequence[Mechanism], weights: Mapping[str, float]) -> dict[str, float]:
+    """Weigh the names of registered mechanisms. Those that move one target of several share the
+    weight of one name among them: more reflectors make no slip likelier than any other error."""
+    stems: dict[str, str] = {}
+    weighed = {}
+    for m in mechanisms:
+        name = m.name
+        target = find_moved_target(m)
+        if target is not None:
+            stems[name] = m.stem
+        weighed[name] = choose_weight(name, weights)
+    sharing = Counter(stems.values())
+    for name, stem in stems.items():
+        count = sharing[stem]
+        weighed[name] /= count
+    return weighed

@@ -11,6 +11,7 @@ import numpy as np
 from .._typing import Array
 from ..fitting.problem import Problem
 from ..mechanisms.causes import Cause
+from ..mechanisms.environment import find_moved_target
 from ..mechanisms.terms import Mechanism
 
 # coordinates that a step needs before and after it, for each of its numbers: two or three rows far
@@ -57,9 +58,17 @@ def _find_same(
 
 
 def _has_both_sides(problem: Problem, mechanism: Mechanism) -> bool:
-    """Return whether a step has enough coordinates before and after it; true of what is no step."""
+    """Return whether a step has enough coordinates before and after it, of the target that it moves
+    where it moves one of several; true of what is no step."""
     cause = mechanism.terms[0].screws[0].cause
     values = np.asarray(cause.of(problem.state))
+    target = find_moved_target(mechanism)
+    if target is not None:
+        is_moved = target.of(problem.state) > 0
+        values = values[is_moved]
+        # a target that was measured on one side alone has only been somewhere else all along
+        if len(np.unique(values)) < 2:
+            return False
     is_before = values == values.min()
     is_after = values == values.max()
     if not (is_before | is_after).all():

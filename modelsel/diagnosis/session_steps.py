@@ -1,5 +1,6 @@
 """Steps at some moment of the campaign: of the set-up between two sessions, at the moment where the one
-ends and the other begins; of a joint's zero, told by the row from which they stand.
+ends and the other begins; of a joint's zero and of one target of several, told by the row from which
+they stand.
 
 What was moved between two groups of measurements stands elsewhere for every row of the later one, for
 those that are held out, too. A step that is only placed between two estimation rows leaves such rows on
@@ -10,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,10 +24,12 @@ from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
 
 Build = Callable[[Robot, float], Mechanism]
+# of all targets; that of one has its name behind a colon
+TARGET_STEP = "target-step"
 STEPS: dict[str, Build] = {
     "tracker-step": environment.tracker_step,
     "fault:tracker-bumped": environment.tracker_bumped,
-    "target-step": environment.target_step,
+    TARGET_STEP: environment.target_step,
 }
 # moments where groups meet, at most: more groups are no sessions
 MOST_CHANGES = 20
@@ -33,38 +37,56 @@ MOST_CHANGES = 20
 FEWEST_DIGITS, MOST_DIGITS = 2, 12
 
 
+class _Step(NamedTuple):
+    """A step whose moment is scanned: what builds it, the estimation rows (m,) of what it moves, and
+    whether the row is told from which it stands."""
+
+    build: Build
+    rows: Mask
+    by_row: bool
+
+
 def place_steps(
     problem: Problem, estimation: Mask, mechanisms: Sequence[Mechanism]
 ) -> tuple[Mechanism, ...]:
     """Place the steps among some mechanisms where sessions meet: those that the `estimation` rows (m,)
     cannot tell from a step there give way to it. Steps of a joint's zero elsewhere are told by the
-    row.
+    row. Where there are several targets, steps of each one by itself are added to those of all.
 
     Sessions are the groups of the measurements, where they follow one another."""
     robot = problem.robot
     moments = list_changes(problem.data)
-    progress = problem.data.progress[estimation]
-    names = {m.name for m in mechanisms}
-    zeros = _list_zero_steps(robot)
     placed = list(mechanisms)
-    for name, build in sorted((STEPS | zeros).items()):
-        if name not in names:
-            continue
+    names = {m.name for m in placed}
+    of_targets: dict[str, _Step] = {}
+    if TARGET_STEP in names:
+        of_targets = _list_target_steps(problem.data, estimation)
+    for step in of_targets.values():
+        placed += [step.build(robot, at) for at in environment.STEPS]
+    known = _list_steps(robot, estimation)
+    there = {name: step for name, step in known.items() if name in names}
+    for _, step in sorted((there | of_targets).items()):
+        progress = problem.data.progress[step.rows]
         for moment, begins in moments:
-            same = _list_same(robot, build, moment, progress)
+            same = _list_same(robot, step.build, moment, progress)
             placed = [m for m in placed if m not in same]
-            placed.append(_tell(build(robot, moment), begins))
-        if name in zeros:
-            placed = _tell_rows(problem, estimation, build, placed)
+            placed.append(_tell(step.build(robot, moment), begins))
+        if step.by_row:
+            placed = _tell_rows(problem, step, placed)
     return tuple(placed)
 
 
-def _list_zero_steps(robot: Robot) -> dict[str, Build]:
-    """List the steps of every joint's zero by their names."""
-    steps: dict[str, Build] = {}
-    for joint in range(1, robot.n + 1):
+def _list_steps(robot: Robot, estimation: Mask) -> dict[str, _Step]:
+    """List the steps of the set-up and those of every joint's zero by their names."""
+    steps = {}
+    for name, build in STEPS.items():
+        steps[name] = _Step(build, estimation, by_row=False)
+    joints = range(1, robot.n + 1)
+    for joint in joints:
         name = f"zero-step:{joint}"
-        steps[name] = partial(_build_zero_step, joint)
+        build = partial(_build_zero_step, joint)
+        step = _Step(build, estimation, by_row=True)
+        steps[name] = step
     return steps
 
 
@@ -78,12 +100,31 @@ def _build_zero_step(joint: int, robot: Robot, at: float) -> Mechanism:
     return environment.zero_step(robot, joint, at)
 
 
-def _tell_rows(
-    problem: Problem, estimation: Mask, build: Build, mechanisms: Sequence[Mechanism]
-) -> list[Mechanism]:
+def _list_target_steps(data: Measurements, estimation: Mask) -> dict[str, _Step]:
+    """List the steps of single targets by their names; none where there is one target."""
+    steps: dict[str, _Step] = {}
+    names = data.targets
+    if len(names) == 1:
+        return steps
+    for target, name in enumerate(names):
+        is_own = data.target == target
+        rows = estimation & is_own
+        build = partial(_build_target_step, target, name)
+        step = _Step(build, rows, by_row=True)
+        label = f"{TARGET_STEP}:{name}"
+        steps[label] = step
+    return steps
+
+
+def _build_target_step(target: int, name: str, robot: Robot, at: float) -> Mechanism:
+    step = environment.target_step(robot, at)
+    return environment.limit_to_target(step, target, name)
+
+
+def _tell_rows(problem: Problem, step: _Step, mechanisms: Sequence[Mechanism]) -> list[Mechanism]:
     """Tell scanned steps by the first of the rows after them, those that some rows are before and
     others after. Noise leaves the row open by a few."""
-    data = problem.data.take(estimation)
+    data = problem.data.take(step.rows)
     told = {}
     for at in environment.STEPS:
         after = np.flatnonzero(data.progress > at)
@@ -91,10 +132,11 @@ def _tell_rows(
             continue
         earliest = data.progress[after].argmin()
         first = after[earliest]
-        row = int(data.row[first])
+        index = data.row[first]
+        row = int(index)
         begins = data.where.name_row_alone(row)
-        step = build(problem.robot, at)
-        told[step] = _tell(step, f"from about {begins} on")
+        scanned = step.build(problem.robot, at)
+        told[scanned] = _tell(scanned, f"from about {begins} on")
     renamed = []
     for m in mechanisms:
         known = told.get(m, m)
@@ -149,6 +191,6 @@ def round_between(low: float, high: float) -> float:
 
 def _tell(step: Mechanism, begins: str) -> Mechanism:
     """Tell from what on a step stands, in the place of the share of the campaign."""
-    told, _, _ = step.sentence.partition(" after ")
+    told, _, _ = step.sentence.rpartition(" after ")
     sentence = f"{told} {begins}."
     return replace(step, sentence=sentence)

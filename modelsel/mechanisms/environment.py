@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from .._typing import Array
-from ..exceptions import write_percent
+from ..exceptions import one_line, write_percent
 from ..measurements.reference_temperature import REFERENCE, TEMPERATURE
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
-from .causes import Applied, Bump, Cause, Combined, Named, Number, shifted, sign
+from .causes import Applied, Bump, Cause, Combined, Member, Named, Number, factors, shifted, sign
 from .motors import drive_angle, drive_screws, name_drive
 from .terms import Mechanism, Screw, Term
 
@@ -184,6 +185,35 @@ def target_step(robot: Robot, at: float) -> Mechanism:
         "ISO 10360-10, laser trackers: stability of the target's nest",
         usual_causes=("reflector put back in its nest", "tool or nest that slipped or was knocked"),
     )
+
+
+def limit_to_target(step: Mechanism, target: int, name: str) -> Mechanism:
+    """Limit a step of the targets to one of several (0-based), which slipped by itself."""
+    member = Member("target", target)
+    terms = []
+    for term in step.terms:
+        (screw,) = term.screws
+        cause = screw.cause * member
+        own = replace(screw, cause=cause)
+        moved = replace(term, screws=(own,))
+        terms.append(moved)
+    told = f"Target {one_line(name)}"
+    return replace(
+        step,
+        name=f"{step.name}:{name}",
+        terms=tuple(terms),
+        sentence=step.sentence.replace("The target", told, 1),
+        equation=f"{step.equation}*{member}",
+    )
+
+
+def find_moved_target(mechanism: Mechanism) -> Member | None:
+    """Find the one target of several that a mechanism moves; None where it moves them all."""
+    for screw in mechanism.terms[0].screws:
+        for factor in factors(screw.cause):
+            if isinstance(factor, Member) and factor.kind == "target":
+                return factor
+    return None
 
 
 def zero_step(robot: Robot, joint: int, at: float) -> Mechanism:

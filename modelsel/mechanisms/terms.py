@@ -209,7 +209,7 @@ class Mechanism:
     def joint(self) -> int | None:
         """The joint of a registered name that has one: 3 of "backlash:3"."""
         _, _, joint = self.name.partition(":")
-        if joint.isdigit():
+        if joint.isdecimal():
             return int(joint)
         return None
 

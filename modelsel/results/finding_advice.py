@@ -10,7 +10,7 @@ from typing import NamedTuple
 from ..diagnosis.claim_sentences import name_drivers
 from ..diagnosis.data_faults import FaultKind
 from ..diagnosis.signatures import LEVELS
-from ..exceptions import sentence_list
+from ..exceptions import one_line, sentence_list
 from ..measurements.state_names import parse_state_name
 from ..mechanisms.instrument import MISREADINGS
 from ..selection.gain import Change
@@ -138,6 +138,10 @@ BY_STEM = {
     ),
     "refraction": _INSTRUMENT,
 }
+_ONE_TARGET = (
+    MEASURE,
+    "again with target {target} fixed, or use the other targets; or name it anew from that row on",
+)
 _FAULT = (MEASURE, "the rows that it concerns again, or correct them in the file")
 _TWO_PLACEMENTS = (
     MODEL,
@@ -197,7 +201,8 @@ def advise(record: StudyRecord, finding: FindingRecord) -> Advice:
     joint = sentence_list(places) if places else "the joint concerned"
     is_several = len(places) > 1 or joint.startswith("joints")
     verb = "are" if is_several else "is"
-    sentence = how.format(joint=joint, joints=f"{joint} {verb}")
+    _, _, target = (finding.fitted_entry.mechanism or "").partition(":")
+    sentence = how.format(joint=joint, joints=f"{joint} {verb}", target=one_line(target))
     return Advice(action, sentence, finding.gain.told)
 
 
@@ -252,6 +257,8 @@ def _choose_by_name(record: StudyRecord, finding: FindingRecord, stem: str) -> t
         return _INSPECT
     if stem not in BY_STEM and all(screw.is_free for screw in fitted.screws):
         return MODEL, _correct_over_drivers(fitted)
+    if stem == "target-step" and fitted.mechanism != stem:
+        return _ONE_TARGET
     unlisted = _OF_A_PLUGIN if stem else _UNNAMED
     return BY_STEM.get(stem, unlisted)
 

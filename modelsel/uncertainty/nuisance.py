@@ -7,8 +7,9 @@ which a tracker was moved, for one."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from .._typing import Array, Index
 from ..fitting.design import PLACE, Model
 from ..fitting.noise import Instrument
 from ..fitting.problem import Problem
+from ..mechanisms.environment import find_moved_target, limit_to_target
 from ..mechanisms.registry import Registry, Scanned
 from ..mechanisms.terms import Mechanism, Screw, TermKey
 from ..robot.kinematics import Robot
@@ -32,6 +34,8 @@ GRID = 401
 
 # what a constant changes: ((frame, axis), term index, change (GRID, m) of the cause)
 Table = tuple[tuple[int, int], int, Array]
+# a mechanism of a value of its constant
+Build = Callable[[float], Mechanism]
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,17 +249,14 @@ def _constant(
     place: dict[TermKey, int],
 ) -> Constant | None:
     """Build the constant of a mechanism; None where no scanned value gives the mechanism."""
-    robot = problem.robot
-    joint = []
-    if mechanism.joint is not None:
-        joint = [mechanism.joint]
-    held = _held_value(entry, robot, joint, mechanism)
+    build = _choose_builder(problem, mechanism, entry)
+    held = _held_value(entry, build, problem.robot, mechanism)
     if held is None:
         return None
     low, high = bounds
     variants = []
     for value in np.linspace(low, high, GRID).tolist():
-        variant = entry.build(robot, *joint, value)
+        variant = build(value)
         variants.append(variant)
     tables = _tabulate(problem, mechanism, variants, place)
     name = mechanism.name
@@ -278,12 +279,39 @@ def _number_names(constants: Sequence[Constant]) -> tuple[Constant, ...]:
     return tuple(numbered)
 
 
-def _held_value(
-    entry: Scanned, robot: Robot, joint: Sequence[int], mechanism: Mechanism
-) -> float | None:
+def _choose_builder(problem: Problem, mechanism: Mechanism, entry: Scanned) -> Build:
+    """Choose what builds a mechanism of a scanned constant: of its joint, or of the one target of
+    several that it moves."""
+    robot = problem.robot
+    joint = _list_joint(mechanism, entry)
+    build = partial(entry.build, robot, *joint)
+    target = find_moved_target(mechanism)
+    if target is None:
+        return build
+    index = target.index
+    names = problem.data.targets
+    name = names[index]
+
+    def build_limited(value: float) -> Mechanism:
+        step = build(value)
+        return limit_to_target(step, index, name)
+
+    return build_limited
+
+
+def _list_joint(mechanism: Mechanism, entry: Scanned) -> list[int]:
+    """List the joint of a scanned mechanism that has one."""
+    if entry.joints is None:
+        return []
+    joint = mechanism.joint
+    return [] if joint is None else [joint]
+
+
+def _held_value(entry: Scanned, build: Build, robot: Robot, mechanism: Mechanism) -> float | None:
     """Find the scanned value that gives this mechanism."""
+    joint = _list_joint(mechanism, entry)
     for value in entry.constants(robot, *joint):
-        variant = entry.build(robot, *joint, value)
+        variant = build(value)
         if variant.terms == mechanism.terms:
             return float(value)
     return None
