@@ -14,7 +14,8 @@ from ..fitting.design import PLACE
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements, build_measurements
 from ..measurements.state_names import is_state_name
-from ..mechanisms.causes import ARITHMETIC, Cause, Combined, Member, Number
+from ..mechanisms.cause_functions import FUNCTIONS
+from ..mechanisms.causes import ARITHMETIC, Applied, Cause, Combined, Member, Number
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..robot.rigid import rotation_matrix, transform
@@ -97,6 +98,9 @@ def fix_members(cause: Cause, target: int) -> Cause:
             chosen = target
         is_chosen = cause.index == chosen
         return Number(float(is_chosen))
+    if isinstance(cause, Applied):
+        argument = fix_members(cause.argument, target)
+        return _apply(cause.function, argument)
     if not isinstance(cause, Combined):
         return cause
     left = fix_members(cause.left, target)
@@ -110,6 +114,15 @@ def fix_members(cause: Cause, target: int) -> Cause:
             number = operate(left.number, right.number)
         return Number(float(number))
     return Combined(cause.operator, left, right)
+
+
+def _apply(function: str, argument: Cause) -> Cause:
+    """Apply a function to a cause: a Number where that is one."""
+    applied = Applied(function, argument)
+    if not isinstance(argument, Number):
+        return applied
+    value = FUNCTIONS[function](argument.number)
+    return Number(float(value))
 
 
 def split_parts(c: Calibration, target: int = 0) -> tuple[list[Part], list[Part]]:

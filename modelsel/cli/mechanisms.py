@@ -13,6 +13,7 @@ from ..exceptions import CHECK_FAILED
 from ._options import json_option, print_json, print_prose
 
 if TYPE_CHECKING:
+    from ..mechanisms.registry import Registry
     from ..mechanisms.terms import Mechanism
     from .plugins import Trial
 
@@ -84,6 +85,7 @@ def _describe_trial(trial: Trial) -> str:
 
 
 def _show(name: str | None, robot: str, as_json: bool) -> None:
+    from ..mechanisms.campaign_registry import TARGET_STEP, waits_for_targets
     from ..mechanisms.registry import build_mechanisms, every, with_plugins
     from ..robot.files import load_robot
     from .report_names import bare_name, explain_unregistered, find_faults
@@ -97,6 +99,8 @@ def _show(name: str | None, robot: str, as_json: bool) -> None:
             for line in explained:
                 print_prose(line)
             return
+    if name and waits_for_targets(name, registry):
+        registry = _add_target(name, registry)
     faults = find_faults(name, arm) if name else ()
     mechanisms = faults or (build_mechanisms(name, arm, registry) if name else every(arm, registry))
     cards = _list_cards(mechanisms)
@@ -105,6 +109,8 @@ def _show(name: str | None, robot: str, as_json: bool) -> None:
         return
     for card in cards:
         _print_card(card, in_full=name is not None)
+    if name == TARGET_STEP:
+        print_prose(f"Of several targets, each may move by itself: {TARGET_STEP}:NAME.")
     if name and not cards:
         print_prose(f"{name} does not apply to {robot}.")
     if not name:
@@ -113,6 +119,19 @@ def _show(name: str | None, robot: str, as_json: bool) -> None:
             print_prose(f"Not on {robot}: {', '.join(absent)}.")
     for plugin, reason in broken.items():
         click.echo(f"plug-in {plugin} is left out: {reason}")
+
+
+def _add_target(name: str, registry: Registry) -> Registry:
+    """Add the target that a name is of to the registry, as the first of several; nothing where the
+    name is of a constant."""
+    from ..mechanisms.campaign_registry import set_targets
+    from ..mechanisms.environment import STEPS
+
+    _, _, target = name.partition(":")
+    constants = [f"{at:g}" for at in STEPS]
+    if target in constants:
+        return registry
+    return set_targets(registry, (target, "another"))
 
 
 def _list_cards(mechanisms: Sequence[Mechanism]) -> list[dict[str, Any]]:

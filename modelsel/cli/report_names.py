@@ -6,7 +6,7 @@ from __future__ import annotations
 import re
 
 from ..diagnosis.data_faults import EXCHANGES
-from ..diagnosis.name_legend import FRAME, describe_variable, explain_names
+from ..diagnosis.name_legend import FRAME, describe_variable, explain_member, explain_names
 from ..measurements.state_names import parse_state_name
 from ..mechanisms.registry import build_faults
 from ..mechanisms.terms import Mechanism
@@ -38,6 +38,9 @@ def explain_unregistered(name: str, robot: Robot) -> list[str]:
         unit = variable.unit(robot)
         bracket = "" if unit == "1" else f" [{unit}]"
         return [f"{name}: {describe_variable(variable)}{bracket}. Causes use this name."]
+    member = explain_member(name)
+    if member is not None:
+        return [f"{member}. Causes use this name."]
     if name.startswith((FRAME, "free(")):
         return explain_names([name], robot.n)
     return []

@@ -7,12 +7,15 @@ import re
 from collections.abc import Sequence
 
 from ..measurements.state_names import StateKind, StateVariable, parse_state_name
+from ..mechanisms.cause_formulas import MEMBER
 
 WORD = re.compile(r"[A-Za-z_]\w*")
 PLACE = re.compile(r"frame (\d+) ([tr])([xyz]) ·")
 WAVES = re.compile(r"waves of (\w+) times waves of (\w+)")
 SLOW = re.compile(r"([\d.]+) waves along the campaign")
 NUMBERED = re.compile(r" \((\d+)\)$")
+# what follows it, such as the name of a target, is no cause
+REGISTERED = re.compile(r"(fault:)?[a-z0-9]+(-[a-z0-9]+)+(:|$| )")
 FREE = re.compile(r"free\(([^()]+)\)")
 MOTIONS = {"t": "shifts along", "r": "turns about"}
 PAIR = "a & b: two numbers fitted together, as a sine and a cosine of unknown phase"
@@ -28,7 +31,10 @@ def explain_names(names: Sequence[str], joints: int | None = None) -> list[str]:
     lines += _explain_shapes(text)
     if " & " in text:
         lines.append(PAIR)
-    lines += _explain_derived(text)
+    causes = [name for name in names if REGISTERED.match(name) is None]
+    words = WORD.findall("\n".join(causes))
+    lines += _explain_derived(words)
+    lines += _explain_members(words)
     found = map(NUMBERED.search, names)
     numbered = [match for match in found if match is not None]
     if numbered:
@@ -67,15 +73,29 @@ def _explain_shapes(text: str) -> list[str]:
     return lines
 
 
-def _explain_derived(text: str) -> list[str]:
+def _explain_derived(words: Sequence[str]) -> list[str]:
     """Explain every derived name, of one kind and axis the first."""
     lines: dict[tuple[StateKind, str | None], str] = {}
-    for word in WORD.findall(text):
+    for word in words:
         variable = parse_state_name(word)
         if variable is not None and variable.kind is not StateKind.READING:
             key = variable.kind, variable.axis
             lines.setdefault(key, f"{word}: {describe_variable(variable)}")
     return list(lines.values())
+
+
+def _explain_members(words: Sequence[str]) -> list[str]:
+    lines = map(explain_member, dict.fromkeys(words))
+    return [line for line in lines if line is not None]
+
+
+def explain_member(word: str) -> str | None:
+    """Explain the name of one target or group in causes; None of any other."""
+    match = MEMBER.fullmatch(word)
+    if match is None:
+        return None
+    kind, number = match.groups()
+    return f"{word}: 1 in the rows of {kind} {number} of the measurements, 0 in the others"
 
 
 def describe_variable(variable: StateVariable) -> str:

@@ -23,6 +23,7 @@ from ..fitting.design import Model, whitened
 from ..fitting.least_squares import fit
 from ..fitting.possible_parts import choose_parts, list_parts
 from ..fitting.problem import PROBLEM_EXPECTED, Problem
+from ..mechanisms.campaign_registry import set_targets
 from ..mechanisms.registry import (
     BUILTIN,
     Registry,
@@ -92,6 +93,7 @@ def diagnose(  # noqa: PLR0913  all but the first have defaults
     if estimation is not None:
         used = check_rows("estimation", estimation, rows)
     split = Split(problem, used, np.zeros(rows, bool), np.zeros(rows, np.intp), known_sigma=False)
+    registry = set_targets(registry, problem.data.targets)
     mechanisms = [mechanism(name, problem.robot, registry) for name in base_names]
     with follow(None, progress) as say:
         _, diagnosis, _ = diagnose_split(

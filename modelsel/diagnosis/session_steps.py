@@ -20,12 +20,11 @@ from ..exceptions import one_line
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..mechanisms import environment
+from ..mechanisms.campaign_registry import TARGET_STEP
 from ..mechanisms.terms import Mechanism
 from ..robot.kinematics import Robot
 
 Build = Callable[[Robot, float], Mechanism]
-# of all targets; that of one has its name behind a colon
-TARGET_STEP = "target-step"
 STEPS: dict[str, Build] = {
     "tracker-step": environment.tracker_step,
     "fault:tracker-bumped": environment.tracker_bumped,
@@ -50,22 +49,18 @@ def place_steps(
     problem: Problem, estimation: Mask, mechanisms: Sequence[Mechanism]
 ) -> tuple[Mechanism, ...]:
     """Place the steps among some mechanisms where sessions meet: those that the `estimation` rows (m,)
-    cannot tell from a step there give way to it. Steps of a joint's zero elsewhere are told by the
-    row. Where there are several targets, steps of each one by itself are added to those of all.
+    cannot tell from a step there give way to it. Steps of a joint's zero and
+    of one target of several are told by the row elsewhere.
 
     Sessions are the groups of the measurements, where they follow one another."""
     robot = problem.robot
     moments = list_changes(problem.data)
     placed = list(mechanisms)
     names = {m.name for m in placed}
-    of_targets: dict[str, _Step] = {}
-    if TARGET_STEP in names:
-        of_targets = _list_target_steps(problem.data, estimation)
-    for step in of_targets.values():
-        placed += [step.build(robot, at) for at in environment.STEPS]
-    known = _list_steps(robot, estimation)
+    of_targets = _list_target_steps(problem.data, estimation)
+    known = _list_steps(robot, estimation) | of_targets
     there = {name: step for name, step in known.items() if name in names}
-    for _, step in sorted((there | of_targets).items()):
+    for _, step in sorted(there.items()):
         progress = problem.data.progress[step.rows]
         for moment, begins in moments:
             same = _list_same(robot, step.build, moment, progress)

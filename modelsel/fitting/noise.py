@@ -114,14 +114,21 @@ def _pool_deviations(deviation: Array) -> float:
     return float(np.sqrt(squares.mean()))
 
 
-def from_target_pairs(data: Measurements) -> Floor | None:
+def from_target_pairs(data: Measurements, residuals: Array | None = None) -> Floor | None:
     """Estimate the floor from the scatter of the distances between reflectors on one flange: the
     variance of each is 2 σ². None with too few, or where the distances are always the same to
-    MIN_RELATIVE_SCATTER: a rigid body fitted to the markers keeps them, and shows no noise."""
-    position = _arrange_by_target(data)
+    MIN_RELATIVE_SCATTER: a rigid body fitted to the markers keeps them, and shows no noise.
+
+    `residuals` (m, 3): what a model leaves of the positions that knows of reflectors which moved on
+    the flange."""
+    position = _arrange_by_target(data, data.position)
     first, second = np.triu_indices(position.shape[1], 1)
     lines = position[:, first] - position[:, second]
     distance = np.linalg.norm(lines, axis=2)
+    if residuals is not None:
+        predicted = _arrange_by_target(data, data.position - residuals)
+        expected = predicted[:, first] - predicted[:, second]
+        distance -= np.linalg.norm(expected, axis=2)
     is_measured = np.isfinite(distance)
     count = is_measured.sum(0)
     is_repeated = count >= MIN_DISTANCES
@@ -143,13 +150,13 @@ def from_target_pairs(data: Measurements) -> Floor | None:
     return Floor(scatter, "target pairs", freedom)
 
 
-def _arrange_by_target(data: Measurements) -> Array:
-    """Arrange positions (n, T, 3) by configuration and target, NaN where one was not measured; of
+def _arrange_by_target(data: Measurements, points: Array) -> Array:
+    """Arrange points (m, 3) of the rows (n, T, 3) by configuration and target, NaN where one was not measured; of
     several measurements the first."""
     number, which = np.unique(data.configuration, return_inverse=True)
     shape = len(number), len(data.targets), 3
     position = np.full(shape, np.nan)
-    position[which[::-1], data.target[::-1]] = data.position[::-1]
+    position[which[::-1], data.target[::-1]] = points[::-1]
     return position
 
 

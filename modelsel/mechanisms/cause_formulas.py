@@ -3,22 +3,42 @@
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from ..exceptions import StudyError, suggest
 from .cause_functions import FUNCTIONS
-from .causes import Applied, Cause, Combined, Named, Number
+from .causes import Applied, Cause, Combined, Member, Named, Number
 
 LARGEST_NUMBER = sys.float_info.max  # in a formula
 MAX_LENGTH = 500  # characters of a formula
+MEMBER = re.compile(r"(target|group)_(\d+)")  # names of one target or group, as they print
 OPERATORS: dict[type[ast.operator], str] = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
 
 
-def parse(text: str, units: Mapping[str, str], where: str = "cause") -> Cause:
-    """Read a cause from a study file's string; `units` are the known names with their units.
-    Raises StudyError."""
+def list_members(targets: int, groups: int) -> dict[str, Member]:
+    """List the causes that are 1 at one of several targets or groups and 0 elsewhere, by their
+    names; none of what there is one of."""
+    members = {}
+    for kind, count in (("target", targets), ("group", groups)):
+        if count == 1:
+            continue
+        for index in range(count):
+            member = Member(kind, index)
+            members[str(member)] = member
+    return members
+
+
+def parse(
+    text: str,
+    units: Mapping[str, str],
+    where: str = "cause",
+    members: Mapping[str, Member] | None = None,
+) -> Cause:
+    """Read a cause from a study file's string; `units` are the known names with their units,
+    `members` those of single targets and groups. Raises StudyError."""
     formula = text.strip()
     if len(formula) > MAX_LENGTH:
         raise StudyError(
@@ -31,7 +51,7 @@ def parse(text: str, units: Mapping[str, str], where: str = "cause") -> Cause:
         raise StudyError(
             f'{where}: "{text[:80]}" is not a cause: it cannot be read as a formula.'
         ) from None
-    return _Formula(text, units, where).build(tree.body)
+    return _Formula(text, units, where, members or {}).build(tree.body)
 
 
 @dataclass(frozen=True)
@@ -41,6 +61,7 @@ class _Formula:
     text: str
     units: Mapping[str, str]
     where: str
+    members: Mapping[str, Member] = field(default_factory=dict)
 
     def build(self, node: ast.expr) -> Cause:
         """Build the cause of a node; raises StudyError for one that no cause has."""
@@ -70,8 +91,23 @@ class _Formula:
             f"{' '.join(FUNCTIONS)} are known."
         )
 
-    def _named(self, name: str) -> Named:
+    def _named(self, name: str) -> Cause:
+        # a column that has such a name keeps it
         if name in self.units:
             return Named(name, self.units[name])
-        hint = suggest(name, self.units) or "A reading, such as q1, or a column is expected."
+        if name in self.members:
+            return self.members[name]
+        hint = self._count_members(name) or suggest(name, self.units)
+        hint = hint or "A reading, such as q1, or a column is expected."
         raise StudyError(f'{self.where}: unknown name "{name}" in "{self.text}". {hint}')
+
+    def _count_members(self, name: str) -> str:
+        """Say how many targets or groups there are, to a name of one that there is not."""
+        match = MEMBER.fullmatch(name)
+        if match is None:
+            return ""
+        kind = match[1]
+        known = [member for member in self.members.values() if member.kind == kind]
+        if not known:
+            return f"There is only one {kind}."
+        return f"The {kind}s are {known[0]} to {known[-1]}."

@@ -13,7 +13,7 @@ from ..exceptions import one_line, write_percent
 from ..measurements.reference_temperature import REFERENCE, TEMPERATURE
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
-from .causes import Applied, Bump, Cause, Combined, Member, Named, Number, factors, shifted, sign
+from .causes import ONE, Applied, Bump, Cause, Combined, Member, Named, Number, shifted, sign
 from .motors import drive_angle, drive_screws, name_drive
 from .terms import Mechanism, Screw, Term
 
@@ -208,12 +208,25 @@ def limit_to_target(step: Mechanism, target: int, name: str) -> Mechanism:
 
 
 def find_moved_target(mechanism: Mechanism) -> Member | None:
-    """Find the one target of several that a mechanism moves; None where it moves them all."""
-    for screw in mechanism.terms[0].screws:
-        for factor in factors(screw.cause):
-            if isinstance(factor, Member) and factor.kind == "target":
-                return factor
+    """Find the one target of several that a mechanism moves with some cause; None where it moves
+    them all, and where a target is only elsewhere throughout."""
+    for term in mechanism.terms[:1]:
+        for screw in term.screws:
+            target, cause = split_target(screw.cause)
+            if target is not None and cause != ONE:
+                return target
     return None
+
+
+def split_target(cause: Cause) -> tuple[Member | None, Cause]:
+    """Split a cause into the one target that it is limited to, None where it is of all, and the rest."""
+    if isinstance(cause, Member) and cause.kind == "target":
+        return cause, ONE
+    if isinstance(cause, Combined) and cause.operator == "*":
+        rest, last = cause.left, cause.right
+        if isinstance(last, Member) and last.kind == "target":
+            return last, rest
+    return None, cause
 
 
 def zero_step(robot: Robot, joint: int, at: float) -> Mechanism:

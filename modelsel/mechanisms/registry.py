@@ -6,13 +6,13 @@ entries (`with_plugins`)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from .._arguments import check_type, describe_value, name_type
-from ..exceptions import StudyError, one_line, suggest
+from ..exceptions import StudyError, one_line, sentence_list, suggest
 from ..measurements.reference_temperature import REFERENCE
 from ..robot.files import as_robot
 from ..robot.gravity import find_bearing_joints
@@ -34,12 +34,14 @@ class Scanned:
     """A mechanism with an inner constant (waves a turn, a moment in time, masses): `build(robot,
     joint, constant)`, or `build(robot, constant)` where `joints` is None; naming scans the
     constants and counts them all. `range`: between which real numbers the constant may lie where it
-    is one; sampling then takes it as continuous."""
+    is one; sampling then takes it as continuous. `targets`: names of several targets, of which each may
+    move by itself; None where they are not known."""
 
     build: Callable[..., Mechanism]
     constants: Callable[..., tuple[float, ...]]
     joints: Callable[[Robot], tuple[int, ...]] | None = None
     range: tuple[float, float] | None = None
+    targets: tuple[str, ...] | None = None
 
 
 Entry = Callable[[Robot], Mechanism | None] | PerJoint | Scanned
@@ -124,29 +126,6 @@ BUILTIN: Registry = {
 }
 
 
-def set_reference(registry: Registry, reference: float) -> Registry:
-    """Return the registry with modelsel's own thermal mechanisms counted from a reference [°C]."""
-    thermal = build_thermal(reference)
-    counted = dict(registry)
-    for name, entry in registry.items():
-        is_own = name in thermal and entry is BUILTIN[name]
-        if is_own:
-            counted[name] = thermal[name]
-    return counted
-
-
-def set_gear_ratios(registry: Registry, ratios: Sequence[float]) -> Registry:
-    """Return the registry with gear ripple that is scanned at the turns of the motors, too; `ratios`:
-    turns of the motor per turn of each joint, 0 where it is not known."""
-    entry = registry.get("gear-ripple")
-    is_own = entry is BUILTIN["gear-ripple"]
-    if not is_own:
-        return registry
-    waves = partial(drives.list_waves, ratios=tuple(ratios))
-    ripple = Scanned(drives.gear_ripple, waves, drives.revolute_joints)
-    return {**registry, "gear-ripple": ripple}
-
-
 def build_faults(robot: Robot) -> tuple[Mechanism, ...]:
     """Build the faults of the data that act as screws; naming offers them beside the mechanisms,
     under `fault:` names."""
@@ -205,6 +184,8 @@ def _build_named(name: str, robot: Robot, registry: Registry) -> tuple[Mechanism
     if stem not in registry:
         raise refuse_unknown_mechanism(name, registry)
     entry = registry[stem]
+    if isinstance(entry, Scanned) and entry.targets is not None:
+        return _build_of_targets(name, robot, entry, entry.targets)
     is_scanned = isinstance(entry, Scanned)
     has_joints = isinstance(entry, (PerJoint, Scanned)) and entry.joints is not None
     if len(given) > has_joints + is_scanned:
@@ -228,6 +209,34 @@ def _build_named(name: str, robot: Robot, registry: Registry) -> tuple[Mechanism
     if built is None:
         return ()
     return (built,)
+
+
+def _build_of_targets(
+    name: str, robot: Robot, entry: Scanned, targets: tuple[str, ...]
+) -> tuple[Mechanism, ...]:
+    """Build a scanned entry's mechanisms of all targets together, then of each by itself; or those
+    that a name says. A target's name goes before a constant."""
+    _, _, given = name.partition(":")
+    built: list[Mechanism] = []
+    for number, target in enumerate(targets):
+        rest = given.removeprefix(target)
+        is_named = rest != given and rest[:1] in ("", ":")
+        if given and not is_named:
+            continue
+        constant = rest[1:] or None
+        for step in _build_scanned(name, None, constant, robot, entry):
+            own = environment.limit_to_target(step, number, target)
+            built.append(own)
+    if built and given:
+        return tuple(built)
+    try:
+        together = _build_scanned(name, None, given or None, robot, entry)
+    except StudyError:
+        there = "there is only one target"
+        if targets:
+            there = f"the targets are {sentence_list(targets)}"
+        raise StudyError(f'"{name}": in the measurements {there}.') from None
+    return (*together, *built)
 
 
 def _check_function(stem: str, entry: Any) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from ..fitting.least_squares import Fit
 from ..fitting.problem import Problem
 from ..mechanisms.causes import ONE, Cause, Member, find_bump
+from ..mechanisms.environment import split_target
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..robot.rigid import AXES
@@ -91,9 +92,13 @@ def describe_meaning(problem: Problem, term: Term, owner: str) -> str:
         return place
     if isinstance(cause, Member):
         return f"{place}, {_describe_member(problem, cause)}"
+    target, cause = split_target(cause)
     others = len(term.screws) - 1
     more = f" (and {others} more)" if others else ""
-    return f"{place}{more} × {cause}"
+    what = f"{place}{more}"
+    if target is not None:
+        what += f", {_describe_member(problem, target)}"
+    return f"{what} × {cause}"
 
 
 def _describe_member(problem: Problem, cause: Member) -> str:

@@ -19,9 +19,11 @@ from ..diagnosis.claim_sentences import describe_what
 from ..diagnosis.data_faults import Fault
 from ..diagnosis.distinct_places import Place
 from ..diagnosis.sentences import label_effect
+from ..exceptions import one_line
 from ..fitting.design import PLACE, compute_columns
 from ..fitting.problem import Problem
-from ..mechanisms.causes import Cause, find_bump
+from ..mechanisms.causes import Cause, Member, find_bump
+from ..mechanisms.environment import split_target
 from ..mechanisms.terms import Term
 from .covariate_panel import draw_covariate, find_covariate
 from .finding_records import Finding
@@ -44,11 +46,13 @@ Values = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class _Group:
-    """Coefficients and causes of one finding that act at the same places and are drawn against one variable."""
+    """Coefficients and causes of one finding that act at the same places and are drawn against one
+    variable, at one `target` of several or at all."""
 
     places: tuple[Place, ...]
     abscissa: Abscissa
     parts: tuple[tuple[float, Cause], ...]
+    target: Member | None = None
 
     def evaluate(self, x: Array) -> Array:
         """Return the fitted twist where the variable is x."""
@@ -118,7 +122,10 @@ def _group_terms(terms: Sequence[Term], estimate: Array, units: Mapping[str, str
     if any(len({screw.cause for screw in term.screws}) > 1 for term in terms):
         return []
     places = [tuple((screw.frame, screw.axis) for screw in term.screws) for term in terms]
-    causes = [term.screws[0].cause for term in terms]
+    split = [split_target(cause) for cause in own]
+    causes = [cause for _, cause in split]
+    targets = {target for target, _ in split}
+    target = targets.pop() if len(targets) == 1 else None
     parts: dict[tuple[tuple[Place, ...], Abscissa], list[tuple[float, Cause]]] = {}
     siblings: dict[tuple[Place, ...], list[Cause]] = {}
     for place, cause in zip(places, causes, strict=True):
@@ -127,7 +134,9 @@ def _group_terms(terms: Sequence[Term], estimate: Array, units: Mapping[str, str
         abscissa = choose_abscissa(cause, siblings[place], units)
         same = parts.setdefault((place, abscissa), [])
         same.append((float(coefficient), cause))
-    return [_Group(place, abscissa, tuple(each)) for (place, abscissa), each in parts.items()]
+    return [
+        _Group(place, abscissa, tuple(each), target) for (place, abscissa), each in parts.items()
+    ]
 
 
 def _draw_group(
@@ -138,6 +147,8 @@ def _draw_group(
     part = _observed_part(moved)
     displacement = moved[part].T
     lever = np.linalg.norm(displacement, axis=1)
+    if group.target is not None:
+        lever = lever * problem.cause(group.target)
     rows = select_points(lever > max(MIN_LEVER * lever.max(initial=0), TINY))
     if rows is None:
         return None
@@ -153,12 +164,22 @@ def _draw_group(
     return size, {
         "frames": [frame for frame, _ in group.places],
         "axis": first_axis,
-        "against": abscissa.words,
+        "against": _name_axis(group, problem),
         "against_unit": abscissa.unit,
         "unit": "rad" if first_axis[0] == "r" else "mm",
         "kind": abscissa.kind,
         **points.describe(),
     }
+
+
+def _name_axis(group: _Group, problem: Problem) -> str:
+    """Name what a group is drawn against, and the target where it is one of several."""
+    words = group.abscissa.words
+    target = group.target
+    if target is None:
+        return words
+    name = one_line(problem.data.targets[target.index])
+    return f"{words}, target {name}"
 
 
 def _observed_part(moved: Array) -> slice:

@@ -16,6 +16,12 @@ from ..exceptions import StudyError, count_words
 from ..measurements.measurements import Measurements
 from ..measurements.observation_columns import KnownFeature, apply_known_features
 from ..measurements.reader import read_labels, read_measurements
+from ..mechanisms.campaign_registry import (
+    set_gear_ratios,
+    set_reference,
+    set_targets,
+    waits_for_targets,
+)
 from ..mechanisms.registry import (
     BUILTIN,
     Registry,
@@ -23,8 +29,6 @@ from ..mechanisms.registry import (
     build_mechanisms,
     every,
     mechanism,
-    set_gear_ratios,
-    set_reference,
 )
 from ..mechanisms.terms import Mechanism, unstorable
 from ..results.reading import read_records
@@ -125,7 +129,8 @@ def _as_vector(values: list[float] | None) -> tuple[float, float, float] | None:
 
 
 def check_mechanism_names(study: Study, robot: Robot, registry: Registry) -> None:
-    """Check that every mechanism a study names exists, applies to the robot and can be stored.
+    """Check that every mechanism a study names exists, applies to the robot and can be stored. Steps
+    of one target of several wait for the measurements, which name the targets.
 
     With `candidates = "all"` every mechanism of the registry must be storable; modelsel's own are.
     Raises StudyError with all problems at once.
@@ -144,7 +149,7 @@ def check_mechanism_names(study: Study, robot: Robot, registry: Registry) -> Non
     problems = find_own_name_problems(study, registry)
     for place, names in names_at:
         for name in names:
-            if name in own_names:
+            if name in own_names or waits_for_targets(name, registry):
                 continue
             problems += _find_name_problems(place, name, robot, registry)
     if takes_all:
@@ -205,6 +210,8 @@ def read_inputs(
     measured = _read_file(study, folder, robot)
     check_own_causes(study, robot, measured)
     registry = set_reference(registry, measured.reference_celsius)
+    registry = set_targets(registry, measured.targets)
+    check_mechanism_names(study, robot, registry)
     labels = None
     split_column = study.split.column
     if split_column is not None:

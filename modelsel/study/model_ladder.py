@@ -14,6 +14,7 @@ from ..diagnosis.unexplained import is_subsampled
 from ..fitting.design import Model
 from ..fitting.nested import Reduced, fit_within
 from ..fitting.problem import Problem
+from ..mechanisms.campaign_registry import set_targets
 from ..mechanisms.geometry import build_setup
 from ..mechanisms.registry import Registry, mechanism
 from ..mechanisms.terms import FixtureTerm, Mechanism, Screw
@@ -52,6 +53,7 @@ def build_model(
     Raises StudyError where the data lack what one of them depends on.
     """
     data = problem.data
+    registry = set_targets(registry, data.targets)
     placements = len(data.groups) if study.robot.per_group else 1
     placement = build_setup(
         problem.robot,

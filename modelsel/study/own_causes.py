@@ -15,7 +15,7 @@ from ..diagnosis.unregistered import Causes, build_cell, list_distinct_places, l
 from ..exceptions import StudyError, sentence_list
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
-from ..mechanisms.cause_formulas import parse
+from ..mechanisms.cause_formulas import list_members, parse
 from ..mechanisms.causes import Cause
 from ..mechanisms.registry import Registry
 from ..mechanisms.terms import Mechanism, describe_frame_motion
@@ -85,10 +85,12 @@ def _find_place_problems(place: str, table: CovariateTable, problem: Problem) ->
 def _parse_causes(place: str, table: CovariateTable, problem: Problem) -> list[Cause]:
     """Read the causes of a table. Raises StudyError for those that cannot be read."""
     units = problem.names()
+    data = problem.data
+    members = list_members(len(data.targets), len(data.groups))
     causes, problems = [], []
     for text in table.causes:
         try:
-            causes.append(parse(text, units, f"{place}.causes"))
+            causes.append(parse(text, units, f"{place}.causes", members))
         except StudyError as error:
             columns = _list_columns(problem)
             problems += [f"{one.rstrip()} {columns}" for one in error.problems]

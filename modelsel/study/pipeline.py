@@ -31,10 +31,12 @@ from ..diagnosis.procedure import Nested, run_nested_folds
 from ..diagnosis.unexplained import describe_unexplained, estimate_floor, predict_remainder
 from ..fitting.design import Model
 from ..fitting.least_squares import Fit
-from ..fitting.noise import Floor, from_repeats
+from ..fitting.noise import Floor, from_repeats, from_target_pairs
 from ..fitting.problem import Problem
 from ..fitting.undetermined import Unidentifiable, describe_unidentifiable
 from ..measurements.measurements import Measurements
+from ..mechanisms.campaign_registry import set_targets
+from ..mechanisms.environment import find_moved_target
 from ..mechanisms.registry import BUILTIN, Registry
 from ..mechanisms.terms import Mechanism
 from ..notices import Note
@@ -131,6 +133,8 @@ def _analyse_prepared(
 
     `floor` is the noise floor where it is known, `notes` those of the preparation.
     """
+    # targets that no estimation row measures have been left out
+    registry = set_targets(registry, split.problem.data.targets)
     base = build_base(study, split.problem, registry)
     mechanisms = list_candidates(study, split.problem.robot, registry)
     untested = find_untested(study.model.candidates, split.problem, mechanisms)
@@ -310,17 +314,20 @@ def _adds_named(chosen: Evaluation, steps: Sequence[Evaluation]) -> bool:
     """Return whether the chosen model has all that was named: else what it leaves is known."""
     return chosen.fit is steps[-1].fit
 
-
 def choose_noise_floor(split: Split, known: Floor | None, named: Evaluation) -> Floor:
     """Return the known noise floor, or else that of the residuals of the model with all that was
     `named`, which `candidates = []` keeps out of the chosen one: these errors are no noise.
 
     That of repeats is what this model leaves of them: it knows what differs from one to the next.
+    That of target pairs, too, where it knows of one that moved.
     Where not every coordinate was measured, it is told how many a row has on average.
     """
     problem = split.problem
     if known is not None and known.source == "repeats":
         known = from_repeats(problem.data, problem.placed, named.residual[:, :3])
+    is_of_pairs = known is not None and known.source == "target pairs"
+    if is_of_pairs and any(map(find_moved_target, named.fit.model.mechanisms)):
+        known = from_target_pairs(problem.data, named.residual[:, :3])
     floor = known or estimate_floor(named, split)
     measured = problem.measured
     if measured is None:

@@ -21,10 +21,10 @@ from ..config.study_tables import SimulateTable
 from ..exceptions import StudyError
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
-from ..measurements.measurements import Gauges, Measurements, build_measurements
+from ..measurements.measurements import ONE_TARGET, Gauges, Measurements, build_measurements
 from ..measurements.observation_columns import apply_known_features
 from ..measurements.reader import read_measurements
-from ..mechanisms.cause_formulas import parse
+from ..mechanisms.cause_formulas import list_members, parse
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..setup.feature_positions import place_features
@@ -61,7 +61,12 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
     missing = ""
     if measured is None:
         missing = f" Columns are those of {study.measurements.file}, which is not there."
-    effects = _parse_effects(study, robot, configurations, missing)
+    table = study.robot
+    tools_mm = table.tools_mm or {}
+    targets = tuple(tools_mm) or ONE_TARGET
+    if measured is not None and measured.gauges is not None:
+        targets = measured.targets
+    effects = _parse_effects(study, robot, configurations, targets, missing)
     if measured is not None and measured.gauges is not None:
         _refuse_parts(study.simulate)
         features = read_known_features(study)
@@ -72,18 +77,19 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
         simulate_points,
         robot,
         effects=effects,
-        at=configurations,
         noise_mm=noise_mm,
         rng=rng,
         unrepeated=draw_unrepeated(study.simulate, configurations, rng),
     )
-    table = study.robot
-    if table.tools_mm:
-        tools_mm = table.tools_mm
-        frames = {name: simulate(np.array(tool)) for name, tool in tools_mm.items()}
+    if tools_mm:
+        tools = np.array(list(tools_mm.values()))
+        frames = {}
+        for number, name in enumerate(targets):
+            at = _give_target(configurations, number, targets)
+            frames[name] = simulate(tools, at=at)
         return _interleave(frames)
     tool_mm = table.tool_mm or (0.0, 0.0, 0.0)
-    return simulate(np.array(tool_mm))
+    return simulate(np.array(tool_mm), at=configurations)
 
 
 def _draw_visits(table: SimulateTable, robot: Robot, rng: np.random.Generator) -> Measurements:
@@ -126,23 +132,31 @@ def _take_one_row_each(data: Measurements) -> Measurements:
     """Return the first row of every configuration, as a point of a single target."""
     _, first = np.unique(data.configuration, return_index=True)
     rows = data.take(first)
-    count = len(rows)
-    target = np.zeros(count, np.intp)
-    return replace(rows, target=target, targets=("target",), gauges=None)
+    points = replace(rows, gauges=None)
+    return _give_target(points, 0, ONE_TARGET)
 
 
-def _parse_effects(study: Study, robot: Robot, data: Measurements, missing: str) -> Effects:
+def _give_target(data: Measurements, number: int, targets: tuple[str, ...]) -> Measurements:
+    """Return the measurements as those of one of some targets."""
+    target = np.full(len(data), number)
+    return replace(data, target=target, targets=targets)
+
+
+def _parse_effects(
+    study: Study, robot: Robot, data: Measurements, targets: Sequence[str], missing: str
+) -> Effects:
     """Return the study's planted effects; `missing` is said of names that are unknown. Raises
     StudyError with all problems at once."""
     tool = np.zeros((1, 3))
     problem = Problem(robot, data, tool)
     units = problem.names()
+    members = list_members(len(targets), len(data.groups))
     problems = list_frame_problems(study, robot)
     malformed = list_formula_problems(study)
     effects = []
     for number, effect in enumerate(study.simulate.effect, 1):
         try:
-            cause = parse(effect.cause, units, name_effect(number))
+            cause = parse(effect.cause, units, name_effect(number), members)
         except StudyError as error:
             for text in error.problems:
                 is_malformed = text in malformed

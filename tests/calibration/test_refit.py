@@ -25,10 +25,11 @@ from modelsel.config.study_file import parse_study, read_study
 from modelsel.exceptions import StudyError
 from modelsel.measurements.measurements import build_measurements
 from modelsel.measurements.reference_temperature import choose_reference
+from modelsel.mechanisms.campaign_registry import set_reference
 from modelsel.mechanisms.cause_formulas import parse
 from modelsel.mechanisms.causes import Combined
 from modelsel.mechanisms.environment import temperature_rise
-from modelsel.mechanisms.registry import BUILTIN, mechanism, set_reference
+from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.robot.files import load_robot, robot_from_table
 from modelsel.robot.kinematics import Robot, forward
 from modelsel.robot.urdf import read_urdf_text

@@ -17,7 +17,9 @@ from modelsel.diagnosis.session_steps import place_steps
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
-from modelsel.mechanisms.registry import every, mechanism
+from modelsel.mechanisms.campaign_registry import set_targets
+from modelsel.mechanisms.registry import BUILTIN, every, mechanism
+from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load_robot
 
 ROBOTS = ("irb120", "ur5e", "puma560")
@@ -61,6 +63,12 @@ def draw_campaign(rng: Rng, moved: list[int], count: int = 3) -> tuple[Problem, 
     return Problem(robot, data, tools), row, slip
 
 
+def offer(at: Problem) -> tuple[Mechanism, ...]:
+    """Every registered mechanism, steps of the campaign's targets among them."""
+    registry = set_targets(BUILTIN, at.data.targets)
+    return every(at.robot, registry)
+
+
 @pytest.mark.slow
 @seeds(1, 2, 3)
 def test_one_target_that_slips_is_told_by_its_name(rng: Rng) -> None:
@@ -96,14 +104,14 @@ def test_targets_that_stay_are_not_told(rng: Rng) -> None:
 @pytest.mark.unit
 def test_one_target_has_the_candidates_that_it_had(rng: Rng) -> None:
     at, _, _ = draw_campaign(rng, [], count=1)
-    placed = place_steps(at, np.ones(len(at), bool), every(at.robot))
+    placed = place_steps(at, np.ones(len(at), bool), offer(at))
     assert {m.name for m in placed} == {m.name for m in every(at.robot)}
 
 
 @pytest.mark.unit
 def test_targets_share_the_prior_of_one_name(rng: Rng) -> None:
     at, _, _ = draw_campaign(rng, [])
-    placed = place_steps(at, np.ones(len(at), bool), every(at.robot))
+    placed = place_steps(at, np.ones(len(at), bool), offer(at))
     base = Model((mechanism("geometric", at.robot),))
     found = build_candidates(at, base, placed, cells=False)
     alone = [c.prior for c in found if c.label.startswith("target-step:")]

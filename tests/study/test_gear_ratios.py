@@ -14,7 +14,8 @@ from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
 from modelsel.measurements.gear_ratios import find_gear_ratios
 from modelsel.measurements.measurements import build_measurements
-from modelsel.mechanisms.registry import BUILTIN, build_mechanisms, set_gear_ratios
+from modelsel.mechanisms.campaign_registry import set_gear_ratios
+from modelsel.mechanisms.registry import BUILTIN, build_mechanisms
 from modelsel.robot.files import load_robot
 from modelsel.study.inputs import read_inputs
 from modelsel.study.simulation import simulate_points

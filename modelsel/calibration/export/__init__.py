@@ -17,6 +17,7 @@ from ..._names import find_name_problem, quote_name
 from ..._typing import Array
 from ...exceptions import StudyError, suggest
 from ...mechanisms.causes import Named
+from ...mechanisms.environment import find_moved_target
 from ...mechanisms.serialization import cause_from_record, cause_record
 from ...mechanisms.terms import Screw, Term
 from ...robot.rigid import AXES
@@ -220,7 +221,9 @@ def to_table(c: Calibration, notes: Sequence[str] = ()) -> Exported:
     remarks = []
     if len(c.targets) > 1:
         first = c.targets[0]
-        remarks.append(f'the constant corrections are those of target "{first}"')
+        is_own = any(map(find_moved_target, c.model.mechanisms))
+        of_what = "corrections" if is_own else "constant corrections"
+        remarks.append(f'the {of_what} are those of target "{first}"')
     jump = ""
     if most > 10 * MAX_INTERPOLATION_MM:
         jump = ", beside a jump"

@@ -1,0 +1,65 @@
+"""The registry as a campaign has it: thermal effects counted from its temperature, the turns of the
+robot's motors, its targets by their names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TypeGuard
+
+from . import drives, environment
+from .registry import BUILTIN, Entry, Registry, Scanned, build_thermal
+
+TARGET_STEP = "target-step"
+
+
+def set_reference(registry: Registry, reference: float) -> Registry:
+    """Return the registry with modelsel's own thermal mechanisms counted from a reference [°C]."""
+    thermal = build_thermal(reference)
+    counted = dict(registry)
+    for name, entry in registry.items():
+        is_own = name in thermal and entry is BUILTIN[name]
+        if is_own:
+            counted[name] = thermal[name]
+    return counted
+
+
+def set_gear_ratios(registry: Registry, ratios: Sequence[float]) -> Registry:
+    """Return the registry with gear ripple that is scanned at the turns of the motors, too; `ratios`:
+    turns of the motor per turn of each joint, 0 where it is not known."""
+    entry = registry.get("gear-ripple")
+    is_own = entry is BUILTIN["gear-ripple"]
+    if not is_own:
+        return registry
+    waves = partial(drives.list_waves, ratios=tuple(ratios))
+    ripple = Scanned(drives.gear_ripple, waves, drives.revolute_joints)
+    return {**registry, "gear-ripple": ripple}
+
+
+def set_targets(registry: Registry, targets: Sequence[str]) -> Registry:
+    """Return the registry with modelsel's own step of the target for each of several, too, by the
+    names that the measurements give them."""
+    entry = registry.get(TARGET_STEP)
+    if not _is_own_step(entry):
+        return registry
+    names = tuple(targets)
+    if len(names) == 1:
+        names = ()
+    step = replace(entry, targets=names)
+    return {**registry, TARGET_STEP: step}
+
+
+def waits_for_targets(name: str, registry: Registry) -> bool:
+    """Return whether a name may be of one target of several, before the measurements say how these
+    are called."""
+    stem, colon, _ = name.partition(":")
+    if stem != TARGET_STEP or not colon:
+        return False
+    entry = registry.get(stem)
+    return _is_own_step(entry) and entry.targets is None
+
+
+def _is_own_step(entry: Entry | None) -> TypeGuard[Scanned]:
+    """Return whether an entry is modelsel's own step of the target, with or without names."""
+    return isinstance(entry, Scanned) and entry.build is environment.target_step
