@@ -68,6 +68,8 @@ def place_steps(
             placed.append(_tell(step.build(robot, moment), begins))
         if step.by_row:
             placed = _tell_rows(problem, step, placed)
+    if of_targets:
+        placed = list(map(_tell_all_targets, placed))
     return tuple(placed)
 
 
@@ -182,6 +184,14 @@ def round_between(low: float, high: float) -> float:
         if low < rounded < high:
             return rounded
     return middle
+
+
+def _tell_all_targets(mechanism: Mechanism) -> Mechanism:
+    """Tell a step of all of several targets as that; anything else as it is."""
+    if mechanism.name != TARGET_STEP:
+        return mechanism
+    sentence = mechanism.sentence.replace("The target stands", "All targets stand", 1)
+    return replace(mechanism, sentence=sentence)
 
 
 def _tell(step: Mechanism, begins: str) -> Mechanism:
