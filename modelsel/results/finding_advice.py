@@ -140,7 +140,7 @@ BY_STEM = {
 }
 _ONE_TARGET = (
     MEASURE,
-    "again with target {target} fixed, or use the others; or give it another name in the file from there on",
+    "again with target {target} fixed; or give it another name in the file from there on",
 )
 _FAULT = (MEASURE, "the rows that it concerns again, or correct them in the file")
 _TWO_PLACEMENTS = (

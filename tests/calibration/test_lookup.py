@@ -13,15 +13,16 @@ from builders import drawn, planted
 from modelsel.calibration.calibration import Calibration, calibrate
 from modelsel.calibration.calibration_file import save_calibration
 from modelsel.calibration.command_notes import needs_approach
-from modelsel.calibration.constant_part import compute_points, split_parts
+from modelsel.calibration.constant_part import compute_points, fix_members, split_parts
 from modelsel.calibration.export import export
 from modelsel.calibration.export.lookup import evaluate_tables
-from modelsel.calibration.export.python import list_inputs
+from modelsel.calibration.export.python import cause_tree, list_inputs
 from modelsel.calibration.loading import load_calibration
 from modelsel.fitting.design import Model
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
 from modelsel.fitting.problem import Problem
+from modelsel.mechanisms.cause_formulas import list_members, parse
 from modelsel.mechanisms.causes import Named
 from modelsel.mechanisms.registry import mechanism
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
@@ -48,6 +49,24 @@ def grids(text: str) -> dict[str, dict[str, set[str]]]:
             if row["name" + k]:
                 points.setdefault(row["name" + k], set()).add(row["value" + k])
     return out
+
+
+def test_a_cause_of_one_target_is_nothing_at_the_others() -> None:
+    """A product with what is zero there, on either side, and within a function: it was left as a
+    cause that no module can hold."""
+    units = {"q4": "rad", "progress": "1"}
+    members = list_members(3, 1)
+    for text, at_first, at_second in (
+        ("q4*target_2", "0", "q4*1"),
+        ("target_2*q4", "0", "1*q4"),
+        ("sin(target_2)", "0", "0.8414709848"),
+        ("sin(q4-target_2)", "sin(q4-0)", "sin(q4-1)"),
+        ("(sign(progress-0.5)+1)/2*target_2", "0", "(sign(progress-0.5)+1)/2*1"),
+    ):
+        cause = parse(text, units, members=members)
+        assert str(fix_members(cause, 0)) == at_first
+        assert str(fix_members(cause, 1)) == at_second
+        cause_tree(fix_members(cause, 2))
 
 
 def test_causes_without_a_range_are_constant(rng) -> None:

@@ -36,6 +36,19 @@ def test_every_kind_of_name_is_explained_once() -> None:
     ]
 
 
+def test_the_name_of_a_target_is_no_cause() -> None:
+    """*target: the target* was said of every step of one."""
+    names = ["target-step", "target-step:torque2", "target-step:B (2)"]
+    assert explain_names(names, 6) == ["(2) after a name: one of several effects of that name"]
+
+
+def test_causes_of_one_target_or_group_are_explained() -> None:
+    assert explain_names(["frame 7 tx · payload_kg*target_2", "frame 1 tx · group_3"], 6)[2:] == [
+        "target_2: 1 in the rows of target 2 of the measurements, 0 in the others",
+        "group_3: 1 in the rows of group 3 of the measurements, 0 in the others",
+    ]
+
+
 @pytest.mark.parametrize(("joints", "said"), [(6, False), (2, True), (None, False)])
 def test_the_frame_of_the_target_is_said_where_it_is_named(joints, said) -> None:
     lines = explain_names(["frame 3 rx · q1"], joints)

@@ -117,6 +117,24 @@ def test_a_fault_of_many_rows_is_not_measured_again(drawn, name, rows, words) ->
     assert advise(record, finding.model_copy(update=changed)).sentence.startswith(words)
 
 
+@pytest.mark.parametrize(
+    ("name", "sentence"),
+    [
+        ("target-step", "Measure: again with the target fixed; leave it out of the controller."),
+        (
+            "target-step:ball {2}",
+            "Measure: again with target ball {2} fixed; or give it another name in the file from there on.",
+        ),
+    ],
+)
+def test_one_target_that_slipped_leaves_the_others(drawn, name: str, sentence: str) -> None:
+    record = read_source(drawn).record
+    finding = record.findings[1]
+    screws = [finding.first.screws[0].model_copy(update={"frame": 7, "axis": "tx"})]
+    entry = finding.first.model_copy(update={"mechanism": name, "screws": screws})
+    assert advise(record, finding.model_copy(update={"credible_set": [entry]})).sentence == sentence
+
+
 def test_larger_than_usual_is_inspected(drawn) -> None:
     """What the catalogue finds too large is worth a look; a sign that physics forbids is no play."""
     record = read_source(drawn).record

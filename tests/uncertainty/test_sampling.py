@@ -29,7 +29,7 @@ from modelsel.fitting.shared_errors import SharedErrors
 from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import q, sin
-from modelsel.mechanisms.environment import tracker_step
+from modelsel.mechanisms.environment import limit_to_target, target_step, tracker_step
 from modelsel.mechanisms.registry import BUILTIN, mechanism
 from modelsel.results.storage import WRITES
 from modelsel.robot.kinematics import forward
@@ -241,6 +241,25 @@ def test_tail_is_found(rng: np.random.Generator) -> None:
 def stepped(at: float) -> Model:
     """The base and a tracker moved at a moment."""
     return Model((*BASE.mechanisms, tracker_step(ARM, at)))
+
+
+@pytest.mark.unit
+def test_the_moment_at_which_one_target_slipped_is_a_constant(rng: np.random.Generator) -> None:
+    """Of a target that is named like a joint, or with a digit that is no number."""
+    names = ("2", "²")
+    q = ARM.draw(rng, 40)
+    data = build_measurements(q, np.zeros((40, 3)), target=np.tile(names, 20))
+    at = Problem(ARM, data, np.array([[40.0, -25, 100], [10, 60, 90]]))
+    for number, name in enumerate(names):
+        step = limit_to_target(target_step(ARM, 0.6), number, name)
+        model = Model((*BASE.mechanisms, step))
+        (constant,) = list_constants(at, model, BUILTIN)
+        assert constant.name == f"constant of target-step:{name}"
+        assert constant.held == 0.6
+        is_other = data.target != number
+        for _, _, change in constant.tables:
+            assert not change[:, is_other].any()
+            assert change[:, ~is_other].any()
 
 
 @pytest.mark.slow
