@@ -3,13 +3,14 @@ robot's motors, its targets by their names."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TypeGuard
 
+from .._arguments import check_type
 from . import drives, environment
-from .registry import BUILTIN, Entry, Registry, Scanned, build_thermal
+from .registry import BUILTIN, REGISTRY_EXPECTED, Entry, Registry, Scanned, build_thermal
 
 TARGET_STEP = "target-step"
 
@@ -39,7 +40,8 @@ def set_gear_ratios(registry: Registry, ratios: Sequence[float]) -> Registry:
 
 def set_targets(registry: Registry, targets: Sequence[str]) -> Registry:
     """Return the registry with modelsel's own step of the target for each of several, too, by the
-    names that the measurements give them."""
+    names that the measurements give them. Raises ArgumentError for another type."""
+    check_type("registry", registry, Mapping, REGISTRY_EXPECTED)
     entry = registry.get(TARGET_STEP)
     if not _is_own_step(entry):
         return registry
