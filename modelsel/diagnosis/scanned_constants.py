@@ -32,7 +32,7 @@ def drop_equal_constants(problem: Problem, mechanisms: Sequence[Mechanism]) -> l
     for m in mechanisms:
         if constants[m.name] == 1:
             groups.append([m])
-        elif _has_both_sides(problem, m):
+        elif has_both_sides(problem, m):
             key = _build_key(problem, m, probe)
             known = earlier.setdefault(key, [])
             same = _find_same(problem, m, known)
@@ -57,7 +57,7 @@ def _find_same(
     return None
 
 
-def _has_both_sides(problem: Problem, mechanism: Mechanism) -> bool:
+def has_both_sides(problem: Problem, mechanism: Mechanism) -> bool:
     """Return whether a step has enough coordinates before and after it, of the target that it moves
     where it moves one of several; true of what is no step."""
     cause = mechanism.terms[0].screws[0].cause

@@ -6,18 +6,22 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from ..diagnosis.candidates import list_usable_names
+from ..diagnosis.scanned_constants import has_both_sides
 from ..exceptions import StudyError, sentence_list
 from ..fitting.problem import Problem
 from ..measurements.state_names import describe_state_name
+from ..mechanisms.environment import find_moved_target
 from ..mechanisms.terms import Mechanism
 from ..notices import Note
 
 
 @dataclass(frozen=True)
 class Untested:
-    """Names of mechanisms that cannot be tested, each with the state variables that are unknown."""
+    """Names of mechanisms that cannot be tested, each with the state variables that are unknown; and
+    steps of one target that has too few rows before or after any moment."""
 
     missing: dict[str, frozenset[str]]
+    one_sided: tuple[str, ...] = ()
 
     @property
     def reason(self) -> str:
@@ -26,14 +30,18 @@ class Untested:
         for name, unknown in self.missing.items():
             needed = sentence_list([describe_state_name(each) for each in sorted(unknown)])
             parts.append(f"{name} needs {needed}")
-        if not parts:
-            return ""
-        listed = "; ".join(parts)
-        return f"{listed}, of which the measurements say nothing."
+        sentences = []
+        if parts:
+            listed = "; ".join(parts)
+            sentences.append(f"{listed}, of which the measurements say nothing.")
+        sentences += [
+            f"{name} needs its target both before and after a slip." for name in self.one_sided
+        ]
+        return " ".join(sentences)
 
     def note(self) -> tuple[Note, ...]:
         """Return the warning about them; empty where all can be tested."""
-        if not self.missing:
+        if not self.reason:
             return ()
         sentence = (
             f"Not every candidate can be tested: {self.reason} Add it, or take the candidate out of the "
@@ -45,11 +53,12 @@ class Untested:
         """Select what can be tested of a study's list of candidates, each once."""
         if isinstance(asked, str):
             return asked
-        return [name for name in dict.fromkeys(asked) if name not in self.missing]
+        untested = {*self.missing, *self.one_sided}
+        return [name for name in dict.fromkeys(asked) if name not in untested]
 
 
 def find_untested(
-    asked: Sequence[str] | str, problem: Problem, mechanisms: Iterable[Mechanism]
+    asked: Sequence[str] | str, problem: Problem, mechanisms: Sequence[Mechanism]
 ) -> Untested:
     """Find the `mechanisms` of a study's list `asked` for whose causes the data lack a value."""
     if isinstance(asked, str) or not asked:
@@ -69,7 +78,17 @@ def find_untested(
         # a mechanism of each joint is told once
         is_one_joint = stem in tested or name in asked
         missing[name if is_one_joint else stem] = lacking
-    return Untested(missing)
+    return Untested(missing, _list_one_sided(asked, problem, mechanisms))
+
+
+def _list_one_sided(
+    asked: Sequence[str], problem: Problem, mechanisms: Sequence[Mechanism]
+) -> tuple[str, ...]:
+    """List the steps of one target, asked for by its name, that no moment has rows on both sides of."""
+    of_targets = [m for m in mechanisms if find_moved_target(m) is not None]
+    steps = dict.fromkeys(m.name for m in of_targets if m.name in asked)
+    known = {m.name for m in of_targets if has_both_sides(problem, m)}
+    return tuple(name for name in steps if name not in known)
 
 
 def require_causes(problem: Problem, mechanisms: Iterable[Mechanism]) -> None:

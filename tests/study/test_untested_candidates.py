@@ -11,7 +11,8 @@ from modelsel import StudyError, rehearse_study, run_study
 from modelsel.config.study_file import parse_study
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
-from modelsel.mechanisms.registry import build_mechanisms
+from modelsel.mechanisms.campaign_registry import set_targets
+from modelsel.mechanisms.registry import BUILTIN, build_mechanisms
 from modelsel.results.cautions import explain_restriction, restriction_notes
 from modelsel.robot.files import load_robot
 from modelsel.study.simulation import simulate_points
@@ -40,6 +41,25 @@ def test_candidates_say_what_they_lack(rng: np.random.Generator) -> None:
     assert "thermal-expansion needs the column temperature_C" in untested.note()[0].sentence
     assert untested.select_tested(asked) == ["backlash"]
     assert find_untested("all", problem, mechanisms).note() == ()
+
+
+def test_a_target_that_is_there_on_one_side_alone_cannot_be_tested(
+    rng: np.random.Generator,
+) -> None:
+    """B is first measured once, at the end of the campaign."""
+    target = [*"A" * 19, "B"]
+    data = build_measurements(rng.uniform(-1, 1, (20, 6)), np.zeros((20, 3)), target=target)
+    problem = Problem(ROBOT, data, np.zeros((2, 3)))
+    registry = set_targets(BUILTIN, data.targets)
+    asked = ["target-step:B", "target-step:A"]
+    mechanisms = [m for name in asked for m in build_mechanisms(name, ROBOT, registry)]
+    untested = find_untested(asked, problem, mechanisms)
+    (note,) = untested.note()
+    assert note.sentence == (
+        "Not every candidate can be tested: target-step:B needs its target both before and after a slip. "
+        "Add it, or take the candidate out of the study file."
+    )
+    assert untested.select_tested(asked) == ["target-step:A"]
 
 
 @pytest.fixture
