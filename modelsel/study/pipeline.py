@@ -314,6 +314,7 @@ def _adds_named(chosen: Evaluation, steps: Sequence[Evaluation]) -> bool:
     """Return whether the chosen model has all that was named: else what it leaves is known."""
     return chosen.fit is steps[-1].fit
 
+
 def choose_noise_floor(split: Split, known: Floor | None, named: Evaluation) -> Floor:
     """Return the known noise floor, or else that of the residuals of the model with all that was
     `named`, which `candidates = []` keeps out of the chosen one: these errors are no noise.
