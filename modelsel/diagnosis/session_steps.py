@@ -87,10 +87,11 @@ def _list_steps(robot: Robot, estimation: Mask) -> dict[str, _Step]:
     return steps
 
 
-def name_steps(robot: Robot) -> frozenset[str]:
+def name_steps(problem: Problem) -> frozenset[str]:
     """Name the mechanisms that are steps at a moment which the data tell."""
-    zeros = _list_zero_steps(robot)
-    return frozenset(STEPS | zeros)
+    every = np.ones(len(problem), bool)
+    of_targets = _list_target_steps(problem.data, every)
+    return frozenset(_list_steps(problem.robot, every) | of_targets)
 
 
 def _build_zero_step(joint: int, robot: Robot, at: float) -> Mechanism:

@@ -13,7 +13,7 @@ import numpy as np
 
 from .._typing import Mask
 from ..fitting.problem import Problem
-from ..mechanisms.environment import find_step_moments
+from ..mechanisms.environment import find_moved_target, find_step_moments
 from ..mechanisms.terms import Mechanism
 from .effects import Effect
 from .session_steps import list_changes, name_steps
@@ -39,16 +39,25 @@ def find_open_sides(
     `used` (m,): the rows that it was fitted to. Where more than one moment of a step is likely, as the
     credible sets of `effects` tell, the rows between these are open, too. A step that stands where
     sessions meet leaves none open but those of sessions without estimation rows."""
-    steps = name_steps(problem.robot)
+    steps = name_steps(problem)
     found = []
     for mechanism in mechanisms:
         if mechanism.name not in steps:
             continue
         moments = _list_moments(mechanism, effects)
-        side = _find_open(problem, used, mechanism.name, moments)
+        moved = _find_moved(problem, mechanism)
+        side = _find_open(problem, used, moved, mechanism.name, moments)
         if side is not None:
             found.append(side)
     return tuple(found)
+
+
+def _find_moved(problem: Problem, mechanism: Mechanism) -> Mask:
+    """Find the rows (m,) that a step moves: those of its target where it is of one of several."""
+    target = find_moved_target(mechanism)
+    if target is None:
+        return np.ones(len(problem), bool)
+    return np.asarray(problem.data.target == target.index)
 
 
 def _list_moments(mechanism: Mechanism, effects: Sequence[Effect]) -> list[float]:
@@ -70,19 +79,20 @@ def _list_moments(mechanism: Mechanism, effects: Sequence[Effect]) -> list[float
 
 
 def _find_open(
-    problem: Problem, used: Mask, step: str, moments: Sequence[float]
+    problem: Problem, used: Mask, moved: Mask, step: str, moments: Sequence[float]
 ) -> OpenSide | None:
-    """Find the rows between the estimation rows around a step's moments; None where there are none."""
+    """Find the rows between the estimation rows around a step's moments, of the rows that it moves;
+    None where there are none."""
     progress = problem.data.progress
-    earlier = np.flatnonzero(used & (progress < moments[0]))
-    later = np.flatnonzero(used & (progress > moments[-1]))
+    earlier = np.flatnonzero(used & moved & (progress < moments[0]))
+    later = np.flatnonzero(used & moved & (progress > moments[-1]))
     if not (earlier.size and later.size):
         return None
     last = earlier[progress[earlier].argmax()]
     first = later[progress[later].argmin()]
     low, high = _narrow(problem, moments, progress[last], progress[first])
     between = (low < progress) & (progress < high)
-    rows = between & ~used
+    rows = between & moved & ~used
     if not rows.any():
         return None
     return OpenSide(step, rows, int(last), int(first))

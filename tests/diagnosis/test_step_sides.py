@@ -15,7 +15,9 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Named, sin
 from modelsel.mechanisms.environment import (
     find_step_moments,
+    limit_to_target,
     step_after,
+    target_step,
     tracker_bumped,
     tracker_drift,
     zero_step,
@@ -72,6 +74,22 @@ def test_what_was_measured_there_does_not_matter(rng: np.random.Generator) -> No
     (one,) = find_open_sides(at, used, [step], likely(step))
     (same,) = find_open_sides(other, used, [step], likely(step))
     np.testing.assert_array_equal(one.rows, same.rows)
+
+
+def test_a_step_of_one_target_leaves_rows_of_others_where_they_are(
+    rng: np.random.Generator,
+) -> None:
+    """Rows of the two targets follow one another; those of the one that stays tell its side, not
+    the other's."""
+    q = ROBOT.draw(rng, 101)
+    names = ["left" if k % 2 else "right" for k in range(101)]
+    at = bind(ROBOT, build_measurements(q, forward(ROBOT, q, np.array(OFF_AXIS)), target=names))
+    used = without(57, 58, 59, 60, 61)
+    number = at.data.targets.index("left")
+    step = limit_to_target(target_step(ROBOT, 0.605), number, "left")
+    (side,) = find_open_sides(at, used, [step], likely(step))
+    assert np.flatnonzero(side.rows).tolist() == [57, 59, 61]
+    assert (side.before, side.after) == (55, 63)
 
 
 def test_none_is_open_where_no_row_lies_between(rng: np.random.Generator) -> None:
