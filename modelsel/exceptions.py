@@ -9,6 +9,8 @@ from math import isfinite
 
 # exit status of a command that is done, but where a check failed: no convergence, a drift, a miss
 CHECK_FAILED = 5
+# letters of a list in a message: with what stands around it, a message is no longer than 700
+MAX_LISTED_LETTERS = 400
 
 
 class ModelselError(Exception):
@@ -107,6 +109,19 @@ def choice_list(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
 
 
+def list_within(words: Sequence[str], separator: str = ", ") -> str:
+    """a, b, c: as many words as a message holds, one at least, and how many more there are."""
+    shown: list[str] = []
+    for word in words:
+        longer = separator.join([*shown, word])
+        if shown and len(longer) > MAX_LISTED_LETTERS:
+            break
+        shown.append(word)
+    listed = separator.join(shown)
+    more = len(words) - len(shown)
+    return f"{listed} and {more} more" if more else listed
+
+
 def count_words(count: int, word: str) -> str:
     """1 row, 2 rows, 1,200 rows, 2 studies."""
     if count != 1:
@@ -157,7 +172,21 @@ def suggest(word: object, known: Iterable[str]) -> str:
     """`Did you mean "x"?`, or the known words where they are few, or nothing; a word may be what a
     user gave in the place of one."""
     known = sorted(known)
-    near = get_close_matches(str(word), known, n=1, cutoff=0.6)
-    if near:
-        return f'Did you mean "{near[0]}"?'
-    return f"Known: {', '.join(known)}." if 0 < len(known) <= 30 else ""
+    near = find_nearest(word, known)
+    if near is not None:
+        return f'Did you mean "{near}"?'
+    return list_known(known)
+
+
+def find_nearest(word: object, known: Iterable[str]) -> str | None:
+    """Find the known word that looks most like another; None where none does."""
+    near = get_close_matches(str(word), sorted(known), n=1, cutoff=0.6)
+    return near[0] if near else None
+
+
+def list_known(known: Iterable[str]) -> str:
+    """List the known words in a sentence where they are few, else say nothing."""
+    words = sorted(known)
+    if not 0 < len(words) <= 30:
+        return ""
+    return f"Known: {list_within(words)}."

@@ -19,6 +19,7 @@ from ..robot.files import load_robot
 from ..robot.kinematics import Robot
 from ..robot.rigid import from_quaternion
 from ..robot.urdf import read_joint_names
+from .absent_columns import refuse_absent_columns
 from .board_columns import convert_board_poses
 from .column_guesses import propose_columns
 from .columns import (
@@ -174,9 +175,10 @@ def _read_columns(
     table: Table, prismatic: Sequence[bool], positions: bool, used: Collection[str] = ()
 ) -> _Columns:
     """Read and check all columns of a table."""
+    refuse_absent_columns(table, prismatic, positions)
     q = _read_joints(table, prismatic)
     kinds = read_kinds(table)
-    position = _read_position(table, kinds, positions)
+    position = read_coordinates(table, positions) if kinds is None else read_positions(table, kinds)
     table.require_rows("measured point")
     sigma, quaternion, sigma_rotation = _read_uncertainties(table, kinds)
     approach = _read_approach(table, len(prismatic))
@@ -268,13 +270,6 @@ def _find_reading_units(table: Table, prismatic: Sequence[bool]) -> tuple[str, .
     for j, slides in enumerate(prismatic, 1):
         units.append(next(u for u in READING_UNITS[slides] if f"q{j}_{u}" in table))
     return tuple(units)
-
-
-def _read_position(table: Table, kinds: KindColumns | None, required: bool) -> Array:
-    """Read positions (m, 3) [mm]; nan where they are not measured."""
-    if kinds is not None:
-        return read_positions(table, kinds)
-    return read_coordinates(table, required)
 
 
 def _read_uncertainties(

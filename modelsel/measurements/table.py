@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .._arguments import name_type
 from .._foreign_files import describe_foreign
-from ..exceptions import DataError, suggest
+from ..exceptions import DataError, find_nearest, list_known, list_within, suggest
 from ..notices import Note
 from .row_places import Where
 from .spreadsheet import SPREADSHEET_SUFFIXES, load_spreadsheet
@@ -289,14 +289,37 @@ def _check_distinct(header: Sequence[str], where: Where) -> None:
 def rename_columns(table: Table, columns: Mapping[str, str]) -> Table:
     """Rename a table's columns to the contract's names; `columns` maps these to its own. Raises
     DataError."""
-    for wanted, given in columns.items():
-        if given not in table:
-            raise table.where.refuse(
-                f'column "{given}", given for {wanted}, is not in the '
-                f"{'file' if table.where.is_file else 'DataFrame'}. {suggest(given, table.columns)}"
-            )
+    _refuse_absent_mapped(table, columns)
     new = {given: wanted for wanted, given in columns.items()}
     kept = [name for name in table.columns if name in new or name not in columns]
     _check_distinct([new.get(name, name) for name in kept], table.where)
     renamed = {new.get(name, name): table.columns[name] for name in kept}
     return replace(table, columns=renamed, where=replace(table.where, names=dict(columns)))
+
+
+def _refuse_absent_mapped(table: Table, columns: Mapping[str, str]) -> None:
+    """Refuse a mapping (contract name -> name in the table) of columns that the table lacks. Raises
+    DataError."""
+    absent = {wanted: given for wanted, given in columns.items() if given not in table}
+    if not absent:
+        return
+    source = "file" if table.where.is_file else "DataFrame"
+    names = list(table.columns)
+    if len(absent) == 1:
+        (wanted, given), *_ = absent.items()
+        hint = suggest(given, names)
+        raise table.where.refuse(
+            f'column "{given}", given for {wanted}, is not in the {source}. {hint}'
+        )
+    pairs = []
+    known = ""
+    for wanted, given in absent.items():
+        near = find_nearest(given, names)
+        pair = f'"{given}", given for {wanted}'
+        if near is None:
+            known = list_known(names)
+        else:
+            pair += f' (did you mean "{near}"?)'
+        pairs.append(pair)
+    listed = list_within(pairs, "; ")
+    raise table.where.refuse(f"columns are not in the {source}: {listed}. {known}".rstrip())

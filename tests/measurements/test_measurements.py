@@ -467,6 +467,32 @@ def test_refused_files(tmp_path) -> None:
         read_measurements(csv(tmp_path, PLAIN, "0,0,1,2,3"), ARM, {"q1_rad": "J1"})
 
 
+def test_every_absent_column_is_named(tmp_path) -> None:
+    path = csv(tmp_path, PLAIN, "0,0,1,2,3")
+    mapping = {"q1_rad": "J1", "q2_rad": "q2_rda", "x_mm": "away"}
+    with pytest.raises(DataError) as mapped:
+        read_measurements(path, ARM, mapping)
+    assert str(mapped.value) == (
+        'data.csv, line 1: columns are not in the file: "J1", given for q1_rad; "q2_rda", given for '
+        'q2_rad (did you mean "q2_rad"?); "away", given for x_mm. Known: q1_rad, q2_rad, x_mm, y_mm, '
+        "z_mm."
+    )
+    with pytest.raises(DataError) as absent:
+        read_measurements(csv(tmp_path, "q1_rad,x_mm,z_mm", "0,1,3"), ARM)
+    assert "columns are missing: q2_rad or q2_deg; y_mm or y_m or y_in or y_inch." in str(
+        absent.value
+    )
+    assert '{ q2_rad = "NAME1", y_mm = "NAME2" }' in str(absent.value)
+
+
+def test_a_long_list_of_absent_columns_is_cut(tmp_path) -> None:
+    path = csv(tmp_path, PLAIN, "0,0,1,2,3")
+    mapping = {name: f"{name} {'of the controller ' * 4}" for name in PLAIN.split(",")}
+    with pytest.raises(DataError, match=r" and 1 more\. Known: ") as error:
+        read_measurements(path, ARM, mapping)
+    assert len(str(error.value)) < 700
+
+
 def test_parquet_refusals_say_the_row(tmp_path) -> None:
     """Row, counted from 0, as every reader of Parquet counts: the file has no lines."""
     path = parquet(
