@@ -74,6 +74,12 @@ class DataError(ModelselError):
             else f"{what} {remedy}".strip()
         )
 
+    def beside(self, others: Sequence[DataError]) -> DataError:
+        """Return this error with what others say, a line each."""
+        said = "\n".join(str(error) for error in (self, *others))
+        self.args = (said,)
+        return self
+
 
 class NotEstimable(ModelselError):
     """The data cannot carry the model: how many parameters, how many they can carry, and which."""

@@ -74,7 +74,8 @@ def check_command(
 
 def _read_study_data(path: Path) -> tuple[Robot, Measurements]:
     """Read the robot and the measurements that a study names."""
-    from ..study.inputs import open_study, read_study_measurements
+    from ..study.inputs import read_study_measurements
+    from ..study.whole_study import open_study
 
     study, folder = open_study(path, None)
     return read_study_measurements(study, folder)

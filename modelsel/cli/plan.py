@@ -110,11 +110,11 @@ def plan_command(
     from ..measurements.table import DataFile
     from ..mechanisms.registry import with_plugins
     from ..study.configuration_pool import check_joint_ranges
-    from ..study.inputs import find_study_file, list_input_files, read_nominal_robot
-    from ..study.named_things import read_whole_study
+    from ..study.inputs import find_study_file, list_input_files
     from ..study.planning import plan_next
     from ..study.runner import run_study
     from ..study.steps import list_steps
+    from ..study.whole_study import read_study_robot, read_whole_study
 
     ranges = dict(map(_range, joints))
     if pool_file is not None and (limits or ranges):
@@ -130,7 +130,7 @@ def plan_command(
         pools = [] if pool_file is None else [pool_file]
         check_table_path(out)
         check_output(out, (*list_input_files(read, path), *pools))
-    robot = read_nominal_robot(read, path.parent)
+    robot = read_study_robot(read, path.parent)
     check_joint_ranges(robot, ranges)
     registry, _ = with_plugins(robot=robot)
     planning = "choosing configurations"

@@ -28,11 +28,11 @@ def simulate_command(study: Path, out: Path, as_json: bool) -> None:
     """Make data with planted effects: [simulate] and [[simulate.effect]] of a study file."""
     from .._files import STUDY_FILE, write_frame
     from ..study.inputs import list_input_files
-    from ..study.named_things import read_whole_study
     from ..study.simulation import simulate_study
+    from ..study.whole_study import read_whole_study
 
     path = study / STUDY_FILE if study.is_dir() else study
-    read = read_whole_study(path)
+    read = read_whole_study(path, measured=False)
     check_table_path(out)
     if not _is_simulated(out):
         check_output(out, list_input_files(read, path))

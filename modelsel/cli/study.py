@@ -71,14 +71,13 @@ def study_command(
     from ..mechanisms.registry import with_plugins
     from ..results.storage import REPORTS, WRITES, find_reports
     from ..study.checkpoint import Checkpoint
-    from ..study.inputs import read_nominal_robot
-    from ..study.named_things import read_whole_study
     from ..study.runner import rehearse_study
     from ..study.steps import list_steps
+    from ..study.whole_study import read_study_robot, read_whole_study
 
     path = study / STUDY_FILE if study.is_dir() else study
     read = read_whole_study(path)
-    registry, broken = with_plugins(robot=read_nominal_robot(read, path.parent))
+    registry, broken = with_plugins(robot=read_study_robot(read, path.parent))
     for name, why in broken.items():
         print_prose(f"modelsel: plug-in {name} is left out: {why}", err=True)
     folder = out if out is not None else Path("reports") / path.resolve().parent.name

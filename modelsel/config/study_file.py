@@ -54,6 +54,15 @@ from .study_tables import (
 TABLE_SUFFIXES = (".csv", ".tsv", ".xlsx", ".xlsm", ".xlsb", ".xls", ".ods", ".parquet", ".pq")
 
 
+class WrongStudy(StudyError):
+    """What is wrong with a study's values, and the places of all of it: keys, and numbers of items
+    from 0."""
+
+    def __init__(self, *problems: str, places: Sequence[tuple[Any, ...]] = ()):
+        self.places = tuple(places)
+        super().__init__(*problems)
+
+
 class Study(FrozenTable):
     """A study's settings, validated on creation. From Python, pass the tables of the study file as
     keyword arguments: `Study(name="…", robot={…}, …)`. Raises StudyError with every problem."""
@@ -92,7 +101,8 @@ class Study(FrozenTable):
         except ValidationError as error:
             problems = _drop_alternatives(list_single_problems(error.errors()))
             sentences = [_describe_problem(problem) for problem in problems]
-            raise StudyError(*join_alternatives(sentences)) from None
+            places = [_locate(problem) for problem in problems]
+            raise WrongStudy(*join_alternatives(sentences), places=places) from None
 
     @model_serializer(mode="wrap")
     def _since(self, plain: Plain) -> dict[str, Any]:
@@ -196,8 +206,9 @@ def parse_study(text: str, where: str) -> Study:
     table = parse_toml(text, where)
     try:
         return Study(**table)
-    except StudyError as error:
-        raise StudyError(*(f"{where}: {problem}" for problem in error.problems)) from None
+    except WrongStudy as error:
+        placed = [f"{where}: {problem}" for problem in error.problems]
+        raise WrongStudy(*placed, places=error.places) from None
     except RecursionError:
         raise StudyError(
             f"{where}: nested too deeply. Tables of a few levels are expected."

@@ -12,7 +12,9 @@ from .table import Table
 def refuse_absent_columns(table: Table, prismatic: Sequence[bool], positions: bool) -> None:
     """Refuse a table that lacks several of the joints' readings and, where they must be there, of
     the coordinates of `positions`; one alone is refused where it is read. Raises DataError."""
-    quantities = {f"q{j}": READING_UNITS[slides] for j, slides in enumerate(prismatic, 1)}
+    quantities: dict[str, Sequence[str]] = {}
+    for j, slides in enumerate(prismatic, 1):
+        quantities[f"q{j}"] = READING_UNITS[slides]
     if positions and "kind" not in table:
         quantities |= dict.fromkeys("xyz", POSITION_UNITS)
     absent = []

@@ -51,17 +51,23 @@ def parse(
         raise StudyError(
             f'{where}: "{text[:80]}" is not a cause: it cannot be read as a formula.'
         ) from None
-    return _Formula(text, units, where, members or {}).build(tree.body)
+    read = _Formula(text, units, where, members or {})
+    cause = read.build(tree.body)
+    if read.unknown:
+        raise StudyError(*map(read.refuse_name, dict.fromkeys(read.unknown)))
+    return cause
 
 
 @dataclass(frozen=True)
 class _Formula:
-    """A formula that is read: its text, the known names, and where it stands."""
+    """A formula that is read: its text, the known names, and where it stands; the `unknown` names
+    that were met in it."""
 
     text: str
     units: Mapping[str, str]
     where: str
     members: Mapping[str, Member] = field(default_factory=dict)
+    unknown: list[str] = field(default_factory=list)
 
     def build(self, node: ast.expr) -> Cause:
         """Build the cause of a node; raises StudyError for one that no cause has."""
@@ -92,14 +98,20 @@ class _Formula:
         )
 
     def _named(self, name: str) -> Cause:
+        """Return a name's cause; one that is unknown is kept for all to be told at once."""
         # a column that has such a name keeps it
         if name in self.units:
             return Named(name, self.units[name])
         if name in self.members:
             return self.members[name]
+        self.unknown.append(name)
+        return Named(name, "1")
+
+    def refuse_name(self, name: str) -> str:
+        """Say what is wrong with a name that is unknown."""
         hint = self._count_members(name) or suggest(name, self.units)
         hint = hint or "A reading, such as q1, or a column is expected."
-        raise StudyError(f'{self.where}: unknown name "{name}" in "{self.text}". {hint}')
+        return f'{self.where}: unknown name "{name}" in "{self.text}". {hint}'
 
     def _count_members(self, name: str) -> str:
         """Say how many targets or groups there are, to a name of one that there is not."""

@@ -2,26 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arguments import check_path
 from .._files import STUDY_FILE
+from ..config.readable_part import ReadablePart
 from ..config.study_file import Study, find_data, find_source, read_study
 from ..exceptions import StudyError, count_words
+from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..measurements.observation_columns import KnownFeature, apply_known_features
 from ..measurements.reader import read_labels, read_measurements
+from ..measurements.table import load_table, rename_columns
+from ..measurements.text_table import check_file
 from ..mechanisms.campaign_registry import (
     set_gear_ratios,
     set_reference,
     set_targets,
     waits_for_targets,
 )
+from ..mechanisms.cause_formulas import list_members
 from ..mechanisms.registry import (
     BUILTIN,
     Registry,
@@ -34,34 +36,18 @@ from ..mechanisms.terms import Mechanism, unstorable
 from ..results.reading import read_records
 from ..robot.files import load_robot
 from ..robot.kinematics import Robot
-from .named_things import read_whole_study
+from .found_problems import FoundProblems
+from .named_things import list_named_mechanisms, list_unknown_mechanisms
 from .noise_parts import check_parts
 from .own_causes import check_own_causes, find_own_name_problems, list_own_names, list_own_words
-from .planted_effects import list_formula_problems, list_frame_problems
+from .planted_effects import list_formula_problems, list_frame_problems, list_name_problems
+from .preparation import arrange_tools
 from .robot_tables import read_any_robot
+from .row_selection import check_split
 from .stated_setup import point_gravity
 
 # turns of a motor per turn of its joint, at most
 MAX_GEAR_RATIO = 1000.0
-
-
-def open_study(study: Study | Path | str, folder: Path | str | None) -> tuple[Study, Path]:
-    """Return a study and the folder of its files.
-
-    The folder is the given one, else that of the study's own file, else the current one. Raises
-    StudyError.
-    """
-    if folder is not None:
-        folder = check_path(folder, "the folder of the study's files")
-    if isinstance(study, Study):
-        return study, folder or Path()
-    path = check_path(study, "a Study, or the path of a study file or of its folder")
-    read = read_whole_study(path)
-    if folder is not None:
-        return read, folder
-    if path.is_dir():
-        return read, path
-    return read, path.parent
 
 
 def find_study_file(path: Path) -> Path:
@@ -135,19 +121,10 @@ def check_mechanism_names(study: Study, robot: Robot, registry: Registry) -> Non
     With `candidates = "all"` every mechanism of the registry must be storable; modelsel's own are.
     Raises StudyError with all problems at once.
     """
-    model = study.model
-    names_at = [("model.base", model.base)]
-    names_at += [("model.ladder", rung) for rung in model.ladder]
-    outcomes = list(study.search.outcomes)
-    names_at.append(("search.outcomes", outcomes))
-    takes_all = model.candidates == "all"
-    if not takes_all:
-        candidates = list(model.candidates)
-        listed = "model.candidates", candidates
-        names_at.append(listed)
+    takes_all = study.model.candidates == "all"
     own_names = list_own_names(study)
     problems = find_own_name_problems(study, registry)
-    for place, names in names_at:
+    for place, names in list_named_mechanisms(study):
         for name in names:
             if name in own_names or waits_for_targets(name, registry):
                 continue
@@ -203,48 +180,128 @@ def read_inputs(
     """Read the robot, the measurements and the split's labels, and check the names of a study.
 
     The registry comes back with its temperatures counted from the measurements' reference. The
-    labels (m,) are None where no column says which rows estimate. Raises StudyError or DataError.
+    labels (m,) are None where no column says which rows estimate. Raises StudyError or DataError,
+    with all that is wrong with them.
     """
-    robot = read_nominal_robot(study, folder)
-    registry = _check_against_robot(study, robot, registry)
-    measured = _read_file(study, folder, robot)
-    check_own_causes(study, robot, measured)
+    found = FoundProblems()
+    robot: Robot | None = None
+    with found.of_robot():
+        robot = read_nominal_robot(study, folder)
+    measured, labels, registry = read_checked(study, folder, robot, registry, found)
+    found.refuse()
+    assert robot is not None
+    assert measured is not None
     registry = set_reference(registry, measured.reference_celsius)
     registry = set_targets(registry, measured.targets)
     check_mechanism_names(study, robot, registry)
-    labels = None
-    split_column = study.split.column
-    if split_column is not None:
-        source = find_source(study, folder)
-        file_labels = read_labels(source, split_column)
-        labels = file_labels[measured.row]
     return robot, registry, measured, labels
 
 
-def _check_against_robot(study: Study, robot: Robot, registry: Registry) -> Registry:
-    """Check what a study says that depends on its robot; return the registry with the gear ratios.
-    Raises StudyError with all problems at once."""
-    problems: list[str] = []
-    with _collect_problems(problems):
+def read_checked(
+    study: Study, folder: Path, robot: Robot | None, registry: Registry, found: FoundProblems
+) -> tuple[Measurements | None, NDArray[np.object_] | None, Registry]:
+    """Read what a study measures and check all that it says, as far as its robot, None where there
+    is none, lets it be read; what is wrong is added to `found`. Returns the measurements, the labels
+    of the split and the registry with the study's gear ratios."""
+    registry = _check_against_robot(study, robot, registry, found)
+    measured: Measurements | None = None
+    labels: NDArray[np.object_] | None = None
+    with found.of_data():
+        if robot is None:
+            _check_table(study, folder)
+        else:
+            measured = _read_file(study, folder, robot)
+    if measured is None and study.measurements.columns:
+        with found.of_data():
+            _check_table(study, folder)
+    with found.of_data():
+        labels = _read_labels(study, folder, measured)
+    if robot is not None and measured is not None:
+        _check_against_data(study, robot, measured, labels, found)
+    return measured, labels, registry
+
+
+def check_part(
+    part: ReadablePart, folder: Path, registry: Registry, measured: bool, found: FoundProblems
+) -> None:
+    """Check what can be read of a study whose file has wrong values; whether its file must be
+    `measured` already. What is wrong is added to `found`."""
+    study = part.study
+    robot: Robot | None = None
+    if part.has_robot:
+        with found.of_robot():
+            robot = read_nominal_robot(study, folder)
+    path = find_data(study.measurements.file, folder)
+    is_there = part.has_file and path.is_file()
+    if part.has_measurements and (measured or is_there):
+        read_checked(study, folder, robot, registry, found)
+        return
+    _check_against_robot(study, robot, registry, found)
+    if part.has_file and measured:
+        with found.of_data():
+            check_file(path)
+
+
+def _check_table(study: Study, folder: Path) -> None:
+    """Check that the measurements can be read as a table, and that it has the columns that the
+    study maps. Raises DataError."""
+    source = find_source(study, folder)
+    table = load_table(source)
+    rename_columns(table, study.measurements.columns)
+
+
+def _read_labels(
+    study: Study, folder: Path, measured: Measurements | None
+) -> NDArray[np.object_] | None:
+    """Read the split's labels (m,) of the rows that are `measured`; None where no column has them.
+    Raises DataError."""
+    split_column = study.split.column
+    if split_column is None:
+        return None
+    source = find_source(study, folder)
+    file_labels = read_labels(source, split_column)
+    return file_labels if measured is None else file_labels[measured.row]
+
+
+def _check_against_robot(
+    study: Study, robot: Robot | None, registry: Registry, found: FoundProblems
+) -> Registry:
+    """Check what a study says that depends on its robot, where there is one; return the registry
+    with the gear ratios."""
+    if robot is None:
+        found.study += list_unknown_mechanisms(study, registry)
+        found.study += list_formula_problems(study)
+        return registry
+    with found.of_study():
         registry = _use_gear_ratios(study, robot, registry)
-    with _collect_problems(problems):
+    with found.of_study():
         check_mechanism_names(study, robot, registry)
-    with _collect_problems(problems):
+    with found.of_study():
         check_parts(study, robot)
-    problems += list_frame_problems(study, robot)
-    problems += list_formula_problems(study)
-    if problems:
-        raise StudyError(*problems)
+    found.study += list_frame_problems(study, robot)
+    found.study += list_formula_problems(study)
     return registry
 
 
-@contextmanager
-def _collect_problems(problems: list[str]) -> Iterator[None]:
-    """Append the problems of a StudyError that is raised inside."""
-    try:
-        yield
-    except StudyError as error:
-        problems += error.problems
+def _check_against_data(
+    study: Study,
+    robot: Robot,
+    measured: Measurements,
+    labels: NDArray[np.object_] | None,
+    found: FoundProblems,
+) -> None:
+    """Check what a study says that depends on its measurements."""
+    with found.of_study():
+        check_own_causes(study, robot, measured)
+    with found.of_study():
+        arrange_tools(study.robot, measured)
+    with found.of_study():
+        check_split(study.split, measured, labels)
+    if study.simulate.effect:
+        no_tools = np.zeros((len(measured.targets), 3))
+        units = Problem(robot, measured, no_tools).names()
+        members = list_members(len(measured.targets), len(measured.groups))
+        found.study += list_name_problems(study, units, members)
 
 
 def _use_gear_ratios(study: Study, robot: Robot, registry: Registry) -> Registry:

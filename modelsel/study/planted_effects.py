@@ -3,9 +3,12 @@ their formulas tell what is wrong with them."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from ..config.study_file import Study
 from ..exceptions import StudyError
 from ..mechanisms.cause_formulas import parse
+from ..mechanisms.causes import Member
 from ..robot.kinematics import Robot
 
 
@@ -37,10 +40,28 @@ def list_frame_problems(study: Study, robot: Robot) -> list[str]:
 
 def list_formula_problems(study: Study) -> list[str]:
     """List the effects whose cause is no formula; whether its names are known, data tell."""
+    return list_cause_problems(study, _AnyName())
+
+
+def list_name_problems(
+    study: Study, units: Mapping[str, str], members: Mapping[str, Member]
+) -> list[str]:
+    """List the names in the effects' causes that are not among the known ones, `units` and
+    `members`."""
+    malformed = list_formula_problems(study)
+    problems = list_cause_problems(study, units, members)
+    return [problem for problem in problems if problem not in malformed]
+
+
+def list_cause_problems(
+    study: Study, units: Mapping[str, str], members: Mapping[str, Member] | None = None
+) -> list[str]:
+    """List what is wrong with the effects' causes, effect by effect, where the known names are
+    `units`, and those of single targets and groups `members`."""
     problems: list[str] = []
     for number, effect in enumerate(study.simulate.effect, 1):
         try:
-            parse(effect.cause, _AnyName(), name_effect(number))
+            parse(effect.cause, units, name_effect(number), members)
         except StudyError as error:
             problems += error.problems
     return problems

@@ -37,18 +37,31 @@ def choose_estimation_rows(
     """
     if study.split.column is not None and labels is not None:
         return _split_by_labels(study.split, data, labels)
+    check_split(study.split, data, labels)
     configurations = data.configurations
     wanted = study.split.estimation
     if wanted is None and configurations < SMALL_FILE:
         wanted = configurations
     elif wanted is None:
         wanted = max(MIN_ESTIMATION, round(ESTIMATION_SHARE * configurations))
-    if wanted > configurations:
+    return split_configurations(data, wanted, prismatic, generator(study.seed, "split"))
+
+
+def check_split(
+    table: SplitTable, data: Measurements, labels: NDArray[np.object_] | None = None
+) -> None:
+    """Check that measurements can be split as a study wants it: by the column's labels (m,), where
+    it has such a column, else by a number. Raises StudyError."""
+    if table.column is not None and labels is not None:
+        _split_by_labels(table, data, labels)
+        return
+    configurations = data.configurations
+    wanted = table.estimation
+    if wanted is not None and wanted > configurations:
         raise StudyError(
             f"split.estimation = {wanted}, but the file has {count_words(configurations, 'configuration')}: "
             "ask for fewer."
         )
-    return split_configurations(data, wanted, prismatic, generator(study.seed, "split"))
 
 
 def _split_by_labels(table: SplitTable, data: Measurements, labels: NDArray[np.object_]) -> Mask:

@@ -14,13 +14,14 @@ from ..exceptions import DataError
 from ..measurements.table import Source, hash_source
 from ..mechanisms.registry import BUILTIN, Registry
 from .checkpoint import Checkpoint
-from .inputs import list_candidates, open_study, read_inputs
+from .inputs import list_candidates, read_inputs
 from .model_ladder import build_base, searches_cells
 from .own_causes import build_own_candidates
 from .pipeline import analyse, record_provenance, sample_posterior
 from .preparation import prepare
 from .result import Result
 from .steps import READING, list_steps
+from .whole_study import open_study
 
 
 @steady_arithmetic()

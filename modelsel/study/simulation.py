@@ -28,11 +28,12 @@ from ..mechanisms.cause_formulas import list_members, parse
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..setup.feature_positions import place_features
-from .inputs import open_study, read_known_features, read_nominal_robot
+from .inputs import read_known_features, read_nominal_robot
 from .noise_parts import check_parts
-from .planted_effects import list_formula_problems, list_frame_problems, name_effect
+from .planted_effects import list_cause_problems, list_formula_problems, list_frame_problems
 from .preparation import arrange_tools
 from .unrepeated import NOTHING, Unrepeated, draw_unrepeated
+from .whole_study import open_study
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -46,7 +47,7 @@ def simulate_study(study: Study | Path | str, folder: Path | str | None = None) 
     The configurations are those of the study's measurements where there are any, else drawn within
     the joint limits. Raises StudyError or DataError.
     """
-    study, folder = open_study(study, folder)
+    study, folder = open_study(study, folder, measured=False)
     robot = read_nominal_robot(study, folder)
     check_parts(study, robot)
     rng = generator(study.seed, "simulate")
@@ -153,19 +154,16 @@ def _parse_effects(
     members = list_members(len(targets), len(data.groups))
     problems = list_frame_problems(study, robot)
     malformed = list_formula_problems(study)
-    effects = []
-    for number, effect in enumerate(study.simulate.effect, 1):
-        try:
-            cause = parse(effect.cause, units, name_effect(number), members)
-        except StudyError as error:
-            for text in error.problems:
-                is_malformed = text in malformed
-                problems.append(text if is_malformed else text + missing)
-            continue
-        screw = Screw(effect.frame, effect.axis, cause)
-        effects.append((screw, effect.size))
+    for text in list_cause_problems(study, units, members):
+        is_malformed = text in malformed
+        problems.append(text if is_malformed else text + missing)
     if problems:
         raise StudyError(*problems)
+    effects = []
+    for effect in study.simulate.effect:
+        cause = parse(effect.cause, units, members=members)
+        screw = Screw(effect.frame, effect.axis, cause)
+        effects.append((screw, effect.size))
     return effects
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from modelsel.config.study_file import Study
-from modelsel.exceptions import StudyError
-from modelsel.study.named_things import read_whole_study
+from modelsel.exceptions import DataError, StudyError
 from modelsel.study.runner import rehearse_study
 from modelsel.study.simulation import simulate_study
+from modelsel.study.whole_study import read_whole_study
 
 PLAIN = """name = "s"
 seed = 1
@@ -75,10 +75,109 @@ def test_what_holds_no_names_is_wrong_all_the_same(tmp_path: Path, text: str) ->
 def test_effects_to_plant_are_checked_together(tmp_path: Path) -> None:
     effects = EFFECT.format(99, "nowhere") + EFFECT.format(1, "q1+")
     (tmp_path / "study.toml").write_text(PLAIN + effects)
-    for run, count in ((rehearse_study, 2), (simulate_study, 3)):
+    frame = "simulate.effect 1: frame 99, but "
+    name = 'simulate.effect 1: unknown name "nowhere"'
+    formula = 'simulate.effect 2: "q1+" is not a cause'
+    expected = {
+        rehearse_study: (frame, formula, "none.csv: no such file"),
+        simulate_study: (frame, name, formula),
+    }
+    for run, beginnings in expected.items():
         with pytest.raises(StudyError) as error:
             run(tmp_path)
         problems = error.value.problems
-        assert len(problems) == count
-        assert problems[0].startswith("simulate.effect 1: frame 99, but ")
-        assert problems[-1].startswith('simulate.effect 2: "q1+" is not a cause')
+        assert len(problems) == len(beginnings)
+        for problem, beginning in zip(problems, beginnings, strict=True):
+            assert problem.startswith(beginning)
+
+
+def test_values_robot_data_and_names_are_said_together(tmp_path: Path) -> None:
+    text = PLAIN.replace('name = "puma760"', 'file = "arm.toml"').replace("[0, 0, 100]", "[0, 1]")
+    wrong = (
+        text.replace('"geometric"', '"geometrc"') + "[split]\nestimation = 3\nnested_folds = 1\n"
+    )
+    said = problems_of(tmp_path, wrong + EFFECT.format(1, "q1+") + "more = 1\n")
+    beginnings = (
+        "study.toml: robot.tool_mm: expected exactly 3 values",
+        'study.toml: [simulate.effect.1]: unknown key "more"',
+        "study.toml: split: nested_folds = 1 is not a fold",
+        'study.toml: model.base: unknown mechanism "geometrc"',
+        'study.toml: simulate.effect 1: "q1+" is not a cause',
+        "arm.toml: there is no such robot file",
+        "none.csv: no such file",
+    )
+    lines = said.splitlines()
+    assert len(lines) == len(beginnings)
+    for words in beginnings:
+        assert any(words in line for line in lines)
+
+
+def test_wrong_values_hide_no_problem_of_their_table(tmp_path: Path) -> None:
+    wrong = PLAIN.replace("[0, 0, 100]", '"no"\nfile = "arm.toml"')
+    said = problems_of(tmp_path, wrong + '[split]\nestimation = -1\ncolumn = "role"\n')
+    assert "robot.tool_mm: " in said
+    assert "robot: give either name" in said
+    assert 'split: give estimation = N or column = "…", not both' in said
+    assert "frame in the flange" not in said
+
+
+def test_effects_after_a_wrong_one_keep_their_numbers(tmp_path: Path) -> None:
+    wrong = EFFECT.format(1, "q1").replace('"rz"', '"rq"') + EFFECT.format(9, "q1")
+    said = problems_of(tmp_path, PLAIN + wrong)
+    assert "simulate.effect.1.axis: expected 'tx'" in said
+    assert "simulate.effect 2: frame 9, but puma760 has frames 1 to 7" in said
+    assert "simulate.effect 1: frame" not in said
+
+
+def test_a_cause_left_out_is_no_unknown_mechanism(tmp_path: Path) -> None:
+    own = '[[covariate]]\ncauses = []\nname = "mine"\nframe = 1\naxis = "rz"\n'
+    said = problems_of(tmp_path, PLAIN.replace('"geometric"', '"geometric", "mine"') + own)
+    assert "covariate.1: causes lists nothing" in said
+    assert "unknown mechanism" not in said
+
+
+def test_a_study_to_simulate_needs_no_file(tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_text(PLAIN.replace("seed = 1", "sed = 1"))
+    with pytest.raises(StudyError) as error:
+        simulate_study(tmp_path)
+    assert error.value.problems == (
+        'study.toml: the study file: unknown key "sed". Did you mean "seed"?',
+    )
+
+
+def test_names_are_compared_with_the_file(tmp_path: Path) -> None:
+    """Unknown columns of the mapping and absent ones, unknown names of an effect, too many
+    configurations: in one refusal."""
+    rows = ["q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x_mm,y_mm,z_mm,heat"]
+    rows += [",".join(str(10 * k + j) for j in range(10)) for k in range(3)]
+    (tmp_path / "none.csv").write_text("\n".join(rows))
+    split = "[split]\nestimation = 30\n"
+    effect = EFFECT.format(1, "q9+het")
+    (tmp_path / "study.toml").write_text(PLAIN + split + effect)
+    with pytest.raises(StudyError) as error:
+        rehearse_study(tmp_path)
+    assert [problem.partition(" in ")[0] for problem in error.value.problems] == [
+        "split.estimation = 30, but the file has 3 configurations: ask for fewer.",
+        'simulate.effect 1: unknown name "q9"',
+        'simulate.effect 1: unknown name "het"',
+    ]
+    columns = 'columns = { q1_dg = "J1", q2_deg = "J2" }\n'
+    mapped = PLAIN.replace('"none.csv"\n', '"none.csv"\n' + columns)
+    (tmp_path / "study.toml").write_text(mapped)
+    with pytest.raises(StudyError) as error:
+        rehearse_study(tmp_path)
+    unknown, absent = error.value.problems
+    assert unknown.startswith('measurements.columns: unknown column "q1_dg"')
+    assert '"J1", given for q1_dg; "J2", given for q2_deg.' in absent
+
+
+def test_two_faults_of_the_data_are_one_refusal(tmp_path: Path) -> None:
+    (tmp_path / "none.csv").write_text("a,b\n1,2\n")
+    columns = 'columns = { q1_rad = "J1" }\n'
+    mapped = PLAIN.replace('"none.csv"\n', '"none.csv"\n' + columns)
+    (tmp_path / "study.toml").write_text(mapped + '[split]\ncolumn = "role"\n')
+    with pytest.raises(DataError) as error:
+        rehearse_study(tmp_path)
+    first, second = str(error.value).splitlines()
+    assert 'column "J1", given for q1_rad, is not in the file' in first
+    assert 'split column "role" is missing' in second

@@ -52,7 +52,7 @@ def test_all_that_does_not_suit_the_robot_is_said_at_once(tmp_path: Path) -> Non
     with pytest.raises(StudyError) as refused:
         read_inputs(study, tmp_path, BUILTIN)
     places = [problem.partition(":")[0] for problem in refused.value.problems]
-    assert places == ["robot.gear_ratios", "model.base", "noise.parts"]
+    assert places == ["robot.gear_ratios", "model.base", "noise.parts", "none.csv"]
 
 
 @pytest.mark.parametrize(
