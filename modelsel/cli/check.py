@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
@@ -17,10 +17,6 @@ from ._options import (
     table_option,
     xacro_option,
 )
-
-if TYPE_CHECKING:
-    from ..measurements.measurements import Measurements
-    from ..robot.kinematics import Robot
 
 
 @click.command("check")
@@ -46,7 +42,7 @@ def check_command(
     as_json: bool,
 ) -> None:
     """What is in a measurements file, what it can tell and what it cannot. DATA is the file, or a
-    study's folder: its file and its robot."""
+    study's folder: its file and its robot, with the study's tool and registration."""
     from ..measurements.reader import read_measurements
     from ..measurements.table import DataFile
     from ..study.inspection import format_inspection, inspect_measurements
@@ -57,14 +53,14 @@ def check_command(
             raise click.UsageError(
                 "a study has its own robot and columns: give its folder alone, or the file with --robot."
             )
-        arm, measured = _read_study_data(data)
+        found = _inspect_study(data)
     elif robot is None:
         raise click.UsageError("--robot NAME is needed with a file; a study's folder has its own.")
     else:
         named = read_robot_option(robot, base, tip, arguments, convention)
         arm, said = named.robot, named.said
         measured = read_measurements(DataFile(data, sheet, decimal), arm, columns)
-    found = inspect_measurements(arm, measured)
+        found = inspect_measurements(arm, measured)
     if as_json:
         print_json(found)
     else:
@@ -72,10 +68,10 @@ def check_command(
             print_prose(line)
 
 
-def _read_study_data(path: Path) -> tuple[Robot, Measurements]:
-    """Read the robot and the measurements that a study names."""
-    from ..study.inputs import read_study_measurements
+def _inspect_study(path: Path) -> dict[str, Any]:
+    """Describe the measurements of a study, and its robot as the study has it."""
+    from ..study.study_inspection import inspect_study
     from ..study.whole_study import open_study
 
     study, folder = open_study(path, None)
-    return read_study_measurements(study, folder)
+    return inspect_study(study, folder)

@@ -215,7 +215,7 @@ def read_checked(
         with found.of_data():
             _check_table(study, folder)
     with found.of_data():
-        labels = _read_labels(study, folder, measured)
+        labels = read_split_labels(study, folder, measured)
     if robot is not None and measured is not None:
         _check_against_data(study, robot, measured, labels, found)
     return measured, labels, registry
@@ -250,7 +250,7 @@ def _check_table(study: Study, folder: Path) -> None:
     rename_columns(table, study.measurements.columns)
 
 
-def _read_labels(
+def read_split_labels(
     study: Study, folder: Path, measured: Measurements | None
 ) -> NDArray[np.object_] | None:
     """Read the split's labels (m,) of the rows that are `measured`; None where no column has them.

@@ -98,6 +98,7 @@ def _describe_joints(robot: Robot, data: Measurements) -> list[dict[str, Any]]:
             least, most = joint.limits
             inside = min(high, most) - max(low, least)
             share = max(inside, 0.0) / (most - least)
+        places = data.where.listed(beyond, MAX_PLACES) if len(beyond) else None
         description = {
             "joint": j + 1,
             "low": low,
@@ -106,7 +107,7 @@ def _describe_joints(robot: Robot, data: Measurements) -> list[dict[str, Any]]:
             "share_of_range": share,
             "limits": joint.limits,
             "rows_beyond_limits": len(beyond),
-            "places_beyond_limits": data.where.listed(beyond, MAX_PLACES),
+            "places_beyond_limits": places,
             "moves": high - low > MIN_MOTION,
         }
         joints.append(description)
@@ -141,6 +142,14 @@ def _describe_geometry(
     problem = Problem(robot, data, tools)
     problem = place_features(problem, all_rows)
     model = _build_geometry(robot, data)
+    tool_mm = None if found is not None else list(ASSUMED_TOOL_MM)
+    determined = describe_determined(problem, model)
+    determined["geometry"]["tool_mm"] = tool_mm
+    return determined
+
+
+def describe_determined(problem: Problem, model: Model) -> dict[str, Any]:
+    """Describe what the rows of a problem determine of a model, and what they do not."""
     terms = model.terms
     reduction = reduce_problem(problem, terms)
     identified = identify(reduction)
@@ -149,7 +158,6 @@ def _describe_geometry(
         "parameters": len(terms),
         "rank": identified.rank,
         "condition": identified.condition,
-        "tool_mm": None if found is not None else list(ASSUMED_TOOL_MM),
     }
     fitted = fitted_terms(identified, model)
     groups = []
@@ -264,7 +272,9 @@ def format_inspection(inspection: dict[str, Any]) -> list[str]:
     lines += _format_geometry(inspection)
     lines.append("What does not repeat:")
     lines += [f"  {sentence}" for sentence in inspection["repeatability"]["sentences"]]
-    if "registered" in inspection:
+    if "study" in inspection:
+        lines += _format_study(inspection["study"])
+    elif "registered" in inspection:
         lines += _format_registration(inspection["registered"])
     for warning in inspection["warnings"]:
         sentence = warning["sentence"]
@@ -353,7 +363,9 @@ def _format_noise_floor(inspection: dict[str, Any]) -> str:
 def _format_geometry(inspection: dict[str, Any]) -> list[str]:
     geometry = inspection["geometry"]
     where = "target where it was found, below"
-    if geometry["tool_mm"] is not None:
+    if "tool_mm" not in geometry:
+        where = "target as the study has it, below"
+    elif geometry["tool_mm"] is not None:
         x, y, z = geometry["tool_mm"]
         where = f"target assumed at {x:g}, {y:g}, {z:g} mm"
     line = (
@@ -375,3 +387,22 @@ def _format_registration(registered: dict[str, Any]) -> list[str]:
     placements = RegistrationRecord.model_validate(registered)
     places = [f"  {sentence}" for sentence in describe_placements(placements)]
     return [line, *places, *registered["alarms"]]
+
+
+def _format_study(described: dict[str, Any]) -> list[str]:
+    """Say how a study has the robot stand before its measurements, or why it refuses them."""
+    refused = described["refused"]
+    if refused is not None:
+        return [f"`modelsel study` refuses these data: {sentence}" for sentence in refused]
+    way = "Tool and tracker's frame as the study states them"
+    if described["registered"]:
+        way = "Registered as the study does (tracker's frame and target found)"
+    distance = write_rounded(described["median_mm"])
+    line = f"{way}: {distance} mm from the nominal robot (median)"
+    placements = RegistrationRecord(
+        base_in_tracker=described["base_in_tracker"], target_on_flange=described["target_on_flange"]
+    )
+    places = describe_placements(placements)
+    if not described["registered"]:
+        places = places[len(placements.base_in_tracker) :]
+    return [line, *(f"  {sentence}" for sentence in places), *described["alarms"]]

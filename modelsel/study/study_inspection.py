@@ -1,0 +1,61 @@
+"""Describe a study's measurements with its own tool and registration: what `modelsel check` says of
+a study is what `modelsel study` does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..config.study_file import Study
+from ..exceptions import DataError, NotEstimable, StudyError
+from ..fitting.component_noise import POSITION
+from ..fitting.design import residuals
+from ..fitting.problem import Problem
+from ..mechanisms.registry import BUILTIN
+from ..notices import SETUP_MISTAKE, Note, list_alarms
+from ..results.placements import locate_placements
+from .inputs import read_split_labels, read_study_measurements
+from .inspection import describe_determined, inspect_measurements
+from .model_ladder import build_model
+from .preparation import prepare
+
+GEOMETRY = ("geometric",)
+
+
+def inspect_study(study: Study, folder: Path) -> dict[str, Any]:
+    """Describe the measurements of a study, as `inspect_measurements` does, and its robot as the
+    study has it stand before them. Raises StudyError or DataError where they cannot be read."""
+    robot, measured = read_study_measurements(study, folder)
+    labels = read_split_labels(study, folder, measured)
+    inspected = inspect_measurements(robot, measured)
+    try:
+        split, _, notes = prepare(study, robot, measured, labels)
+    except (StudyError, DataError, NotEstimable) as error:
+        refused = str(error).splitlines()
+        return inspected | {"study": {"refused": refused}}
+    problem = split.problem
+    model = build_model(study, problem, BUILTIN, GEOMETRY)
+    estimating = problem.take(split.estimation)
+    determined = describe_determined(estimating, model)
+    described = _describe_nominal(study, problem, notes)
+    return inspected | determined | {"study": described}
+
+
+def _describe_nominal(study: Study, problem: Problem, notes: tuple[Note, ...]) -> dict[str, Any]:
+    """Describe where a study has the tracker and the targets, and how far its points are from the
+    nominal robot there."""
+    points = problem.take(problem.data.points)
+    residual = residuals(points)
+    distances = np.linalg.norm(residual[:, POSITION], axis=1)
+    median = float(np.median(distances)) if len(distances) else None
+    mistakes = [note.sentence for note in notes if note.code == SETUP_MISTAKE]
+    return {
+        "refused": None,
+        "registered": bool(study.robot.register_),
+        "median_mm": median,
+        **locate_placements(problem, study.robot.per_group),
+        "mistake": mistakes[0] if mistakes else None,
+        "alarms": list_alarms(notes),
+    }

@@ -1,0 +1,122 @@
+"""What `modelsel check` says of a study is what the study does: its tool, its registration, its
+refusals."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from modelsel.config.study_file import Study
+from modelsel.exceptions import DataError
+from modelsel.fitting.design import residuals
+from modelsel.mechanisms.registry import BUILTIN
+from modelsel.robot.files import load_robot
+from modelsel.robot.kinematics import forward
+from modelsel.robot.rigid import rotation_matrix
+from modelsel.study.inputs import read_inputs
+from modelsel.study.inspection import format_inspection
+from modelsel.study.pipeline import list_unidentifiable
+from modelsel.study.preparation import prepare
+from modelsel.study.runner import run_study
+from modelsel.study.study_inspection import inspect_study
+
+ROBOT = load_robot("puma760")
+TOOL = (40.0, -10.0, 120.0)
+HEADER = "q1_rad,q2_rad,q3_rad,q4_rad,q5_rad,q6_rad,x_mm,y_mm,z_mm,group"
+
+
+def write_data(folder: Path, rng: np.random.Generator, *, is_moved: bool) -> None:
+    """Write 60 configurations in two groups, in the robot's base or before a tracker that stood at
+    two places."""
+    q = ROBOT.draw(rng, 60)
+    position = forward(ROBOT, q, np.array(TOOL)) + rng.normal(0, 0.05, (60, 3))
+    lines = [HEADER]
+    for row in range(60):
+        group = row // 30
+        point = position[row]
+        if is_moved:
+            point = rotation_matrix(2, 0.4 + group) @ point + np.array([900.0, 200.0, 50.0 * group])
+        numbers = ",".join(f"{value:.6f}" for value in (*q[row], *point))
+        lines.append(f"{numbers},day {group}")
+    (folder / "m.csv").write_text("\n".join(lines))
+
+
+def make_study(**robot: object) -> Study:
+    table = {"name": "puma760", **robot}
+    return Study(name="s", seed=3, robot=table, measurements="m.csv", split={"estimation": 40})
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [{"tool_mm": (41.0, -10.0, 120.0)}, {"register": True}, {"register": "per group"}],
+    ids=["tool", "registered", "per group"],
+)
+def test_check_has_the_robot_where_the_study_has_it(
+    robot: dict[str, object], tmp_path: Path, rng: np.random.Generator
+) -> None:
+    write_data(tmp_path, rng, is_moved=robot.get("register") == "per group")
+    study = make_study(**robot)
+    found = inspect_study(study, tmp_path)
+    described = found["study"]
+    split, _, _ = prepare(study, *_read(study, tmp_path))
+    distances = np.linalg.norm(residuals(split.problem)[:, :3], axis=1)
+    assert described["refused"] is None
+    assert described["median_mm"] == pytest.approx(np.median(distances), rel=1e-12)
+    (target,) = described["target_on_flange"]
+    np.testing.assert_allclose(target["position_mm"], split.problem.tools[0])
+    assert described["registered"] == ("register" in robot)
+    assert len(described["base_in_tracker"]) == (2 if "per group" in robot.values() else 1)
+    said = "\n".join(format_inspection(found))
+    assert ("Registered as the study does" in said) == ("register" in robot)
+    assert ("as the study states them" in said) == ("tool_mm" in robot)
+    assert ("Base of the nominal robot" in said) == ("register" in robot)
+    if "tool_mm" in robot:
+        np.testing.assert_allclose(described["median_mm"], 1.0, atol=0.1)
+
+
+def _read(study: Study, folder: Path) -> tuple[object, ...]:
+    robot, _, measured, labels = read_inputs(study, folder, BUILTIN)
+    return robot, measured, labels
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "robot", [{"tool_mm": TOOL}, {"register": True}], ids=["tool", "registered"]
+)
+def test_check_and_study_determine_the_same_parameters(
+    robot: dict[str, object], tmp_path: Path, rng: np.random.Generator
+) -> None:
+    write_data(tmp_path, rng, is_moved=False)
+    study = make_study(**robot)
+    found = inspect_study(study, tmp_path)
+    result = run_study(study, tmp_path, sampling=False)
+    base = result.run.base
+    assert found["geometry"]["parameters"] == len(base.fit.terms)
+    # what the noise leaves to the prior, only the fit can tell
+    leaning = len(base.fit.leaning)
+    assert found["geometry"]["rank"] == base.rank + leaning
+    told = [group["sentence"] for group in found["unidentifiable"]]
+    told_by_study = [group.sentence for group in list_unidentifiable(base.fit)]
+    assert told_by_study[: len(told)] == told
+    assert len(told_by_study) <= len(told) + leaning
+
+
+def test_check_tells_what_the_study_refuses(tmp_path: Path, rng: np.random.Generator) -> None:
+    write_data(tmp_path, rng, is_moved=True)
+    study = make_study(tool_mm=TOOL)
+    with pytest.raises(DataError) as error:
+        prepare(study, *_read(study, tmp_path))
+    found = inspect_study(study, tmp_path)
+    assert found["study"]["refused"] == [str(error.value)]
+    lines = format_inspection(found)
+    assert f"`modelsel study` refuses these data: {error.value}" in lines
+
+
+def test_no_places_beyond_the_limits_are_none(tmp_path: Path, rng: np.random.Generator) -> None:
+    write_data(tmp_path, rng, is_moved=False)
+    found = inspect_study(make_study(tool_mm=TOOL), tmp_path)
+    for joint in found["joints"]:
+        assert joint["rows_beyond_limits"] == 0
+        assert joint["places_beyond_limits"] is None
