@@ -95,12 +95,12 @@ def test_check_and_study_determine_the_same_parameters(
     base = result.run.base
     assert found["geometry"]["parameters"] == len(base.fit.terms)
     # what the noise leaves to the prior, only the fit can tell
-    leaning = len(base.fit.leaning)
-    assert found["geometry"]["rank"] == base.rank + leaning
+    held = base.fit.weak.held
+    assert found["geometry"]["rank"] == base.rank + held
     told = [group["sentence"] for group in found["unidentifiable"]]
     told_by_study = [group.sentence for group in list_unidentifiable(base.fit)]
     assert told_by_study[: len(told)] == told
-    assert len(told_by_study) <= len(told) + leaning
+    assert len(told_by_study) <= len(told) + held
 
 
 def test_check_tells_what_the_study_refuses(tmp_path: Path, rng: np.random.Generator) -> None:
