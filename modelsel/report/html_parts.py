@@ -23,20 +23,27 @@ def keep_units(words: str) -> str:
     return UNIT.sub(NO_BREAK, words)
 
 
-def write_html_table(columns: Columns, rows: Sequence[Sequence[str]], of: str) -> str:
-    """Write a table of cells that are HTML already, with (name, "left" or "right") of each column. On
-    narrow screens each cell says what it is."""
+def write_html_table(
+    columns: Columns, rows: Sequence[Sequence[str]], of: str, caption: str = ""
+) -> str:
+    """Write a table of cells that are HTML already, with (name, "left" or "right") of each column, and
+    a caption in plain words. One that is wider than the page scrolls within itself; on narrow screens
+    each cell says what it is."""
     heads = []
     for name, side in columns:
         style = _write_side(side)
-        heads.append(f'<th scope="col"{style}>{escape(name)}</th>')
+        heads.append(f'<th scope="col"{style}>{escape(keep_units(name))}</th>')
     head = "".join(heads)
     lines = [_write_row(columns, row) for row in rows]
     body = "\n".join(lines)
-    return (
-        f'<table class="plain stack {of}"><thead><tr>{head}</tr></thead>\n'
-        f"<tbody>{body}</tbody></table>"
+    table = (
+        f'<div class="wide"><table class="plain stack {of}"><thead><tr>{head}</tr></thead>\n'
+        f"<tbody>{body}</tbody></table></div>"
     )
+    if not caption:
+        return table
+    words = escape(keep_units(caption))
+    return f"<figure>{table}<figcaption>{words}</figcaption></figure>"
 
 
 def _write_row(columns: Columns, row: Sequence[str]) -> str:

@@ -11,7 +11,13 @@ from browser import chromium, opened, resize
 from report_studies import read_source, source_of, written
 
 from modelsel.diagnosis.sentences import choose_prefix
+from modelsel.report.document import walk_blocks
 from modelsel.report.html import write_page
+from modelsel.report.pages.parameter_uncertainty import (
+    QUANTILE_COLUMNS,
+    tabulate_quantiles,
+    write_posterior_page,
+)
 from modelsel.results.finding_advice import advise
 from modelsel.results.parameter_table import PARAMETER_COLUMNS, tabulate_calibrated
 
@@ -48,6 +54,41 @@ def test_table_of_parameters_is_that_of_the_pdf(drawn) -> None:
     assert head == [name for name, _ in PARAMETER_COLUMNS]
     assert body == [row.cells for row in rows]
     assert len(body) > 40
+
+
+def test_table_of_quantiles_is_that_of_the_pdf(drawn) -> None:
+    source = read_source(drawn)
+    blocks = list(walk_blocks(write_posterior_page(source)))
+    (table,) = [block for block in blocks if block["kind"] == "table"]
+    page = page_of(*written(drawn))
+    head, *body = read_rows(page, "quantiles")
+    plain = [word.replace("\N{NO-BREAK SPACE}", " ") for word in head]
+    assert plain == [name for name, _ in QUANTILE_COLUMNS]
+    assert body == tabulate_quantiles(source.record.sampling.quantiles)
+    assert len(body) > 3
+    (caption,) = findall(r"<figcaption>(.*?)</figcaption>", page)
+    assert unescape(caption).replace("\N{NO-BREAK SPACE}", " ") == table["caption"]
+
+
+def test_no_table_of_quantiles_without_a_sampling(drawn) -> None:
+    result, details = written(drawn)
+    result["sampling"] = None
+    assert read_rows(page_of(result, details), "quantiles") == []
+
+
+SCROLLING = """
+document.querySelectorAll("details").forEach((one) => { one.open = true; });
+const wide = document.querySelector(".wide:has(.calibrated)");
+return [document.documentElement.scrollWidth, wide.scrollWidth > wide.clientWidth];
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("width", "scrolls"), [(1280, False), (700, True), (390, False)])
+def test_wide_tables_scroll_within_themselves(browser, drawn, width, scrolls) -> None:
+    resize(browser, width, 900)
+    opened(browser, drawn / "report.html")
+    assert browser.execute_script(SCROLLING) == [width, scrolls]
 
 
 def test_words_of_the_data_are_escaped_in_the_table(drawn) -> None:

@@ -208,14 +208,25 @@ QUANTILE_COLUMNS = (
 
 def _write_quantiles(quantiles: Sequence[QuantilesRecord], record: StudyRecord) -> list[Block]:
     """Write the table of quantiles; nothing where there are none."""
-    if not quantiles:
+    rows = tabulate_quantiles(quantiles)
+    if not rows:
         return []
-    rows = [[one.name, *_format_quantiles(one)] for one in quantiles[:MAX_QUANTILES]]
+    caption = caption_quantiles(quantiles, record)
+    table = make_table(QUANTILE_COLUMNS, rows, caption, [0.0] * len(QUANTILE_COLUMNS))
+    return [table | {"dense": True}]
+
+
+def tabulate_quantiles(quantiles: Sequence[QuantilesRecord]) -> list[list[str]]:
+    """Return the rows of the table of quantiles: the name, five figures and their unit."""
+    return [[one.name, *_format_quantiles(one)] for one in quantiles[:MAX_QUANTILES]]
+
+
+def caption_quantiles(quantiles: Sequence[QuantilesRecord], record: StudyRecord) -> str:
+    """Return the caption of the table of quantiles."""
     caption = "Sampled as described above; the closed form is that of least squares."
     if any(one.name.startswith(NOISE) for one in quantiles):
         caption += SCALE_BESIDE_PARTS if len(record.repeatability) > 1 else SCALE_OF_NOISE
-    table = make_table(QUANTILE_COLUMNS, rows, caption, [0.0] * len(QUANTILE_COLUMNS))
-    return [table | {"dense": True}]
+    return caption
 
 
 def _measure_largest(one: QuantilesRecord) -> float:
