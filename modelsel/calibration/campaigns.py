@@ -40,6 +40,7 @@ from .target_changes import (
     compute_target_p,
 )
 
+MRAD = 1e3  # in a radian
 MAX_DIFFERENCE = 1e-6  # mm, entries of a rotation, kg: between two nominal robots that are one
 
 
@@ -47,7 +48,7 @@ MAX_DIFFERENCE = 1e-6  # mm, entries of a rotation, kg: between two nominal robo
 class Change:
     """One parameter in both campaigns: values and the difference with its standard error, in the
     term's unit; `p` corrected for the number tested; `moves_mm` what the difference does to the
-    target (rms)."""
+    target (rms), `turns_mrad` to its orientation, where both campaigns measured that."""
 
     mechanism: str
     symbol: str
@@ -58,6 +59,7 @@ class Change:
     standard_error: float
     p: float
     moves_mm: float
+    turns_mrad: float | None = None
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,7 @@ class Explanation:
     standard_error: float
     moves_mm: float
     alike: tuple[str, ...]
+    turns_mrad: float | None = None
 
 
 @dataclass(frozen=True)
@@ -250,7 +253,17 @@ def _build_change(space: CommonSpace, i: int, p: float) -> Change:
         standard_error=float(error),
         p=p,
         moves_mm=float(moves_mm),
+        turns_mrad=_measure_turn(space, place, difference),
     )
+
+
+def _measure_turn(space: CommonSpace, place: int, change: float) -> float | None:
+    """Measure the rms turn [mrad] of the target by a change of a term; None where orientations are
+    not compared."""
+    if not space.turns.size:
+        return None
+    turn = change * space.turning[place] * MRAD
+    return float(turn)
 
 
 def _explain(
@@ -328,6 +341,7 @@ def _build_explanation(
         standard_error=step.standard_error,
         moves_mm=float(moves_mm),
         alike=alike,
+        turns_mrad=_measure_turn(space, place, change),
     )
 
 
@@ -370,7 +384,10 @@ def _find_detectable_range(
     places = space.kept[tested]
     displacement = space.displacement[places]
     errors = space.standard_errors[tested]
-    least = quantile * errors * displacement
+    does_move = displacement > 0
+    least = quantile * errors[does_move] * displacement[does_move]
+    if not len(least):
+        return None
     typical = float(np.median(least))
     worst = float(least.max())
     return typical, worst

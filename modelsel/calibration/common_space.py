@@ -33,7 +33,8 @@ class CommonSpace:
     """Both campaigns in one set of representatives.
 
     `campaigns` number their `targets` and their groups alike; `X` (m, 3, p) columns of all terms at
-    common configurations; `theta` (2, p) and `factors` of the campaigns' covariances; `kept` places
+    common configurations; `turns` (m, 3, p) how they turn the target [rad], where both campaigns have
+    measured orientations, else of no row; `theta` (2, p) and `factors` of the campaigns' covariances; `kept` places
     of the representatives, `relation` (p, r) from all terms to them; `placing` the terms that a new
     placement, or another target, takes up; `offsets` (targets, 3) places of the terms that move one
     of several targets that both have measured.
@@ -46,6 +47,7 @@ class CommonSpace:
     theta: Array
     factors: list[Array]
     X: Array
+    turns: Array
     kept: Index
     relation: Array
     offsets: Index
@@ -75,14 +77,24 @@ class CommonSpace:
         """Rms displacement (p,) of the target per unit of every term [mm], beyond what a new placement
         takes up."""
         coordinates = self._flatten()
-        taken_up = []
-        for place, term in enumerate(self.terms):
-            if term in self.placing:
-                taken_up.append(place)
-        placing = coordinates[:, taken_up]
-        basis = orthonormal_basis(placing)
-        beyond = project_out(coordinates, basis)
+        beyond = self._project_out_placing(coordinates)
         return self._measure(beyond)
+
+    @cached_property
+    def turning(self) -> Array:
+        """Rms turning (p,) of the target per unit of every term [rad], beyond what a new placement
+        takes up; zero where orientations are not compared."""
+        count = len(self.terms)
+        coordinates = self.turns.reshape(-1, count)
+        beyond = self._project_out_placing(coordinates)
+        return self._measure(beyond)
+
+    def _project_out_placing(self, columns: Array) -> Array:
+        """Project out of columns (k, p) of all terms what a new placement takes up."""
+        taken_up = [place for place, term in enumerate(self.terms) if term in self.placing]
+        placing = columns[:, taken_up]
+        basis = orthonormal_basis(placing)
+        return project_out(columns, basis)
 
     @cached_property
     def whole_displacement(self) -> Array:
@@ -155,10 +167,16 @@ def build_common_space(a: Calibration, b: Calibration) -> CommonSpace:
     problem = _spread_over_campaign(sampled, ranges)
     if separate:
         problem = _spread_over_targets(problem, targets.shared)
-    placing = _build_placing(a, b, targets, bool(separate))
+    oriented = _measure_orientations(a, b)
+    if oriented:
+        problem = _observe_orientations(problem)
+    placing = _build_placing(a, b, targets, bool(separate), oriented)
     terms = _order_terms(placing, a, b)
-    X = compute_design(problem, terms)[0]
-    rows = X.reshape(-1, len(terms))
+    columns = compute_design(problem, terms)[0]
+    X, turns = columns[:, :3], columns[:, 3:]
+    # a radian weighs as much as it moves at the end of the arm
+    scaled = np.concatenate([X, a.robot.reach * turns], 1)
+    rows = scaled.reshape(-1, len(terms))
     identified = identify(reduce(rows, np.zeros(len(rows))))
     estimates = []
     factors = []
@@ -174,10 +192,26 @@ def build_common_space(a: Calibration, b: Calibration) -> CommonSpace:
         np.array(estimates),
         factors,
         X,
+        turns,
         np.array(identified.exact, dtype=np.intp),
         identified.relation,
         _place_offsets(terms, separate),
     )
+
+
+def _measure_orientations(a: Calibration, b: Calibration) -> bool:
+    """Whether both campaigns have measured orientations."""
+    first, second = a.tool_rotations, b.tool_rotations
+    return first is not None and second is not None
+
+
+def _observe_orientations(at: Problem) -> Problem:
+    """Measure the orientation, too, in every configuration: as that of frame 0, since where the
+    target turns to does not depend on it."""
+    count = len(at)
+    rotation = np.tile(np.eye(3), (count, 1, 1))
+    data = replace(at.data, rotation=rotation)
+    return replace(at, data=data)
 
 
 def _order_terms(placing: Mechanism, a: Calibration, b: Calibration) -> tuple[Term, ...]:
@@ -213,13 +247,13 @@ def _place_offsets(terms: Sequence[Term], separate: Sequence[Sequence[Term]]) ->
 
 
 def _build_placing(
-    a: Calibration, b: Calibration, targets: CommonNames, separate: bool
+    a: Calibration, b: Calibration, targets: CommonNames, separate: bool, oriented: bool
 ) -> Mechanism:
     """Build the terms that take up what a new placement of the tracker and the target, or where no
     target is common, another target, would also do. Of several targets compared one by one
-    (`separate`) none is taken up: what they do together is told."""
+    (`separate`) no place is taken up: what they do together is told."""
     robot = a.robot
-    setup = build_setup(robot, 1, 1, True, False)
+    setup = build_setup(robot, 1, 1, True, oriented)
     is_registered = a.registered or b.registered
     flange = robot.n + 1
     placing = []
@@ -227,7 +261,9 @@ def _build_placing(
         (screw,) = term.screws
         taken_up = is_registered
         if screw.frame == flange:
-            taken_up = not separate and (is_registered or not len(targets.shared))
+            is_open = is_registered or not len(targets.shared)
+            is_turn = screw.axis.startswith("r")
+            taken_up = is_open and (is_turn or not separate)
         if taken_up:
             placing.append(term)
     return replace(setup, terms=tuple(placing))

@@ -13,6 +13,7 @@ from .target_changes import TargetMotion
 
 MAX_LISTED = 6
 SAME_TARGET_MM = 1.0  # between two targets that are told as one
+MIN_MOVE_MM = 1e-9  # what is less is rounding, of a change that turns the target alone
 COVERAGE = 2.0  # standard uncertainties that are told (k = 2)
 
 
@@ -106,8 +107,19 @@ def _describe_explanation(explanation: Explanation) -> str:
         also = f", or equally well {alike},"
     error = COVERAGE * explanation.standard_error
     by = format_quantity(explanation.by, error, explanation.unit)
-    moves = write_rounded(explanation.moves_mm)
-    return f"{explanation.label}{also} changed by {by} (k = 2): {moves} mm rms at the target."
+    effect = _describe_effect(explanation)
+    return f"{explanation.label}{also} changed by {by} (k = 2): {effect}."
+
+
+def _describe_effect(explanation: Explanation) -> str:
+    """Describe how far a change moves the target and, where orientations are compared, turns it."""
+    moves = f"{write_rounded(explanation.moves_mm)} mm rms at the target"
+    if explanation.turns_mrad is None:
+        return moves
+    turns = f"{write_rounded(explanation.turns_mrad)} mrad rms of its orientation"
+    if explanation.moves_mm < MIN_MOVE_MM:
+        return turns.replace("its orientation", "the target's orientation")
+    return f"{moves}, {turns}"
 
 
 def _summarise(comparison: Comparison) -> str:

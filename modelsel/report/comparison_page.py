@@ -12,7 +12,7 @@ from string import Template
 from typing import NamedTuple
 
 from ..calibration.campaigns import Change, Comparison, Explanation
-from ..calibration.comparison_sentences import COVERAGE, describe_comparison
+from ..calibration.comparison_sentences import COVERAGE, MIN_MOVE_MM, describe_comparison
 from ..calibration.mechanism_changes import describe_change, write_p
 from ..calibration.target_changes import TargetChange
 from ..exceptions import count_words
@@ -250,7 +250,8 @@ def _write_short_p(p: float) -> str:
 def _tabulate_explained(explained: Sequence[Explanation]) -> str:
     """Write a table of the terms that explain the difference, those that move the target most first."""
     largest = max(one.moves_mm for one in explained)
-    heads = ["parameter", "moves the target", "mm rms", "change", "± (k = 2)"]
+    turns = _list_turn_heads(explained)
+    heads = ["parameter", "moves the target", "mm rms", *turns, "change", "± (k = 2)"]
     rows = []
     for one in explained:
         factor, shown = _choose_scale(one.unit, abs(one.by))
@@ -258,12 +259,29 @@ def _tabulate_explained(explained: Sequence[Explanation]) -> str:
             [
                 _name_parameter(one.symbol, shown, one.mechanism),
                 _draw_bar(one.moves_mm, largest),
-                f"{one.moves_mm:.3g}",
+                *_write_effects(one),
                 _write_figure(factor * one.by, 4),
                 _write_figure(factor * COVERAGE * one.standard_error, 2),
             ]
         )
-    return write_html_table(_align(heads, 3), rows, "parameters")
+    return write_html_table(_align(heads, 3 + len(turns)), rows, "parameters")
+
+
+def _list_turn_heads(changes: Sequence[Change | Explanation]) -> list[str]:
+    """List the heading of the column of turns, where orientations are compared."""
+    is_turned = any(change.turns_mrad is not None for change in changes)
+    return ["mrad rms"] if is_turned else []
+
+
+def _write_effects(change: Change | Explanation) -> Iterator[str]:
+    """Write how far a change moves the target and, where orientations are compared, turns it."""
+    yield _write_effect(change.moves_mm)
+    if change.turns_mrad is not None:
+        yield _write_effect(change.turns_mrad)
+
+
+def _write_effect(size: float) -> str:
+    return "0" if size < MIN_MOVE_MM else f"{size:.3g}"
 
 
 def _name_parameter(symbol: str, unit: str, mechanism: str) -> str:
@@ -293,10 +311,12 @@ def _tabulate(changes: Sequence[Change]) -> str:
     """Write a table of changes, those that move the target most first."""
     largest = max(change.moves_mm for change in changes)
     ordered = sorted(changes, key=lambda change: -change.moves_mm)
+    turns = _list_turn_heads(changes)
     heads = [
         "parameter",
         "moves the target",
         "mm rms",
+        *turns,
         "first",
         "second",
         "change",
@@ -304,7 +324,7 @@ def _tabulate(changes: Sequence[Change]) -> str:
         "p",
     ]
     rows = [_write_change(change, largest) for change in ordered]
-    return write_html_table(_align(heads, 6), rows, "parameters")
+    return write_html_table(_align(heads, 6 + len(turns)), rows, "parameters")
 
 
 def _write_change(change: Change, largest: float) -> list[str]:
@@ -313,7 +333,7 @@ def _write_change(change: Change, largest: float) -> list[str]:
     return [
         _name_parameter(change.symbol, shown, change.mechanism),
         _draw_bar(change.moves_mm, largest),
-        f"{change.moves_mm:.3g}",
+        *_write_effects(change),
         *(_write_figure(factor * value, 4) for value in values),
         _write_figure(factor * COVERAGE * change.standard_error, 2),
         _write_short_p(change.p),
