@@ -23,6 +23,7 @@ from .fewest_terms import Step, select_fewest_terms
 from .known_names import Names
 from .mechanism_changes import (
     GEOMETRY_NAMES,
+    MRAD,
     POWER_QUANTILE,
     SIGNIFICANCE,
     MechanismChange,
@@ -40,7 +41,6 @@ from .target_changes import (
     compute_target_p,
 )
 
-MRAD = 1e3  # in a radian
 MAX_DIFFERENCE = 1e-6  # mm, entries of a rotation, kg: between two nominal robots that are one
 
 
@@ -170,6 +170,7 @@ def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
         space.theta,
         space.factors,
         space.X,
+        space.turns,
         _error_ratio(space, tested),
     )
     return Comparison(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -35,6 +35,7 @@ SINGLE_WORDS = (("disappeared", "may have disappeared"), ("appeared", "may have 
 DEFINITE_CHANGES = ("appeared", "disappeared", "grew", "shrank")
 NOT_COMPARABLE = "cannot be compared"  # the geometry follows all that a mechanism does
 MIN_SHARE_BEYOND = 1e-6  # of a whole motion, beyond the geometry: what is less is rounding
+MRAD = 1e3  # in a radian
 CAMPAIGN_NAMES = ("first", "second")
 
 
@@ -55,6 +56,8 @@ class MechanismChange:
     p: float | None
     seen_mm: float | None
     only_in: str | None = None
+    # how far it turned the target in each campaign (rms), where both measured orientations
+    turns_mrad: tuple[float, float] | None = None
 
 
 def label_mechanism(name: str) -> str:
@@ -81,14 +84,16 @@ def two_sided_quantile(p: float) -> float:
 @dataclass(frozen=True, eq=False)
 class Motions:
     """What mechanisms of two campaigns move the target by at common configurations, X (m, 3, p) of
-    all terms; theta (2, p), factors of its covariances, `surer`: the second campaign's standard
-    errors over the first's."""
+    all terms, and turn it by, `turns` (m, 3, p), of no row where orientations are not compared; theta
+    (2, p), factors of its covariances, `surer`: the second campaign's standard errors over the
+    first's."""
 
     campaigns: tuple[Calibration, Calibration]
     terms: tuple[Term, ...]
     theta: Array
     factors: list[Array]
     X: Array
+    turns: Array
     surer: float
 
     @cached_property
@@ -155,6 +160,13 @@ class Motions:
         length = float(np.linalg.norm(motion))
         return length / float(np.sqrt(len(self.X)))
 
+    def turn_size(self, k: int, own: list[int]) -> float:
+        """Return the rms turn [mrad] of the target by the terms `own` in campaign k."""
+        estimates = self.theta[k, own]
+        turned = self.turns[:, :, own] @ estimates
+        length = float(np.linalg.norm(turned))
+        return MRAD * length / float(np.sqrt(len(self.X)))
+
     def is_followed(self, k: int, own: list[int]) -> bool:
         """Whether the geometry follows all that the terms do in campaign k: what is left of their
         motion, if there is one, is rounding."""
@@ -187,15 +199,34 @@ def compare_mechanisms(motions: Motions, moved: set[str]) -> tuple[MechanismChan
         is_renamed = pair.first != pair.second
         is_sure = change.p is not None and change.p <= SIGNIFICANCE_BESIDE
         if is_moved or is_renamed or is_sure:
-            changes.append(change)
+            turns = _measure_turns(motions, pair.first, pair.second)
+            changes.append(replace(change, turns_mrad=turns))
         renamed |= {pair.first, pair.second}
     for campaign, names in enumerate((disappeared, appeared)):
         for name in names:
             if name in renamed:
                 continue
             change = _judge_single(motions, campaign, name)
-            changes.append(change)
+            named = (name, None) if campaign == 0 else (None, name)
+            turns = _measure_turns(motions, *named)
+            changes.append(replace(change, turns_mrad=turns))
     return tuple(changes)
+
+
+def _measure_turns(
+    motions: Motions, first: str | None, second: str | None
+) -> tuple[float, float] | None:
+    """Measure how far a mechanism, by its name in each campaign, turns the target [mrad]; None where
+    orientations are not compared."""
+    if not motions.turns.size:
+        return None
+    sizes = []
+    for campaign, name in enumerate((first, second)):
+        places = motions.locate_mechanisms(campaign)
+        size = 0.0 if name is None else motions.turn_size(campaign, places[name])
+        sizes.append(size)
+    before, after = sizes
+    return before, after
 
 
 @dataclass(frozen=True)
@@ -321,7 +352,8 @@ def describe_change(change: MechanismChange) -> str:
     what = change.what
     before = write_rounded(change.before_mm)
     after = write_rounded(change.after_mm)
-    sizes = f"{before} to {after} mm rms at the target ({write_p(change.p)})"
+    turned = _describe_turns(change, " to ")
+    sizes = f"{before} to {after} mm rms at the target{turned} ({write_p(change.p)})"
     if what in ("grew", "shrank"):
         return f"{name} {what}: {sizes}."
     if what == "changed":
@@ -331,11 +363,24 @@ def describe_change(change: MechanismChange) -> str:
     return f"{name} did not change beyond chance: {sizes}; a change of {seen} mm would have been detected."
 
 
+def _describe_turns(change: MechanismChange, between: str | None = None) -> str:
+    """Describe how far a mechanism turns the target, both campaigns' figures or the one there is;
+    nothing where orientations are not compared."""
+    if change.turns_mrad is None:
+        return ""
+    before, after = change.turns_mrad
+    figures = write_rounded(max(before, after))
+    if change.only_in is None and between is not None:
+        figures = f"{write_rounded(before)}{between}{write_rounded(after)}"
+    return f", {figures} mrad rms of its orientation"
+
+
 def _describe_followed(change: MechanismChange) -> str:
     """Describe a mechanism that moves the target as the geometry does, so that nothing can be
     compared."""
     before = write_rounded(change.before_mm)
     after = write_rounded(change.after_mm)
+    turned = _describe_turns(change, " and ")
     named = f"{change.name} is in the models of both campaigns, with {before} and {after} mm"
     if change.only_in is not None:
         size = before if change.only_in == CAMPAIGN_NAMES[0] else after
@@ -343,7 +388,7 @@ def _describe_followed(change: MechanismChange) -> str:
             f"{change.name} is in the model of the {change.only_in} campaign only, with {size} mm"
         )
     return (
-        f"{named} rms at the target. The geometry, which both have fitted, would move it in the same "
+        f"{named} rms at the target{turned}. The geometry, which both have fitted, would move it in the same "
         "way, so the two campaigns cannot be compared in it."
     )
 
@@ -353,7 +398,7 @@ def _describe_single(change: MechanismChange) -> str:
     is_first = change.only_in == CAMPAIGN_NAMES[0]
     named, other = CAMPAIGN_NAMES if is_first else CAMPAIGN_NAMES[::-1]
     largest = change.before_mm if is_first else change.after_mm
-    size = f"{write_rounded(largest)} mm rms at the target"
+    size = f"{write_rounded(largest)} mm rms at the target{_describe_turns(change)}"
     limit = f"From where on the {other} would have named it is not known"
     if change.seen_mm is not None:
         seen = write_rounded(change.seen_mm, 2)

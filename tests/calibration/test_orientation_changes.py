@@ -15,6 +15,7 @@ from modelsel._typing import Array
 from modelsel.calibration.calibration import Calibration, calibrate
 from modelsel.calibration.campaigns import Comparison, Explanation, compare_campaigns
 from modelsel.calibration.comparison_sentences import describe_comparison
+from modelsel.calibration.mechanism_changes import describe_change
 from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
@@ -72,6 +73,29 @@ def campaign(
     split = Split(at, rows, ~rows, np.zeros(60, np.intp), True)
     fitted = fit(at, model if oriented else make_model(False))
     return calibrate("bench", split, fitted, Floor(NOISE_MM, "stated"), None, False, {})
+
+
+def test_a_mechanism_that_grew_is_told_with_its_turns(rng: np.random.Generator) -> None:
+    compliance = mechanism("joint-compliance:2", ROBOT)
+    model = make_model(True)
+    model = Model((*model.mechanisms, compliance))
+    before = draw_errors(rng, make_model(True))
+    calibrations = []
+    for size in (1e-6, 4e-6):
+        theta = np.append(before, size)
+        calibrations.append(campaign(rng, model, theta))
+    found = compare_campaigns(*calibrations)
+    (change,) = found.mechanisms
+    assert change.what == "grew"
+    first, second = change.turns_mrad
+    assert second == pytest.approx(4 * first, rel=0.1)
+    # what joint 2 winds up turns the target as far, and moves it by the lever, of a metre or less
+    assert change.after_mm < second * ROBOT.reach / 1e3
+    assert " mrad rms of its orientation (p < 0.001)." in describe_change(change)
+    only = compare_campaigns(calibrations[1], campaign(rng, make_model(True), before))
+    (gone,) = only.mechanisms
+    assert gone.turns_mrad == (pytest.approx(second, rel=0.05), 0.0)
+    assert " mrad rms of its orientation; " in describe_change(gone)
 
 
 def compare_changed(
