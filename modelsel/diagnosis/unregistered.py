@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._typing import Array
+from ..exceptions import write_rounded
 from ..fitting.problem import Problem
 from ..measurements.reference_temperature import TEMPERATURE
 from ..measurements.state_names import parse_state_name
@@ -326,11 +327,11 @@ def build_pitch_wave(joint: int, count: float, travel: float, axis: str = "tz") 
     cosine = Screw(joint, axis, cos(angle))
     terms = (Term("ms", (sine,)), Term("mc", (cosine,)))
     length = travel / count
-    every = f"a wave every {length:.3g} mm"
+    every = f"a wave every {write_rounded(length)} mm"
     sentence = f"Joint {joint} slides unevenly, {every}"
     causes: tuple[str, ...] = ("pitch of the screw", "teeth of the rack", "joints of the scale")
     if axis != "tz":
-        sentence = f"Joint {joint} does not slide straight: {every} along its {axis[1]} axis"
+        sentence = f"Joint {joint} does not slide straight: {every} along the {axis[1]} axis of frame {joint}"
         causes = ("rail that is bent", "joints or bolts of the rail")
     name = f"{joint} {axis} wave of q{joint} every {length:.5g} mm"
     return Mechanism(name, terms, sentence, usual_causes=causes)

@@ -96,7 +96,7 @@ def test_a_rail_that_is_not_straight_is_one_finding(rng: np.random.Generator) ->
     (effect,) = said(rng, wave, across=True)
     told = describe_candidate(effect.candidate, effect.estimate)
     (found,) = re.findall(
-        r"Joint 3 does not slide straight: a wave every (\S+) mm along its x", told
+        r"Joint 3 does not slide straight: a wave every (\S+) mm along the x axis of frame 3", told
     )
     assert float(found) == pytest.approx(length, rel=0.05)
 
@@ -120,3 +120,10 @@ def test_a_wave_of_a_slide_is_called_by_its_length() -> None:
     wave = build_pitch_wave(1, 1.75, 700.0, "tx")
     label = Candidate(wave, CandidateKind.SLIDE_WAVE, 0.1).label
     assert label == "frame 1 tx · wave of q1 every 400 mm"
+
+
+def test_the_axis_that_a_slide_is_not_straight_along_is_named_with_its_frame() -> None:
+    wave = build_pitch_wave(2, 1.0, 1264.1, "ty")
+    assert wave.sentence == (
+        "Joint 2 does not slide straight: a wave every 1,260 mm along the y axis of frame 2"
+    )
