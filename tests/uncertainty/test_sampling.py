@@ -109,6 +109,23 @@ def test_emcee_agrees_with_the_closed_form(
     close(chain)
 
 
+@pytest.mark.slow
+def test_slides_and_turns_are_sampled_together_in_their_own_units(rng: np.random.Generator) -> None:
+    """Coefficients in mm, rad and mm/mm, of sizes a thousand apart, each as the closed form has it."""
+    sliding = small_arm(prismatic=True)
+    scale = one(3, "tz", q(3, "mm"))
+    few = Model((one(2, "tx"), one(1, "rz"), one(3, "rx"), one(3, "ty", q(3, "mm")), scale))
+    at = drawn(sliding, rng, 40)
+    at = planted(at, few.terms, np.zeros(5), rng, 0.1)
+    fitted = fit(at, few)
+    assert [term.unit for term in few.terms] == ["mm", "rad", "rad", "mm/mm", "mm/mm"]
+    chosen = fitted.found.kept
+    assert len(chosen) == 5
+    chain = sample_posterior(target(at, fitted, chosen), NOTHING, "", rng)
+    assert chain.converged
+    close(chain)
+
+
 def test_integrated_coefficients_change_nothing(problem: Problem, rng: np.random.Generator) -> None:
     fitted = fit(problem, MODEL)
     close(sample_posterior(target(problem, fitted, named(fitted)), NOTHING, "", rng))
