@@ -25,6 +25,8 @@ MAX_P = 0.05
 MIN_PROBABILITY = 0.95
 # degrees of freedom of a good position about its prediction (Student t)
 TAIL_FREEDOM = 4
+# rows one after the other whose positions belong equally far along, from which they are shifted
+MIN_SHIFTED = 3
 # outlying rows beyond which every position has a reading that it fits
 MAX_OUTLIERS = 1000
 
@@ -100,7 +102,7 @@ class _Outlying:
 
     `index` (k,): the rows; `measured` and `residual` (k, 3) [mm]; `partner` (k,): the other
     outlying row whose prediction is nearest; `fits` (k,): whether it is near enough; `scale` [mm]:
-    that of the good rows."""
+    that of the good rows; `everywhere` (m, 3) [mm]: the predictions of all rows."""
 
     index: Index
     measured: Array
@@ -108,6 +110,7 @@ class _Outlying:
     partner: Index
     fits: Mask
     scale: float
+    everywhere: Array
 
     @property
     def predicted(self) -> Array:
@@ -160,6 +163,7 @@ def _collect_outlying(problem: Problem, outlying: Mask, fitted: Fit) -> _Outlyin
         partner=partner,
         fits=fits,
         scale=scale,
+        everywhere=problem.data.position - residual,
     )
 
 
@@ -195,15 +199,80 @@ def _generate_faults(problem: Problem, rows: _Outlying, p: float) -> Iterator[Fa
         probability = _compute_probability(log_ratio, concerned)
         if concerned.sum() < 2 or probability < MIN_PROBABILITY:
             continue
-        index = data.row[rows.index[concerned]]
-        where = data.where.listed(index)
+        runs = [] if is_swap else _find_shifted_runs(rows, concerned)
+        shifted = [row for run in runs for row in run.rows]
+        others = np.setdiff1d(rows.index[concerned], shifted)
+        told = [_describe_run(problem, run) for run in runs]
+        if len(others):
+            told.append(f"{words} ({data.where.listed(data.row[others])})")
+        every = np.union1d(others, shifted).astype(np.intp)
         yield Fault(
             kind=kind,
-            rows=index,
-            sentence=f"A fault of the data: {words} ({where}).",
+            rows=data.row[every],
+            sentence=f"A fault of the data: {'; '.join(told)}.",
             p=p,
             probability=probability,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _ShiftedRun:
+    """Rows of a problem one after the other (k,) whose positions belong to the joint readings of the
+    row so many further down, `by`, or up, where it is negative."""
+
+    rows: list[int]
+    by: int
+
+
+def _find_shifted_runs(rows: _Outlying, concerned: Mask) -> list[_ShiftedRun]:
+    """Find the runs of exchanged rows, `concerned` (k,), whose positions all belong equally far along,
+    with the outlying rows at their ends whose own row is none of the outlying ones."""
+    own = rows.index[concerned]
+    by = rows.index[rows.partner[concerned]] - own
+    is_break = (np.diff(own) != 1) | (np.diff(by) != 0)
+    places = np.flatnonzero(is_break) + 1
+    runs = []
+    for run in np.split(np.arange(len(own)), places):
+        if len(run) < MIN_SHIFTED:
+            continue
+        shift = int(by[run[0]])
+        members = own[run].tolist()
+        before = _extend(rows, members[0], -1, shift)
+        after = _extend(rows, members[-1], 1, shift)
+        runs.append(_ShiftedRun([*reversed(before), *members, *after], shift))
+    return runs
+
+
+def _extend(rows: _Outlying, end: int, step: int, by: int) -> list[int]:
+    """List the outlying rows beyond the end of a run whose positions belong as far along as its."""
+    near = MATCH_THRESHOLD * rows.scale
+    measured = dict(zip(rows.index.tolist(), rows.measured, strict=True))
+    beyond = []
+    row = end + step
+    while row in measured and 0 <= row + by < len(rows.everywhere):
+        apart = np.linalg.norm(measured[row] - rows.everywhere[row + by])
+        if apart >= near:
+            break
+        beyond.append(row)
+        row += step
+    return beyond
+
+
+def _describe_run(problem: Problem, run: _ShiftedRun) -> str:
+    """Describe a block of rows whose positions are shifted against the joint readings."""
+    data = problem.data
+    where = data.where.spans(data.row[run.rows])
+    size = abs(run.by)
+    direction = "after" if run.by > 0 else "before"
+    row = f"the row {direction}"
+    shifted = "one row"
+    if size > 1:
+        row = f"the row {size} rows {direction}"
+        shifted = f"{size} rows"
+    return (
+        f"positions and joint readings are shifted against each other by {shifted} ({where}): each "
+        f"position fits the readings of {row}"
+    )
 
 
 def _compute_log_ratio(rows: _Outlying, reach: float) -> Array:
