@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from .._typing import Array
-from ..exceptions import sentence_list, write_percent, write_rounded
+from ..exceptions import count_words, sentence_list, write_percent, write_rounded
 from ..measurements.state_names import StateKind, parse_state_name
-from ..mechanisms.causes import Applied, Bump
+from ..mechanisms.causes import Applied, Bump, find_bump
 from ..mechanisms.terms import Mechanism, Term, describe_frame_motion, letter
 from .candidates import Candidate
 from .credible_sets import FOUND, Entry
@@ -118,6 +118,8 @@ def describe_amount(terms: Sequence[Term], estimate: Array, error: Array) -> str
     first_screw = first_term.screws[0]
     if isinstance(first_screw.cause, Bump):
         return _describe_free_function(terms, estimate)
+    if find_bump(first_screw.cause) is not None:
+        return f"a function of {count_words(len(terms), 'coefficient')}"
     amounts = []
     largest = _find_largest(terms, estimate, error)
     for term, value, sigma in zip(terms, estimate, error, strict=True):

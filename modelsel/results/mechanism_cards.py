@@ -1,7 +1,7 @@
 """Cards of mechanisms, and the key that each has in details.json.
 
-Mechanisms of several constants share a name, as steps at other moments do: the one that a finding is
-fitted as has a card of its own."""
+Mechanisms of several constants share a name, as steps at other moments do: those that a finding is
+fitted as, or that a cell of the map stands for, have a card each."""
 
 from __future__ import annotations
 
@@ -18,22 +18,26 @@ def key_cards(run: StudyRun) -> dict[Mechanism, str]:
     """Return the key of every mechanism that has a card: its name, or where another one has that, its
     name and a number.
 
-    Those that findings are fitted as come first, then one of every other name that a cell of the map
-    or a credible set has."""
+    Those that findings are fitted as come first, then those that cells of the map stand for, then one
+    of every other name that a credible set has."""
     keys: dict[Mechanism, str] = {}
     count: dict[str, int] = {}
-    for mechanism in _list_fitted(run):
-        if mechanism in keys:
-            continue
-        name = mechanism.name
-        before = count.get(name, 0)
-        keys[mechanism] = f"{name} #{before + 1}" if before else name
-        count[name] = before + 1
-    for mechanism in _list_mentioned(run):
+    cells = run.diagnosis.error_map.named
+    for mechanism in (*_list_fitted(run), *cells.values()):
+        if mechanism not in keys:
+            _add_key(keys, count, mechanism)
+    for mechanism in _list_considered(run):
         if mechanism.name not in count:
-            keys[mechanism] = mechanism.name
-            count[mechanism.name] = 1
+            _add_key(keys, count, mechanism)
     return keys
+
+
+def _add_key(keys: dict[Mechanism, str], count: dict[str, int], mechanism: Mechanism) -> None:
+    """Add the key of a mechanism, of which so many of its name, `count`, have one already."""
+    name = mechanism.name
+    before = count.get(name, 0)
+    keys[mechanism] = f"{name} #{before + 1}" if before else name
+    count[name] = before + 1
 
 
 def find_card(keys: dict[Mechanism, str], mechanism: Mechanism) -> str:
@@ -80,19 +84,17 @@ def _list_fitted(run: StudyRun) -> list[Mechanism]:
     return fitted
 
 
-def _list_mentioned(run: StudyRun) -> list[Mechanism]:
-    """List the registered mechanisms that a cell of the map or a credible set names."""
-    diagnosis = run.diagnosis
-    cells = diagnosis.error_map.named
-    mentioned = list(cells.values())
-    for finding in diagnosis.findings:
+def _list_considered(run: StudyRun) -> list[Mechanism]:
+    """List the registered mechanisms that a credible set names."""
+    considered = []
+    for finding in run.diagnosis.findings:
         named = finding.effect.named
         for entry in named.entries:
             candidate = entry.candidate
             mechanism = candidate.mechanism
             if candidate.registered:
-                mentioned.append(mechanism)
-    return mentioned
+                considered.append(mechanism)
+    return considered
 
 
 def _describe_card(mechanism: Mechanism) -> Values:

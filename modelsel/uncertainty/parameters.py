@@ -16,7 +16,7 @@ from ..diagnosis.residual_tests import GROUP_LEVEL, compute_group_p
 from ..exceptions import number_repeated, write_numbered
 from ..fitting.design import Model, blocks
 from ..fitting.least_squares import Fit
-from ..mechanisms.causes import Bump
+from ..mechanisms.causes import find_bump
 from ..notices import Note
 from ..selection.cross_validation import fold_by_unit
 from ..selection.evaluation import Split
@@ -293,14 +293,13 @@ def list_owners(model: Model) -> tuple[str, ...]:
 
 
 def mask_free_functions(model: Model) -> Mask:
-    """Mask (p,) of the coefficients of free functions."""
+    """Mask (p,) of the coefficients of free functions, alone or times another cause: none says
+    anything alone."""
     inside = []
     for term in model.terms:
-        free = False
-        if term.screws:
-            screw = term.screws[0]
-            free = isinstance(screw.cause, Bump)
-        inside.append(free)
+        causes = [screw.cause for screw in term.screws[:1]]
+        is_free = any(find_bump(cause) is not None for cause in causes)
+        inside.append(is_free)
     return np.array(inside, dtype=bool)
 
 

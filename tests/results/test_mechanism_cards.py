@@ -8,10 +8,15 @@ import pytest
 from report_studies import read_source, source_of, written
 
 from modelsel.mechanisms.environment import tracker_bumped
-from modelsel.mechanisms.registry import mechanism
+from modelsel.mechanisms.registry import build_mechanisms, mechanism
 from modelsel.mechanisms.terms import Mechanism
 from modelsel.report.html import _page_data
-from modelsel.results.mechanism_cards import describe_cards, key_cards, list_finding_cards
+from modelsel.results.mechanism_cards import (
+    describe_cards,
+    find_card,
+    key_cards,
+    list_finding_cards,
+)
 from modelsel.robot.files import load_robot
 
 ARM = load_robot("ur5")
@@ -43,6 +48,21 @@ def test_each_of_two_steps_has_its_own_card() -> None:
     assert "98.5 %" in sentences[0]
     assert "39.5 %" in sentences[1]
     assert set(cards) == {"encoder-scale:1", "encoder-scale:2", late.name, f"{late.name} #2"}
+
+
+def test_each_cell_has_the_card_of_its_own_constant() -> None:
+    """A click on five waves a turn showed the sentence of three."""
+    ripples = build_mechanisms("gear-ripple:1", ARM)[:4]
+    cells = {(0, column): one for column, one in enumerate(ripples)}
+    error_map = SimpleNamespace(named=cells)
+    diagnosis = SimpleNamespace(faults=[], findings=[finding(ripples[2])], error_map=error_map)
+    keys = key_cards(SimpleNamespace(diagnosis=diagnosis))
+    cards = describe_cards(keys)
+    for one in ripples:
+        told = cards[find_card(keys, one)]
+        assert told["sentence"] == one.sentence
+        assert told["equation"] == one.equation
+    assert keys[ripples[2]] == "gear-ripple:1"
 
 
 @pytest.mark.slow
