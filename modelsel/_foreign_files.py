@@ -109,7 +109,10 @@ def _find_signature(beginning: str, suffix: str) -> tuple[str, str] | None:
 
 
 def describe_foreign(path: Path) -> tuple[str, str] | None:
-    """Return (what a file of rows is, what to do) where it has a format that is not read, else None."""
+    """Return (what a file of rows is, what to do) where it has a format that is not read, else None;
+    of a file that is not there its name says nothing."""
+    if not path.exists():
+        return None
     suffix = path.suffix.lower()
     if suffix == OWN_SUFFIX:
         return OWN_FILE, OWN_REMEDY

@@ -56,7 +56,7 @@ def report_command(
     if chosen is not None:
         _check_pages(chosen)
     amount = choose_amount(verbose, quiet)
-    _refuse_file(folder)
+    _check_folder(folder)
     check_writable(folder)
     with claim_folder(folder), show_progress(STEPS, hidden=quiet) as say:
         record, details = read_records(folder)
@@ -75,12 +75,20 @@ def report_command(
         print_written(folder, written)
 
 
-def _refuse_file(path: Path) -> None:
-    """Refuse a file in a folder's place. Raises StudyError."""
-    if path.is_file():
-        raise StudyError(
-            f"{path}: this is a file; the folder of a finished study is expected. Is it {path.parent}?"
-        )
+def _check_folder(path: Path) -> None:
+    """Refuse a file in a folder's place, and a folder that is not there. Raises StudyError."""
+    from ..results.reading import REMEDY
+
+    if not path.exists():
+        raise StudyError(f"{path}: there is no such folder; {REMEDY}.")
+    if not path.is_file():
+        return
+    folder = path.parent
+    is_finished = (folder / "result.json").is_file()
+    question = f" Is it {folder}?" if is_finished else ""
+    raise StudyError(
+        f"{path}: this is a file; the folder of a finished study is expected.{question}"
+    )
 
 
 def _check_pages(chosen: Sequence[str]) -> None:

@@ -18,7 +18,7 @@ from .._names import find_name_problem
 from .._text import parse_toml, read_text
 from ..exceptions import StudyError, suggest
 from .messages import describe_value_problem, format_place, to_toml_values
-from .study_file import Study, find_data, read_study
+from .study_file import Study, find_data, read_study, refuse_measurements
 from .study_tables import FileName, Name, Vector
 
 # One part of a path on any system, not hidden, and not a name that Windows keeps for a device or
@@ -92,6 +92,7 @@ class Fleet:
 def read_fleet(path: Path) -> Fleet:
     """Read a fleet file and the study files it names. Raises StudyError with every problem and its
     place."""
+    refuse_measurements(path, "a fleet file")
     text = read_text(path, "the fleet file")
     table = parse_toml(text, path.name)
     folder = path.parent

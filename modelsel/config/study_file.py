@@ -220,18 +220,18 @@ def read_study(path: Path | str) -> Study:
     path = check_path(path, "the path of a study file or of its folder")
     if path.is_dir():
         path = path / STUDY_FILE
-    _refuse_measurements(path)
+    refuse_measurements(path, "a study file")
     text = read_text(path, "the study file")
     return parse_study(text, path.name)
 
 
-def _refuse_measurements(path: Path) -> None:
-    """Refuse a table of measurements in a study's place, and say how to make a study of it. Raises
-    StudyError."""
+def refuse_measurements(path: Path, expected: str) -> None:
+    """Refuse a table of measurements in the place of another file, and say how to make a study of it.
+    Raises StudyError."""
     is_table = path.suffix.lower() in TABLE_SUFFIXES
     if is_table and path.is_file():
         raise StudyError(
-            f"{path.name}: this is a table of measurements, not a study file. modelsel init "
+            f"{path.name}: this is a table of measurements, not {expected}. modelsel init "
             f"{shlex.quote(str(path))} --robot NAME writes a study of it."
         )
 

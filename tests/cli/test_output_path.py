@@ -150,6 +150,28 @@ def test_files_in_each_others_place_are_called_what_they_are(place: Path) -> Non
     )
     said = "study.toml: this is a study file or a robot file, not a table of measured points."
     assert (ran.exit_code, said in ran.output) == (3, True)
+    ran = CliRunner().invoke(run_command_line, ["fleet", "study/measurements.csv"])
+    said = "measurements.csv: this is a table of measurements, not a fleet file. modelsel init"
+    assert (ran.exit_code, said in ran.output) == (2, True)
+    ran = CliRunner().invoke(run_command_line, ["report", "study/study.toml"])
+    said = "study.toml: this is a file; the folder of a finished study is expected."
+    assert (ran.exit_code, ran.output.strip().endswith(said)) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "said"),
+    [
+        (["init", "none.toml", "--robot", "ur5", "--yes"], 3, "none.toml: no such file."),
+        (["check", "none.mat", "--robot", "ur5"], 3, "none.mat: no such file."),
+        (["report", "nowhere"], 2, "nowhere: there is no such folder; "),
+        (["report", "study"], 2, "study: there is no result.json; "),
+    ],
+)
+def test_what_is_not_there_is_called_nothing_else(
+    words: list[str], status: int, said: str, place: Path
+) -> None:
+    ran = CliRunner().invoke(run_command_line, words)
+    assert (ran.exit_code, said in ran.output) == (status, True)
     (place / "a.pdf").write_bytes(b"%PDF-1.7\n%\xb5")
     ran = CliRunner().invoke(
         run_command_line, ["init", "a.pdf", "--robot", "ur5", "--yes", "--out", "new"]
