@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..exceptions import DataError
+from ..exceptions import MAX_LISTED_LETTERS, DataError
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +167,10 @@ class Where:
         """Say how to map columns that have other names: contract name -> their own."""
         if self.is_file:
             pairs = ", ".join(f'{wanted} = "{given}"' for wanted, given in columns.items())
-            written = _write_options(columns)
+            written = list(_write_options(columns))
             options = " ".join(written)
+            if len(pairs) + len(options) > MAX_LISTED_LETTERS:
+                options = f"{written[0]} and so on"
             return (
                 f"in the study file: [measurements] columns = {{ {pairs} }} (for a command without a "
                 f"study file: {options})"

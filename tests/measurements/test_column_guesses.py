@@ -153,8 +153,14 @@ def test_all_columns_are_proposed_at_once(tmp_path) -> None:
         "--column x_mm=X --column y_mm=Y --column z_mm=Z). "
         "modelsel init lab.csv --robot NAME writes a study that does."
     )
+    names = {name: f"{name} of the arm [deg]" for name in table.columns if name.startswith("J")}
+    pd.DataFrame(dict(table.columns)).rename(columns=names).to_csv(path, index=False)
+    with pytest.raises(DataError, match=r"'q1_deg=J1 of the arm \[deg\]' and so on\)") as caught:
+        read_measurements(path, TURNING)
+    assert len(str(caught.value)) < 700
     guesses = guess_columns(table, TURNING)
     columns = {k: v for choice in guesses for k, v in choice.readings[0].columns.items()}
+    pd.DataFrame(dict(table.columns)).to_csv(path, index=False)
     data = read_measurements(path, TURNING, columns)
     assert np.allclose(np.degrees(data.q[:, 5]), table.columns["J6"])
 
