@@ -7,8 +7,9 @@ import math
 from ..diagnosis.sentences import format_quantity
 from ..exceptions import choice_list, count_words, sentence_list, write_rounded
 from .campaigns import Comparison, Explanation
+from .change_sentences import describe_change, write_p
 from .known_names import Names
-from .mechanism_changes import CAMPAIGN_NAMES, DEFINITE_CHANGES, describe_change, write_p
+from .mechanism_changes import CAMPAIGN_NAMES, DEFINITE_CHANGES
 from .target_changes import TargetMotion
 
 MAX_LISTED = 6

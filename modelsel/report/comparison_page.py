@@ -12,8 +12,8 @@ from string import Template
 from typing import NamedTuple
 
 from ..calibration.campaigns import Change, Comparison, Explanation
+from ..calibration.change_sentences import describe_change, write_p
 from ..calibration.comparison_sentences import COVERAGE, MIN_MOVE_MM, describe_comparison
-from ..calibration.mechanism_changes import describe_change, write_p
 from ..calibration.target_changes import TargetChange
 from ..exceptions import count_words
 from ..results.details_schema import DetailsRecord

@@ -14,9 +14,9 @@ from click.testing import CliRunner
 from modelsel.calibration.calibration import Calibration, calibrate
 from modelsel.calibration.calibration_file import calibration_text
 from modelsel.calibration.campaigns import Change, Comparison, compare_campaigns, correct_holm
+from modelsel.calibration.change_sentences import describe_change, write_p
 from modelsel.calibration.comparison_sentences import describe_comparison
 from modelsel.calibration.fewest_terms import select_fewest_terms
-from modelsel.calibration.mechanism_changes import describe_change, write_p
 from modelsel.calibration.prediction import compute_pose, predict, propagate_uncertainty
 from modelsel.calibration.validation import judge
 from modelsel.calibration.verdict_sentences import describe_verdict as told

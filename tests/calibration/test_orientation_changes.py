@@ -14,8 +14,8 @@ from builders import drawn
 from modelsel._typing import Array
 from modelsel.calibration.calibration import Calibration, calibrate
 from modelsel.calibration.campaigns import Comparison, Explanation, compare_campaigns
+from modelsel.calibration.change_sentences import describe_change
 from modelsel.calibration.comparison_sentences import describe_comparison
-from modelsel.calibration.mechanism_changes import describe_change
 from modelsel.fitting.design import Model, residuals
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
