@@ -45,7 +45,8 @@ def check_command(
     study's folder: its file and its robot, with the study's tool and registration."""
     from ..measurements.reader import read_measurements
     from ..measurements.table import DataFile
-    from ..study.inspection import format_inspection, inspect_measurements
+    from ..study.inspection import inspect_measurements
+    from ..study.inspection_text import format_inspection
 
     said: tuple[str, ...] = ()
     if data.is_dir() or data.suffix == ".toml":

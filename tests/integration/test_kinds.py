@@ -50,7 +50,8 @@ from modelsel.selection.evaluation import Split
 from modelsel.selection.splits import assign_folds
 from modelsel.selection.streaming import Parts, list_parts
 from modelsel.study.inputs import read_known_features
-from modelsel.study.inspection import format_inspection, inspect_measurements
+from modelsel.study.inspection import inspect_measurements
+from modelsel.study.inspection_text import format_inspection
 from modelsel.study.preparation import prepare
 from modelsel.study.runner import run_study
 from modelsel.study.simulation import simulate_readings
