@@ -78,26 +78,33 @@ def _begin(
     """Begin at the variances that the parts have; `ends` (k, 2): logarithms of the least and the
     most of each."""
     is_known = np.array([part.known is not None for part in every])
+    of_phi = bool(is_known.any())
     layout = lay_out(every)
-    start = np.log([part.variance for part in every])
+    variances = [part.variance for part in every]
+    start = np.log(variances)
     first = evaluate_likelihood(model, every, layout)
-    scale = _choose_scale(first, is_sought)
     steps = np.eye(len(every))[:, is_sought]
-    low, high = (ends - start[:, None]).T
-    bounds = np.stack([low, high], axis=1)[is_sought]
-    if is_known.any():
-        steps = np.column_stack([steps, -is_known.astype(float)])
-        scale = np.append(scale, np.sqrt(model.freedom))
-        bounds = np.vstack([bounds, [-high[is_known].min(), -low[is_known].max()]])
+    within = ends - start[:, None]
+    bounds = within[is_sought]
+    if of_phi:
+        against = -is_known.astype(float)
+        steps = np.column_stack([steps, against])
+        low, high = within[is_known].T
+        bounds = np.vstack([bounds, [-high.min(), -low.max()]])
 
     def evaluate(x: Array) -> Likelihood:
-        variance = np.exp(start + steps @ (x / scale))
+        variance = np.exp(start + steps @ x)
         return evaluate_likelihood(model, _set_variances(every, variance), layout)
 
     moves = np.flatnonzero(is_sought | is_known)
-    of_phi = bool(is_known.any())
     return _Ascent(
-        evaluate, moves, steps[moves], of_phi, scale, bounds * scale[:, None], 0 * scale, first
+        evaluate=evaluate,
+        moves=moves,
+        steps=steps[moves],
+        of_phi=of_phi,
+        bounds=bounds,
+        x=np.zeros(len(bounds)),
+        at=first,
     )
 
 
@@ -106,39 +113,18 @@ class _Ascent:
     """The search for the largest likelihood, with the best that it has seen: it begins and mostly
     ends there, which is not computed again.
 
-    x: (s,) what it is sought over, logarithms of variances over those at the start, each times its
-    `scale` (s,), within `bounds` (s, 2); moves: (k,) numbers of the parts whose variances change,
-    and steps: (k, s) what their logarithms go by. `of_phi`: where variances are known, the last of
-    x is the logarithm of φ."""
+    x: (s,) what it is sought over, logarithms of variances over those at the start, within `bounds`
+    (s, 2); moves: (k,) numbers of the parts whose variances change, and steps: (k, s) what their
+    logarithms go by. `of_phi`: where variances are known, the last of x is the logarithm of φ."""
 
     evaluate: Callable[[Array], Likelihood]
     moves: Index
     steps: Array
     of_phi: bool
-    scale: Array
     bounds: Array
     x: Array
     at: Likelihood
     _slopes: tuple[Array, Array] | None = field(default=None, repr=False)
-
-    def look(self, x: Array) -> Likelihood:
-        """Return the likelihood at x."""
-        is_here = np.array_equal(x, self.x)
-        if is_here:
-            return self.at
-        at = self.evaluate(x)
-        if not at.log < self.at.log:
-            self.x, self.at, self._slopes = x.copy(), at, None
-        return at
-
-    def lose(self, x: Array) -> tuple[float, Array]:
-        """Compute what is minimised at x: less twice the log likelihood, and its slope (s,)."""
-        at = self.look(x)
-        by_variance, _ = self._differentiate(at)
-        slope = self.steps.T @ (by_variance * self._list_variances(at))
-        if self.of_phi:
-            slope[-1] -= at.model.freedom - at.square / at.phi
-        return -at.log, -slope / self.scale
 
     def climb(self, exact: bool) -> Likelihood:
         """Return the largest likelihood; unless `exact`, twice its logarithm to some hundredths."""
@@ -150,10 +136,49 @@ class _Ascent:
         from scipy.optimize import minimize
 
         options = EXACT if exact else ROUGH
-        found = minimize(
-            self.lose, self.x, jac=True, method="L-BFGS-B", bounds=self.bounds, options=options
-        )
-        return self.look(found.x)
+        start, scale = self.x, self._choose_scale()
+
+        def lose(z: Array) -> tuple[float, Array]:
+            loss, slope = self._lose(start + z / scale)
+            return loss, slope / scale
+
+        bounds = (self.bounds - start[:, None]) * scale[:, None]
+        origin = np.zeros(len(start))
+        found = minimize(lose, origin, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        return self._look(start + found.x / scale)
+
+    def _look(self, x: Array) -> Likelihood:
+        """Return the likelihood at x."""
+        is_here = np.array_equal(x, self.x)
+        if is_here:
+            return self.at
+        at = self.evaluate(x)
+        if not at.log < self.at.log:
+            self.x, self.at, self._slopes = x.copy(), at, None
+        return at
+
+    def _lose(self, x: Array) -> tuple[float, Array]:
+        """Compute what is minimised at x: less twice the log likelihood, and its slope (s,)."""
+        at = self._look(x)
+        by_variance, _ = self._differentiate(at)
+        by_part = by_variance * self._list_variances(at)
+        slope = self.steps.T @ by_part
+        if self.of_phi:
+            expected = at.square / at.phi
+            slope[-1] -= at.model.freedom - expected
+        loss = -at.log
+        return loss, -slope
+
+    def _choose_scale(self) -> Array:
+        """Choose (s,) what makes the likelihood about equally curved in each of x."""
+        at = self.at
+        _, moved = self._differentiate(at)
+        information = np.diagonal(at.information(moved))
+        curvature = information * self._list_variances(at) ** 2
+        by_x = np.square(self.steps).T @ curvature
+        if self.of_phi:
+            by_x[-1] = at.model.freedom
+        return np.sqrt(np.maximum(by_x, 1.0))
 
     def _take_newton_steps(self, tolerance: float) -> bool:
         """Take Newton steps as long as they raise the likelihood; returns whether the next one is
@@ -164,7 +189,7 @@ class _Ascent:
             if gain <= tolerance:
                 return True
             before = self.at.log
-            after = self.look(np.clip(self.x + step, low, high))
+            after = self._look(np.clip(self.x + step, low, high))
             if not after.log > before:
                 return gain <= ROUNDING * abs(before)
         return False
@@ -174,22 +199,31 @@ class _Ascent:
         were a parabola in the variances.
 
         The variance of a part that seems to be none has a slope, too: it may rise again."""
-        low, high = self.bounds.T
         slope, moved = self._differentiate(self.at)
-        is_none = self.x < low + np.log(NO_PART / LEAST) * self.scale
-        is_stuck = is_none & (slope < 0) | (self.x >= high) & (slope > 0)
-        free = np.flatnonzero(~is_stuck)
+        free = self._find_free(slope)
         information = self.at.information(moved[:, :, free])
-        unit = np.sqrt(np.maximum(np.diagonal(information), TINY))
+        squares = np.diagonal(information)
+        unit = np.sqrt(np.maximum(squares, TINY))
+        curvature = information / np.outer(unit, unit)
         by_unit = slope[free] / unit
-        newton = np.linalg.lstsq(information / np.outer(unit, unit), by_unit, rcond=None)[0]
+        newton = np.linalg.lstsq(curvature, by_unit, rcond=None)[0]
         gain = float(by_unit @ newton)
-        share = newton / unit / self._list_variances(self.at)[free]
+        variances = self._list_variances(self.at)
+        share = newton / unit / variances[free]
         # far below its size, a variance rises to where its slope tells that it is
-        largest = np.maximum(LARGEST_RISE, np.log1p(np.maximum(share, 0.0)))
+        rise = np.log1p(np.maximum(share, 0.0))
+        largest = np.maximum(LARGEST_RISE, rise)
         step = np.zeros(len(self.x))
-        step[free] = np.clip(share, -LARGEST_FALL, largest) * self.scale[free]
+        step[free] = np.clip(share, -LARGEST_FALL, largest)
         return step, gain
+
+    def _find_free(self, slope: Array) -> Index:
+        """Find those of x that may move: neither none nor at the most, with a slope (s,) to there."""
+        low, high = self.bounds.T
+        nearly_none = low + np.log(NO_PART / LEAST)
+        stays_none = (self.x < nearly_none) & (slope < 0)
+        stays_most = (self.x >= high) & (slope > 0)
+        return np.flatnonzero(~(stays_none | stays_most))
 
     def _list_variances(self, at: Likelihood) -> Array:
         """List (k,) the variances of the parts whose variances change."""
@@ -206,18 +240,6 @@ class _Ascent:
         if at is self.at:
             self._slopes = known
         return known
-
-
-def _choose_scale(at: Likelihood, is_sought: Mask) -> Array:
-    """Choose (k,) what makes the likelihood about equally curved in the logarithms of the variances
-    that are sought."""
-    scale = []
-    for k in np.flatnonzero(is_sought):
-        part = at.parts[k]
-        information = float(at.information(at.slope(part)[1])[0, 0])
-        curvature = information * part.variance**2
-        scale.append(np.sqrt(max(curvature, 1.0)))
-    return np.array(scale)
 
 
 def _choose_most(parts: Sequence[SharedError]) -> float:

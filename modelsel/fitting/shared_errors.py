@@ -272,7 +272,8 @@ def _invert(matrices: Array) -> tuple[Array, float]:
     total = _sum_logs(matrices)
     for one in matrices:
         dpotri(one.T, lower=1, overwrite_c=1)
-        np.add(one, np.triu(one, 1).T, out=one)
+        beyond = np.triu(one, 1)
+        np.add(one, beyond.T, out=one)
     return matrices, total
 
 
