@@ -18,7 +18,8 @@ from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.robot.kinematics import forward
 from modelsel.study.inputs import read_inputs
-from modelsel.study.inspection import format_inspection, inspect_measurements
+from modelsel.study.inspection import inspect_measurements
+from modelsel.study.inspection_text import format_inspection
 from modelsel.study.noise_parts import check_parts
 
 ROBOT = load_robot("puma760")

@@ -16,7 +16,7 @@ from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import rotation_matrix
 from modelsel.study.inputs import read_inputs
-from modelsel.study.inspection import format_inspection
+from modelsel.study.inspection_text import format_inspection
 from modelsel.study.pipeline import list_unidentifiable
 from modelsel.study.preparation import prepare
 from modelsel.study.runner import run_study
