@@ -25,6 +25,7 @@ from ..fitting.problem import Problem
 from ..measurements.file_form import FileForm
 from ..measurements.measurements import Measurements
 from ..mechanisms.causes import Member
+from ..mechanisms.environment import find_step_moments
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
     from .export.form import Exported
 
 FACTOR_DIGITS = 10  # of the covariance factor; everything else is written in full
-MID_CAMPAIGN = 0.5  # where a drift is taken on data of another day
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -192,7 +192,8 @@ class Calibration:
     def problem(self, data: Measurements, *, another_day: bool = True) -> Problem:
         """Bind measurements to the calibrated set-up.
 
-        On `another_day` a drift is taken at the middle of the fitted campaign. A covariate that
+        On `another_day` what stepped in the fitted campaign is taken as it stood at its end, and a
+        drift at the middle of what followed the last step. A covariate that
         doubtful findings alone look at may be missing (`assumed_values`). Raises DataError where a
         target, a group or another covariate is not known.
         """
@@ -211,7 +212,7 @@ class Calibration:
             targets=self.targets,
             group=match_names(data.group, data.groups, self.groups),
             groups=self.groups,
-            progress=np.full(len(data), MID_CAMPAIGN) if another_day else data.progress,
+            progress=np.full(len(data), self.after_steps) if another_day else data.progress,
         )
         rotations = None if data.rotation is None else self._rotations()
         problem = Problem(
@@ -228,6 +229,16 @@ class Calibration:
                 f"--at {missing[0]}=NUMBER.",
             )
         return replace(problem, data=completed)
+
+    @property
+    def after_steps(self) -> float:
+        """The middle of what follows the last step of the campaign, 0.5 where nothing stepped."""
+        moments = {0.0}
+        for term in self.terms:
+            for screw in term.screws:
+                moments |= find_step_moments(screw.cause)
+        last = max(moments)
+        return (last + 1) / 2
 
     def groups_differ(self) -> bool:
         """Whether the calibration knows its groups apart: by placement, or by a term of one."""

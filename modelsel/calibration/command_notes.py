@@ -12,6 +12,7 @@ from .._typing import Array
 from ..exceptions import sentence_list
 from ..measurements.measurements import Measurements
 from ..measurements.state_names import StateKind, parse_state_name
+from ..mechanisms.environment import has_step
 from .assumed_values import describe_assumed
 
 if TYPE_CHECKING:
@@ -37,6 +38,7 @@ def describe_extrapolation(c: Calibration, data: Measurements) -> list[str]:
         *_describe_beyond_ranges(c, data),
         *_describe_past_limits(c, data),
         *_describe_unknown_approach(c, data),
+        *_describe_steps(c),
     ]
 
 
@@ -112,6 +114,15 @@ def _describe_unknown_approach(c: Calibration, data: Measurements) -> list[str]:
             sentence = f"joint {joint}: the direction of approach is unknown (0) in some rows; the middle of the backlash is taken there."
             sentences.append(sentence)
     return sentences
+
+
+def _describe_steps(c: Calibration) -> list[str]:
+    """Describe how what stepped during the campaign is taken."""
+    steps = [mechanism.name for mechanism in c.model.mechanisms if has_step(mechanism)]
+    if not steps:
+        return []
+    names = sentence_list(steps)
+    return [f"{names}: what moved during the campaign is taken as it stood at its end."]
 
 
 def needs_approach(c: Calibration, data: Measurements) -> bool:

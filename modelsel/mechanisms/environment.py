@@ -173,6 +173,12 @@ def find_step_moments(cause: Cause) -> frozenset[float]:
     return frozenset()
 
 
+def has_step(mechanism: Mechanism) -> bool:
+    """Whether one of a mechanism's causes steps at some moment of the campaign."""
+    screws = [screw for term in mechanism.terms for screw in term.screws]
+    return any(find_step_moments(screw.cause) for screw in screws)
+
+
 def target_step(robot: Robot, at: float) -> Mechanism:
     """The target was moved on the flange (or the tool slipped) at some moment: its offset, by how
     much; the moment is scanned."""

@@ -15,15 +15,17 @@ from wide_calibration import wide
 
 from modelsel.calibration.calibration_file import CALIBRATION_FILE, calibration_text
 from modelsel.calibration.calibration_schema import CalibrationRecord
+from modelsel.calibration.command_notes import describe_extrapolation
 from modelsel.calibration.compensation import correct, tabulate_readings
 from modelsel.calibration.export import export
 from modelsel.calibration.loading import load_calibration, parse_calibration
 from modelsel.calibration.prediction import predict, propagate_uncertainty, to_tracker_frame
 from modelsel.config.study_file import read_study
 from modelsel.exceptions import DataError, StudyError
-from modelsel.fitting.design import residuals
+from modelsel.fitting.design import Model, residuals
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Member, Number, q, sin
+from modelsel.mechanisms.environment import zero_step
 from modelsel.mechanisms.registry import every
 from modelsel.mechanisms.serialization import cause_from_record, cause_record
 from modelsel.robot.files import load_robot
@@ -73,6 +75,31 @@ def test_everything_a_model_can_hold_comes_back(rng) -> None:
     assert np.abs(predict(stored, shifted) - wanted).max() > 1e-4
     assert "torque2" in stored.ranges
     assert to_tracker_frame(shifted, np.zeros((len(at), 3)))[0].tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize("moment", [0.3, 0.7])
+def test_another_day_finds_what_stepped_as_it_stood_at_the_end(moment, rng) -> None:
+    """Whichever half of the campaign it stepped in; without steps a drift stands in its middle."""
+    made, at = wide(rng)
+    assert made.after_steps == 0.5
+    step = zero_step(made.robot, 4, moment)
+    turned = 2e-3
+    stepped = replace(
+        made,
+        model=Model((*made.model.mechanisms, step)),
+        theta=np.append(made.theta, turned),
+        factor=np.vstack([made.factor, np.zeros(made.factor.shape[1])]),
+    )
+    q = at.data.q.copy()
+    q[:, 3] += turned
+    # what depends on the reading of joint 4 apart, its zero is all that differs
+    there = stepped.problem(at.data)
+    late = replace(at.data, q=q, progress=np.full(len(at.data), stepped.after_steps))
+    wanted = predict(made, made.problem(late, another_day=False))
+    np.testing.assert_allclose(predict(stepped, there), wanted, atol=2e-3)
+    assert stepped.after_steps == (moment + 1) / 2
+    assert describe_extrapolation(made, at.data) == describe_extrapolation(stepped, at.data)[:-1]
+    assert describe_extrapolation(stepped, at.data)[-1].startswith("zero-step:4: what moved")
 
 
 def test_uncertainty_is_the_spread_of_refits(rng) -> None:
