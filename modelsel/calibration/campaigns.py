@@ -19,6 +19,7 @@ from ..mechanisms.terms import Term
 from ..robot.differences import describe_difference
 from .calibration import Calibration
 from .common_space import CommonSpace, build_common_space
+from .ended_steps import settle_steps
 from .fewest_terms import Step, select_fewest_terms
 from .known_names import Names
 from .mechanism_changes import (
@@ -149,10 +150,12 @@ def require_same_robot(a: Calibration, b: Calibration) -> None:
 
 
 def compare_campaigns(a: Calibration, b: Calibration) -> Comparison:
-    """Compare campaign b with campaign a, on configurations that both have seen. Raises
-    StudyError."""
+    """Compare campaign b with campaign a, on configurations that both have seen: the arm as it stood
+    at the beginning of b with the arm as it stood at the end of a. Raises StudyError."""
     require_same_robot(a, b)
-    space = build_common_space(a, b)
+    ended = settle_steps(a, at_end=True)
+    begun = settle_steps(b, at_end=False)
+    space = build_common_space(ended, begun)
     tested = _select_tested(space)
     own = np.isin(space.kept[tested], space.offsets)
     of_arm = tested[~own]

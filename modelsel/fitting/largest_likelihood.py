@@ -202,6 +202,10 @@ class _Ascent:
         slope, moved = self._differentiate(self.at)
         free = self._find_free(slope)
         information = self.at.information(moved[:, :, free])
+        step = np.zeros(len(self.x))
+        # where a model leaves nothing, no number says where to go
+        if not np.isfinite(information).all():
+            return step, np.inf
         squares = np.diagonal(information)
         unit = np.sqrt(np.maximum(squares, TINY))
         curvature = information / np.outer(unit, unit)
@@ -213,7 +217,6 @@ class _Ascent:
         # far below its size, a variance rises to where its slope tells that it is
         rise = np.log1p(np.maximum(share, 0.0))
         largest = np.maximum(LARGEST_RISE, rise)
-        step = np.zeros(len(self.x))
         step[free] = np.clip(share, -LARGEST_FALL, largest)
         return step, gain
 

@@ -309,6 +309,15 @@ def test_newton_steps_end_where_the_library_does_with_fewer_likelihoods(
     assert counts[0] < counts[1]
 
 
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")
+def test_a_model_that_leaves_nothing_ends(rng: np.random.Generator) -> None:
+    """Its columns hold the response: no size of a part is better than another."""
+    X = rng.normal(size=(60, 2))
+    model = model_of(X, X @ np.array([1.0, 2.0]))
+    at = maximise_likelihood(model, [part_of(np.repeat(np.arange(12), 5))])
+    assert len(at.parts) <= 1
+
+
 @seeds(1, 2)
 def test_the_slope_of_a_part_that_is_not_there_yet(rng: np.random.Generator) -> None:
     """A part whose draws no block joins is judged beside the others: at nought, one-sided."""
