@@ -30,6 +30,8 @@ STEPS: dict[str, Build] = {
     "fault:tracker-bumped": environment.tracker_bumped,
     TARGET_STEP: environment.target_step,
 }
+# what stands elsewhere after them is the instrument, which is moved between sessions
+OF_INSTRUMENT = ("tracker-step", "fault:tracker-bumped")
 # moments where groups meet, at most: more groups are no sessions
 MOST_CHANGES = 20
 # digits of a moment of the campaign
@@ -54,7 +56,7 @@ def place_steps(
 
     Sessions are the groups of the measurements, where they follow one another."""
     robot = problem.robot
-    moments = list_changes(problem.data)
+    moments = _list_meetings(problem.data)
     placed = list(mechanisms)
     names = {m.name for m in placed}
     of_targets = _list_target_steps(problem.data, estimation)
@@ -62,7 +64,8 @@ def place_steps(
     there = {name: step for name, step in known.items() if name in names}
     for _, step in sorted(there.items()):
         progress = problem.data.progress[step.rows]
-        for moment, begins in moments:
+        for moment, _ in moments:
+            begins = _say_begin(moments, moment, progress, step.by_row)
             same = _list_same(robot, step.build, moment, progress)
             placed = [m for m in placed if m not in same]
             placed.append(_tell(step.build(robot, moment), begins))
@@ -157,6 +160,11 @@ def _list_same(robot: Robot, build: Build, moment: float, progress: Array) -> li
 def list_changes(data: Measurements) -> list[tuple[float, str]]:
     """List the moments of the campaign before which some groups have ended and after which the others
     begin, with what begins in words; none of many."""
+    return [(moment, f"from the group {name} on") for moment, name in _list_meetings(data)]
+
+
+def _list_meetings(data: Measurements) -> list[tuple[float, str]]:
+    """List the moments where groups meet, with the name of the group that begins."""
     there, group = np.unique(data.group, return_inverse=True)
     first = np.full(len(there), np.inf)
     last = np.full(len(there), -np.inf)
@@ -171,10 +179,27 @@ def list_changes(data: Measurements) -> list[tuple[float, str]]:
     moments = []
     for k in changes.tolist():
         begins = there[order[k + 1]]
-        name = one_line(data.groups[begins])
+        name = f'"{one_line(data.groups[begins])}"'
         moment = round_between(float(ends[k]), float(starts[k]))
-        moments.append((moment, f'from the group "{name}" on'))
+        moments.append((moment, name))
     return moments
+
+
+def _say_begin(
+    moments: Sequence[tuple[float, str]], moment: float, progress: Array, by_row: bool
+) -> str:
+    """Say with which group a step begins; with which it may, where no row of some progress (m,) lies
+    between them. What is told `by_row` elsewhere need not have happened between two groups."""
+    before = progress < moment
+    alike = []
+    for other, name in moments:
+        is_same = (progress < other) == before
+        if is_same.all():
+            alike.append(name)
+    names = " or ".join(alike)
+    if by_row:
+        return f"from about the beginning of the group {names} on"
+    return f"from the group {names} on"
 
 
 def round_between(low: float, high: float) -> float:

@@ -16,7 +16,7 @@ from ..fitting.problem import Problem
 from ..mechanisms.environment import find_moved_target, find_step_moments
 from ..mechanisms.terms import Mechanism
 from .effects import Effect
-from .session_steps import list_changes, name_steps
+from .session_steps import OF_INSTRUMENT, list_changes, name_steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +37,9 @@ def find_open_sides(
     """Find the held-out rows whose side of a fitted model's steps is not known.
 
     `used` (m,): the rows that it was fitted to. Where more than one moment of a step is likely, as the
-    credible sets of `effects` tell, the rows between these are open, too. A step that stands where
-    sessions meet leaves none open but those of sessions without estimation rows."""
+    credible sets of `effects` tell, the rows between these are open, too. A step of the instrument
+    where sessions meet, between which it is moved, leaves none open but those of sessions without
+    estimation rows; a joint or a target may as well have slipped a few rows from there."""
     steps = name_steps(problem)
     found = []
     for mechanism in mechanisms:
@@ -90,7 +91,9 @@ def _find_open(
         return None
     last = earlier[progress[earlier].argmax()]
     first = later[progress[later].argmin()]
-    low, high = _narrow(problem, moments, progress[last], progress[first])
+    low, high = progress[last], progress[first]
+    if step in OF_INSTRUMENT:
+        low, high = _narrow(problem, moments, low, high)
     between = (low < progress) & (progress < high)
     rows = between & moved & ~used
     if not rows.any():

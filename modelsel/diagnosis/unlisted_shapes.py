@@ -156,9 +156,12 @@ def list_rivals(problem: Problem, candidate: Candidate, price: Price | None = No
     None where the study considers no causes but those that it lists. `price`: by default the finding
     is as probable as any other."""
     parts = candidate.mechanism.names_by_place()
-    if candidate.asked or not parts or len(parts) > MAX_PARTS:
+    if candidate.asked or not parts:
         return []
     price = price or Price(candidate.prior, candidate.prior)
+    confounded = list(_list_confounded(problem, candidate, price.finding))
+    if len(parts) > MAX_PARTS:
+        return confounded
     more = list(generate_more_drivers(problem, candidate.mechanism))
     changing = list(generate_changing(problem, candidate.mechanism))
     return [
@@ -169,7 +172,7 @@ def list_rivals(problem: Problem, candidate: Candidate, price: Price | None = No
         *_weigh(more, "place", MORE_DRIVERS * max(price)),
         # with this very constant
         *_weigh(changing, "place", CHANGING * candidate.prior),
-        *_list_confounded(problem, candidate, price.finding),
+        *confounded,
     ]
 
 

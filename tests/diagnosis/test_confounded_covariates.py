@@ -65,6 +65,20 @@ def test_another_course_takes_a_covariates_place() -> None:
 
 
 @pytest.mark.unit
+def test_growth_of_every_frame_stands_against_time_that_temperature_went_with(
+    rng: np.random.Generator,
+) -> None:
+    """However many frames it moves: it was told as proven, and its unlisted shapes are none."""
+    at = measure(np.linspace(20.0, 29.0, ROWS), np.zeros(ROWS), 1, rng)
+    grown = Candidate(mechanism("thermal-expansion", ARM), CandidateKind.MECHANISM, 0.01)
+    rivals = list_rivals(at, grown)
+    assert rivals
+    assert all(one.candidate.mechanism.names() & IN_TIME for one in rivals)
+    own_way = measure(rng.uniform(20.0, 29.0, ROWS), np.zeros(ROWS), 1, rng)
+    assert not list_rivals(own_way, grown)
+
+
+@pytest.mark.unit
 def test_what_goes_its_own_way_has_no_such_rivals(rng: np.random.Generator) -> None:
     at = measure(rng.uniform(18, 30, ROWS), np.zeros(ROWS), 2, rng)
     thermal = mechanism(f"thermal-zero:{ZERO}", ARM)

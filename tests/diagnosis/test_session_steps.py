@@ -114,7 +114,8 @@ def test_steps_of_a_zero_are_told_by_the_row_and_stand_where_groups_meet(
     used = training(at)
     placed = place_steps(at, used, every(ROBOT))
     own = [one for one in placed if one.name == "zero-step:4"]
-    (of_group,) = [one for one in own if one.sentence.endswith('from the group "station 1" on.')]
+    told = 'from about the beginning of the group "station 1" on.'
+    (of_group,) = [one for one in own if one.sentence.endswith(told)]
     assert of_group.sentence.startswith("The zero of joint 4 is another one from ")
     cause = of_group.terms[0].screws[0].cause
     np.testing.assert_array_equal(np.asarray(cause.of(at.state)), at.data.group > 0)
@@ -124,3 +125,15 @@ def test_steps_of_a_zero_are_told_by_the_row_and_stand_where_groups_meet(
         moved = np.asarray(one.terms[0].screws[0].cause.of(at.state))[used] > 0
         row = at.data.row[used][moved].min()
         assert one.sentence == f"The zero of joint 4 is another one from about row {row} on."
+
+
+@pytest.mark.unit
+def test_what_may_begin_with_either_of_two_groups_is_told_so(rng: np.random.Generator) -> None:
+    """A group without estimation rows lies between them."""
+    at = campaign([0] * 40 + [1] * 6 + [2] * 54, 0.0, rng)
+    used = np.asarray(at.data.group != 1)
+    placed = place_steps(at, used, build_faults(ROBOT))
+    told = 'from the group "station 1" or "station 2" on.'
+    sentences = [one.sentence for one in placed if one.name == "fault:tracker-bumped"]
+    assert sum(one.endswith(told) for one in sentences) == 2
+    assert not any(one.endswith('from the group "station 1" on.') for one in sentences)

@@ -113,6 +113,14 @@ def test_a_step_where_groups_meet_leaves_none_open(rng: np.random.Generator) -> 
     assert not find_open_sides(at, without(58, 59, 60, 61), [step], likely(step))
 
 
+def test_a_joint_may_have_slipped_beside_where_groups_meet(rng: np.random.Generator) -> None:
+    """No joint is moved on its axis between two sessions: the estimation rows alone tell when."""
+    at = campaign([0] * 60 + [1] * 41, rng)
+    step = zero_step(ROBOT, 4, 0.595)
+    (side,) = find_open_sides(at, without(58, 59, 60, 61), [step], likely(step))
+    assert np.flatnonzero(side.rows).tolist() == [58, 59, 60, 61]
+
+
 def test_a_group_without_estimation_rows_is_open(rng: np.random.Generator) -> None:
     """The instrument may have been moved before it or after it."""
     at = campaign([0] * 60 + [1] * 2 + [2] * 39, rng)
