@@ -9,6 +9,7 @@ from builders import OFF_AXIS, bind
 from exact import flanges_of
 from searches import search_separated
 
+from modelsel.diagnosis import unlisted_shapes
 from modelsel.diagnosis.candidate_kinds import CandidateKind
 from modelsel.diagnosis.candidates import Candidate, build_candidates
 from modelsel.diagnosis.confounded_covariates import (
@@ -66,9 +67,10 @@ def test_another_course_takes_a_covariates_place() -> None:
 
 @pytest.mark.unit
 def test_growth_of_every_frame_stands_against_time_that_temperature_went_with(
-    rng: np.random.Generator,
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """However many frames it moves: it was told as proven, and its unlisted shapes are none."""
+    """However many frames it moves: where they are many, it has no other rivals."""
+    monkeypatch.setattr(unlisted_shapes, "MAX_PARTS", 1)
     at = measure(np.linspace(20.0, 29.0, ROWS), np.zeros(ROWS), 1, rng)
     grown = Candidate(mechanism("thermal-expansion", ARM), CandidateKind.MECHANISM, 0.01)
     rivals = list_rivals(at, grown)
