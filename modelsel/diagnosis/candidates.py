@@ -43,6 +43,8 @@ from .unregistered import (
 # share of the arm's reach that an instrument is at least away from the base where it is known to
 # stand apart from the arm
 APART = 0.5
+# frames that one number moves from which they are told together
+MANY_FRAMES = 4
 # share of the prior probability that the registered mechanisms have together
 REGISTERED = 0.6
 
@@ -107,7 +109,21 @@ class Candidate:
         screw = first_term.screws[0]
         place = f"frame {screw.frame} {screw.axis}"
         causes = self.causes(" & ")
+        if self.many_frames:
+            frames = self.many_frames
+            place = f"frames {frames[0]} to {frames[-1]}"
+            causes = ", ".join(sorted(mechanism.names()))
         return f"{place} · {causes}"
+
+    @property
+    def many_frames(self) -> list[int]:
+        """The frames that one number of an unregistered mechanism moves, each in its own way; empty of
+        few."""
+        first_term = self.mechanism.terms[0]
+        frames = sorted({screw.frame for screw in first_term.screws})
+        if self.registered or len(frames) < MANY_FRAMES:
+            return []
+        return frames
 
     def causes(self, conjunction: str) -> str:
         """Its causes in words, joined by a conjunction, their long numbers rounded."""

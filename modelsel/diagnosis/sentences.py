@@ -8,7 +8,7 @@ import numpy as np
 
 from .._typing import Array
 from ..exceptions import count_words, sentence_list, write_percent, write_rounded
-from ..measurements.state_names import StateKind, parse_state_name
+from ..measurements.state_names import StateKind, describe_state_name, parse_state_name
 from ..mechanisms.causes import Applied, Bump, find_bump
 from ..mechanisms.terms import Mechanism, Term, describe_frame_motion, letter
 from .candidates import Candidate
@@ -206,7 +206,13 @@ def describe_candidate(candidate: Candidate, estimate: Array) -> str:
 
 
 def _describe_place(candidate: Candidate) -> str:
-    """Describe what a candidate's first screw moves, and with what."""
+    """Describe what a candidate's first screw moves, and with what; of many frames which, and what
+    they follow."""
+    frames = candidate.many_frames
+    if frames:
+        names = sorted(candidate.mechanism.names())
+        drivers = " and ".join(map(describe_state_name, names))
+        return f"Frames {frames[0]} to {frames[-1]} move together, depending on {drivers}"
     first_term = candidate.mechanism.terms[0]
     screw = first_term.screws[0]
     motion = describe_frame_motion(screw.frame, screw.axis)

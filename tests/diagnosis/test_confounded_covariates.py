@@ -19,6 +19,7 @@ from modelsel.diagnosis.confounded_covariates import (
     substitute_all,
 )
 from modelsel.diagnosis.driver_functions import IN_TIME
+from modelsel.diagnosis.sentences import describe_candidate
 from modelsel.diagnosis.signatures import LEVELS, PROVEN
 from modelsel.diagnosis.unlisted_shapes import list_rivals
 from modelsel.fitting.design import Model
@@ -183,3 +184,17 @@ def test_a_temperature_is_proven_where_it_went_its_own_way(
         told.append(effect.claim.levels[LEVELS.index("drivers")] >= PROVEN)
     assert sum(told) >= proven
     assert proven or not any(told)
+
+
+@pytest.mark.unit
+def test_what_moves_many_frames_by_one_number_is_told_together(rng: np.random.Generator) -> None:
+    """And no longer as what the first of them does, with every factor in a row."""
+    at = measure(np.linspace(20.0, 29.0, ROWS), np.zeros(ROWS), 1, rng)
+    grown = mechanism("thermal-expansion", load_robot("puma760"))
+    course = next(iter(generate_confounded(at, grown)))[0]
+    candidate = Candidate(course, CandidateKind.CELL, 0.01)
+    frames = sorted({screw.frame for screw in course.terms[0].screws})
+    assert candidate.label == f"frames {frames[0]} to {frames[-1]} · progress"
+    assert describe_candidate(candidate, np.ones(1)).startswith(
+        f"Frames {frames[0]} to {frames[-1]} move together, depending on the course of the campaign"
+    )
