@@ -11,10 +11,10 @@ from ..measurements.measurements import Measurements
 
 # steps of a reading in the unit of its column, the coarsest first
 STEPS = {
-    "deg": (1.0, 0.5, 0.1, 0.05, 0.01, 0.001),
-    "rad": (0.01, 0.001, 1e-4, 1e-5),
-    "mm": (1.0, 0.5, 0.1, 0.05, 0.01, 0.001),
-    "m": (0.01, 0.001, 1e-4, 1e-5),
+    "deg": (1.0, 0.5, 0.25, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001),
+    "rad": (0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4, 1e-5),
+    "mm": (1.0, 0.5, 0.25, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001),
+    "m": (0.01, 0.005, 0.002, 0.001, 5e-4, 2e-4, 1e-4, 1e-5),
 }
 # of a column's unit in rad or mm, and how it is written
 FACTORS = {"deg": np.pi / 180, "rad": 1.0, "mm": 1.0, "m": 1e3}

@@ -41,7 +41,15 @@ def read(frame: pd.DataFrame) -> Measurements:
 
 @pytest.mark.parametrize(
     ("step", "unit", "words"),
-    [(0.1, "deg", "0.1°"), (0.5, "deg", "0.5°"), (0.001, "rad", "0.001 rad")],
+    [
+        (0.1, "deg", "0.1°"),
+        (0.5, "deg", "0.5°"),
+        (0.25, "deg", "0.25°"),
+        (0.2, "deg", "0.2°"),
+        (0.02, "deg", "0.02°"),
+        (0.001, "rad", "0.001 rad"),
+        (0.002, "rad", "0.002 rad"),
+    ],
 )
 def test_the_step_of_readings_is_found(rng: np.random.Generator, step, unit, words) -> None:
     found = find_rounding(read(campaign(rng, step, unit=unit)))
