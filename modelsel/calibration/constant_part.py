@@ -15,7 +15,7 @@ from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements, build_measurements
 from ..measurements.state_names import is_state_name
 from ..mechanisms.cause_functions import FUNCTIONS
-from ..mechanisms.causes import ARITHMETIC, Applied, Cause, Combined, Member, Number
+from ..mechanisms.causes import ARITHMETIC, ONE, Applied, Cause, Combined, Member, Number
 from ..mechanisms.terms import Screw, Term
 from ..robot.kinematics import Robot
 from ..robot.rigid import rotation_matrix, transform
@@ -106,14 +106,24 @@ def fix_members(cause: Cause, target: int) -> Cause:
     left = fix_members(cause.left, target)
     right = fix_members(cause.right, target)
     none = Number(0.0)
-    if cause.operator == "*" and none in (left, right):
+    is_product = cause.operator == "*"
+    if is_product and none in (left, right):
         return none
     if isinstance(left, Number) and isinstance(right, Number):
         operate = ARITHMETIC[cause.operator]
         with np.errstate(divide="ignore", invalid="ignore"):
             number = operate(left.number, right.number)
         return Number(float(number))
-    return Combined(cause.operator, left, right)
+    return _combine(cause.operator, left, right)
+
+
+def _combine(operator: str, left: Cause, right: Cause) -> Cause:
+    """Combine two causes, a factor 1 left out."""
+    if left == ONE and operator == "*":
+        return right
+    if right == ONE and operator in "*/":
+        return left
+    return Combined(operator, left, right)
 
 
 def _apply(function: str, argument: Cause) -> Cause:

@@ -57,11 +57,13 @@ def test_a_cause_of_one_target_is_nothing_at_the_others() -> None:
     units = {"q4": "rad", "progress": "1"}
     members = list_members(3, 1)
     for text, at_first, at_second in (
-        ("q4*target_2", "0", "q4*1"),
-        ("target_2*q4", "0", "1*q4"),
+        ("q4*target_2", "0", "q4"),
+        ("target_2*q4", "0", "q4"),
+        ("q4/target_2", "q4/0", "q4"),
+        ("target_2/q4", "0/q4", "1/q4"),
         ("sin(target_2)", "0", "0.8414709848"),
         ("sin(q4-target_2)", "sin(q4-0)", "sin(q4-1)"),
-        ("(sign(progress-0.5)+1)/2*target_2", "0", "(sign(progress-0.5)+1)/2*1"),
+        ("(sign(progress-0.5)+1)/2*target_2", "0", "(sign(progress-0.5)+1)/2"),
     ):
         cause = parse(text, units, members=members)
         assert str(fix_members(cause, 0)) == at_first
