@@ -38,15 +38,17 @@ def set_gear_ratios(registry: Registry, ratios: Sequence[float]) -> Registry:
     return {**registry, "gear-ripple": ripple}
 
 
-def set_targets(registry: Registry, targets: Sequence[str]) -> Registry:
+def set_targets(registry: Registry, targets: Sequence[str], listed: Sequence[str] = ()) -> Registry:
     """Return the registry with modelsel's own step of the target for each of several, too, by the
-    names that the measurements give them. Raises ArgumentError for another type."""
+    names that the measurements give them; `listed`: those of the file, where some were left out.
+    Raises ArgumentError for another type."""
     check_type("registry", registry, Mapping, REGISTRY_EXPECTED)
     entry = registry.get(TARGET_STEP)
     if not _is_own_step(entry):
         return registry
     names = tuple(targets)
-    if len(names) == 1:
+    several = len(names) > 1 or len(listed) > 1
+    if not several:
         names = ()
     step = replace(entry, targets=names)
     return {**registry, TARGET_STEP: step}

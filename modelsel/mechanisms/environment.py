@@ -228,11 +228,18 @@ def split_target(cause: Cause) -> tuple[Member | None, Cause]:
     """Split a cause into the one target that it is limited to, None where it is of all, and the rest."""
     if isinstance(cause, Member) and cause.kind == "target":
         return cause, ONE
-    if isinstance(cause, Combined) and cause.operator == "*":
-        rest, last = cause.left, cause.right
-        if isinstance(last, Member) and last.kind == "target":
-            return last, rest
-    return None, cause
+    if not isinstance(cause, Combined) or cause.operator not in "*/":
+        return None, cause
+    left, right = cause.left, cause.right
+    target, rest = split_target(left)
+    if target is not None:
+        is_factor = rest == ONE and cause.operator == "*"
+        return target, right if is_factor else replace(cause, left=rest)
+    if cause.operator == "*":
+        target, rest = split_target(right)
+    if target is None:
+        return None, cause
+    return target, left if rest == ONE else replace(cause, right=rest)
 
 
 def zero_step(robot: Robot, joint: int, at: float) -> Mechanism:

@@ -12,12 +12,13 @@ from functools import partial
 from typing import Any
 
 from .._arguments import check_type, describe_value, name_type
-from ..exceptions import StudyError, one_line, sentence_list, suggest
+from ..exceptions import StudyError, one_line, suggest
 from ..measurements.reference_temperature import REFERENCE
 from ..robot.files import as_robot
 from ..robot.gravity import find_bearing_joints
 from ..robot.kinematics import Robot
 from . import compliance, drives, environment, geometry, gravity_effects, instrument, motors
+from .target_names import choose_target, limit_steps, refuse_target
 from .terms import Mechanism, unstorable
 
 
@@ -215,28 +216,23 @@ def _build_of_targets(
     name: str, robot: Robot, entry: Scanned, targets: tuple[str, ...]
 ) -> tuple[Mechanism, ...]:
     """Build a scanned entry's mechanisms of all targets together, then of each by itself; or those
-    that a name says. A target's name goes before a constant."""
+    that a name says. A target's name goes before a constant, and the longer name before another."""
     _, _, given = name.partition(":")
-    built: list[Mechanism] = []
-    for number, target in enumerate(targets):
-        rest = given.removeprefix(target)
-        is_named = rest != given and rest[:1] in ("", ":")
-        if given and not is_named:
-            continue
-        constant = rest[1:] or None
-        for step in _build_scanned(name, None, constant, robot, entry):
-            own = environment.limit_to_target(step, number, target)
-            built.append(own)
-    if built and given:
-        return tuple(built)
-    try:
-        together = _build_scanned(name, None, given or None, robot, entry)
-    except StudyError:
-        there = "there is only one target"
-        if targets:
-            there = f"the targets are {sentence_list(targets)}"
-        raise StudyError(f'"{name}": in the measurements {there}.') from None
-    return (*together, *built)
+    number = choose_target(given, targets)
+    if number is not None:
+        constant = given[len(targets[number]) + 1 :]
+        steps = _build_scanned(name, None, constant or None, robot, entry)
+        return limit_steps(steps, number, targets)
+    refused = refuse_target(name, given, targets)
+    if given and refused is not None:
+        raise refused
+    together = _build_scanned(name, None, given or None, robot, entry)
+    built = [*together]
+    several = len(targets) > 1
+    if several and not given:
+        for number in range(len(targets)):
+            built += limit_steps(together, number, targets)
+    return tuple(built)
 
 
 def _check_function(stem: str, entry: Any) -> None:

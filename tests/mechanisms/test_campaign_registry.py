@@ -11,7 +11,7 @@ from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.campaign_registry import set_targets, waits_for_targets
 from modelsel.mechanisms.cause_formulas import list_members, parse
 from modelsel.mechanisms.causes import Member, Named
-from modelsel.mechanisms.environment import STEPS, find_moved_target
+from modelsel.mechanisms.environment import STEPS, find_moved_target, split_target
 from modelsel.mechanisms.registry import BUILTIN, build_mechanisms, every
 from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load_robot
@@ -59,6 +59,59 @@ def test_a_target_that_there_is_not_is_refused_with_those_that_there_are() -> No
     assert waits_for_targets("target-step:C", BUILTIN)
     assert not waits_for_targets("target-step:C", registry)
     assert not waits_for_targets("target-step", BUILTIN)
+
+
+def test_a_moment_that_is_not_scanned_is_told_as_one() -> None:
+    for names in (["A"], ["A", "B"]):
+        registry = set_targets(BUILTIN, names)
+        with pytest.raises(StudyError, match=r"0\.512 is not among the constants of target-step\."):
+            build_mechanisms("target-step:0.512", ROBOT, registry)
+
+
+def test_the_longer_name_of_a_target_goes_before_a_constant() -> None:
+    registry = set_targets(BUILTIN, ["A", "A:0.5"])
+    own = build_mechanisms("target-step:A:0.5", ROBOT, registry)
+    assert {m.name for m in own} == {"target-step:A:0.5"}
+    assert len(own) == len(STEPS)
+    assert {find_moved_target(m) for m in own} == {Member("target", 1)}
+    (one,) = build_mechanisms("target-step:A:0.5:0.25", ROBOT, registry)
+    assert one in own
+    (other,) = build_mechanisms("target-step:A:0.25", ROBOT, registry)
+    assert find_moved_target(other) == Member("target", 0)
+
+
+def test_the_one_target_that_is_left_of_several_keeps_its_name() -> None:
+    registry = set_targets(BUILTIN, ["B"], ["A", "B"])
+    assert every(ROBOT, registry) == every(ROBOT)
+    (half,) = build_mechanisms("target-step:B:0.5", ROBOT, registry)
+    assert half.name == "target-step:B"
+
+
+@pytest.mark.parametrize(
+    ("text", "rest"),
+    [
+        ("q4*target_2", "q4"),
+        ("target_2*q4", "q4"),
+        ("q4*target_2*progress", "q4*progress"),
+        ("target_2*q4/progress", "q4/progress"),
+        ("target_2/progress", "1/progress"),
+        ("q4*(target_2*progress)", "q4*progress"),
+        ("q4*target_2/2", "q4/2"),
+    ],
+)
+def test_a_factor_of_one_target_is_found_wherever_it_stands(text: str, rest: str) -> None:
+    """The order of a product decided whether the noise floor knew that the target moves."""
+    units = {"q4": "rad", "progress": "1"}
+    cause = parse(text, units, members=list_members(3, 1))
+    target, others = split_target(cause)
+    assert target == Member("target", 1)
+    assert str(others) == rest
+
+
+@pytest.mark.parametrize("text", ["q4/target_2", "q4+target_2", "sin(target_2)", "group_1*q4"])
+def test_what_is_no_factor_of_one_target_is_none(text: str) -> None:
+    cause = parse(text, {"q4": "rad"}, members=list_members(3, 2))
+    assert split_target(cause) == (None, cause)
 
 
 def test_the_name_of_a_target_is_no_joint() -> None:

@@ -1,0 +1,41 @@
+"""Names of single targets in names of mechanisms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ..exceptions import StudyError, sentence_list
+from .environment import limit_to_target
+from .terms import Mechanism
+
+
+def choose_target(given: str, targets: Sequence[str]) -> int | None:
+    """Choose the target that `given` names, alone or before a constant; of several that do, the one
+    with the longest name. None where none does."""
+    numbers = []
+    for number, target in enumerate(targets):
+        is_named = given == target or given.startswith(f"{target}:")
+        if is_named:
+            numbers.append(number)
+    return max(numbers, key=lambda number: len(targets[number]), default=None)
+
+
+def limit_steps(
+    steps: Sequence[Mechanism], number: int, targets: Sequence[str]
+) -> tuple[Mechanism, ...]:
+    """Limit steps of the targets to one of several (0-based)."""
+    name = targets[number]
+    return tuple(limit_to_target(step, number, name) for step in steps)
+
+
+def refuse_target(name: str, given: str, targets: Sequence[str]) -> StudyError | None:
+    """Return the error of a mechanism of a target that there is not; None where a number is given,
+    which may be a constant."""
+    try:
+        float(given)
+    except ValueError:
+        there = "there is only one target"
+        if len(targets) > 1:
+            there = f"the targets are {sentence_list(targets)}"
+        return StudyError(f'"{name}": in the measurements {there}.')
+    return None
