@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..exceptions import CHECK_FAILED
+from ..exceptions import CHECK_FAILED, one_line
 from ._options import json_option, print_json, print_prose
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def _describe_trial(trial: Trial) -> str:
 
 
 def _show(name: str | None, robot: str, as_json: bool) -> None:
-    from ..mechanisms.campaign_registry import TARGET_STEP, waits_for_targets
+    from ..mechanisms.campaign_registry import waits_for_targets
     from ..mechanisms.registry import build_mechanisms, every, with_plugins
     from ..robot.files import load_robot
     from .report_names import bare_name, explain_unregistered, find_faults
@@ -99,8 +99,9 @@ def _show(name: str | None, robot: str, as_json: bool) -> None:
             for line in explained:
                 print_prose(line)
             return
+    target = None
     if name and waits_for_targets(name, registry):
-        registry = _add_target(name, registry)
+        target, registry = _add_target(name, registry)
     faults = find_faults(name, arm) if name else ()
     mechanisms = faults or (build_mechanisms(name, arm, registry) if name else every(arm, registry))
     cards = _list_cards(mechanisms)
@@ -109,8 +110,7 @@ def _show(name: str | None, robot: str, as_json: bool) -> None:
         return
     for card in cards:
         _print_card(card, in_full=name is not None)
-    if name == TARGET_STEP:
-        print_prose(f"Of several targets, each may move by itself: {TARGET_STEP}:NAME.")
+    _explain_targets(name, target)
     if name and not cards:
         print_prose(f"{name} does not apply to {robot}.")
     if not name:
@@ -121,17 +121,44 @@ def _show(name: str | None, robot: str, as_json: bool) -> None:
         click.echo(f"plug-in {plugin} is left out: {reason}")
 
 
-def _add_target(name: str, registry: Registry) -> Registry:
-    """Add the target that a name is of to the registry, as the first of several; nothing where the
-    name is of a constant."""
-    from ..mechanisms.campaign_registry import set_targets
-    from ..mechanisms.environment import STEPS
+def _explain_targets(name: str | None, target: str | None) -> None:
+    """Explain a name that is of a target of several, or may be."""
+    from ..mechanisms.campaign_registry import TARGET_STEP
 
-    _, _, target = name.partition(":")
-    constants = [f"{at:g}" for at in STEPS]
-    if target in constants:
-        return registry
-    return set_targets(registry, (target, "another"))
+    if target is not None:
+        print_prose(
+            f"Here target_1 is {one_line(target)}; in results it has its number among the targets of "
+            "the measurements."
+        )
+    if name == TARGET_STEP:
+        print_prose(f"Of several targets, each may move by itself: {TARGET_STEP}:NAME.")
+
+
+def _add_target(name: str, registry: Registry) -> tuple[str | None, Registry]:
+    """Find the target that a name is of, None where it is of a constant alone, and add it to the
+    registry as the one that is asked for of several. Raises StudyError where nothing is named."""
+    from ..exceptions import StudyError
+    from ..mechanisms.campaign_registry import set_targets
+
+    _, _, given = name.partition(":")
+    if not given:
+        raise StudyError(f'"{name}": the name of a target is missing after the colon.')
+    target = _drop_moment(given)
+    if not target:
+        return None, registry
+    listed = (target, "another")
+    return target, set_targets(registry, [target], listed)
+
+
+def _drop_moment(given: str) -> str:
+    """Drop the moment that may stand after the name of a target, or alone."""
+    target, _, last = given.rpartition(":")
+    try:
+        moment = float(last)
+    except ValueError:
+        return given
+    is_moment = 0 < moment < 1
+    return target if is_moment else given
 
 
 def _list_cards(mechanisms: Sequence[Mechanism]) -> list[dict[str, Any]]:

@@ -35,3 +35,28 @@ def test_a_name_of_a_report_is_explained(name: str, words: str) -> None:
 def test_an_unknown_name_is_refused_with_the_nearest() -> None:
     ran = CliRunner().invoke(run_command_line, ["mechanisms", "torque99_2"])
     assert ran.exit_code == 2
+
+
+@pytest.mark.parametrize("name", ["target-step:B", "target-step:B:0.5", "target-step:another"])
+def test_a_step_of_one_target_is_explained_by_the_name_of_the_target(name: str) -> None:
+    """Its moment was part of the name, and one name had two targets."""
+    _, target, *moment = name.split(":")
+    said = " ".join(explained(name).split())
+    assert f"target-step:{target}: Target {target} stands elsewhere on the flange after" in said
+    assert f"Here target_1 is {target}; in results" in said
+    assert ("after 50.0 %" in said) == bool(moment)
+    assert ("one of 199 scanned constants" in said) != bool(moment)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("target-step:", "the name of a target is missing after the colon"),
+        ("target-step:0.512", "0.512 is not among the constants of target-step"),
+        ("target-step:B:0.512", "0.512 is not among the constants of target-step"),
+    ],
+)
+def test_a_step_that_cannot_be_is_refused(name: str, said: str) -> None:
+    ran = CliRunner().invoke(run_command_line, ["mechanisms", name])
+    assert ran.exit_code == 2
+    assert said in " ".join(ran.output.split())
