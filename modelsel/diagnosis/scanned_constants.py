@@ -10,6 +10,7 @@ import numpy as np
 
 from .._typing import Array
 from ..fitting.problem import Problem
+from ..mechanisms.campaign_registry import TARGET_STEP
 from ..mechanisms.causes import Cause
 from ..mechanisms.environment import find_moved_target
 from ..mechanisms.terms import Mechanism
@@ -30,7 +31,8 @@ def drop_equal_constants(problem: Problem, mechanisms: Sequence[Mechanism]) -> l
     earlier: dict[tuple[object, ...], list[list[Mechanism]]] = {}
     groups: list[list[Mechanism]] = []
     for m in mechanisms:
-        if constants[m.name] == 1:
+        is_own_step = m.stem == TARGET_STEP and find_moved_target(m) is not None
+        if constants[m.name] == 1 and not is_own_step:
             groups.append([m])
         elif has_both_sides(problem, m):
             key = _build_key(problem, m, probe)

@@ -88,6 +88,8 @@ class Measurements:
     progress: Array  # (m,) place in the order of motion of the whole campaign, 0 to 1
     targets: tuple[str, ...] = ONE_TARGET
     groups: tuple[str, ...] = ONE_GROUP
+    # all that the file names, in its order, where some were left out; empty: `targets`
+    listed_targets: tuple[str, ...] = ()
     covariates: Mapping[str, Array] = field(default_factory=dict)
     sigma: Array | None = None  # (m, 3) standard uncertainty of each coordinate [mm]
     rotation: Array | None = None  # (m, 3, 3) measured orientation of the target frame
@@ -108,6 +110,12 @@ class Measurements:
 
     def __len__(self) -> int:
         return len(self.position)
+
+    @property
+    def unseen_targets(self) -> tuple[str, ...]:
+        """The targets of the file that were left out."""
+        listed = self.listed_targets
+        return tuple(name for name in listed if name not in self.targets)
 
     @property
     def features(self) -> tuple[Feature, ...]:

@@ -35,7 +35,7 @@ def parse(
     text: str,
     units: Mapping[str, str],
     where: str = "cause",
-    members: Mapping[str, Member] | None = None,
+    members: Mapping[str, Cause] | None = None,
 ) -> Cause:
     """Read a cause from a study file's string; `units` are the known names with their units,
     `members` those of single targets and groups. Raises StudyError."""
@@ -66,7 +66,7 @@ class _Formula:
     text: str
     units: Mapping[str, str]
     where: str
-    members: Mapping[str, Member] = field(default_factory=dict)
+    members: Mapping[str, Cause] = field(default_factory=dict)
     unknown: list[str] = field(default_factory=list)
 
     def build(self, node: ast.expr) -> Cause:
@@ -119,7 +119,7 @@ class _Formula:
         if match is None:
             return ""
         kind = match[1]
-        known = [member for member in self.members.values() if member.kind == kind]
+        known = [member for member in self.members if member.startswith(f"{kind}_")]
         if not known:
             return f"There is only one {kind}."
         return f"The {kind}s are {known[0]} to {known[-1]}."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -153,8 +154,10 @@ def _find_storage_problems(name: str, named: Mechanism) -> list[str]:
     return [f"{name}: {reason}"]
 
 
-def list_candidates(study: Study, robot: Robot, registry: Registry) -> tuple[Mechanism, ...]:
-    """Return the mechanisms that may extend the base, one per joint.
+def list_candidates(
+    study: Study, robot: Robot, registry: Registry, unseen: Sequence[str] = ()
+) -> tuple[Mechanism, ...]:
+    """Return the mechanisms that may extend the base, one per joint, without the names `unseen`.
 
     Data faults come first: of exact twins the first is named. What the study adds by [[covariate]]
     is not among them.
@@ -167,7 +170,7 @@ def list_candidates(study: Study, robot: Robot, registry: Registry) -> tuple[Mec
     own_names = list_own_names(study)
     listed: list[Mechanism] = []
     for name in named:
-        if name in own_names:
+        if name in own_names or name in unseen:
             continue
         listed += build_mechanisms(name, robot, registry)
     distinct = dict.fromkeys(listed)

@@ -20,7 +20,7 @@ from ..mechanisms.registry import Registry, mechanism
 from ..mechanisms.terms import FixtureTerm, Mechanism, Screw
 from ..selection.evaluation import Evaluation, Split, evaluate, summarise_errors
 from .own_causes import build_own_mechanisms
-from .untested_candidates import require_causes
+from .untested_candidates import refuse_unseen, require_causes
 
 NOMINAL = ("nominal",)  # names of the model without any mechanism
 
@@ -53,7 +53,8 @@ def build_model(
     Raises StudyError where the data lack what one of them depends on.
     """
     data = problem.data
-    registry = set_targets(registry, data.targets)
+    refuse_unseen(names, problem, registry)
+    registry = set_targets(registry, data.targets, data.listed_targets)
     placements = len(data.groups) if study.robot.per_group else 1
     placement = build_setup(
         problem.robot,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterator, Sequence
 from itertools import chain, combinations
 
@@ -12,11 +13,11 @@ from ..config.covariate_table import CovariateTable, list_words
 from ..config.study_file import Study
 from ..diagnosis.own_candidates import OwnCandidates
 from ..diagnosis.unregistered import Causes, build_cell, list_distinct_places, list_places
-from ..exceptions import StudyError, sentence_list
+from ..exceptions import StudyError, one_line, sentence_list
 from ..fitting.problem import Problem
 from ..measurements.measurements import Measurements
 from ..mechanisms.cause_formulas import list_members, parse
-from ..mechanisms.causes import Cause
+from ..mechanisms.causes import Cause, Member, Number
 from ..mechanisms.registry import Registry
 from ..mechanisms.terms import Mechanism, describe_frame_motion
 from ..notices import Note
@@ -26,6 +27,7 @@ from ..robot.kinematics import Robot
 MIN_SPREAD = 1e-9
 # square of the cosine between the values of two causes above which they are one
 EQUAL = 1 - 1e-12
+WORD = re.compile(r"\w+")  # a name or a number of a formula
 
 
 def list_own_names(study: Study) -> list[str]:
@@ -86,7 +88,7 @@ def _parse_causes(place: str, table: CovariateTable, problem: Problem) -> list[C
     """Read the causes of a table. Raises StudyError for those that cannot be read."""
     units = problem.names()
     data = problem.data
-    members = list_members(len(data.targets), len(data.groups))
+    members = _place_members(data)
     causes, problems = [], []
     for text in table.causes:
         try:
@@ -97,6 +99,25 @@ def _parse_causes(place: str, table: CovariateTable, problem: Problem) -> list[C
     if problems:
         raise StudyError(*problems)
     return causes
+
+
+def _place_members(data: Measurements) -> dict[str, Cause]:
+    """Return the causes of single targets and groups by their names, which number the targets of the
+    file: that of a target that was left out is 0 in every row that is left."""
+    listed = data.listed_targets or data.targets
+    members = list_members(len(listed), len(data.groups))
+    placed = dict[str, Cause]()
+    for name, member in members.items():
+        placed[name] = member
+        if member.kind != "target":
+            continue
+        target = listed[member.index]
+        if target in data.targets:
+            index = data.targets.index(target)
+            placed[name] = Member("target", index)
+        else:
+            placed[name] = Number(0.0)
+    return placed
 
 
 def _list_columns(problem: Problem) -> str:
@@ -155,19 +176,36 @@ def note_constant_causes(study: Study, problem: Problem) -> list[Note]:
     notes = []
     for number, table in enumerate(study.covariate, 1):
         place = f"covariate.{number}"
-        for cause in _parse_causes(place, table, problem):
+        causes = _parse_causes(place, table, problem)
+        for text, cause in zip(table.causes, causes, strict=True):
             values = np.broadcast_to(cause.of(problem.state), len(problem))
             largest = float(np.abs(values).max())
             if np.ptp(values) > MIN_SPREAD * largest:
                 continue
-            value = values[0]
-            sentence = (
-                f'{place}: "{cause}" has one value, {value:.4g}, in all rows: what it alone does '
-                "cannot be told from the geometry."
-            )
-            note = Note("cause-constant", sentence)
+            sentence = _describe_constant(text, cause, values, problem.data)
+            note = Note("cause-constant", f"{place}: {sentence}")
             notes.append(note)
     return notes
+
+
+def _describe_constant(text: str, cause: Cause, values: Array, data: Measurements) -> str:
+    """Describe a cause that has one value: that of a target that was left out as what was asked."""
+    words = set(WORD.findall(text))
+    listed = data.listed_targets
+    unseen = [
+        name
+        for number, name in enumerate(listed, 1)
+        if name in data.unseen_targets and f"target_{number}" in words
+    ]
+    if unseen:
+        quoted = [f'"{one_line(name)}"' for name in unseen]
+        targets = "target" if len(quoted) == 1 else "targets"
+        return f'"{text}" cannot be tested: no estimation row measures {targets} {sentence_list(quoted)}.'
+    value = values[0]
+    return (
+        f'"{cause}" has one value, {value:.4g}, in all rows: what it alone does cannot be told from '
+        "the geometry."
+    )
 
 
 def build_own_candidates(study: Study, problem: Problem) -> tuple[OwnCandidates, ...]:

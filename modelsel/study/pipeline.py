@@ -95,7 +95,7 @@ from .study_notes import (
     collect_fit_notes,
     collect_held_out_notes,
 )
-from .untested_candidates import find_untested
+from .untested_candidates import find_unseen_steps, find_untested
 
 
 def analyse(
@@ -134,10 +134,12 @@ def _analyse_prepared(
     `floor` is the noise floor where it is known, `notes` those of the preparation.
     """
     # targets that no estimation row measures have been left out
-    registry = set_targets(registry, split.problem.data.targets)
+    data = split.problem.data
+    registry = set_targets(registry, data.targets, data.listed_targets)
     base = build_base(study, split.problem, registry)
-    mechanisms = list_candidates(study, split.problem.robot, registry)
-    untested = find_untested(study.model.candidates, split.problem, mechanisms)
+    unseen = find_unseen_steps(study.model.candidates, split.problem, registry)
+    mechanisms = list_candidates(study, split.problem.robot, registry, unseen)
+    untested = find_untested(study.model.candidates, split.problem, mechanisms, unseen)
 
     say(OUTLIERS)
     options = choose_options(study, split.problem)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -160,7 +161,8 @@ def drop_unknown_targets(
         "target-unseen",
         f"{_describe_left_out(len(dropped))}: no estimation row measures target "
         f"{listed}, and its position is found from estimation rows. Let some of its "
-        "configurations fit the models, or give [robot.tools_mm] without register.",
+        "configurations fit the models, or give [robot.tools_mm] without register."
+        f"{_describe_numbers(data.targets, known)}",
     )
     kept = data.take(is_kept)
     kept = _renumber_targets(kept, known)
@@ -170,6 +172,20 @@ def drop_unknown_targets(
         gauges = replace(kept.gauges, origin=kept_origin)
         kept = replace(kept, gauges=gauges)
     return kept, estimation[is_kept], [note]
+
+
+def _describe_numbers(targets: Sequence[str], known: Index) -> str:
+    """Describe the numbers that the results give to targets which have other ones in the file."""
+    if len(known) < 2:
+        return ""
+    changed = [
+        f'target_{new} is "{targets[old]}"'
+        for new, old in enumerate(known.tolist(), 1)
+        if new != old + 1
+    ]
+    if not changed:
+        return ""
+    return f" In causes of the results {sentence_list(changed)}."
 
 
 def _describe_left_out(count: int) -> str:
@@ -185,7 +201,7 @@ def _renumber_targets(data: Measurements, known: Index) -> Measurements:
         name = data.targets[number]
         names.append(name)
     target = np.searchsorted(known, data.target)
-    return replace(data, target=target, targets=tuple(names))
+    return replace(data, target=target, targets=tuple(names), listed_targets=data.targets)
 
 
 def drop_unknown_features(

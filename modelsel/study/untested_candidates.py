@@ -10,7 +10,9 @@ from ..diagnosis.scanned_constants import has_both_sides
 from ..exceptions import StudyError, sentence_list
 from ..fitting.problem import Problem
 from ..measurements.state_names import describe_state_name
+from ..mechanisms.campaign_registry import TARGET_STEP, set_targets
 from ..mechanisms.environment import find_moved_target
+from ..mechanisms.registry import Registry, Scanned, build_mechanisms
 from ..mechanisms.terms import Mechanism
 from ..notices import Note
 
@@ -18,10 +20,11 @@ from ..notices import Note
 @dataclass(frozen=True)
 class Untested:
     """Names of mechanisms that cannot be tested, each with the state variables that are unknown; and
-    steps of one target that has too few rows before or after any moment."""
+    steps of one target that has too few rows before or after any moment, or no estimation row."""
 
     missing: dict[str, frozenset[str]]
     one_sided: tuple[str, ...] = ()
+    unseen: tuple[str, ...] = ()
 
     @property
     def reason(self) -> str:
@@ -37,6 +40,7 @@ class Untested:
         sentences += [
             f"{name} needs its target both before and after a slip." for name in self.one_sided
         ]
+        sentences += [f"{name} needs estimation rows of its target." for name in self.unseen]
         return " ".join(sentences)
 
     def note(self) -> tuple[Note, ...]:
@@ -53,14 +57,18 @@ class Untested:
         """Select what can be tested of a study's list of candidates, each once."""
         if isinstance(asked, str):
             return asked
-        untested = {*self.missing, *self.one_sided}
+        untested = {*self.missing, *self.one_sided, *self.unseen}
         return [name for name in dict.fromkeys(asked) if name not in untested]
 
 
 def find_untested(
-    asked: Sequence[str] | str, problem: Problem, mechanisms: Sequence[Mechanism]
+    asked: Sequence[str] | str,
+    problem: Problem,
+    mechanisms: Sequence[Mechanism],
+    unseen: tuple[str, ...] = (),
 ) -> Untested:
-    """Find the `mechanisms` of a study's list `asked` for whose causes the data lack a value."""
+    """Find the `mechanisms` of a study's list `asked` for whose causes the data lack a value; names
+    of `unseen` targets are known."""
     if isinstance(asked, str) or not asked:
         return Untested({})
     available = list_usable_names(problem)
@@ -78,7 +86,40 @@ def find_untested(
         # a mechanism of each joint is told once
         is_one_joint = stem in tested or name in asked
         missing[name if is_one_joint else stem] = lacking
-    return Untested(missing, _list_one_sided(asked, problem, mechanisms))
+    return Untested(missing, _list_one_sided(asked, problem, mechanisms), unseen)
+
+
+def find_unseen_steps(
+    asked: Sequence[str] | str, problem: Problem, registry: Registry
+) -> tuple[str, ...]:
+    """Find the names of steps of a target that was left out, as no estimation row measures it."""
+    listed = problem.data.listed_targets
+    if isinstance(asked, str) or not listed:
+        return ()
+    registry = set_targets(registry, listed)
+    step = registry.get(TARGET_STEP)
+    if not isinstance(step, Scanned) or not step.targets:
+        return ()
+    unseen = []
+    for name in asked:
+        stem, _, _ = name.partition(":")
+        if stem != TARGET_STEP:
+            continue
+        mechanism = build_mechanisms(name, problem.robot, registry)[0]
+        target = find_moved_target(mechanism)
+        if target is not None and listed[target.index] in problem.data.unseen_targets:
+            unseen.append(name)
+    return tuple(unseen)
+
+
+def refuse_unseen(names: Sequence[str], problem: Problem, registry: Registry) -> None:
+    """Raise StudyError where mechanisms of the study's own models move a target that was left out."""
+    unseen = find_unseen_steps(names, problem, registry)
+    if unseen:
+        raise StudyError(
+            f"model: {Untested({}, unseen=unseen).reason} Let some of its configurations fit the "
+            "models, or take the mechanism out of the base and the ladder."
+        )
 
 
 def _list_one_sided(
@@ -86,9 +127,13 @@ def _list_one_sided(
 ) -> tuple[str, ...]:
     """List the steps of one target, asked for by its name, that no moment has rows on both sides of."""
     of_targets = [m for m in mechanisms if find_moved_target(m) is not None]
-    steps = dict.fromkeys(m.name for m in of_targets if m.name in asked)
     known = {m.name for m in of_targets if has_both_sides(problem, m)}
-    return tuple(name for name in steps if name not in known)
+    one_sided = dict.fromkeys(m.name for m in of_targets if m.name not in known)
+    return tuple(
+        name
+        for name in dict.fromkeys(asked)
+        if any(name == step or name.startswith(f"{step}:") for step in one_sided)
+    )
 
 
 def require_causes(problem: Problem, mechanisms: Iterable[Mechanism]) -> None:

@@ -20,10 +20,16 @@ from modelsel.diagnosis.prior_weights import weigh_outcomes
 from modelsel.exceptions import StudyError
 from modelsel.fitting.design import Model
 from modelsel.fitting.problem import Problem
+from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import every, mechanism
-from modelsel.study.own_causes import build_own_candidates, build_own_mechanisms
+from modelsel.study.own_causes import (
+    build_own_candidates,
+    build_own_mechanisms,
+    note_constant_causes,
+)
 from modelsel.study.pipeline import choose_options
 from modelsel.study.result import Result
+from modelsel.study.row_selection import drop_unknown_targets
 from modelsel.study.runner import rehearse_study
 
 ROBOT = load_robot("puma760")
@@ -207,6 +213,55 @@ def test_a_study_without_own_causes_keeps_its_hash() -> None:
     assert "covariate" not in written
     assert "outcomes" not in written
     assert "covariate" in ask("none.csv", {"causes": ["a"]}).model_dump_json()
+
+
+# -- targets that are only held out
+
+
+def leave_out(rng: np.random.Generator, names: str) -> Problem:
+    """Rows of targets of which the first, A, is only held out."""
+    rows = 40
+    target = [*"A" * 10, *(names * rows)[: rows - 10]]
+    columns = {"load": rng.uniform(0, 1, rows)}
+    data = build_measurements(
+        ROBOT.draw(rng, rows), np.zeros((rows, 3)), target=target, covariates=columns
+    )
+    estimation = np.arange(rows) >= 10
+    kept, _, (note,) = drop_unknown_targets(data, estimation)
+    assert note.code == "target-unseen"
+    numbered = 'In causes of the results target_1 is "B" and target_2 is "C".'
+    assert (numbered in note.sentence) == (len(names) == 2)
+    return Problem(ROBOT, kept, np.zeros((len(kept.targets), 3)))
+
+
+@pytest.mark.unit
+@pytest.mark.parametrize(("names", "number", "target"), [("BC", 2, 0), ("BC", 3, 1), ("B", 2, 0)])
+def test_targets_keep_the_numbers_of_the_file(
+    rng: np.random.Generator, names: str, number: int, target: int
+) -> None:
+    """A cause of B was fitted to C, and that of C refused."""
+    at = leave_out(rng, names)
+    own = {"name": "mine", "frame": 7, "axis": "tx", "causes": [f"target_{number}*load"]}
+    mine = build_own_mechanisms(ask("none.csv", own), at)["mine"]
+    ((screw,),) = [term.screws for term in mine.terms]
+    expected = at.data.covariates["load"] * (at.data.target == target)
+    np.testing.assert_array_equal(screw.cause.of(at.state), expected)
+
+
+@pytest.mark.unit
+def test_a_cause_of_a_target_that_is_left_out_is_told(rng: np.random.Generator) -> None:
+    at = leave_out(rng, "BC")
+    (note,) = note_constant_causes(ask("none.csv", {"causes": ["target_1*load", "load"]}), at)
+    assert note.sentence == (
+        'covariate.1: "target_1*load" cannot be tested: no estimation row measures target "A".'
+    )
+
+
+@pytest.mark.unit
+def test_a_number_that_no_target_of_the_file_has_is_refused(rng: np.random.Generator) -> None:
+    at = leave_out(rng, "BC")
+    with pytest.raises(StudyError, match="The targets are target_1 to target_3"):
+        build_own_candidates(ask("none.csv", {"causes": ["target_4*load"]}), at)
 
 
 # -- candidates and their priors

@@ -7,15 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from modelsel import StudyError, rehearse_study, run_study
+from modelsel import Study, StudyError, rehearse_study, run_study
 from modelsel.config.study_file import parse_study
+from modelsel.diagnosis.scanned_constants import drop_equal_constants
 from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.campaign_registry import set_targets
 from modelsel.mechanisms.registry import BUILTIN, build_mechanisms
 from modelsel.results.cautions import explain_restriction, restriction_notes
 from modelsel.robot.files import load_robot
-from modelsel.study.simulation import simulate_points
+from modelsel.study.simulation import simulate_points, simulate_study
 from modelsel.study.untested_candidates import find_untested
 
 ROBOT = load_robot("irb120")
@@ -60,6 +61,75 @@ def test_a_target_that_is_there_on_one_side_alone_cannot_be_tested(
         "Add it, or take the candidate out of the study file."
     )
     assert untested.select_tested(asked) == ["target-step:A"]
+
+
+def test_a_moment_of_a_target_that_is_there_on_one_side_alone_is_told(
+    rng: np.random.Generator,
+) -> None:
+    """Names were compared without their constants."""
+    target = [*"A" * 19, "B"]
+    data = build_measurements(rng.uniform(-1, 1, (20, 6)), np.zeros((20, 3)), target=target)
+    problem = Problem(ROBOT, data, np.zeros((2, 3)))
+    registry = set_targets(BUILTIN, data.targets)
+    asked = ["target-step:B:0.5", "target-step:A:0.5"]
+    mechanisms = [m for name in asked for m in build_mechanisms(name, ROBOT, registry)]
+    untested = find_untested(asked, problem, mechanisms)
+    assert untested.reason == "target-step:B:0.5 needs its target both before and after a slip."
+    assert untested.select_tested(asked) == ["target-step:A:0.5"]
+    kept = drop_equal_constants(problem, mechanisms)
+    assert {m.name for m in kept} == {"target-step:A"}
+
+
+HELD_OUT = """
+name = "left"
+seed = 5
+[robot]
+name = "irb120"
+register = true
+[robot.tools_mm]
+A = [40, -30, 110]
+B = [40, 60, 90]
+C = [-40, 60, 90]
+[measurements]
+file = "m.csv"
+[simulate]
+configurations = 40
+noise_mm = 0.03
+"""
+
+
+def hold_out(folder: Path, names: str, model: str) -> Study:
+    """A study of simulated targets, of which A is only held out."""
+    study = parse_study(HELD_OUT, "study.toml")
+    rows = simulate_study(study, folder)
+    rows = rows[rows.target.isin(list(names))]
+    is_held_out = rows.configuration >= 30
+    rows = rows[(rows.target != "A") | is_held_out]
+    rows["role"] = np.where(rows.configuration >= 30, "held-out", "estimation")
+    rows.to_csv(folder / "m.csv", index=False)
+    split = '[split]\ncolumn = "role"\n'
+    return parse_study(f"{HELD_OUT}{split}[model]\n{model}\n", "study.toml")
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize(("names", "left"), [("ABC", "C"), ("AB", "B")])
+def test_a_step_of_a_target_that_is_only_held_out_is_told(
+    tmp_path: Path, names: str, left: str
+) -> None:
+    study = hold_out(tmp_path, names, f'candidates = ["target-step:A", "target-step:{left}"]')
+    result = run_study(study, tmp_path, sampling=False)
+    (said,) = [w.sentence for w in result.record.warnings if w.code == "candidates-untested"]
+    assert said.startswith(
+        "Not every candidate can be tested: target-step:A needs estimation rows of its target."
+    )
+    assert f"target-step:{left}" not in said
+
+
+@pytest.mark.integration
+def test_a_model_of_a_target_that_is_only_held_out_is_refused(tmp_path: Path) -> None:
+    study = hold_out(tmp_path, "ABC", 'base = ["geometric", "target-step:A:0.5"]')
+    with pytest.raises(StudyError, match=r"model: target-step:A:0\.5 needs estimation rows of"):
+        run_study(study, tmp_path, sampling=False)
 
 
 @pytest.fixture
