@@ -112,12 +112,6 @@ class Measurements:
         return len(self.position)
 
     @property
-    def unseen_targets(self) -> tuple[str, ...]:
-        """The targets of the file that were left out."""
-        listed = self.listed_targets
-        return tuple(name for name in listed if name not in self.targets)
-
-    @property
     def features(self) -> tuple[Feature, ...]:
         """The features that rows share; empty where every row is a point."""
         if self.gauges is None:

@@ -195,7 +195,7 @@ def _describe_constant(text: str, cause: Cause, values: Array, data: Measurement
     unseen = [
         name
         for number, name in enumerate(listed, 1)
-        if name in data.unseen_targets and f"target_{number}" in words
+        if name not in data.targets and f"target_{number}" in words
     ]
     if unseen:
         quoted = [f'"{one_line(name)}"' for name in unseen]

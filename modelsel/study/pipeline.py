@@ -134,8 +134,7 @@ def _analyse_prepared(
     `floor` is the noise floor where it is known, `notes` those of the preparation.
     """
     # targets that no estimation row measures have been left out
-    data = split.problem.data
-    registry = set_targets(registry, data.targets, data.listed_targets)
+    registry = set_targets(registry, split.problem.data.targets, split.problem.data.listed_targets)
     base = build_base(study, split.problem, registry)
     unseen = find_unseen_steps(study.model.candidates, split.problem, registry)
     mechanisms = list_candidates(study, split.problem.robot, registry, unseen)

@@ -107,7 +107,7 @@ def find_unseen_steps(
             continue
         mechanism = build_mechanisms(name, problem.robot, registry)[0]
         target = find_moved_target(mechanism)
-        if target is not None and listed[target.index] in problem.data.unseen_targets:
+        if target is not None and listed[target.index] not in problem.data.targets:
             unseen.append(name)
     return tuple(unseen)
 
