@@ -18,7 +18,7 @@ from ..robot.files import as_robot
 from ..robot.gravity import find_bearing_joints
 from ..robot.kinematics import Robot
 from . import compliance, drives, environment, geometry, gravity_effects, instrument, motors
-from .target_names import choose_target, limit_steps, refuse_target
+from .target_names import add_targets, choose_target, limit_steps, refuse_target
 from .terms import Mechanism, unstorable
 
 
@@ -226,7 +226,10 @@ def _build_of_targets(
     refused = refuse_target(name, given, targets)
     if given and refused is not None:
         raise refused
-    together = _build_scanned(name, None, given or None, robot, entry)
+    try:
+        together = _build_scanned(name, None, given or None, robot, entry)
+    except StudyError as error:
+        raise add_targets(error, targets) from None
     built = [*together]
     several = len(targets) > 1
     if several and not given:

@@ -39,3 +39,11 @@ def refuse_target(name: str, given: str, targets: Sequence[str]) -> StudyError |
             there = f"the targets are {sentence_list(targets)}"
         return StudyError(f'"{name}": in the measurements {there}.')
     return None
+
+
+def add_targets(error: StudyError, targets: Sequence[str]) -> StudyError:
+    """Add to the error of a constant the targets that might have been meant, where there are several."""
+    if len(targets) < 2:
+        return error
+    listed = sentence_list(targets)
+    return StudyError(f"{error} In the measurements the targets are {listed}.")
