@@ -31,12 +31,14 @@ MAX_CHANCE = 0.01
 
 
 def note_rounding(
-    problem: Problem, fitted: Fit, left_mm: float | None, noise_mm: float
+    problem: Problem, fitted: Fit, left_mm: float | None, floor_mm: float
 ) -> tuple[Note, ...]:
     """Say which joints' readings are multiples of a coarse step, where rounding to it matters beside the
-    noise of a row, `noise_mm`.
+    noise of a row.
 
-    `problem`: the rows that a model was `fitted` to, of which it leaves `left_mm` rms. Joints whose
+    `problem`: the rows that a model was `fitted` to, of which it leaves `left_mm` rms. The noise is
+    that, corrected for the model's parameters, or `floor_mm` where that is larger: repeats and pairs
+    of targets do not show what all rows of a configuration share, as they do rounding. Joints whose
     rounding would leave more are not said: these readings were not rounded."""
     rounding = find_rounding(problem.data)
     if not rounding or not left_mm or fitted.freedom <= 0:
@@ -46,15 +48,18 @@ def note_rounding(
     left = _Left(left_mm, fitted.freedom / fitted.rows, readings)
     kept = {joint: mm for joint, mm in moved.items() if left.allows(mm)}
     together = float(np.linalg.norm(list(kept.values())))
+    noise_mm = max(floor_mm, left.noise_mm)
     if together < MATTERS * noise_mm or not left.allows(together):
         return ()
     steps = _list_steps(list(kept), rounding)
     off = write_rounded(together, 2)
-    noise = write_rounded(noise_mm, 2)
+    beside = f"where the noise in all is {write_rounded(noise_mm, 2)} mm"
+    if together >= noise_mm:
+        # the noise is estimated: a part that makes all of it up may come out larger
+        beside = "as much as the noise in all"
     sentence = (
         f"The readings of {steps}. If they were rounded to that, and not commanded so, this alone puts "
-        f"the target {off} mm rms off, where the noise in all is {noise} mm: record them with more "
-        "digits."
+        f"the target {off} mm rms off, {beside}: record them with more digits."
     )
     return (Note("readings-rounded", sentence),)
 
@@ -86,6 +91,11 @@ class _Left(NamedTuple):
     freedom_share: float
     readings: int
 
+    @property
+    def noise_mm(self) -> float:
+        """The rms length of a row's noise [mm], as the model leaves it."""
+        return float(self.mm / np.sqrt(self.freedom_share))
+
     def allows(self, moved_mm: float) -> bool:
         """Whether errors of so many mm rms, one a reading, may leave as little as this."""
         from scipy.special import chdtr
@@ -93,8 +103,7 @@ class _Left(NamedTuple):
         if moved_mm == 0:
             return True
         freedom = self.readings * self.freedom_share
-        variance = self.mm**2 / self.freedom_share
-        ratio = variance / moved_mm**2
+        ratio = (self.noise_mm / moved_mm) ** 2
         chance = chdtr(freedom, freedom * ratio)
         return bool(chance > MAX_CHANCE)
 

@@ -173,7 +173,7 @@ def _build_geometry(robot: Robot, data: Measurements) -> Model:
 
 
 def _note_rounding(data: Measurements, found: _Placement | None) -> tuple[Note, ...]:
-    """Say which readings may have been rounded, beside what the geometric model leaves of the points, or
+    """Say which readings may have been rounded, beside what the geometric model leaves of the points and
     the noise that is known without it."""
     if found is None or not find_rounding(data):
         return ()
@@ -184,12 +184,9 @@ def _note_rounding(data: Measurements, found: _Placement | None) -> tuple[Note, 
         return ()
     left = np.linalg.norm(fitted.residuals(problem)[:, :3], axis=1)
     left_mm = float(np.sqrt(np.square(left).mean()))
-    share = fitted.freedom / fitted.rows
-    noise_mm = left_mm / np.sqrt(share)
     known = _estimate_noise_floor(data)
-    if known is not None:
-        noise_mm = known["coordinate_mm"] * np.sqrt(3)
-    return note_rounding(problem, fitted, left_mm, float(noise_mm))
+    floor_mm = 0.0 if known is None else known["coordinate_mm"] * np.sqrt(3)
+    return note_rounding(problem, fitted, left_mm, float(floor_mm))
 
 
 def _describe_repeatability(robot: Robot, data: Measurements) -> dict[str, Any]:

@@ -3,6 +3,8 @@ does to the target; where it is none, or would leave more than is left, nothing 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -17,11 +19,12 @@ from modelsel.study.inspection import inspect_measurements
 ROBOT = load_robot("puma760")
 NOISE = 0.05
 CODE = "readings-rounded"
+WITH_TOOL: dict[str, object] = {"name": "puma760", "tool_mm": OFF_AXIS}
 
 
-def locate(q: np.ndarray) -> np.ndarray:
+def locate(q: np.ndarray, target: Sequence[float] = OFF_AXIS) -> np.ndarray:
     flange = flanges_of(ROBOT, q)
-    return flange[:, :3, 3] + flange[:, :3, :3] @ np.array(OFF_AXIS)
+    return flange[:, :3, 3] + flange[:, :3, :3] @ np.array(target)
 
 
 def campaign(rng: np.random.Generator, recorded_deg: float, commanded_deg: float) -> pd.DataFrame:
@@ -42,23 +45,26 @@ def told_by_check(frame: pd.DataFrame) -> list[str]:
     return [one["sentence"] for one in found["warnings"] if one["code"] == CODE]
 
 
-def told_by_study(frame: pd.DataFrame) -> list[str]:
+def told_by_study(frame: pd.DataFrame, robot: dict[str, object] = WITH_TOOL) -> list[str]:
     study = Study(
-        name="rounded",
-        robot={"name": "puma760", "tool_mm": OFF_AXIS},
-        measurements=frame,
-        model={"candidates": ["encoder-scale"]},
+        name="rounded", robot=robot, measurements=frame, model={"candidates": ["encoder-scale"]}
     )
     record = run_study(study, sampling=False).record
     return [one.sentence for one in record.warnings if one.code == CODE]
 
 
-def draw_rounded(frame: pd.DataFrame, step_deg: float, rng: np.random.Generator) -> float:
-    """The rms [mm] by which the target is off when every reading is off by an error within the step."""
+def draw_rounded(
+    frame: pd.DataFrame,
+    step_deg: float,
+    rng: np.random.Generator,
+    targets: Sequence[Sequence[float]] = (OFF_AXIS,),
+) -> float:
+    """The rms [mm] by which targets are off when every reading is off by an error within the step."""
     degrees = frame.filter(like="_deg").to_numpy()
     off = rng.uniform(-step_deg / 2, step_deg / 2, degrees.shape)
-    moved = locate(np.radians(degrees + off)) - locate(np.radians(degrees))
-    return float(np.sqrt(np.square(moved).sum(1).mean()))
+    read, true = np.radians(degrees), np.radians(degrees + off)
+    moved = np.array([locate(true, one) - locate(read, one) for one in targets])
+    return float(np.sqrt(np.square(moved).sum(-1).mean()))
 
 
 @pytest.mark.integration
@@ -72,6 +78,43 @@ def test_rounded_readings_are_told_with_what_they_do(rng: np.random.Generator, s
         assert sentence.startswith(start)
         said = float(sentence.partition("puts the target ")[2].partition(" mm")[0])
         assert said == pytest.approx(np.mean(drawn), rel=0.1)
+
+
+def read_numbers(sentence: str) -> tuple[float, float]:
+    """How far rounding puts the target off [mm], and the noise in all."""
+    _, _, rest = sentence.partition("puts the target ")
+    moved, _, beside = rest.partition(" mm rms off, ")
+    if beside.startswith("as much as the noise in all"):
+        return float(moved), float(moved)
+    beside = beside.removeprefix("where the noise in all is ")
+    return float(moved), float(beside.partition(" mm")[0])
+
+
+@pytest.mark.integration
+@pytest.mark.parametrize("step", [0.01, 0.1])
+def test_what_rounding_does_is_no_more_than_the_noise_in_all(
+    rng: np.random.Generator, step: float
+) -> None:
+    """Two targets share the errors of the readings: the distances between them do not show these."""
+    exact = campaign(rng, 0.0, 0.0)
+    degrees = exact.filter(like="_deg").to_numpy()
+    rows = []
+    targets = {"A": OFF_AXIS, "B": [OFF_AXIS[0] + 80.0, *OFF_AXIS[1:]]}
+    for name, target in targets.items():
+        position = locate(np.radians(degrees), target)
+        one = pd.DataFrame((degrees / step).round() * step, columns=exact.columns[: ROBOT.n])
+        one[["x_mm", "y_mm", "z_mm"]] = position + rng.normal(0, NOISE, position.shape)
+        rows.append(one.assign(target=name, configuration=range(len(one))))
+    frame = pd.concat(rows, ignore_index=True)
+    drawn = [draw_rounded(exact, step, rng, list(targets.values())) for _ in range(20)]
+    noise = np.hypot(np.mean(drawn), np.sqrt(3) * NOISE)
+    robot = {"name": "puma760", "tools_mm": targets}
+    for sentences in (told_by_check(frame), told_by_study(frame, robot)):
+        (sentence,) = sentences
+        moved, in_all = read_numbers(sentence)
+        assert moved == pytest.approx(np.mean(drawn), rel=0.1)
+        assert in_all == pytest.approx(noise, rel=0.15)
+        assert moved <= in_all
 
 
 @pytest.mark.unit
