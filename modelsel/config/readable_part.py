@@ -70,10 +70,11 @@ def read_part(table: Mapping[str, Any]) -> ReadablePart | None:
             if not first:
                 hidden += error.problems
             first = False
-            before = deepcopy(tables)
+            before = repr(tables)
             for place in _order(error.places):
                 wrong |= _mend(tables, place)
-            if tables == before:
+            # values are compared as they are written: true equals 1, and is no 1
+            if repr(tables) == before:
                 return None
         except (StudyError, RecursionError):
             return None

@@ -196,7 +196,6 @@ def read_inputs(
     assert measured is not None
     registry = set_reference(registry, measured.reference_celsius)
     registry = set_targets(registry, measured.targets)
-    check_mechanism_names(study, robot, registry)
     return robot, registry, measured, labels
 
 
@@ -220,7 +219,7 @@ def read_checked(
     with found.of_data():
         labels = read_split_labels(study, folder, measured)
     if robot is not None and measured is not None:
-        _check_against_data(study, robot, measured, labels, found)
+        _check_against_data(study, robot, measured, labels, registry, found)
     return measured, labels, registry
 
 
@@ -291,9 +290,13 @@ def _check_against_data(
     robot: Robot,
     measured: Measurements,
     labels: NDArray[np.object_] | None,
+    registry: Registry,
     found: FoundProblems,
 ) -> None:
     """Check what a study says that depends on its measurements."""
+    named = set_targets(registry, measured.targets)
+    with found.of_study():
+        check_mechanism_names(study, robot, named)
     with found.of_study():
         check_own_causes(study, robot, measured)
     with found.of_study():

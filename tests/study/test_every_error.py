@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from modelsel.config.study_file import Study
 from modelsel.exceptions import DataError, StudyError
+from modelsel.robot.files import load_robot
+from modelsel.robot.kinematics import forward
 from modelsel.study.runner import rehearse_study
 from modelsel.study.simulation import simulate_study
 from modelsel.study.whole_study import read_whole_study
@@ -22,6 +26,7 @@ file = "none.csv"
 [model]
 base = ["geometric"]
 """
+MISNAMED = PLAIN.replace('"geometric"', '"geometrc"')
 EFFECT = '[[simulate.effect]]\nframe = {}\naxis = "rz"\ncause = "{}"\nsize = 1e-3\n'
 
 
@@ -110,6 +115,52 @@ def test_values_robot_data_and_names_are_said_together(tmp_path: Path) -> None:
     assert len(lines) == len(beginnings)
     for words in beginnings:
         assert any(words in line for line in lines)
+
+
+def write_targets(folder: Path) -> None:
+    """Write measurements of two targets, A and B, as none.csv."""
+    rng = np.random.default_rng(1)
+    robot = load_robot("puma760")
+    q = robot.draw(rng, 20)
+    rows = []
+    for name in "AB":
+        frame = pd.DataFrame(q, columns=[f"q{k}_rad" for k in range(1, 7)])
+        frame[["x_mm", "y_mm", "z_mm"]] = forward(robot, q, np.array([0.0, 0.0, 100.0]))
+        rows.append(frame.assign(target=name, configuration=range(20)))
+    pd.concat(rows).to_csv(folder / "none.csv", index=False)
+
+
+TARGETS = "[robot.tools_mm]\nA = [0, 0, 100]\nB = [0, 0, 100]\n"
+OF_TARGETS = PLAIN.replace("tool_mm = [0, 0, 100]\n", TARGETS)
+OF_C = OF_TARGETS.replace('"geometric"', '"geometric", "target-step:C"')
+NO_C = 'model.base: "target-step:C": in the measurements the targets are A and B.'
+
+
+def test_names_of_targets_are_said_beside_what_else_is_wrong(tmp_path: Path) -> None:
+    write_targets(tmp_path)
+    said = problems_of(tmp_path, OF_C + "[split]\nestimatio = 6\n")
+    assert said.splitlines() == [
+        'study.toml: [split]: unknown key "estimatio". Did you mean "estimation"?',
+        f"study.toml: {NO_C}",
+    ]
+
+
+def test_names_of_targets_are_said_beside_a_split_that_cannot_be(tmp_path: Path) -> None:
+    write_targets(tmp_path)
+    (tmp_path / "study.toml").write_text(OF_C + "[split]\nestimation = 600\n")
+    with pytest.raises(StudyError) as error:
+        rehearse_study(tmp_path)
+    name, split = error.value.problems
+    assert NO_C in name
+    assert "split.estimation = 600" in split
+
+
+@pytest.mark.parametrize("value", ["true", "1.0", '"1"'])
+def test_a_value_that_equals_its_stand_in_hides_nothing(tmp_path: Path, value: str) -> None:
+    said = problems_of(tmp_path, MISNAMED + f"[split]\nestimation = {value}\n")
+    estimation, name, _ = said.splitlines()
+    assert "split.estimation: " in estimation
+    assert 'unknown mechanism "geometrc"' in name
 
 
 def test_wrong_values_hide_no_problem_of_their_table(tmp_path: Path) -> None:
