@@ -51,18 +51,20 @@ def draw_covariate(
     rows = select_points(length > max(MIN_WAY * length.max(initial=0.0), TINY))
     if rows is None:
         return None
-    typical = float(np.sqrt(np.square(length[rows]).mean()))
-    scale = typical * way / np.maximum(length, TINY)[:, None] ** 2
-    fitted = (scale * effect.displace(problem, field)).sum(1)[rows]
-    left = (scale * residual[:, :3]).sum(1)[rows]
+    lengths = length[rows, None]
+    typical = float(np.sqrt(np.square(lengths).mean()))
+    scale = way[rows] / lengths * (typical / lengths)
+    moved = effect.displace(problem, field)
+    fitted = (scale * moved[rows]).sum(1)
+    left = (scale * residual[rows, :3]).sum(1)
     longest = int(length.argmax())
+    most = length[longest]
+    along_way = way[longest] / most * (typical / most)
     grid = np.linspace(low, high, CURVE_POINTS)
     one = np.full(CURVE_POINTS, longest)
     along_grid = effect.displace(_hold(problem.take(one), name, grid), field[..., one])
     weight = np.square(length[rows] / length.max())
-    points = PanelPoints(
-        values[rows], left + fitted, left, weight, grid, along_grid @ scale[longest]
-    )
+    points = PanelPoints(values[rows], left + fitted, left, weight, grid, along_grid @ along_way)
     return {
         "frames": [],
         "axis": "",

@@ -15,7 +15,7 @@ from modelsel import read_study
 from modelsel._typing import Array
 from modelsel.fitting.design import compute_design, field_of
 from modelsel.fitting.problem import Problem
-from modelsel.mechanisms.causes import q
+from modelsel.mechanisms.causes import Named, q
 from modelsel.mechanisms.registry import BUILTIN, build_mechanisms
 from modelsel.mechanisms.terms import Mechanism, Screw, Term
 from modelsel.report.pages.findings import advise_separation
@@ -117,6 +117,20 @@ def test_residual_of_a_thermal_effect_is_what_it_leaves(rng) -> None:
     whole, half = thermal_panel(at, 0 * moved), thermal_panel(at, moved / 2)
     assert half["after"] == pytest.approx(np.array(whole["before"]) / 2, abs=1e-4)
     assert half["before"] == pytest.approx(np.array(whole["before"]) * 1.5, abs=1e-4)
+
+
+def test_rows_that_an_effect_does_not_move_are_not_drawn(rng) -> None:
+    """A drift of one target of two, drawn against the time, says nothing of the other."""
+    is_of_second = np.arange(40) % 2 == 1
+    covariates = {"time_s": np.arange(40.0), "second": is_of_second.astype(float)}
+    at = builders.drawn("puma760", rng, 40, covariates=covariates)
+    drift = Screw(7, "tx", Named("time_s") * Named("second"))
+    term = Term("drift", (drift,))
+    whole = slice(0, len(at))
+    field = field_of(at, at.pose(whole), whole)
+    panel = draw_covariate((term,), np.array([0.01]), at, field, np.zeros((40, 3)), "time_s")
+    assert panel["x"] == np.flatnonzero(is_of_second).tolist()
+    assert panel["before"] == pytest.approx(0.01 * np.array(panel["x"]), abs=1e-5)
 
 
 def test_posture_is_the_arm_at_its_worst(drawn) -> None:
