@@ -71,8 +71,10 @@ def check_command(
 
 def _inspect_study(path: Path) -> dict[str, Any]:
     """Describe the measurements of a study, and its robot as the study has it."""
+    from ..mechanisms.registry import with_plugins
     from ..study.study_inspection import inspect_study
     from ..study.whole_study import open_study
 
     study, folder = open_study(path, None)
-    return inspect_study(study, folder)
+    registry, _ = with_plugins()
+    return inspect_study(study, folder, registry)

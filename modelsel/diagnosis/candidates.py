@@ -43,8 +43,7 @@ from .unregistered import (
 # share of the arm's reach that an instrument is at least away from the base where it is known to
 # stand apart from the arm
 APART = 0.5
-# frames that one number moves from which they are told together
-MANY_FRAMES = 4
+MANY_FRAMES = 4  # that one number moves, from which they are told together
 # share of the prior probability that the registered mechanisms have together
 REGISTERED = 0.6
 

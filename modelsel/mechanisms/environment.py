@@ -173,12 +173,6 @@ def find_step_moments(cause: Cause) -> frozenset[float]:
     return frozenset()
 
 
-def has_step(mechanism: Mechanism) -> bool:
-    """Whether one of a mechanism's causes steps at some moment of the campaign."""
-    screws = [screw for term in mechanism.terms for screw in term.screws]
-    return any(find_step_moments(screw.cause) for screw in screws)
-
-
 def target_step(robot: Robot, at: float) -> Mechanism:
     """The target was moved on the flange (or the tool slipped) at some moment: its offset, by how
     much; the moment is scanned."""
@@ -214,8 +208,7 @@ def limit_to_target(step: Mechanism, target: int, name: str) -> Mechanism:
 
 
 def find_moved_target(mechanism: Mechanism) -> Member | None:
-    """Find the one target of several that a mechanism moves with some cause; None where it moves
-    them all, and where a target is only elsewhere throughout."""
+    """Find the one of several targets that a mechanism moves with some cause; None otherwise."""
     for term in mechanism.terms[:1]:
         for screw in term.screws:
             target, cause = split_target(screw.cause)

@@ -15,7 +15,10 @@ from ..measurements.table import parquet_errors
 
 RESIDUALS = "residuals.parquet"
 HASHES = ("data_sha256", "study_sha256")
-KINDS = {"row": "i", "estimation": "b", "outlier": "b"}  # numpy's kinds; every other column: floats
+# numpy's kinds; every other column: floats
+KINDS = {"row": "i", "estimation": "b", "outlier": "b", "side_open": "b"}
+# columns of KINDS that files of version 0.1.0 do not have
+ADDED = ("side_open",)
 MODELS = ("nominal", "base", "chosen")
 
 ResidualColumns = Mapping[str, NDArray[Any]]
@@ -73,7 +76,8 @@ class _DamagedTableError(ValueError):
 def _check_columns(columns: ResidualColumns, rows: int) -> None:
     """Raise _DamagedTableError unless every column is there, of its type, its numbers finite, the rows distinct."""
     lengths = [f"{model}_{axis}_mm" for model in MODELS for axis in "xyz"]
-    for name in (*KINDS, *lengths):
+    expected = [name for name in KINDS if name not in ADDED]
+    for name in (*expected, *lengths):
         if name not in columns:
             raise _DamagedTableError(f"column {name} is missing")
     for name, values in columns.items():

@@ -90,11 +90,14 @@ class StudyRun:
     def residual_columns(self) -> dict[str, NDArray[np.generic]]:
         """Return measured minus predicted, (m,) columns by name: mm (and rad, where orientations were measured) in
         the tracker's frame, of the nominal, the base and the chosen model; the row of the file, whether it
-        estimates, and whether the errors leave it out as an outlier, or as on an unknown side of a step."""
+        estimates, and whether the errors leave it out, as an outlier (`outlier`) or as on an unknown side of a
+        step (`side_open`)."""
+        split = self.split
         columns: dict[str, NDArray[np.generic]] = {
             "row": self.problem.data.row,
-            "estimation": self.split.estimation,
-            "outlier": self.split.outlying,
+            "estimation": split.estimation,
+            "outlier": split.outliers,
+            "side_open": split.outlying & ~split.outliers,
         }
         models = {"nominal": self.models.ladder[0], "base": self.base, "chosen": self.models.chosen}
         for name, model in models.items():

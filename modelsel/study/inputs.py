@@ -330,12 +330,6 @@ def _use_gear_ratios(study: Study, robot: Robot, registry: Registry) -> Registry
     return set_gear_ratios(registry, ratios)
 
 
-def read_study_measurements(study: Study, folder: Path) -> tuple[Robot, Measurements]:
-    """Read the robot and the measurements of a study. Raises StudyError or DataError."""
-    robot = read_nominal_robot(study, folder)
-    return robot, _read_file(study, folder, robot)
-
-
 def _read_file(study: Study, folder: Path, robot: Robot) -> Measurements:
     """Read a study's measurements, with what it states of their features."""
     source = find_source(study, folder)

@@ -123,7 +123,8 @@ def _format_noise_floor(inspection: dict[str, Any]) -> str:
 def _format_geometry(inspection: dict[str, Any]) -> list[str]:
     geometry = inspection["geometry"]
     where = "target where it was found, below"
-    if "tool_mm" not in geometry:
+    study = inspection.get("study", {})
+    if "median_mm" in study:
         where = "target as the study has it, below"
     elif geometry["tool_mm"] is not None:
         x, y, z = geometry["tool_mm"]
@@ -150,10 +151,10 @@ def _format_registration(registered: dict[str, Any]) -> list[str]:
 
 
 def _format_study(described: dict[str, Any]) -> list[str]:
-    """Say how a study has the robot stand before its measurements, or why it refuses them."""
+    """Say how a study has the robot stand before its measurements, or why it is refused."""
     refused = described["refused"]
     if refused is not None:
-        return [f"`modelsel study` refuses these data: {sentence}" for sentence in refused]
+        return [f"`modelsel study` refuses this study: {sentence}" for sentence in refused]
     way = "Tool and tracker's frame as the study states them"
     if described["registered"]:
         way = "Registered as the study does (tracker's frame and target found)"

@@ -79,7 +79,8 @@ class Result:
         """Return the residuals of the nominal, the base and the chosen model, indexed by the row of the file.
 
         Measured minus predicted, mm (and rad, where orientations were measured) in the tracker's frame; whether a
-        row estimates, and whether errors leave it out (`outlier`, also where its side of a step is unknown). Raises StudyError where the folder has none."""
+        row estimates, and whether errors leave it out, as an outlier (`outlier`) or as on an unknown side of a
+        step (`side_open`; no column in files of version 0.1.0). Raises StudyError where the folder has none."""
         import pandas as pd
 
         columns = self._residual_columns()

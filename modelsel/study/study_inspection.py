@@ -13,10 +13,12 @@ from ..exceptions import DataError, NotEstimable, StudyError
 from ..fitting.component_noise import POSITION
 from ..fitting.design import residuals
 from ..fitting.problem import Problem
-from ..mechanisms.registry import BUILTIN
+from ..mechanisms.registry import BUILTIN, Registry
 from ..notices import SETUP_MISTAKE, Note, list_alarms
 from ..results.placements import locate_placements
-from .inputs import read_split_labels, read_study_measurements
+from ..robot.kinematics import Robot
+from .found_problems import FoundProblems
+from .inputs import read_checked, read_nominal_robot
 from .inspection import describe_determined, inspect_measurements
 from .model_ladder import build_model
 from .preparation import prepare
@@ -24,12 +26,23 @@ from .preparation import prepare
 GEOMETRY = ("geometric",)
 
 
-def inspect_study(study: Study, folder: Path) -> dict[str, Any]:
+def inspect_study(study: Study, folder: Path, registry: Registry = BUILTIN) -> dict[str, Any]:
     """Describe the measurements of a study, as `inspect_measurements` does, and its robot as the
-    study has it stand before them. Raises StudyError or DataError where they cannot be read."""
-    robot, measured = read_study_measurements(study, folder)
-    labels = read_split_labels(study, folder, measured)
+    study has it stand before them, or why it is refused. Raises StudyError or DataError where the
+    robot or the measurements cannot be read."""
+    found = FoundProblems()
+    robot: Robot | None = None
+    with found.of_robot():
+        robot = read_nominal_robot(study, folder)
+    measured, labels, _ = read_checked(study, folder, robot, registry, found)
+    if measured is None:
+        found.refuse()
+    assert robot is not None
+    assert measured is not None
     inspected = inspect_measurements(robot, measured)
+    refused = found.list_all()
+    if refused:
+        return inspected | {"study": {"refused": refused}}
     try:
         split, _, notes = prepare(study, robot, measured, labels)
     except (StudyError, DataError, NotEstimable) as error:
@@ -39,8 +52,11 @@ def inspect_study(study: Study, folder: Path) -> dict[str, Any]:
     model = build_model(study, problem, BUILTIN, GEOMETRY)
     estimating = problem.take(split.estimation)
     determined = describe_determined(estimating, model)
-    described = _describe_nominal(study, problem, notes)
-    return inspected | determined | {"study": described}
+    determined["geometry"]["tool_mm"] = None
+    placed = _describe_nominal(study, problem, notes)
+    stands = {"refused": None, "registered": bool(study.robot.register_)}
+    described = {"registered": placed, "study": {**stands, **placed}}
+    return inspected | determined | described
 
 
 def _describe_nominal(study: Study, problem: Problem, notes: tuple[Note, ...]) -> dict[str, Any]:
@@ -52,8 +68,6 @@ def _describe_nominal(study: Study, problem: Problem, notes: tuple[Note, ...]) -
     median = float(np.median(distances)) if len(distances) else None
     mistakes = [note.sentence for note in notes if note.code == SETUP_MISTAKE]
     return {
-        "refused": None,
-        "registered": bool(study.robot.register_),
         "median_mm": median,
         **locate_placements(problem, study.robot.per_group),
         "mistake": mistakes[0] if mistakes else None,

@@ -20,7 +20,7 @@ from modelsel.calibration.calibration_file import calibration_text
 from modelsel.config.study_file import parse_study
 from modelsel.exceptions import StudyError
 from modelsel.mechanisms.causes import Applied, cos, q
-from modelsel.results.residual_table import RESIDUALS
+from modelsel.results.residual_table import RESIDUALS, pack_residuals, read_residuals
 from modelsel.results.storage import WRITES
 from modelsel.results.tables import TABLES
 from modelsel.robot.files import load_robot
@@ -224,6 +224,17 @@ def test_ladder_and_findings_are_those_of_the_file(result) -> None:
     assert result.to_frame("error map").shape == np.shape(record["error_map"]["f"])
 
 
+def test_residuals_of_the_first_version_are_read(result, tmp_path) -> None:
+    """They do not tell the rows on an unknown side of a step."""
+    columns = result.run.residual_columns()
+    del columns["side_open"]
+    path = tmp_path / "residuals.parquet"
+    path.write_bytes(pack_residuals(columns, ("0", "1")))
+    read, hashes = read_residuals(path, len(columns["row"]))
+    assert read.keys() == columns.keys()
+    assert hashes == ("0", "1")
+
+
 def test_residuals_make_the_ladder_s_errors(result, frame) -> None:
     """Of the rows measured, joined to the user's own table by their row."""
     joined = frame.join(result.to_frame("residuals"))
@@ -233,7 +244,9 @@ def test_residuals_make_the_ladder_s_errors(result, frame) -> None:
         ("chosen", result.models.chosen),
     ):
         for held, errors in ((False, rung.estimation), (True, rung.held_out)):
-            rows = joined[(joined["estimation"] != held) & ~joined["outlier"]]
+            rows = joined[
+                (joined["estimation"] != held) & ~(joined["outlier"] | joined["side_open"])
+            ]
             size = np.linalg.norm(rows[[f"{name}_{axis}_mm" for axis in "xyz"]], axis=1)
             assert size.mean() == pytest.approx(errors.mean_mm, rel=1e-12)
 

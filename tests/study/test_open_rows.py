@@ -10,8 +10,8 @@ from exact import flanges_of
 
 from modelsel import Study, run_study
 from modelsel.notices import STEP_SIDE_OPEN
-from modelsel.results.schema import StudyRecord
 from modelsel.robot.files import load_robot
+from modelsel.study.result import Result
 
 ROBOT = load_robot("puma760")
 ROWS, FIRST = 90, 50
@@ -37,16 +37,17 @@ def moved_instrument(held_out: list[int], rng: np.random.Generator) -> Study:
     )
 
 
-def run(held_out: list[int], rng: np.random.Generator) -> tuple[StudyRecord, list[str]]:
-    record = run_study(moved_instrument(held_out, rng), sampling=False).record
-    told = [one.sentence for one in record.warnings if one.code == STEP_SIDE_OPEN]
-    return record, told
+def run(held_out: list[int], rng: np.random.Generator) -> tuple[Result, list[str]]:
+    result = run_study(moved_instrument(held_out, rng), sampling=False)
+    told = [one.sentence for one in result.record.warnings if one.code == STEP_SIDE_OPEN]
+    return result, told
 
 
 @pytest.mark.integration
 def test_rows_around_a_step_are_left_out_and_told(rng: np.random.Generator) -> None:
     around = [FIRST - 3, FIRST - 2, FIRST - 1]
-    record, told = run([*range(5, 45, 4), *around, *range(60, 90, 4)], rng)
+    result, told = run([*range(5, 45, 4), *around, *range(60, 90, 4)], rng)
+    record = result.record
     name = record.chosen.mechanisms[-1]
     sentence = (
         f"3 held-out rows lie between row {FIRST - 4} and row {FIRST}, as the step {name} does: whether they "
@@ -58,17 +59,20 @@ def test_rows_around_a_step_are_left_out_and_told(rng: np.random.Generator) -> N
     assert {rung.held_out.left_out for rung in record.ladder} == {3}
     assert errors.max_mm < 8 * NOISE < errors.mean_all_mm * (errors.rows + 3)
     assert record.outliers == []
+    rows = result.residuals()
+    assert not rows["outlier"].any()
+    assert rows.index[rows["side_open"]].tolist() == around
 
 
 @pytest.mark.integration
 def test_where_all_rows_would_be_left_out_they_stay(rng: np.random.Generator) -> None:
-    record, told = run([FIRST - 1], rng)
+    result, told = run([FIRST - 1], rng)
     assert [one.endswith("the held-out errors may be too large.") for one in told] == [True]
-    assert record.ladder[-1].held_out.rows == 1
+    assert result.record.ladder[-1].held_out.rows == 1
 
 
 @pytest.mark.integration
 def test_nothing_is_told_where_the_step_has_its_place(rng: np.random.Generator) -> None:
-    record, told = run([*range(5, 45, 4), *range(60, 90, 4)], rng)
-    assert "step" in record.chosen.mechanisms[-1]
+    result, told = run([*range(5, 45, 4), *range(60, 90, 4)], rng)
+    assert "step" in result.record.chosen.mechanisms[-1]
     assert told == []

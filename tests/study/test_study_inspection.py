@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 
 from modelsel.config.study_file import Study
-from modelsel.exceptions import DataError
+from modelsel.exceptions import DataError, StudyError
 from modelsel.fitting.design import residuals
+from modelsel.measurements.reader import read_measurements
 from modelsel.mechanisms.registry import BUILTIN
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.robot.rigid import rotation_matrix
 from modelsel.study.inputs import read_inputs
+from modelsel.study.inspection import inspect_measurements
 from modelsel.study.inspection_text import format_inspection
 from modelsel.study.pipeline import list_unidentifiable
 from modelsel.study.preparation import prepare
@@ -110,7 +112,42 @@ def test_check_tells_what_the_study_refuses(tmp_path: Path, rng: np.random.Gener
     found = inspect_study(study, tmp_path)
     assert found["study"]["refused"] == [str(error.value)]
     lines = format_inspection(found)
-    assert f"`modelsel study` refuses these data: {error.value}" in lines
+    assert f"`modelsel study` refuses this study: {error.value}" in lines
+
+
+def test_check_tells_every_name_that_the_study_refuses(
+    tmp_path: Path, rng: np.random.Generator
+) -> None:
+    write_data(tmp_path, rng, is_moved=False)
+    study = make_study(tool_mm=TOOL)
+    changes = {"model": {"base": ["geometrc"], "candidates": ["backlsh"]}}
+    wrong = Study(**(study.model_dump(by_alias=True) | changes))
+    with pytest.raises(StudyError) as error:
+        _read(wrong, tmp_path)
+    refused = inspect_study(wrong, tmp_path)["study"]["refused"]
+    assert refused == list(error.value.problems)
+    assert len(refused) == 2
+
+
+def test_check_refuses_measurements_that_are_not_there(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="no such file"):
+        inspect_study(make_study(tool_mm=TOOL), tmp_path)
+
+
+@pytest.mark.parametrize("robot", [{"tool_mm": TOOL}, {"register": True}])
+def test_the_keys_of_a_file_are_those_of_a_study(
+    robot: dict[str, object], tmp_path: Path, rng: np.random.Generator
+) -> None:
+    """A study's own placement takes the place of the one that is found for a file."""
+    write_data(tmp_path, rng, is_moved=False)
+    of_file = inspect_measurements(ROBOT, read_measurements(tmp_path / "m.csv", ROBOT))
+    found = inspect_study(make_study(**robot), tmp_path)
+    assert found.keys() == of_file.keys() | {"study"}
+    assert found["geometry"].keys() == of_file["geometry"].keys()
+    assert found["geometry"]["tool_mm"] is None
+    assert found["registered"].keys() == of_file["registered"].keys()
+    for key, value in found["registered"].items():
+        assert value == found["study"][key]
 
 
 def test_no_places_beyond_the_limits_are_none(tmp_path: Path, rng: np.random.Generator) -> None:
