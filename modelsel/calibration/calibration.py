@@ -25,7 +25,7 @@ from ..fitting.problem import Problem
 from ..measurements.file_form import FileForm
 from ..measurements.measurements import Measurements
 from ..mechanisms.causes import Member
-from ..mechanisms.environment import find_step_moments
+from ..mechanisms.step_moments import list_step_moments
 from ..mechanisms.terms import Term
 from ..robot.kinematics import Robot
 from ..selection.evaluation import Split
@@ -233,11 +233,7 @@ class Calibration:
     @property
     def after_steps(self) -> float:
         """The middle of what follows the last step of the campaign, 0.5 where nothing stepped."""
-        moments = {0.0}
-        for term in self.terms:
-            for screw in term.screws:
-                moments |= find_step_moments(screw.cause)
-        last = max(moments)
+        last = max(list_step_moments(self.terms), default=0.0)
         return (last + 1) / 2
 
     def groups_differ(self) -> bool:

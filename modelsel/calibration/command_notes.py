@@ -12,8 +12,7 @@ from .._typing import Array
 from ..exceptions import sentence_list
 from ..measurements.measurements import Measurements
 from ..measurements.state_names import StateKind, parse_state_name
-from ..mechanisms.environment import find_step_moments
-from ..mechanisms.terms import Mechanism
+from ..mechanisms.step_moments import list_step_moments
 from .assumed_values import describe_assumed
 
 if TYPE_CHECKING:
@@ -119,17 +118,12 @@ def _describe_unknown_approach(c: Calibration, data: Measurements) -> list[str]:
 
 def _describe_steps(c: Calibration) -> list[str]:
     """Describe how what stepped during the campaign is taken."""
-    steps = [mechanism.name for mechanism in c.model.mechanisms if _has_step(mechanism)]
+    mechanisms = c.model.mechanisms
+    steps = [mechanism.name for mechanism in mechanisms if list_step_moments(mechanism.terms)]
     if not steps:
         return []
     names = sentence_list(steps)
     return [f"{names}: what moved during the campaign is taken as it stood at its end."]
-
-
-def _has_step(mechanism: Mechanism) -> bool:
-    """Whether one of a mechanism's causes steps at some moment of the campaign."""
-    screws = [screw for term in mechanism.terms for screw in term.screws]
-    return any(find_step_moments(screw.cause) for screw in screws)
 
 
 def needs_approach(c: Calibration, data: Measurements) -> bool:

@@ -65,23 +65,23 @@ def restrict_to_form(c: Calibration, form: str) -> Calibration:
     refits = c.refits
     if refits is not None and form in refits.alone:
         refit = refits.alone[form]
-        return _select_terms(c, refit.terms, refit.theta)
+        return select_terms(c, refit.terms, refit.theta)
     carries = select_carried(c.model, form)
     carried = list(map(carries, c.terms))
     places = np.flatnonzero(carried).tolist()
     estimates = c.theta[places]
-    return _select_terms(c, places, estimates)
+    return select_terms(c, places, estimates)
 
 
 def list_left_out(c: Calibration, form: str) -> list[Part]:
     """List what a form cannot carry, for the first target and group."""
     carries = select_carried(c.model, form)
     places = [k for k, term in enumerate(c.terms) if not carries(term)]
-    constant, varying = split_parts(_select_terms(c, places, c.theta[places]))
+    constant, varying = split_parts(select_terms(c, places, c.theta[places]))
     return constant + varying
 
 
-def _select_terms(c: Calibration, places: Sequence[int], theta: Array) -> Calibration:
+def select_terms(c: Calibration, places: Sequence[int], theta: Array) -> Calibration:
     """Return the calibration of the terms at some places, at other estimates."""
     carried = {c.terms[place].key for place in places}
     rows = list(places)

@@ -6,10 +6,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ..mechanisms.causes import ONE, Cause
-from ..mechanisms.environment import find_step_moments, split_target, step_after
+from ..mechanisms.environment import split_target, step_after
+from ..mechanisms.step_moments import find_step_moments
 from ..mechanisms.terms import Term, TermKey
 from .calibration import Calibration
-from .refitting import part_of
+from .constant_part import select_terms
 
 
 @dataclass(frozen=True)
@@ -38,10 +39,8 @@ def settle_steps(c: Calibration, at_end: bool) -> Calibration:
             factor[constant] += factor[step.place]
     left = {step.place for step in steps}
     places = [place for place in range(len(theta)) if place not in left]
-    staying = {c.terms[place].key for place in places}
-    kept = tuple(k for k, place in enumerate(places) if place in c.kept)
-    model = part_of(c.model, lambda term: term.key in staying)
-    return replace(c, model=model, theta=theta[places], factor=factor[places], kept=kept)
+    settled = replace(c, factor=factor)
+    return select_terms(settled, places, theta[places])
 
 
 def _list_steps(c: Calibration) -> list[_Step]:

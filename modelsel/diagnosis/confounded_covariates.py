@@ -8,7 +8,7 @@ depends on time stands in the same way against what depends on a covariate that 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -208,33 +208,37 @@ def substitute_all(cause: Cause, names: frozenset[str], value: Cause) -> Cause:
     if not names & IN_TIME:
         (name,) = names
         return substitute(cause, name, value)
-    own = cause.names()
-    if own and own <= names:
-        return value
-    match cause:
-        case Combined(_, left, right):
-            left = substitute_all(left, names, value)
-            right = substitute_all(right, names, value)
-            return replace(cause, left=left, right=right)
-        case Applied(_, argument):
-            argument = substitute_all(argument, names, value)
-            return replace(cause, argument=argument)
-    return cause
+
+    def is_in_time(part: Cause) -> bool:
+        own = part.names()
+        return bool(own) and own <= names
+
+    return _replace_parts(cause, is_in_time, value)
 
 
 def substitute(cause: Cause, name: str, value: Cause) -> Cause:
     """Put a value in the place of a name in a formula, or of that less a constant: what a temperature is
     counted from is no part of another course."""
+
+    def is_covariate(part: Cause) -> bool:
+        match part:
+            case Named(own) | Combined("+" | "-", Named(own), Number()):
+                return own == name
+        return False
+
+    return _replace_parts(cause, is_covariate, value)
+
+
+def _replace_parts(cause: Cause, is_replaced: Callable[[Cause], bool], value: Cause) -> Cause:
+    """Put a value in the place of all parts of a formula that are to be replaced, the largest ones."""
+    if is_replaced(cause):
+        return value
     match cause:
-        case Named(own) if own == name:
-            return value
-        case Combined("+" | "-", Named(own), Number()) if own == name:
-            return value
         case Combined(_, left, right):
-            left = substitute(left, name, value)
-            right = substitute(right, name, value)
+            left = _replace_parts(left, is_replaced, value)
+            right = _replace_parts(right, is_replaced, value)
             return replace(cause, left=left, right=right)
         case Applied(_, argument):
-            argument = substitute(argument, name, value)
+            argument = _replace_parts(argument, is_replaced, value)
             return replace(cause, argument=argument)
     return cause

@@ -13,7 +13,8 @@ import numpy as np
 
 from .._typing import Mask
 from ..fitting.problem import Problem
-from ..mechanisms.environment import find_moved_target, find_step_moments
+from ..mechanisms.environment import find_moved_target
+from ..mechanisms.step_moments import list_step_moments
 from ..mechanisms.terms import Mechanism
 from .effects import Effect
 from .session_steps import OF_INSTRUMENT, list_changes, name_steps
@@ -71,12 +72,8 @@ def _list_moments(mechanism: Mechanism, effects: Sequence[Effect]) -> list[float
             other = entry.candidate.mechanism
             if other.name == mechanism.name:
                 alike.add(other)
-    moments = set[float]()
-    for one in alike:
-        for term in one.terms:
-            for screw in term.screws:
-                moments |= find_step_moments(screw.cause)
-    return sorted(moments)
+    terms = [term for one in alike for term in one.terms]
+    return sorted(list_step_moments(terms))
 
 
 def _find_open(

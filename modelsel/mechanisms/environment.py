@@ -161,18 +161,6 @@ def step_after(at: float) -> Cause:
     return (sign(PROGRESS - at) + 1.0) / 2.0
 
 
-def find_step_moments(cause: Cause) -> frozenset[float]:
-    """Find the moments of the campaign at which a cause steps: none where it does not."""
-    match cause:
-        case Applied("sign", Combined("-", Named("progress"), Number(at))):
-            return frozenset((at,))
-        case Applied(_, argument):
-            return find_step_moments(argument)
-        case Combined(_, left, right):
-            return find_step_moments(left) | find_step_moments(right)
-    return frozenset()
-
-
 def target_step(robot: Robot, at: float) -> Mechanism:
     """The target was moved on the flange (or the tool slipped) at some moment: its offset, by how
     much; the moment is scanned."""

@@ -14,7 +14,6 @@ from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.causes import Named, sin
 from modelsel.mechanisms.environment import (
-    find_step_moments,
     limit_to_target,
     step_after,
     target_step,
@@ -22,6 +21,7 @@ from modelsel.mechanisms.environment import (
     tracker_drift,
     zero_step,
 )
+from modelsel.mechanisms.step_moments import find_step_moments
 from modelsel.mechanisms.terms import Mechanism
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward

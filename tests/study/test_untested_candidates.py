@@ -14,6 +14,7 @@ from modelsel.fitting.problem import Problem
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.campaign_registry import set_targets
 from modelsel.mechanisms.registry import BUILTIN, build_mechanisms
+from modelsel.mechanisms.terms import Mechanism
 from modelsel.results.cautions import explain_restriction, restriction_notes
 from modelsel.robot.files import load_robot
 from modelsel.study.simulation import simulate_points, simulate_study
@@ -44,16 +45,20 @@ def test_candidates_say_what_they_lack(rng: np.random.Generator) -> None:
     assert find_untested("all", problem, mechanisms).note() == ()
 
 
+def measured_once(asked: list[str], rng: np.random.Generator) -> tuple[Problem, list[Mechanism]]:
+    """A campaign in which target B is measured once, at its end, and the candidates asked for."""
+    target = [*"A" * 19, "B"]
+    data = build_measurements(rng.uniform(-1, 1, (20, 6)), np.zeros((20, 3)), target=target)
+    registry = set_targets(BUILTIN, data.targets)
+    mechanisms = [m for name in asked for m in build_mechanisms(name, ROBOT, registry)]
+    return Problem(ROBOT, data, np.zeros((2, 3))), mechanisms
+
+
 def test_a_target_that_is_there_on_one_side_alone_cannot_be_tested(
     rng: np.random.Generator,
 ) -> None:
-    """B is first measured once, at the end of the campaign."""
-    target = [*"A" * 19, "B"]
-    data = build_measurements(rng.uniform(-1, 1, (20, 6)), np.zeros((20, 3)), target=target)
-    problem = Problem(ROBOT, data, np.zeros((2, 3)))
-    registry = set_targets(BUILTIN, data.targets)
     asked = ["target-step:B", "target-step:A"]
-    mechanisms = [m for name in asked for m in build_mechanisms(name, ROBOT, registry)]
+    problem, mechanisms = measured_once(asked, rng)
     untested = find_untested(asked, problem, mechanisms)
     (note,) = untested.note()
     assert note.sentence == (
@@ -67,12 +72,8 @@ def test_a_moment_of_a_target_that_is_there_on_one_side_alone_is_told(
     rng: np.random.Generator,
 ) -> None:
     """Names were compared without their constants."""
-    target = [*"A" * 19, "B"]
-    data = build_measurements(rng.uniform(-1, 1, (20, 6)), np.zeros((20, 3)), target=target)
-    problem = Problem(ROBOT, data, np.zeros((2, 3)))
-    registry = set_targets(BUILTIN, data.targets)
     asked = ["target-step:B:0.5", "target-step:A:0.5"]
-    mechanisms = [m for name in asked for m in build_mechanisms(name, ROBOT, registry)]
+    problem, mechanisms = measured_once(asked, rng)
     untested = find_untested(asked, problem, mechanisms)
     assert untested.reason == "target-step:B:0.5 needs its target both before and after a slip."
     assert untested.select_tested(asked) == ["target-step:A:0.5"]
