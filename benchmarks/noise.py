@@ -99,6 +99,11 @@ def by_reach(rng: Generator, rows: Layout, reach: Array) -> Array:
     return independent(rng, rows, reach) * (reach / np.sqrt(np.mean(reach**2)))[:, None]
 
 
+def in_depth(rng: Generator, rows: Layout, reach: Array) -> Array:
+    """Four times louder along z, as a camera is in depth."""
+    return independent(rng, rows, reach) * (1.0, 1.0, 4.0)
+
+
 def lasting(correlation: float) -> Callable[[Generator, Layout, Array], Array]:
     def draw(rng: Generator, rows: Layout, reach: Array) -> Array:
         errors = independent(rng, rows, reach)
@@ -140,6 +145,10 @@ class Line:
 WHITE = (("instrument", 1.0),)
 
 
+# what is along z beyond the noise in all directions
+DEPTH = (("instrument", 1.0), ("instrument z", np.sqrt(15.0)))
+
+
 def split_variance(share: float) -> tuple[tuple[str, float], ...]:
     return ("instrument", np.sqrt(1 - share)), ("configuration", np.sqrt(share))
 
@@ -150,6 +159,8 @@ LINES = {
     "t3": Line("Student t3, 40", lay_out(40), heavy),
     "loud": Line("one in ten three times louder, 40", lay_out(40), some_louder),
     "reach": Line("in proportion to reach, 40", lay_out(40), by_reach),
+    "depth": Line("four times louder along z, 40", lay_out(40), in_depth, truth=DEPTH),
+    "depth-80": Line("the same, 80", lay_out(80), in_depth, truth=DEPTH),
     "ar-0.5": Line("lasting, AR(1) 0.5, 40", lay_out(40), lasting(0.5), truth=(("lasting", 1.0),)),
     "ar-0.9": Line("lasting, AR(1) 0.9, 40", lay_out(40), lasting(0.9), truth=(("lasting", 1.0),)),
     "targets-20": Line(

@@ -11,12 +11,25 @@ JOINT_PART = re.compile(r"joint ([1-9][0-9]{0,3})")
 JOINTS = "joints"
 SHARED_PARTS = ("configuration", "group", "lasting")
 POSTURE = "posture"
+# the instrument's errors in some directions beyond those in all: along an axis of the measurements'
+# frame, along the line from the instrument, and across it in proportion to the distance
+INSTRUMENT = "instrument"
+AXES = ("x", "y", "z")
+ALONG_AXES = tuple(f"{INSTRUMENT} {axis}" for axis in AXES)
+ALONG_LINE, ACROSS_LINE = f"{INSTRUMENT} range", f"{INSTRUMENT} angle"
+INSTRUMENT_PARTS = (*ALONG_AXES, ALONG_LINE, ACROSS_LINE)
 
 
 def check_part_names(parts: str | Sequence[str], fixed: Collection[str]) -> None:
     """Check the parts that a study looks for, and those that it fixes. Raises ValueError."""
     listed = [] if parts == "all" else list(parts)
-    _check_known("parts", listed, (JOINTS, *SHARED_PARTS))
+    _check_known("parts", listed, (JOINTS, INSTRUMENT, *INSTRUMENT_PARTS, *SHARED_PARTS))
+    for name in fixed:
+        if name in (INSTRUMENT, *INSTRUMENT_PARTS):
+            raise ValueError(
+                f'"{name}" cannot be fixed; state what the instrument has in each direction: sx_mm, sy_mm '
+                "and sz_mm beside the measurements, or range_mm and angle_urad"
+            )
     _check_known("fixed", fixed, SHARED_PARTS)
     if "lasting" in fixed:
         raise ValueError(
@@ -38,8 +51,12 @@ def check_planted_names(parts: Iterable[str]) -> None:
 
 
 def is_named(name: str, names: Sequence[str]) -> bool:
-    """Whether names hold that of a part, or "joints", which are all of them."""
-    return name in names or (JOINTS in names and JOINT_PART.fullmatch(name) is not None)
+    """Whether names hold that of a part, or "joints" or "instrument", which are all of a kind."""
+    if name in names:
+        return True
+    if name in INSTRUMENT_PARTS:
+        return INSTRUMENT in names
+    return JOINTS in names and JOINT_PART.fullmatch(name) is not None
 
 
 def list_joints(names: Iterable[str]) -> dict[str, int]:

@@ -278,7 +278,9 @@ class NoiseTable(FrozenTable):
     parts: Literal["all"] | list[str] = Field(
         default="all",
         description='Parts of the errors that may be looked for: "joint 2", "joints" (every joint), '
-        '"configuration", "group", "lasting"; []: none.',
+        '"instrument z" (more noise along z), "instrument range" and "instrument angle" (along and '
+        'across the line of sight), "instrument" (each of these), "configuration", "group", "lasting"; '
+        "[]: none.",
     )
     fixed: dict[str, Scale] = Field(
         default={}, description="Parts with a known standard deviation [rad or mm], by name."

@@ -1,7 +1,8 @@
 """The parts that the errors of a campaign may have, as far as its rows can identify them.
 
-Each joint may not repeat, one draw a visit, shared by all targets; the rows of one visit, of one
-posture or of one group may share an error; and an error may last along the order of motion."""
+Each joint may not repeat, one draw a visit, shared by all targets; the instrument may err more in one
+direction than in others; the rows of one visit, of one posture or of one group may share an error; and
+an error may last along the order of motion."""
 
 from __future__ import annotations
 
@@ -11,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .._linalg import TINY
-from .._part_names import is_named
+from .._part_names import ACROSS_LINE, ALONG_AXES, ALONG_LINE, INSTRUMENT_PARTS, is_named
 from .._typing import Array, Index, Mask
 from ..measurements.measurements import Measurements
 from ..mechanisms.causes import ONE
@@ -22,7 +23,8 @@ from .shared_errors import MAX_BLOCK, SharedError
 
 # what identifies a part: its scale is given, not estimated
 GIVEN = "given"
-# the directions in which a joint moves one target, where no posture was measured again
+# the directions of single rows' errors: those in which a joint moves one target, where no posture was
+# measured again, and those in which the instrument errs most
 DIRECTIONS = "directions"
 # the order of motion, for an error that lasts
 ORDER = "order"
@@ -36,6 +38,9 @@ LASTING_TESTS = 3
 # correlation lengths, and at least so many rows, after which a lasting error starts afresh
 STRETCH = 8
 FEWEST_ROWS = 16
+# share of the arm's reach from its base beyond which what the measurements' frame starts from is taken
+# for the instrument
+APART = 0.5
 # share of the largest loading below which a joint does not move the target
 MIN_LOADING = 1e-3
 
@@ -44,7 +49,7 @@ MIN_LOADING = 1e-3
 class PossiblePart:
     """A part that the errors may have.
 
-    name: "joint 2", "configuration", "group" or "lasting"; unit: that of its scale; square: mean square
+    name: "joint 2", "instrument z", "configuration", "group" or "lasting"; unit: that of its scale; square: mean square
     [mm²] over the rows of the target's displacement by one unit; told_by: what distinguishes it from
     others; tests: how many tests it counts for; even: noise alike in all rows, none of which share
     it, that must not tell the data as well."""
@@ -75,6 +80,7 @@ def list_parts(problem: Problem, training: Mask) -> tuple[PossiblePart, ...]:
         return ()
     listed = (
         *_list_joints(problem, data),
+        *_list_instrument(problem),
         *_list_shared(problem, data),
         *_list_lasting(problem, data, training),
     )
@@ -164,6 +170,50 @@ def _load_positions(problem: Problem) -> Array:
         identity[axis, axis] = 1.0
     whitened = problem.whitening.apply_by_row(identity)
     return np.ascontiguousarray(whitened.transpose(2, 1, 0))
+
+
+def _list_instrument(problem: Problem) -> list[PossiblePart]:
+    """List the directions in which the instrument may err more than in others, one test together."""
+    loading = _load_positions(problem)
+    found = [
+        _build_own(name, "mm", loading[:, :, axis : axis + 1], 1.0)
+        for axis, name in enumerate(ALONG_AXES)
+    ]
+    line = problem.data.position - np.array(problem.tracker)
+    distance = np.linalg.norm(line, axis=1)
+    if not distance.all() or not _stands_apart(problem):
+        return found
+    u = line / distance[:, None]
+    along = np.matmul(loading, u[:, :, None])
+    across = np.matmul(loading, _span_across(u) * distance[:, None, None])
+    typical = float(np.square(distance).mean())
+    found.append(_build_own(ALONG_LINE, "mm", along, 1.0))
+    found.append(_build_own(ACROSS_LINE, "rad", across, 2 * typical))
+    return found
+
+
+def _build_own(name: str, unit: str, loading: Array, square: float) -> PossiblePart:
+    """Build a part of the instrument, a draw of its own for every row."""
+    own_level = np.arange(len(loading))
+    error = SharedError(np.ascontiguousarray(loading), own_level)
+    return PossiblePart(name, unit, error, square, DIRECTIONS, len(INSTRUMENT_PARTS))
+
+
+def _stands_apart(problem: Problem) -> bool:
+    """Whether the instrument stands apart from the arm's base, as one does that looks at the arm;
+    else its position is but the origin of a frame."""
+    _, base = problem.placement
+    apart = np.linalg.norm(base - np.array(problem.tracker), axis=1)
+    return bool((apart > APART * problem.reach_mm).all())
+
+
+def _span_across(u: Array) -> Array:
+    """Return two unit vectors (m, 3, 2) across unit vectors (m, 3), and across one another."""
+    least = np.abs(u).argmin(axis=1)
+    first = np.cross(u, np.eye(3)[least])
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    second = np.cross(u, first)
+    return np.stack([first, second], axis=2)
 
 
 def _list_shared(problem: Problem, seen: Measurements) -> list[PossiblePart]:

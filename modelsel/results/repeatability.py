@@ -9,14 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from .._part_names import ACROSS_LINE, ALONG_AXES, ALONG_LINE, INSTRUMENT, INSTRUMENT_PARTS
 from .._typing import Array
 from ..diagnosis.sentences import choose_prefix
 from ..exceptions import sentence_list, write_rounded
 from ..fitting.error_structure import ErrorPart, ErrorStructure
 from ..fitting.noise import Floor
-from ..fitting.possible_parts import GIVEN
+from ..fitting.possible_parts import DIRECTIONS, GIVEN
 from .rounded_readings import Rounding
-from .schema import INSTRUMENT, ErrorPartRecord
+from .schema import ErrorPartRecord
 from .study_sentences import format_share
 
 JOINT = "joint"
@@ -32,7 +33,7 @@ MIN_SHARE = 0.005
 # lines of a terminal
 MAX_LINES = 6
 # sources of a noise floor
-ESTIMATED, REPEATS = "estimated", "repeats"
+ESTIMATED, REPEATS, TARGETS = "estimated", "repeats", "target pairs"
 # parts, by what tells them, that repeats of one posture share
 SHARED_BY_REPEATS = {("configuration", "repeats"), ("group", "groups")}
 # what is shown of parts whose names say too little, by what tells them
@@ -41,6 +42,9 @@ LABELS = {
     ("configuration", "repeats"): "repeats of one posture",
     ("group", "groups"): "rows of one group",
     ("lasting", "order"): "lasting errors",
+    **{(name, DIRECTIONS): f"more noise along {name[-1]}" for name in ALONG_AXES},
+    (ALONG_LINE, DIRECTIONS): "more noise along the line of sight",
+    (ACROSS_LINE, DIRECTIONS): "more noise across the line of sight",
 }
 
 Values = dict[str, Any]
@@ -58,6 +62,8 @@ def measure_unrepeated(errors: ErrorStructure, floor: Floor) -> float:
     parts = errors.parts[1:]
     if floor.source == REPEATS:
         parts = tuple(part for part in parts if (part.name, part.told_by) in SHARED_BY_REPEATS)
+    if floor.source == TARGETS:
+        parts = tuple(part for part in parts if part.name not in INSTRUMENT_PARTS)
     squares = [part.at_target**2 for part in parts]
     return float(np.sqrt(sum(squares)))
 
@@ -104,6 +110,8 @@ def _describe_part(part: ErrorPart, is_alone: bool, rounding: Rounding | None) -
         )
     if part.name == "lasting":
         return _describe_lasting(part, size, effect)
+    if part.name in INSTRUMENT_PARTS:
+        return _describe_direction(part, size, effect)
     return _describe_joint(part, size, effect) + _explain_by_rounding(part, rounding)
 
 
@@ -131,6 +139,20 @@ def _describe_shared(part: ErrorPart, size: str, effect: str) -> str:
         f"The targets of one configuration share an error of {size}: {effect}. The "
         "flange or the base stood a little differently each time, or, where no posture was measured "
         "again, the model errs there."
+    )
+
+
+def _describe_direction(part: ErrorPart, size: str, effect: str) -> str:
+    """Return where the instrument errs more than in other directions, and what else would look so."""
+    where, example = f"Along {part.name[-1]}", "as a camera does in depth"
+    if part.name == ALONG_LINE:
+        where = "Along the line of sight"
+    if part.name == ACROSS_LINE:
+        where, example = "Across the line of sight", "as a tracker does by its angles"
+    return (
+        f"{where} the instrument errs more than in other directions, {example}: by a further {size}, "
+        f"independent from row to row: {effect}. An error of the model in that direction, which no "
+        "candidate describes, would look the same."
     )
 
 
@@ -180,7 +202,9 @@ def _explain_by_rounding(part: ErrorPart, rounding: Rounding | None) -> str:
 def _describe_scale(part: ErrorPart) -> str:
     """Return a standard deviation with its interval: 21 µrad (95 %: 18 to 24 µrad)."""
     scale, interval = format_scale(part)
-    each = "" if part.name.startswith(JOINT) else " per coordinate"
+    each = " per coordinate"
+    if part.name.startswith(JOINT) or part.name in INSTRUMENT_PARTS:
+        each = ""
     if part.told_by == GIVEN:
         return f"{scale}{each} (as the study gives it)"
     return f"{scale}{each} (95 %: {interval})"

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
+from .._part_names import INSTRUMENT
 from .._records import Number, StrictRecord, Text, Vector, Whole
 from .finding_schema import FindingRecord, ScrewRecord, SmallFindingsRecord
 from .model_schema import (
@@ -23,8 +24,6 @@ from .model_schema import (
 )
 from .record_types import Figure, Texts
 
-# the part that every list of parts has
-INSTRUMENT = "instrument"
 Size = Annotated[Number, Field(ge=0)]
 
 
@@ -116,9 +115,14 @@ class ErrorPartRecord(StrictRecord):
     """A part of what the chosen model leaves: its standard deviation with a 95 % interval, and its
     share of the mean square at the target."""
 
-    part: Text = Field(description="`instrument`, `joint 2`, `configuration`, `group` or `lasting`")
+    part: Text = Field(
+        description="`instrument`, `instrument z` (along an axis of the measurements' frame, beyond its "
+        "errors in all directions), `instrument range` and `instrument angle` (along and across the "
+        "line from it), `joint 2`, `configuration`, `group` or `lasting`"
+    )
     scale: Size = Field(
-        description="standard deviation: for a joint, of its position; otherwise, of one coordinate"
+        description="standard deviation: for a joint, of its position; for `instrument angle`, of each "
+        "angle; otherwise, of one coordinate"
     )
     unit: Literal["rad", "mm"] = Field(description="unit of `scale`, `low` and `high`")
     low: Size = Field(description="lower end of the 95 % interval of `scale`")

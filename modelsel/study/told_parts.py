@@ -35,6 +35,7 @@ def describe_told_parts(problem: Problem) -> dict[str, Any]:
     sentences = [
         *seen,
         *[_describe_joints(data, told_by) for told_by in joints],
+        "Whether the instrument errs more in one direction than in others: told by the rows' own errors.",
         _describe_configurations(data, by.get("configuration")),
         _describe_groups(data, "group" in by),
         "What lasts from visit to visit: told by the order of the visits.",

@@ -79,6 +79,13 @@ def test_all_that_does_not_suit_the_robot_is_said_at_once(tmp_path: Path) -> Non
             ),
         ),
         (
+            {"noise": {"fixed": {"instrument z": 0.1}}},
+            (
+                'noise: "instrument z" cannot be fixed; state what the instrument has in each direction: '
+                "sx_mm, sy_mm and sz_mm beside the measurements, or range_mm and angle_urad."
+            ),
+        ),
+        (
             {"noise": {"fixed": {"lasting": 0.1}}},
             (
                 'noise: "lasting" cannot be fixed, since its length is found together with its scale; '
