@@ -177,7 +177,9 @@ def build_common_space(a: Calibration, b: Calibration) -> CommonSpace:
     # a radian weighs as much as it moves at the end of the arm
     scaled = np.concatenate([X, a.robot.reach * turns], 1)
     rows = scaled.reshape(-1, len(terms))
-    identified = identify(reduce(rows, np.zeros(len(rows))))
+    nothing = np.zeros(len(rows))
+    reduced = reduce(rows, nothing)
+    identified = identify(reduced)
     estimates = []
     factors = []
     for campaign in (a, b):

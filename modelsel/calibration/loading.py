@@ -66,10 +66,12 @@ def find_report_folder(folder: Path) -> Path:
     study = folder / STUDY_FILE
     if (folder / CALIBRATION_FILE).exists() or not study.exists():
         return folder
-    name = folder.resolve().name
-    above = folder.resolve().parent
+    whole = folder.resolve()
+    name = whole.name
+    above = whole.parent
     tried = [Path(REPORTS) / name, above / REPORTS / name, above.parent / REPORTS / name]
-    table = parse_toml(read_text(study, "the study file"), study.name)
+    text = read_text(study, "the study file")
+    table = parse_toml(text, study.name)
     for report in tried:
         if _is_report_of(report, table.get("name")):
             return report

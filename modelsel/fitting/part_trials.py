@@ -19,6 +19,8 @@ from .shared_errors import SharedError
 # for one may be there all the same
 LEVEL = 0.01
 UNSURE = 0.2
+# what the targets of one visit share
+OF_A_VISIT = "configuration", "targets"
 # parts that do not last which are tried at every step
 TRIED = 2
 # gain of twice the log likelihood that something lasting needs beyond what does not last
@@ -41,7 +43,7 @@ def find_next(
     """Find the part that raises the likelihood most."""
     scores = _score_parts(at, offered, chosen)
     lasting = [score for score in scores if score.lasts]
-    lengths = [score.part for score in lasting]
+    lengths = _sort_lengths([score.part for score in lasting])
     others = [score for score in scores if not score.lasts]
     # what lasts first: nothing bounds what it may gain
     tried = lasting[:1] + others[:TRIED]
@@ -63,10 +65,41 @@ def find_next(
         elif trial.p <= UNSURE and not score.lasts:
             unsure = trial
     if best is None:
-        return NextPart(None, None if unsure is None else unsure.every)
+        divided = _divide_lasting(at, offered, chosen)
+        return NextPart(divided, None if unsure is None else unsure.every)
     start = best.every
     after = maximise_likelihood(at.model, start, exact=False)
     return NextPart(([*chosen, best.part], after))
+
+
+def _divide_lasting(
+    at: Likelihood, offered: Sequence[PossiblePart], chosen: Sequence[PossiblePart]
+) -> tuple[list[PossiblePart], Likelihood] | None:
+    """Divide an error that lasts into what the targets of a visit share and what lasts longer, which
+    together resemble one that fades soon; None where that gains no more than by chance."""
+    now = _find_lasting(chosen)
+    names = {(one.name, one.told_by) for one in chosen}
+    visits = [one for one in offered if (one.name, one.told_by) == OF_A_VISIT]
+    if now is None or not visits or OF_A_VISIT in names:
+        return None
+    visit = visits[0]
+    own = next(part for part in at.parts if part.is_like(now.error))
+    rest = [part for part in at.parts if part is not own]
+    half = own.variance / 2
+    best, longest = at, now
+    for one in _sort_lengths(offered):
+        if one.error.length <= now.error.length:
+            continue
+        start = [*rest, replace(one.error, variance=half), replace(visit.error, variance=half)]
+        trial = maximise_likelihood(at.model, start, exact=False)
+        if trial.log <= best.log:
+            break
+        best, longest = trial, one
+    p = visit.tests * compute_p(best.log - at.log)
+    if longest is now or p > LEVEL:
+        return None
+    others = [one for one in chosen if one is not now]
+    return [*others, longest, visit], best
 
 
 def change_length(
@@ -74,22 +107,35 @@ def change_length(
 ) -> tuple[list[PossiblePart], Likelihood]:
     """Change the correlation length of the part that lasts, if there is one, as long as the
     likelihood gains."""
-    lasting = (one for one in chosen if one.error.time is not None)
-    now = next(lasting, None)
+    now = _find_lasting(chosen)
     if now is None:
         return chosen, at
     own = next(part for part in at.parts if part.is_like(now.error))
     others = [part for part in at.parts if part is not own]
     without = evaluate_likelihood(at.model, others)
-    lengths = [one for one in offered if one.error.time is not None]
     every = (*others, own)
     first = _Trial(now, every, at.log, 0.0)
-    best = _climb(without, lengths, first)
+    best = _climb(without, _sort_lengths(offered), first)
     if best is first:
         return chosen, at
     after = maximise_likelihood(at.model, best.every, exact=False)
     rest = [one for one in chosen if one is not now]
     return [*rest, best.part], after
+
+
+def _find_lasting(chosen: Sequence[PossiblePart]) -> PossiblePart | None:
+    """Find the part that lasts among those chosen."""
+    for one in chosen:
+        if one.error.time is not None:
+            return one
+    return None
+
+
+def _sort_lengths(offered: Sequence[PossiblePart]) -> list[PossiblePart]:
+    """Sort the lasting errors that are offered by their lengths."""
+    lasting = [one for one in offered if one.error.time is not None]
+    lasting.sort(key=lambda one: one.error.length)
+    return lasting
 
 
 def _score_parts(
@@ -200,10 +246,9 @@ def _try(at: Likelihood, part: PossiblePart, variance: float, even: float) -> _T
     return _Trial(part, trial.parts, trial.log, p, even)
 
 
-def _climb(at: Likelihood, lasting: Sequence[PossiblePart], best: _Trial) -> _Trial:
+def _climb(at: Likelihood, lengths: Sequence[PossiblePart], best: _Trial) -> _Trial:
     """Try the neighbouring correlation lengths as long as the likelihood rises."""
     first = best
-    lengths = sorted(lasting, key=lambda one: one.error.length)
     for step in (1, -1):
         k = lengths.index(best.part) + step
         while 0 <= k < len(lengths):

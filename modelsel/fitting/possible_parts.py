@@ -195,23 +195,32 @@ def _list_instrument(problem: Problem) -> list[PossiblePart]:
 def _build_own(name: str, unit: str, loading: Array, square: float) -> PossiblePart:
     """Build a part of the instrument, a draw of its own for every row."""
     own_level = np.arange(len(loading))
-    error = SharedError(np.ascontiguousarray(loading), own_level)
-    return PossiblePart(name, unit, error, square, DIRECTIONS, len(INSTRUMENT_PARTS))
+    by_row = np.ascontiguousarray(loading)
+    error = SharedError(by_row, own_level)
+    tests = len(INSTRUMENT_PARTS)
+    return PossiblePart(name, unit, error, square, DIRECTIONS, tests)
 
 
 def _stands_apart(problem: Problem) -> bool:
     """Whether the instrument stands apart from the arm's base, as one does that looks at the arm;
     else its position is but the origin of a frame."""
     _, base = problem.placement
-    apart = np.linalg.norm(base - np.array(problem.tracker), axis=1)
-    return bool((apart > APART * problem.reach_mm).all())
+    own = np.array(problem.tracker)
+    apart = np.linalg.norm(base - own, axis=1)
+    least = APART * problem.reach_mm
+    is_apart = apart > least
+    return bool(is_apart.all())
 
 
 def _span_across(u: Array) -> Array:
     """Return two unit vectors (m, 3, 2) across unit vectors (m, 3), and across one another."""
-    least = np.abs(u).argmin(axis=1)
-    first = np.cross(u, np.eye(3)[least])
-    first /= np.linalg.norm(first, axis=1)[:, None]
+    size = np.abs(u)
+    least = size.argmin(axis=1)
+    axes = np.eye(3)
+    apart = axes[least]
+    first = np.cross(u, apart)
+    length = np.linalg.norm(first, axis=1, keepdims=True)
+    first /= length
     second = np.cross(u, first)
     return np.stack([first, second], axis=2)
 

@@ -116,14 +116,16 @@ def _write_setup(registration: RegistrationRecord | None) -> str:
 
 def _page_data(source: Source) -> dict[str, Any]:
     """Return what the page's scripts compute with."""
-    record, way = source.record, select_way(source.record)
+    record = source.record
+    way = select_way(record)
+    labels = label_way(record, way)
     told, grouped = split_findings(record.findings, record.small_findings)
     small = record.small_findings
     return {
         "result": slim_record(record),
         "details": source.details.to_dict(),
         "names": label_ladder(record),
-        "ladder": list(zip(way, label_way(record, way), strict=True)),
+        "ladder": list(zip(way, labels, strict=True)),
         "cells": find_named_cells(record),
         "own": [_find_own_cells(record, finding) for finding in record.findings],
         "kindred": [find_kindred_cells(record, finding) for finding in record.findings],

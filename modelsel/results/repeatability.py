@@ -203,7 +203,8 @@ def _describe_scale(part: ErrorPart) -> str:
     """Return a standard deviation with its interval: 21 µrad (95 %: 18 to 24 µrad)."""
     scale, interval = format_scale(part)
     each = " per coordinate"
-    if part.name.startswith(JOINT) or part.name in INSTRUMENT_PARTS:
+    is_one = part.name in INSTRUMENT_PARTS
+    if is_one or part.name.startswith(JOINT):
         each = ""
     if part.told_by == GIVEN:
         return f"{scale}{each} (as the study gives it)"

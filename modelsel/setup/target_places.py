@@ -53,7 +53,8 @@ def _describe_unnamed(data: Measurements) -> str | None:
     is_equal = difference <= MAX_DIFFERENCE * middle
     count = int(is_equal.sum())
     total = len(distance)
-    if middle < MIN_DISTANCE_MM or count < MIN_EQUAL_SHARE * total:
+    fewest = MIN_EQUAL_SHARE * total
+    if middle < MIN_DISTANCE_MM or count < fewest:
         return None
     mean = apart[is_equal].mean(0)
     common = float(np.linalg.norm(mean))

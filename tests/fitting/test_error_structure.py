@@ -195,6 +195,25 @@ def test_what_lasts_is_found_with_its_length(rng: np.random.Generator) -> None:
     assert part.low / 1.4 < 3 * SIGMA < part.high * 1.4
 
 
+def share_and_last(rng: np.random.Generator, shared: float) -> Problem:
+    """Errors that last over some ten visits, and besides some that the targets of a visit share."""
+    at = campaign(rng, postures=90, targets=2)
+    keep = np.exp(-1 / float(rng.uniform(8, 12)))
+    errors = rng.normal(size=(90, 3))
+    for k in range(1, 90):
+        errors[k] = keep * errors[k - 1] + np.sqrt(1 - keep**2) * errors[k]
+    errors += shared * rng.normal(size=(90, 3))
+    return measured(at, at.data.position + 2 * SIGMA * errors.repeat(2, axis=0))
+
+
+def test_what_a_visit_shares_is_told_beside_what_lasts(rng: np.random.Generator) -> None:
+    """Together they resemble one error that fades soon."""
+    both = [set(structure_of(share_and_last(rng, 1.0)).names) for _ in range(10)]
+    assert sum({"configuration", "lasting"} <= names for names in both) >= 8
+    alone = [set(structure_of(share_and_last(rng, 0.0)).names) for _ in range(10)]
+    assert sum("configuration" in names for names in alone) <= 1
+
+
 def test_beside_what_lasts_hardly_anything_is_told(rng: np.random.Generator) -> None:
     """Three joints and the instrument are tried at 1 % each: of 30 campaigns chance gives four or
     more another part in one of 50."""

@@ -95,11 +95,13 @@ def _error_sentences(done: Sequence[Row]) -> list[str]:
     ]
     if not measured:
         return []
-    before, after = _median(measured, "nominal_mm"), _median(measured, "chosen_mm")
+    before = _median(measured, "nominal_mm")
+    after = _median(measured, "chosen_mm")
+    studies = count_words(len(measured), "study")
     worst = max(measured, key=lambda row: row["chosen_mm"])
     largest = format_mm(worst["chosen_mm"])
     summary = (
-        f"Mean error on held-out configurations, median over {count_words(len(measured), 'study')}: {before} mm nominal, "
+        f"Mean error on held-out configurations, median over {studies}: {before} mm nominal, "
         f"{after} mm with the chosen model. The largest that is left: {largest} mm, {worst['name']}."
     )
     worse = [row for row in measured if _is_worse(row)]
