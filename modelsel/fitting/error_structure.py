@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._linalg import TINY
+from .._part_names import INSTRUMENT_PARTS
 from .._typing import Index, Mask
 from .design import compute_design
 from .largest_likelihood import maximise_likelihood
@@ -91,6 +92,13 @@ class ErrorStructure:
         parts, shared = compress(self.parts, kept), compress(self.shared, kept[1:])
         return ErrorStructure(tuple(parts), tuple(shared))
 
+    def without_instrument(self) -> ErrorStructure:
+        """Return the parts without those that the instrument has in some directions."""
+        kept = [part.name not in INSTRUMENT_PARTS for part in self.parts]
+        parts = compress(self.parts, kept)
+        shared = compress(self.shared, kept[1:])
+        return ErrorStructure(tuple(parts), tuple(shared))
+
     def resembles(self, other: ErrorStructure) -> bool:
         """Whether both give the rows about the same weights."""
         if self.names != other.names:
@@ -112,6 +120,10 @@ class ErrorStructure:
             whitening = replace(stated, shared=SharedErrors(kept), stated=stated)
         else:
             whitening = _whiten_rows(stated, kept, len(problem), problem.components)
+        others = self.without_instrument()
+        if len(others.parts) < len(self.parts):
+            whitened = others.whiten(problem.as_stated())
+            whitening = replace(whitening, others=whitened.whitening)
         return replace(problem, whitening=whitening)
 
 

@@ -133,6 +133,11 @@ class Problem:
             return self
         return replace(self, whitening=self.whitening.stated)
 
+    def beside_instrument(self) -> Problem:
+        """Return the problem weighed by the parts of its errors that are not the instrument's own."""
+        whitening = self.whitening.beside_instrument()
+        return replace(self, whitening=whitening)
+
     def pose(self, rows: slice, twist: Array | None = None) -> Pose:
         """Compute the kinematics of a block of rows in frame 0; twist (n+1, 6, rows)."""
         tool_rotation = self.tool_rotations

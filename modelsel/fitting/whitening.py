@@ -18,12 +18,14 @@ class Whitening:
     First row by row: one `weight` [1/mm] for all, times, where rows differ, a matrix (c, c) of each
     in `matrices` (m, c, c). Then, where rows share errors, the covariance of `shared` is taken out,
     block of rows by block of rows. `stated`: the whitening before parts of the
-    errors were estimated, None where none were."""
+    errors were estimated, None where none were; `others`: the whitening by all parts but those that
+    are the instrument's own, None where it has none."""
 
     weight: float = 1.0
     matrices: Array | None = None
     shared: SharedErrors | None = None
     stated: Whitening | None = None
+    others: Whitening | None = None
 
     @property
     def uniform(self) -> bool:
@@ -37,7 +39,8 @@ class Whitening:
         matrices = None if self.matrices is None else self.matrices[rows]
         shared = None if self.shared is None else self.shared.take(rows)
         stated = None if self.stated is None else self.stated.take(rows)
-        return Whitening(self.weight, matrices, shared, stated)
+        others = None if self.others is None else self.others.take(rows)
+        return Whitening(self.weight, matrices, shared, stated, others)
 
     def apply(self, values: Array) -> Array:
         """Return values (..., c, m) whitened; they are overwritten where one weight does."""
@@ -88,6 +91,11 @@ class Whitening:
     def as_stated(self) -> Whitening:
         """Return the whitening before parts of the errors were estimated."""
         return self if self.stated is None else self.stated
+
+    def beside_instrument(self) -> Whitening:
+        """Return the whitening by all parts but those of the instrument, of which a stated
+        uncertainty is the whole."""
+        return self if self.others is None else self.others
 
     def without_weight(self) -> Whitening:
         """Return the whitening with a weight of one, as the triangle of many rows may be scaled

@@ -63,7 +63,8 @@ def measure_lack_of_fit(chosen: Evaluation, floor: Floor | None, split: Split) -
 
     if floor is None or floor.source == "estimated":
         return None
-    parts = _variances(chosen, floor, split.training)
+    training = split.training.beside_instrument()
+    parts = _variances(chosen, floor, training)
     if parts.freedom < 1 or parts.pure_freedom < MIN_FLOOR_FREEDOM or parts.pure <= 0:
         return None
     f = max(parts.total / parts.freedom / parts.pure, 0.0)

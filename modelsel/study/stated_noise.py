@@ -40,7 +40,7 @@ def check_stated_noise(
     notes hold what is far off; what is a little off is left to the chosen model's lack-of-fit test.
     `parts_sought`: errors that do not repeat were looked for, beside the instrument's.
     """
-    training = split.training
+    training = split.training.beside_instrument()
     comparison = _compare_with_floor(training, fitted, floor, POSITION)
     if floor is None or comparison is None:
         return split, floor, ()
@@ -169,7 +169,8 @@ def _describe_wrong_statement(
         place = "s_mm"
     else:
         place = "sx_mm, sy_mm, sz_mm"
-    has_parts = _has_parts(split.problem)
+    problem = split.problem.beside_instrument()
+    has_parts = _has_parts(problem)
     model = LEFT_BESIDE_PARTS if has_parts else LEFT
     ratio = 1 / mismatch.factor
     # what was looked for is told elsewhere, found or not

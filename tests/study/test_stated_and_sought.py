@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from builders import OFF_AXIS, bind, study_of
 
 from modelsel.fitting.design import Model
+from modelsel.fitting.error_structure import find_structure
 from modelsel.fitting.least_squares import fit
 from modelsel.fitting.noise import Floor
+from modelsel.fitting.possible_parts import list_parts
 from modelsel.fitting.whitening import Whitening
 from modelsel.measurements.measurements import build_measurements
 from modelsel.mechanisms.registry import mechanism
+from modelsel.results.goodness_of_fit import measure_lack_of_fit
 from modelsel.robot.files import load_robot
 from modelsel.robot.kinematics import forward
 from modelsel.study.stated_noise import check_stated_noise
@@ -32,3 +36,26 @@ def test_where_joints_were_looked_at_their_repeatability_is_not_suspected(rng, s
     _, _, (note,) = check_stated_noise(study_of(at), Floor(0.01, "stated"), fitted, sought)
     assert ("how well the arm itself repeats" in note.sentence) == (not sought)
     assert ("a mean of many readings" in note.sentence) == sought
+
+
+def test_what_the_instrument_has_in_one_direction_is_in_its_stated_uncertainty(rng) -> None:
+    """Stated per coordinate, as the mean of a quiet x and y and a loud z, it is right."""
+    size = np.array([0.01, 0.01, float(rng.uniform(0.06, 0.1))])
+    q = ARM.draw(rng, 90)
+    position = forward(ARM, q, np.array(OFF_AXIS)) + rng.normal(0, size, (90, 3))
+    stated = float(np.sqrt(np.mean(size**2)))
+    at = replace(bind(ARM, build_measurements(q, position)), whitening=Whitening(1 / stated))
+    every = np.ones(90, bool)
+    fitted = fit(at, Model((mechanism("geometric", ARM),)))
+    errors = find_structure(at, every, fitted, list_parts(at, every))
+    assert errors.names == ("instrument z",)
+    split = study_of(errors.whiten(at))
+    floor = Floor(stated, "stated")
+    assert check_stated_noise(split, floor, fitted, True)[2] == ()
+    found = measure_lack_of_fit(SimpleNamespace(fit=fitted), floor, split)
+    assert found.p > 1e-4
+    # stated as a fifth of that it is too small
+    smaller = replace(at, whitening=Whitening(5 / stated))
+    narrow = study_of(errors.whiten(smaller))
+    found = measure_lack_of_fit(SimpleNamespace(fit=fitted), Floor(stated / 5, "stated"), narrow)
+    assert found.f == pytest.approx(25, rel=0.5)
