@@ -112,12 +112,10 @@ def compensate_command(
         raise click.UsageError("--forward corrects no command: it goes with --format csv.")
     if form == "csv":
         check_table_path(out)
-    others = () if log is None else (log.path,)
-    check_output(out, (result, targets, *others))
+    check_output(out, (result, targets, *(() if log is None else (log.path,))))
     c = load_calibration(result)
     later = load_later(c, c.form.open(targets, sheet, decimal), log, columns).matched()
-    values = read_held_values(at)
-    held = hold_values(c, later.table, values)
+    held = hold_values(c, later.table, read_held_values(at))
     data = read_measurements(held, c.robot, later.columns, positions=False, once=False)
     carried = find_carried_columns(c, held, later.columns)
     commands: Commands | None = None
