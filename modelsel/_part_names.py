@@ -47,7 +47,8 @@ def check_part_names(parts: str | Sequence[str], fixed: Collection[str]) -> None
 
 def check_planted_names(parts: Iterable[str]) -> None:
     """Check the parts that are planted. Raises ValueError."""
-    _check_known("parts", parts, (*SHARED_PARTS, POSTURE))
+    known = (*SHARED_PARTS, POSTURE, *ALONG_AXES)
+    _check_known("parts", parts, known)
 
 
 def is_named(name: str, names: Sequence[str]) -> bool:

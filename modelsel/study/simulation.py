@@ -204,7 +204,8 @@ def simulate_points(
     residual = _predict_residuals(problem, effects)
     position = -residual
     _check_finite(position)
-    noise = rng.normal(0.0, noise_mm, position.shape)
+    scale = np.hypot(noise_mm, unrepeated.along)
+    noise = rng.normal(0.0, scale, position.shape)
     position = position + noise + unrepeated.shift
     readings = at.readings
     columns: dict[str, Any] = {}

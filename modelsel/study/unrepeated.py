@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .._part_names import POSTURE, list_joints
+from .._part_names import ALONG_AXES, POSTURE, list_joints
 from .._typing import Array, Index
 from ..config.study_tables import SimulateTable
 from ..measurements.measurements import Measurements
@@ -17,13 +17,15 @@ NOWHERE = np.zeros(3)
 @dataclass(frozen=True, eq=False)
 class Unrepeated:
     """How far the arm is from its readings: `joints` (m, n) [rad, mm], and how far what is seen of
-    it is from there: `shift` (m, 3) [mm]."""
+    it is from there: `shift` (m, 3) [mm]; `along` (3,): what the instrument has along each axis beyond
+    its noise in all directions, as standard deviations [mm]."""
 
     joints: Array
     shift: Array
+    along: Array
 
 
-NOTHING = Unrepeated(np.zeros(1), NOWHERE)  # stands for zero of any rows
+NOTHING = Unrepeated(np.zeros(1), NOWHERE, NOWHERE)  # stands for zero of any rows
 
 
 def draw_unrepeated(
@@ -45,7 +47,8 @@ def draw_unrepeated(
     if "lasting" in table.parts:
         scale, length = table.parts["lasting"], table.lasting_visits
         shift += _draw_lasting(scale, length, visits.progress, rng)
-    return Unrepeated(off, shift)
+    along = np.array([table.parts.get(name, 0.0) for name in ALONG_AXES])
+    return Unrepeated(off, shift, along)
 
 
 def _draw_shared(scale: float, level: Index, rng: np.random.Generator) -> Array:

@@ -196,6 +196,19 @@ def test_what_lasts_fades_over_its_length(tmp_path) -> None:
         assert correlation == pytest.approx(np.exp(-lag / 5), abs=0.05)
 
 
+def test_the_instrument_is_louder_along_one_axis_in_every_row(tmp_path) -> None:
+    """Beside its noise in all directions; two targets of a visit have a draw each."""
+    frame = simulated(
+        tmp_path,
+        configurations=2000,
+        noise_mm=0.03,
+        parts={"instrument y": 0.08, "instrument z": 0.04},
+    )
+    shift = shifts(frame)
+    np.testing.assert_allclose(shift.std(0), [0.03, np.hypot(0.03, 0.08), 0.05], rtol=0.05)
+    assert np.abs(np.corrcoef(shift[::2, 1], shift[1::2, 1])[0, 1]) < 0.1
+
+
 def test_the_seed_decides_and_parts_leave_the_rest_as_it_is(tmp_path) -> None:
     table = {"configurations": 10, "repeats": 2, "groups": 4, "parts": {"joint 3": 1e-4}}
     frame = simulated(tmp_path, **table)
